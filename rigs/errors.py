@@ -1,0 +1,33 @@
+"""The one error tree: every expected failure is a `RigError`, told in one line with an exit code.
+
+A message says where, what and what to do. Programs print it and leave with `exit_code`;
+anything else that reaches a person as a traceback is a bug.
+"""
+
+from __future__ import annotations
+
+
+class RigError(Exception):
+    """An expected failure.
+
+    where: the thing it happened to (a file, a port, a gauge); what: what is wrong;
+    remedy: what a person should do about it.
+    """
+
+    exit_code = 1
+
+    def __init__(self, where: str, what: str, remedy: str) -> None:
+        super().__init__(f"{where}: {what}; {remedy}")
+        self.where, self.what, self.remedy = where, what, remedy
+
+
+class FileError(RigError):
+    """A rig file, a run or a table is missing, damaged or wrong."""
+
+    exit_code = 3
+
+
+class CellError(RigError):
+    """The cell does not answer as it should: a port, a gauge, the robot, the daemon."""
+
+    exit_code = 4

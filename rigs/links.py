@@ -1,0 +1,63 @@
+"""Where an instrument is plugged in: a serial device or a TCP address, and the pace of its line."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, model_serializer, model_validator
+
+_LINE = re.compile(r"(\d+) ([78])([NEO])([12])")
+_TCP = re.compile(r"tcp://(\[[0-9a-fA-F:]+\]|[^/:\s]+):(\d{1,5})")
+
+
+class Line(BaseModel):
+    """Settings of a serial line, written `4800 7E2`: baud, data bits, parity, stop bits."""
+
+    model_config = ConfigDict(frozen=True)
+
+    baud: int
+    bits: int
+    parity: str
+    stop: int
+
+    @model_validator(mode="before")
+    @classmethod
+    def _parse(cls, value: object) -> object:
+        if not isinstance(value, str):
+            return value
+        match = _LINE.fullmatch(value)
+        if not match or not 50 <= int(match[1]) <= 4_000_000:
+            raise ValueError(f"{value!r} is no line setting; write it as '9600 8N1'")
+        return {"baud": int(match[1]), "bits": int(match[2]), "parity": match[3], "stop": int(match[4])}
+
+    @model_serializer
+    def _write(self) -> str:
+        return str(self)
+
+    def __str__(self) -> str:
+        return f"{self.baud} {self.bits}{self.parity}{self.stop}"
+
+    @property
+    def character_ns(self) -> int:
+        """Time one character takes on the wire: start, data, parity and stop bits."""
+        bits = 1 + self.bits + (self.parity != "N") + self.stop
+        return round(bits * 1e9 / self.baud)
+
+
+def tcp_address(port: str) -> tuple[str, int] | None:
+    """Host and port number of `tcp://host:number`; None for anything else."""
+    match = _TCP.fullmatch(port)
+    return (match[1].strip("[]"), int(match[2])) if match else None
+
+
+def _port(value: str) -> str:
+    if value.startswith("/") and len(value) > 1:
+        return value
+    address = tcp_address(value)
+    if address is None or not 0 < address[1] < 65536:
+        raise ValueError(f"{value!r} is no port; write '/dev/serial/by-id/…' or 'tcp://host:number'")
+    return value
+
+
+Port = Annotated[str, AfterValidator(_port)]

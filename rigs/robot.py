@@ -1,0 +1,56 @@
+"""The arm as a rig file describes it: modified Denavit–Hartenberg after Craig, in mm and degrees."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from rigs.base import Part, Vector
+
+
+class Pose(Part):
+    """A frame: position, then fixed-axis roll-pitch-yaw (rotations about x, y, z of the parent)."""
+
+    xyz_mm: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: Vector = (0.0, 0.0, 0.0)
+
+
+class JointAxis(Part):
+    """One joint: `T(i-1,i) = RotX(alpha) TransX(a) RotY(beta) RotZ(theta) TransZ(d)`.
+
+    alpha, a and beta are those of the link before the joint (Craig's alpha[i-1], a[i-1]);
+    beta is Hayati's angle, for a joint parallel to the one before.
+    """
+
+    name: str
+    a_mm: float = 0.0
+    alpha_deg: float = 0.0
+    beta_deg: float = 0.0
+    d_mm: float = 0.0
+    offset_deg: float = 0.0
+    limits_deg: tuple[float, float]
+    speed_deg_s: float = Field(gt=0)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> JointAxis:
+        if not self.limits_deg[0] < self.limits_deg[1]:
+            raise ValueError(f"limits_deg {list(self.limits_deg)} are not [lower, upper]; swap them")
+        return self
+
+
+Row = tuple[float, float, float, float, float, float]
+IDENTITY: tuple[Row, ...] = tuple(
+    tuple(float(row == column) for column in range(6))  # type: ignore[misc]
+    for row in range(6)
+)
+
+
+class Robot(Part):
+    """Six revolute axes. `theta = coupling @ q + offset`, with q what the controller reports."""
+
+    name: str
+    axes: Annotated[tuple[JointAxis, ...], Field(min_length=6, max_length=6)]
+    coupling: Annotated[tuple[Row, ...], Field(min_length=6, max_length=6)] = IDENTITY
+    base: Pose = Pose()
+    tool: Pose = Pose()

@@ -1,0 +1,6 @@
+"""Names that rig files, runs, commands and reports share; free of imports, so that a command line starts fast."""
+
+from typing import Literal
+
+TestName = Literal["yaw", "roll", "radial", "repeatability"]
+Direction = Literal["cw", "acw"]
