@@ -1,0 +1,106 @@
+"""What every protocol is: bytes and time in, bytes to send, samples and faults out.
+
+A conversation touches no operating system: no port, no socket, no clock. Whoever runs it owns the
+link and the clock, and calls `connected` once, then `received` for bytes as they come or `tick` when
+`wake_ns` has passed without any. The host's side and the device's side of a protocol are both
+conversations; a device's side sends and emits no items.
+
+A fault is an item in the stream and never an exception: a bad peer must not end an acquisition.
+Times are integer nanoseconds on the host's monotonic clock.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+NO_TIME = -1
+"""A stamp that does not exist: the request of a device that streams unasked."""
+
+
+class FaultKind(StrEnum):
+    """What can go wrong on a link."""
+
+    GARBLED = "garbled"
+    """Bytes that are no message of this protocol; left out."""
+    DEVICE_ERROR = "device_error"
+    """The device answered with its own error code."""
+    MISSING = "missing"
+    """A good message that lacks the channel or field asked for."""
+    SILENT = "silent"
+    """No answer within the time allowed."""
+    LATE = "late"
+    """An answer to a request already given up; left out, since nobody knows whose it is."""
+    SKIPPED = "skipped"
+    """The device's own clock or counter shows that messages are missing."""
+    DISCONNECTED = "disconnected"
+    """The link is gone or refuses to open."""
+    DROPPED = "dropped"
+    """Samples lost on the host for want of room."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One message that carries a reading.
+
+    values: in the order of the conversation's columns, in file units (mm, degrees); nan where the
+    message did not carry it. size: bytes of the message, from which its wire time follows.
+    device_time_s: the device's own clock, nan without one. status: 0 good, else the device's own code
+    for a reading that it calls doubtful.
+    """
+
+    values: tuple[float, ...]
+    requested_ns: int
+    first_byte_ns: int
+    last_byte_ns: int
+    size: int
+    device_time_s: float = math.nan
+    status: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Something that went wrong, in words a person can use; `count` messages were affected."""
+
+    kind: FaultKind
+    at_ns: int
+    detail: str
+    count: int = 1
+
+
+Item = Sample | Fault
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What a conversation wants done: send these bytes, pass on these items, wake it by then.
+
+    hang_up: no more can come of this link (a stream out of step, a refusal); close it and open a new one.
+    """
+
+    send: bytes = b""
+    items: tuple[Item, ...] = ()
+    wake_ns: int | None = None
+    hang_up: bool = False
+
+
+class Conversation(Protocol):
+    """One side of one protocol on one link, from connect to disconnect; a new link takes a new one."""
+
+    def connected(self, now_ns: int) -> Step:
+        """The link has just opened."""
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        """These bytes came, the last of them at `now_ns`."""
+
+    def tick(self, now_ns: int) -> Step:
+        """`wake_ns` has passed and no bytes came."""
+
+
+class Device(Conversation, Protocol):
+    """The device's side: it sends and emits no items."""
+
+    sent: int
+    """Readings or packets sent so far."""

@@ -1,0 +1,159 @@
+"""The bytes of a chunk: an Arrow IPC stream while recording, Parquet once it is full.
+
+Arrow's stream has no checksum, and zeros at a batch boundary read as its clean end. So each batch
+carries its number and a CRC-32 over its columns, and reading counts bytes: whatever follows the last
+verified batch and is not exactly the end mark is damage. Bytes in, batches out; nothing here touches
+a file, and reading never raises: a damaged chunk is an expected thing.
+
+The schema of each file also holds the run's opening manifest, so that any one surviving chunk says
+which run, rig and clock it belongs to.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass, replace
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from daq.store.schema import checksum
+
+END = b"\xff\xff\xff\xff\x00\x00\x00\x00"
+"""What closes an Arrow IPC stream."""
+_OPENING, _OPENING_CRC, _NUMBER, _CRC = b"rig.opening", b"rig.opening_crc32", b"number", b"crc32"
+# Everything Arrow has been seen to raise on damaged bytes; StopIteration is its answer to zeros.
+_DAMAGE = (pa.ArrowException, OSError, MemoryError, ValueError, LookupError, TypeError, StopIteration)
+
+
+@dataclass(frozen=True)
+class Salvage:
+    """What a recording chunk holds.
+
+    batches: every complete, verified batch up to the first damage. closed: the end mark was there.
+    damage: what is wrong, None for a sound chunk. unread: bytes left unread, 0 for a sound chunk.
+    """
+
+    batches: tuple[pa.RecordBatch, ...]
+    closed: bool
+    unread: int
+    damage: str | None
+
+    @property
+    def rows(self) -> int:
+        """Rows in all batches."""
+        return sum(batch.num_rows for batch in self.batches)
+
+
+def with_opening(schema: pa.Schema, opening: bytes) -> pa.Schema:
+    """The schema with the run's opening manifest (JSON) and its checksum in the metadata."""
+    return schema.with_metadata({_OPENING: opening, _OPENING_CRC: _digits(zlib.crc32(opening))})
+
+
+def opening_in(data: bytes) -> bytes | None:
+    """The opening manifest that the bytes of a chunk of either kind hold, None when it does not verify."""
+    source = pa.BufferReader(data)
+    try:
+        parquet = data.startswith(b"PAR1")
+        schema = pq.read_schema(source) if parquet else pa.ipc.open_stream(source).schema
+        metadata = schema.metadata or {}
+        opening = bytes(metadata[_OPENING])
+        return opening if _digits(zlib.crc32(opening)) == metadata[_OPENING_CRC] else None
+    except _DAMAGE:
+        return None
+
+
+def head(schema: pa.Schema) -> bytes:
+    """How a recording chunk begins."""
+    return bytes(schema.serialize().to_pybytes())
+
+
+def frame(batch: pa.RecordBatch, number: int) -> bytes:
+    """One batch as it is appended to a recording chunk; `number` counts from 0 in each file."""
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_stream(sink, batch.schema) as writer:
+        marks = {_NUMBER: _digits(number), _CRC: _digits(checksum(batch, number))}
+        writer.write_batch(batch, custom_metadata=marks)
+    return bytes(sink.getvalue().to_pybytes()[len(head(batch.schema)) : -len(END)])
+
+
+def salvage(data: bytes, schema: pa.Schema) -> Salvage:
+    """Read a recording chunk of a known schema as far as it is sound. Never raises."""
+    found, known = _read(data, schema), head(schema)
+    if data.startswith(known):
+        return found
+    # Another version of Arrow may write another head, so the file's own comes first. A damaged one
+    # costs no batch, since what belongs there is known.
+    mended = _read(known + data[len(known) :], schema)
+    if mended.rows <= found.rows:
+        return found
+    damage = "its head is damaged" + (f", {mended.damage}" if mended.damage else "")
+    return replace(mended, damage=damage)
+
+
+def _read(data: bytes, schema: pa.Schema) -> Salvage:
+    batches: list[pa.RecordBatch] = []
+    end, closed, damage = 0, False, None
+    try:
+        source = pa.BufferReader(data)
+        reader = pa.ipc.open_stream(source)
+        end = source.tell()
+        while end < len(data) and not closed:
+            closed = len(data) - end == len(END) and data.endswith(END)
+            if not closed:
+                batches.append(_next(reader, len(batches), schema))
+                end = source.tell()
+    except _DAMAGE as error:
+        damage = f"damaged after {len(batches)} batches ({_reason(error)})"
+    unread = 0 if closed else len(data) - end
+    return Salvage(tuple(batches), closed, unread, damage)
+
+
+def _next(reader: pa.RecordBatchStreamReader, number: int, schema: pa.Schema) -> pa.RecordBatch:
+    batch, metadata = reader.read_next_batch_with_custom_metadata()
+    batch.validate(full=True)
+    stored = dict(metadata or {})
+    if not batch.schema.equals(schema) or stored.get(_CRC) != _digits(checksum(batch, number)):
+        raise ValueError("checksum mismatch")
+    return batch
+
+
+def _digits(number: int) -> bytes:
+    return str(number).encode()
+
+
+def _reason(error: BaseException) -> str:
+    if isinstance(error, StopIteration):
+        return "zeros or an early end mark"
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def table_of(batches: tuple[pa.RecordBatch, ...], schema: pa.Schema) -> pa.Table:
+    """Batches as one table that carries the schema's metadata."""
+    return pa.Table.from_batches(batches, schema.remove_metadata()).replace_schema_metadata(schema.metadata)
+
+
+def to_parquet(table: pa.Table) -> bytes:
+    """A table as a Parquet file, proven to read back bit for bit.
+
+    Raises ArrowInvalid when it does not. Without dictionaries, which would merge nans of different bits.
+    """
+    sink = pa.BufferOutputStream()
+    pq.write_table(table, sink, compression="zstd", use_dictionary=False)
+    data = bytes(sink.getvalue().to_pybytes())
+    back = from_parquet(data)
+    if back is None or not back.schema.equals(table.schema) or _digest(back) != _digest(table):
+        raise pa.ArrowInvalid("the Parquet file does not read back as what was written")
+    return data
+
+
+def from_parquet(data: bytes) -> pa.Table | None:
+    """The table in a Parquet file, None when the bytes are not one."""
+    try:
+        return pq.read_table(pa.BufferReader(data))
+    except _DAMAGE:
+        return None
+
+
+def _digest(table: pa.Table) -> list[int]:
+    return [checksum(batch, 0) for batch in table.combine_chunks().to_batches()]

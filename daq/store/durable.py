@@ -1,0 +1,107 @@
+"""Files that are on the disk when the call returns, and the lock that says who is writing.
+
+A file is durable when its bytes and its directory's entry for it are both synced; replacing one goes
+through a temporary name, so that every name always holds a whole file, the old or the new.
+Raises plain OSError: the callers know what to tell a person.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+from contextlib import suppress
+from pathlib import Path
+
+TEMPORARY = ".tmp"
+"""Ending of a file that is being written; one that is left over holds nothing that counts."""
+LOCK = ".lock"
+
+
+def sync_directory(path: Path) -> None:
+    """Make the entries of a directory durable."""
+    fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(fd)
+    finally:
+        os.close(fd)
+
+
+def write_at(fd: int, data: bytes, offset: int) -> None:
+    """Write all of data: a disk that fills up takes a part of it first and refuses only then."""
+    rest = memoryview(data)
+    while rest:
+        written = os.pwrite(fd, rest, offset)
+        rest, offset = rest[written:], offset + written
+
+
+def create(path: Path, data: bytes) -> int:
+    """A new file that begins with data, as a descriptor; no file is left when it cannot.
+
+    Raises FileExistsError when the name is taken.
+    """
+    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+    try:
+        write_at(fd, data, 0)
+    except OSError:
+        os.close(fd)
+        with suppress(OSError):
+            path.unlink()
+        raise
+    return fd
+
+
+def replace(path: Path, data: bytes) -> None:
+    """Put data under a name, durably and all at once, and prove that the file holds it."""
+    temporary = path.with_name(path.name + TEMPORARY)
+    try:
+        temporary.unlink(missing_ok=True)
+        fd = create(temporary, data)
+        try:
+            os.fsync(fd)
+        finally:
+            os.close(fd)
+        if temporary.read_bytes() != data:
+            raise OSError(errno.EIO, "reads back differently from what was written")
+        temporary.rename(path)
+    except OSError:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)  # on a full disk every byte counts
+        raise
+    sync_directory(path.parent)
+
+
+def lock(run: Path) -> int:
+    """Take the writer's lock of a run, as the descriptor that holds it.
+
+    Waits: on a fresh run nobody holds it for longer than a look (`is_locked`) takes.
+    """
+    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    fcntl.flock(fd, fcntl.LOCK_EX)
+    return fd
+
+
+def try_lock(run: Path) -> int | None:
+    """Take the writer's lock of a run, None when a process is writing it."""
+    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(fd)
+        return None
+    return fd
+
+
+def is_locked(run: Path) -> bool:
+    """Whether a process is writing this run. Looks only; works on a read-only disk."""
+    try:
+        fd = os.open(run / LOCK, os.O_RDONLY)
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(fd)
+    return False

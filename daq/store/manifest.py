@@ -1,0 +1,227 @@
+"""What a run says about itself: `manifest.json`, written whole at each change.
+
+A start record and a stop record in one file: a manifest that says `recording` while nobody holds the
+run's lock is a crash. Chunks are named by file only, so that a run directory can be moved and copied.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import re
+import socket
+import time
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pyarrow as pa
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from daq.store.durable import replace
+from daq.store.schema import FAULTS, SAMPLE_COLUMNS
+from rigs.errors import FileError
+from rigs.vocabulary import Direction, TestName
+
+MANIFEST = "manifest.json"
+Ending = Literal["complete", "interrupted", "failed"]
+ExitStatus = Literal["recording", "complete", "interrupted", "failed", "recovered"]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}$")]
+Count = Annotated[int, Field(ge=0)]
+_CHUNK = re.compile(r"(?P<stream>.+)-(?P<number>[0-9]{4,})\.(?P<kind>parquet|arrow)")
+
+
+def chunk_name(stream: str, number: int) -> str:
+    """Name of a chunk's Parquet file; chunks count from 1."""
+    return f"{stream}-{number:04d}.parquet"
+
+
+def parse_chunk(name: str) -> tuple[str, int, str] | None:
+    """Stream, number and kind (parquet, arrow) of a chunk's file name; None for any other file."""
+    match = _CHUNK.fullmatch(name)
+    return (match["stream"], int(match["number"]), match["kind"]) if match else None
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Clock(_Record):
+    """The monotonic and the wall clock read together: true to within bracket_ns."""
+
+    monotonic_ns: int
+    unix_ns: int
+    bracket_ns: Count
+
+
+class Chunk(_Record):
+    """One closed chunk; first_ns and last_ns are its first first-byte and last last-byte stamp."""
+
+    file: str
+    stream: Name
+    rows: Count
+    sha256: str
+    first_ns: int
+    last_ns: int
+
+
+class Manifest(_Record):
+    """Everything that a run says about itself beside its rows."""
+
+    version: Literal[1] = 1
+    name: Name
+    test: TestName
+    direction: Direction | None
+    rig_name: str
+    rig_text: str
+    """The rig file exactly as it was."""
+    rig_sha256: str
+    operator: str
+    host: str
+    software: dict[str, str]
+    clock: Clock
+    started: str
+    ended: str | None = None
+    streams: dict[Name, tuple[str, ...]]
+    """Value columns of each sample stream, in order."""
+    chunks: tuple[Chunk, ...] = ()
+    counters: dict[str, dict[str, Count]] = {}
+    """For each stream its samples and its faults of each kind."""
+    exit_status: ExitStatus = "recording"
+    reason: str = ""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Manifest:
+        if FAULTS in self.streams:
+            raise ValueError(f"no stream of samples can be called {FAULTS}")
+        for stream, columns in self.streams.items():
+            if len({*columns, *SAMPLE_COLUMNS}) < len(columns) + len(SAMPLE_COLUMNS):
+                raise ValueError(f"stream {stream} has two columns of one name")
+        for chunk in self.chunks:
+            name = parse_chunk(chunk.file)
+            if name is None or name[0] != chunk.stream or chunk.stream not in {FAULTS, *self.streams}:
+                raise ValueError(f"{chunk.file!r} is no chunk of a stream of this run")
+        if len({chunk.file for chunk in self.chunks}) < len(self.chunks):
+            raise ValueError("a chunk is listed twice")
+        return self
+
+    @property
+    def all_streams(self) -> dict[str, tuple[str, ...]]:
+        """The sample streams and the faults, with their value columns."""
+        return {**self.streams, FAULTS: ()}
+
+    def chunks_of(self, stream: str) -> tuple[Chunk, ...]:
+        """The chunks of one stream in order of recording."""
+        mine = (chunk for chunk in self.chunks if chunk.stream == stream)
+        return tuple(sorted(mine, key=lambda chunk: (parse_chunk(chunk.file) or ("", 0, ""))[1]))
+
+    def save(self, run: Path) -> None:
+        """Write it into the run directory, durably and all at once. Raises OSError."""
+        replace(run / MANIFEST, self.to_json())
+
+    def opening(self) -> bytes:
+        """The manifest as it was when the run started."""
+        fresh: dict[str, object] = {
+            "chunks": (),
+            "counters": {},
+            "exit_status": "recording",
+            "reason": "",
+            "ended": None,
+        }
+        return self.model_copy(update=fresh).to_json()
+
+    def to_json(self) -> bytes:
+        """The manifest as it is stored."""
+        return self.model_dump_json(indent=1).encode()
+
+
+def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
+    *,
+    name: str,
+    test: TestName,
+    direction: Direction | None,
+    rig_name: str,
+    rig_text: str,
+    operator: str,
+    streams: Mapping[str, tuple[str, ...]],
+) -> Manifest:
+    """The manifest of a run that starts now, on this host.
+
+    Raises FileError when a name cannot be used.
+    """
+    try:
+        return Manifest(
+            name=name,
+            test=test,
+            direction=direction,
+            rig_name=rig_name,
+            rig_text=rig_text,
+            rig_sha256=sha256(rig_text.encode("utf-8", "surrogatepass")),
+            operator=operator,
+            host=socket.gethostname(),
+            software={"rig": _rig_version(), "python": platform.python_version(), "pyarrow": pa.__version__},
+            clock=_read_clocks(),
+            started=iso_now(),
+            streams=dict(streams),
+        )
+    except ValidationError as error:
+        raise FileError(f"run {name!r}", first_error(error), "choose other names") from None
+
+
+def load_manifest(run: Path) -> Manifest:
+    """Read a run's manifest.
+
+    Raises FileError when there is no such run, no manifest, or one that cannot be read.
+    """
+    path = run / MANIFEST
+    try:
+        if not run.is_dir():
+            raise FileError(str(run), "no such run directory", "check the path")
+        return Manifest.model_validate_json(path.read_bytes())
+    except FileNotFoundError:
+        raise FileError(str(run), "has no manifest.json", f"run `rig recover {run}`") from None
+    except ValidationError as error:
+        what = f"is damaged or of another version: {first_error(error)}"
+        raise FileError(str(path), what, f"run `rig recover {run}` or restore the file") from None
+    except OSError as error:
+        raise unreadable(path, error) from None
+
+
+def unreadable(path: Path, error: OSError) -> FileError:
+    """What to raise for a file that the system does not let us read."""
+    return FileError(str(path), f"cannot be read: {error.strerror}", "check the disk and the rights")
+
+
+def first_error(error: ValidationError) -> str:
+    """The first complaint of pydantic in one line."""
+    details = error.errors(include_url=False, include_context=False, include_input=False)[0]
+    place = ".".join(str(part) for part in details["loc"])
+    return " ".join(f"{place} {details['msg']}".split())
+
+
+def sha256(data: bytes) -> str:
+    """SHA-256 in hexadecimal."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def iso_now() -> str:
+    """The time in UTC as ISO 8601."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")
+
+
+def _read_clocks() -> Clock:
+    return min((_read_once() for _ in range(10)), key=lambda clock: clock.bracket_ns)
+
+
+def _read_once() -> Clock:
+    before, wall, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
+    return Clock(monotonic_ns=(before + after) // 2, unix_ns=wall, bracket_ns=after - before)
+
+
+def _rig_version() -> str:
+    try:
+        return metadata.version("rig")
+    except metadata.PackageNotFoundError:
+        return "not installed"

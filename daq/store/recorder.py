@@ -1,0 +1,142 @@
+"""One stream being recorded: rows in, frames on the disk, a Parquet chunk when it is full.
+
+The recording chunk is only ever appended to, and deleted only when the Parquet file made from it is
+durable and in the manifest. After a failed write its length is put back to the last whole frame.
+Raises plain OSError; the run's writer says it to a person.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pyarrow as pa
+
+from daq.store import durable
+from daq.store.chunk import END, Salvage, frame, head, salvage, table_of, to_parquet
+from daq.store.manifest import Chunk, chunk_name, sha256
+from daq.store.schema import FAULTS, Row, batch_of
+
+
+@dataclass
+class OpenChunk:
+    """A recording chunk: whole frames up to `size` bytes, whether all are synced and the end mark is there."""
+
+    path: Path
+    fd: int
+    size: int
+    born_ns: int
+    frames: int = 0
+    rows: int = 0
+    synced: bool = False
+    ended: bool = False
+
+    def append(self, data: bytes) -> None:
+        """Append whole frames or nothing."""
+        self.synced = False
+        try:
+            durable.write_at(self.fd, data, self.size)
+        except OSError:
+            with suppress(OSError):
+                os.ftruncate(self.fd, self.size)
+            raise
+        self.size += len(data)
+
+    def end(self) -> None:
+        """Append the end mark, once: what comes after it may have failed and be tried again."""
+        if not self.ended:
+            self.append(END)
+            self.ended = True
+
+
+@dataclass
+class Recorder:
+    """What is pending, recorded and closed of one stream of a run."""
+
+    run: Path
+    stream: str
+    schema: pa.Schema
+    pending: list[Row] = field(default_factory=list)
+    rows: int = 0
+    chunks: int = 0
+    open: OpenChunk | None = None
+
+    def append(self, rows: Iterable[Row]) -> None:
+        """Keep rows until the next write."""
+        self.pending.extend(rows)
+
+    def write(self) -> None:
+        """Append what is pending as one batch, in a new chunk if none is open."""
+        if not self.pending:
+            return
+        chunk = self.open or self._begin()
+        batch = batch_of(self.pending, self.schema.remove_metadata(), self.rows)
+        chunk.append(frame(batch, chunk.frames))
+        self.pending = []
+        chunk.frames += 1
+        chunk.rows += batch.num_rows
+        self.rows += batch.num_rows
+
+    def _begin(self) -> OpenChunk:
+        path = (self.run / chunk_name(self.stream, self.chunks + 1)).with_suffix(".arrow")
+        start = head(self.schema)
+        self.open = OpenChunk(path, durable.create(path, start), len(start), time.monotonic_ns())
+        self.chunks += 1
+        return self.open
+
+    def sync(self) -> None:
+        """Make every written frame durable, and the name of the file that holds it."""
+        chunk = self.open
+        if chunk is None or chunk.synced:
+            return
+        os.fsync(chunk.fd)
+        durable.sync_directory(self.run)
+        chunk.synced = True
+
+    def finish(self) -> Chunk:
+        """Close the open chunk, prove that it reads back, and put its Parquet file beside it."""
+        chunk = self._opened()
+        chunk.end()
+        self.sync()
+        found = salvage(chunk.path.read_bytes(), self.schema)
+        if found.damage or found.rows != chunk.rows:
+            raise OSError(errno.EIO, f"{chunk.path.name} reads back {found.damage or 'short'}")
+        return store(self.run, self.stream, self.chunks, found, self.schema)
+
+    def forget(self) -> None:
+        """Delete the recording chunk, whose rows the manifest now lists elsewhere."""
+        chunk = self._opened()
+        self.release()
+        chunk.path.unlink()
+
+    def release(self) -> None:
+        """Let go of the open file and leave it where it is."""
+        if self.open:
+            os.close(self.open.fd)
+            self.open = None
+
+    def _opened(self) -> OpenChunk:
+        if self.open is None:
+            raise ValueError(f"{self.stream} has no open chunk")
+        return self.open
+
+
+def store(run: Path, stream: str, number: int, found: Salvage, schema: pa.Schema) -> Chunk:
+    """Make a Parquet chunk of verified batches, durably. Raises OSError."""
+    table = table_of(found.batches, schema)
+    data = to_parquet(table)
+    path = run / chunk_name(stream, number)
+    durable.replace(path, data)
+    return describe(path.name, stream, table, data)
+
+
+def describe(file: str, stream: str, table: pa.Table, data: bytes) -> Chunk:
+    """What the manifest says of a chunk of at least one row."""
+    stamps = ("at_ns", "at_ns") if stream == FAULTS else ("first_byte_ns", "last_byte_ns")
+    first, last = int(table[stamps[0]][0].as_py()), int(table[stamps[1]][-1].as_py())
+    return Chunk(file=file, stream=stream, rows=table.num_rows, sha256=sha256(data), first_ns=first, last_ns=last)

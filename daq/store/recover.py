@@ -1,0 +1,204 @@
+"""Bringing a run back that was not closed: a crash, a kill, a full disk, a power cut.
+
+Whatever was recorded stays: a recording chunk goes only when all of its bytes are in a Parquet file
+that the manifest lists; one with damage is kept beside it as `<file>.torn`. Every step leaves a state
+that the next `recover` can start from, so it may itself be interrupted; done twice it does nothing.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import count
+from pathlib import Path
+
+import pyarrow as pa
+from pydantic import ValidationError
+
+from daq.store import durable
+from daq.store.chunk import Salvage, from_parquet, opening_in, salvage, with_opening
+from daq.store.manifest import MANIFEST, Chunk, Manifest, chunk_name, load_manifest, parse_chunk, sha256
+from daq.store.recorder import describe, store
+from daq.store.run import read_chunk
+from daq.store.schema import FAULTS, schema_of
+from rigs.errors import CellError, FileError
+
+TORN = ".torn"
+
+
+@dataclass
+class Recovery:
+    """What was brought back.
+
+    rows: rows recovered of each stream. losses: for each damaged file what could not be read, in
+    words. notes: everything else that was done.
+    """
+
+    path: Path
+    rows: dict[str, int] = field(default_factory=dict)
+    losses: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def nothing_to_do(self) -> bool:
+        """Whether the run was whole already."""
+        return not (self.rows or self.losses or self.notes)
+
+
+def recover(path: Path) -> Recovery:
+    """Turn what a crash left into a run that can be read, with exit status `recovered`.
+
+    Raises FileError when there is nothing to recover from or a process is still recording it,
+    CellError when the disk refuses.
+    """
+    try:
+        if not path.is_dir():
+            raise FileError(str(path), "no such run directory", "check the path")
+        held = durable.try_lock(path)
+        if held is None:
+            raise FileError(str(path), "is still being recorded", "wait for its end or stop it")
+        try:
+            return _Repair(path, *_manifest_of(path)).run()
+        finally:
+            os.close(held)
+    except (OSError, pa.ArrowException) as error:
+        remedy = "make room or mend the disk and try again; nothing was lost"
+        raise CellError(str(path), f"cannot be recovered: {error}", remedy) from error
+
+
+def _manifest_of(path: Path) -> tuple[Manifest, Recovery]:
+    done = Recovery(path)
+    try:
+        return load_manifest(path), done
+    except FileError as error:
+        manifest = _rebuilt(path)
+        if manifest is None:
+            what = f"{error.what}; and no chunk is left that tells what the run was"
+            raise FileError(error.where, what, "restore manifest.json from a copy") from None
+    if (path / MANIFEST).exists():
+        (path / MANIFEST).rename(_torn_name(path / MANIFEST))
+    manifest.save(path)
+    done.notes.append("manifest.json was missing or damaged: rebuilt from a chunk")
+    return manifest, done
+
+
+def _rebuilt(path: Path) -> Manifest | None:
+    for file in sorted(path.iterdir()):
+        if parse_chunk(file.name) and (opening := opening_in(file.read_bytes())):
+            with suppress(ValidationError):
+                return Manifest.model_validate_json(opening)
+    return None
+
+
+@dataclass
+class _Repair:
+    path: Path
+    manifest: Manifest
+    done: Recovery
+
+    def run(self) -> Recovery:
+        for file in sorted(self.path.iterdir()):
+            if file.name.endswith(durable.TEMPORARY):
+                file.unlink()
+                self.done.notes.append(f"{file.name}: half-written, removed")
+        self._each("arrow", self._settle)
+        self._each("parquet", self._adopt)
+        if self.manifest.exit_status == "recording" or not self.done.nothing_to_do:
+            self._end()
+        return self.done
+
+    def _each(self, kind: str, treat: Callable[[Path, str, int], None]) -> None:
+        for file in sorted(self.path.glob(f"*.{kind}")):
+            name = parse_chunk(file.name)
+            if name and name[0] in self.manifest.all_streams:
+                treat(file, name[0], name[1])
+            else:
+                self._set_aside(file, "belongs to no stream of this run")
+
+    def _settle(self, file: Path, stream: str, number: int) -> None:
+        schema = with_opening(self._schema(stream), self.manifest.opening())
+        found = salvage(file.read_bytes(), schema)
+        chunk = self._closed(stream, number)
+        if (chunk.rows if chunk else 0) < found.rows:
+            broken = self.path / chunk_name(stream, number)
+            if broken.exists():
+                self._set_aside(broken, "damaged, made anew from the recording chunk")
+            chunk = store(self.path, stream, number, found, schema)
+        if chunk:
+            self._list(chunk)
+        if found.damage or found.unread:
+            self._set_aside(file, _loss(found))
+        else:
+            file.unlink()
+            durable.sync_directory(self.path)
+            self.done.notes.append(f"{file.name}: whole, {found.rows} rows")
+
+    def _adopt(self, file: Path, stream: str, number: int) -> None:
+        if any(chunk.file == file.name for chunk in self.manifest.chunks):
+            return
+        chunk = self._closed(stream, number)
+        if chunk is None:
+            self._set_aside(file, "no chunk of this run, or damaged")
+        else:
+            self._list(chunk)
+
+    def _closed(self, stream: str, number: int) -> Chunk | None:
+        """The Parquet file of a chunk, if it is there and whole."""
+        file = self.path / chunk_name(stream, number)
+        data = file.read_bytes() if file.exists() else b""
+        listed = next((c for c in self.manifest.chunks if c.file == file.name), None)
+        if listed:
+            return listed if sha256(data) == listed.sha256 else None
+        table = from_parquet(data)
+        if table is None or not table.num_rows or not table.schema.equals(self._schema(stream)):
+            return None
+        return describe(file.name, stream, table, data)
+
+    def _schema(self, stream: str) -> pa.Schema:
+        return schema_of(stream, self.manifest.all_streams[stream])
+
+    def _list(self, chunk: Chunk) -> None:
+        others = tuple(c for c in self.manifest.chunks if c.file != chunk.file)
+        if chunk not in self.manifest.chunks:
+            self.done.rows[chunk.stream] = self.done.rows.get(chunk.stream, 0) + chunk.rows
+            self.manifest = self.manifest.model_copy(update={"chunks": (*others, chunk)})
+            self.manifest.save(self.path)
+
+    def _set_aside(self, file: Path, why: str) -> None:
+        torn = _torn_name(file)
+        file.rename(torn)
+        durable.sync_directory(self.path)
+        self.done.losses[file.name] = f"{why}; kept as {torn.name}"
+
+    def _end(self) -> None:
+        was = self.manifest
+        reason = "the recording crashed" if was.exit_status == "recording" else was.reason
+        counters = was.counters or self._count()
+        update = {"exit_status": "recovered", "reason": reason, "counters": counters}
+        self.manifest = was.model_copy(update=update)
+        self.manifest.save(self.path)
+        self.done.notes.append("manifest.json: exit status set to recovered")
+
+    def _count(self) -> dict[str, dict[str, int]]:
+        counts = {
+            stream: Counter(samples=sum(chunk.rows for chunk in self.manifest.chunks_of(stream)))
+            for stream in self.manifest.streams
+        }
+        for chunk in self.manifest.chunks_of(FAULTS):
+            with suppress(FileError):
+                for row in read_chunk(self.path, chunk, self._schema(FAULTS)).to_pylist():
+                    counts.setdefault(row["stream"], Counter())[row["kind"]] += row["count"]
+        return {stream: dict(count) for stream, count in counts.items()}
+
+
+def _torn_name(file: Path) -> Path:
+    names = (file.with_name(f"{file.name}{TORN}{number or ''}") for number in count())
+    return next(name for name in names if not name.exists())
+
+
+def _loss(found: Salvage) -> str:
+    damage = found.damage or "cut off"
+    return f"{found.unread} bytes could not be read, {damage}; {found.rows} rows before them are safe"

@@ -1,0 +1,94 @@
+"""Reading a run: all chunks of each stream as arrays, or one line saying why not.
+
+A number that nobody measured is worse than no number, so every chunk is checked against its SHA-256
+and its row count before a value of it is handed on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from daq.store.chunk import from_parquet
+from daq.store.durable import is_locked
+from daq.store.manifest import Chunk, Manifest, load_manifest, sha256, unreadable
+from daq.store.schema import FAULTS, schema_of
+from rigs.errors import FileError
+
+
+@dataclass(frozen=True)
+class Run:
+    """A recorded run.
+
+    streams: for each sample stream its columns by name, each an array of n rows in file units (the
+    fixed columns of `daq.store.schema`, then the values). faults: a row each, with at_ns, stream,
+    kind, detail, count, sequence.
+    """
+
+    path: Path
+    manifest: Manifest
+    streams: dict[str, dict[str, np.ndarray[Any, Any]]]
+    faults: list[dict[str, Any]]
+
+
+def read_run(path: Path) -> Run:
+    """Read a whole run.
+
+    Raises FileError when it is missing, still being recorded, crashed and not recovered, or damaged.
+    """
+    manifest = load_manifest(path)
+    _refuse_unfinished(path, manifest)
+    streams = {name: _arrays(read_stream(path, manifest, name)) for name in manifest.streams}
+    return Run(path, manifest, streams, read_stream(path, manifest, FAULTS).to_pylist())
+
+
+def _refuse_unfinished(path: Path, manifest: Manifest) -> None:
+    recording = manifest.exit_status == "recording"
+    try:
+        if recording and is_locked(path):
+            raise FileError(str(path), "is still being recorded", "wait for its end or stop it")
+    except OSError as error:
+        raise unreadable(path, error) from None
+    if recording or any(path.glob("*.arrow")):
+        raise FileError(str(path), "was not closed: the recording crashed", f"run `rig recover {path}`")
+
+
+def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
+    """All rows of one stream, its chunks in order.
+
+    Raises FileError for the first chunk that is missing, damaged or not as the manifest says.
+    """
+    schema = schema_of(stream, manifest.all_streams[stream])
+    tables = [read_chunk(path, chunk, schema) for chunk in manifest.chunks_of(stream)]
+    return pa.concat_tables([schema.empty_table(), *tables])
+
+
+def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema) -> pa.Table:
+    """One chunk's rows. Raises FileError when it is missing, damaged or not as the manifest says."""
+    file = path / chunk.file
+    remedy = "restore the file from a copy of the run"
+    try:
+        data = file.read_bytes()
+    except FileNotFoundError:
+        raise FileError(str(file), "the manifest lists this chunk and it is missing", remedy) from None
+    except OSError as error:
+        raise unreadable(file, error) from None
+    if sha256(data) != chunk.sha256:
+        raise FileError(str(file), "has changed since it was recorded (SHA-256)", remedy)
+    table = from_parquet(data)
+    if table is None:
+        raise FileError(str(file), "is not a Parquet file", remedy)
+    if not table.schema.equals(schema):
+        what = f"holds the columns {', '.join(table.schema.names)}, the manifest says otherwise"
+        raise FileError(str(file), what, remedy)
+    if table.num_rows != chunk.rows:
+        raise FileError(str(file), f"holds {table.num_rows} rows, the manifest says {chunk.rows}", remedy)
+    return table.replace_schema_metadata(None)
+
+
+def _arrays(table: pa.Table) -> dict[str, np.ndarray[Any, Any]]:
+    return {name: table[name].to_numpy() for name in table.column_names}

@@ -1,0 +1,105 @@
+"""What is stored: the columns of a stream, and how samples and faults become a batch of them.
+
+Two shapes only: a sample stream (stamps, then the values in file units) and the one `faults` stream.
+No cell is ever null: nan and `NO_TIME` say "not there", so every column is a plain array everywhere.
+`sequence` numbers the rows of a stream through all its chunks; a gap in it is a loss that shows.
+
+The checksum covers names, types and every bit of every value, and not Arrow's encoding of them: the
+same number must come out of the recording chunk and of the Parquet file made from it.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+import pyarrow as pa
+
+from daq.conversation import Fault, Sample
+
+Array: TypeAlias = "pa.Array[Any]"
+FAULTS = "faults"
+"""The stream every run has; its rows name the stream they happened on."""
+Row = Sample | tuple[str, Fault]
+"""What is appended: a sample, or the stream's name with its fault."""
+
+SAMPLE_COLUMNS: dict[str, pa.DataType] = {
+    "requested_ns": pa.int64(),
+    "first_byte_ns": pa.int64(),
+    "last_byte_ns": pa.int64(),
+    "size": pa.int32(),
+    "device_time_s": pa.float64(),
+    "status": pa.int32(),
+    "sequence": pa.int64(),
+}
+FAULT_COLUMNS: dict[str, pa.DataType] = {
+    "at_ns": pa.int64(),
+    "stream": pa.string(),
+    "kind": pa.string(),
+    "detail": pa.string(),
+    "count": pa.int64(),
+    "sequence": pa.int64(),
+}
+
+
+def schema_of(stream: str, columns: Sequence[str]) -> pa.Schema:
+    """The Arrow schema of a stream with these value columns (`faults` has none)."""
+    fixed = FAULT_COLUMNS if stream == FAULTS else SAMPLE_COLUMNS
+    types = {**fixed, **dict.fromkeys(columns, pa.float64())}
+    return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
+
+
+def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBatch:
+    """Rows of one stream as a batch whose `sequence` starts at `first`."""
+    samples = [row for row in rows if isinstance(row, Sample)]
+    faults = [row for row in rows if not isinstance(row, Sample)]
+    arrays = _sample_arrays(samples) if samples else _fault_arrays(faults)
+    sequence = np.arange(first, first + len(rows), dtype=np.int64)
+    place = schema.get_field_index("sequence")
+    return pa.record_batch([*arrays[:place], pa.array(sequence), *arrays[place:]], schema=schema)
+
+
+def _sample_arrays(samples: Sequence[Sample]) -> list[Array]:
+    names = [name for name in SAMPLE_COLUMNS if name != "sequence"]
+    fixed = [_numbers([getattr(s, name) for s in samples], SAMPLE_COLUMNS[name]) for name in names]
+    values = np.array([s.values for s in samples], dtype=np.float64)
+    return [*fixed, *(pa.array(np.ascontiguousarray(column)) for column in values.T)]
+
+
+def _numbers(values: list[Any], kind: pa.DataType) -> Array:
+    # A device's unsigned 32-bit status wraps and keeps its bits: an odd code must not end a recording.
+    wide = np.array(values, dtype=np.float64 if kind == pa.float64() else np.int64)
+    return pa.array(wide.astype(kind.to_pandas_dtype()))
+
+
+def _fault_arrays(faults: Sequence[tuple[str, Fault]]) -> list[Array]:
+    at_ns = pa.array([fault.at_ns for _, fault in faults], pa.int64())
+    words = [(stream, str(fault.kind), _text(fault.detail)) for stream, fault in faults]
+    count = pa.array([fault.count for _, fault in faults], pa.int64())
+    return [at_ns, *(pa.array(list(column), pa.string()) for column in zip(*words, strict=True)), count]
+
+
+def _text(detail: str) -> str:
+    # Details quote what a device sent; a lone surrogate in one cannot be stored as UTF-8.
+    return detail.encode("utf-8", "backslashreplace").decode()
+
+
+def checksum(batch: pa.RecordBatch, number: int) -> int:
+    """CRC-32 over a batch and its number in the file.
+
+    Raises ArrowInvalid when a column holds nulls.
+    """
+    head = f"{number} {batch.num_rows} {[(f.name, str(f.type)) for f in batch.schema]}"
+    crc = zlib.crc32(head.encode())
+    for column in batch.columns:
+        crc = zlib.crc32(_canonical(column), crc)
+    return crc
+
+
+def _canonical(column: Array) -> Any:
+    if pa.types.is_string(column.type):
+        return json.dumps(column.to_pylist()).encode()
+    return column.to_numpy(zero_copy_only=True)

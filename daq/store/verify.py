@@ -1,0 +1,59 @@
+"""Is a run whole? Everything that its manifest promises, held against the files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from daq.store.durable import TEMPORARY
+from daq.store.manifest import Manifest, load_manifest, sha256
+from daq.store.run import read_chunk
+from daq.store.schema import schema_of
+from rigs.errors import FileError
+
+
+def verify(path: Path) -> list[str]:
+    """What is wrong with a run, a line each; empty when it is good.
+
+    Reads every byte: that each chunk is there, unchanged and as declared, that no row is missing in
+    between, that no file is left over, and that the run was ended.
+    """
+    try:
+        manifest = load_manifest(path)
+    except FileError as error:
+        return [str(error)]
+    problems = [problem for stream in manifest.all_streams for problem in _stream(path, manifest, stream)]
+    return _manifest(path, manifest) + _left_over(path, manifest) + problems
+
+
+def _manifest(path: Path, manifest: Manifest) -> list[str]:
+    problems = []
+    if manifest.exit_status == "recording":
+        problems.append(f"{path}: was never ended; it is being recorded or it crashed")
+    if sha256(manifest.rig_text.encode()) != manifest.rig_sha256:
+        problems.append(f"{path}: the rig file in the manifest does not match its SHA-256")
+    return problems
+
+
+def _left_over(path: Path, manifest: Manifest) -> list[str]:
+    listed = {chunk.file for chunk in manifest.chunks}
+    unlisted = {file for file in path.glob("*.parquet") if file.name not in listed}
+    files = sorted(unlisted | {*path.glob("*.arrow"), *path.glob(f"*{TEMPORARY}")})
+    return [f"{file}: is not in the manifest; run `rig recover {path}`" for file in files]
+
+
+def _stream(path: Path, manifest: Manifest, stream: str) -> list[str]:
+    schema = schema_of(stream, manifest.all_streams[stream])
+    problems, row = [], 0
+    for chunk in manifest.chunks_of(stream):
+        try:
+            sequence = read_chunk(path, chunk, schema)["sequence"].to_numpy()
+        except FileError as error:
+            problems.append(str(error))
+            row += chunk.rows
+        else:
+            wrong = np.flatnonzero(np.diff(sequence, prepend=row - 1) != 1)
+            problems += [f"{path / chunk.file}: rows are missing or doubled before row {i}" for i in wrong]
+            row = int(sequence[-1]) + 1 if len(sequence) else row
+    return problems
