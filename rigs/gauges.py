@@ -10,7 +10,7 @@ import datetime as dt
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from rigs.base import Part
 from rigs.links import Line, Port
@@ -62,6 +62,13 @@ class ValueRegister(Register):
 
     scale: float = 1.0
     offset: float = 0.0
+
+    @field_validator("scale")
+    @classmethod
+    def _not_zero(cls, value: float) -> float:
+        if value == 0:
+            raise ValueError("a scale of zero makes every reading the same; give the units of one count")
+        return value
 
 
 class StatusRegister(Register):

@@ -18,7 +18,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import pyarrow as pa
 
-from daq.conversation import Fault, Sample
+from daq.protocol.conversation import Fault, Sample
 
 Array: TypeAlias = "pa.Array[Any]"
 FAULTS = "faults"

@@ -21,11 +21,11 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from daq.conversation import Fault, Sample
+from daq.protocol.conversation import Fault, Sample
 from daq.store import durable
 from daq.store.chunk import with_opening
 from daq.store.manifest import Ending, Manifest, iso_now, new_manifest
-from daq.store.recorder import Recorder
+from daq.store.recording import Recorder
 from daq.store.schema import FAULTS, schema_of
 from rigs.errors import CellError
 from rigs.vocabulary import Direction, TestName

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.conversation import NO_TIME, Fault, FaultKind, Sample
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.store import Run, RunWriter
 
 RIG_TEXT = "name: cell\r\n# ü, exactly as it was \n"

@@ -7,7 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from store_cases import bits, fault, samples
 
-from daq.conversation import Fault, FaultKind, Sample
+from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.store.chunk import (
     END,
     frame,

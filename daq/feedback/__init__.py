@@ -1,0 +1,28 @@
+"""Robot feedback: one interface a file, named as `interface` names it in the rig file.
+
+Each file offers `host(feedback)`, the conversation that listens (values q1_deg … q6_deg, always all six in
+that order), and `device(feedback, read)`, the controller's side, where `read(now_ns)` gives the six angles
+in degrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib import import_module
+
+from daq.protocol.conversation import Conversation, Device
+from rigs.feedback import Feedback
+
+Read = Callable[[int], Sequence[float]]
+
+
+def host(feedback: Feedback) -> Conversation:
+    """Our side of the link."""
+    conversation: Conversation = import_module(f"daq.feedback.{feedback.interface}").host(feedback)
+    return conversation
+
+
+def device(feedback: Feedback, read: Read) -> Device:
+    """The controller's side of the link."""
+    conversation: Device = import_module(f"daq.feedback.{feedback.interface}").device(feedback, read)
+    return conversation

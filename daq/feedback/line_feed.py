@@ -1,0 +1,128 @@
+"""A line a sample, as a user's program on the controller prints it: FANUC KAREL, or any that can open a
+socket.
+
+Which fields, in what units and with what between them is configuration (what the program prints; nothing of
+it is a standard). A line that has not exactly these fields, each a number, is GARBLED. Nothing is ever
+sent. On a serial port we may join in the middle of a line, whose rest could pass for a good one: it is left
+out.
+
+The emulated controller prints `RATE_HZ` lines a second: about what a KAREL task that reads the joints and
+writes a socket in a loop keeps up with (believed, not confirmed); the host assumes no rate.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+
+from daq.feedback import Read
+from daq.protocol.conversation import NO_TIME, Conversation, Device, Fault, FaultKind, Sample, Step
+from daq.protocol.framing import Lines, Message
+from daq.protocol.pace import Pace
+from daq.protocol.streamed import Heard, Streamed
+from rigs.feedback import CLOCK_FIELDS, LineFeed
+from rigs.links import tcp_address
+
+RATE_HZ = 100.0
+_NUMBER = re.compile(r"[+-]?(\d{1,18}(\.\d{0,18})?|\.\d{1,18})([eE][+-]?\d{1,2})?", re.ASCII)
+_CLOCK_S = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
+_CLOCK_FORMAT = {"t_s": ".3f", "t_ms": ".0f", "t_us": ".0f"}
+
+
+def host(feedback: LineFeed) -> Conversation:
+    """Our side."""
+    return Streamed(_Listening(feedback), feedback.timeout_s)
+
+
+def device(feedback: LineFeed, read: Read) -> Device:
+    """The controller's side."""
+    return _Program(feedback, read)
+
+
+class _Listening:
+    """Lines, taken apart by the configured fields."""
+
+    check = "check that the program on the controller is running"
+
+    def __init__(self, feedback: LineFeed) -> None:
+        self.frames = Lines(b"\n", joined_midway=tcp_address(feedback.port) is None)
+        self._fields = feedback.fields
+        # Blanks as separator: a run of them counts as one.
+        self._separator = None if feedback.separator.isspace() else feedback.separator
+
+    def start(self) -> bytes:
+        return b""
+
+    def silent(self) -> Heard:
+        return Heard()
+
+    def read(self, message: Message | Fault) -> Heard:
+        if isinstance(message, Fault):
+            return Heard((message,))
+        parts = message.data.decode("ascii", "replace").strip().split(self._separator)
+        if len(parts) != len(self._fields):
+            return _garbled(message, f"has {len(parts)} fields where {len(self._fields)} are expected")
+        read = {name: part.strip() for name, part in zip(self._fields, parts, strict=True) if name != "_"}
+        odd = [f"{name} = {part!r}" for name, part in read.items() if not _NUMBER.fullmatch(part)]
+        if odd:
+            return _garbled(message, f"has no number in {odd[0]}")
+        return Heard((_sample({name: float(part) for name, part in read.items()}, message),))
+
+
+def _garbled(message: Message, why: str) -> Heard:
+    detail = f"line {message.data[:80]!r} {why}; check `fields` and `separator`"
+    return Heard((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
+
+
+def _sample(read: Mapping[str, float], message: Message) -> Sample:
+    angles_deg = tuple(
+        read[f"q{axis}_deg"] if f"q{axis}_deg" in read else math.degrees(read[f"q{axis}_rad"]) for axis in range(1, 7)
+    )
+    clock_s = [read[name] * _CLOCK_S[name] for name in read if name in CLOCK_FIELDS]
+    return Sample(
+        angles_deg,
+        NO_TIME,
+        message.first_byte_ns,
+        message.last_byte_ns,
+        message.size,
+        clock_s[0] if clock_s else math.nan,
+    )
+
+
+class _Program:
+    """The program on the controller; its clock is zero when the link opens."""
+
+    def __init__(self, feedback: LineFeed, read: Read) -> None:
+        self.sent = 0
+        self._feedback = feedback
+        self._read = read
+        self._start_ns = 0
+        self._pace = Pace(RATE_HZ, 0)
+
+    def connected(self, now_ns: int) -> Step:
+        self._start_ns = now_ns
+        self._pace = Pace(RATE_HZ, now_ns)
+        return Step(wake_ns=now_ns)
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        return Step(wake_ns=self._pace.next_ns)
+
+    def tick(self, now_ns: int) -> Step:
+        lines = [self._line(instant_ns) for instant_ns in self._pace.due(now_ns)]
+        self.sent += len(lines)
+        return Step("".join(lines).encode(), wake_ns=self._pace.next_ns)
+
+    def _line(self, instant_ns: int) -> str:
+        angles_deg = self._read(instant_ns)
+        parts = []
+        for name in self._feedback.fields:
+            if name == "_":
+                parts.append("0")
+            elif name in CLOCK_FIELDS:
+                clock = (instant_ns - self._start_ns) * 1e-9 / _CLOCK_S[name]
+                parts.append(format(clock, _CLOCK_FORMAT[name]))
+            else:
+                angle = angles_deg[int(name[1]) - 1]
+                parts.append(f"{angle:.5f}" if name.endswith("_deg") else f"{math.radians(angle):.7f}")
+        return self._feedback.separator.join(parts) + "\r\n"

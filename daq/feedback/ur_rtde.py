@@ -1,0 +1,233 @@
+"""Universal Robots Real-Time Data Exchange, protocol version 2, read only (UR's documents and client,
+confirmed but for the layout of `M`, which is believed only).
+
+Big-endian packets, `>HB`: size with header, type. The host asks for the version (`V`), for the recipe
+`timestamp, actual_q` at a rate (`O`), and for the start (`S`); each is answered; then data (`U`) come at
+that rate until the link closes. Every packet is kept: the controller may skip some under load, which only
+its own clock shows (Fault SKIPPED). `M` carries the controller's texts in version 2: length, text, length,
+source, level 0 exception … 3 information.
+
+A binary stream that is out of step cannot be picked up again without taking data for headers, a refused
+request will not be granted later on this link, and a silent controller is one that is gone (it streams at
+standstill too, and TCP alone would never notice): in all three the conversation asks for a new link
+(`Step.hang_up`).
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+
+from daq.feedback import Read
+from daq.protocol.conversation import NO_TIME, Conversation, Device, Fault, FaultKind, Item, Sample, Step
+from daq.protocol.framing import Message, Sized
+from daq.protocol.pace import Pace
+from daq.protocol.streamed import Heard, Streamed
+from rigs.feedback import URRTDE
+
+_HEADER = struct.Struct(">HB")
+_TYPES = {"timestamp": "DOUBLE", "actual_q": "VECTOR6D"}
+_DATA = struct.Struct(">B7d")
+_VERSION = 2
+_LONGEST = 520
+"""No packet of this recipe is longer; a text is 516 at most."""
+_MAX_CLOCK_S = 1e9
+"""No controller has been on for 30 years: a stamp beyond is no stamp."""
+
+
+def host(feedback: URRTDE) -> Conversation:
+    """Our side."""
+    return Streamed(_Client(feedback), feedback.timeout_s)
+
+
+def device(feedback: URRTDE, read: Read) -> Device:
+    """The controller's side."""
+    return _Controller(read)
+
+
+def _packet(kind: bytes, payload: bytes = b"") -> bytes:
+    return _HEADER.pack(_HEADER.size + len(payload), kind[0]) + payload
+
+
+def _length(head: bytes) -> int | None:
+    size, kind = _HEADER.unpack(head)
+    return size if _HEADER.size <= size <= _LONGEST and bytes([kind]) in b"VOSPUM" else None
+
+
+class _Client:
+    """The handshake, then the data."""
+
+    check = "check that the controller is on and RTDE is not disabled under Settings › Security › Services"
+
+    def __init__(self, feedback: URRTDE) -> None:
+        self.frames = Sized(_HEADER.size, _length)
+        self._rate_hz = feedback.rate_hz
+        self._awaited = b"V"
+        self._recipe = 0
+        self._clock_s = math.nan
+
+    def start(self) -> bytes:
+        return _packet(b"V", struct.pack(">H", _VERSION))
+
+    def silent(self) -> Heard:
+        return Heard(hang_up=True)
+
+    def read(self, message: Message | Fault) -> Heard:
+        if isinstance(message, Fault):
+            return Heard((message,), hang_up=True)
+        kind, payload = message.data[2:3], message.data[3:]
+        if kind == b"M":
+            return self._text(payload, message)
+        if kind != self._awaited:
+            return _out_of_step(message)
+        if kind == b"U":
+            return self._data(payload, message)
+        if kind == b"O":
+            return self._recipe_answer(payload, message)
+        return self._accepted(kind, payload, message)
+
+    def _accepted(self, kind: bytes, payload: bytes, message: Message) -> Heard:
+        """The answer to the version or to the start."""
+        if payload not in {b"\0", b"\1"}:
+            return _out_of_step(message)
+        if payload == b"\0":
+            refused = "protocol version 2; it needs software 3.4 or 5 and later" if kind == b"V" else "to start"
+            return _refused(f"the controller refuses {refused}; update or restart it", message)
+        if kind == b"S":
+            self._awaited = b"U"
+            return Heard()
+        self._awaited = b"O"
+        return Heard(send=_packet(b"O", struct.pack(">d", self._rate_hz) + ",".join(_TYPES).encode()))
+
+    def _recipe_answer(self, payload: bytes, message: Message) -> Heard:
+        types = payload[1:].decode("ascii", "replace").split(",")
+        if len(types) != len(_TYPES):
+            return _out_of_step(message)
+        for (name, expected), got in zip(_TYPES.items(), types, strict=True):
+            if got != expected:
+                remedy = "end the other RTDE client" if got == "IN_USE" else "update the controller's software"
+                return _refused(f"the controller answers {got} for {name}; {remedy}", message)
+        self._recipe = payload[0]
+        self._awaited = b"S"
+        return Heard(send=_packet(b"S"))
+
+    def _data(self, payload: bytes, message: Message) -> Heard:
+        if len(payload) != _DATA.size or payload[0] != self._recipe:
+            return _out_of_step(message)
+        _, clock_s, *angles_rad = _DATA.unpack(payload)
+        if not (0 <= clock_s < _MAX_CLOCK_S and all(map(math.isfinite, angles_rad))):
+            detail = f"packet with time {clock_s:g} s and angles {angles_rad} rad; left out"
+            return Heard((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
+        sample = Sample(
+            tuple(map(math.degrees, angles_rad)),
+            NO_TIME,
+            message.first_byte_ns,
+            message.last_byte_ns,
+            message.size,
+            clock_s,
+        )
+        return Heard((*self._skipped(clock_s, message), sample))
+
+    def _skipped(self, clock_s: float, message: Message) -> list[Item]:
+        periods = (clock_s - self._clock_s) * self._rate_hz
+        before_s, self._clock_s = self._clock_s, clock_s
+        if not periods > 1.5:
+            return []
+        missing = round(periods) - 1
+        detail = f"controller time goes from {before_s:.3f} s to {clock_s:.3f} s; lower rate_hz if this recurs"
+        return [Fault(FaultKind.SKIPPED, message.last_byte_ns, detail, missing)]
+
+    def _text(self, payload: bytes, message: Message) -> Heard:
+        """A text of the controller; information is left out."""
+        text, rest = _counted(payload)
+        source, level = _counted(rest)
+        if len(level) != 1:
+            return _out_of_step(message)
+        if level[0] >= 3:
+            return Heard()
+        name = ("exception", "error", "warning")[level[0]]
+        detail = f"{name} from {source.decode('utf-8', 'replace')}: {text.decode('utf-8', 'replace')}"
+        return Heard((Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail),))
+
+
+def _counted(data: bytes) -> tuple[bytes, bytes]:
+    """A text preceded by its length, and what follows it."""
+    end = 1 + data[0] if data else 0
+    return data[1:end], data[end:]
+
+
+def _out_of_step(message: Message) -> Heard:
+    detail = f"packet {message.data[:16].hex(' ')} ({message.size} bytes) makes no sense here; reconnecting"
+    return Heard((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),), hang_up=True)
+
+
+def _refused(detail: str, message: Message) -> Heard:
+    return Heard((Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail),), hang_up=True)
+
+
+class _Controller:
+    """The robot: the fields asked for at the rate asked for, one packet a period however late a tick."""
+
+    CLOCK_START_S = 1000.0
+    """Its clock when the link opens: controllers count from when they were switched on."""
+    MIN_RATE_HZ, MAX_RATE_HZ = 0.01, 500.0
+
+    def __init__(self, read: Read) -> None:
+        self.sent = 0
+        self._read = read
+        self._frames = Sized(_HEADER.size, _length)
+        self._connected_ns = 0
+        self._recipe: list[str] = []
+        self._rate_hz = 0.0
+        self._pace: Pace | None = None
+
+    def connected(self, now_ns: int) -> Step:
+        self._connected_ns = now_ns
+        return Step()
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        answers = b""
+        for message in self._frames.feed(data, now_ns):
+            if isinstance(message, Fault):
+                return Step(answers, hang_up=True)
+            answers += self._answer(message.data[2:3], message.data[3:], now_ns)
+        return self._step(answers)
+
+    def tick(self, now_ns: int) -> Step:
+        if self._pace is None:
+            return Step()
+        packets = [self._data(instant_ns) for instant_ns in self._pace.due(now_ns)]
+        self.sent += len(packets)
+        return self._step(b"".join(packets))
+
+    def _step(self, send: bytes) -> Step:
+        return Step(send, wake_ns=self._pace.next_ns if self._pace else None)
+
+    def _answer(self, kind: bytes, payload: bytes, now_ns: int) -> bytes:
+        if kind == b"V":
+            return _packet(kind, bytes([payload == struct.pack(">H", _VERSION)]))
+        if kind == b"O":
+            return _packet(kind, self._set_up(payload))
+        if kind == b"S":
+            self._pace = Pace(self._rate_hz, now_ns) if self._recipe else None
+            return _packet(kind, bytes([bool(self._recipe)]))
+        if kind == b"P":
+            self._pace = None
+            return _packet(kind, b"\1")
+        return b""
+
+    def _set_up(self, payload: bytes) -> bytes:
+        """The answer to a recipe: its number, 0 for none, and the types of its fields."""
+        names = payload[8:].decode("ascii", "replace").split(",")
+        (rate_hz,) = struct.unpack(">d", payload[:8]) if len(payload) >= 8 else (math.nan,)
+        types = [_TYPES.get(name, "NOT_FOUND") for name in names]
+        good = "NOT_FOUND" not in types and self.MIN_RATE_HZ <= rate_hz <= self.MAX_RATE_HZ
+        self._recipe, self._rate_hz = (names, rate_hz) if good else ([], 0.0)
+        self._pace = None
+        return bytes([good]) + ",".join(types).encode()
+
+    def _data(self, instant_ns: int) -> bytes:
+        clock_s = self.CLOCK_START_S + (instant_ns - self._connected_ns) * 1e-9
+        angles_rad = [math.radians(angle) for angle in self._read(instant_ns)]
+        fields = {"timestamp": struct.pack(">d", clock_s), "actual_q": struct.pack(">6d", *angles_rad)}
+        return _packet(b"U", b"\1" + b"".join(fields[name] for name in self._recipe))

@@ -1,0 +1,28 @@
+"""The gauges: one protocol a file, named as `interface` names it in the rig file.
+
+Each file offers `host(gauges)`, the conversation that asks the gauges sharing one link for their readings
+(values in mm, one a gauge, in order), and `device(gauges, read)`, the instrument's side of it, where
+`read(now_ns)` gives what each gauge measures at that time in mm; nan means that its head shows an error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from importlib import import_module
+
+from daq.protocol.conversation import Conversation, Device
+from rigs.gauges import Gauge
+
+Read = Callable[[int], Sequence[float]]
+
+
+def host(gauges: Sequence[Gauge]) -> Conversation:
+    """Our side of the link these gauges share."""
+    conversation: Conversation = import_module(f"daq.gauges.{gauges[0].interface}").host(gauges)
+    return conversation
+
+
+def device(gauges: Sequence[Gauge], read: Read) -> Device:
+    """The instrument's side of the link these gauges share."""
+    conversation: Device = import_module(f"daq.gauges.{gauges[0].interface}").device(gauges, read)
+    return conversation

@@ -1,0 +1,150 @@
+"""Cutting a stream of bytes into messages, each with the arrival times of its first and its last byte.
+
+A framer is fed the pieces as they come and gives the messages they complete, whatever the pieces' cut.
+`Lines` ends a message at a delimiter; `Sized` reads its length from its first bytes. Neither keeps more
+than `LIMIT` bytes, however long a peer babbles without ending a message: the rest is discarded and told as
+one GARBLED fault.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from daq.protocol.conversation import Fault, FaultKind
+
+LIMIT = 1024
+"""Twice the longest message known here, an RTDE text of 516 bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One message: its bytes without the delimiter, its whole size, and when it came."""
+
+    data: bytes
+    size: int
+    first_byte_ns: int
+    last_byte_ns: int
+
+
+class Framer(Protocol):
+    """What cuts a stream into messages."""
+
+    def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
+        """The messages that these bytes complete, and a fault where they cannot be cut."""
+
+    def clear(self) -> None:
+        """Forget a message begun; the next byte begins a new one."""
+
+    @property
+    def pending(self) -> bool:
+        """A message has begun and not ended."""
+
+
+class _Pieces:
+    """Bytes waiting, and when each piece of them came."""
+
+    def __init__(self) -> None:
+        self.data = bytearray()
+        self._arrivals: deque[tuple[int, int]] = deque()
+
+    def add(self, data: bytes, now_ns: int) -> None:
+        if data:
+            self.data += data
+            self._arrivals.append((len(data), now_ns))
+
+    def take(self, size: int, trailer: int = 0) -> Message:
+        """The first `size` bytes, of which the last `trailer` are no content."""
+        content = bytes(self.data[: size - trailer])
+        del self.data[:size]
+        first_ns = last_ns = self._arrivals[0][1]
+        left = size
+        while left:
+            length, last_ns = self._arrivals.popleft()
+            if length > left:
+                self._arrivals.appendleft((length - left, last_ns))
+            left -= min(length, left)
+        return Message(content, size, first_ns, last_ns)
+
+    def clear(self) -> None:
+        self.data.clear()
+        self._arrivals.clear()
+
+
+class Lines:
+    """Messages that end in a delimiter; with `joined_midway` the bytes up to the first one are none."""
+
+    def __init__(self, delimiter: bytes, *, joined_midway: bool = False) -> None:
+        self._delimiter = delimiter
+        self._pieces = _Pieces()
+        self._skipping = joined_midway
+
+    @property
+    def pending(self) -> bool:
+        return self._skipping or bool(self._pieces.data)
+
+    def clear(self) -> None:
+        self._pieces.clear()
+        self._skipping = False
+
+    def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
+        pieces, ending = self._pieces, len(self._delimiter)
+        pieces.add(data, now_ns)
+        found: list[Message | Fault] = []
+        while (content := pieces.data.find(self._delimiter)) >= 0:
+            message = pieces.take(content + ending, trailer=ending)
+            if not self._skipping:
+                found.append(self._endless(now_ns) if message.size > LIMIT else message)
+            self._skipping = False
+        if len(pieces.data) >= LIMIT:
+            if not self._skipping:
+                found.append(self._endless(now_ns))
+            self._skipping = True
+        if self._skipping and (surplus := len(pieces.data) - ending + 1) > 0:
+            pieces.take(surplus)  # what stays may be the beginning of a delimiter
+        return found
+
+    def _endless(self, now_ns: int) -> Fault:
+        detail = f"over {LIMIT} bytes without {self._delimiter!r}; check the line's settings and the interface"
+        return Fault(FaultKind.GARBLED, now_ns, detail)
+
+
+class Sized:
+    """Messages whose length follows from their first `header` bytes.
+
+    `length` gives it, or None for bytes that begin no message. A stream without delimiters cannot be picked
+    up again from its content: from there on everything is discarded until `clear`.
+    """
+
+    def __init__(self, header: int, length: Callable[[bytes], int | None]) -> None:
+        self._header = header
+        self._length = length
+        self._pieces = _Pieces()
+        self._lost = False
+
+    @property
+    def pending(self) -> bool:
+        return self._lost or bool(self._pieces.data)
+
+    def clear(self) -> None:
+        self._pieces.clear()
+        self._lost = False
+
+    def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
+        found: list[Message | Fault] = []
+        if self._lost:
+            return found
+        self._pieces.add(data, now_ns)
+        while len(self._pieces.data) >= self._header:
+            head = bytes(self._pieces.data[: self._header])
+            length = self._length(head)
+            if length is None:
+                self._pieces.clear()
+                self._lost = True
+                return [*found, Fault(FaultKind.GARBLED, now_ns, f"no message begins with {head.hex(' ')}")]
+            if len(self._pieces.data) < length:
+                break
+            found.append(self._pieces.take(length))
+        return found

@@ -1,0 +1,115 @@
+"""Modbus register reads on the wire, RTU and TCP: pymodbus encodes and decodes, the framing is ours.
+
+pymodbus' own framers, fed a stream, swallow all they hold on a checksum error, hunt through junk for
+something that looks like a frame, and raise. So they are only ever handed exact frames, whose length is
+known beforehand: an RTU reply has 5 + 2·count bytes, or 5 for an exception; TCP gives its length. RTU
+frames end with silence, which a pure protocol cannot see and adapters do not keep.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pymodbus.client.mixin import ModbusClientMixin
+from pymodbus.framer import FramerRTU, FramerSocket
+from pymodbus.pdu import DecodePDU, ModbusPDU
+from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
+
+from daq.protocol.framing import Framer, Message, Sized
+from rigs.gauges import ModbusMap, Register
+from rigs.links import tcp_address
+
+_REQUEST = {3: ReadHoldingRegistersRequest, 4: ReadInputRegistersRequest}
+_RTU_REQUEST = 8
+_DATATYPE = {datatype.name.lower(): datatype for datatype in ModbusClientMixin.DATATYPE}
+
+
+class Wire:
+    """One side's frames, in the form the port asks for."""
+
+    def __init__(self, gauge: ModbusMap, *, serving: bool) -> None:
+        self.numbered = tcp_address(gauge.port) is not None
+        """Whether requests and replies carry a transaction id."""
+        self.frames: Framer
+        self._gauge = gauge
+        codec = DecodePDU(is_server=serving)
+        self._framer = FramerSocket(codec) if self.numbered else FramerRTU(codec)
+        if self.numbered:
+            self.frames = Sized(7, _tcp_length)
+        else:
+            self.frames = RtuRequests() if serving else Sized(3, self._rtu_reply_length)
+
+    def encode(self, pdu: ModbusPDU) -> bytes:
+        """Its frame."""
+        return self._framer.buildFrame(pdu)
+
+    def request(self, number: int) -> bytes:
+        """The read of the whole block."""
+        g = self._gauge
+        kind = _REQUEST[g.function]
+        return self.encode(kind(dev_id=g.unit, transaction_id=number, address=g.address, count=g.count))
+
+    def open(self, frame: bytes) -> tuple[int, int, bytes]:
+        """Unit, transaction id and content of a frame; no content if its checksum is wrong."""
+        _, unit, number, content = self._framer.decode(frame)
+        return unit, number, content
+
+    def decode(self, content: bytes) -> ModbusPDU | None:
+        """The content of a register read or an exception."""
+        return self._framer.decoder.decode(content)
+
+    def _rtu_reply_length(self, head: bytes) -> int | None:
+        unit, function, size = head
+        if unit != self._gauge.unit or function & 0x7F != self._gauge.function:
+            return None
+        if function & 0x80:
+            return 5
+        return 5 + size if size == 2 * self._gauge.count else None
+
+
+def _tcp_length(head: bytes) -> int | None:
+    protocol, length = int.from_bytes(head[2:4], "big"), int.from_bytes(head[4:6], "big")
+    return 6 + length if protocol == 0 and 3 <= length <= 254 else None
+
+
+class RtuRequests:
+    """The requests in a serial stream: any eight bytes with the right checksum; others pass by."""
+
+    def __init__(self) -> None:
+        self._data = bytearray()
+
+    @property
+    def pending(self) -> bool:
+        return bool(self._data)
+
+    def clear(self) -> None:
+        self._data.clear()
+
+    def feed(self, data: bytes, now_ns: int) -> Sequence[Message]:
+        self._data += data
+        found, start = list[Message](), 0
+        while len(self._data) - start >= _RTU_REQUEST:
+            frame = bytes(self._data[start : start + _RTU_REQUEST])
+            good = FramerRTU.check_CRC(frame[:-2], int.from_bytes(frame[-2:], "big"))
+            if good:
+                found.append(Message(frame, _RTU_REQUEST, now_ns, now_ns))
+            start += _RTU_REQUEST if good else 1
+        del self._data[:start]
+        return found
+
+
+def unpack(registers: Sequence[int], register: Register, gauge: ModbusMap) -> float:
+    """One value of the block."""
+    start = register.address - gauge.address
+    words = list(registers[start : start + register.count])
+    value = ModbusClientMixin.convert_from_registers(words, _DATATYPE[register.type], gauge.word_order)
+    assert isinstance(value, int | float)  # noqa: S101 - the numeric types give numbers
+    return value
+
+
+def pack(registers: list[int], register: Register, gauge: ModbusMap, value: float) -> None:
+    """Put one value into the block."""
+    start = register.address - gauge.address
+    number = value if register.type == "float32" else round(value)
+    words = ModbusClientMixin.convert_to_registers(number, _DATATYPE[register.type], gauge.word_order)
+    registers[start : start + register.count] = words

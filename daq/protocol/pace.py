@@ -1,0 +1,26 @@
+"""When a device of constant rate speaks: an absolute schedule, of which no period drifts or is
+lost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+
+class Pace:
+    """Period after period from `start_ns` on."""
+
+    def __init__(self, rate_hz: float, start_ns: int) -> None:
+        self._rate_hz = rate_hz
+        self._start_ns = start_ns
+        self._count = 0
+
+    @property
+    def next_ns(self) -> int:
+        """The next instant not yet given."""
+        return self._start_ns + round(self._count * 1e9 / self._rate_hz)
+
+    def due(self, now_ns: int) -> Iterator[int]:
+        """Every instant up to now not given before."""
+        while (instant := self.next_ns) <= now_ns:
+            self._count += 1
+            yield instant

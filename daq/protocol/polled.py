@@ -1,0 +1,173 @@
+"""Asking and being answered: one request on the line at a time, the next one as soon as it is answered.
+
+An answer must never be credited to a later request. Serial answers carry no number, so whenever it is unclear
+whose an answer would be, nothing is asked: the line is *drained*, that is, whatever comes is discarded until
+nothing has come for `timeout_s`. So it is
+
+- at connect, where an answer to someone's earlier request may still be on its way,
+- after a time-out (Fault SILENT), whose answer may still come (Fault LATE, with the count discarded),
+- after bytes that make no sense, since the real answer may be among them,
+- when more than the answer came.
+
+An answer later than twice `timeout_s` can still slip through where the protocol has no number to tell by:
+make `timeout_s` at least half the slowest answer of the instrument. After an error answer the line rests
+for `PAUSE_NS`, for an instrument that refuses does so at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Protocol
+
+from daq.protocol.bursts import Bursts
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Step
+from daq.protocol.framing import Framer, Message
+
+PAUSE_NS = 100_000_000
+_BABBLE = 4
+"""Time-outs that a drain may last before it is told, and the instrument asked to be quiet again."""
+
+
+class Then(Enum):
+    """What a message means for the exchange."""
+
+    ASK = auto()
+    """It was the answer."""
+    PAUSE = auto()
+    """It was the answer and a refusal."""
+    WAIT = auto()
+    """It is not the answer, which may still come."""
+    DRAIN = auto()
+    """Nobody knows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What a message says, and what it means for the exchange."""
+
+    items: tuple[Item, ...]
+    then: Then = Then.ASK
+
+
+class Dialect(Protocol):
+    """What one instrument adds to asking and being answered."""
+
+    @property
+    def frames(self) -> Framer:
+        """What cuts its messages."""
+
+    reset: bytes
+    """Makes the instrument quiet; sent at the beginning of a drain that nobody's answer is awaited in."""
+    check: str
+    """What to look at when it is silent."""
+
+    def request(self) -> bytes:
+        """The next request."""
+
+    def read(self, message: Message, requested_ns: int) -> Heard:
+        """What a message means as an answer to the request of that time."""
+
+
+class Polled:
+    """The host's side of an instrument that speaks when spoken to."""
+
+    def __init__(self, dialect: Dialect, timeout_s: float) -> None:
+        self._dialect = dialect
+        self._timeout_s = timeout_s
+        self._timeout_ns = round(timeout_s * 1e9)
+        self._bursts = Bursts()
+        self._requested_ns = NO_TIME
+        self._wake_ns = 0
+        self._quiet_ns = self._timeout_ns
+        self._discarded = 0
+        self._telling = False
+        self._babble_ns = 0
+
+    def connected(self, now_ns: int) -> Step:
+        return self._drain([], now_ns, send=self._dialect.reset)
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        messages = self._dialect.frames.feed(data, now_ns)
+        if self._requested_ns == NO_TIME:
+            return self._discard(len(messages), now_ns)
+        items: list[Item] = []
+        for position, message in enumerate(messages, 1):
+            heard = self._read(message)
+            items += self._bursts.merge(heard.items, now_ns)
+            if heard.then is not Then.WAIT:
+                return self._go_on(heard.then, items, len(messages) - position, now_ns)
+        if now_ns >= self._wake_ns:
+            return self._give_up(items, now_ns)
+        return Step(items=tuple(items), wake_ns=self._wake_ns)
+
+    def tick(self, now_ns: int) -> Step:
+        if now_ns < self._wake_ns:
+            return Step(wake_ns=self._wake_ns)
+        if self._requested_ns != NO_TIME:
+            return self._give_up([], now_ns)
+        items = self._late(now_ns)
+        self._dialect.frames.clear()
+        return self._ask(items, now_ns)
+
+    def _read(self, message: Message | Fault) -> Heard:
+        if isinstance(message, Fault):
+            return Heard((message,), Then.DRAIN)
+        return self._dialect.read(message, self._requested_ns)
+
+    def _go_on(self, then: Then, items: list[Item], surplus: int, now_ns: int) -> Step:
+        if then is Then.DRAIN:
+            return self._drain(items, now_ns)
+        if surplus or self._dialect.frames.pending:
+            return self._drain(items, now_ns, discarded=surplus, telling=True)
+        if then is Then.PAUSE:
+            return self._drain(items, now_ns, quiet_ns=PAUSE_NS, telling=True)
+        return self._ask(items, now_ns)
+
+    def _ask(self, items: Sequence[Item], now_ns: int) -> Step:
+        self._requested_ns = now_ns
+        self._wake_ns = now_ns + self._timeout_ns
+        return Step(self._dialect.request(), tuple(items), self._wake_ns)
+
+    def _give_up(self, items: list[Item], now_ns: int) -> Step:
+        detail = f"no answer within {self._timeout_s:g} s; {self._dialect.check}"
+        silent = Fault(FaultKind.SILENT, now_ns, detail)
+        return self._drain([*items, *self._bursts.end(), silent], now_ns, telling=True)
+
+    def _drain(  # noqa: PLR0913 - each is one fact of how this drain differs
+        self,
+        items: Sequence[Item],
+        now_ns: int,
+        *,
+        send: bytes = b"",
+        quiet_ns: int | None = None,
+        discarded: int = 0,
+        telling: bool = False,
+    ) -> Step:
+        """Ask nothing until the line has been quiet; `telling`: what comes meanwhile is news."""
+        self._requested_ns = NO_TIME
+        self._quiet_ns = self._timeout_ns if quiet_ns is None else quiet_ns
+        self._wake_ns = now_ns + self._quiet_ns
+        self._babble_ns = now_ns + _BABBLE * self._timeout_ns
+        self._discarded = discarded
+        self._telling = telling
+        return Step(send, tuple(items), self._wake_ns)
+
+    def _discard(self, messages: int, now_ns: int) -> Step:
+        self._discarded += messages
+        self._quiet_ns = self._timeout_ns
+        self._wake_ns = now_ns + self._quiet_ns
+        if now_ns < self._babble_ns:
+            return Step(wake_ns=self._wake_ns)
+        detail = "the line will not go quiet, so nothing can be asked; is the instrument sending by itself?"
+        fault = Fault(FaultKind.LATE, now_ns, detail, max(1, self._discarded))
+        return self._drain([fault], now_ns, send=self._dialect.reset)
+
+    def _late(self, now_ns: int) -> list[Item]:
+        """The fault for what the drain discarded, half a message included."""
+        count = self._discarded + self._dialect.frames.pending
+        if not (self._telling and count):
+            return []
+        detail = "came when no answer was awaited and left out; if it recurs, make timeout_s longer"
+        return [Fault(FaultKind.LATE, now_ns, detail, count)]

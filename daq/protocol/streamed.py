@@ -1,0 +1,92 @@
+"""Listening to a peer that speaks unasked, once it has been set going.
+
+Each message is read as it comes. A silence of `timeout_s` is told (Fault SILENT), once per `timeout_s`, and
+the dialect says what to do about it. Bytes without a message in them do not end a silence.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from daq.protocol.bursts import Bursts
+from daq.protocol.conversation import Fault, FaultKind, Item, Step
+from daq.protocol.framing import Framer, Message
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What a message says and what is to be sent for it; `hang_up`: no more can come of this link."""
+
+    items: tuple[Item, ...] = ()
+    send: bytes = b""
+    hang_up: bool = False
+
+
+class Dialect(Protocol):
+    """What one peer adds to speaking unasked."""
+
+    @property
+    def frames(self) -> Framer:
+        """What cuts its messages."""
+
+    check: str
+    """What to look at when it is silent."""
+
+    def start(self) -> bytes:
+        """What sets it going."""
+
+    def read(self, message: Message | Fault) -> Heard:
+        """What a message means, or a place where the stream could not be cut."""
+
+    def silent(self) -> Heard:
+        """What to do about a silence."""
+
+
+class Streamed:
+    """The host's side of a peer that speaks unasked."""
+
+    def __init__(self, dialect: Dialect, timeout_s: float) -> None:
+        self._dialect = dialect
+        self._timeout_s = timeout_s
+        self._timeout_ns = round(timeout_s * 1e9)
+        self._bursts = Bursts()
+        self._wake_ns = 0
+        self._over = False
+
+    def connected(self, now_ns: int) -> Step:
+        self._wake_ns = now_ns + self._timeout_ns
+        return Step(self._dialect.start(), wake_ns=self._wake_ns)
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        send, items = b"", list[Item]()
+        if not self._over:
+            for message in self._dialect.frames.feed(data, now_ns):
+                heard = self._dialect.read(message)
+                items += self._bursts.merge(heard.items, now_ns)
+                send += heard.send
+                if not isinstance(message, Fault):
+                    self._wake_ns = now_ns + self._timeout_ns
+                if heard.hang_up:
+                    return self._finish(send, items)
+        return self._watch(send, items, now_ns)
+
+    def tick(self, now_ns: int) -> Step:
+        return self._watch(b"", [], now_ns)
+
+    def _watch(self, send: bytes, items: list[Item], now_ns: int) -> Step:
+        if self._over:
+            return Step(hang_up=True)
+        if now_ns >= self._wake_ns:
+            detail = f"nothing for {self._timeout_s:g} s; {self._dialect.check}"
+            items += [*self._bursts.end(), Fault(FaultKind.SILENT, now_ns, detail)]
+            self._wake_ns = now_ns + self._timeout_ns
+            heard = self._dialect.silent()
+            send += heard.send
+            if heard.hang_up:
+                return self._finish(send, items)
+        return Step(send, tuple(items), self._wake_ns)
+
+    def _finish(self, send: bytes, items: list[Item]) -> Step:
+        self._over = True
+        return Step(send, (*items, *self._bursts.end()), hang_up=True)

@@ -1,0 +1,71 @@
+"""A configuration of every driver, in every mode that changes what is on the wire."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rigs.feedback import URRTDE, Feedback, LineFeed
+from rigs.gauges import Gauge, KeyenceDLRS1A, ModbusMap, SylvacOptoRS
+
+SERIAL, TCP = "/dev/ttyUSB0", "tcp://127.0.0.1:502"
+BAUMER = {
+    "interface": "modbus_map",
+    "port": SERIAL,
+    "offset_mm": 25,
+    "line": "57600 8E1",
+    "unit": 1,
+    "function": 4,
+    "address": 200,
+    "count": 13,
+    "word_order": "little",
+    "value": {"address": 202, "type": "float32"},
+    "status": {"address": 200, "type": "uint16", "good": (0,), "doubtful": (1,)},
+    "clock_s": {"address": 209, "type": "uint32"},
+    "clock_us": {"address": 211, "type": "uint32"},
+}
+
+
+def sylvac(**changes: object) -> SylvacOptoRS:
+    fields = {"interface": "sylvac_opto_rs", "port": SERIAL, "offset_mm": 25}
+    return SylvacOptoRS.model_validate(fields | changes)
+
+
+def keyence(**changes: object) -> KeyenceDLRS1A:
+    fields = {"interface": "keyence_dl_rs1a", "port": SERIAL, "offset_mm": 25}
+    return KeyenceDLRS1A.model_validate(fields | changes)
+
+
+def modbus(**changes: object) -> ModbusMap:
+    return ModbusMap.model_validate(BAUMER | changes)
+
+
+def rtde(**changes: object) -> URRTDE:
+    return URRTDE.model_validate({"interface": "ur_rtde", "port": "tcp://127.0.0.1:30004"} | changes)
+
+
+def lines(**changes: object) -> LineFeed:
+    return LineFeed.model_validate({"interface": "line_feed", "port": "tcp://127.0.0.1:9000"} | changes)
+
+
+SCALED = {"address": 202, "type": "int32", "scale": 1e-4, "offset": -5.0}
+PLAIN = {"status": None, "clock_s": None, "clock_us": None}
+
+# name, gauges, resolution in mm
+GAUGES: list[tuple[str, Sequence[Gauge], float]] = [
+    *((f"sylvac {unit}", [sylvac(units=unit)], 0.0003) for unit in ("mm", "um", "inch")),
+    *((f"sylvac continuous {u}", [sylvac(units=u, mode="continuous")], 0.0003) for u in ("mm", "um", "inch")),
+    *((f"keyence {u}", [keyence(units=u, channel=2), keyence(units=u)], 0.001) for u in ("mm", "um", "inch")),
+    ("keyence one of three", [keyence(channel=3)], 0.001),
+    *((f"modbus rtu {unit}", [modbus(units=unit)], 1e-5) for unit in ("mm", "um", "inch")),
+    ("modbus tcp", [modbus(port=TCP)], 1e-5),
+    ("modbus scaled", [modbus(value=SCALED, word_order="big", function=3)], 1e-4),
+    ("modbus without status", [modbus(**PLAIN)], 1e-5),
+]
+RADIANS = ("_", *(f"q{axis}_rad" for axis in (2, 1, 3, 4, 5, 6)), "t_us")
+FEEDBACKS: list[tuple[str, Feedback]] = [
+    ("rtde 500", rtde()),
+    ("rtde 125", rtde(rate_hz=125)),
+    ("lines", lines()),
+    ("lines rad", lines(fields=RADIANS, separator=" ")),
+    ("lines serial", lines(port=SERIAL, separator=";")),
+]

@@ -1,0 +1,168 @@
+"""Whatever comes, in whatever pieces: the same result for every cut, never an exception, never a growing buffer."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import pytest
+from drivers import FEEDBACKS, GAUGES, TCP, keyence, lines, modbus, rtde, sylvac
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymodbus.framer import FramerRTU
+from simulated import S, Script, asked, held
+from test_conversations import ANGLES, BAUMER_REPLY, RECIPE, STARTED, VERSION, _data, _rtde, _rtu, _tcp
+
+import daq.feedback
+import daq.gauges
+from daq.protocol.conversation import Conversation
+from daq.protocol.framing import LIMIT
+
+HELD_MAX = 3 * LIMIT
+
+
+def _polled(*gauges: Any) -> Callable[[], Script]:
+    return lambda: asked(daq.gauges.host(gauges))
+
+
+def _listening(feedback: Any) -> Callable[[], Script]:
+    return lambda: Script(daq.feedback.host(feedback))
+
+
+ENDLESS = b"x" * (2 * LIMIT + 17)
+# host, replies to choose from, how many make one stream
+STREAMS: dict[str, tuple[Callable[[], Script], Sequence[bytes], int]] = {
+    "sylvac": (_polled(sylvac()), [b"+1.234\r", b"ERR0\r", b"SY\r", b"?!\r", ENDLESS + b"\r", b"+1"], 1),
+    "sylvac continuous": (
+        lambda: Script(daq.gauges.host([sylvac(mode="continuous")])),
+        [b"+1.234\r", b"-7.0<\r", b"ERR0\r", b"SY\r", b"?!\r", ENDLESS],
+        8,
+    ),
+    "keyence": (
+        _polled(keyence(), keyence(channel=2)),
+        [b"M0,+00.001,-00.002\r\n", b"M0,+00.001\r\n", b"ER,M0,20\r\n", b"??\r\n", ENDLESS + b"\r\n", b"M0\r"],
+        1,
+    ),
+    "rtu": (_polled(modbus()), [BAUMER_REPLY, _rtu(1, 0x84, 2), BAUMER_REPLY[:-1] + b"?", ENDLESS, b"\1"], 1),
+    "tcp": (
+        _polled(modbus(port=TCP)),
+        [
+            _tcp(1, *BAUMER_REPLY[:-2]),
+            _tcp(1, 1, 0x84, 2),
+            _tcp(9, 1, 0x84, 2) + _tcp(1, *BAUMER_REPLY[:-2]),
+            ENDLESS,
+        ],
+        1,
+    ),
+    "rtde": (
+        _listening(rtde()),
+        [
+            VERSION + RECIPE + STARTED + _data(1, *ANGLES) + _data(1.002, *ANGLES) + _data(1.01, *ANGLES),
+            _rtde(b"M", b"\1a\1b\1"),
+            VERSION + _rtde(b"O", b"\0DOUBLE,IN_USE"),
+            ENDLESS,
+        ],
+        3,
+    ),
+    "lines": (_listening(lines()), [b"1,2,3,4,5,6,7\n", b"1,2\r\n", b"a,b,c,d,e,f,g\n", b"\n", ENDLESS], 8),
+}
+
+
+def _cut(data: bytes, cuts: Sequence[int]) -> list[bytes]:
+    edges = [0, *sorted(cut % (len(data) + 1) for cut in cuts), len(data)]
+    return [data[a:b] for a, b in pairwise(edges) if a < b]
+
+
+def _outcome(begin: Callable[[], Script], pieces: Sequence[bytes]) -> tuple[bytes, list[object], bool]:
+    script = begin()
+    now_ns = script.now_ns + S // 10
+    for piece in pieces:
+        script.receive(piece, now_ns)
+    hung_up = script.step.hang_up
+    for _ in range(3):
+        if script.step.wake_ns is not None:
+            script.wake()
+    return script.sent, list(script.items), hung_up
+
+
+@pytest.mark.parametrize("name", STREAMS)
+@settings(max_examples=100, deadline=None)
+@given(data=st.data())
+def test_the_cut_makes_no_difference(name: str, data: st.DataObject) -> None:
+    begin, replies, most = STREAMS[name]
+    stream = b"".join(data.draw(st.lists(st.sampled_from(replies), min_size=1, max_size=most)))
+    cuts = data.draw(st.lists(st.integers(0, len(stream)), max_size=12))
+    whole = _outcome(begin, [stream])
+    assert whole[1], "a stream that tells nothing tests nothing"
+    assert _outcome(begin, _cut(stream, cuts)) == whole
+    assert _outcome(begin, [stream[k : k + 1] for k in range(len(stream))]) == whole
+
+
+def _sides() -> dict[str, tuple[Callable[[], Conversation], list[bytes]]]:
+    """Every host and every device, each with good bytes of the other side."""
+    sides: dict[str, tuple[Callable[[], Conversation], list[bytes]]] = {}
+    replies = [reply for _, choices, _ in STREAMS.values() for reply in choices if len(reply) < LIMIT]
+    requests = [b"?\r", b"OUT1\r", b"M0\r\n", _rtu(1, 4, 0, 200, 0, 13), _tcp(1, 1, 4, 0, 200, 0, 13)]
+    rates = (500.0, 1e-300, float("inf"), float("nan"), -1.0)
+    recipes = [_rtde(b"O", struct.pack(">d", rate) + b"timestamp,actual_q") for rate in rates]
+    requests += [*recipes, _rtde(b"V", b"\0\2"), _rtde(b"S"), _rtde(b"P"), _rtde(b"O"), _rtde(b"M")]
+    for name, gauges, _ in GAUGES:
+        sides[f"{name} host"] = (lambda gauges=gauges: daq.gauges.host(gauges)), replies
+        sides[f"{name} device"] = (
+            (lambda gauges=gauges: daq.gauges.device(gauges, lambda now_ns: [1e6] * len(gauges))),
+            requests,
+        )
+    for name, feedback in FEEDBACKS:
+        sides[f"{name} host"] = (lambda feedback=feedback: daq.feedback.host(feedback)), replies
+        sides[f"{name} device"] = (
+            (lambda feedback=feedback: daq.feedback.device(feedback, lambda now_ns: [1.0] * 6)),
+            requests,
+        )
+    return sides
+
+
+SIDES = _sides()
+
+
+@st.composite
+def _mutated(draw: st.DrawFn, good: Sequence[bytes]) -> bytes:
+    data = bytearray(draw(st.sampled_from(good)))
+    for _ in range(draw(st.integers(0, 3))):
+        if data:
+            data[draw(st.integers(0, len(data) - 1))] = draw(st.integers(0, 255))
+    return bytes(data)
+
+
+@pytest.mark.parametrize("name", SIDES)
+@settings(max_examples=60, deadline=None)
+@given(data=st.data())
+def test_no_bytes_raise_or_fill_the_memory(name: str, data: st.DataObject) -> None:
+    begin, good = SIDES[name]
+    conversation = begin()
+    conversation.connected(0)
+    now_ns = S  # a polled host has listened long enough to ask
+    step = conversation.tick(now_ns)
+    pieces = data.draw(st.lists(st.binary(max_size=300) | _mutated(good), max_size=25))
+    for piece in pieces:
+        now_ns += data.draw(st.sampled_from([0, 1000, S // 5, 2 * S]))
+        if step.wake_ns is not None and step.wake_ns <= now_ns:
+            step = conversation.tick(now_ns)
+        step = conversation.received(piece, now_ns)
+        assert held(conversation) <= HELD_MAX
+    for byte in (b"\0", b"+", b"\xff", b"1,"):
+        conversation.received(byte * 2 * LIMIT, now_ns)
+        assert held(conversation) <= HELD_MAX
+
+
+@pytest.mark.parametrize("port", ["/dev/ttyS0", TCP])
+def test_modbus_gauge_survives_every_function(port: str) -> None:
+    device = daq.gauges.device([modbus(port=port)], lambda now_ns: [1.0])
+    for function in range(256):
+        for filler in (0, 1, 200, 255):
+            body = bytes([1, function, filler, filler, filler, filler])
+            number = FramerRTU.compute_CRC(body).to_bytes(2, "big")
+            device.received(_tcp(1, *body) if port == TCP else body + number, 0)
+    request = _tcp(1, 1, 4, 0, 202, 0, 2) if port == TCP else _rtu(1, 4, 0, 202, 0, 2)
+    assert device.received(request, 0).send

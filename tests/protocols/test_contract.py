@@ -1,0 +1,166 @@
+"""Every driver under `daq/gauges` and `daq/feedback` against its own device side, found by walking the packages."""
+
+from __future__ import annotations
+
+import math
+import pkgutil
+from collections import Counter
+from collections.abc import Sequence
+from itertools import pairwise
+
+import pytest
+from drivers import FEEDBACKS, GAUGES, keyence, modbus, rtde, sylvac
+from simulated import S, simulate
+
+import daq.feedback
+import daq.gauges
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
+from rigs.feedback import Feedback
+from rigs.gauges import Gauge
+
+CHARACTER_NS = 200_000
+
+
+def _samples(items: Sequence[object]) -> list[Sample]:
+    assert [item for item in items if isinstance(item, Fault)] == []
+    return [item for item in items if isinstance(item, Sample)]
+
+
+@pytest.mark.parametrize(
+    ("package", "tested"),
+    [
+        (daq.gauges, {gauges[0].interface for _, gauges, _ in GAUGES}),
+        (daq.feedback, {feedback.interface for _, feedback in FEEDBACKS}),
+    ],
+)
+def test_every_driver_is_held_to_the_contract(package, tested) -> None:
+    assert {module.name for module in pkgutil.iter_modules(package.__path__)} == tested
+
+
+@pytest.mark.parametrize(("name", "gauges", "resolution_mm"), GAUGES, ids=[case[0] for case in GAUGES])
+def test_gauge_gives_the_planted_values(name: str, gauges: Sequence[Gauge], resolution_mm: float) -> None:
+    planted: list[list[float]] = []
+
+    def read(now_ns: int) -> list[float]:
+        planted.append([(-1.2345 + 0.0137 * len(planted)) * (1 + 0.5 * k) for k in range(len(gauges))])
+        return planted[-1]
+
+    device = daq.gauges.device(gauges, read)
+    samples = _samples(simulate(daq.gauges.host(gauges), device, 5 * S, character_ns=CHARACTER_NS))
+    assert 50 < len(samples) <= device.sent <= len(samples) + 1
+    for sample, expected in zip(samples, planted, strict=False):
+        assert sample.values == pytest.approx(expected, abs=resolution_mm)
+        assert sample.status == 0
+        assert sample.first_byte_ns <= sample.last_byte_ns
+    polled = "continuous" not in name
+    assert all((sample.requested_ns != NO_TIME) == polled for sample in samples)
+    if polled:
+        for sample in samples:
+            assert sample.last_byte_ns - sample.requested_ns == sample.size * CHARACTER_NS
+        assert all(b.requested_ns == a.last_byte_ns for a, b in pairwise(samples))
+
+
+@pytest.mark.parametrize(("name", "gauges", "resolution_mm"), GAUGES, ids=[case[0] for case in GAUGES])
+def test_gauge_tells_a_head_in_error(name: str, gauges: Sequence[Gauge], resolution_mm: float) -> None:
+    def read(now_ns: int) -> list[float]:
+        return [math.nan if 2 * S < now_ns < 3 * S else 1.0] * len(gauges)
+
+    host, device = daq.gauges.host(gauges), daq.gauges.device(gauges, read)
+    items = simulate(host, device, 5 * S, character_ns=CHARACTER_NS)
+    faults = [item for item in items if isinstance(item, Fault)]
+    samples = [item for item in items if isinstance(item, Sample)]
+    assert {fault.kind for fault in faults} == {FaultKind.DEVICE_ERROR}
+    assert 2 <= len(faults) <= 3 * len(gauges), "the first at once, the rest with a count"
+    assert sum(fault.count for fault in faults) >= 8
+    assert all(sample.values == pytest.approx([1.0] * len(gauges), abs=resolution_mm) for sample in samples)
+    assert samples[0].last_byte_ns < 2 * S and samples[-1].last_byte_ns > 4 * S
+
+
+@pytest.mark.parametrize(("name", "feedback"), FEEDBACKS, ids=[case[0] for case in FEEDBACKS])
+def test_feedback_gives_the_planted_angles(name: str, feedback: Feedback) -> None:
+    def read(now_ns: int) -> list[float]:
+        return [axis * 10 - now_ns * 1e-9 for axis in range(1, 7)]
+
+    device = daq.feedback.device(feedback, read)
+    samples = _samples(simulate(daq.feedback.host(feedback), device, 3 * S))
+    missed_while_joining = "serial" in name
+    assert device.sent > 300 and len(samples) == device.sent - missed_while_joining
+    for sample in samples:
+        assert sample.values == pytest.approx(read(sample.last_byte_ns), abs=2e-5)
+        assert sample.requested_ns == NO_TIME
+    clock = [sample.device_time_s - sample.last_byte_ns * 1e-9 for sample in samples]
+    assert max(clock) - min(clock) < 1e-6
+
+
+def test_nothing_is_lost_in_a_minute_of_rtde() -> None:
+    controller = daq.feedback.device(rtde(), lambda now_ns: [now_ns * 1e-9] * 6)
+    samples = _samples(simulate(daq.feedback.host(rtde()), controller, 60 * S))
+    assert controller.sent == len(samples) == 60 * 500 + 1
+    steps = {round((b.values[0] - a.values[0]) * 1e6) for a, b in pairwise(samples)}
+    assert steps == {2000}
+
+
+def test_nothing_is_lost_in_a_minute_of_sylvac() -> None:
+    gauge = sylvac(mode="continuous")
+    taken = []
+
+    def read(now_ns: int) -> list[float]:
+        taken.append(now_ns)
+        return [len(taken) * 1e-3]
+
+    cable = daq.gauges.device([gauge], read)
+    items = simulate(daq.gauges.host([gauge]), cable, 60 * S, character_ns=gauge.line.character_ns)
+    samples = _samples(items)
+    assert 2700 < len(samples) <= cable.sent <= len(samples) + 1
+    assert [round(sample.values[0] * 1e3) for sample in samples] == list(range(1, len(samples) + 1))
+
+
+def test_a_skipped_packet_is_counted() -> None:
+    host, device = daq.feedback.host(rtde()), daq.feedback.device(rtde(), lambda now_ns: [0.0] * 6)
+    device.connected(0)
+    step = host.connected(0)
+    while step.send:
+        step = host.received(device.received(step.send, 0).send, 0)
+    packets = [device.tick(k * 2_000_000).send for k in range(10)]
+    kept = [packet for k, packet in enumerate(packets) if k not in {3, 4, 5, 8}]
+    items = [item for packet in kept for item in host.received(packet, 0).items]
+    assert Counter(type(item) for item in items) == {Sample: 6, Fault: 2}
+    skipped = [item for item in items if isinstance(item, Fault)]
+    assert [(fault.kind, fault.count) for fault in skipped] == [(FaultKind.SKIPPED, 3), (FaultKind.SKIPPED, 1)]
+
+
+def test_a_late_tick_sends_every_period_missed() -> None:
+    device = daq.feedback.device(rtde(), lambda now_ns: [0.0] * 6)
+    host = daq.feedback.host(rtde())
+    device.connected(0)
+    step = host.connected(0)
+    while step.send:
+        step = host.received(device.received(step.send, 0).send, 0)
+    items = host.received(device.tick(S).send, S).items
+    assert len(_samples(items)) == device.sent == 501
+
+
+def test_the_gauge_clock_is_read_to_the_microsecond() -> None:
+    device = daq.gauges.device([modbus()], lambda now_ns: [1.0])
+    samples = _samples(simulate(daq.gauges.host([modbus()]), device, 2 * S, character_ns=CHARACTER_NS))
+    assert samples
+    for sample in samples:
+        assert sample.device_time_s == pytest.approx(sample.requested_ns * 1e-9, abs=1.1e-6)
+
+
+def test_doubtful_readings_carry_their_status() -> None:
+    gauge = modbus(status={"address": 200, "type": "uint16", "good": (), "doubtful": (1,)})
+    items = simulate(
+        daq.gauges.host([gauge]), daq.gauges.device([gauge], lambda now_ns: [1.0]), S, character_ns=S // 1000
+    )
+    assert {sample.status for sample in _samples(items)} == {1}
+
+
+def test_one_head_in_error_leaves_the_other() -> None:
+    gauges = [keyence(channel=1), keyence(channel=2)]
+    device = daq.gauges.device(gauges, lambda now_ns: [math.nan, 2.0])
+    items = simulate(daq.gauges.host(gauges), device, 3 * S, character_ns=CHARACTER_NS)
+    samples = [item for item in items if isinstance(item, Sample)]
+    assert all(math.isnan(sample.values[0]) and sample.values[1] == 2.0 for sample in samples)
+    faults = [item for item in items if isinstance(item, Fault)]
+    assert "channel 1" in faults[0].detail and len(samples) > 100 and len(faults) <= 4

@@ -1,0 +1,532 @@
+"""Each protocol as a conversation: what comes in, what goes out, and what is told."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import pytest
+from drivers import TCP, keyence, lines, modbus, rtde, sylvac
+from pymodbus.framer import FramerRTU
+from simulated import S, Script, asked
+
+import daq.feedback
+import daq.gauges
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
+from daq.protocol.framing import LIMIT
+from daq.protocol.polled import PAUSE_NS
+from rigs.gauges import Gauge
+
+GARBLED, DEVICE_ERROR, MISSING = FaultKind.GARBLED, FaultKind.DEVICE_ERROR, FaultKind.MISSING
+
+
+def _asked(*gauges: Gauge) -> Script:
+    return asked(daq.gauges.host(gauges))
+
+
+def _fault(script: Script, kind: FaultKind, *words: str) -> Fault:
+    (fault,) = script.told()
+    assert isinstance(fault, Fault) and fault.kind is kind
+    for word in words:
+        assert word in fault.detail
+    return fault
+
+
+def _rtu(*content: int) -> bytes:
+    frame = bytes(content)
+    return frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big")
+
+
+# --- Polling: what every asked instrument has in common ---
+
+
+def test_the_line_is_quiet_before_the_first_request() -> None:
+    script = Script(daq.gauges.host([sylvac(timeout_s=0.5)]))
+    assert script.sent == b"OUT0\r" and script.step.wake_ns == S // 2
+    script.receive(b"+1.000\r", S // 4)
+    assert script.step.wake_ns == 3 * S // 4 and script.told() == []
+    assert script.wake().send == b"?\r"
+
+
+def test_the_stamps_are_those_of_the_pieces() -> None:
+    script = _asked(sylvac())
+    requested_ns = script.now_ns
+    first_ns = requested_ns + S // 10
+    script.receive(b"+12", first_ns)
+    script.receive(b".3", first_ns + 1)
+    step = script.receive(b"45\r", first_ns + 2)
+    assert script.told() == [Sample((12.345,), requested_ns, first_ns, first_ns + 2, 8)]
+    assert step.send == b"?\r" and step.wake_ns == first_ns + 2 + S // 2
+
+
+def test_silence_is_told_and_the_late_answer_left_out() -> None:
+    script = _asked(sylvac())
+    script.wake()
+    _fault(script, FaultKind.SILENT, "0.5 s", "cable")
+    assert script.sent == b""
+    script.receive(b"+1.000\r", script.now_ns + S // 4)
+    quiet_from_ns = script.now_ns
+    assert script.told() == []
+    step = script.wake()
+    assert step.send == b"?\r" and script.now_ns == quiet_from_ns + S // 2
+    assert _fault(script, FaultKind.LATE, "timeout_s").count == 1
+
+
+def test_half_an_answer_is_no_answer() -> None:
+    script = _asked(sylvac())
+    script.receive(b"+1.0")
+    script.wake()
+    _fault(script, FaultKind.SILENT)
+    script.wake()
+    _fault(script, FaultKind.LATE)
+    script.receive(b"+2.000\r")
+    (sample,) = script.told()
+    assert isinstance(sample, Sample) and sample.values == (2.0,)
+
+
+def test_more_than_the_answer_is_not_taken_for_the_next() -> None:
+    script = _asked(sylvac())
+    script.receive(b"+1.000\r+2.000\r+3.0")
+    (sample,) = script.told()
+    assert isinstance(sample, Sample) and sample.values == (1.0,)
+    assert script.sent == b""
+    script.wake()
+    assert _fault(script, FaultKind.LATE).count == 2
+    assert script.sent == b"?\r"
+
+
+def test_an_error_answer_makes_a_pause() -> None:
+    script = _asked(sylvac())
+    step = script.receive(b"ERR0\r")
+    assert step.send == b"" and step.wake_ns == script.now_ns + PAUSE_NS
+    assert script.wake().send == b"?\r"
+
+
+def test_the_same_error_again_and_again_is_told_once_a_second() -> None:
+    script = _asked(sylvac())
+    while script.now_ns < 10 * S:
+        script.receive(b"ERR0\r")
+        script.wake()
+    faults = [item for item in script.told() if isinstance(item, Fault)]
+    assert 9 <= len(faults) <= 11 and faults[0].count == 1
+    assert 85 <= sum(fault.count for fault in faults) <= 95
+
+
+def test_a_silence_ends_the_counting() -> None:
+    script = _asked(sylvac())
+    for _ in range(3):
+        script.receive(b"ERR0\r")
+        script.wake()
+    script.wake()
+    faults = [(item.kind, item.count) for item in script.told() if isinstance(item, Fault)]
+    assert faults == [(DEVICE_ERROR, 1), (DEVICE_ERROR, 2), (FaultKind.SILENT, 1)]
+
+
+def test_an_instrument_that_never_stops_is_told_and_asked_to_be_quiet() -> None:
+    script = Script(daq.gauges.host([sylvac()]))
+    for number in range(1, 101):
+        script.receive(b"+1.000\r", number * S // 10)
+    faults = [item for item in script.told() if isinstance(item, Fault)]
+    assert {fault.kind for fault in faults} == {FaultKind.LATE} and len(faults) == 5
+    assert sum(fault.count for fault in faults) == 100
+    assert script.sent == b"OUT0\r" * 6
+
+
+def test_garbage_without_end_is_one_fault() -> None:
+    script = _asked(keyence())
+    for _ in range(100):
+        script.receive(bytes(range(32, 127)) * 10)
+    assert _fault(script, GARBLED, str(LIMIT)).count == 1
+
+
+# --- Sylvac ---
+
+
+@pytest.mark.parametrize(
+    ("reply", "value_mm"),
+    [
+        (b"+12.345\r", 12.345),
+        (b"-0.001\r", -0.001),
+        (b" 7.50\r", 7.5),
+        (b"+1.000<\r", 1.0),
+        (b"-1.000=\r", -1.0),
+        (b" 1.000>\r", 1.0),
+    ],
+)
+def test_sylvac_readings(reply: bytes, value_mm: float) -> None:
+    script = _asked(sylvac())
+    requested_ns = script.now_ns
+    assert script.receive(reply, S).send == b"?\r"
+    assert script.told() == [Sample((value_mm,), requested_ns, S, S, len(reply))]
+
+
+@pytest.mark.parametrize(
+    ("reply", "kind", "word"),
+    [
+        (b"ERR0\r", DEVICE_ERROR, "sensor"),
+        (b"ERR1\r", DEVICE_ERROR, "command"),
+        (b"ERR2\r", DEVICE_ERROR, "parity"),
+        (b"ERR3\r", DEVICE_ERROR, "range"),
+        (b"SY 228\r", DEVICE_ERROR, "switched on"),
+        (b"12.345\r", GARBLED, "12.345"),
+        (b"+12345\r", GARBLED, "line"),
+        (b"+1.0x0\r", GARBLED, "line"),
+        (b"\r", GARBLED, "line"),
+    ],
+)
+@pytest.mark.parametrize("mode", ["polled", "continuous"])
+def test_sylvac_errors(mode: str, reply: bytes, kind: FaultKind, word: str) -> None:
+    host = daq.gauges.host([sylvac(mode=mode)])
+    script = asked(host) if mode == "polled" else Script(host)
+    script.receive(reply)
+    _fault(script, kind, word)
+
+
+def test_sylvac_continuous() -> None:
+    script = Script(daq.gauges.host([sylvac(mode="continuous")]))
+    assert script.sent == b"OUT1\r"
+    script.receive(b"+1.000\r-2.0", 5)
+    script.receive(b"00\r", 9)
+    assert script.told() == [Sample((1.0,), NO_TIME, 5, 5, 7), Sample((-2.0,), NO_TIME, 5, 9, 7)]
+    assert script.receive(b"SY 228\r").send == b"OUT1\r"
+    script.told()
+    assert script.wake().send == b"OUT1\r"
+    _fault(script, FaultKind.SILENT)
+
+
+def test_a_burst_of_garbage_is_told_with_its_count() -> None:
+    script = Script(daq.gauges.host([sylvac(mode="continuous")]))
+    script.receive(b"\x7f@\r" * 5000 + b"+1.000\r")
+    first, rest, sample = script.told()
+    assert isinstance(first, Fault) and isinstance(rest, Fault) and isinstance(sample, Sample)
+    assert (first.count, rest.count) == (1, 4999)
+
+
+def test_sylvac_cable() -> None:
+    device = daq.gauges.device([sylvac()], lambda now_ns: [-1.5 if now_ns < 5 else math.nan])
+    script = Script(device)
+    script.receive(b"?\rID?\rUNI?\rSET?\rMOD?\rXYZ\r", 1)
+    assert script.sent.startswith(b"-1.5000\rSY") and script.sent.endswith(b"ERR1\r")
+    assert script.sent.count(b"\r") == 6 and b"MM\r" in script.sent and device.sent == 1
+    assert script.receive(b"OUT1\r", 2).wake_ns == 2
+    assert script.wake().send == b"-1.5000\r"
+    assert script.receive(b"OUT0\r").wake_ns is None
+    assert script.receive(b"?\r", 7).send == b"ERR0\r"
+    assert device.sent == 2
+
+
+# --- Keyence ---
+
+
+def test_keyence_fields_by_channel() -> None:
+    script = _asked(keyence(channel=2), keyence(channel=1))
+    requested_ns = script.now_ns
+    step = script.receive(b"M0,-00.007,+00.018\r\n", S)
+    assert step.send == b"M0\r\n"
+    assert script.told() == [Sample((0.018, -0.007), requested_ns, S, S, 20)]
+
+
+def test_keyence_nine_characters() -> None:
+    script = _asked(keyence())
+    script.receive(b"M0,-000.0071\r\n")
+    (sample,) = script.told()
+    assert isinstance(sample, Sample) and sample.values == (-0.0071,)
+
+
+def test_keyence_a_head_missing() -> None:
+    script = _asked(keyence(channel=1), keyence(channel=2))
+    assert script.receive(b"M0,-00.007\r\n").send == b"M0\r\n"
+    sample, fault = script.told()
+    assert isinstance(sample, Sample) and sample.values[0] == -0.007 and math.isnan(sample.values[1])
+    assert isinstance(fault, Fault) and fault.kind is MISSING and "channel 2" in fault.detail
+
+
+@pytest.mark.parametrize(
+    ("reply", "kind", "word"),
+    [
+        (b"M0\r\n", MISSING, "channel 1"),
+        (b"M0,\r\n", MISSING, "channel 1"),
+        (b"M0,+99.999\r\n", DEVICE_ERROR, "channel 1"),
+        (b"M0,-999.9999\r\n", DEVICE_ERROR, "channel 1"),
+        (b"M0,-99.998\r\n", DEVICE_ERROR, "channel 1"),
+        (b"M0,+EE.EEE\r\n", DEVICE_ERROR, "+EE.EEE"),
+        (b"ER,M0,00\r\n", DEVICE_ERROR, "invalid command"),
+        (b"ER,M0,02\r\n", DEVICE_ERROR, "amplifier"),
+        (b"ER,M0,20\r\n", DEVICE_ERROR, "length"),
+        (b"ER,M0,29\r\n", DEVICE_ERROR, "RS-232C"),
+        (b"ER,M0,77\r\n", DEVICE_ERROR, "unknown"),
+        (b"N0,+00.000\r\n", GARBLED, "N0"),
+    ],
+)
+def test_keyence_errors(reply: bytes, kind: FaultKind, word: str) -> None:
+    script = _asked(keyence())
+    script.receive(reply)
+    _fault(script, kind, word)
+    assert script.wake().send == b"M0\r\n"
+
+
+def test_keyence_unit_refuses_what_it_does_not_know() -> None:
+    script = Script(daq.gauges.device([keyence()], lambda now_ns: [0.007]))
+    assert script.receive(b"M0\r\n").send == b"M0,+00.007\r\n"
+    assert script.receive(b"XX,1\r\n").send == b"ER,XX,00\r\n"
+
+
+# --- Modbus ---
+
+BAUMER_REPLY = _rtu(1, 4, 26, 0, 0, 0, 0, 0x7C, 0x37, 0x42, 0x8B, *[0] * 10, 0, 5, 0, 0, 0xA1, 0x20, 0, 7)
+
+
+def test_baumer_over_rtu() -> None:
+    script = Script(daq.gauges.host([modbus()]))
+    assert script.wake().send == _rtu(1, 4, 0, 200, 0, 13)
+    requested_ns = script.now_ns
+    step = script.receive(BAUMER_REPLY, S)
+    assert step.send == _rtu(1, 4, 0, 200, 0, 13)
+    (sample,) = script.told()
+    assert isinstance(sample, Sample)
+    assert sample.values == pytest.approx((69.743,), abs=5e-4)
+    assert (sample.requested_ns, sample.size, sample.status) == (requested_ns, 31, 0)
+    assert sample.device_time_s == pytest.approx(5 + ((7 << 16) + 0xA120) * 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("code", "name"),
+    [(1, "ILLEGAL_FUNCTION"), (2, "ILLEGAL_ADDRESS"), (4, "DEVICE_FAILURE"), (11, "GATEWAY"), (99, "unknown")],
+)
+def test_modbus_exceptions(code: int, name: str) -> None:
+    script = _asked(modbus())
+    step = script.receive(_rtu(1, 0x84, code))
+    _fault(script, DEVICE_ERROR, str(code), name)
+    assert step.send == b"" and step.wake_ns == script.now_ns + PAUSE_NS
+
+
+def _with_quality(quality: int) -> bytes:
+    return _rtu(*BAUMER_REPLY[:3], 0, quality, *BAUMER_REPLY[5:-2])
+
+
+def test_modbus_status() -> None:
+    script = _asked(modbus())
+    script.receive(_with_quality(1))
+    (sample,) = script.told()
+    assert isinstance(sample, Sample) and sample.status == 1
+    script.receive(_with_quality(2))
+    _fault(script, DEVICE_ERROR, "status 2")
+
+
+@pytest.mark.parametrize(
+    "reply",
+    [
+        BAUMER_REPLY[:-1] + b"\0",
+        _rtu(2, *BAUMER_REPLY[1:-2]),
+        _rtu(1, 3, *BAUMER_REPLY[2:-2]),
+        _rtu(1, 4, 24, *[0] * 24),
+        b"\0" * 40,
+    ],
+    ids=["checksum", "unit", "function", "count", "zeros"],
+)
+def test_rtu_garbage_is_drained(reply: bytes) -> None:
+    script = _asked(modbus())
+    script.receive(reply)
+    _fault(script, GARBLED)
+    script.receive(BAUMER_REPLY, script.now_ns + 1)
+    assert script.told() == [] and script.sent == b""
+    script.wake()
+    assert script.sent == _rtu(1, 4, 0, 200, 0, 13) and script.told() == []
+    script.receive(BAUMER_REPLY)
+    assert isinstance(script.told()[0], Sample)
+
+
+def _tcp(number: int, *content: int) -> bytes:
+    return struct.pack(">HHH", number, 0, len(content)) + bytes(content)
+
+
+def test_modbus_tcp_transaction_ids() -> None:
+    script = Script(daq.gauges.host([modbus(port=TCP)]))
+    content = BAUMER_REPLY[:-2]
+    assert script.wake().send == _tcp(1, 1, 4, 0, 200, 0, 13)
+    script.receive(_tcp(1, *content))
+    assert isinstance(script.told()[0], Sample) and script.step.send == _tcp(2, 1, 4, 0, 200, 0, 13)
+    script.receive(_tcp(1, *content))
+    _fault(script, FaultKind.LATE, "answer 1")
+    script.receive(_tcp(2, *content))
+    assert isinstance(script.told()[0], Sample)
+    script.receive(_tcp(3, 1, 0x84, 2))
+    _fault(script, DEVICE_ERROR, "ILLEGAL_ADDRESS")
+
+
+@pytest.mark.parametrize(
+    "reply",
+    [
+        _tcp(1, 2, 4, 2, 0, 0),
+        _tcp(1, 1, 3, 2, 0, 0),
+        _tcp(1, 1, 4, 2, 0, 0),
+        _tcp(1, 1, 4, 26, 0, 0),
+        b"\0\1\0\1\0\3\0\0",
+    ],
+    ids=["unit", "function", "count", "cut", "protocol"],
+)
+def test_modbus_tcp_garbage(reply: bytes) -> None:
+    script = _asked(modbus(port=TCP))
+    script.receive(reply)
+    _fault(script, GARBLED)
+
+
+@pytest.mark.parametrize(
+    ("request_", "answer"),
+    [
+        (_rtu(1, 3, 0, 200, 0, 13), _rtu(1, 0x83, 1)),
+        (_rtu(1, 4, 0, 199, 0, 13), _rtu(1, 0x84, 2)),
+        (_rtu(1, 4, 0, 201, 0, 13), _rtu(1, 0x84, 2)),
+        (_rtu(1, 4, 0, 200, 0, 0), _rtu(1, 0x84, 3)),
+        (_rtu(2, 4, 0, 200, 0, 13), b""),
+        (_rtu(1, 4, 0, 202, 0, 2), _rtu(1, 4, 4, 0, 0, 0x3F, 0x80)),
+        (b"\1\4\0" + _rtu(1, 4, 0, 202, 0, 2), _rtu(1, 4, 4, 0, 0, 0x3F, 0x80)),
+    ],
+)
+def test_modbus_gauge_answers(request_: bytes, answer: bytes) -> None:
+    script = Script(daq.gauges.device([modbus()], lambda now_ns: [1.0]))
+    assert script.receive(request_).send == answer
+
+
+# --- RTDE ---
+
+
+def _rtde(kind: bytes, payload: bytes = b"") -> bytes:
+    return struct.pack(">HB", 3 + len(payload), kind[0]) + payload
+
+
+def _data(clock_s: float, *angles_deg: float, recipe: int = 1) -> bytes:
+    return _rtde(b"U", struct.pack(">B7d", recipe, clock_s, *map(math.radians, angles_deg)))
+
+
+VERSION, RECIPE, STARTED = _rtde(b"V", b"\1"), _rtde(b"O", b"\1DOUBLE,VECTOR6D"), _rtde(b"S", b"\1")
+ANGLES = (0.0, -90.0, 90.0, 45.0, -45.0, 360.0)
+
+
+def test_rtde_handshake_and_data() -> None:
+    script = Script(daq.feedback.host(rtde(rate_hz=125)))
+    assert script.sent == bytes.fromhex("0005560002")
+    assert script.receive(VERSION).send == _rtde(b"O", struct.pack(">d", 125) + b"timestamp,actual_q")
+    assert script.receive(RECIPE).send == _rtde(b"S")
+    assert script.receive(STARTED).send == b""
+    packet = _data(12.5, *ANGLES)
+    script.receive(packet[:10], 4)
+    script.receive(packet[10:], 6)
+    (sample,) = script.told()
+    assert isinstance(sample, Sample) and sample.values == pytest.approx(ANGLES)
+    assert (sample.first_byte_ns, sample.last_byte_ns, sample.size) == (4, 6, 60)
+    assert (sample.device_time_s, sample.requested_ns) == (12.5, NO_TIME)
+
+
+@pytest.mark.parametrize(
+    ("replies", "word"),
+    [
+        ([_rtde(b"V", b"\0")], "version"),
+        ([VERSION, _rtde(b"O", b"\0DOUBLE,NOT_FOUND")], "NOT_FOUND for actual_q"),
+        ([VERSION, _rtde(b"O", b"\0IN_USE,VECTOR6D")], "IN_USE for timestamp"),
+        ([VERSION, RECIPE, _rtde(b"S", b"\0")], "start"),
+    ],
+)
+def test_rtde_refusals(replies: list[bytes], word: str) -> None:
+    script = Script(daq.feedback.host(rtde()))
+    for reply in replies:
+        script.receive(reply)
+    _fault(script, DEVICE_ERROR, word, ";")
+    assert script.step.hang_up
+
+
+@pytest.mark.parametrize(
+    "packet",
+    [b"\0\2U", b"\xff\xffU", b"\0\5?ab", _rtde(b"U", b"\1"), _data(1, *ANGLES, recipe=2), VERSION, _rtde(b"M", b"\7")],
+    ids=["short", "long", "kind", "size", "recipe", "unasked", "text"],
+)
+def test_rtde_out_of_step_asks_for_a_new_link(packet: bytes) -> None:
+    script = Script(daq.feedback.host(rtde()))
+    script.receive(VERSION + RECIPE + STARTED + packet + _data(1, *ANGLES))
+    _fault(script, GARBLED)
+    assert script.step.hang_up
+    assert script.receive(_data(2, *ANGLES)).hang_up and script.told() == []
+
+
+def test_rtde_numbers_that_are_none() -> None:
+    script = Script(daq.feedback.host(rtde()))
+    script.receive(VERSION + RECIPE + STARTED + _data(math.nan, *ANGLES))
+    _fault(script, GARBLED, "nan")
+    assert not script.step.hang_up
+
+
+def test_rtde_silence() -> None:
+    script = Script(daq.feedback.host(rtde(timeout_s=2)))
+    assert script.step.wake_ns == 2 * S
+    script.wake()
+    _fault(script, FaultKind.SILENT, "2 s")
+    assert script.step.hang_up
+
+
+def test_rtde_texts() -> None:
+    script = Script(daq.feedback.host(rtde()))
+    script.receive(_rtde(b"M", b"\2hi\4RTDE\3"))
+    assert script.told() == []
+    script.receive(_rtde(b"M", b"\4slow\4RTDE\2"))
+    _fault(script, DEVICE_ERROR, "warning from RTDE: slow")
+
+
+@pytest.mark.parametrize("rate_hz", [0.0, -1.0, 1e-300, 501.0, math.inf, math.nan])
+def test_rtde_controller_refuses_rates(rate_hz: float) -> None:
+    script = Script(daq.feedback.device(rtde(), lambda now_ns: [0.0] * 6))
+    wrong = _rtde(b"O", struct.pack(">d", rate_hz) + b"timestamp,actual_q")
+    assert script.receive(wrong).send == _rtde(b"O", b"\0DOUBLE,VECTOR6D")
+    assert script.receive(_rtde(b"S")).send == _rtde(b"S", b"\0")
+
+
+def test_rtde_controller_refuses() -> None:
+    script = Script(daq.feedback.device(rtde(), lambda now_ns: [0.0] * 6))
+    assert script.receive(_rtde(b"V", b"\0\1")).send == _rtde(b"V", b"\0")
+    assert script.receive(_rtde(b"S")).send == _rtde(b"S", b"\0")
+    wrong = _rtde(b"O", struct.pack(">d", 500) + b"timestamp,actual_x")
+    assert script.receive(wrong).send == _rtde(b"O", b"\0DOUBLE,NOT_FOUND")
+    right = _rtde(b"O", struct.pack(">d", 500) + b"timestamp,actual_q")
+    assert script.receive(right).send == RECIPE
+    assert script.receive(_rtde(b"S")).send == STARTED and script.step.wake_ns == 0
+    assert script.receive(_rtde(b"P")).send == _rtde(b"P", b"\1") and script.step.wake_ns is None
+
+
+# --- Lines ---
+
+
+def test_line_feed() -> None:
+    script = Script(daq.feedback.host(lines()))
+    script.receive(b"1500,1,2,3,4,5,-6\n", 7)
+    assert script.told() == [Sample((1, 2, 3, 4, 5, -6), NO_TIME, 7, 7, 18, 1.5)]
+    script = Script(daq.feedback.host(lines(fields=("_", *(f"q{k}_rad" for k in range(6, 0, -1))), separator=" ")))
+    script.receive(b"J:\t 0 0  0 0 0 3.141592653589793 \r\n")
+    (sample,) = script.told()
+    assert isinstance(sample, Sample) and sample.values == pytest.approx((180, 0, 0, 0, 0, 0))
+    assert math.isnan(sample.device_time_s)
+
+
+@pytest.mark.parametrize(
+    ("line", "word"),
+    [
+        (b"1500,1,2,3,4,5\n", "6 fields where 7"),
+        (b"1500,1,2,3,4,5,6,7\n", "8 fields where 7"),
+        (b"1500,1,2,3,4,5,six\n", "q6_deg"),
+        (b"1500,1,2,3,4,5,nan\n", "q6_deg"),
+        (b"1500,1,2,3,4,5,1_0\n", "q6_deg"),
+        (b"\xff\xfe\n", "fields"),
+        (b"\n", "fields"),
+    ],
+)
+def test_line_feed_garbage(line: bytes, word: str) -> None:
+    script = Script(daq.feedback.host(lines()))
+    script.receive(line)
+    _fault(script, GARBLED, word)
+
+
+def test_line_feed_silence_once_per_timeout() -> None:
+    script = Script(daq.feedback.host(lines(timeout_s=2)))
+    script.wake()
+    _fault(script, FaultKind.SILENT)
+    script.wake()
+    _fault(script, FaultKind.SILENT)
+    assert script.now_ns == 4 * S and not script.step.hang_up

@@ -1,0 +1,119 @@
+"""Our Modbus against pymodbus' own server and client, over real sockets on the loopback."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+from drivers import modbus
+from pymodbus.client import ModbusTcpClient
+from pymodbus.server import ModbusTcpServer
+from pymodbus.simulator import DataType, SimData, SimDevice
+
+import daq.gauges
+from daq.protocol.conversation import Conversation, Fault, FaultKind, Item, Sample
+
+
+@contextmanager
+def _pymodbus_server(registers: list[int]) -> Iterator[int]:
+    """pymodbus' TCP server holding these registers from 200 on; gives its port."""
+    started: dict[str, object] = {}
+    ready = threading.Event()
+
+    async def serve() -> None:
+        device = SimDevice(1, simdata=[SimData(200, values=registers, datatype=DataType.REGISTERS)])
+        server = ModbusTcpServer(device, address=("127.0.0.1", 0))
+        await server.serve_forever(background=True)
+        over = asyncio.Event()
+        started["port"] = server.transport.sockets[0].getsockname()[1]
+        started["stop"] = over.set
+        started["loop"] = asyncio.get_running_loop()
+        ready.set()
+        await over.wait()
+        await server.shutdown()
+
+    thread = threading.Thread(target=lambda: asyncio.run(serve()))
+    thread.start()
+    assert ready.wait(10)
+    try:
+        yield started["port"]  # type: ignore[misc]
+    finally:
+        started["loop"].call_soon_threadsafe(started["stop"])  # type: ignore[attr-defined]
+        thread.join(10)
+
+
+def _talk(conversation: Conversation, link: socket.socket, enough: int) -> list[Item]:
+    """Run a conversation on a socket until it has told enough, or for a device until the peer leaves."""
+    items: list[Item] = []
+    step = conversation.connected(time.monotonic_ns())
+    while True:
+        items += step.items
+        if len(items) >= enough:
+            return items
+        if step.send:
+            link.sendall(step.send)
+        now_ns = time.monotonic_ns()
+        link.settimeout(None if step.wake_ns is None else max(1e-4, (step.wake_ns - now_ns) * 1e-9))
+        try:
+            data = link.recv(4096)
+        except TimeoutError:
+            step = conversation.tick(time.monotonic_ns())
+            continue
+        if not data:
+            return items
+        step = conversation.received(data, time.monotonic_ns())
+
+
+def test_our_host_reads_pymodbus_server() -> None:
+    registers = [1, 0, 0x7C37, 0x428B, *[0] * 5, 5, 0, 7, 0]
+    with _pymodbus_server(registers) as port:
+        gauge = modbus(port=f"tcp://127.0.0.1:{port}", timeout_s=0.05)
+        with socket.create_connection(("127.0.0.1", port), timeout=5) as link:
+            items = _talk(daq.gauges.host([gauge]), link, 50)
+    samples = [item for item in items if isinstance(item, Sample)]
+    assert len(samples) >= 50 and len(samples) == len(items)
+    assert {round(sample.values[0], 3) for sample in samples} == {69.743}
+    assert {sample.status for sample in samples} == {1}
+    assert {sample.device_time_s for sample in samples} == {5.000007}
+
+
+def test_our_host_understands_pymodbus_refusal() -> None:
+    with _pymodbus_server([0] * 5) as port:
+        gauge = modbus(port=f"tcp://127.0.0.1:{port}", timeout_s=0.05)
+        with socket.create_connection(("127.0.0.1", port), timeout=5) as link:
+            (fault,) = _talk(daq.gauges.host([gauge]), link, 1)
+    assert isinstance(fault, Fault) and fault.kind is FaultKind.DEVICE_ERROR
+    assert "ILLEGAL_ADDRESS" in fault.detail
+
+
+def test_pymodbus_client_reads_our_device() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        port = listener.getsockname()[1]
+        device = daq.gauges.device([modbus(port=f"tcp://127.0.0.1:{port}")], lambda now_ns: [69.743])
+
+        def serve() -> None:
+            link, _ = listener.accept()
+            with link:
+                _talk(device, link, 1)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        client = ModbusTcpClient("127.0.0.1", port=port, retries=0, timeout=5)
+        try:
+            assert client.connect()
+            answer = client.read_input_registers(200, count=13, device_id=1)
+            value = client.convert_from_registers(answer.registers[2:4], client.DATATYPE.FLOAT32, word_order="little")
+            refused = client.read_input_registers(300, count=2, device_id=1)
+            unknown = client.read_holding_registers(200, count=2, device_id=1)
+            coils = client.read_coils(0, count=1, device_id=1)
+        finally:
+            client.close()
+            thread.join(10)
+    assert value == pytest.approx(69.743)
+    assert (refused.exception_code, unknown.exception_code, coils.exception_code) == (2, 1, 1)
+    assert device.sent == 1
