@@ -1,0 +1,55 @@
+"""Talking to a running daemon over its control socket; what `rig record`, `rig status` and `rig live` use."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from daq.control import connect, socket_directory
+from rigs.errors import CellError, RigError
+
+
+class Client:
+    """A connection to one daemon; use it in a `with`."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._sock = connect(path)
+        self._file = self._sock.makefile("rwb")
+
+    def __enter__(self) -> Client:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._file.close()
+        self._sock.close()
+
+    def ask(self, command: str, **fields: Any) -> dict[str, Any]:
+        """The daemon's answer. Raises the daemon's own RigError, or CellError where it is gone."""
+        try:
+            self._file.write(json.dumps({"command": command, **fields}).encode() + b"\n")
+            self._file.flush()
+            answer = json.loads(self._file.readline() or b"null")
+        except (OSError, ValueError):
+            answer = None
+        if not isinstance(answer, dict):
+            raise CellError(str(self._path), "rigd went away", "look at its log, start it again: rigd RIG")
+        if not answer.pop("ok"):
+            error = RigError(answer["where"], answer["what"], answer["remedy"])
+            error.exit_code = answer["exit_code"]
+            raise error
+        return answer
+
+
+def find_socket(rig: str | None = None) -> Path:
+    """The socket of the daemon that runs, or of the one for `rig`. Raises CellError for none or several."""
+    places = [socket_directory(), *Path("/run").glob("rigd-*")]
+    found = sorted({path for place in places for path in place.glob("*.sock") if rig in (None, path.stem)})
+    if len(found) == 1:
+        return found[0]
+    if not found:
+        whom = f" for {rig}" if rig else ""
+        raise CellError("rigd", f"no daemon runs{whom} that this user can see", "start it: rigd RIG")
+    names = ", ".join(path.stem for path in found)
+    raise CellError("rigd", f"several daemons run ({names})", "say which: --rig NAME")

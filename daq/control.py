@@ -1,0 +1,129 @@
+"""The local control socket: one line of JSON asks, one line answers. Nothing listens on the network.
+
+The socket belongs to the daemon's user and group only. An error crosses it as its parts, so that the
+client raises what the daemon raised.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import logging
+import os
+import socket
+import socketserver
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from rigs.errors import CellError, RigError
+
+log = logging.getLogger("rigd")
+Answer = Callable[[dict[str, Any]], dict[str, Any]]
+_LONGEST_REQUEST = 65536
+
+
+def socket_directory() -> Path:
+    """Where sockets of daemons that this user starts live: systemd's runtime directory, else the user's."""
+    if given := os.environ.get("RUNTIME_DIRECTORY"):
+        return Path(given.split(":")[0])
+    if given := os.environ.get("XDG_RUNTIME_DIR"):
+        return Path(given) / "rigd"
+    return Path(f"/tmp/rigd-{os.getuid()}")  # noqa: S108 - made with mode 0700, and refused if another's
+
+
+class Lock:
+    """One daemon a rig: an flock that the system releases whatever happens to the daemon."""
+
+    def __init__(self, rig: str, path: Path) -> None:
+        try:
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if path.parent.stat().st_uid not in (os.getuid(), 0):
+                raise CellError(str(path.parent), "belongs to another user", "set XDG_RUNTIME_DIR")
+            self._file = path.open("a+")
+        except OSError as error:
+            raise CellError(str(path), error.strerror or str(error), "give another --socket") from None
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            self._file.seek(0)
+            holder = self._file.read().strip() or "unknown"
+            raise CellError(
+                rig,
+                f"another rigd (process {holder}) serves this rig",
+                "stop that one, or talk to it with rig status",
+            ) from None
+        self._file.truncate(0)
+        self._file.write(str(os.getpid()))
+        self._file.flush()
+
+    def release(self) -> None:
+        """Let the next daemon in."""
+        self._file.close()
+
+
+class ControlServer:
+    """Serves the socket in threads of its own until closed."""
+
+    def __init__(self, path: Path, answer: Answer) -> None:
+        self._path = path
+        with contextlib.suppress(FileNotFoundError):
+            path.unlink()  # left by a daemon that died; the lock says that none is alive
+
+        class Handler(socketserver.StreamRequestHandler):
+            def handle(self) -> None:
+                with contextlib.suppress(OSError):
+                    while line := self.rfile.readline(_LONGEST_REQUEST):
+                        self.wfile.write(json.dumps(reply(line, answer)).encode() + b"\n")
+
+        class Server(socketserver.ThreadingUnixStreamServer):
+            daemon_threads = True
+
+        before = os.umask(0o117)
+        try:
+            self._server = Server(str(path), Handler)
+        except OSError as error:
+            raise CellError(str(path), error.strerror or str(error), "give another --socket") from None
+        finally:
+            os.umask(before)
+        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.1,), name="control", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop serving and remove the socket."""
+        self._server.shutdown()
+        self._server.server_close()
+        with contextlib.suppress(FileNotFoundError):
+            self._path.unlink()
+
+
+def reply(line: bytes, answer: Answer) -> dict[str, Any]:
+    """The answer to one request line; an error is an answer too."""
+    try:
+        request = json.loads(line)
+        if not isinstance(request, dict):
+            raise CellError("control socket", "a request is a JSON object", 'send {"command": "status"}')
+        return {"ok": True, **answer(request)}
+    except RigError as error:
+        parts = {"where": error.where, "what": error.what, "remedy": error.remedy}
+        return {"ok": False, "exit_code": error.exit_code, **parts}
+    except (ValueError, RecursionError):
+        parts = {"where": "control socket", "what": "not JSON", "remedy": 'send {"command": "status"}'}
+        return {"ok": False, "exit_code": CellError.exit_code, **parts}
+
+
+def connect(path: Path) -> socket.socket:
+    """A connection to a daemon's socket. Raises CellError."""
+    sock = socket.socket(socket.AF_UNIX)
+    sock.settimeout(30)
+    try:
+        sock.connect(str(path))
+    except PermissionError:
+        sock.close()
+        raise CellError(str(path), "permission denied", "join the group of rigd, or use sudo") from None
+    except OSError:
+        sock.close()
+        raise CellError(str(path), "no rigd answers here", "start it: rigd RIG") from None
+    return sock

@@ -1,0 +1,131 @@
+"""The daemon: a reader a link, one recorder, a control socket, and a service manager that is kept informed."""
+
+from __future__ import annotations
+
+import logging
+import time
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from daq.control import ControlServer, Lock
+from daq.inbox import Inbox
+from daq.links import Link, open_link
+from daq.notify import notify, watchdog_s
+from daq.reader import Reader
+from daq.recorder import Label, Recorder
+from daq.store import RunWriter
+from daq.streams import streams_of
+from rigs.errors import CellError, RigError
+from rigs.rig import Rig
+
+log = logging.getLogger("rigd")
+_HEART_STOPS_S = 5.0
+
+
+class Daemon:
+    """Everything between the first port opened and the last run closed."""
+
+    def __init__(self, rig: Rig, rig_text: str, runs: Path, socket_path: Path) -> None:
+        """Takes the lock, opens every link, starts reading. Raises CellError naming every port that fails."""
+        self._rig, self._rig_text, self._runs = rig, rig_text, runs
+        self._streams = streams_of(rig)
+        self._lock = Lock(rig.name, socket_path.with_suffix(".lock"))
+        links = self._open_links()
+        self._inboxes = {stream.name: Inbox(stream.name, stream.columns) for stream in self._streams}
+        self._readers = [Reader(s, self._inboxes[s.name], links[s.name]) for s in self._streams]
+        self._recorder = Recorder(self._inboxes, self._create, self._feed_watchdog)
+        self._control = ControlServer(socket_path, self.answer)
+        for thread in (*self._readers, self._recorder):
+            thread.start()
+        ports = ", ".join(f"{stream.name} on {stream.port}" for stream in self._streams)
+        log.info("serving %s: %s; control socket %s", rig.name, ports, socket_path)
+        notify(f"READY=1\nSTATUS=reading {ports}")
+
+    def close(self, why: str) -> Path | None:
+        """Stop everything in order; returns the directory of a recording that was cut short."""
+        notify("STOPPING=1")
+        cut_short = self._recorder.shut_down(why)
+        for reader in self._readers:
+            reader.stop()
+        for reader in self._readers:
+            reader.join()
+        self._control.close()
+        self._lock.release()
+        return cut_short
+
+    def answer(self, request: dict[str, Any]) -> dict[str, Any]:
+        """What a client gets for its request. Raises RigError."""
+        match request.get("command"):
+            case "status":
+                return self._status()
+            case "record_start":
+                return {"run": str(self._recorder.start_run(_label(request)))}
+            case "record_stop":
+                return {"run": str(self._recorder.stop_run())}
+            case other:
+                raise CellError("rigd", f"unknown command {other!r}", "known: status, record_start, record_stop")
+
+    def _open_links(self) -> dict[str, Link]:
+        links: dict[str, Link] = {}
+        errors: list[CellError] = []
+        for stream in self._streams:
+            try:
+                links[stream.name] = open_link(stream.name, stream.port, stream.line)
+            except CellError as error:
+                errors.append(error)
+        if not errors:
+            return links
+        for link in links.values():
+            link.close()
+        self._lock.release()
+        raise errors[0] if len(errors) == 1 else Unreachable(errors)
+
+    def _create(self, label: Label) -> RunWriter:
+        return RunWriter.create(
+            self._runs,
+            name=label.name,
+            test=label.test,
+            direction=label.direction,
+            rig_name=self._rig.name,
+            rig_text=self._rig_text,
+            operator=label.operator,
+            streams={stream.name: stream.columns for stream in self._streams},
+        )
+
+    def _status(self) -> dict[str, Any]:
+        return {
+            "rig": self._rig.name,
+            "baseline_mm": self._rig.gauges.baseline_mm,
+            "streams": {name: vars(inbox.state()) for name, inbox in self._inboxes.items()},
+            **self._recorder.state(),
+        }
+
+    def _feed_watchdog(self) -> None:
+        """Called by the recorder after each round: alive only while every reader goes round as well."""
+        if watchdog_s() is None:
+            return
+        oldest_ns = min(inbox.heartbeat_ns for inbox in self._inboxes.values())
+        if time.monotonic_ns() - oldest_ns < _HEART_STOPS_S * 1e9:
+            notify("WATCHDOG=1")
+
+
+class Unreachable(CellError):
+    """Several ports that do not open, each an error of its own in `errors`."""
+
+    def __init__(self, errors: list[CellError]) -> None:
+        RigError.__init__(self, "cell", f"{len(errors)} links do not open: " + " | ".join(map(str, errors)), "see each")
+        self.errors = errors
+
+
+def _label(request: dict[str, Any]) -> Label:
+    try:
+        label = Label(**{key: value for key, value in request.items() if key != "command"})
+    except ValidationError as error:
+        detail = error.errors(include_url=False)[0]
+        what = f"{detail['loc'][0]} {detail['input']!r} will not do: {detail['msg']}"
+        raise CellError("recording", what, "see rig record start --help") from None
+    if label.test in ("yaw", "roll") and label.direction is None:
+        raise CellError(f"{label.test} test", "needs its direction", "add --direction cw or --direction acw")
+    return label

@@ -1,0 +1,5 @@
+"""Emulated instruments on real wires: ptys and sockets that speak the makers' protocols at the line's pace."""
+
+from daq.emulators.cell import Cell, Motion
+
+__all__ = ["Cell", "Motion"]

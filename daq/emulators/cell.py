@@ -1,0 +1,116 @@
+"""An emulated cell: every instrument of a rig file on a pty or a local port.
+
+What the instruments show comes from a `Motion`, so that this package needs no kinematics.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import yaml
+
+from daq import feedback, gauges
+from daq.emulators.pty_line import PtyLine
+from daq.emulators.tcp_port import TcpPort
+from daq.links import LinkLost
+from daq.protocol.conversation import Conversation
+from daq.runner import converse
+from daq.streams import gauge_groups
+from rigs.links import tcp_address
+from rigs.rig import Rig
+
+
+class Motion(Protocol):
+    """What the emulated instruments measure, at any time of the host's monotonic clock."""
+
+    def gauges_mm(self, now_ns: int) -> Sequence[float]:
+        """Reading of g1, and g2 where there is one."""
+
+    def joints_deg(self, now_ns: int) -> Sequence[float]:
+        """The six joint angles that the controller reports."""
+
+
+class Cell:
+    """All instruments of a rig, each with its own thread, until `stop`."""
+
+    def __init__(self, rig: Rig, motion: Motion) -> None:
+        self._stop = threading.Event()
+        self._threads: list[threading.Thread] = []
+        self._devices: dict[str, list[Any]] = {}
+        self._lines: list[PtyLine] = []
+        self.ports: dict[str, str] = {}
+        names = [name for name, _ in rig.gauges]
+        for group in gauge_groups(rig):
+            places = [names.index(name) for name in group]
+            members = [gauge for name, gauge in rig.gauges if name in group]
+
+            def read(now_ns: int, places: Sequence[int] = places) -> Sequence[float]:
+                values = motion.gauges_mm(now_ns)
+                return [values[place] for place in places]
+
+            def device(members: Sequence[Any] = members, read: Callable[[int], Sequence[float]] = read) -> Any:
+                return gauges.device(members, read)
+
+            label = "_".join(group)
+            port = (
+                self._serve_tcp(label, device)
+                if tcp_address(members[0].port)
+                else self._serve_pty(label, device, PtyLine(members[0].line))
+            )
+            self.ports.update(dict.fromkeys(group, port))
+        self.ports["feedback"] = self._serve_tcp("robot", lambda: feedback.device(rig.feedback, motion.joints_deg))
+
+    def start(self) -> None:
+        """Switch everything on."""
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> dict[str, int]:
+        """Switch everything off; returns how many readings each instrument had sent."""
+        self._stop.set()
+        for thread in self._threads:
+            thread.join()
+        for line in self._lines:
+            line.close()
+        return self.sent()
+
+    def sent(self) -> dict[str, int]:
+        """Readings sent so far, by stream."""
+        return {name: sum(device.sent for device in devices) for name, devices in self._devices.items()}
+
+    def rig_text(self, text: str) -> str:
+        """A rig file's text with the ports of this cell in place of its own."""
+        data = yaml.safe_load(text)
+        for name, port in self.ports.items():
+            (data["feedback"] if name == "feedback" else data["gauges"][name])["port"] = port
+        written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
+        return written
+
+    def _noted(self, name: str, make: Callable[[], Conversation]) -> Callable[[], Conversation]:
+        self._devices[name] = []
+
+        def made() -> Conversation:
+            device = make()
+            self._devices[name].append(device)
+            return device
+
+        return made
+
+    def _serve_tcp(self, name: str, make: Callable[[], Conversation]) -> str:
+        server = TcpPort(self._noted(name, make))
+        self._threads.append(threading.Thread(target=server.serve, args=(self._stop,), name=f"emulated {name}"))
+        return server.port
+
+    def _serve_pty(self, name: str, make: Callable[[], Conversation], line: PtyLine) -> str:
+        device = self._noted(name, make)()
+        self._lines.append(line)
+
+        def serve() -> None:
+            with contextlib.suppress(LinkLost):
+                converse(line, device, lambda _: None, self._stop)
+
+        self._threads.append(threading.Thread(target=serve, name=f"emulated {name}"))
+        return line.port

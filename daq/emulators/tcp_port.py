@@ -1,0 +1,41 @@
+"""The instrument's end of a TCP port: one connection after the other, each with a fresh conversation."""
+
+from __future__ import annotations
+
+import socket
+import threading
+from collections.abc import Callable
+
+from daq.links import Link, LinkLost
+from daq.protocol.conversation import Conversation
+from daq.runner import converse
+
+_ACCEPT_S = 0.2
+
+
+class TcpPort:
+    """Listens on loopback at a free port and serves whoever connects."""
+
+    def __init__(self, device: Callable[[], Conversation]) -> None:
+        self._device = device
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self._server.settimeout(_ACCEPT_S)
+        self.port = f"tcp://127.0.0.1:{self._server.getsockname()[1]}"
+
+    def serve(self, stop: threading.Event) -> None:
+        """Until `stop` is set; a connection that ends makes room for the next."""
+        with self._server:
+            while not stop.is_set():
+                try:
+                    sock, _ = self._server.accept()
+                except TimeoutError:
+                    continue
+                sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                sock.setblocking(False)
+                link = Link("emulated", sock.fileno(), sock.close)
+                try:
+                    converse(link, self._device(), lambda _: None, stop)
+                except LinkLost:
+                    pass
+                finally:
+                    link.close()

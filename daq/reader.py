@@ -1,0 +1,82 @@
+"""One thread a link: opens it, runs the conversation, and opens it again whenever it is lost."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+
+from daq.inbox import Inbox
+from daq.links import Link, LinkLost, open_link
+from daq.protocol.conversation import Fault, FaultKind
+from daq.runner import converse
+from daq.streams import Stream
+from rigs.errors import CellError
+
+log = logging.getLogger("rigd")
+_FIRST_PAUSE_S = 0.2
+_LONGEST_PAUSE_S = 5.0
+
+
+class Reader(threading.Thread):
+    """Reads one stream into its inbox until told to stop."""
+
+    def __init__(self, stream: Stream, inbox: Inbox, link: Link) -> None:
+        super().__init__(name=f"read {stream.name}", daemon=True)
+        self._stream, self._inbox = stream, inbox
+        self._link: Link | None = link
+        self._stop_asked = threading.Event()
+        self._pause_s = _FIRST_PAUSE_S
+
+    def stop(self) -> None:
+        """Ask the thread to end; join it afterwards."""
+        self._stop_asked.set()
+
+    def run(self) -> None:
+        """The thread's body."""
+        while not self._stop_asked.is_set():
+            self._inbox.beat()
+            if self._link is None:
+                self._reopen()
+            else:
+                self._read(self._link)
+        if self._link is not None:
+            self._link.close()
+
+    def _read(self, link: Link) -> None:
+        before = self._inbox.state().counters.get("samples", 0)
+        self._inbox.connected = True
+        try:
+            converse(link, self._stream.host(), self._inbox.deliver, self._stop_asked, self._inbox.beat)
+            reason = "the conversation could not go on"
+        except LinkLost as error:
+            reason = str(error)
+        finally:
+            self._inbox.connected = False
+            link.close()
+            self._link = None
+        if self._inbox.state().counters.get("samples", 0) > before:
+            self._pause_s = _FIRST_PAUSE_S
+        if not self._stop_asked.is_set():
+            self._fault(f"{self._stream.port} lost: {reason}; opening it again")
+            self._wait()
+
+    def _reopen(self) -> None:
+        try:
+            self._link = open_link(self._stream.name, self._stream.port, self._stream.line)
+            log.info("%s: %s is open again", self._stream.name, self._stream.port)
+        except CellError as error:
+            self._fault(str(error))
+            self._wait()
+
+    def _wait(self) -> None:
+        """Back off, doubling up to a bound, without missing a heartbeat."""
+        until = time.monotonic() + self._pause_s
+        while not self._stop_asked.wait(min(0.2, max(0.0, until - time.monotonic()))):
+            self._inbox.beat()
+            if time.monotonic() >= until:
+                break
+        self._pause_s = min(_LONGEST_PAUSE_S, 2 * self._pause_s)
+
+    def _fault(self, detail: str) -> None:
+        self._inbox.deliver([Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), detail)])

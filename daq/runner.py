@@ -1,0 +1,60 @@
+"""Runs a conversation on a link: the one loop behind every gauge, every robot and every emulator."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from daq.protocol.conversation import Conversation, Item, Step
+
+_LONGEST_WAIT_S = 0.2
+"""So that a request to stop is noticed, and the watchdog hears from a link that is silent."""
+
+
+class ByteLink(Protocol):
+    """What the loop needs of a link."""
+
+    def read(self, timeout_s: float) -> bytes:
+        """What has come within the time; empty for nothing. Raises LinkLost."""
+
+    def write(self, data: bytes) -> None:
+        """Send all of it. Raises LinkLost."""
+
+
+def converse(
+    link: ByteLink,
+    conversation: Conversation,
+    deliver: Callable[[Sequence[Item]], None],
+    stop: threading.Event,
+    alive: Callable[[], None] = lambda: None,
+) -> None:
+    """Run until `stop` is set or the conversation hangs up. Raises LinkLost.
+
+    The stamp is taken before a write and right after a read, so that the device's reading lies between
+    the two whatever the scheduler does. `alive` is called at least every 0.2 s.
+    """
+    step = conversation.connected(time.monotonic_ns())
+    while not stop.is_set():
+        if step.items:
+            deliver(step.items)
+        if step.send:
+            link.write(step.send)
+        if step.hang_up:
+            return
+        alive()
+        data = link.read(_wait_s(step))
+        now_ns = time.monotonic_ns()
+        if data:
+            step = conversation.received(data, now_ns)
+        elif step.wake_ns is not None and now_ns >= step.wake_ns:
+            step = conversation.tick(now_ns)
+        else:
+            step = Step(wake_ns=step.wake_ns)
+
+
+def _wait_s(step: Step) -> float:
+    if step.wake_ns is None:
+        return _LONGEST_WAIT_S
+    return min(_LONGEST_WAIT_S, max(0.0, (step.wake_ns - time.monotonic_ns()) / 1e9))
