@@ -1,0 +1,48 @@
+"""The command `rig`. Each command is a file; everything heavy is imported inside it, so that help is quick."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import typer
+
+from rigs.errors import RigError
+
+app = typer.Typer(
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Robot metrology with a ball link and two digital probes: record, analyse, compare.",
+)
+
+
+def main() -> None:
+    """Entry point: every expected failure is one line and an exit code."""
+    try:
+        app()
+    except RigError as error:
+        sys.stderr.write(f"error: {error}\n")
+        sys.exit(error.exit_code)
+    except BrokenPipeError:
+        sys.exit(0)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from importlib import metadata  # noqa: PLC0415
+
+        typer.echo(f"rig {metadata.version('rig')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version.")
+    ] = False,
+) -> None:
+    """Robot metrology with a ball link and two digital probes: record, analyse, compare."""
+
+
+from analysis.cli import analyse, check, emulate, live, record, runs  # noqa: E402, F401 - each adds its commands

@@ -1,0 +1,39 @@
+"""`rig analyse RUN…`: the figures of recorded runs, as a table, as JSON, as pictures and a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app
+
+
+@app.command()
+def analyse(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    plot: Annotated[Path | None, typer.Option(help="Write pictures and report.html into this directory.")] = None,
+    truth: Annotated[
+        Path | None, typer.Option(help="truth.json of an emulated cell, to set beside the figures.")
+    ] = None,
+) -> None:
+    """Tell the yaw error of recorded circles: error band, sine and eccentricity, each with its uncertainty."""
+    from analysis.report import as_object, as_table, write_report  # noqa: PLC0415
+    from analysis.results import analyse_run  # noqa: PLC0415
+    from analysis.truth import compare  # noqa: PLC0415
+
+    results = [analyse_run(path) for path in runs]
+    truths = compare(results, truth) if truth else []
+    if plot:
+        report = write_report(results, plot)
+        typer.echo(f"report: {report}", err=True)
+    if as_json:
+        import json  # noqa: PLC0415
+
+        typer.echo(json.dumps(as_object(results, truths), indent=2))
+        return
+    from rich.console import Console  # noqa: PLC0415
+
+    Console().print(as_table(results, truths))

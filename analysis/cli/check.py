@@ -1,0 +1,31 @@
+"""`rig check FILE`: whether a rig file is good."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app
+
+
+@app.command()
+def check(
+    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
+) -> None:
+    """Say whether a rig file is good: every mistake with its line, and whether the robot can drive its circle."""
+    from analysis.feasible import feasible_tests  # noqa: PLC0415
+    from rigs.load import RigFileError, find, load  # noqa: PLC0415
+
+    try:
+        rig, _ = load(rig_file)
+    except RigFileError as error:
+        for problem in error.problems:
+            typer.echo(f"{error.where}: {problem}", err=True)
+        raise typer.Exit(error.exit_code) from None
+    tests = feasible_tests(rig)
+    gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges)
+    typer.echo(f"{find(rig_file)}: good")
+    typer.echo(f"  {rig.robot.name}; {gauges}; robot by {rig.feedback.interface}; {len(rig.effects)} known effects")
+    for line in tests:
+        typer.echo(f"  {line}")

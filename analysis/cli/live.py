@@ -1,0 +1,33 @@
+"""`rig live`: the daemon's state on the screen, ten times a second, in a process of its own.
+
+Of its own, since a screen that renders in the daemon would delay its readers by milliseconds.
+"""
+
+from __future__ import annotations
+
+import contextlib
+
+from analysis.cli import app
+from analysis.cli.record import RigName
+
+_REFRESH_S = 0.1
+
+
+@app.command()
+def live(rig: RigName = None) -> None:
+    """Show gauges, angle, joints, rates, faults and recording state until Ctrl-C."""
+    import time  # noqa: PLC0415
+
+    from rich.live import Live  # noqa: PLC0415
+
+    from analysis.screen import screen  # noqa: PLC0415
+    from daq.client import Client, find_socket  # noqa: PLC0415
+
+    with (
+        contextlib.suppress(KeyboardInterrupt),
+        Client(find_socket(rig)) as client,
+        Live(screen(client.ask("status")), auto_refresh=False) as display,
+    ):
+        while True:
+            time.sleep(_REFRESH_S)
+            display.update(screen(client.ask("status")), refresh=True)

@@ -1,0 +1,64 @@
+"""`rig record start|stop` and `rig status`: asking the running daemon."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app
+from rigs.vocabulary import Direction, TestName
+
+record = typer.Typer(no_args_is_help=True, help="Start and stop a recording of the running daemon.")
+app.add_typer(record, name="record")
+
+RigName = Annotated[str | None, typer.Option("--rig", help="Which daemon, where several run.")]
+
+
+@record.command()
+def start(
+    name: Annotated[str, typer.Argument(help="What to call the run.")],
+    test: Annotated[TestName, typer.Option(help="What the robot is going to do.")],
+    direction: Annotated[Direction | None, typer.Option(help="Of a circle.")] = None,
+    operator: Annotated[str, typer.Option(help="Who measures. [default: the user]")] = "",
+    rig: RigName = None,
+) -> None:
+    """Begin a recording; prints the run directory."""
+    import getpass  # noqa: PLC0415
+
+    from daq.client import Client, find_socket  # noqa: PLC0415
+
+    with Client(find_socket(rig)) as client:
+        fields = {"name": name, "test": test, "direction": direction, "operator": operator or getpass.getuser()}
+        typer.echo(client.ask("record_start", **fields)["run"])
+
+
+@record.command()
+def stop(rig: RigName = None) -> None:
+    """End the recording; prints the run directory."""
+    from daq.client import Client, find_socket  # noqa: PLC0415
+
+    with Client(find_socket(rig)) as client:
+        typer.echo(client.ask("record_stop")["run"])
+
+
+@app.command()
+def status(
+    rig: RigName = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """What the daemon reads and records now."""
+    import json  # noqa: PLC0415
+
+    from daq.client import Client, find_socket  # noqa: PLC0415
+
+    with Client(find_socket(rig)) as client:
+        state = client.ask("status")
+    if as_json:
+        typer.echo(json.dumps(state, indent=2))
+        return
+    from rich.console import Console  # noqa: PLC0415
+
+    from analysis.screen import screen  # noqa: PLC0415
+
+    Console().print(screen(state))

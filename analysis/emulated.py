@@ -1,0 +1,89 @@
+"""The robot of an emulated cell: stands, and drives its circle program when told to.
+
+Between programs it is set to the start of the next at once; a person would take the link off for that.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from analysis.arm import Array
+from analysis.ball_link import angle
+from analysis.circle import frame_of
+from analysis.simulate import Trace, circle_of, simulate_circle
+from analysis.tests.yaw import plain_figures
+from rigs.rig import Rig
+from rigs.vocabulary import Direction
+
+_STAND_S = 1.0
+"""Standing at the start before it moves, as a program waits for its controller."""
+
+
+class EmulatedRobot:
+    """What its gauges and its controller show at any time; thread-safe."""
+
+    def __init__(self, rig: Rig, seed: int) -> None:
+        """Simulates the programs of both directions, noise-free. Raises FileError where the circle cannot be driven."""
+        self.traces: dict[Direction, Trace] = {
+            "acw": simulate_circle(rig, "yaw", "acw"),
+            "cw": simulate_circle(rig, "yaw", "cw"),
+        }
+        self._noise_mm = np.array([gauge.accuracy_mm for _, gauge in rig.gauges])
+        self._random = np.random.default_rng(seed)
+        self._lock = threading.Lock()
+        self._trace = self.traces["acw"]
+        self._start_ns: int | None = None
+
+    def gauges_mm(self, now_ns: int) -> Sequence[float]:
+        """Readings with noise of the gauges' stated accuracy."""
+        with self._lock:
+            noise = self._random.normal(0.0, self._noise_mm)
+            values: list[float] = (self._at(now_ns, self._trace.g_mm) + noise).tolist()
+            return values
+
+    def joints_deg(self, now_ns: int) -> Sequence[float]:
+        """Joint angles as the controller reports them."""
+        with self._lock:
+            joints: list[float] = np.degrees(self._at(now_ns, self._trace.q)).tolist()
+            return joints
+
+    def start(self, direction: Direction) -> float:
+        """Begin the program of a direction now; returns how many seconds it takes."""
+        with self._lock:
+            self._trace = self.traces[direction]
+            self._start_ns = time.monotonic_ns() + int(_STAND_S * 1e9)
+        return float(_STAND_S + self._trace.t_s[-1])
+
+    def _at(self, now_ns: int, values: Array) -> Array:
+        since_s = -1.0 if self._start_ns is None else (now_ns - self._start_ns) / 1e9
+        t_s = self._trace.t_s
+        k = int(np.clip(np.searchsorted(t_s, since_s), 1, len(t_s) - 1))
+        share = np.clip((since_s - t_s[k - 1]) / (t_s[k] - t_s[k - 1]), 0.0, 1.0)
+        row: Array = values[k - 1] + share * (values[k] - values[k - 1])
+        return row
+
+
+def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
+    """What a perfect measurement of the emulated robot would report, beside what was planted in it.
+
+    The figures follow from the noise-free trace by their definitions; the daemon, the wire and the
+    alignment have no part in them. The eccentricity is that of the ball from the circle really driven,
+    which backlash moves: it is not quite the planted one.
+    """
+    start = np.radians(circle_of(rig).start_deg)
+    figures = {}
+    for direction, trace in traces.items():
+        lap = np.abs(np.abs(trace.phi - start) - np.pi) <= np.pi
+        lap &= (trace.phi >= start) if direction == "acw" else (trace.phi <= start)
+        y = angle(trace.g_mm[lap, 0], trace.g_mm[lap, 1], rig.gauges.baseline_mm)
+        figures[direction] = plain_figures(trace.phi[lap], y, frame_of(circle_of(rig)).radius)
+    planted = {
+        "eccentricity_mm": list(circle_of(rig).eccentricity_mm),
+        "effects": [effect.model_dump(mode="json") for effect in rig.effects],
+    }
+    return {"yaw": figures, "planted": planted}

@@ -1,0 +1,71 @@
+"""The state of a daemon as a person sees it: for `rig status` once, for `rig live` ten times a second."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+_OLD_S = 2.0
+
+
+def screen(state: dict[str, Any]) -> RenderableType:
+    """Gauges, angle, joints, rates, faults and recording state of a `status` answer."""
+    return Group(_head(state), _gauges(state), _links(state))
+
+
+def _head(state: dict[str, Any]) -> Text:
+    text = Text(f"{state['rig']}  ", style="bold")
+    if state["recording"]:
+        direction = f" {state['direction']}" if state["direction"] else ""
+        text.append(
+            f"● recording {state['recording']} ({state['test']}{direction}) {state['seconds']:.0f} s", "bold red"
+        )
+    else:
+        text.append("not recording", "dim")
+        if state["last_end"]:
+            text.append(f"; last: {state['last_end']}", "dim")
+    return text
+
+
+def _gauges(state: dict[str, Any]) -> Table:
+    table = Table(box=None, padding=(0, 2), show_header=False)
+    values = {name: value for stream in state["streams"].values() for name, value in stream["last"].items()}
+    ages = {name: age for stream in state["streams"].values() for name, age in stream["age_s"].items()}
+    for name in ("g1_mm", "g2_mm"):
+        if name in values:
+            table.add_row(name.removesuffix("_mm"), _number(values[name], ages[name], "9.4f", "mm"))
+    if {"g1_mm", "g2_mm"} <= values.keys() and state["baseline_mm"]:
+        degrees = math.degrees(math.atan((values["g2_mm"] - values["g1_mm"]) / state["baseline_mm"]))
+        table.add_row("angle", _number(degrees, max(ages["g1_mm"], ages["g2_mm"]), "9.4f", "°"))
+    joints = [f"q{axis}_deg" for axis in range(1, 7)]
+    if all(name in values for name in joints):
+        row = Text("  ").join(_number(values[name], ages[name], "8.3f", "") for name in joints)
+        table.add_row("joints °", row)
+    return table
+
+
+def _number(value: float, age_s: float, form: str, unit: str) -> Text:
+    """Old values are dim and say their age: a frozen number must not look alive."""
+    if age_s > _OLD_S:
+        return Text(f"{value:{form}} {unit} ({age_s:.0f} s old)", style="yellow dim")
+    return Text(f"{value:{form}} {unit}".rstrip(), style="bold")
+
+
+def _links(state: dict[str, Any]) -> Table:
+    table = Table(box=None, padding=(0, 2), header_style="dim")
+    for heading in ("link", "", "rate", "samples", "faults"):
+        table.add_column(heading, justify="right" if heading in ("rate", "samples") else "left")
+    for name, stream in state["streams"].items():
+        faults = {kind: count for kind, count in stream["counters"].items() if kind != "samples"}
+        told = ", ".join(f"{count} {kind}" for kind, count in faults.items())
+        told += f"; last: {stream['last_fault']}" if told else ""
+        connected = Text("connected", "green") if stream["connected"] else Text("lost", "bold red")
+        samples = str(stream["counters"].get("samples", 0))
+        table.add_row(
+            name, connected, f"{stream['rate_hz']:.1f} Hz", samples, Text(told or "none", "yellow" if told else "dim")
+        )
+    return table

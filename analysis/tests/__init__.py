@@ -1,0 +1,1 @@
+"""The tests of the paper, one a file: from aligned data to the figures that are reported."""

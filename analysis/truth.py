@@ -1,0 +1,45 @@
+"""Setting figures beside the truth that an emulated cell wrote down (`truth.json`)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from analysis.results import Result
+from rigs.errors import FileError
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One figure of one run: the truth, and how many standard uncertainties the measured one lies from it."""
+
+    truth: float
+    deviation_u: float
+
+
+def compare(results: Sequence[Result], path: Path) -> list[dict[str, Comparison]]:
+    """For each result, its figures by name beside the truth. Raises FileError."""
+    try:
+        truth = json.loads(path.read_text(encoding="utf-8"))
+        return [_one(result, truth) for result in results]
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "give the truth.json that rig emulate wrote") from None
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise FileError(str(path), "is no truth of these runs", "give the truth.json that rig emulate wrote") from None
+
+
+def _one(result: Result, truth: dict[str, dict[str, dict[str, float]]]) -> dict[str, Comparison]:
+    values = truth[result.data.run.manifest.test][result.yaw.lap.direction]
+    return {
+        name: Comparison(float(values[name]), (figure.value - float(values[name])) / figure.u)
+        for name, figure in result.yaw.figures.items()
+    }
+
+
+def verdict(comparisons: Sequence[dict[str, Comparison]]) -> str:
+    """In one line: how many figures agree with the truth within two standard uncertainties."""
+    every = [comparison for one in comparisons for comparison in one.values()]
+    within = sum(abs(comparison.deviation_u) <= 2 for comparison in every)
+    return f"{within} of {len(every)} figures agree with the truth within 2 u"

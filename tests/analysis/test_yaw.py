@@ -1,0 +1,89 @@
+"""The yaw evaluation against closed forms, and its stated uncertainties against many repetitions."""
+
+import numpy as np
+import pytest
+
+from analysis.ball_link import angle, readings
+from analysis.circle import CircleFrame, frame_of
+from analysis.lap import Lap
+from analysis.simulate import circle_of, simulate_circle
+from analysis.tests.yaw import evaluate, fit_sine, noise_sd, plain_figures
+from rigs.load import load
+
+PHI = np.linspace(0, 2 * np.pi, 900, endpoint=False)
+FRAME = CircleFrame(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, 1.0]), 70.0)
+OFFSETS = np.array([25.0, -25.0])
+
+
+def _lap(g_mm: np.ndarray) -> Lap:
+    return Lap("acw", FRAME, PHI / 0.35, PHI, np.zeros((len(PHI), 6)), g_mm)
+
+
+def test_the_papers_example_of_eccentricity() -> None:
+    """Section 2.1: e = 14.142 mm at R = 70 mm gives 11.56° by the rule, asin(e/R) exactly."""
+    ball = np.array([10.0, 10.0, 0.0])
+    T = FRAME.poses(PHI)
+    g = readings(T, ball, OFFSETS, "yaw", 70.0)
+    measured = np.degrees(angle(g[:, 0], g[:, 1], 50.0))
+    assert measured.max() == pytest.approx(np.degrees(np.arcsin(14.142 / 70)), abs=1e-3)
+    assert np.degrees(fit_sine(PHI, np.radians(measured)).amplitude) == pytest.approx(206.26481 * 14142.136 / 70 / 3600)
+
+
+def test_readings_give_back_the_angle_whatever_the_eccentricity() -> None:
+    """angle = atan((g2 - g1)/b) is exact, and both gauges together follow the distance."""
+    ball = np.array([3.0, -2.0, 5.0])
+    T = FRAME.poses(PHI)
+    line = ball - T[:, :3, 3]
+    yaw = np.arctan2(np.einsum("ni,ni->n", line, T[:, :3, 1]), np.einsum("ni,ni->n", line, T[:, :3, 2]))
+    g = readings(T, ball, OFFSETS, "yaw", 70.0)
+    np.testing.assert_allclose(angle(g[:, 0], g[:, 1], 50.0), yaw, atol=1e-12)
+    roll = np.arctan2(np.einsum("ni,ni->n", line, T[:, :3, 0]), np.einsum("ni,ni->n", line, T[:, :3, 2]))
+    g = readings(T, ball, OFFSETS, "roll", 70.0)
+    np.testing.assert_allclose(angle(g[:, 0], g[:, 1], 50.0), roll, atol=1e-12)
+
+
+def test_the_sine_is_the_papers_and_its_shift_keeps_the_quadrant() -> None:
+    for shift in np.radians([10, 100, -100, -10]):
+        sine = fit_sine(PHI, 0.1 + 0.2 * np.sin(PHI + shift))
+        assert (sine.A, sine.amplitude, sine.shift) == pytest.approx((0.1, 0.2, shift))
+
+
+def test_eccentricity_is_the_ball_from_the_centre() -> None:
+    ball = np.array([0.8, -0.5, 0.3])
+    g = readings(FRAME.poses(PHI), ball, OFFSETS, "yaw", 70.0)
+    figures = evaluate(_lap(g), 50.0, 0.05, 1e-3).figures
+    assert figures["eccentricity_u_mm"].value == pytest.approx(0.8, abs=1e-4)
+    assert figures["eccentricity_v_mm"].value == pytest.approx(-0.5, abs=1e-4)
+    assert figures["eccentricity_mm"].value == pytest.approx(np.hypot(0.8, 0.5), abs=1e-4)
+
+
+def test_noise_is_told_from_a_jumpy_curve() -> None:
+    rng = np.random.default_rng(4)
+    curve = np.sin(PHI) + 0.3 * (PHI > 2) + 0.05 * np.sin(40 * PHI)
+    assert noise_sd(curve + rng.normal(0, 1e-3, len(PHI))) == pytest.approx(1e-3, rel=0.25)
+
+
+def test_stated_uncertainty_covers_the_truth_as_often_as_it_says() -> None:
+    """200 laps of the shipped robot with noise, a lag and a baseline drawn as stated: each figure within 2 u."""
+    rig, _ = load("paper-fanuc")
+    trace = simulate_circle(rig, "yaw", "acw")
+    lap = (trace.phi >= 0) & (trace.phi < 2 * np.pi)
+    t, phi, q, g = trace.t_s[lap], trace.phi[lap], trace.q[lap], trace.g_mm[lap]
+    frame, rng = frame_of(circle_of(rig)), np.random.default_rng(5)
+    truth = plain_figures(phi, angle(g[:, 0], g[:, 1], 50.0), frame.radius)
+    every, repetitions, u_lag, u_baseline = 5, 200, 2e-3, 0.02
+    covered = dict.fromkeys(truth, 0)
+    for _ in range(repetitions):
+        at = np.arange(rng.integers(every), len(t), every)
+        late = t[at] + rng.normal(0, u_lag)
+        phi_seen = np.interp(late, trace.t_s, trace.phi)
+        baseline = 50.0 + rng.normal(0, u_baseline)
+        middle, half = g[at].mean(axis=1), (g[at, 0] - g[at, 1]) / 2 * baseline / 50.0
+        seen = np.stack([middle + half, middle - half], axis=1) + rng.normal(0, 0.0005, (len(at), 2))
+        result = evaluate(Lap("acw", frame, t[at], phi_seen, q[at], seen), 50.0, u_baseline, u_lag)
+        for name, figure in result.figures.items():
+            covered[name] += abs(figure.value - truth[name]) <= 2 * figure.u
+    print(covered)
+    for name, count in covered.items():
+        assert 0.89 * repetitions <= count, (name, count)
+        assert count <= 0.995 * repetitions, (name, count)
