@@ -33,18 +33,17 @@ class EmulatedRobot:
             "acw": simulate_circle(rig, "yaw", "acw"),
             "cw": simulate_circle(rig, "yaw", "cw"),
         }
-        self._noise_mm = np.array([gauge.accuracy_mm for _, gauge in rig.gauges])
+        self._gauges = {name: (place, gauge.accuracy_mm) for place, (name, gauge) in enumerate(rig.gauges)}
         self._random = np.random.default_rng(seed)
         self._lock = threading.Lock()
         self._trace = self.traces["acw"]
         self._start_ns: int | None = None
 
-    def gauges_mm(self, now_ns: int) -> Sequence[float]:
-        """Readings with noise of the gauges' stated accuracy."""
+    def gauge_mm(self, name: str, now_ns: int) -> float:
+        """A reading with noise of the gauge's stated accuracy."""
+        place, noise_mm = self._gauges[name]
         with self._lock:
-            noise = self._random.normal(0.0, self._noise_mm)
-            values: list[float] = (self._at(now_ns, self._trace.g_mm) + noise).tolist()
-            return values
+            return float(self._at(now_ns, self._trace.g_mm[:, place]) + self._random.normal(0.0, noise_mm))
 
     def joints_deg(self, now_ns: int) -> Sequence[float]:
         """Joint angles as the controller reports them."""
@@ -59,12 +58,12 @@ class EmulatedRobot:
             self._start_ns = time.monotonic_ns() + int(_STAND_S * 1e9)
         return float(_STAND_S + self._trace.t_s[-1])
 
-    def _at(self, now_ns: int, values: Array) -> Array:
+    def _at(self, now_ns: int, values: Array) -> Any:
         since_s = -1.0 if self._start_ns is None else (now_ns - self._start_ns) / 1e9
         t_s = self._trace.t_s
         k = int(np.clip(np.searchsorted(t_s, since_s), 1, len(t_s) - 1))
         share = np.clip((since_s - t_s[k - 1]) / (t_s[k] - t_s[k - 1]), 0.0, 1.0)
-        row: Array = values[k - 1] + share * (values[k] - values[k - 1])
+        row: Any = values[k - 1] + share * (values[k] - values[k - 1])
         return row
 
 

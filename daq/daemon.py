@@ -112,11 +112,14 @@ class Daemon:
 
 
 class Unreachable(CellError):
-    """Several ports that do not open, each an error of its own in `errors`."""
+    """Several ports that do not open."""
 
     def __init__(self, errors: list[CellError]) -> None:
         RigError.__init__(self, "cell", f"{len(errors)} links do not open: " + " | ".join(map(str, errors)), "see each")
-        self.errors = errors
+        self._errors = errors
+
+    def lines(self) -> list[str]:
+        return [str(error) for error in self._errors]
 
 
 def _label(request: dict[str, Any]) -> Label:

@@ -7,6 +7,7 @@ since one `select` and one `read` a piece is what keeps the stamps close to the 
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import socket
@@ -92,7 +93,17 @@ def _open_serial(name: str, port: str, line: Line) -> Link:
     if not Path(port).exists():
         raise CellError(where, "no such port", f"plug it in, or correct the port; ports here: {_ports()}")
     try:
-        device = serial.Serial(
+        device = _configured(port, line)
+    except serial.SerialException as error:
+        raise CellError(where, *_serial_trouble(error)) from None
+    except (OSError, ValueError, termios.error) as error:
+        raise CellError(where, f"no serial device ({error})", "give the path of a serial port") from None
+    return Link(name, device.fileno(), device.close)
+
+
+def _configured(port: str, line: Line) -> serial.Serial:
+    try:
+        return serial.Serial(
             port,
             baudrate=line.baud,
             bytesize=_BITS[line.bits],
@@ -101,11 +112,11 @@ def _open_serial(name: str, port: str, line: Line) -> Link:
             timeout=0,
             exclusive=True,
         )
-    except serial.SerialException as error:
-        raise CellError(where, *_serial_trouble(error)) from None
-    except (OSError, ValueError, termios.error) as error:
-        raise CellError(where, f"no serial device ({error})", "give the path of a serial port") from None
-    return Link(name, device.fileno(), device.close)
+    except termios.error as error:
+        if error.args[0] != errno.EINVAL:
+            raise
+        # A port without a line (a pty, some adapters) takes no parity; its bytes come as they are.
+        return serial.Serial(port, baudrate=line.baud, timeout=0, exclusive=True)
 
 
 def _serial_trouble(error: serial.SerialException) -> tuple[str, str]:

@@ -47,7 +47,7 @@ class Reader(threading.Thread):
         before = self._inbox.state().counters.get("samples", 0)
         self._inbox.connected = True
         try:
-            converse(link, self._stream.host(), self._inbox.deliver, self._stop_asked, self._inbox.beat)
+            converse(link, self._stream.host(), self._inbox.deliver, self._stop_asked.is_set, self._inbox.beat)
             reason = "the conversation could not go on"
         except LinkLost as error:
             reason = str(error)

@@ -145,13 +145,13 @@ class Recorder(threading.Thread):
         writer = self._writer
         if writer is None:
             return
-        self._writer = self._label = None
         counters = {name: dict(counter) for name, counter in self._counters.items()}
         try:
             writer.close(exit_status, reason, counters)  # type: ignore[arg-type]
             self.last_end = f"{exit_status}: {reason}"
         except CellError as error:
             self.last_end = f"failed: {error}"
+        self._writer = self._label = None
         log.info("recording ended, %s", self.last_end)
 
     def _require_readings(self, test: TestName) -> None:

@@ -13,7 +13,7 @@ from typing import Annotated
 import typer
 
 from daq.control import socket_directory
-from daq.daemon import Daemon, Unreachable
+from daq.daemon import Daemon
 from rigs.errors import RigError
 from rigs.load import load
 
@@ -50,12 +50,9 @@ def rigd(
     try:
         rig, text = load(rig_file)
         daemon = Daemon(rig, text, runs or _runs(), socket or socket_directory() / f"{rig.name}.sock")
-    except Unreachable as error:
-        for each in error.errors:
-            typer.echo(f"error: {each}", err=True)
-        raise typer.Exit(error.exit_code) from None
     except RigError as error:
-        typer.echo(f"error: {error}", err=True)
+        for line in error.lines():
+            typer.echo(f"error: {line}", err=True)
         raise typer.Exit(error.exit_code) from None
     signalled.wait()
     name = signal.Signals(received[0]).name

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
@@ -27,21 +26,21 @@ def converse(
     link: ByteLink,
     conversation: Conversation,
     deliver: Callable[[Sequence[Item]], None],
-    stop: threading.Event,
+    ended: Callable[[], bool],
     alive: Callable[[], None] = lambda: None,
 ) -> None:
-    """Run until `stop` is set or the conversation hangs up. Raises LinkLost.
+    """Run until it is `ended` or the conversation hangs up. Raises LinkLost.
 
     The stamp is taken before a write and right after a read, so that the device's reading lies between
     the two whatever the scheduler does. `alive` is called at least every 0.2 s.
     """
     step = conversation.connected(time.monotonic_ns())
-    while not stop.is_set():
+    while True:
         if step.items:
             deliver(step.items)
         if step.send:
             link.write(step.send)
-        if step.hang_up:
+        if step.hang_up or ended():
             return
         alive()
         data = link.read(_wait_s(step))

@@ -20,6 +20,10 @@ class RigError(Exception):
         super().__init__(f"{where}: {what}; {remedy}")
         self.where, self.what, self.remedy = where, what, remedy
 
+    def lines(self) -> list[str]:
+        """What to tell a person: one line for each thing that is wrong."""
+        return [str(self)]
+
 
 class FileError(RigError):
     """A rig file, a run or a table is missing, damaged or wrong."""

@@ -43,11 +43,14 @@ class RigFileError(FileError):
         super().__init__(path, f"{count}: " + " | ".join(map(str, problems)), "mend the file")
         self.problems = problems
 
+    def lines(self) -> list[str]:
+        return [f"{self.where}, {problem}" for problem in self.problems]
+
 
 def find(name: str | Path) -> Path:
     """A rig file by path, or a shipped one by name (`paper-fanuc`). Raises FileError with what is shipped."""
     path = Path(name)
-    if path.is_file():
+    if path.exists() and not path.is_dir():
         return path
     shipped = {file.stem: file for file in sorted(SHIPPED.glob("*.yaml"))}
     if str(name) in shipped:

@@ -22,7 +22,7 @@ def main() -> None:
     try:
         app()
     except RigError as error:
-        sys.stderr.write(f"error: {error}\n")
+        sys.stderr.writelines(f"error: {line}\n" for line in error.lines())
         sys.exit(error.exit_code)
     except BrokenPipeError:
         sys.exit(0)

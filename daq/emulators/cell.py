@@ -26,8 +26,8 @@ from rigs.rig import Rig
 class Motion(Protocol):
     """What the emulated instruments measure, at any time of the host's monotonic clock."""
 
-    def gauges_mm(self, now_ns: int) -> Sequence[float]:
-        """Reading of g1, and g2 where there is one."""
+    def gauge_mm(self, name: str, now_ns: int) -> float:
+        """Reading of the gauge of that name; nan where its head is off."""
 
     def joints_deg(self, now_ns: int) -> Sequence[float]:
         """The six joint angles that the controller reports."""
@@ -41,15 +41,14 @@ class Cell:
         self._threads: list[threading.Thread] = []
         self._devices: dict[str, list[Any]] = {}
         self._lines: list[PtyLine] = []
+        self._servers: dict[str, TcpPort] = {}
+        self._silenced: set[str] = set()
         self.ports: dict[str, str] = {}
-        names = [name for name, _ in rig.gauges]
         for group in gauge_groups(rig):
-            places = [names.index(name) for name in group]
             members = [gauge for name, gauge in rig.gauges if name in group]
 
-            def read(now_ns: int, places: Sequence[int] = places) -> Sequence[float]:
-                values = motion.gauges_mm(now_ns)
-                return [values[place] for place in places]
+            def read(now_ns: int, group: Sequence[str] = group) -> Sequence[float]:
+                return [motion.gauge_mm(name, now_ns) for name in group]
 
             def device(members: Sequence[Any] = members, read: Callable[[int], Sequence[float]] = read) -> Any:
                 return gauges.device(members, read)
@@ -77,6 +76,14 @@ class Cell:
             line.close()
         return self.sent()
 
+    def silence(self, name: str) -> None:
+        """The instrument on this serial line says nothing any more."""
+        self._silenced.add(name)
+
+    def hang_up(self, name: str) -> None:
+        """The instrument on this TCP port closes its connection, and takes a new one."""
+        self._servers[name].hang_up()
+
     def sent(self) -> dict[str, int]:
         """Readings sent so far, by stream."""
         return {name: sum(device.sent for device in devices) for name, devices in self._devices.items()}
@@ -100,7 +107,7 @@ class Cell:
         return made
 
     def _serve_tcp(self, name: str, make: Callable[[], Conversation]) -> str:
-        server = TcpPort(self._noted(name, make))
+        server = self._servers[name] = TcpPort(self._noted(name, make))
         self._threads.append(threading.Thread(target=server.serve, args=(self._stop,), name=f"emulated {name}"))
         return server.port
 
@@ -110,7 +117,7 @@ class Cell:
 
         def serve() -> None:
             with contextlib.suppress(LinkLost):
-                converse(line, device, lambda _: None, self._stop)
+                converse(line, device, lambda _: None, lambda: self._stop.is_set() or name in self._silenced)
 
         self._threads.append(threading.Thread(target=serve, name=f"emulated {name}"))
         return line.port

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import threading
 from collections.abc import Callable
@@ -18,6 +19,7 @@ class TcpPort:
 
     def __init__(self, device: Callable[[], Conversation]) -> None:
         self._device = device
+        self._hang_up = threading.Event()
         self._server = socket.create_server(("127.0.0.1", 0))
         self._server.settimeout(_ACCEPT_S)
         self.port = f"tcp://127.0.0.1:{self._server.getsockname()[1]}"
@@ -30,12 +32,14 @@ class TcpPort:
                     sock, _ = self._server.accept()
                 except TimeoutError:
                     continue
+                self._hang_up.clear()
                 sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 sock.setblocking(False)
                 link = Link("emulated", sock.fileno(), sock.close)
-                try:
-                    converse(link, self._device(), lambda _: None, stop)
-                except LinkLost:
-                    pass
-                finally:
-                    link.close()
+                with contextlib.suppress(LinkLost):
+                    converse(link, self._device(), lambda _: None, lambda: stop.is_set() or self._hang_up.is_set())
+                link.close()
+
+    def hang_up(self) -> None:
+        """End the connection there is; the next one is served again."""
+        self._hang_up.set()

@@ -1,0 +1,96 @@
+"""Counts at both ends: two gauges in continuous mode at the line's full pace and RTDE at 500 Hz, into rigd.
+
+Every reading is its own number, so a lost, doubled or swapped one shows in the recorded values.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from daq.client import Client
+from daq.emulators import Cell
+from daq.store import Run, read_run
+from rigs.load import find, parse
+
+STEP_MM = 1e-4
+STEP_DEG = 1e-6
+
+
+class Counting:
+    """Instruments that show how often they have been read."""
+
+    def __init__(self) -> None:
+        self.count: Counter[str] = Counter()
+
+    def gauge_mm(self, name: str, now_ns: int) -> float:
+        self.count[name] += 1
+        return self.count[name] * STEP_MM
+
+    def joints_deg(self, now_ns: int) -> list[float]:
+        self.count["robot"] += 1
+        return [self.count["robot"] * STEP_DEG] * 6
+
+
+def rig_text() -> str:
+    """The paper's gauges on a UR10e."""
+    data = yaml.safe_load(find("ur10e").read_text())
+    data["gauges"] = yaml.safe_load(find("paper-fanuc").read_text())["gauges"]
+    return yaml.safe_dump(data)
+
+
+def main(seconds: float) -> int:
+    text, motion = rig_text(), Counting()
+    cell = Cell(parse(text, "pace"), motion)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        (folder / "rig.yaml").write_text(cell.rig_text(text))
+        cell.start()
+        command = ["rigd", "rig.yaml", "--runs", "runs", "--socket", "rigd.sock"]
+        daemon = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, env={**os.environ}, text=True)
+        assert daemon.stderr is not None
+        try:
+            next(line for line in daemon.stderr if "serving" in line)
+            with Client(folder / "rigd.sock") as client:
+                while not all(stream["counters"].get("samples") for stream in client.ask("status")["streams"].values()):
+                    time.sleep(0.05)
+                client.ask("record_start", name="pace", test="yaw", direction="acw")
+                time.sleep(seconds)
+                sent = cell.stop()  # nothing more comes, so what is recorded now is all there will be
+                time.sleep(0.5)
+                path = folder / client.ask("record_stop")["run"]
+        finally:
+            daemon.send_signal(signal.SIGTERM)
+            daemon.communicate()
+        return report(read_run(path), sent, seconds)
+
+
+def report(run: Run, sent: dict[str, int], seconds: float) -> int:
+    lost = 0
+    for name, column, step in (("g1", "g1_mm", STEP_MM), ("g2", "g2_mm", STEP_MM), ("robot", "q1_deg", STEP_DEG)):
+        numbers = np.round(run.streams[name][column] / step).astype(int)
+        missing = int((np.diff(numbers) - 1).sum())
+        last = int(numbers[-1])
+        print(
+            f"{name}: {len(numbers)} recorded, numbers {numbers[0]} to {last} of {sent[name]} sent; "
+            f"{missing} missing by sequence, {sent[name] - last} missing at the end; {len(numbers) / seconds:.1f} Hz"
+        )
+        lost += abs(missing) + abs(sent[name] - last)
+    faults = {stream: counted for stream, counted in run.manifest.counters.items() if set(counted) - {"samples"}}
+    print(f"faults: {json.dumps(faults) if faults else 'none'}")
+    print("no sample missing" if not lost else f"{lost} samples missing")
+    return 1 if lost else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(float(sys.argv[1]) if len(sys.argv) > 1 else 60.0))
