@@ -20,7 +20,9 @@ from rigs.load import parse
 from rigs.rig import Rig
 
 _GAP = 4.0
-"""A gap is this many times the usual distance between samples."""
+"""A gap is this many times the usual distance between samples, …"""
+_SHORT_NS = 25e6
+"""… and longer than this: a quarter of a cycle of the quickest vibration an arm shows, some 10 Hz."""
 
 
 @dataclass(frozen=True)
@@ -106,5 +108,5 @@ def _bracketed(rows: Array, times: Array) -> np.ndarray[tuple[int], np.dtype[np.
     """Which rows (n,) lie between two of `times` (m,) that are no further apart than usual."""
     after = np.clip(np.searchsorted(times, rows, side="left"), 1, len(times) - 1)
     gaps = times[after] - times[after - 1]
-    dense: np.ndarray[tuple[int], np.dtype[np.bool_]] = gaps <= _GAP * np.median(np.diff(times))
+    dense: np.ndarray[tuple[int], np.dtype[np.bool_]] = gaps <= max(_SHORT_NS, _GAP * np.median(np.diff(times)))
     return dense

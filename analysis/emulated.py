@@ -38,6 +38,9 @@ class EmulatedRobot:
         self._lock = threading.Lock()
         self._trace = self.traces["acw"]
         self._start_ns: int | None = None
+        self.finished = threading.Event()
+        """Set while it stands."""
+        self.finished.set()
 
     def gauge_mm(self, name: str, now_ns: int) -> float:
         """A reading with noise of the gauge's stated accuracy."""
@@ -53,10 +56,15 @@ class EmulatedRobot:
 
     def start(self, direction: Direction) -> float:
         """Begin the program of a direction now; returns how many seconds it takes."""
+        seconds = float(_STAND_S + self.traces[direction].t_s[-1])
         with self._lock:
             self._trace = self.traces[direction]
             self._start_ns = time.monotonic_ns() + int(_STAND_S * 1e9)
-        return float(_STAND_S + self._trace.t_s[-1])
+            self.finished.clear()
+        end = threading.Timer(seconds, self.finished.set)
+        end.daemon = True
+        end.start()
+        return seconds
 
     def _at(self, now_ns: int, values: Array) -> Any:
         since_s = -1.0 if self._start_ns is None else (now_ns - self._start_ns) / 1e9

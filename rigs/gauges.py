@@ -28,6 +28,7 @@ class _Gauge(Part):
     """Standard uncertainty of one reading, from its certificate."""
     calibrated: dt.date | None = None
     timeout_s: float = Field(default=0.5, gt=0, le=60)
+    """Without an answer for so long it counts as silent."""
 
 
 class SylvacOptoRS(_Gauge):
@@ -89,6 +90,8 @@ class ModbusMap(_Gauge):
     address: int = Field(ge=0, le=65535)
     count: int = Field(ge=1, le=125)
     word_order: Literal["big", "little"] = "big"
+    rate_hz: float = Field(default=500.0, gt=0)
+    """Most requests in a second; a serial line is slower by itself, TCP is not."""
     value: ValueRegister
     status: StatusRegister | None = None
     clock_s: Register | None = None

@@ -67,8 +67,8 @@ def _obey(robot: object) -> None:
             if word in ("acw", "cw"):
                 seconds = robot.start("acw" if word == "acw" else "cw")
                 typer.echo(f"{word}: driving, {seconds:.1f} s")
-                if not ended.wait(seconds):
-                    typer.echo(f"{word}: done")
+                robot.finished.wait()
+                typer.echo(f"{word}: done")
             elif word == "quit":
                 break
             elif word:

@@ -36,7 +36,7 @@ _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
 def host(gauges: Sequence[ModbusMap]) -> Conversation:
     """Our side; one gauge a link."""
     (gauge,) = gauges
-    return Polled(_Asking(gauge), gauge.timeout_s)
+    return Polled(_Asking(gauge), gauge.timeout_s, gauge.rate_hz)
 
 
 def device(gauges: Sequence[ModbusMap], read: Read) -> Device:

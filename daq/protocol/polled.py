@@ -1,4 +1,4 @@
-"""Asking and being answered: one request on the line at a time, the next one as soon as it is answered.
+"""Asking and being answered: one request on the line at a time, the next one as soon as it is answered and due.
 
 An answer must never be credited to a later request. Serial answers carry no number, so whenever it is unclear
 whose an answer would be, nothing is asked: the line is *drained*, that is, whatever comes is discarded until
@@ -9,6 +9,8 @@ nothing has come for `timeout_s`. So it is
 - after bytes that make no sense, since the real answer may be among them,
 - when more than the answer came.
 
+It also is where nothing is asked because a given `rate_hz` allows no further request yet.
+
 An answer later than twice `timeout_s` can still slip through where the protocol has no number to tell by:
 make `timeout_s` at least half the slowest answer of the instrument. After an error answer the line rests
 for `PAUSE_NS`, for an instrument that refuses does so at once.
@@ -16,6 +18,7 @@ for `PAUSE_NS`, for an instrument that refuses does so at once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -73,8 +76,9 @@ class Dialect(Protocol):
 class Polled:
     """The host's side of an instrument that speaks when spoken to."""
 
-    def __init__(self, dialect: Dialect, timeout_s: float) -> None:
+    def __init__(self, dialect: Dialect, timeout_s: float, rate_hz: float = math.inf) -> None:
         self._dialect = dialect
+        self._period_ns = round(1e9 / rate_hz)
         self._timeout_s = timeout_s
         self._timeout_ns = round(timeout_s * 1e9)
         self._bursts = Bursts()
@@ -123,6 +127,9 @@ class Polled:
             return self._drain(items, now_ns, discarded=surplus, telling=True)
         if then is Then.PAUSE:
             return self._drain(items, now_ns, quiet_ns=PAUSE_NS, telling=True)
+        early_ns = self._requested_ns + self._period_ns - now_ns
+        if early_ns > 0:
+            return self._drain(items, now_ns, quiet_ns=early_ns, telling=True)
         return self._ask(items, now_ns)
 
     def _ask(self, items: Sequence[Item], now_ns: int) -> Step:

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from daq.client import Client
-from daq.emulators import Cell
+from daq.emulators import Cell, Motion
 from rigs.load import SHIPPED, parse
 
 PATIENCE_S = 20.0
@@ -61,11 +62,11 @@ def rig_text(gauges: str = "sylvac", timeout_s: float = 0.3) -> str:
 class Bench:
     """Cell and daemon in one directory; leaves nothing running."""
 
-    def __init__(self, folder: Path, text: str | None = None) -> None:
+    def __init__(self, folder: Path, text: str | None = None, motion: Motion | None = None) -> None:
         self.folder = folder
         self.motion = ByHand()
         text = text or rig_text()
-        self.cell = Cell(parse(text, "bench"), self.motion)
+        self.cell = Cell(parse(text, "bench"), motion or self.motion)
         self.rig = folder / "rig.yaml"
         self.rig.write_text(self.cell.rig_text(text))
         self.cell.start()
@@ -113,6 +114,28 @@ class Bench:
             cwd=self.folder,
             timeout=60,
         )
+
+    @contextlib.contextmanager
+    def emulating(self, rig: str) -> Iterator[Callable[[str], str]]:
+        """`rig emulate` with a keyboard: type a line, get the line it answers."""
+        process = subprocess.Popen(
+            [BIN / "rig", "emulate", rig], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=self.folder, text=True
+        )
+        assert process.stdin and process.stdout
+
+        def keyboard(line: str) -> str:
+            assert process.stdin and process.stdout
+            process.stdin.write(line + "\n")
+            process.stdin.flush()
+            return process.stdout.readline().strip()
+
+        try:
+            next(line for line in process.stdout if line.startswith("ready"))
+            yield keyboard
+        finally:
+            process.send_signal(signal.SIGTERM)
+            said, _ = process.communicate(timeout=PATIENCE_S)
+            assert process.returncode == 0 and " sent" in said
 
     def fails(self, *command: str | Path, code: int) -> str:
         """A command that must fail with this exit code and one line; returns the line."""

@@ -1,0 +1,57 @@
+"""From the wire to the report: an emulated robot drives a quick lap, each kind of gauge reads it, and what
+`rig analyse` finds agrees with the truth that the cell hides."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from bench import Bench, rig_text
+
+from analysis.emulated import EmulatedRobot, truth
+from rigs.load import parse
+
+
+def _quick(gauges: str) -> str:
+    data = yaml.safe_load(rig_text(gauges, timeout_s=0.5))
+    data["tests"]["circle"]["speed_mm_s"] = 100
+    return yaml.safe_dump(data)
+
+
+@pytest.mark.parametrize(
+    ("gauges", "direction"), [("keyence", "acw"), ("modbus", "cw"), ("polled", "acw"), ("tcp", "cw")]
+)
+def test_a_lap_is_recorded_analysed_and_agrees_with_the_truth(tmp_path: Path, gauges: str, direction: str) -> None:
+    text = _quick(gauges)
+    rig = parse(text, "quick")
+    robot = EmulatedRobot(rig, seed=7)
+    (tmp_path / "truth.json").write_text(json.dumps(truth(rig, robot.traces)))
+    with Bench(tmp_path, text, robot) as bench:
+        bench.start().all_reading()
+        path = bench.record("lap", direction)
+        robot.start(direction)  # type: ignore[arg-type]
+        assert robot.finished.wait(30)
+        assert bench.run("rig", "record", "stop").returncode == 0
+        done = bench.run("rig", "analyse", path, "--json", "--truth", "truth.json", "--plot", "report")
+        assert done.returncode == 0, done.stderr
+    (run,) = json.loads(done.stdout)["runs"]
+    assert run["direction"] == direction and run["samples"] > 100 and not run["doubts"]
+    for name, comparison in run["truth"].items():
+        assert abs(comparison["deviation_u"]) < 4, (name, run["figures"][name], comparison)
+    report = (tmp_path / "report" / "report.html").read_text()
+    assert report.count("data:image/png;base64,") == 2 and f"yaw {direction}" in report
+
+
+def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path: Path) -> None:
+    with Bench(tmp_path) as bench, bench.emulating("paper-fanuc") as keyboard:
+        bench.rig = tmp_path / "cell" / "rig.yaml"
+        bench.socket = bench.socket.with_name("paper-fanuc.sock")
+        bench.start().all_reading()
+        assert keyboard("somersault") == "'somersault' is no program; type acw, cw or quit"
+        before = bench.status()["streams"]["robot"]["last"]["q1_deg"]
+        assert keyboard("acw").startswith("acw: driving, ")
+        bench.until(lambda state: abs(state["streams"]["robot"]["last"]["q1_deg"] - before) > 0.5)
+    planted = json.loads((tmp_path / "cell" / "truth.json").read_text())["planted"]
+    assert planted["eccentricity_mm"] == [0.6, -0.4, 0.1]
