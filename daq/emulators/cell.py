@@ -68,7 +68,9 @@ class Cell:
             thread.start()
 
     def stop(self) -> dict[str, int]:
-        """Switch everything off; returns how many readings each instrument had sent."""
+        """Switch everything off, once; returns how many readings each instrument had sent."""
+        if self._stop.is_set():
+            return self.sent()
         self._stop.set()
         for thread in self._threads:
             thread.join()

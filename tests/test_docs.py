@@ -1,0 +1,44 @@
+"""What the documents tell a person to type exists: commands, options, files."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
+BIN = Path(sys.executable).parent
+
+
+def _typed() -> list[str]:
+    lines = []
+    for page in PAGES:
+        for block in re.findall(r"```sh\n(.*?)```", page.read_text(), re.S):
+            lines += [line.split("#")[0].strip() for line in block.splitlines()]
+        lines += re.findall(r"`(rigd? [^`]+)`", page.read_text())
+    return sorted({line for line in lines if line.startswith(("rig ", "rigd "))})
+
+
+@pytest.mark.parametrize("line", _typed())
+def test_every_command_line_in_the_documents_exists(line: str) -> None:
+    words = line.split()
+    command = [word for word in words if re.fullmatch(r"[a-z]+", word)]
+    depth = {"rig": 2, "rigd": 1}[command[0]] + (command[1:2] == ["record"])
+    done = subprocess.run(
+        [BIN / command[0], *command[1:depth], "--help"],
+        capture_output=True,
+        text=True,
+        check=False,
+        env={"COLUMNS": "200"},
+    )
+    assert done.returncode == 0, done.stderr
+    for option in (word.split("=")[0] for word in words if word.startswith("--")):
+        assert re.search(rf"{option}\b", done.stdout), (line, option)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_in_the_documents_leads_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
+        assert (page.parent / target).exists(), target
