@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.arm import Array
 from analysis.clocks import Columns, gauge_instants, robot_instants
+from analysis.kinematics.arm import Array
 from daq.store import Run, read_run
 from rigs.errors import FileError
 from rigs.links import tcp_address

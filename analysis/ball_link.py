@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.arm import Array
+from analysis.kinematics.arm import Array
 
 BASELINE_AXIS: dict[str, int] = {"yaw": 1, "roll": 0}
 """Column of the tool frame along which the gauges stand apart: y_T for yaw, x_T for roll."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arm import Arm, Array
-from analysis.inverse import follow
+from analysis.kinematics.arm import Arm, Array
+from analysis.kinematics.follow import follow
 from rigs.tests import Circle
 from rigs.vocabulary import Direction
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arm import Array
+from analysis.kinematics.arm import Array
 from rigs.links import Line
 
 Columns = Mapping[str, np.ndarray[Any, Any]]

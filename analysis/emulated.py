@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from analysis.arm import Array
 from analysis.ball_link import angle
 from analysis.circle import frame_of
+from analysis.kinematics.arm import Array
 from analysis.simulate import Trace, circle_of, simulate_circle
 from analysis.tests.yaw import plain_figures
 from rigs.rig import Rig

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.arm import arm_of
 from analysis.circle import frame_of, reversals
+from analysis.kinematics.arm import arm_of
 from analysis.simulate import drive, hold_speeds, lap
 from rigs.rig import Rig
 

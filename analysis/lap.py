@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.align import Aligned
-from analysis.arm import Array, arm_of, forward
 from analysis.circle import SENSE, CircleFrame, frame_of
+from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.simulate import circle_of
+from analysis.tables import CircleTable
 from rigs.errors import FileError
+from rigs.rig import Rig
 from rigs.vocabulary import Direction
 
 _RADIUS_OFF_MM = 2.0
@@ -33,15 +34,15 @@ class Lap:
     g_mm: Array
 
 
-def lap_of(data: Aligned) -> Lap:
-    """The lap of a circle run. Raises FileError where the robot did not drive the circle the rig file says."""
-    direction = data.run.manifest.direction
-    where = str(data.path)
-    if direction is None:
-        raise FileError(where, "has no direction, which a circle needs", "record it with --direction cw or acw")
-    circle = circle_of(data.rig)
+def lap_of(table: CircleTable, rig: Rig, where: str) -> Lap:
+    """The lap of a circle table; `where` names it in errors.
+
+    Raises FileError where the robot did not drive the circle that the rig file says.
+    """
+    direction = table.direction
+    circle = circle_of(rig)
     frame = frame_of(circle)
-    tool = forward(arm_of(data.rig.robot), data.q)[:, :3, 3]
+    tool = forward(arm_of(rig.robot), table.q)[:, :3, 3]
     phi = frame.angle(tool)
     sense = SENSE[direction]
     _is_this_circle(where, frame, tool, sense * (phi[-1] - phi[0]), direction)
@@ -57,10 +58,10 @@ def lap_of(data: Aligned) -> Lap:
     return Lap(
         direction,
         frame,
-        data.t_s[inside],
+        table.t_s[inside],
         start + sense * ahead[inside],
-        data.q[inside],
-        data.g_mm[inside],
+        table.q[inside],
+        table.g_mm[inside],
     )
 
 

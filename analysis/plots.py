@@ -9,8 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.arm import arm_of
 from analysis.circle import Reversal, frame_of, reversals
+from analysis.kinematics.arm import arm_of
 from analysis.results import Result
 from analysis.simulate import circle_of
 

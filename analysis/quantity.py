@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arm import Array
+from analysis.kinematics.arm import Array
 
 _SIGNS = {"deg": "°"}
 

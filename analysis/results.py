@@ -7,6 +7,7 @@ from pathlib import Path
 
 from analysis.align import Aligned, load_aligned
 from analysis.lap import lap_of
+from analysis.tables import CircleTable
 from analysis.tests.yaw import Yaw, evaluate
 from rigs.errors import FileError
 
@@ -38,10 +39,15 @@ class Result:
 def analyse_run(path: Path) -> Result:
     """Read, align and evaluate a run. Raises FileError."""
     data = load_aligned(path)
-    test = data.run.manifest.test
+    test, direction = data.run.manifest.test, data.run.manifest.direction
     if test != "yaw":
         raise FileError(str(path), f"is a {test} run, which rig analyse does not evaluate yet", "give yaw runs")
+    if direction is None:
+        raise FileError(str(path), "has no direction, which a circle needs", "record it with --direction cw or acw")
     if data.rig.gauges.g2 is None:
         raise FileError(str(path), "has one gauge, and an angle takes two", "add gauges.g2 to the rig file")
     gauges = data.rig.gauges
-    return Result(data, evaluate(lap_of(data), gauges.baseline_mm, gauges.baseline_u_mm, data.u_lag_s))
+    table = CircleTable("yaw", direction, data.t_s, data.q, data.g_mm)
+    return Result(
+        data, evaluate(lap_of(table, data.rig, str(path)), gauges.baseline_mm, gauges.baseline_u_mm, data.u_lag_s)
+    )

@@ -11,11 +11,11 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.arm import Arm, Array, arm_of, forward
 from analysis.ball_link import readings
 from analysis.circle import SENSE, CircleFrame, frame_of
 from analysis.effects import link_side
-from analysis.inverse import follow
+from analysis.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.kinematics.follow import follow
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.tests import Circle

@@ -46,7 +46,9 @@ class Hemisphere(Part):
 
     centre_mm: Vector
     normal: Vector = (0.0, 0.0, 1.0)
-    """Points to the middle of the hemisphere, towards the robot's working side."""
+    """Points to the middle of the hemisphere, towards the robot's working side: polar angle 0."""
+    zero: Vector = (1.0, 0.0, 0.0)
+    """Where azimuth 0 lies; projected onto the hemisphere's base."""
     radius_mm: float = Field(default=400.0, gt=0)
     step_deg: float = Field(default=30.0, gt=0, le=90)
     orientations: int = Field(default=3, ge=1)

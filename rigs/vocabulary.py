@@ -2,5 +2,5 @@
 
 from typing import Literal
 
-TestName = Literal["yaw", "roll", "radial", "repeatability"]
+TestName = Literal["yaw", "roll", "radial", "repeatability", "pose"]
 Direction = Literal["cw", "acw"]

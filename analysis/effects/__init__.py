@@ -9,7 +9,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Sequence
 
-from analysis.arm import Array
+from analysis.kinematics.arm import Array
 from rigs.effects import Effect
 
 

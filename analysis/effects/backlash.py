@@ -10,7 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.arm import Array
+from analysis.kinematics.arm import Array
 from rigs.effects import Backlash
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.arm import Array
+from analysis.kinematics.arm import Array
 from rigs.effects import TransmissionError
 
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.arm import Array
 from analysis.ball_link import angle
+from analysis.kinematics.arm import Array
 from analysis.lap import Lap
 from analysis.quantity import Quantity, from_draws
 

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from analysis.arm import arm_of, forward, forward_and_jacobian, pose_error
 from analysis.circle import frame_of, reversals
-from analysis.inverse import follow, newton
+from analysis.kinematics.arm import arm_of, forward, forward_and_jacobian, pose_error
+from analysis.kinematics.follow import follow, newton
 from analysis.simulate import circle_of, lap, simulate_circle
 from rigs.errors import FileError
 from rigs.load import SHIPPED, load

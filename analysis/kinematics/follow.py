@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.arm import Arm, Array, forward_and_jacobian, pose_error
+from analysis.kinematics.arm import Arm, Array, forward_and_jacobian, pose_error
 from rigs.errors import FileError
 
 _TOLERANCE_MM = 1e-9
