@@ -16,17 +16,20 @@ BASELINE_AXIS: dict[str, int] = {"yaw": 1, "roll": 0}
 """Column of the tool frame along which the gauges stand apart: y_T for yaw, x_T for roll."""
 
 
-def readings(T: Array, ball: Array, offsets_mm: Array, test: Literal["yaw", "roll"], link_mm: float) -> Array:
+def readings(
+    T: Array, ball: Array, offsets_mm: Array, test: Literal["yaw", "roll"], link_mm: float, form_mm: Array | float = 0.0
+) -> Array:
     """Gauge readings (n, k) mm, before their zero setting, of k gauges at `offsets_mm` (k,) along the baseline.
 
-    T (n, 4, 4): link-side tool poses; ball (3,) mm in the world; link_mm: the link's constant, taken from |B - P|.
+    T (n, 4, 4): link-side tool poses; ball (3,) mm in the world; link_mm: the link's constant, taken from |B - P|;
+    form_mm (n,): what the ball's form adds to that.
     """
     to_ball = ball - T[:, :3, 3]
     distance = np.linalg.norm(to_ball, axis=1)
     line = to_ball / distance[:, None]
     along_e = np.einsum("ni,ni->n", line, T[:, :3, BASELINE_AXIS[test]])
     along_z = np.einsum("ni,ni->n", line, T[:, :3, 2])
-    values: Array = ((distance - link_mm)[:, None] - along_e[:, None] * offsets_mm) / along_z[:, None]
+    values: Array = ((distance - link_mm + form_mm)[:, None] - along_e[:, None] * offsets_mm) / along_z[:, None]
     return values
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,8 @@ import numpy as np
 from analysis.ball_link import angle
 from analysis.circle import frame_of
 from analysis.kinematics.arm import Array
-from analysis.simulate import Trace, circle_of, simulate_circle
+from analysis.programs import circle_of, circle_program
+from analysis.simulate import circle_readings
 from analysis.tests.yaw import plain_figures
 from rigs.rig import Rig
 from rigs.vocabulary import Direction
@@ -24,15 +26,28 @@ _STAND_S = 1.0
 """Standing at the start before it moves, as a program waits for its controller."""
 
 
+@dataclass(frozen=True)
+class Trace:
+    """One program run, noise-free. t_s (n,); phi (n,) rad; q (n, 6) rad as reported; g_mm (n, 2) as read."""
+
+    t_s: Array
+    phi: Array
+    q: Array
+    g_mm: Array
+
+
+def trace(rig: Rig, direction: Direction) -> Trace:
+    """The yaw circle of a rig with the effects of its file. Raises FileError where it cannot be driven."""
+    program = circle_program(rig, direction)
+    return Trace(program.t_s, program.phi, program.q, circle_readings(rig, program))
+
+
 class EmulatedRobot:
     """What its gauges and its controller show at any time; thread-safe."""
 
     def __init__(self, rig: Rig, seed: int) -> None:
         """Simulates the programs of both directions, noise-free. Raises FileError where the circle cannot be driven."""
-        self.traces: dict[Direction, Trace] = {
-            "acw": simulate_circle(rig, "yaw", "acw"),
-            "cw": simulate_circle(rig, "yaw", "cw"),
-        }
+        self.traces: dict[Direction, Trace] = {"acw": trace(rig, "acw"), "cw": trace(rig, "cw")}
         self._gauges = {name: (place, gauge.accuracy_mm) for place, (name, gauge) in enumerate(rig.gauges)}
         self._random = np.random.default_rng(seed)
         self._lock = threading.Lock()

@@ -12,7 +12,7 @@ import numpy as np
 
 from analysis.circle import SENSE, CircleFrame, frame_of
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.simulate import circle_of
+from analysis.programs import circle_of
 from analysis.tables import CircleTable
 from rigs.errors import FileError
 from rigs.rig import Rig

@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from analysis.circle import Reversal, frame_of, reversals
 from analysis.kinematics.arm import arm_of
+from analysis.programs import circle_of
 from analysis.results import Result
-from analysis.simulate import circle_of
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"

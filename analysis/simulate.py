@@ -1,104 +1,147 @@
-"""What robot and gauges do on a circle: motion as a program drives it, then effects, then readings.
+"""Simulated measurements: a program driven by a robot with effects, read by gauges with noise, as tables.
 
-The controller moves along the nominal path, so the reported joint angles follow it; the effects make the
-link side differ, and that is what the gauges see.
+The noise is what a good cell shows: white in each reading, a slow wander of tool and link, and from run to run a
+little scatter of every joint and of the ball.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.ball_link import readings
-from analysis.circle import SENSE, CircleFrame, frame_of
-from analysis.effects import link_side
-from analysis.kinematics.arm import Arm, Array, arm_of, forward
-from analysis.kinematics.follow import follow
+from analysis.kinematics.arm import Array
+from analysis.predict import Model, SetUp, model_of, nominal_setup, path_of, predict
+from analysis.programs import (
+    CircleProgram,
+    circle_of,
+    circle_program,
+    radial_program,
+    repeatability_of,
+    repeatability_program,
+)
+from analysis.tables import CircleTable, RadialTable, RepeatabilityTable, Table
+from rigs.effects import Effect, JointOffset
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.tests import Circle
-from rigs.vocabulary import Direction
+from rigs.vocabulary import Direction, TestName
 
-_ACCELERATION_MM_S2 = 200.0
-"""Of a controller that moves a calibration circle: gentle."""
-_CONTROL_PERIOD_S = 0.004
+GAUGE_RATE_HZ = 50.0
+"""Readings a second on a circle: what a 4800 baud line gives."""
+_DWELL_S = 4.0
+"""From one target to the next."""
 
 
 @dataclass(frozen=True)
-class Trace:
-    """One program run. t_s (n,), phi (n,) rad, q (n, 6) rad as reported, g_mm (n, k) as the gauges read."""
+class Noise:
+    """Standard deviations. White noise is the gauges' own, from the rig file."""
 
-    t_s: Array
-    phi: Array
-    q: Array
-    g_mm: Array
-
-
-def circle_of(rig: Rig) -> Circle:
-    """The circle of a rig. Raises FileError for a rig without one."""
-    if rig.tests.circle is None:
-        raise FileError(rig.name, "the rig file has no tests.circle", "add it: centre, posture, radius")
-    return rig.tests.circle
+    wander_mm: float = 0.001
+    wander_s: float = 0.5
+    scatter_deg: float = 0.0002
+    scatter_mm: float = 0.001
 
 
-def simulate_circle(rig: Rig, test: Literal["yaw", "roll"], direction: Direction) -> Trace:
-    """A noise-free lap with its lead-in and lead-out, sampled at the controller's period."""
-    circle = circle_of(rig)
-    arm, frame = arm_of(rig.robot), frame_of(circle)
-    t_s, phi = lap(circle, direction)
-    where = f"{rig.name}, tests.circle"
-    q = drive(arm, frame, phi, np.radians(circle.posture_deg), where)
-    hold_speeds(arm, t_s, q, where)
-    return Trace(t_s, phi, q, gauge_readings(rig, arm, frame, q, test))
+QUIET = Noise(0.0, 0.5, 0.0, 0.0)
 
 
-def drive(arm: Arm, frame: CircleFrame, phi: Array, posture: Array, where: str) -> Array:
-    """Reported angles (n, 6) rad along monotone circle angles phi (n,), of either direction.
+def simulate(
+    rig: Rig,
+    test: TestName,
+    direction: Direction | None,
+    seed: int | None,
+    effects: Sequence[Effect] | None = None,
+    noise: Noise | None = None,
+) -> Table:
+    """One run of a test, as it would be measured; `seed` None for no noise at all.
 
-    The posture is that of the acw start. A cw program drives the same joint angles back: a joint that
-    makes the full turn begins where the acw lap ends, since most have no second turn to give.
+    effects: instead of those of the rig file. Raises FileError where the robot cannot do the test, or for a pose
+    test, which has no program.
     """
-    order = slice(None) if phi[-1] > phi[0] else slice(None, None, -1)
-    return follow(arm, frame.poses(phi[order]), posture, where)[order]
+    program = _program(rig, test, direction)
+    model = model_of(rig, effects)
+    setup = nominal_setup(rig, program)
+    if isinstance(program, CircleTable):
+        setup = replace(setup, ball=setup.ball + np.array(circle_of(rig).eccentricity_mm))
+    if seed is None:
+        return with_values(program, predict(model, program, path_of(model, program), setup))
+    noise = noise or Noise()
+    rng = np.random.default_rng(seed)
+    model, setup = _scattered(model, setup, noise, rng)
+    values = predict(model, program, path_of(model, program), setup)
+    white = np.array([gauge.accuracy_mm for _, gauge in rig.gauges])[: values.shape[1]]
+    values = values + rng.normal(0.0, 1.0, values.shape) * white
+    return with_values(program, values + _wander(program.t_s, noise, rng)[:, None])
 
 
-def gauge_readings(rig: Rig, arm: Arm, frame: CircleFrame, q: Array, test: Literal["yaw", "roll"]) -> Array:
-    """Readings (n, k) mm of the rig's gauges for reported angles q (n, 6) in order of time, effects included."""
-    ball = frame.centre + np.array(circle_of(rig).eccentricity_mm)
-    offsets = np.array([gauge.offset_mm for _, gauge in rig.gauges])
-    return readings(forward(arm, link_side(rig.effects, q)), ball, offsets, test, frame.radius)
+def circle_readings(rig: Rig, program: CircleProgram, effects: Sequence[Effect] | None = None) -> Array:
+    """Noise-free readings (n, 2) mm of a yaw circle at every step of its program, for the emulated cell."""
+    model = model_of(rig, effects)
+    table = CircleTable("yaw", "acw", program.t_s, program.q, np.empty((0, 2)))
+    setup = nominal_setup(rig, table)
+    setup = replace(setup, ball=setup.ball + np.array(circle_of(rig).eccentricity_mm))
+    return predict(model, table, path_of(model, table), setup)
 
 
-def lap(circle: Circle, direction: Direction) -> tuple[Array, Array]:
-    """Time (n,) s and circle angle (n,) rad: lead-in, one lap at constant speed, lead-out, from rest to rest."""
-    arc = np.radians(360.0 + 2 * circle.lead_deg)
-    speed = circle.speed_mm_s / circle.radius_mm
-    acceleration = _ACCELERATION_MM_S2 / circle.radius_mm
-    ramp_s = min(speed / acceleration, np.sqrt(arc / acceleration))
-    cruise_s = max(0.0, arc / speed - ramp_s)
-    t = np.arange(0.0, cruise_s + 2 * ramp_s + _CONTROL_PERIOD_S, _CONTROL_PERIOD_S)
-    # Distance of a trapezoid: the integral of a ramp up less that of a ramp down begun at its time.
-    driven = acceleration / 2 * (_ramp(t, 0, ramp_s) - _ramp(t, ramp_s + cruise_s, 2 * ramp_s + cruise_s))
-    start = np.radians(circle.start_deg) - SENSE[direction] * np.radians(circle.lead_deg)
-    return t, start + SENSE[direction] * np.minimum(driven, arc)
+def with_values(table: Table, values: Array) -> Table:
+    """A table of gauges with other readings (m, k) mm."""
+    if isinstance(table, CircleTable):
+        return replace(table, g_mm=values)
+    if isinstance(table, RadialTable | RepeatabilityTable):
+        return replace(table, g_mm=values[:, 0])
+    raise TypeError("a pose table has no gauges")
 
 
-def _ramp(t: Array, begin: float, end: float) -> Array:
-    """Twice the distance of a unit acceleration from begin to end, the speed held afterwards."""
-    inside = np.clip(t, begin, end) - begin
-    distance: Array = inside**2 + 2 * (end - begin) * np.maximum(t - end, 0.0)
-    return distance
+def _program(rig: Rig, test: TestName, direction: Direction | None) -> CircleTable | RadialTable | RepeatabilityTable:
+    """The test's table, its readings still missing."""
+    if test in ("yaw", "roll"):
+        if direction is None:
+            raise FileError(f"{test} test", "needs its direction", "give --direction cw, acw or both")
+        program = circle_program(rig, direction)
+        t_s = np.arange(0.0, program.t_s[-1], 1.0 / GAUGE_RATE_HZ)
+        q = np.stack([np.interp(t_s, program.t_s, joint) for joint in program.q.T], axis=1)
+        return CircleTable("yaw" if test == "yaw" else "roll", direction, t_s, q, np.empty((0, 2)))
+    if test == "radial":
+        at = radial_program(rig)
+        t_s = np.arange(len(at.q)) * _DWELL_S
+        return RadialTable(at.target, at.polar, at.azimuth, at.orientation, t_s, at.q, np.empty(0))
+    if test == "repeatability":
+        return _repeatability_table(rig)
+    raise FileError("pose test", "has no program of its own to simulate", "give yaw, roll, radial or repeatability")
 
 
-def hold_speeds(arm: Arm, t_s: Array, q: Array, where: str) -> None:
-    """Raises FileError where a joint would have to move faster than it can."""
-    fastest = np.abs(np.diff(q, axis=0) / np.diff(t_s)[:, None]).max(axis=0)
-    for axis in np.flatnonzero(fastest > arm.speed):
-        raise FileError(
-            where,
-            f"axis {axis + 1} would move at {np.degrees(fastest[axis]):.0f}°/s, it can do "
-            f"{np.degrees(arm.speed[axis]):.0f}°/s",
-            "lower speed_mm_s, or move the circle away from the singularity",
-        )
+def _repeatability_table(rig: Rig) -> RepeatabilityTable:
+    """At each target a reading, then rounds of one approach from outside and one from inside."""
+    at, rounds = repeatability_program(rig), repeatability_of(rig).rounds
+    approach = np.array(["none", *["out", "in"] * rounds])
+    number = np.array([1, *np.repeat(np.arange(1, rounds + 1), 2)])
+    k = len(approach)
+    return RepeatabilityTable(
+        np.repeat(at.target, k),
+        np.tile(approach, len(at.q)),
+        np.tile(number, len(at.q)),
+        np.arange(k * len(at.q)) * _DWELL_S,
+        np.repeat(at.q, k, axis=0),
+        np.empty(0),
+    )
+
+
+def _scattered(model: Model, setup: SetUp, noise: Noise, rng: np.random.Generator) -> tuple[Model, SetUp]:
+    """Joints and ball a little off, anew in each run."""
+    off = rng.normal(0.0, noise.scatter_deg, 6)
+    scatter = tuple(JointOffset(axis=axis, offset_deg=float(deg)) for axis, deg in enumerate(off, start=1))
+    ball = setup.ball + rng.normal(0.0, noise.scatter_mm, 3)
+    return replace(model, effects=(*model.effects, *scatter)), replace(setup, ball=ball)
+
+
+def _wander(t_s: Array, noise: Noise, rng: np.random.Generator) -> Array:
+    """Correlated noise (m,) mm common to all gauges, of an Ornstein-Uhlenbeck process."""
+    kept = np.exp(-np.diff(t_s, prepend=t_s[0] - 1e9) / noise.wander_s)
+    kicks = rng.normal(0.0, noise.wander_mm, len(t_s)) * np.sqrt(1 - kept**2)
+    wander = np.empty(len(t_s))
+    level = 0.0
+    for k in range(len(t_s)):
+        level = kept[k] * level + kicks[k]
+        wander[k] = level
+    return wander

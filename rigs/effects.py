@@ -1,41 +1,258 @@
-"""Effects known of a rig: why link side = reported + effect. Names and signs as in the shared vocabulary.
+"""Effects: why link side = reported + effect. Names, parameters and signs of the shared vocabulary.
 
-Each class is served by the file of the same name in `analysis/effects/`.
+Each class is one effect and is served by the file of the same name in `analysis/effects/`. A parameter's unit is
+in its name; its bounds, and the size that a healthy arm shows anyway, are its field's. Sizes scale an effect and
+are zero for none; shapes say how it looks and need a size to be seen.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field
 
 from rigs.base import Axis, Part
 
+Gauge = Literal["g1", "g2"]
+
+
+def _size(bound: float, healthy: float, *, least: float | None = None) -> Any:
+    """A size: between -bound (or least) and bound, zero is none; `healthy` is its spread over good arms."""
+    return Field(default=0.0, ge=-bound if least is None else least, le=bound, json_schema_extra={"healthy": healthy})
+
+
+def _shape(low: float, high: float, default: float) -> Any:
+    return Field(default=default, ge=low, le=high)
+
 
 class JointOffset(Part):
     """The datum location error: link = reported + offset."""
 
-    effect: Literal["joint_offset"]
+    effect: Literal["joint_offset"] = "joint_offset"
     axis: Axis
-    offset_deg: float = Field(ge=-5, le=5)
+    offset_deg: float = _size(5, 0.02)
+
+
+class LinkGeometry(Part):
+    """A wrong link constant: `field` of `axis` is `delta` (mm or degrees) more than the rig file says."""
+
+    effect: Literal["link_geometry"] = "link_geometry"
+    axis: Axis
+    field: Literal["a", "alpha", "d", "beta"]
+    delta: float = Field(default=0.0, ge=-50, le=50)
+
+    @property
+    def healthy(self) -> float:
+        """0.2 mm for lengths, 0.02° for angles."""
+        return 0.2 if self.field in ("a", "d") else 0.02
 
 
 class Backlash(Part):
-    """A play of `width_deg`; under friction the link lags, -w/2 while q rises, +w/2 while it falls."""
+    """A play of `width_deg`: the link lags, -w/2 while q rises, +w/2 while it falls, and crosses it at a reversal.
 
-    effect: Literal["backlash"]
+    transit: how gradual the crossing is, 0 sharp, 1 spread over twice the play; preload: share of the play in which
+    gravity holds the flank.
+    """
+
+    effect: Literal["backlash"] = "backlash"
     axis: Axis
-    width_deg: float = Field(ge=0, le=2)
+    width_deg: float = _size(2, 0.01, least=0.0)
+    transit: float = _shape(0, 1, 0.0)
+    preload: float = _shape(0, 1, 0.0)
 
 
 class TransmissionError(Part):
-    """Gear error `amplitude sin(order q + phase)`, `order` in cycles a turn of the joint."""
+    """Gear error `amplitude sin(order q + phase)`, `order` in cycles a turn; `third` of it at three times the order."""
 
-    effect: Literal["transmission_error"]
+    effect: Literal["transmission_error"] = "transmission_error"
     axis: Axis
     order: float = Field(gt=0, le=1000)
-    amplitude_deg: float = Field(ge=0, le=2)
-    phase_deg: float = 0.0
+    amplitude_deg: float = _size(2, 0.005, least=0.0)
+    phase_deg: float = _shape(-360, 360, 0.0)
+    third: float = _shape(-1, 1, 0.0)
 
 
-Effect = Annotated[JointOffset | Backlash | TransmissionError, Field(discriminator="effect")]
+class Compliance(Part):
+    """Twist of a joint under gravity: torque times `deg_per_Nm`; `payload_kg` hangs at the flange beside the links."""
+
+    effect: Literal["compliance"] = "compliance"
+    axis: Axis
+    deg_per_Nm: float = _size(0.05, 5e-5, least=0.0)
+    payload_kg: float = _shape(0, 500, 0.0)
+
+    @property
+    def healthy(self) -> float:
+        """5e-5 °/Nm on axes 1 to 3, 3e-4 on the wrist."""
+        return 5e-5 if self.axis <= 3 else 3e-4
+
+
+class LinkBending(Part):
+    """The link after `axis` bends under gravity: its end moves by `mm_per_Nm` times the torque, the joint does not."""
+
+    effect: Literal["link_bending"] = "link_bending"
+    axis: Axis
+    mm_per_Nm: float = _size(0.05, 1e-4, least=0.0)
+
+
+class ReversalSpike(Part):
+    """Wind-up at each reversal, `amplitude_deg` against the new direction, that relaxes within `decay_s`."""
+
+    effect: Literal["reversal_spike"] = "reversal_spike"
+    axis: Axis
+    amplitude_deg: float = _size(1, 0.005)
+    decay_s: float = _shape(0.02, 10, 0.3)
+
+
+class WristCoupling(Part):
+    """Motion of one wrist axis leaks into another: link[to] gains `ratio` times q[from]."""
+
+    effect: Literal["wrist_coupling"] = "wrist_coupling"
+    from_axis: Axis
+    to_axis: Axis
+    ratio: float = _size(0.1, 1e-4)
+
+
+class ServoLag(Part):
+    """The link follows the feedback late, where the feedback is the command and not the encoder."""
+
+    effect: Literal["servo_lag"] = "servo_lag"
+    axis: Axis
+    lag_s: float = _size(0.2, 5e-4)
+
+
+class ThermalGrowth(Part):
+    """Every length grows with run time: by `ppm` in the end, with a time constant."""
+
+    effect: Literal["thermal_growth"] = "thermal_growth"
+    ppm: float = _size(2000, 20)
+    time_constant_s: float = _shape(1, 1e5, 600.0)
+
+
+class BallForm(Part):
+    """The ball is not round: `lobes` around it."""
+
+    effect: Literal["ball_form"] = "ball_form"
+    lobes: int = Field(ge=2, le=30)
+    amplitude_mm: float = _size(0.1, 0.001, least=0.0)
+    phase_deg: float = _shape(-360, 360, 0.0)
+
+
+class GaugeScale(Part):
+    """A gauge reads too much by this share."""
+
+    effect: Literal["gauge_scale"] = "gauge_scale"
+    gauge: Gauge
+    relative: float = _size(0.2, 5e-4)
+
+
+class GaugeBaseline(Part):
+    """The gauges stand further apart than the rig file says."""
+
+    effect: Literal["gauge_baseline"] = "gauge_baseline"
+    delta_mm: float = _size(10, 0.05)
+
+
+class GaugeInclination(Part):
+    """A gauge stands askew by this angle and reads 1/cos too much."""
+
+    effect: Literal["gauge_inclination"] = "gauge_inclination"
+    gauge: Gauge
+    angle_deg: float = _size(30, 0.5, least=0.0)
+
+
+class GaugeDeadBand(Part):
+    """A plunger sticks: it follows only after this much."""
+
+    effect: Literal["gauge_dead_band"] = "gauge_dead_band"
+    gauge: Gauge
+    width_mm: float = _size(0.5, 5e-4, least=0.0)
+
+
+class GaugeDrift(Part):
+    """A gauge drifts with time."""
+
+    effect: Literal["gauge_drift"] = "gauge_drift"
+    gauge: Gauge
+    mm_per_min: float = _size(1, 2e-4)
+
+
+class GaugeCyclic(Part):
+    """Interpolation error of a gauge's scale: `amplitude_mm` once each `period_mm`."""
+
+    effect: Literal["gauge_cyclic"] = "gauge_cyclic"
+    gauge: Gauge
+    period_mm: float = Field(gt=0, le=10)
+    amplitude_mm: float = _size(0.1, 2e-4, least=0.0)
+    phase_deg: float = _shape(-360, 360, 0.0)
+
+
+class TimeLag(Part):
+    """The gauges' stamps are late against the feedback's."""
+
+    effect: Literal["time_lag"] = "time_lag"
+    lag_s: float = _size(1, 1e-3)
+
+
+class ClockRate(Part):
+    """The gauges' clock runs fast against the feedback's."""
+
+    effect: Literal["clock_rate"] = "clock_rate"
+    ppm: float = _size(10000, 20)
+
+
+class Vibration(Part):
+    """The link swings."""
+
+    effect: Literal["vibration"] = "vibration"
+    frequency_hz: float = Field(gt=0, le=500)
+    amplitude_mm: float = _size(1, 0.002, least=0.0)
+    phase_deg: float = _shape(-360, 360, 0.0)
+
+
+Effect = Annotated[
+    JointOffset
+    | LinkGeometry
+    | Backlash
+    | TransmissionError
+    | Compliance
+    | LinkBending
+    | ReversalSpike
+    | WristCoupling
+    | ServoLag
+    | ThermalGrowth
+    | BallForm
+    | GaugeScale
+    | GaugeBaseline
+    | GaugeInclination
+    | GaugeDeadBand
+    | GaugeDrift
+    | GaugeCyclic
+    | TimeLag
+    | ClockRate
+    | Vibration,
+    Field(discriminator="effect"),
+]
+
+VOCABULARY: dict[str, type[Part]] = {
+    str(get_args(model.model_fields["effect"].annotation)[0]): model for model in get_args(get_args(Effect)[0])
+}
+"""Every effect by name."""
+
+
+def size_field(effect: Any) -> str:
+    """Name of the parameter that scales an effect and is zero for none."""
+    if isinstance(effect, LinkGeometry):
+        return "delta"
+    for name, field in type(effect).model_fields.items():
+        if isinstance(field.json_schema_extra, dict) and "healthy" in field.json_schema_extra:
+            return str(name)
+    raise TypeError(f"{effect!r} is no effect")
+
+
+def healthy_size(effect: Any) -> float:
+    """What a healthy arm shows of it anyway, in the unit of its size."""
+    own = getattr(effect, "healthy", None)
+    if own is not None:
+        return float(own)
+    extra = type(effect).model_fields[size_field(effect)].json_schema_extra
+    return float(extra["healthy"])

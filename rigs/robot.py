@@ -31,6 +31,10 @@ class JointAxis(Part):
     offset_deg: float = 0.0
     limits_deg: tuple[float, float]
     speed_deg_s: float = Field(gt=0)
+    mass_kg: float = Field(default=0.0, ge=0)
+    """Of the link that this joint moves; used by effects of gravity."""
+    centre_mm: Vector = (0.0, 0.0, 0.0)
+    """Centre of that mass in the link's frame."""
 
     @model_validator(mode="after")
     def _ordered(self) -> JointAxis:
@@ -54,3 +58,5 @@ class Robot(Part):
     coupling: Annotated[tuple[Row, ...], Field(min_length=6, max_length=6)] = IDENTITY
     base: Pose = Pose()
     tool: Pose = Pose()
+    payload_kg: float = Field(default=0.0, ge=0)
+    """Tool and ball link, at the flange."""

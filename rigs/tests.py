@@ -51,6 +51,9 @@ class Hemisphere(Part):
     """Where azimuth 0 lies; projected onto the hemisphere's base."""
     radius_mm: float = Field(default=400.0, gt=0)
     step_deg: float = Field(default=30.0, gt=0, le=90)
+    """Between targets, in polar angle and in azimuth."""
+    polar_max_deg: float = Field(default=90.0, gt=0, le=180)
+    """Where the outermost ring lies."""
     orientations: int = Field(default=3, ge=1)
     posture_deg: Row
 

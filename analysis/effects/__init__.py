@@ -1,25 +1,29 @@
-"""Why the link side is not where the controller reports it: link = reported + effect.
+"""Why the measured is not the nominal. One effect a file, named as in the rig file.
 
-One effect a file, named as in the rig file, each a pure function over the whole time-ordered trace,
-since a play depends on the history of direction.
+Each file says its `STAGE` and has one pure function `apply(effect, scene) -> scene` over the whole time-ordered
+trace; a size of zero is the identity. A new file, with its class in `rigs/effects.py`, is at once a new candidate for
+every simulation, fit and diagnosis.
 """
 
 from __future__ import annotations
 
 import importlib
 from collections.abc import Sequence
+from types import ModuleType
 
-from analysis.kinematics.arm import Array
+from analysis.scene import Scene, Stage
 from rigs.effects import Effect
 
 
-def link_side(effects: Sequence[Effect], q: Array) -> Array:
-    """Link-side joint angles (n, 6) rad of the reported ones q (n, 6) rad, in order of time.
-
-    Every effect sees the reported angles; their deviations add.
-    """
-    linked = q.copy()
+def apply(effects: Sequence[Effect], stage: Stage, scene: Scene) -> Scene:
+    """The scene after all effects of a stage, in their order."""
     for effect in effects:
-        module = importlib.import_module(f"analysis.effects.{effect.effect}")
-        linked[:, effect.axis - 1] += module.deviation(effect, q[:, effect.axis - 1])
-    return linked
+        module = module_of(effect)
+        if stage == module.STAGE:
+            scene = module.apply(effect, scene)
+    return scene
+
+
+def module_of(effect: Effect) -> ModuleType:
+    """The file that serves an effect."""
+    return importlib.import_module(f"analysis.effects.{effect.effect}")

@@ -1,30 +1,32 @@
 """Backlash: the link lags behind in a play, -w/2 while q rises, +w/2 while it falls.
 
-The play operator (Visintin, Differential Models of Hysteresis, 1994): y follows x only when x pushes
-against one side of the gap. Over a stretch on which x is monotone it has the closed form used here.
+`transit` spreads the crossing, as several plays of different width side by side would (Prandtl and Ishlinskii).
+`preload` is the share of the play in which gravity, and not friction, holds a flank: there the link lies where the
+torque presses it, and no reversal shows.
 """
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
-from analysis.kinematics.arm import Array
+from analysis.gravity import torques
+from analysis.hysteresis import play
+from analysis.scene import Scene
 from rigs.effects import Backlash
 
+STAGE = "joint"
+_SPREAD = np.linspace(-0.9, 0.9, 7)
+_FIRM_NM = 1.0
+"""A torque of this size presses the flank firmly; below, it gives way smoothly."""
 
-def deviation(effect: Backlash, q: Array) -> Array:
-    """Link side less reported, (n,) rad. The trace begins in the middle of the play."""
+
+def apply(effect: Backlash, scene: Scene) -> Scene:
+    """The joint lags; the trace begins in the middle of the play."""
     half = np.radians(effect.width_deg) / 2
-    link = np.empty_like(q)
-    y = q[0]
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(q)))) + 1
-    # A turning point ends its stretch: the play is fully taken up there before it is left.
-    edges = [0, *(turns + 1).tolist(), len(q)]
-    for start, stop in pairwise(edges):
-        stretch = q[start:stop]
-        # On a monotone stretch at most one of the two bounds is ever active.
-        link[start:stop] = np.clip(y, stretch - half, stretch + half)
-        y = link[stop - 1]
-    return link - q
+    q = scene.q[:, effect.axis - 1]
+    widths = half * (1 + effect.transit * _SPREAD) if effect.transit else np.array([half])
+    deviation = np.mean([play(q, width) for width in widths], axis=0) - q
+    if effect.preload:
+        pressed = half * np.tanh(torques(scene.arm, scene.load, scene.q)[:, effect.axis - 1] / _FIRM_NM)
+        deviation = (1 - effect.preload) * deviation + effect.preload * pressed
+    return scene.turned(effect.axis, deviation)

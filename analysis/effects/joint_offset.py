@@ -1,13 +1,15 @@
-"""Joint zero offset: the paper's datum location error."""
+"""Joint zero offset: the paper's datum location error. Link side = reported + offset."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from analysis.kinematics.arm import Array
+from analysis.scene import Scene
 from rigs.effects import JointOffset
 
+STAGE = "joint"
 
-def deviation(effect: JointOffset, q: Array) -> Array:
-    """Link side less reported, (n,) rad: a constant."""
-    return np.full(len(q), np.radians(effect.offset_deg))
+
+def apply(effect: JointOffset, scene: Scene) -> Scene:
+    """The joint stands off by a constant."""
+    return scene.turned(effect.axis, np.radians(effect.offset_deg))

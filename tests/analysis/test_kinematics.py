@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from analysis.circle import frame_of, reversals
+from analysis.emulated import trace
 from analysis.kinematics.arm import arm_of, forward, forward_and_jacobian, pose_error
 from analysis.kinematics.follow import follow, newton
-from analysis.simulate import circle_of, lap, simulate_circle
+from analysis.programs import circle_of, lap
 from rigs.errors import FileError
 from rigs.load import SHIPPED, load
 
@@ -64,11 +65,11 @@ def test_jacobian_is_the_slope_of_forward(name: str) -> None:
 @pytest.mark.parametrize("direction", ["cw", "acw"])
 def test_the_circle_is_driven_pose_by_pose_without_a_jump(name: str, direction: str) -> None:
     rig, _ = load(name)
-    trace = simulate_circle(rig, "yaw", direction)  # type: ignore[arg-type]
-    reached = forward(arm_of(rig.robot), trace.q)
-    wanted = frame_of(circle_of(rig)).poses(trace.phi)
+    driven = trace(rig, direction)  # type: ignore[arg-type]
+    reached = forward(arm_of(rig.robot), driven.q)
+    wanted = frame_of(circle_of(rig)).poses(driven.phi)
     assert np.abs(reached - wanted).max() < 1e-6
-    assert np.abs(np.diff(trace.q, axis=0)).max() < np.radians(1)
+    assert np.abs(np.diff(driven.q, axis=0)).max() < np.radians(1)
 
 
 def test_reversals_of_the_papers_table_1() -> None:
@@ -96,14 +97,14 @@ def test_a_joint_limit_on_the_way_is_told() -> None:
     axes[3] = axes[3].model_copy(update={"limits_deg": (-100.0, 180.0)})
     narrow = rig.model_copy(update={"robot": rig.robot.model_copy(update={"axes": tuple(axes)})})
     with pytest.raises(FileError, match="axis 4 would move"):
-        simulate_circle(narrow, "yaw", "acw")
+        trace(narrow, "acw")
 
 
 def test_a_circle_too_fast_for_a_joint_is_told() -> None:
     rig, _ = load("paper-fanuc")
     tests = rig.tests.model_copy(update={"circle": circle_of(rig).model_copy(update={"speed_mm_s": 500.0})})
     with pytest.raises(FileError, match="lower speed_mm_s"):
-        simulate_circle(rig.model_copy(update={"tests": tests}), "yaw", "acw")
+        trace(rig.model_copy(update={"tests": tests}), "acw")
 
 
 def test_newton_says_what_it_did_not_reach() -> None:

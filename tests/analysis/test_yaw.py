@@ -5,8 +5,9 @@ import pytest
 
 from analysis.ball_link import angle, readings
 from analysis.circle import CircleFrame, frame_of
+from analysis.emulated import trace
 from analysis.lap import Lap
-from analysis.simulate import circle_of, simulate_circle
+from analysis.programs import circle_of
 from analysis.tests.yaw import evaluate, fit_sine, noise_sd, plain_figures
 from rigs.load import load
 
@@ -66,9 +67,9 @@ def test_noise_is_told_from_a_jumpy_curve() -> None:
 def test_stated_uncertainty_covers_the_truth_as_often_as_it_says() -> None:
     """200 laps of the shipped robot with noise, a lag and a baseline drawn as stated: each figure within 2 u."""
     rig, _ = load("paper-fanuc")
-    trace = simulate_circle(rig, "yaw", "acw")
-    lap = (trace.phi >= 0) & (trace.phi < 2 * np.pi)
-    t, phi, q, g = trace.t_s[lap], trace.phi[lap], trace.q[lap], trace.g_mm[lap]
+    driven = trace(rig, "acw")
+    lap = (driven.phi >= 0) & (driven.phi < 2 * np.pi)
+    t, phi, q, g = driven.t_s[lap], driven.phi[lap], driven.q[lap], driven.g_mm[lap]
     frame, rng = frame_of(circle_of(rig)), np.random.default_rng(5)
     truth = plain_figures(phi, angle(g[:, 0], g[:, 1], 50.0), frame.radius)
     every, repetitions, u_lag, u_baseline = 5, 200, 2e-3, 0.02
@@ -76,7 +77,7 @@ def test_stated_uncertainty_covers_the_truth_as_often_as_it_says() -> None:
     for _ in range(repetitions):
         at = np.arange(rng.integers(every), len(t), every)
         late = t[at] + rng.normal(0, u_lag)
-        phi_seen = np.interp(late, trace.t_s, trace.phi)
+        phi_seen = np.interp(late, driven.t_s, driven.phi)
         baseline = 50.0 + rng.normal(0, u_baseline)
         middle, half = g[at].mean(axis=1), (g[at, 0] - g[at, 1]) / 2 * baseline / 50.0
         seen = np.stack([middle + half, middle - half], axis=1) + rng.normal(0, 0.0005, (len(at), 2))

@@ -1,0 +1,144 @@
+"""What the instruments read when the robot reports what it reported: the forward model behind everything.
+
+    reported angles, in order of time  →  effects  →  readings
+
+The same function predicts for simulated programs and for measured tables, so that a difference between the two is
+in the model and not in the method.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.ball_link import readings
+from analysis.circle import frame_of
+from analysis.effects import apply
+from analysis.gravity import Load, load_of
+from analysis.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.programs import beside, circle_of, hemisphere_of, repeatability_of
+from analysis.scene import Scene
+from analysis.tables import CircleTable, Integers, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.targets import hemisphere_frame, target_angles
+from rigs.effects import Effect
+from rigs.rig import Rig
+
+_NOTHING = np.empty(0)
+
+
+@dataclass(frozen=True)
+class Path:
+    """The reported motion behind a table, with the places passed between its readings.
+
+    t_s (n,); q (n, 6) rad; rows (m,): which samples are the table's readings.
+    """
+
+    t_s: Array
+    q: Array
+    rows: Integers
+
+
+@dataclass(frozen=True)
+class SetUp:
+    """What no rig file knows and every fit begins with.
+
+    ball (3,) mm in the world; zeros_mm (k,): what the gauges show too little. For pose tables T_instrument_world and
+    T_tool_target (4, 4): where the instrument stands and where its target sits on the tool.
+    """
+
+    ball: Array
+    zeros_mm: Array
+    T_instrument_world: Array
+    T_tool_target: Array
+
+
+@dataclass(frozen=True)
+class Model:
+    """A rig's arm with its loads and effects."""
+
+    rig: Rig
+    arm: Arm
+    load: Load
+    effects: tuple[Effect, ...]
+
+
+def model_of(rig: Rig, effects: Sequence[Effect] | None = None) -> Model:
+    """The model of a rig, with the effects of its file or with others."""
+    return Model(rig, arm_of(rig.robot), load_of(rig.robot), tuple(rig.effects if effects is None else effects))
+
+
+def nominal_setup(rig: Rig, table: Table) -> SetUp:
+    """Ball in the nominal centre, gauges at zero, instrument in the world's frame."""
+    if isinstance(table, CircleTable):
+        ball = np.array(circle_of(rig).centre_mm)
+    elif isinstance(table, PoseTable):
+        ball = np.zeros(3)
+    else:
+        ball = np.array(hemisphere_of(rig).centre_mm)
+    gauges = 2 if isinstance(table, CircleTable) else 1
+    return SetUp(ball, np.zeros(gauges), np.eye(4), np.eye(4))
+
+
+def path_of(model: Model, table: Table) -> Path:
+    """The motion behind a table: as recorded, or with the approaches that the test prescribes."""
+    if isinstance(table, CircleTable):
+        return Path(table.t_s, table.q, np.arange(len(table.q)))
+    if isinstance(table, RepeatabilityTable):
+        return _with_approaches(model, table)
+    t_s = table.t_s if isinstance(table, RadialTable) else np.zeros(len(table.q))
+    return Path(t_s, table.q, np.arange(len(table.q)))
+
+
+def _with_approaches(model: Model, table: RepeatabilityTable) -> Path:
+    """Before a reading approached from outside or inside, the place that the tool came from."""
+    frame = hemisphere_frame(hemisphere_of(model.rig))
+    polar, azimuth = target_angles(hemisphere_of(model.rig))
+    radius = frame.direction(polar[table.target - 1], azimuth[table.target - 1])
+    side = np.select([table.approach == "out", table.approach == "in"], [1.0, -1.0], 0.0)
+    came_from = beside(model.arm, table.q, (side * repeatability_of(model.rig).approach_mm)[:, None] * radius)
+    q = np.stack([came_from, table.q], axis=1).reshape(-1, 6)
+    return Path(np.repeat(table.t_s, 2), q, np.arange(1, 2 * len(table.q), 2))
+
+
+def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
+    """Readings (m, k) of a table: gauges in mm; for poses the target's T_instrument_target, (m, 16) row by row."""
+    scene = _moved(model, path)
+    if isinstance(table, PoseTable):
+        T = setup.T_instrument_world @ scene.T[path.rows] @ setup.T_tool_target
+        return T.reshape(-1, 16)
+    to_tool = scene.T[:, :3, 3] - setup.ball
+    if isinstance(table, CircleTable):
+        circle = frame_of(circle_of(model.rig))
+        offsets = np.array([gauge.offset_mm for _, gauge in model.rig.gauges])
+        contact = np.arctan2(to_tool @ circle.v, to_tool @ circle.u)
+        scene = apply(model.effects, "setup", replace(scene, contact=contact, offsets_mm=offsets))
+        g_mm = readings(scene.T, setup.ball, scene.offsets_mm, table.test, circle.radius, scene.form_mm)
+    else:
+        sphere = hemisphere_frame(hemisphere_of(model.rig))
+        contact = np.arctan2(to_tool @ sphere.v, to_tool @ sphere.u)
+        scene = apply(model.effects, "setup", replace(scene, contact=contact))
+        g_mm = (np.linalg.norm(to_tool, axis=1) - sphere.radius + scene.form_mm)[:, None]
+    scene = apply(model.effects, "gauge", replace(scene, g_mm=g_mm - setup.zeros_mm))
+    return scene.g_mm[path.rows]
+
+
+def _moved(model: Model, path: Path) -> Scene:
+    """The scene up to where the tool is."""
+    n = len(path.q)
+    scene = Scene(
+        arm=model.arm,
+        load=model.load,
+        t_s=path.t_s,
+        q=path.q,
+        link_q=path.q,
+        T=_NOTHING,
+        contact=_NOTHING,
+        form_mm=np.zeros(n),
+        offsets_mm=_NOTHING,
+        g_mm=_NOTHING,
+    )
+    for stage in ("time", "arm", "joint"):
+        scene = apply(model.effects, stage, scene)
+    return apply(model.effects, "tool", replace(scene, T=forward(scene.arm, scene.link_q)))

@@ -1,0 +1,170 @@
+"""What a robot program of each test makes the controller do: nominal poses, turned into reported joint angles.
+
+The controller moves along the nominal path, so the reported angles follow it exactly; effects are what the link
+side adds to that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.circle import SENSE, CircleFrame, frame_of
+from analysis.kinematics.arm import Arm, Array, arm_of
+from analysis.kinematics.follow import follow, newton
+from analysis.tables import Integers
+from analysis.targets import hemisphere_frame, target_angles, target_poses
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.tests import Circle, Hemisphere, Repeatability
+from rigs.vocabulary import Direction
+
+_ACCELERATION_MM_S2 = 200.0
+"""Of a controller that moves a calibration circle: gentle."""
+_CONTROL_PERIOD_S = 0.004
+
+
+def circle_of(rig: Rig) -> Circle:
+    """The circle of a rig. Raises FileError for a rig without one."""
+    if rig.tests.circle is None:
+        raise FileError(rig.name, "the rig file has no tests.circle", "add it: centre, posture, radius")
+    return rig.tests.circle
+
+
+def hemisphere_of(rig: Rig) -> Hemisphere:
+    """The hemisphere of a rig. Raises FileError for a rig without one."""
+    if rig.tests.hemisphere is None:
+        raise FileError(rig.name, "the rig file has no tests.hemisphere", "add it: centre, posture, radius")
+    return rig.tests.hemisphere
+
+
+@dataclass(frozen=True)
+class CircleProgram:
+    """A lap with lead-in and lead-out at the controller's period. t_s (n,); phi (n,) rad; q (n, 6) rad."""
+
+    t_s: Array
+    phi: Array
+    q: Array
+
+
+def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
+    """The circle of a rig, from rest to rest. Raises FileError where the robot cannot drive it."""
+    circle = circle_of(rig)
+    arm, frame = arm_of(rig.robot), frame_of(circle)
+    t_s, phi = lap(circle, direction)
+    where = f"{rig.name}, tests.circle"
+    q = drive(arm, frame, phi, np.radians(circle.posture_deg), where)
+    _hold_speeds(arm, t_s, q, where)
+    return CircleProgram(t_s, phi, q)
+
+
+def drive(arm: Arm, frame: CircleFrame, phi: Array, posture: Array, where: str) -> Array:
+    """Reported angles (n, 6) rad along monotone circle angles phi (n,), of either direction.
+
+    The posture is that of the acw start. A cw program drives the same joint angles back: a joint that
+    makes the full turn begins where the acw lap ends, since most have no second turn to give.
+    """
+    order = slice(None) if phi[-1] > phi[0] else slice(None, None, -1)
+    return follow(arm, frame.poses(phi[order]), posture, where)[order]
+
+
+def lap(circle: Circle, direction: Direction) -> tuple[Array, Array]:
+    """Time (n,) s and circle angle (n,) rad: lead-in, one lap at constant speed, lead-out, from rest to rest."""
+    arc = np.radians(360.0 + 2 * circle.lead_deg)
+    speed = circle.speed_mm_s / circle.radius_mm
+    acceleration = _ACCELERATION_MM_S2 / circle.radius_mm
+    ramp_s = min(speed / acceleration, np.sqrt(arc / acceleration))
+    cruise_s = max(0.0, arc / speed - ramp_s)
+    t = np.arange(0.0, cruise_s + 2 * ramp_s + _CONTROL_PERIOD_S, _CONTROL_PERIOD_S)
+    # Distance of a trapezoid: the integral of a ramp up less that of a ramp down begun at its time.
+    driven = acceleration / 2 * (_ramp(t, 0, ramp_s) - _ramp(t, ramp_s + cruise_s, 2 * ramp_s + cruise_s))
+    start = np.radians(circle.start_deg) - SENSE[direction] * np.radians(circle.lead_deg)
+    return t, start + SENSE[direction] * np.minimum(driven, arc)
+
+
+def _ramp(t: Array, begin: float, end: float) -> Array:
+    """Twice the distance of a unit acceleration from begin to end, the speed held afterwards."""
+    inside = np.clip(t, begin, end) - begin
+    distance: Array = inside**2 + 2 * (end - begin) * np.maximum(t - end, 0.0)
+    return distance
+
+
+def _hold_speeds(arm: Arm, t_s: Array, q: Array, where: str) -> None:
+    fastest = np.abs(np.diff(q, axis=0) / np.diff(t_s)[:, None]).max(axis=0)
+    for axis in np.flatnonzero(fastest > arm.speed):
+        raise FileError(
+            where,
+            f"axis {axis + 1} would move at {np.degrees(fastest[axis]):.0f}°/s, it can do "
+            f"{np.degrees(arm.speed[axis]):.0f}°/s",
+            "lower speed_mm_s, or move the circle away from the singularity",
+        )
+
+
+@dataclass(frozen=True)
+class TargetProgram:
+    """Targets of the hemisphere in the order they are visited. All (n,) or (n, 6); angles in rad, numbers from 1."""
+
+    target: Integers
+    polar: Array
+    azimuth: Array
+    orientation: Integers
+    q: Array
+
+
+def radial_program(rig: Rig) -> TargetProgram:
+    """Every target of the rig's hemisphere in each of its orientations. Raises FileError where one is out of reach."""
+    hemisphere = hemisphere_of(rig)
+    polar, azimuth = target_angles(hemisphere)
+    count = hemisphere.orientations
+    target = np.repeat(np.arange(1, len(polar) + 1), count)
+    orientation = np.tile(np.arange(1, count + 1), len(polar))
+    polar, azimuth = np.repeat(polar, count), np.repeat(azimuth, count)
+    poses = target_poses(hemisphere_frame(hemisphere), polar, azimuth, orientation, count)
+    names = [f"target {t}, orientation {o}" for t, o in zip(target, orientation, strict=True)]
+    return TargetProgram(target, polar, azimuth, orientation, _reach(rig, hemisphere, poses, names))
+
+
+def repeatability_program(rig: Rig) -> TargetProgram:
+    """The rig's repeatability targets in their middle orientation, one row each. Raises FileError as above."""
+    hemisphere, plan = hemisphere_of(rig), repeatability_of(rig)
+    polar, azimuth = target_angles(hemisphere)
+    unknown = [number for number in plan.targets if not 1 <= number <= len(polar)]
+    if unknown:
+        where = f"{rig.name}, tests.repeatability"
+        raise FileError(where, f"target {unknown[0]} is none of the {len(polar)} of the hemisphere", "correct targets")
+    target = np.array(plan.targets, dtype=np.int64)
+    polar, azimuth = polar[target - 1], azimuth[target - 1]
+    middle = np.full(len(target), (hemisphere.orientations + 1) // 2)
+    poses = target_poses(hemisphere_frame(hemisphere), polar, azimuth, middle, hemisphere.orientations)
+    q = _reach(rig, hemisphere, poses, [f"target {number}" for number in target])
+    return TargetProgram(target, polar, azimuth, middle, q)
+
+
+def repeatability_of(rig: Rig) -> Repeatability:
+    """The rig's repeatability test, or the paper's where the file says nothing of it."""
+    return rig.tests.repeatability or Repeatability()
+
+
+def beside(arm: Arm, q: Array, offset_mm: Array) -> Array:
+    """Joint angles (n, 6) with the tool moved by offset (n, 3) mm from where q (n, 6) has it, its orientation kept."""
+    from analysis.kinematics.arm import forward  # noqa: PLC0415
+
+    poses = forward(arm, q)
+    poses[:, :3, 3] += offset_mm
+    return newton(arm, poses, q)[0]
+
+
+def _reach(rig: Rig, hemisphere: Hemisphere, poses: Array, names: list[str]) -> Array:
+    arm = arm_of(rig.robot)
+    posture = np.radians(hemisphere.posture_deg)
+    q, good = newton(arm, poses, np.tile(posture, (len(poses), 1)))
+    good &= (q >= arm.limits[:, 0]).all(axis=1) & (q <= arm.limits[:, 1]).all(axis=1)
+    if not good.all():
+        bad = [name for name, reached in zip(names, good, strict=True) if not reached]
+        raise FileError(
+            f"{rig.name}, tests.hemisphere",
+            f"{len(bad)} of {len(poses)} poses are out of reach or limits, first {bad[0]}",
+            "move centre_mm, lower polar_max_deg, or set posture_deg near the pole",
+        )
+    return q
