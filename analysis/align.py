@@ -6,17 +6,17 @@ and counted, where either has a gap there: a straight line across missing data i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from analysis.clocks import Columns, gauge_instants, robot_instants
+from analysis.clocks import Columns, Instants, gauge_instants, robot_instants
 from analysis.kinematics.arm import Array
-from daq.store import Run, read_run
+from daq.store import Run
 from rigs.errors import FileError
 from rigs.links import tcp_address
-from rigs.load import parse
 from rigs.rig import Rig
 
 _GAP = 4.0
@@ -29,77 +29,83 @@ _SHORT_NS = 25e6
 class Aligned:
     """A run as one table.
 
-    t_s (n,) since its first row; q (n, 6) rad as reported; g_mm (n, k) of g1 and g2; u_lag_s: standard
-    uncertainty of the gauges' time against the robot's; left_out: rows dropped for gaps, by the stream
-    that had them; faults: what went wrong while recording, by stream and kind.
+    t_s (n,) since its first row; q (n, 6) rad as reported; g_mm (n, k) of g1 and g2; u_lag_s: standard uncertainty of
+    the gauges' time against the robot's; doubts: what a person should know before trusting it, in words.
     """
 
-    path: Path
-    run: Run
-    rig: Rig
     t_s: Array
     q: Array
     g_mm: Array
     u_lag_s: float
-    left_out: dict[str, int]
-    faults: dict[str, int]
+    doubts: tuple[str, ...]
 
 
-def load_aligned(path: Path) -> Aligned:
-    """Read a run directory and align it. Raises FileError."""
-    run = read_run(path)
-    rig = parse(run.manifest.rig_text, f"{path}, rig file")
-    return align(path, run, rig)
+@dataclass(frozen=True)
+class _Track:
+    """Values (n, k) of one instrument at increasing times (n,) ns."""
+
+    ns: Array
+    values: Array
 
 
 def align(path: Path, run: Run, rig: Rig) -> Aligned:
     """One table of a run. Raises FileError where a stream is missing or has nothing in common with the rest."""
-    gauges = {name: _gauge(path, run, rig, name) for name, _ in rig.gauges}
-    robot = _stream(path, run, "q1_deg", "the robot")
-    robot_ns, robot_u_s = robot_instants(robot)
-    rows_ns, reading, gauge_u_s = gauges["g1"]
+    doubts: list[str] = []
+    names = [name for name, _ in rig.gauges]
+    gauges = [_gauge(path, run, rig, name, doubts) for name in names]
+    robot, robot_u_s = _robot(path, run, doubts)
+    rows_ns = gauges[0][0].ns
     keep = np.ones(len(rows_ns), dtype=bool)
-    left_out: dict[str, int] = {}
-
-    def at_rows(name: str, ns: Array, values: Array) -> Array:
-        spanned = (rows_ns >= ns[0]) & (rows_ns <= ns[-1])
-        dense = _bracketed(rows_ns, ns)
-        left_out[name] = int((spanned & ~dense).sum())
-        keep[:] &= spanned & dense
-        return np.interp(rows_ns, ns, values)
-
-    columns = [reading if name == "g1" else at_rows(name, ns, values) for name, (ns, values, _) in gauges.items()]
-    joints = [at_rows("robot", robot_ns, np.radians(robot[f"q{axis}_deg"])) for axis in range(1, 7)]
+    at_rows = []
+    for name, track in zip([*names, "robot"], [*(track for track, _ in gauges), robot], strict=True):
+        spanned = (rows_ns >= track.ns[0]) & (rows_ns <= track.ns[-1])
+        dense = _bracketed(rows_ns, track.ns)
+        keep &= spanned & dense
+        if gaps := int((spanned & ~dense).sum()):
+            doubts.append(f"{name}: {gaps} rows left out for gaps")
+        at_rows.append(np.stack([np.interp(rows_ns, track.ns, column) for column in track.values.T], axis=1))
     if keep.sum() < 2:
         raise FileError(str(path), "gauges and robot share no stretch of time", "record both through the whole test")
-    faults = {
-        f"{stream} {kind}": count
-        for stream, counted in run.manifest.counters.items()
-        for kind, count in counted.items()
-        if kind != "samples" and count
-    }
     t_s = (rows_ns - rows_ns[keep][0])[keep] / 1e9
-    u_s = float(np.hypot(gauge_u_s, robot_u_s))
-    left_out = {name: count for name, count in left_out.items() if count}
-    return Aligned(
-        path, run, rig, t_s, np.stack(joints, axis=1)[keep], np.stack(columns, axis=1)[keep], u_s, left_out, faults
-    )
+    u_lag_s = float(np.hypot(max(u_s for _, u_s in gauges), robot_u_s))
+    return Aligned(t_s, at_rows[-1][keep], np.concatenate(at_rows[:-1], axis=1)[keep], u_lag_s, tuple(doubts))
 
 
-def _gauge(path: Path, run: Run, rig: Rig, name: str) -> tuple[Array, Array, float]:
-    """Instants (n,) ns, readings (n,) mm and the uncertainty of the instants in s, of one gauge."""
-    stream = _stream(path, run, f"{name}_mm", f"gauge {name}")
+def _gauge(path: Path, run: Run, rig: Rig, name: str, doubts: list[str]) -> tuple[_Track, float]:
+    """Readings (n, 1) mm of one gauge, and the uncertainty of its instants in s."""
+    stream = _stream(path, run, [f"{name}_mm"], f"gauge {name}")
     gauge = dict(rig.gauges)[name]
-    instants, u_s = gauge_instants(stream, None if tcp_address(gauge.port) else gauge.line)
-    values = stream[f"{name}_mm"]
-    there = np.isfinite(values)
-    order = np.argsort(instants[there], kind="stable")
-    return instants[there][order], values[there][order], u_s
+    instants = gauge_instants(stream, None if tcp_address(gauge.port) else gauge.line)
+    _tell(name, instants, doubts)
+    if doubtful := int(np.count_nonzero(stream["status"])):
+        doubts.append(f"{name}: {doubtful} readings that the gauge itself calls doubtful")
+    return _track(instants.ns, stream[f"{name}_mm"][:, None]), instants.u_s
 
 
-def _stream(path: Path, run: Run, column: str, what: str) -> Columns:
+def _robot(path: Path, run: Run, doubts: list[str]) -> tuple[_Track, float]:
+    """Joint angles (n, 6) rad as reported, and the uncertainty of their instants in s."""
+    columns = [f"q{axis}_deg" for axis in range(1, 7)]
+    stream = _stream(path, run, columns, "the robot")
+    instants = robot_instants(stream)
+    _tell("robot", instants, doubts)
+    return _track(instants.ns, np.radians(np.stack([stream[column] for column in columns], axis=1))), instants.u_s
+
+
+def _tell(name: str, instants: Instants, doubts: list[str]) -> None:
+    if instants.restarts:
+        doubts.append(f"{name}: its clock began anew {instants.restarts} times; fitted in pieces")
+
+
+def _track(ns: Array, values: Array) -> _Track:
+    """In order of time, without what is no number and without a second value for one instant."""
+    there = np.isfinite(values).all(axis=1)
+    increasing, first = np.unique(ns[there], return_index=True)
+    return _Track(increasing, values[there][first])
+
+
+def _stream(path: Path, run: Run, columns: Sequence[str], what: str) -> Columns:
     for stream in run.streams.values():
-        if column in stream and np.isfinite(stream[column]).sum() > 1:
+        if all(column in stream and np.isfinite(stream[column]).sum() > 1 for column in columns):
             return stream
     raise FileError(str(path), f"holds no readings of {what}", "record again with it connected: rig status tells")
 

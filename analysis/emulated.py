@@ -9,26 +9,29 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
 from analysis.ball_link import angle
 from analysis.circle import frame_of
 from analysis.kinematics.arm import Array
-from analysis.programs import circle_of, circle_program
-from analysis.simulate import circle_readings
+from analysis.programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
+from analysis.simulate import readings_along
 from analysis.tests.yaw import plain_figures
+from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.vocabulary import Direction
 
+_DWELL_S = 1.5
+"""At each target; a program for real gauges waits longer."""
 _STAND_S = 1.0
 """Standing at the start before it moves, as a program waits for its controller."""
 
 
 @dataclass(frozen=True)
 class Trace:
-    """One program run, noise-free. t_s (n,); phi (n,) rad; q (n, 6) rad as reported; g_mm (n, 2) as read."""
+    """One program run, noise-free. t_s (n,); phi (n,) rad, empty off the circle; q (n, 6) rad reported; g_mm (n, k)."""
 
     t_s: Array
     phi: Array
@@ -36,10 +39,21 @@ class Trace:
     g_mm: Array
 
 
-def trace(rig: Rig, direction: Direction) -> Trace:
-    """The yaw circle of a rig with the effects of its file. Raises FileError where it cannot be driven."""
+def trace(rig: Rig, direction: Direction, test: Literal["yaw", "roll"] = "yaw") -> Trace:
+    """The circle of a rig with the effects of its file. Raises FileError where it cannot be driven."""
     program = circle_program(rig, direction)
-    return Trace(program.t_s, program.phi, program.q, circle_readings(rig, program))
+    return Trace(program.t_s, program.phi, program.q, readings_along(rig, test, program.t_s, program.q))
+
+
+def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
+    """A program that stops at the targets of the rig's hemisphere. Raises FileError where one is out of reach."""
+    t_s, q = stops(radial_stops(rig) if test == "radial" else repeatability_stops(rig), dwell_s=_DWELL_S)
+    g_mm = np.repeat(readings_along(rig, test, t_s, q), len(list(rig.gauges)), axis=1)
+    return Trace(t_s, np.empty(0), q, g_mm)
+
+
+PROGRAMS = ("acw", "cw", "roll acw", "roll cw", "radial", "repeatability")
+"""acw and cw alone drive the yaw circle."""
 
 
 class EmulatedRobot:
@@ -47,6 +61,7 @@ class EmulatedRobot:
 
     def __init__(self, rig: Rig, seed: int) -> None:
         """Simulates the programs of both directions, noise-free. Raises FileError where the circle cannot be driven."""
+        self._rig = rig
         self.traces: dict[Direction, Trace] = {"acw": trace(rig, "acw"), "cw": trace(rig, "cw")}
         self._gauges = {name: (place, gauge.accuracy_mm) for place, (name, gauge) in enumerate(rig.gauges)}
         self._random = np.random.default_rng(seed)
@@ -69,17 +84,31 @@ class EmulatedRobot:
             joints: list[float] = np.degrees(self._at(now_ns, self._trace.q)).tolist()
             return joints
 
-    def start(self, direction: Direction) -> float:
-        """Begin the program of a direction now; returns how many seconds it takes."""
-        seconds = float(_STAND_S + self.traces[direction].t_s[-1])
+    def start(self, program: str) -> float:
+        """Begin a program of `PROGRAMS` now; returns how many seconds it takes.
+
+        Raises FileError for a name that is none, or a program that this rig cannot do.
+        """
+        driven = self._driven(program)
+        seconds = float(_STAND_S + driven.t_s[-1])
         with self._lock:
-            self._trace = self.traces[direction]
+            self._trace = driven
             self._start_ns = time.monotonic_ns() + int(_STAND_S * 1e9)
             self.finished.clear()
         end = threading.Timer(seconds, self.finished.set)
         end.daemon = True
         end.start()
         return seconds
+
+    def _driven(self, program: str) -> Trace:
+        match program:
+            case "acw" | "cw":
+                return self.traces[program]
+            case "roll acw" | "roll cw":
+                return trace(self._rig, "acw" if program.endswith(" acw") else "cw", "roll")
+            case "radial" | "repeatability":
+                return target_trace(self._rig, program)
+        raise FileError(repr(program), "is no program", f"type {', '.join(PROGRAMS)} or quit")
 
     def _at(self, now_ns: int, values: Array) -> Any:
         since_s = -1.0 if self._start_ns is None else (now_ns - self._start_ns) / 1e9
@@ -108,4 +137,4 @@ def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
         "eccentricity_mm": list(circle_of(rig).eccentricity_mm),
         "effects": [effect.model_dump(mode="json") for effect in rig.effects],
     }
-    return {"yaw": figures, "planted": planted}
+    return {"rig": rig.name, "yaw": figures, "planted": planted}

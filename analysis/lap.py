@@ -20,11 +20,18 @@ from rigs.vocabulary import Direction
 
 _RADIUS_OFF_MM = 2.0
 _GAP_RAD = np.radians(5.0)
+_MORE_LAPS = 0.9
+"""A lead-out is never so long (of a lap): what goes on further is another lap."""
+_STANDING_RAD = np.radians(0.2)
+_JUMP_RAD = np.radians(1.0)
+_JUMP_SPEEDS = 3.0
+"""Between two rows a joint moves no further than this many times its greatest speed, and _JUMP_RAD, allow."""
 
 
 @dataclass(frozen=True)
 class Lap:
-    """One lap in order of time. t_s (n,), phi (n,) rad unwrapped, q (n, 6) rad, g_mm (n, k)."""
+    """One lap in order of time. t_s (n,), phi (n,) rad unwrapped, q (n, 6) rad, g_mm (n, k); notes: what a person
+    should know of how it was cut out."""
 
     direction: Direction
     frame: CircleFrame
@@ -32,15 +39,17 @@ class Lap:
     phi: Array
     q: Array
     g_mm: Array
+    notes: tuple[str, ...] = ()
 
 
 def lap_of(table: CircleTable, rig: Rig, where: str) -> Lap:
-    """The lap of a circle table; `where` names it in errors.
+    """The lap of a circle table, the first where more were driven; `where` names it in errors.
 
     Raises FileError where the robot did not drive the circle that the rig file says.
     """
     direction = table.direction
     circle = circle_of(rig)
+    _is_motion(where, table, rig)
     frame = frame_of(circle)
     tool = forward(arm_of(rig.robot), table.q)[:, :3, 3]
     phi = frame.angle(tool)
@@ -62,7 +71,36 @@ def lap_of(table: CircleTable, rig: Rig, where: str) -> Lap:
         start + sense * ahead[inside],
         table.q[inside],
         table.g_mm[inside],
+        _more_laps(ahead),
     )
+
+
+def _more_laps(ahead: Array) -> tuple[str, ...]:
+    laps = float(ahead.max()) / (2 * np.pi)
+    if laps < 1 + _MORE_LAPS:
+        return ()
+    return (f"the robot drove {laps:.1f} laps in one run: the first is evaluated",)
+
+
+def _is_motion(where: str, table: CircleTable, rig: Rig) -> None:
+    """Raises FileError for angles that no robot runs through: none at all, no numbers, jumps."""
+    if len(table.q) < 2:
+        raise FileError(where, f"has {len(table.q)} rows, which is no circle", "record the whole circle")
+    if not np.isfinite(table.q).all():
+        row = int(np.argmin(np.isfinite(table.q).all(axis=1))) + 1
+        raise FileError(where, f"row {row} has a joint angle that is no number", "leave such rows out")
+    if np.ptp(table.q, axis=0).max() < _STANDING_RAD:
+        raise FileError(where, "the robot stood still", "start the circle program once the recording runs")
+    speed = np.radians([axis.speed_deg_s for axis in rig.robot.axes])
+    step = np.abs(np.diff(table.q, axis=0))
+    over = step > _JUMP_RAD + _JUMP_SPEEDS * speed * np.abs(np.diff(table.t_s))[:, None]
+    if over.any():
+        row, axis = (int(k) for k in np.argwhere(over)[0])
+        raise FileError(
+            where,
+            f"{rig.robot.axes[axis].name} jumps by {np.degrees(step[row, axis]):.1f}° at {table.t_s[row + 1]:.3f} s",
+            "see the feedback's units and wrap-around, or leave the bad rows out",
+        )
 
 
 def _is_this_circle(where: str, frame: CircleFrame, tool: Array, driven: float, direction: str) -> None:

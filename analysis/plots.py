@@ -1,4 +1,5 @@
-"""Pictures of circle runs, after the paper's figures 3 (raw with the fitted sine) and 6 (orientation error)."""
+"""Pictures of evaluated runs, after the paper's figures: 3 (raw with the fitted sine), 6, 8, 10 and 11 (orientation
+error), 13 and 14 (radial), 15 (repeatability); and the poses of a tracker."""
 
 from __future__ import annotations
 
@@ -13,49 +14,149 @@ from analysis.circle import Reversal, frame_of, reversals
 from analysis.kinematics.arm import arm_of
 from analysis.programs import circle_of
 from analysis.results import Result
+from analysis.tests.circle import CircleResult
+from analysis.tests.pose import PoseResult
+from analysis.tests.radial import Radial
+from analysis.tests.repeatability import Repeatability
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"
+_LEAST_BINS = 20
 
 
 def save_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
-    """Write raw.png and error.png of runs of one circle; returns their paths."""
-    pictures = {"raw.png": raw_figure(results), "error.png": error_figure(results)}
+    """Write the pictures of runs of one test, named by it; returns their paths."""
+    test = results[0].test
+    figures = (
+        {f"{test}-raw.png": raw_figure(results), f"{test}-error.png": error_figure(results)}
+        if (isinstance(results[0].found, CircleResult))
+        else {f"{result.name}-{test}.png": _other_figure(result) for result in results}
+    )
     written = []
-    for name, figure in pictures.items():
+    for name, figure in figures.items():
         figure.savefig(directory / name, dpi=150)
         written.append(directory / name)
     return written
 
 
+def _other_figure(result: Result) -> Figure:
+    match result.found:
+        case Radial():
+            return radial_figure(result, result.found)
+        case Repeatability():
+            return repeatability_figure(result, result.found)
+        case PoseResult():
+            return pose_figure(result, result.found)
+    raise TypeError(result.test)
+
+
+def _blank(result: Result, title: str, width: float, height: float) -> Figure:
+    figure = Figure(figsize=(width, height), layout="constrained")
+    figure.suptitle(f"{title} · {result.measured.rig.name} · {result.name}", fontsize=11)
+    return figure
+
+
+def radial_figure(result: Result, found: Radial) -> Figure:
+    """Deviation from the least-squares sphere over the hemisphere, and target by target (figure 13)."""
+    figure = _blank(result, "Radial error about the least-squares sphere", 11, 4.6)
+    deviation = np.linalg.norm(found.points - found.free.centre, axis=1) - found.free.radius
+    around, axes = figure.subplots(1, 2, width_ratios=(1, 1.5), subplot_kw={})
+    polar = np.degrees(np.arccos(np.clip(found.cells.direction[:, 2], -1, 1)))
+    azimuth = np.arctan2(found.cells.direction[:, 1], found.cells.direction[:, 0])
+    largest = float(np.abs(deviation[found.used]).max())
+    dots = around.scatter(
+        polar * np.cos(azimuth),
+        polar * np.sin(azimuth),
+        c=deviation,
+        cmap="coolwarm",
+        s=90,
+        vmin=-largest,
+        vmax=largest,
+    )
+    for ring in range(30, 91, 30):
+        turn = np.linspace(0, 2 * np.pi, 181)
+        around.plot(ring * np.cos(turn), ring * np.sin(turn), color="#dddddd", lw=0.6, zorder=0)
+        around.annotate(f"{ring}°", (0, -ring), fontsize=7, color=_GREY, ha="center", va="top")
+    around.set_aspect("equal")
+    around.set_axis_off()
+    around.set_title("seen along the axis, φ = 0° to the right", fontsize=9)
+    figure.colorbar(dots, ax=around, label="deviation / mm", shrink=0.8)
+    axes.errorbar(
+        found.cells.target, deviation, found.spread_mm / 2, fmt="o", ms=4, lw=0.8, color=_INK["cw"],
+        label="mean, with the range over orientations",
+    )  # fmt: skip
+    axes.plot(found.cells.target[~found.used], deviation[~found.used], "x", color="red", label="left out")
+    _plain(axes, "target", "deviation from the sphere / mm")
+    text = f"radius {result.figures['radius_mm']}\nerror band {result.figures['band_mm']}"
+    axes.text(0.01, 0.98, text, transform=axes.transAxes, va="top", fontsize=9)
+    axes.legend(loc="lower left", fontsize=8)
+    return figure
+
+
+def repeatability_figure(result: Result, found: Repeatability) -> Figure:
+    """Every reading by target and side of approach (figure 15)."""
+    figure = _blank(result, "Repeatability", 8, 4.2)
+    axes = figure.subplots()
+    for side, name in enumerate(("from outside", "from inside")):
+        place = np.repeat(np.arange(len(found.targets)) + (side - 0.5) * 0.25, found.readings_mm.shape[2])
+        ink = list(_INK.values())[side]
+        axes.plot(place, found.readings_mm[:, side].ravel(), "o", ms=4, color=ink, alpha=0.8, label=name)
+    axes.set_xticks(range(len(found.targets)), [str(target) for target in found.targets])
+    _plain(axes, "target", "reading / mm")
+    text = f"uni-directional {result.figures['uni_mm']}\nbi-directional {result.figures['bi_mm']}"
+    axes.text(0.01, 0.98, text, transform=axes.transAxes, va="top", fontsize=9)
+    axes.margins(y=0.25)
+    axes.legend(loc="lower right", fontsize=8)
+    return figure
+
+
+def pose_figure(result: Result, found: PoseResult) -> Figure:
+    """Position error pose by pose, and how often which size."""
+    figure = _blank(result, "Position error, base and tool fitted", 10, 4.0)
+    along, often = figure.subplots(1, 2, width_ratios=(2, 1), sharey=True)
+    error = np.linalg.norm(found.position_mm, axis=1)
+    along.plot(np.arange(1, len(error) + 1), error, ".", ms=3, color=_INK["cw"])
+    _plain(along, "pose", "position error / mm")
+    often.hist(error, bins=max(_LEAST_BINS, len(error) // 25), orientation="horizontal", color=_INK["cw"], alpha=0.7)
+    _plain(often, "poses", "")
+    along.text(0.01, 0.98, f"rms {result.figures['rms_mm']}", transform=along.transAxes, va="top", fontsize=9)
+    return figure
+
+
+def _plain(axes: Axes, x: str, y: str) -> None:
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.grid(color="#dddddd", lw=0.5)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
 def raw_figure(results: Sequence[Result]) -> Figure:
     """Angle over circle angle with its least-squares sine, a panel for each run (the paper's figure 3)."""
-    figure, panels = _panels(results, "Yaw angle and least-squares sine")
-    for result, axes in zip(results, panels, strict=True):
-        yaw = result.yaw
-        phi = np.degrees(yaw.phi) % 360
-        axes.plot(phi, np.degrees(yaw.angle), ".", ms=2, color=_INK[yaw.lap.direction], label="measured")
+    test = results[0].test
+    figure, panels = _panels(results, f"{test.capitalize()} angle and least-squares sine")
+    for found, axes in zip(_circles(results), panels, strict=True):
+        phi = np.degrees(found.phi) % 360
+        axes.plot(phi, np.degrees(found.angle), ".", ms=2, color=_INK[found.lap.direction], label="measured")
         whole = np.linspace(0, 2 * np.pi, 361)
-        sine = f"sine, amplitude {yaw.figures['amplitude_deg']}"
-        axes.plot(np.degrees(whole), np.degrees(yaw.sine(whole)), "-", lw=1, color="black", label=sine)
-        axes.set_ylabel(f"{yaw.lap.direction}: yaw / °")
+        sine = f"sine, amplitude {found.figures['amplitude_deg']}"
+        axes.plot(np.degrees(whole), np.degrees(found.sine(whole)), "-", lw=1, color="black", label=sine)
+        axes.set_ylabel(f"{found.lap.direction}: {test} / °")
         axes.legend(loc="upper left", fontsize=8, framealpha=0.9)
     return figure
 
 
 def error_figure(results: Sequence[Result]) -> Figure:
     """Orientation error with its band and the joints' reversals, a panel for each run (figure 6)."""
-    figure, panels = _panels(results, "Orientation error in yaw")
-    low, high = _common_range(results)
-    for result, axes in zip(results, panels, strict=True):
-        yaw = result.yaw
-        order = np.argsort(np.degrees(yaw.phi) % 360)
-        error = np.degrees(yaw.residual)
-        axes.plot((np.degrees(yaw.phi) % 360)[order], error[order], "-", lw=1, color=_INK[yaw.lap.direction])
-        axes.axhspan(error.min(), error.max(), color=_INK[yaw.lap.direction], alpha=0.08, lw=0)
+    figure, panels = _panels(results, f"Orientation error in {results[0].test}")
+    low, high = _common_range(_circles(results))
+    for result, found, axes in zip(results, _circles(results), panels, strict=True):
+        order = np.argsort(np.degrees(found.phi) % 360)
+        error = np.degrees(found.residual)
+        axes.plot((np.degrees(found.phi) % 360)[order], error[order], "-", lw=1, color=_INK[found.lap.direction])
+        axes.axhspan(error.min(), error.max(), color=_INK[found.lap.direction], alpha=0.08, lw=0)
         axes.set_ylim(low, high)
-        axes.set_ylabel(f"{yaw.lap.direction}: error / °")
-        band = f"error band {yaw.figures['band_deg']}"
+        axes.set_ylabel(f"{found.lap.direction}: error / °")
+        band = f"error band {found.figures['band_deg']}"
         axes.text(0.01, 0.04, band, transform=axes.transAxes, fontsize=9, va="bottom")
         _mark_reversals(axes, result)
     return figure
@@ -64,7 +165,7 @@ def error_figure(results: Sequence[Result]) -> Figure:
 def _panels(results: Sequence[Result], title: str) -> tuple[Figure, list[Axes]]:
     figure = Figure(figsize=(9, 1.2 + 2.6 * len(results)), layout="constrained")
     panels: list[Axes] = list(figure.subplots(len(results), 1, sharex=True, squeeze=False)[:, 0])
-    figure.suptitle(f"{title} · {results[0].data.rig.name}", fontsize=11)
+    figure.suptitle(f"{title} · {results[0].measured.rig.name}", fontsize=11)
     for axes in panels:
         axes.set_xlim(0, 360)
         axes.set_xticks(range(0, 361, 30))
@@ -74,16 +175,20 @@ def _panels(results: Sequence[Result], title: str) -> tuple[Figure, list[Axes]]:
     return figure, panels
 
 
-def _common_range(results: Sequence[Result]) -> tuple[float, float]:
+def _circles(results: Sequence[Result]) -> list[CircleResult]:
+    return [result.found for result in results if isinstance(result.found, CircleResult)]
+
+
+def _common_range(circles: Sequence[CircleResult]) -> tuple[float, float]:
     """One scale for all panels, with room for the marks above and the band's text below."""
-    low = min(float(np.degrees(result.yaw.residual).min()) for result in results)
-    high = max(float(np.degrees(result.yaw.residual).max()) for result in results)
+    low = min(float(np.degrees(found.residual).min()) for found in circles)
+    high = max(float(np.degrees(found.residual).max()) for found in circles)
     return low - 0.28 * (high - low), high + 0.3 * (high - low)
 
 
 def _mark_reversals(axes: Axes, result: Result) -> None:
     """A dashed line where a joint turns back; names of close neighbours take turns in height."""
-    rig = result.data.rig
+    rig = result.measured.rig
     circle = circle_of(rig)
     turns = reversals(frame_of(circle), arm_of(rig.robot), np.radians(circle.posture_deg), rig.name)
     previous, step = -100.0, 0
@@ -106,4 +211,4 @@ def _mark_reversals(axes: Axes, result: Result) -> None:
 
 
 def _name(result: Result, turn: Reversal) -> str:
-    return f"{result.data.rig.robot.axes[turn.axis - 1].name} {'↓' if turn.upper else '↑'}"
+    return f"{result.measured.rig.robot.axes[turn.axis - 1].name} {'↓' if turn.upper else '↑'}"

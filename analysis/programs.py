@@ -7,12 +7,14 @@ side adds to that.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from analysis.circle import SENSE, CircleFrame, frame_of
 from analysis.kinematics.arm import Arm, Array, arm_of
-from analysis.kinematics.follow import follow, newton
+from analysis.kinematics.follow import follow
+from analysis.kinematics.newton import newton
 from analysis.tables import Integers
 from analysis.targets import hemisphere_frame, target_angles, target_poses
 from rigs.errors import FileError
@@ -23,6 +25,8 @@ from rigs.vocabulary import Direction
 _ACCELERATION_MM_S2 = 200.0
 """Of a controller that moves a calibration circle: gentle."""
 _CONTROL_PERIOD_S = 0.004
+_JOINT_SPEED = np.radians(30.0)
+_SHORTEST_MOVE_S = 0.6
 
 
 def circle_of(rig: Rig) -> Circle:
@@ -144,6 +148,42 @@ def repeatability_program(rig: Rig) -> TargetProgram:
 def repeatability_of(rig: Rig) -> Repeatability:
     """The rig's repeatability test, or the paper's where the file says nothing of it."""
     return rig.tests.repeatability or Repeatability()
+
+
+def stops(q: Array, *, dwell_s: float) -> tuple[Array, Array]:
+    """Time (n,) s and reported angles (n, 6) rad of a program that stops at each of q (m, 6) for `dwell_s`.
+
+    Between stops all joints move together, smoothly, from rest to rest; the slowest way decides the time.
+    """
+    t, path = [np.zeros(1)], [q[:1]]
+    for begin, end in pairwise(q):
+        seconds = max(_SHORTEST_MOVE_S, float(np.abs(end - begin).max() / _JOINT_SPEED))
+        share = np.arange(_CONTROL_PERIOD_S, seconds, _CONTROL_PERIOD_S) / seconds
+        smooth = (1 - np.cos(np.pi * share)) / 2
+        t += [t[-1][-1] + np.array([dwell_s]), t[-1][-1] + dwell_s + seconds * share]
+        path += [begin[None], begin + smooth[:, None] * (end - begin)]
+        t.append(t[-2] + seconds)
+        path.append(end[None])
+    t.append(t[-1] + dwell_s)
+    path.append(q[-1:])
+    return np.concatenate(t), np.concatenate(path)
+
+
+def radial_stops(rig: Rig) -> Array:
+    """Joint angles (m, 6) rad at which a radial program stops."""
+    return radial_program(rig).q
+
+
+def repeatability_stops(rig: Rig) -> Array:
+    """Joint angles (m, 6) rad of a repeatability program: each target, then out and back, in and back, in rounds."""
+    program, plan = repeatability_program(rig), repeatability_of(rig)
+    radius = hemisphere_frame(hemisphere_of(rig)).direction(program.polar, program.azimuth)
+    arm = arm_of(rig.robot)
+    out = beside(arm, program.q, plan.approach_mm * radius)
+    back = beside(arm, program.q, -plan.approach_mm * radius)
+    at = program.q
+    rounds = np.stack([out, at, back, at], axis=1)
+    return np.concatenate([at[:, None], *[rounds] * plan.rounds], axis=1).reshape(-1, 6)
 
 
 def beside(arm: Arm, q: Array, offset_mm: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What people and scripts read: the table, the JSON object and the HTML report of analysed runs."""
+"""What people and scripts read: tables, the JSON object and the HTML report of analysed runs."""
 
 from __future__ import annotations
 
@@ -12,54 +12,52 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.results import Result
-from analysis.truth import Comparison, verdict
+from analysis.labels import LEADING, label
+from analysis.results import Result, by_test, pair_of
+from analysis.truth import Comparison, all_agree, verdict
 from rigs.errors import FileError
 
-LABELS = {
-    "band_deg": "error band",
-    "amplitude_deg": "sine amplitude r",
-    "shift_deg": "sine shift α",
-    "offset_deg": "sine offset A",
-    "eccentricity_mm": "eccentricity",
-    "eccentricity_u_mm": "  along u (φ = 0°)",
-    "eccentricity_v_mm": "  along v (φ = 90°)",
-}
+
+def as_tables(results: Sequence[Result], truths: Sequence[dict[str, Comparison]] = ()) -> RenderableType:
+    """A rich table for each test, a column for each run, the truth below a figure where it is known, doubts last."""
+    known = {id(result): truth for result, truth in zip(results, truths, strict=False)}
+    parts: list[RenderableType] = []
+    for group in by_test(results):
+        parts.append(_table(group, known))
+        both = pair_of(group)
+        if both:
+            told = "; ".join(f"{label(name)} {figure}" for name, figure in both.figures.items())
+            parts.append(Text(f"acw against cw: {told}", style="dim"))
+    if truths:
+        parts.append(Text(verdict(truths), style="green" if all_agree(truths) else "bold red"))
+    parts += [Text(f"{result.title}: {doubt}", style="yellow") for result in results for doubt in result.doubts]
+    return Group(*parts)
 
 
-def as_table(results: Sequence[Result], truths: Sequence[dict[str, Comparison]] = ()) -> RenderableType:
-    """A rich table, a column for each run, beside it the truth where it is known, doubts below."""
+def _table(group: Sequence[Result], known: dict[int, dict[str, Comparison]]) -> Table:
     table = Table(title="value ± standard uncertainty", title_style="dim", header_style="bold")
     table.add_column("")
-    for result in results:
-        table.add_column(f"{result.title}\n[dim]{result.data.run.manifest.name}[/dim]", justify="right")
-    for name, label in LABELS.items():
-        table.add_row(label, *_cells(name, results, truths), style="bold" if name == "band_deg" else "")
-    for label, cells in _circumstances(results).items():
-        table.add_row(label, *cells, style="dim")
-    doubts = [Text(f"{result.title}: {doubt}", style="yellow") for result in results for doubt in result.doubts]
-    agreement = [Text(verdict(truths), style="green")] if truths else []
-    return Group(table, *agreement, *doubts)
+    for result in group:
+        table.add_column(f"{result.title}\n[dim]{result.name}[/dim]", justify="right")
+    for name in dict.fromkeys(name for result in group for name in result.figures):
+        cells = [_cell(result, name, known.get(id(result), {})) for result in group]
+        table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
+    table.add_row("samples", *(str(result.found.samples) for result in group), style="dim")
+    if any(result.measured.u_lag_s for result in group):
+        lags = (f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group)
+        table.add_row("time, gauges to robot", *lags, style="dim")
+    return table
 
 
-def _cells(name: str, results: Sequence[Result], truths: Sequence[dict[str, Comparison]]) -> list[str]:
-    cells = []
-    for place, result in enumerate(results):
-        figure = result.yaw.figures[name]
-        cell = str(figure)
-        if truths:
-            truth = truths[place][name]
-            cell += f"\n[green]truth {figure.rounded(truth.truth)} ({truth.deviation_u:+.1f} u)[/green]"
-        cells.append(cell)
-    return cells
-
-
-def _circumstances(results: Sequence[Result]) -> dict[str, list[str]]:
-    return {
-        "samples in the lap": [str(len(result.yaw.phi)) for result in results],
-        "noise of the angle": [f"{result.yaw.noise_deg:.5f} °" for result in results],
-        "time, gauges to robot": [f"± {result.data.u_lag_s * 1e3:.1f} ms" for result in results],
-    }
+def _cell(result: Result, name: str, truth: dict[str, Comparison]) -> str:
+    figure = result.figures.get(name)
+    if figure is None:
+        return ""
+    if name not in truth:
+        return str(figure)
+    known = truth[name]
+    colour = "green" if abs(known.deviation_u) <= 2 else "red"
+    return f"{figure}\n[{colour}]truth {figure.rounded(known.truth)} ({known.deviation_u:+.1f} u)[/{colour}]"
 
 
 def as_object(results: Sequence[Result], truths: Sequence[dict[str, Comparison]] = ()) -> dict[str, Any]:
@@ -67,25 +65,26 @@ def as_object(results: Sequence[Result], truths: Sequence[dict[str, Comparison]]
     runs = [_run_object(result) for result in results]
     for run, truth in zip(runs, truths, strict=False):
         run["truth"] = {name: asdict(comparison) for name, comparison in truth.items()}
-    return {"runs": runs}
+    pairs = {group[0].test: pair_of(group) for group in by_test(results)}
+    reversing = {
+        test: {name: asdict(figure) for name, figure in both.figures.items()} for test, both in pairs.items() if both
+    }
+    return {"runs": runs, "acw_against_cw": reversing}
 
 
 def _run_object(result: Result) -> dict[str, Any]:
-    manifest = result.data.run.manifest
+    manifest = result.measured.run.manifest
     return {
-        "run": str(result.data.path),
+        "run": str(result.measured.path),
         "name": manifest.name,
-        "rig": result.data.rig.name,
+        "rig": result.measured.rig.name,
         "test": manifest.test,
-        "direction": result.yaw.lap.direction,
+        "direction": manifest.direction,
         "started": manifest.started,
-        "samples": len(result.yaw.phi),
-        "noise_deg": result.yaw.noise_deg,
-        "u_lag_s": result.data.u_lag_s,
-        "figures": {name: asdict(figure) for name, figure in result.yaw.figures.items()},
-        "left_out": result.data.left_out,
-        "faults": result.data.faults,
-        "doubts": result.doubts,
+        "samples": result.found.samples,
+        "u_lag_s": result.measured.u_lag_s,
+        "figures": {name: asdict(figure) for name, figure in result.figures.items()},
+        "doubts": list(result.doubts),
     }
 
 
@@ -96,11 +95,20 @@ def write_report(results: Sequence[Result], directory: Path) -> Path:
     from analysis.plots import save_pictures  # noqa: PLC0415
 
     environment = Environment(loader=PackageLoader("analysis"), autoescape=True, undefined=StrictUndefined)
+    environment.filters["label"] = label
     report = directory / "report.html"
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        pictures = [base64.b64encode(path.read_bytes()).decode() for path in save_pictures(results, directory)]
-        html = environment.get_template("report.html").render(results=results, labels=LABELS, pictures=pictures)
+        sections = [
+            {
+                "results": group,
+                "names": list(dict.fromkeys(name for result in group for name in result.figures)),
+                "pair": pair_of(group),
+                "pictures": [base64.b64encode(path.read_bytes()).decode() for path in save_pictures(group, directory)],
+            }
+            for group in by_test(results)
+        ]
+        html = environment.get_template("report.html").render(sections=sections, leading=LEADING)
         report.write_text(html, encoding="utf-8")
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --plot") from None

@@ -1,53 +1,79 @@
-"""From a run directory to its result: the one way that every report, plot and script takes."""
+"""From run directories to their results: the one way that every report, plot and script takes."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
-from analysis.align import Aligned, load_aligned
-from analysis.lap import lap_of
-from analysis.tables import CircleTable
-from analysis.tests.yaw import Yaw, evaluate
-from rigs.errors import FileError
+from analysis.evaluate import Evaluated, evaluate
+from analysis.loading import Measured, load_measured
+from analysis.quantity import Quantity
+from analysis.tests import circularity
+from analysis.tests.circle import CircleResult
+from analysis.tests.pair import Pair, pair
 
 
 @dataclass(frozen=True)
 class Result:
-    """A run, and what its test found."""
+    """A run, what its test found, and every figure of it by name."""
 
-    data: Aligned
-    yaw: Yaw
+    measured: Measured
+    found: Evaluated
+    figures: dict[str, Quantity]
 
     @property
     def title(self) -> str:
         """`yaw acw`, say."""
-        manifest = self.data.run.manifest
-        return f"{manifest.test} {manifest.direction}"
+        return self.measured.title
 
     @property
-    def doubts(self) -> list[str]:
+    def name(self) -> str:
+        """What the run is called."""
+        return self.measured.run.manifest.name
+
+    @property
+    def test(self) -> str:
+        """Which test it is."""
+        return self.measured.run.manifest.test
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
         """What a person should know before trusting the figures, in words."""
-        manifest = self.data.run.manifest
-        found = [f"{name}: {count} rows left out for gaps" for name, count in self.data.left_out.items()]
-        found += [f"{count} {kind} while recording" for kind, count in self.data.faults.items()]
-        if manifest.exit_status != "complete":
-            found.append(f"the recording ended {manifest.exit_status}: {manifest.reason}")
-        return found
+        return (*self.measured.doubts, *self.found.notes)
 
 
 def analyse_run(path: Path) -> Result:
     """Read, align and evaluate a run. Raises FileError."""
-    data = load_aligned(path)
-    test, direction = data.run.manifest.test, data.run.manifest.direction
-    if test != "yaw":
-        raise FileError(str(path), f"is a {test} run, which rig analyse does not evaluate yet", "give yaw runs")
-    if direction is None:
-        raise FileError(str(path), "has no direction, which a circle needs", "record it with --direction cw or acw")
-    if data.rig.gauges.g2 is None:
-        raise FileError(str(path), "has one gauge, and an angle takes two", "add gauges.g2 to the rig file")
-    gauges = data.rig.gauges
-    table = CircleTable("yaw", direction, data.t_s, data.q, data.g_mm)
-    return Result(
-        data, evaluate(lap_of(table, data.rig, str(path)), gauges.baseline_mm, gauges.baseline_u_mm, data.u_lag_s)
-    )
+    return result_of(load_measured(path))
+
+
+def result_of(measured: Measured) -> Result:
+    """Evaluate a run that has been read. Raises FileError."""
+    found = evaluate(measured.table, measured.rig, measured.u_lag_s, str(measured.path))
+    figures = dict(found.figures)
+    if isinstance(found, CircleResult):
+        distance = circularity.evaluate(found.lap, measured.u_lag_s, str(measured.path)).figures
+        # The angle and the distance both tell where the ball is; robot errors make them differ.
+        figures |= {f"distance_{name}" if name in figures else name: figure for name, figure in distance.items()}
+    return Result(measured, found, figures)
+
+
+def by_test(results: Sequence[Result]) -> list[list[Result]]:
+    """Results in groups of one test, in the order in which the tests first come."""
+    order = list(dict.fromkeys(result.test for result in results))
+    ordered = sorted(results, key=lambda result: order.index(result.test))
+    return [list(group) for _, group in groupby(ordered, key=lambda result: result.test)]
+
+
+def pair_of(results: Sequence[Result]) -> Pair | None:
+    """The first acw and the first cw run of one circle test against each other; None without both, or of two rigs."""
+    circles = {
+        result.found.lap.direction: result for result in reversed(results) if isinstance(result.found, CircleResult)
+    }
+    acw, cw = circles.get("acw"), circles.get("cw")
+    if acw is None or cw is None or acw.measured.rig.tests.circle != cw.measured.rig.tests.circle:
+        return None
+    assert isinstance(acw.found, CircleResult) and isinstance(cw.found, CircleResult)  # noqa: S101 - by construction
+    return pair(acw.found, cw.found)

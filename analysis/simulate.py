@@ -14,7 +14,6 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.predict import Model, SetUp, model_of, nominal_setup, path_of, predict
 from analysis.programs import (
-    CircleProgram,
     circle_of,
     circle_program,
     radial_program,
@@ -61,9 +60,7 @@ def simulate(
     """
     program = _program(rig, test, direction)
     model = model_of(rig, effects)
-    setup = nominal_setup(rig, program)
-    if isinstance(program, CircleTable):
-        setup = replace(setup, ball=setup.ball + np.array(circle_of(rig).eccentricity_mm))
+    setup = _planted(rig, program)
     if seed is None:
         return with_values(program, predict(model, program, path_of(model, program), setup))
     noise = noise or Noise()
@@ -75,13 +72,23 @@ def simulate(
     return with_values(program, values + _wander(program.t_s, noise, rng)[:, None])
 
 
-def circle_readings(rig: Rig, program: CircleProgram, effects: Sequence[Effect] | None = None) -> Array:
-    """Noise-free readings (n, 2) mm of a yaw circle at every step of its program, for the emulated cell."""
-    model = model_of(rig, effects)
-    table = CircleTable("yaw", "acw", program.t_s, program.q, np.empty((0, 2)))
+def readings_along(rig: Rig, test: TestName, t_s: Array, q: Array) -> Array:
+    """Noise-free readings (n, k) mm at every moment t_s (n,) of a motion q (n, 6), for the emulated cell."""
+    model = model_of(rig)
+    if test in ("yaw", "roll"):
+        circle = CircleTable("yaw" if test == "yaw" else "roll", "acw", t_s, q, np.empty((0, 2)))
+        return predict(model, circle, path_of(model, circle), _planted(rig, circle))
+    nothing, none = np.zeros(len(q)), np.zeros(len(q), dtype=np.int64)
+    targets = RadialTable(none, nothing, nothing, none, t_s, q, nothing)
+    return predict(model, targets, path_of(model, targets), nominal_setup(rig, targets))
+
+
+def _planted(rig: Rig, table: Table) -> SetUp:
+    """The set-up that simulations and emulated cells have: on a circle the ball is where the rig file plants it."""
     setup = nominal_setup(rig, table)
-    setup = replace(setup, ball=setup.ball + np.array(circle_of(rig).eccentricity_mm))
-    return predict(model, table, path_of(model, table), setup)
+    if isinstance(table, CircleTable):
+        setup = replace(setup, ball=setup.ball + np.array(circle_of(rig).eccentricity_mm))
+    return setup
 
 
 def with_values(table: Table, values: Array) -> Table:
@@ -104,8 +111,7 @@ def _program(rig: Rig, test: TestName, direction: Direction | None) -> CircleTab
         return CircleTable("yaw" if test == "yaw" else "roll", direction, t_s, q, np.empty((0, 2)))
     if test == "radial":
         at = radial_program(rig)
-        t_s = np.arange(len(at.q)) * _DWELL_S
-        return RadialTable(at.target, at.polar, at.azimuth, at.orientation, t_s, at.q, np.empty(0))
+        return RadialTable(at.target, at.polar, at.azimuth, at.orientation, _visits(len(at.q)), at.q, np.empty(0))
     if test == "repeatability":
         return _repeatability_table(rig)
     raise FileError("pose test", "has no program of its own to simulate", "give yaw, roll, radial or repeatability")
@@ -121,10 +127,15 @@ def _repeatability_table(rig: Rig) -> RepeatabilityTable:
         np.repeat(at.target, k),
         np.tile(approach, len(at.q)),
         np.tile(number, len(at.q)),
-        np.arange(k * len(at.q)) * _DWELL_S,
+        _visits(k * len(at.q)),
         np.repeat(at.q, k, axis=0),
         np.empty(0),
     )
+
+
+def _visits(count: int) -> Array:
+    """Times (count,) s of readings at targets."""
+    return np.linspace(0.0, _DWELL_S * (count - 1), count)
 
 
 def _scattered(model: Model, setup: SetUp, noise: Noise, rng: np.random.Generator) -> tuple[Model, SetUp]:

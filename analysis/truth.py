@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from analysis.results import Result
 from rigs.errors import FileError
@@ -30,12 +31,20 @@ def compare(results: Sequence[Result], path: Path) -> list[dict[str, Comparison]
         raise FileError(str(path), "is no truth of these runs", "give the truth.json that rig emulate wrote") from None
 
 
-def _one(result: Result, truth: dict[str, dict[str, dict[str, float]]]) -> dict[str, Comparison]:
-    values = truth[result.data.run.manifest.test][result.yaw.lap.direction]
+def _one(result: Result, truth: dict[str, Any]) -> dict[str, Comparison]:
+    manifest = result.measured.run.manifest
+    if truth["rig"] != manifest.rig_name:
+        raise KeyError(manifest.rig_name)
+    values = truth[manifest.test][manifest.direction]
     return {
-        name: Comparison(float(values[name]), (figure.value - float(values[name])) / figure.u)
-        for name, figure in result.yaw.figures.items()
+        name: Comparison(float(value), (result.figures[name].value - float(value)) / result.figures[name].u)
+        for name, value in values.items()
     }
+
+
+def all_agree(comparisons: Sequence[dict[str, Comparison]]) -> bool:
+    """Whether every figure lies within two standard uncertainties of the truth."""
+    return all(abs(comparison.deviation_u) <= 2 for one in comparisons for comparison in one.values())
 
 
 def verdict(comparisons: Sequence[dict[str, Comparison]]) -> str:

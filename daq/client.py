@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import socket
 from pathlib import Path
 from typing import Any
 
 from daq.control import connect, socket_directory
 from rigs.errors import CellError, RigError
+
+_KNOCK_S = 1.0
 
 
 class Client:
@@ -22,7 +26,8 @@ class Client:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._file.close()
+        with contextlib.suppress(OSError):
+            self._file.close()  # sends what is left, where the daemon is gone
         self._sock.close()
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
@@ -43,9 +48,13 @@ class Client:
 
 
 def find_socket(rig: str | None = None) -> Path:
-    """The socket of the daemon that runs, or of the one for `rig`. Raises CellError for none or several."""
+    """The socket of the daemon that runs, or of the one for `rig`. Raises CellError for none or several.
+
+    A daemon that was killed leaves its socket behind, where nobody answers any more.
+    """
     places = [socket_directory(), *Path("/run").glob("rigd-*")]
     found = sorted({path for place in places for path in place.glob("*.sock") if rig in (None, path.stem)})
+    found = [path for path in found if _is_served(path)]
     if len(found) == 1:
         return found[0]
     if not found:
@@ -53,3 +62,13 @@ def find_socket(rig: str | None = None) -> Path:
         raise CellError("rigd", f"no daemon runs{whom} that this user can see", "start it: rigd RIG")
     names = ", ".join(path.stem for path in found)
     raise CellError("rigd", f"several daemons run ({names})", "say which: --rig NAME")
+
+
+def _is_served(path: Path) -> bool:
+    with socket.socket(socket.AF_UNIX) as sock, contextlib.suppress(PermissionError, TimeoutError):
+        sock.settimeout(_KNOCK_S)
+        try:
+            sock.connect(str(path))
+        except (ConnectionRefusedError, FileNotFoundError):
+            return False
+    return True

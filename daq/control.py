@@ -14,6 +14,7 @@ import os
 import socket
 import socketserver
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,8 @@ from rigs.errors import CellError, RigError
 log = logging.getLogger("rigd")
 Answer = Callable[[dict[str, Any]], dict[str, Any]]
 _LONGEST_REQUEST = 65536
+_LAST_ANSWERS_S = 15.0
+"""For answers under way when the daemon ends: turning a long recording into Parquet takes seconds."""
 
 
 def socket_directory() -> Path:
@@ -78,12 +81,9 @@ class ControlServer:
                     while line := self.rfile.readline(_LONGEST_REQUEST):
                         self.wfile.write(json.dumps(reply(line, answer)).encode() + b"\n")
 
-        class Server(socketserver.ThreadingUnixStreamServer):
-            daemon_threads = True
-
         before = os.umask(0o117)
         try:
-            self._server = Server(str(path), Handler)
+            self._server = _Server(str(path), Handler)
         except OSError as error:
             raise CellError(str(path), error.strerror or str(error), "give another --socket") from None
         finally:
@@ -92,11 +92,42 @@ class ControlServer:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop serving and remove the socket."""
+        """Take no more requests, give the answers that are under way, and remove the socket."""
         self._server.shutdown()
         self._server.server_close()
         with contextlib.suppress(FileNotFoundError):
             self._path.unlink()
+        self._server.hang_up(_LAST_ANSWERS_S)
+
+
+class _Server(socketserver.ThreadingUnixStreamServer):
+    """A thread a connection, and a list of those that are open."""
+
+    daemon_threads = True
+
+    def __init__(self, path: str, handler: type[socketserver.BaseRequestHandler]) -> None:
+        super().__init__(path, handler)
+        self._open: set[Any] = set()
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        self._open.add(request)
+        super().process_request(request, client_address)
+
+    def shutdown_request(self, request: Any) -> None:
+        super().shutdown_request(request)
+        self._open.discard(request)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        log.exception("a request could not be answered")
+
+    def hang_up(self, patience_s: float) -> None:
+        """Read nothing more from anybody, and wait until each connection has had its last answer."""
+        for connection in list(self._open):
+            with contextlib.suppress(OSError):
+                connection.shutdown(socket.SHUT_RD)
+        until = time.monotonic() + patience_s
+        while self._open and time.monotonic() < until:
+            time.sleep(0.01)
 
 
 def reply(line: bytes, answer: Answer) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import time
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +15,15 @@ from daq.notify import notify, watchdog_s
 from daq.reader import Reader
 from daq.recorder import Label, Recorder
 from daq.store import RunWriter
+from daq.store.manifest import Ending
 from daq.streams import streams_of
 from rigs.errors import CellError, RigError
 from rigs.rig import Rig
 
 log = logging.getLogger("rigd")
 _HEART_STOPS_S = 5.0
+_LEAVE_S = 3.0
+"""For a reader to let go of its port; one that waits for the name of a host is left behind."""
 
 
 class Daemon:
@@ -43,15 +45,18 @@ class Daemon:
         log.info("serving %s: %s; control socket %s", rig.name, ports, socket_path)
         notify(f"READY=1\nSTATUS=reading {ports}")
 
-    def close(self, why: str) -> Path | None:
-        """Stop everything in order; returns the directory of a recording that was cut short."""
+    def close(self, exit_status: Ending, why: str) -> Path | None:
+        """Stop everything in order; returns the directory of a recording that was cut short.
+
+        The control socket first, so that nobody starts a recording that nobody ends.
+        """
         notify("STOPPING=1")
-        cut_short = self._recorder.shut_down(why)
+        self._control.close()
+        cut_short = self._recorder.shut_down(exit_status, why)
         for reader in self._readers:
             reader.stop()
         for reader in self._readers:
-            reader.join()
-        self._control.close()
+            reader.join(_LEAVE_S)
         self._lock.release()
         return cut_short
 
@@ -63,7 +68,8 @@ class Daemon:
             case "record_start":
                 return {"run": str(self._recorder.start_run(_label(request)))}
             case "record_stop":
-                return {"run": str(self._recorder.stop_run())}
+                ended = self._recorder.stop_run()
+                return {"run": str(ended.path), "counters": ended.counters}
             case other:
                 raise CellError("rigd", f"unknown command {other!r}", "known: status, record_start, record_stop")
 
@@ -106,8 +112,7 @@ class Daemon:
         """Called by the recorder after each round: alive only while every reader goes round as well."""
         if watchdog_s() is None:
             return
-        oldest_ns = min(inbox.heartbeat_ns for inbox in self._inboxes.values())
-        if time.monotonic_ns() - oldest_ns < _HEART_STOPS_S * 1e9:
+        if all(inbox.alive(_HEART_STOPS_S) for inbox in self._inboxes.values()):
             notify("WATCHDOG=1")
 
 

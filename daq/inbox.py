@@ -10,7 +10,8 @@ import math
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
@@ -41,6 +42,7 @@ class Inbox:
     heartbeat_ns: int = 0
     """When the reader last went round its loop, with or without data: what the watchdog is fed by."""
     connected: bool = False
+    _opening: bool = False
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _items: deque[Item] = field(default_factory=deque)
     _dropped: int = 0
@@ -74,6 +76,20 @@ class Inbox:
     def beat(self) -> None:
         """From the reader: still going round."""
         self.heartbeat_ns = time.monotonic_ns()
+
+    @contextmanager
+    def opening(self) -> Iterator[None]:
+        """From the reader: it waits for the system to open a port, which may take a resolver's time."""
+        self._opening = True
+        try:
+            yield
+        finally:
+            self.beat()
+            self._opening = False
+
+    def alive(self, within_s: float) -> bool:
+        """Whether the reader went round so lately, or is opening its port."""
+        return self._opening or time.monotonic_ns() - self.heartbeat_ns < within_s * 1e9
 
     def state(self) -> StreamState:
         """As of now."""

@@ -80,6 +80,8 @@ def _open_tcp(name: str, address: tuple[str, int]) -> Link:
         raise CellError(where, f"no answer in {_CONNECT_S:.0f} s", "check address, cable and firewall") from None
     except ConnectionRefusedError:
         raise CellError(where, "connection refused", "start the service there, or correct the port number") from None
+    except UnicodeError:
+        raise CellError(where, "no host can have this name", "correct the port") from None
     except OSError as error:
         raise CellError(where, error.strerror or str(error), "check address and network") from None
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -63,7 +63,8 @@ class Reader(threading.Thread):
 
     def _reopen(self) -> None:
         try:
-            self._link = open_link(self._stream.name, self._stream.port, self._stream.line)
+            with self._inbox.opening():
+                self._link = open_link(self._stream.name, self._stream.port, self._stream.line)
             log.info("%s: %s is open again", self._stream.name, self._stream.port)
         except CellError as error:
             self._fault(str(error))

@@ -11,6 +11,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -18,6 +19,7 @@ from pydantic import Field
 
 from daq.inbox import Inbox, faults_of, samples_of
 from daq.store import RunWriter
+from daq.store.manifest import Ending
 from rigs.base import Part
 from rigs.errors import CellError, RigError
 from rigs.vocabulary import Direction, TestName
@@ -35,6 +37,14 @@ class Label(Part):
     test: TestName
     direction: Direction | None = None
     operator: str = ""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A recording that was stopped. counters: stream → samples, and faults of each kind."""
+
+    path: Path
+    counters: dict[str, dict[str, int]]
 
 
 class Recorder(threading.Thread):
@@ -85,27 +95,26 @@ class Recorder(threading.Thread):
             log.info("recording %s (%s %s) to %s", label.name, label.test, label.direction, self._writer.path)
             return self._writer.path
 
-    def stop_run(self, exit_status: str = "complete", reason: str = "stopped by rig record stop") -> Path:
-        """End the recording; returns its directory. Raises CellError where none runs or its end cannot be written."""
+    def stop_run(self, exit_status: Ending = "complete", reason: str = "stopped by rig record stop") -> Ended:
+        """End the recording. Raises CellError where none runs or its end cannot be written."""
         with self._lock:
             if self._writer is None:
                 why = f" (the last one: {self.last_end})" if self.last_end else ""
                 raise CellError("rigd", f"nothing is being recorded{why}", "start it: rig record start NAME …")
             path = self._writer.path
             self._take(sync=False)
-            self._close(exit_status, reason)
-            if self.last_end.startswith("failed"):
+            if not self._close(exit_status, reason):
                 raise CellError(str(path), self.last_end, f"make room, then: rig recover {path}")
-            return path
+            return Ended(path, {name: dict(counter) for name, counter in self._counters.items()})
 
-    def shut_down(self, why: str) -> Path | None:
+    def shut_down(self, exit_status: Ending, why: str) -> Path | None:
         """End thread and recording; returns the directory of a recording that was cut short."""
         self._stop_asked.set()
         self.join()
         if self._writer is None:
             return None
         try:
-            return self.stop_run("interrupted", why)
+            return self.stop_run(exit_status, why).path
         except RigError as error:
             log.error("%s", error)
             return None
@@ -141,18 +150,19 @@ class Recorder(threading.Thread):
         if sync and self._writer is not None:
             self._writer.sync()
 
-    def _close(self, exit_status: str, reason: str) -> None:
-        writer = self._writer
+    def _close(self, exit_status: Ending, reason: str) -> bool:
+        """Whether the end could be written."""
+        writer, written = self._writer, True
         if writer is None:
-            return
-        counters = {name: dict(counter) for name, counter in self._counters.items()}
+            return written
         try:
-            writer.close(exit_status, reason, counters)  # type: ignore[arg-type]
+            writer.close(exit_status, reason, self._counters)
             self.last_end = f"{exit_status}: {reason}"
         except CellError as error:
-            self.last_end = f"failed: {error}"
+            self.last_end, written = f"failed: {error}", False
         self._writer = self._label = None
         log.info("recording ended, %s", self.last_end)
+        return written
 
     def _require_readings(self, test: TestName) -> None:
         """Refuse to record a test whose gauge or robot shows nothing: an empty run helps nobody."""

@@ -7,13 +7,17 @@ import os
 import signal
 import sys
 import threading
+from dataclasses import dataclass
 from pathlib import Path
+from queue import SimpleQueue
+from types import FrameType
 from typing import Annotated
 
 import typer
 
 from daq.control import socket_directory
 from daq.daemon import Daemon
+from daq.store.manifest import Ending
 from rigs.errors import RigError
 from rigs.load import load
 
@@ -38,29 +42,52 @@ def rigd(
 ) -> None:
     """Read the gauges and the robot of RIG until stopped; record when asked by `rig record`."""
     logging.basicConfig(level=logging.INFO, format=_log_format(), stream=sys.stderr)
-    signalled = threading.Event()
-    received: list[int] = []
-
-    def note(number: int, _: object) -> None:
-        received.append(number)
-        signalled.set()
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, note)
+    ends = _listen()
     try:
         rig, text = load(rig_file)
-        daemon = Daemon(rig, text, runs or _runs(), socket or socket_directory() / f"{rig.name}.sock")
+        daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket or socket_directory() / f"{rig.name}.sock")
     except RigError as error:
         for line in error.lines():
             typer.echo(f"error: {line}", err=True)
         raise typer.Exit(error.exit_code) from None
-    signalled.wait()
-    name = signal.Signals(received[0]).name
-    log.info("%s: stopping", name)
-    cut_short = daemon.close(f"rigd was stopped by {name}")
+    end = ends.get()
+    log.info("stopping: %s", end.why)
+    cut_short = daemon.close(end.exit_status, end.why)
     if cut_short:
         typer.echo(f"the recording was cut short and is safe: {cut_short}", err=True)
-    raise typer.Exit(130 if received[0] == signal.SIGINT else 0)
+    raise typer.Exit(end.exit_code)
+
+
+@dataclass(frozen=True)
+class _End:
+    """Why the daemon ends, and what a recording and the service manager are to make of it."""
+
+    why: str
+    exit_status: Ending
+    exit_code: int
+
+
+def _listen() -> SimpleQueue[_End]:
+    """Where signals end the daemon, and a thread that dies of an error which nobody foresaw.
+
+    Without that thread the daemon would look alive and record less than it says; a service manager starts it anew.
+    """
+    ends: SimpleQueue[_End] = SimpleQueue()
+
+    def signalled(number: int, _: FrameType | None) -> None:
+        name = signal.Signals(number).name
+        ends.put(_End(f"rigd was stopped by {name}", "interrupted", 130 if number == signal.SIGINT else 0))
+
+    def died(args: threading.ExceptHookArgs) -> None:
+        name = args.thread.name if args.thread else "unknown"
+        error = args.exc_value or args.exc_type()
+        log.critical("thread %r died", name, exc_info=error)
+        ends.put(_End(f"rigd failed in thread {name!r}: {error!r}", "failed", 1))
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signalled)
+    threading.excepthook = died
+    return ends
 
 
 def _runs() -> Path:

@@ -6,7 +6,11 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Vector = tuple[float, float, float]
+Length = Annotated[float, Field(ge=-1e5, le=1e5)]
+"""mm; no cell is longer than 100 m. What is meant to be wrong by orders of magnitude is refused where it stands."""
+Angle = Annotated[float, Field(ge=-1440, le=1440)]
+"""Degrees; four turns are more than a wrist makes."""
+Vector = tuple[Length, Length, Length]
 Axis = Annotated[int, Field(ge=1, le=6)]
 
 

@@ -7,6 +7,7 @@ are zero for none; shapes say how it looks and need a size to be seen.
 
 from __future__ import annotations
 
+import datetime as dt
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field
@@ -25,7 +26,22 @@ def _shape(low: float, high: float, default: float) -> Any:
     return Field(default=default, ge=low, le=high)
 
 
-class JointOffset(Part):
+class Found(Part):
+    """Where an effect of a rig file came from: when, from which runs, how sure, and the gap that it closed."""
+
+    date: dt.date
+    runs: tuple[str, ...]
+    sd: dict[str, float] = Field(default_factory=dict)
+    """Standard uncertainty of each fitted parameter, in its own unit."""
+    gap_um: tuple[float, float] | None = None
+    """Root mean square of what was unexplained, before and after, in µm of the readings."""
+
+
+class _Effect(Part):
+    found: Found | None = None
+
+
+class JointOffset(_Effect):
     """The datum location error: link = reported + offset."""
 
     effect: Literal["joint_offset"] = "joint_offset"
@@ -33,7 +49,7 @@ class JointOffset(Part):
     offset_deg: float = _size(5, 0.02)
 
 
-class LinkGeometry(Part):
+class LinkGeometry(_Effect):
     """A wrong link constant: `field` of `axis` is `delta` (mm or degrees) more than the rig file says."""
 
     effect: Literal["link_geometry"] = "link_geometry"
@@ -47,7 +63,7 @@ class LinkGeometry(Part):
         return 0.2 if self.field in ("a", "d") else 0.02
 
 
-class Backlash(Part):
+class Backlash(_Effect):
     """A play of `width_deg`: the link lags, -w/2 while q rises, +w/2 while it falls, and crosses it at a reversal.
 
     transit: how gradual the crossing is, 0 sharp, 1 spread over twice the play; preload: share of the play in which
@@ -61,7 +77,7 @@ class Backlash(Part):
     preload: float = _shape(0, 1, 0.0)
 
 
-class TransmissionError(Part):
+class TransmissionError(_Effect):
     """Gear error `amplitude sin(order q + phase)`, `order` in cycles a turn; `third` of it at three times the order."""
 
     effect: Literal["transmission_error"] = "transmission_error"
@@ -72,7 +88,7 @@ class TransmissionError(Part):
     third: float = _shape(-1, 1, 0.0)
 
 
-class Compliance(Part):
+class Compliance(_Effect):
     """Twist of a joint under gravity: torque times `deg_per_Nm`; `payload_kg` hangs at the flange beside the links."""
 
     effect: Literal["compliance"] = "compliance"
@@ -86,7 +102,7 @@ class Compliance(Part):
         return 5e-5 if self.axis <= 3 else 3e-4
 
 
-class LinkBending(Part):
+class LinkBending(_Effect):
     """The link after `axis` bends under gravity: its end moves by `mm_per_Nm` times the torque, the joint does not."""
 
     effect: Literal["link_bending"] = "link_bending"
@@ -94,7 +110,7 @@ class LinkBending(Part):
     mm_per_Nm: float = _size(0.05, 1e-4, least=0.0)
 
 
-class ReversalSpike(Part):
+class ReversalSpike(_Effect):
     """Wind-up at each reversal, `amplitude_deg` against the new direction, that relaxes within `decay_s`."""
 
     effect: Literal["reversal_spike"] = "reversal_spike"
@@ -103,7 +119,7 @@ class ReversalSpike(Part):
     decay_s: float = _shape(0.02, 10, 0.3)
 
 
-class WristCoupling(Part):
+class WristCoupling(_Effect):
     """Motion of one wrist axis leaks into another: link[to] gains `ratio` times q[from]."""
 
     effect: Literal["wrist_coupling"] = "wrist_coupling"
@@ -112,7 +128,7 @@ class WristCoupling(Part):
     ratio: float = _size(0.1, 1e-4)
 
 
-class ServoLag(Part):
+class ServoLag(_Effect):
     """The link follows the feedback late, where the feedback is the command and not the encoder."""
 
     effect: Literal["servo_lag"] = "servo_lag"
@@ -120,7 +136,7 @@ class ServoLag(Part):
     lag_s: float = _size(0.2, 5e-4)
 
 
-class ThermalGrowth(Part):
+class ThermalGrowth(_Effect):
     """Every length grows with run time: by `ppm` in the end, with a time constant."""
 
     effect: Literal["thermal_growth"] = "thermal_growth"
@@ -128,7 +144,7 @@ class ThermalGrowth(Part):
     time_constant_s: float = _shape(1, 1e5, 600.0)
 
 
-class BallForm(Part):
+class BallForm(_Effect):
     """The ball is not round: `lobes` around it."""
 
     effect: Literal["ball_form"] = "ball_form"
@@ -137,7 +153,7 @@ class BallForm(Part):
     phase_deg: float = _shape(-360, 360, 0.0)
 
 
-class GaugeScale(Part):
+class GaugeScale(_Effect):
     """A gauge reads too much by this share."""
 
     effect: Literal["gauge_scale"] = "gauge_scale"
@@ -145,14 +161,14 @@ class GaugeScale(Part):
     relative: float = _size(0.2, 5e-4)
 
 
-class GaugeBaseline(Part):
+class GaugeBaseline(_Effect):
     """The gauges stand further apart than the rig file says."""
 
     effect: Literal["gauge_baseline"] = "gauge_baseline"
     delta_mm: float = _size(10, 0.05)
 
 
-class GaugeInclination(Part):
+class GaugeInclination(_Effect):
     """A gauge stands askew by this angle and reads 1/cos too much."""
 
     effect: Literal["gauge_inclination"] = "gauge_inclination"
@@ -160,7 +176,7 @@ class GaugeInclination(Part):
     angle_deg: float = _size(30, 0.5, least=0.0)
 
 
-class GaugeDeadBand(Part):
+class GaugeDeadBand(_Effect):
     """A plunger sticks: it follows only after this much."""
 
     effect: Literal["gauge_dead_band"] = "gauge_dead_band"
@@ -168,7 +184,7 @@ class GaugeDeadBand(Part):
     width_mm: float = _size(0.5, 5e-4, least=0.0)
 
 
-class GaugeDrift(Part):
+class GaugeDrift(_Effect):
     """A gauge drifts with time."""
 
     effect: Literal["gauge_drift"] = "gauge_drift"
@@ -176,7 +192,7 @@ class GaugeDrift(Part):
     mm_per_min: float = _size(1, 2e-4)
 
 
-class GaugeCyclic(Part):
+class GaugeCyclic(_Effect):
     """Interpolation error of a gauge's scale: `amplitude_mm` once each `period_mm`."""
 
     effect: Literal["gauge_cyclic"] = "gauge_cyclic"
@@ -186,21 +202,21 @@ class GaugeCyclic(Part):
     phase_deg: float = _shape(-360, 360, 0.0)
 
 
-class TimeLag(Part):
+class TimeLag(_Effect):
     """The gauges' stamps are late against the feedback's."""
 
     effect: Literal["time_lag"] = "time_lag"
     lag_s: float = _size(1, 1e-3)
 
 
-class ClockRate(Part):
+class ClockRate(_Effect):
     """The gauges' clock runs fast against the feedback's."""
 
     effect: Literal["clock_rate"] = "clock_rate"
     ppm: float = _size(10000, 20)
 
 
-class Vibration(Part):
+class Vibration(_Effect):
     """The link swings."""
 
     effect: Literal["vibration"] = "vibration"

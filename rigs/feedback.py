@@ -18,8 +18,8 @@ class URRTDE(Part):
 
     interface: Literal["ur_rtde"]
     port: Port
-    rate_hz: float = Field(default=500, gt=0, le=500)
-    timeout_s: float = Field(default=2.0, gt=0, le=60)
+    rate_hz: float = Field(default=500, ge=1, le=500)
+    timeout_s: float = Field(default=2.0, ge=0.01, le=60)
 
 
 class LineFeed(Part):
@@ -31,7 +31,7 @@ class LineFeed(Part):
     """Names in the order of the line: q1_deg … q6_deg (or _rad), at most one of t_s, t_ms, t_us; `_` is skipped."""
     separator: str = Field(default=",", min_length=1)
     """A blank stands for any run of blanks and tabs."""
-    timeout_s: float = Field(default=2.0, gt=0, le=60)
+    timeout_s: float = Field(default=2.0, ge=0.01, le=60)
 
     @field_validator("fields")
     @classmethod

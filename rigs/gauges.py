@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from rigs.base import Part
+from rigs.base import Length, Part
 from rigs.links import Line, Port
 
 MM_PER_UNIT = {"mm": 1.0, "um": 1e-3, "inch": 25.4}
@@ -22,12 +22,12 @@ class _Gauge(Part):
     port: Port
     channel: int = Field(default=1, ge=1, le=32)
     units: Literal["mm", "um", "inch"] = "mm"
-    offset_mm: float
+    offset_mm: Length
     """Place on the baseline, along y_T (yaw) or x_T (roll): +25 for gauge 1, -25 for gauge 2."""
-    accuracy_mm: float = Field(default=0.0005, gt=0)
+    accuracy_mm: float = Field(default=0.0005, gt=0, le=10)
     """Standard uncertainty of one reading, from its certificate."""
     calibrated: dt.date | None = None
-    timeout_s: float = Field(default=0.5, gt=0, le=60)
+    timeout_s: float = Field(default=0.5, ge=0.01, le=60)
     """Without an answer for so long it counts as silent."""
 
 
@@ -61,8 +61,8 @@ class Register(Part):
 class ValueRegister(Register):
     """The reading itself: `raw * scale + offset`, in the gauge's units."""
 
-    scale: float = 1.0
-    offset: float = 0.0
+    scale: float = Field(default=1.0, ge=-1e6, le=1e6)
+    offset: float = Field(default=0.0, ge=-1e6, le=1e6)
 
     @field_validator("scale")
     @classmethod
@@ -90,7 +90,7 @@ class ModbusMap(_Gauge):
     address: int = Field(ge=0, le=65535)
     count: int = Field(ge=1, le=125)
     word_order: Literal["big", "little"] = "big"
-    rate_hz: float = Field(default=500.0, gt=0)
+    rate_hz: float = Field(default=500.0, ge=0.1)
     """Most requests in a second; a serial line is slower by itself, TCP is not."""
     value: ValueRegister
     status: StatusRegister | None = None
@@ -119,8 +119,17 @@ class Gauges(Part):
 
     g1: Gauge
     g2: Gauge | None = None
-    baseline_u_mm: float = Field(default=0.05, ge=0)
+    baseline_u_mm: float = Field(default=0.05, ge=0, le=100)
     """Standard uncertainty of the distance between the two gauges."""
+
+    @model_validator(mode="after")
+    def _apart(self) -> Gauges:
+        if self.g2 is None or self.baseline_mm > 0:
+            return self
+        places = f"g1 at {self.g1.offset_mm:g} mm and g2 at {self.g2.offset_mm:g} mm"
+        if self.baseline_mm == 0:
+            raise ValueError(f"{places} stand at one place, which measures no angle; correct offset_mm")
+        raise ValueError(f"{places} are exchanged: g1 stands on the side of +; swap their offset_mm, or their ports")
 
     @model_validator(mode="after")
     def _sharing(self) -> Gauges:
@@ -143,5 +152,5 @@ class Gauges(Part):
 
     @property
     def baseline_mm(self) -> float:
-        """Distance between the gauges, signed: offset of g1 less that of g2."""
+        """Distance between the gauges, offset of g1 less that of g2: positive where there are two."""
         return self.g1.offset_mm - (self.g2.offset_mm if self.g2 else 0.0)

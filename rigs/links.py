@@ -3,30 +3,30 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, model_serializer, model_validator
+from pydantic import AfterValidator, Field, model_serializer, model_validator
+
+from rigs.base import Part
 
 _LINE = re.compile(r"(\d+) ([78])([NEO])([12])")
 _TCP = re.compile(r"tcp://(\[[0-9a-fA-F:]+\]|[^/:\s]+):(\d{1,5})")
 
 
-class Line(BaseModel):
+class Line(Part):
     """Settings of a serial line, written `4800 7E2`: baud, data bits, parity, stop bits."""
 
-    model_config = ConfigDict(frozen=True)
-
-    baud: int
-    bits: int
-    parity: str
-    stop: int
+    baud: int = Field(ge=50, le=4_000_000)
+    bits: Literal[7, 8]
+    parity: Literal["N", "E", "O"]
+    stop: Literal[1, 2]
 
     @model_validator(mode="before")
     @classmethod
     def _parse(cls, value: object) -> object:
-        if not isinstance(value, str):
+        if isinstance(value, dict | Line):
             return value
-        match = _LINE.fullmatch(value)
+        match = _LINE.fullmatch(str(value))
         if not match or not 50 <= int(match[1]) <= 4_000_000:
             raise ValueError(f"{value!r} is no line setting; write it as '9600 8N1'")
         return {"baud": int(match[1]), "bits": int(match[2]), "parity": match[3], "stop": int(match[4])}

@@ -12,15 +12,26 @@ from pathlib import Path
 from typing import Any, get_args
 
 import yaml
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
+from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
 
 SHIPPED = Path(__file__).parent
 _MAX_BYTES = 1_000_000
+_EFFECTS: TypeAdapter[tuple[Effect, ...]] = TypeAdapter(tuple[Effect, ...])
+_CLOSE = 0.5
+"""How alike a name and a known one must be for a person to have meant it (difflib's ratio)."""
+_BRIEF = 60
 Place = tuple[int | str, ...]
+_PLAIN = {
+    "missing": "missing; add it",
+    "model_type": "must be a mapping of keys to values",
+    "model_attributes_type": "must be a mapping of keys to values",
+}
+"""What pydantic says in the words of Python."""
 
 
 @dataclass(frozen=True)
@@ -50,8 +61,11 @@ class RigFileError(FileError):
 def find(name: str | Path) -> Path:
     """A rig file by path, or a shipped one by name (`paper-fanuc`). Raises FileError with what is shipped."""
     path = Path(name)
-    if path.exists() and not path.is_dir():
-        return path
+    try:
+        if path.exists() and not path.is_dir():
+            return path
+    except OSError as error:
+        raise _unreadable(path, error) from None
     shipped = {file.stem: file for file in sorted(SHIPPED.glob("*.yaml"))}
     if str(name) in shipped:
         return shipped[str(name)]
@@ -61,15 +75,26 @@ def find(name: str | Path) -> Path:
 def load(name: str | Path) -> tuple[Rig, str]:
     """A rig and the text of its file as it is. Raises FileError or RigFileError."""
     path = find(name)
+    text = _text(path)
+    return parse(text, str(path)), text
+
+
+def _text(path: Path) -> str:
     try:
-        if path.stat().st_size > _MAX_BYTES:
-            raise FileError(str(path), "larger than 1 MB, which no rig file is", "give the rig file itself")
-        text = path.read_text(encoding="utf-8")
+        with path.open("rb") as file:
+            data = file.read(_MAX_BYTES + 1)
+    except OSError as error:
+        raise _unreadable(path, error) from None
+    if len(data) > _MAX_BYTES:
+        raise FileError(str(path), "larger than 1 MB, which no rig file is", "give the rig file itself")
+    try:
+        return data.decode()
     except UnicodeDecodeError as error:
         raise FileError(str(path), f"not UTF-8 at byte {error.start}", "save it as UTF-8") from None
-    except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
-    return parse(text, str(path)), text
+
+
+def _unreadable(path: Path, error: OSError) -> FileError:
+    return FileError(str(path), error.strerror or str(error), "check the path and its permissions")
 
 
 def parse(text: str, where: str) -> Rig:
@@ -88,9 +113,55 @@ def parse(text: str, where: str) -> Rig:
     try:
         return Rig.model_validate(data)
     except ValidationError as error:
-        details = _without_consequences(error.errors(include_url=False))
+        details = _without_consequences(_with_hidden(data, error.errors(include_url=False)))
         problems = [_problem(detail, root) for detail in details]
         raise RigFileError(where, sorted(problems, key=lambda p: p.line)) from None
+
+
+def _with_hidden(data: Any, details: list[ErrorDetails]) -> list[ErrorDetails]:
+    """A misspelt tag hides the mistakes of its part: they show once the nearest known tag is taken for it."""
+    misspelt = [detail for detail in details if detail["type"] == "union_tag_invalid"]
+    for detail in misspelt:
+        tag, known, key = _tag_error(detail)
+        nearest = difflib.get_close_matches(tag, known, n=1, cutoff=_CLOSE)
+        data = _with(data, detail["loc"], key, nearest[0]) if nearest else data
+    try:
+        Rig.model_validate(data)
+    except ValidationError as error:
+        seen = error.errors(include_url=False)
+        return misspelt + [detail for detail in seen if detail["type"] != "union_tag_invalid"]
+    return misspelt
+
+
+def _tag_error(detail: ErrorDetails) -> tuple[str, list[str], str]:
+    """The tag given, those known, and the key it stands under."""
+    context = detail["ctx"]
+    known = [name.strip().strip("'") for name in context["expected_tags"].split(",")]
+    return str(context["tag"]), known, context["discriminator"].strip("'")
+
+
+def _with(data: Any, loc: Place, key: str, value: str) -> Any:
+    """Data with another value under the key of the mapping at `loc`."""
+    copy = data.copy()
+    if loc:
+        copy[loc[0]] = _with(data[loc[0]], loc[1:], key, value)
+    else:
+        copy[key] = value
+    return copy
+
+
+def load_effects(path: Path) -> tuple[Effect, ...]:
+    """The effects of a rig file, or of a file with nothing but `effects:`. Raises FileError."""
+    try:
+        data = yaml.safe_load(_text(path))
+        found = data.get("effects", ()) if isinstance(data, dict) else data
+        return _EFFECTS.validate_python(found or ())
+    except yaml.YAMLError as error:
+        raise FileError(str(path), f"not YAML: {str(error).splitlines()[0]}", "mend the file") from None
+    except ValidationError as error:
+        detail = error.errors(include_url=False)[0]
+        place = ".".join(str(step) for step in detail["loc"])
+        raise FileError(str(path), f"effects.{place}: {detail['msg']}", "write them as in a rig file") from None
 
 
 def _without_consequences(details: list[ErrorDetails]) -> list[ErrorDetails]:
@@ -116,9 +187,9 @@ def _refuse_repeats(root: yaml.Node, where: str) -> None:
         if isinstance(node, yaml.MappingNode):
             known: set[str] = set()
             for key, value in node.value:
-                if key.value in known:
-                    problems.append(Problem(key.start_mark.line + 1, str(key.value), "this key stands here twice"))
                 if isinstance(key, yaml.ScalarNode):
+                    if key.value in known:
+                        problems.append(Problem(key.start_mark.line + 1, key.value, "this key stands here twice"))
                     known.add(key.value)
                 walk(value)
         elif isinstance(node, yaml.SequenceNode):
@@ -173,26 +244,29 @@ def _message(detail: ErrorDetails, place: Place) -> str:
     kind, given = detail["type"], detail["input"]
     if kind == "extra_forbidden":
         return f"unknown key{_nearest(str(place[-1]), _keys_at(detail['loc'][:-1]))}"
-    if kind == "missing":
-        return "missing; add it"
-    if kind in ("union_tag_invalid", "literal_error"):
-        context = detail.get("ctx", {})
-        tag = str(context.get("tag", given))
-        expected = str(context.get("expected_tags", context.get("expected", "")))
-        known = [name.strip().strip("'") for name in expected.replace(" or ", ", ").split(",")]
+    if kind == "union_tag_invalid":
+        tag, known, _ = _tag_error(detail)
         return f"{tag!r} is not known{_nearest(tag, known)}"
-    if kind == "union_tag_not_found":
-        name = str(detail.get("ctx", {}).get("discriminator", "")).strip("'")
-        return f"{name} is missing; add it"
-    if kind == "model_type":
-        return "must be a mapping of keys to values"
-    message = detail["msg"].removeprefix("Value error, ")
-    shown = given if isinstance(given, int | float | str | bool) else None
-    return message if shown is None or str(shown) in message else f"{message}, not {shown!r}"
+    if kind == "literal_error":
+        known = [name.strip().strip("'") for name in detail["ctx"]["expected"].replace(" or ", ", ").split(",")]
+        tag = _short(given).strip("'")
+        return f"{tag!r} is not known{_nearest(tag, known)}"
+    message = _PLAIN.get(kind, detail["msg"]).removeprefix("Value error, ")
+    if not isinstance(given, int | float | str) or _short(given).strip("'") in message:
+        return message
+    return f"{message}, not {_short(given)}"
+
+
+def _short(given: object) -> str:
+    """What was given, as far as a message needs it."""
+    if isinstance(given, int) and given.bit_length() > 1000:
+        return "a number of hundreds of digits"
+    text = repr(given)
+    return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
 
 
 def _nearest(name: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(name, known, n=1, cutoff=0.5)
+    close = difflib.get_close_matches(name, known, n=1, cutoff=_CLOSE)
     return f"; did you mean {close[0]}?" if close else f"; known here: {', '.join(sorted(known))}"
 
 

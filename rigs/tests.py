@@ -1,69 +1,89 @@
-"""The tests that a rig is set up for (measurement.md): circle for yaw and roll, hemisphere, repeatability."""
+"""The tests that a rig is set up for (measurement.md): circle for yaw and roll, hemisphere, repeatability.
+
+Bounds keep a slip of the pen from becoming a program of millions of poses.
+"""
 
 from __future__ import annotations
 
+import math
+from typing import Annotated
+
 from pydantic import Field, field_validator, model_validator
 
-from rigs.base import Part, Vector
-from rigs.robot import Row
+from rigs.base import Angle, Part, Vector
+from rigs.robot import Posture
+
+_LONGEST_LAP_S = 1800.0
 
 
-class Circle(Part):
-    """A circle about the base-ball, driven acw and cw with the tool pointing at its centre."""
+class _AboutTheBall(Part):
+    """Where targets lie about the base-ball."""
 
     centre_mm: Vector
     normal: Vector = (0.0, 0.0, 1.0)
     zero: Vector = (1.0, 0.0, 0.0)
-    """Where phi = 0 lies; projected onto the circle's plane."""
-    radius_mm: float = Field(default=70.0, gt=0)
-    speed_mm_s: float = Field(default=25.0, gt=0)
-    start_deg: float = 0.0
-    lead_deg: float = Field(default=10.0, ge=0, le=90)
-    """Arc driven before the lap to come to speed, and after it to stop; not analysed."""
-    posture_deg: Row
-    """Joint angles near the start of the acw circle: which of the arm's solutions the program uses."""
-    eccentricity_mm: Vector = (0.0, 0.0, 0.0)
-    """Base-ball less circle centre, in the world: known only where the cell is emulated or simulated."""
+    posture_deg: Posture
 
-    @field_validator("normal")
+    @field_validator("normal", "zero")
     @classmethod
     def _has_length(cls, value: Vector) -> Vector:
-        if sum(x * x for x in value) == 0:
+        if math.hypot(*value) < 1e-9:
             raise ValueError("a direction of length zero points nowhere")
         return value
 
     @model_validator(mode="after")
-    def _zero_in_plane(self) -> Circle:
+    def _zero_in_plane(self) -> _AboutTheBall:
         (a, b, c), (x, y, z) = self.normal, self.zero
-        cross = (b * z - c * y, c * x - a * z, a * y - b * x)
-        if sum(v * v for v in cross) < 1e-12 * sum(v * v for v in self.normal):
-            raise ValueError("zero is parallel to normal; choose a direction in the circle's plane")
+        across = math.hypot(b * z - c * y, c * x - a * z, a * y - b * x)
+        if across < 1e-6 * math.hypot(a, b, c) * math.hypot(x, y, z):
+            raise ValueError("zero is parallel to normal; choose a direction across it")
         return self
 
 
-class Hemisphere(Part):
-    """Targets on a half sphere about the base-ball, each with several tool orientations."""
+class Circle(_AboutTheBall):
+    """A circle about the base-ball, driven acw and cw with the tool pointing at its centre.
 
-    centre_mm: Vector
-    normal: Vector = (0.0, 0.0, 1.0)
-    """Points to the middle of the hemisphere, towards the robot's working side: polar angle 0."""
-    zero: Vector = (1.0, 0.0, 0.0)
-    """Where azimuth 0 lies; projected onto the hemisphere's base."""
-    radius_mm: float = Field(default=400.0, gt=0)
-    step_deg: float = Field(default=30.0, gt=0, le=90)
+    normal: of its plane; zero: where phi = 0 lies, projected onto the plane; posture_deg: joint angles near the
+    start of the acw circle, which say which of the arm's solutions the program uses.
+    """
+
+    radius_mm: float = Field(default=70.0, ge=1, le=2000)
+    speed_mm_s: float = Field(default=25.0, ge=0.5, le=2000)
+    start_deg: Angle = 0.0
+    lead_deg: float = Field(default=10.0, ge=0, le=90)
+    """Arc driven before the lap to come to speed, and after it to stop; not analysed."""
+    eccentricity_mm: Vector = (0.0, 0.0, 0.0)
+    """Base-ball less circle centre, in the world: known only where the cell is emulated or simulated."""
+
+    @model_validator(mode="after")
+    def _ends_today(self) -> Circle:
+        lap_s = 2 * math.pi * self.radius_mm / self.speed_mm_s
+        if lap_s > _LONGEST_LAP_S:
+            raise ValueError(f"a lap takes {lap_s / 60:.0f} min, at most {_LONGEST_LAP_S / 60:.0f}; raise speed_mm_s")
+        return self
+
+
+class Hemisphere(_AboutTheBall):
+    """Targets on a half sphere about the base-ball, each with several tool orientations.
+
+    normal: to the middle of the hemisphere, towards the robot's working side, polar angle 0; zero: where azimuth 0
+    lies, projected onto the hemisphere's base.
+    """
+
+    radius_mm: float = Field(default=400.0, ge=1, le=10_000)
+    step_deg: float = Field(default=30.0, ge=5, le=90)
     """Between targets, in polar angle and in azimuth."""
     polar_max_deg: float = Field(default=90.0, gt=0, le=180)
     """Where the outermost ring lies."""
-    orientations: int = Field(default=3, ge=1)
-    posture_deg: Row
+    orientations: int = Field(default=3, ge=1, le=15)
 
 
 class Repeatability(Part):
     """Targets of the hemisphere approached from outside and from inside along the radius."""
 
-    approach_mm: float = Field(default=3.0, gt=0)
-    rounds: int = Field(default=3, ge=1)
-    targets: tuple[int, ...] = (1,)
+    approach_mm: float = Field(default=3.0, gt=0, le=100)
+    rounds: int = Field(default=3, ge=1, le=1000)
+    targets: Annotated[tuple[Annotated[int, Field(ge=1, le=10_000)], ...], Field(min_length=1, max_length=200)] = (1,)
     """Numbers of hemisphere targets, counted from 1."""
 
 

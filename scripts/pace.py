@@ -25,6 +25,7 @@ from rigs.load import find, parse
 
 STEP_MM = 1e-4
 STEP_DEG = 1e-6
+_IN_TRANSIT_S = 0.3
 
 
 class Counting:
@@ -66,28 +67,33 @@ def main(seconds: float) -> int:
                     time.sleep(0.05)
                 client.ask("record_start", name="pace", test="yaw", direction="acw")
                 time.sleep(seconds)
+                end_ns = time.monotonic_ns()
+                for gauge in ("g1", "g2"):
+                    cell.silence(gauge)
+                time.sleep(_IN_TRANSIT_S)  # a pty that is closed loses what nobody has read yet
                 sent = cell.stop()  # nothing more comes, so what is recorded now is all there will be
-                time.sleep(0.5)
-                path = folder / client.ask("record_stop")["run"]
+                time.sleep(_IN_TRANSIT_S)
+                path = Path(client.ask("record_stop")["run"])
         finally:
             daemon.send_signal(signal.SIGTERM)
             daemon.communicate()
-        return report(read_run(path), sent, seconds)
+        return report(read_run(path), sent, end_ns)
 
 
-def report(run: Run, sent: dict[str, int], seconds: float) -> int:
+def report(run: Run, sent: dict[str, int], end_ns: int) -> int:
     lost = 0
     for name, column, step in (("g1", "g1_mm", STEP_MM), ("g2", "g2_mm", STEP_MM), ("robot", "q1_deg", STEP_DEG)):
         numbers = np.round(run.streams[name][column] / step).astype(int)
         missing = int((np.diff(numbers) - 1).sum())
         last = int(numbers[-1])
+        seconds = float(np.ptp(run.streams[name]["last_byte_ns"])) / 1e9
         print(
             f"{name}: {len(numbers)} recorded, numbers {numbers[0]} to {last} of {sent[name]} sent; "
             f"{missing} missing by sequence, {sent[name] - last} missing at the end; {len(numbers) / seconds:.1f} Hz"
         )
         lost += abs(missing) + abs(sent[name] - last)
-    faults = {stream: counted for stream, counted in run.manifest.counters.items() if set(counted) - {"samples"}}
-    print(f"faults: {json.dumps(faults) if faults else 'none'}")
+    faults = Counter(f"{fault['stream']} {fault['kind']}" for fault in run.faults if fault["at_ns"] < end_ns)
+    print(f"faults until the instruments were switched off: {json.dumps(faults) if faults else 'none'}")
     print("no sample missing" if not lost else f"{lost} samples missing")
     return 1 if lost else 0
 

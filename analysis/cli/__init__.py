@@ -45,4 +45,16 @@ def _options(
     """Robot metrology with a ball link and two digital probes: record, analyse, compare."""
 
 
-from analysis.cli import analyse, check, emulate, live, record, runs  # noqa: E402, F401 - each adds its commands
+from analysis.cli import (  # noqa: E402 - each adds its commands
+    analyse,  # noqa: F401
+    calibrate,  # noqa: F401
+    check,  # noqa: F401
+    compare,  # noqa: F401
+    emulate,  # noqa: F401
+    export,  # noqa: F401
+    import_,  # noqa: F401
+    live,  # noqa: F401
+    record,  # noqa: F401
+    runs,  # noqa: F401
+    simulate,  # noqa: F401
+)

@@ -19,8 +19,8 @@ def analyse(
         Path | None, typer.Option(help="truth.json of an emulated cell, to set beside the figures.")
     ] = None,
 ) -> None:
-    """Tell the yaw error of recorded circles: error band, sine and eccentricity, each with its uncertainty."""
-    from analysis.report import as_object, as_table, write_report  # noqa: PLC0415
+    """Evaluate runs of every test: yaw, roll, radial, repeatability, pose; each figure with its uncertainty."""
+    from analysis.report import as_object, as_tables, write_report  # noqa: PLC0415
     from analysis.results import analyse_run  # noqa: PLC0415
     from analysis.truth import compare  # noqa: PLC0415
 
@@ -36,4 +36,4 @@ def analyse(
         return
     from rich.console import Console  # noqa: PLC0415
 
-    Console().print(as_table(results, truths))
+    Console().print(as_tables(results, truths))

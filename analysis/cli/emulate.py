@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from analysis.cli import app
+
+if TYPE_CHECKING:
+    from queue import SimpleQueue
+
+    from analysis.emulated import EmulatedRobot
 
 
 @app.command()
@@ -19,9 +24,13 @@ def emulate(
     """Start the gauges and the robot of RIG on ptys and local ports, and serve until stopped.
 
     Writes rig.yaml, the rig file with these ports in it, for rigd; and truth.json, what a perfect
-    measurement would find. Type acw or cw to start the robot's program, quit to end.
+    measurement would find. Type acw, cw, roll acw, roll cw, radial or repeatability to start the robot's program, quit
+    to end.
     """
     import json  # noqa: PLC0415
+    import signal  # noqa: PLC0415
+    import threading  # noqa: PLC0415
+    from queue import SimpleQueue  # noqa: PLC0415
 
     from analysis.emulated import EmulatedRobot, truth  # noqa: PLC0415
     from daq.emulators import Cell  # noqa: PLC0415
@@ -37,46 +46,39 @@ def emulate(
         (directory / "truth.json").write_text(json.dumps(truth(rig, robot.traces), indent=2) + "\n", encoding="utf-8")
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+    ends: SimpleQueue[int] = SimpleQueue()
+    signal.signal(signal.SIGTERM, lambda *_: ends.put(0))
+    signal.signal(signal.SIGINT, lambda *_: ends.put(130))
     cell.start()
-    for name, port in cell.ports.items():
-        typer.echo(f"{name}: {port}")
-    typer.echo(f"ready; next: rigd {directory / 'rig.yaml'}; then type here: acw, cw or quit")
     try:
-        _obey(robot)
+        for name, port in cell.ports.items():
+            typer.echo(f"{name}: {port}")
+        typer.echo(f"ready; next: rigd {directory / 'rig.yaml'}; then type here: acw, cw or quit")
+        threading.Thread(target=_obey, args=(robot, ends), daemon=True).start()
+        exit_code = ends.get()
     finally:
-        for name, count in cell.stop().items():
-            typer.echo(f"{name}: {count} sent")
+        sent = cell.stop()
+    for name, count in sent.items():
+        typer.echo(f"{name}: {count} sent")
+    raise typer.Exit(exit_code)
 
 
-def _obey(robot: object) -> None:
-    """Lines of standard input start programs; its end or a signal ends the cell."""
-    import signal  # noqa: PLC0415
+def _obey(robot: EmulatedRobot, ends: SimpleQueue[int]) -> None:
+    """Lines of standard input start programs; `quit`, or the end of a keyboard's lines, ends the cell."""
     import sys  # noqa: PLC0415
-    import threading  # noqa: PLC0415
 
-    from analysis.emulated import EmulatedRobot  # noqa: PLC0415
-
-    assert isinstance(robot, EmulatedRobot)  # noqa: S101
-    ended = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: ended.set())
-    signal.signal(signal.SIGINT, lambda *_: ended.set())
-
-    def listen() -> None:
-        for line in sys.stdin:
-            word = line.strip()
-            if word in ("acw", "cw"):
-                seconds = robot.start("acw" if word == "acw" else "cw")
-                typer.echo(f"{word}: driving, {seconds:.1f} s")
-                robot.finished.wait()
-                typer.echo(f"{word}: done")
-            elif word == "quit":
-                break
-            elif word:
-                typer.echo(f"{word!r} is no program; type acw, cw or quit")
-        else:
-            if not sys.stdin.isatty():
-                return  # started without a keyboard: serve until a signal comes
-        ended.set()
-
-    threading.Thread(target=listen, daemon=True).start()
-    ended.wait()
+    for line in sys.stdin:
+        word = line.strip()
+        if word in ("acw", "cw"):
+            seconds = robot.start("acw" if word == "acw" else "cw")
+            typer.echo(f"{word}: driving, {seconds:.1f} s")
+            robot.finished.wait()
+            typer.echo(f"{word}: done")
+        elif word == "quit":
+            break
+        elif word:
+            typer.echo(f"{word!r} is no program; type acw, cw or quit")
+    else:
+        if not sys.stdin.isatty():
+            return  # started without a keyboard: serve until a signal comes
+    ends.put(0)

@@ -35,11 +35,16 @@ def start(
 
 @record.command()
 def stop(rig: RigName = None) -> None:
-    """End the recording; prints the run directory."""
+    """End the recording; prints the run directory, and on standard error what went wrong meanwhile."""
     from daq.client import Client, find_socket  # noqa: PLC0415
 
     with Client(find_socket(rig)) as client:
-        typer.echo(client.ask("record_stop")["run"])
+        ended = client.ask("record_stop")
+    typer.echo(ended["run"])
+    for stream, counters in ended["counters"].items():
+        faults = [f"{count} {kind}" for kind, count in counters.items() if kind != "samples"]
+        if faults:
+            typer.echo(f"{stream}: {', '.join(faults)} while recording", err=True)
 
 
 @app.command()

@@ -17,7 +17,14 @@ def recover(path: RunPath) -> None:
     """Bring a run that was cut off into order: keep every verified batch, say what is lost."""
     from daq.store import recover as recover_run  # noqa: PLC0415
 
-    typer.echo(recover_run(path))
+    done = recover_run(path)
+    for stream, rows in done.rows.items():
+        typer.echo(f"{stream}: {rows} rows recovered")
+    for note in done.notes:
+        typer.echo(note)
+    for file, loss in done.losses.items():
+        typer.echo(f"lost: {file}: {loss}")
+    typer.echo(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {path}")
 
 
 @app.command()

@@ -71,32 +71,32 @@ def transform(pose: Pose) -> Array:
 def link_frames(arm: Arm, q: Array) -> Array:
     """T_world_link of each joint's frame for joint angles q (n, 6): (n, 6, 4, 4)."""
     theta = q @ arm.coupling.T + arm.offset
-    frames = np.empty((len(q), 6, 4, 4))
-    T: Array = np.broadcast_to(arm.T_world_base, (len(q), 4, 4))
+    cosine, sine = np.cos(theta)[:, :, None], np.sin(theta)[:, :, None]
+    frames = np.zeros((len(q), 6, 4, 4))
+    frames[:, :, 3, 3] = 1.0
+    before: Array = np.broadcast_to(arm.T_world_base[:3], (len(q), 3, 4))
     for axis in range(6):
-        T = T @ _joint(arm, axis, theta[:, axis])
-        frames[:, axis] = T
+        # One product with the joint's constants for all rows of all frames; the turn mixes two columns.
+        at_zero = (before.reshape(-1, 4) @ _joint_at_zero(arm, axis)).reshape(-1, 3, 4)
+        x, y, c, s = at_zero[:, :, 0], at_zero[:, :, 1], cosine[:, axis], sine[:, axis]
+        before = frames[:, axis, :3]
+        before[:, :, 0] = c * x + s * y
+        before[:, :, 1] = c * y - s * x
+        before[:, :, 2:] = at_zero[:, :, 2:]
     return frames
 
 
-def _joint(arm: Arm, axis: int, theta: Array) -> Array:
-    """T(i-1,i) of one joint for its angles theta (n,): (n, 4, 4)."""
+def _joint_at_zero(arm: Arm, axis: int) -> Array:
+    """T(i-1,i) (4, 4) of one joint for theta = 0."""
     ca, sa = np.cos(arm.alpha[axis]), np.sin(arm.alpha[axis])
     cb, sb = np.cos(arm.beta[axis]), np.sin(arm.beta[axis])
-    fixed = np.array([
-        [cb, 0.0, sb, arm.a[axis]],
-        [sa * sb, ca, -sa * cb, 0.0],
-        [-ca * sb, sa, ca * cb, 0.0],
+    d = arm.d[axis]
+    return np.array([
+        [cb, 0.0, sb, arm.a[axis] + d * sb],
+        [sa * sb, ca, -sa * cb, -d * sa * cb],
+        [-ca * sb, sa, ca * cb, d * ca * cb],
         [0.0, 0.0, 0.0, 1.0],
     ])  # fmt: skip
-    screw = np.zeros((len(theta), 4, 4))
-    screw[:, 0, 0] = screw[:, 1, 1] = np.cos(theta)
-    screw[:, 1, 0] = np.sin(theta)
-    screw[:, 0, 1] = -screw[:, 1, 0]
-    screw[:, 2, 2] = screw[:, 3, 3] = 1.0
-    screw[:, 2, 3] = arm.d[axis]
-    product: Array = fixed @ screw
-    return product
 
 
 def forward(arm: Arm, q: Array) -> Array:

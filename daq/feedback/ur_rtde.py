@@ -115,11 +115,12 @@ class _Client:
         if len(payload) != _DATA.size or payload[0] != self._recipe:
             return _out_of_step(message)
         _, clock_s, *angles_rad = _DATA.unpack(payload)
-        if not (0 <= clock_s < _MAX_CLOCK_S and all(map(math.isfinite, angles_rad))):
+        angles_deg = tuple(map(math.degrees, angles_rad))
+        if not (0 <= clock_s < _MAX_CLOCK_S and all(map(math.isfinite, angles_deg))):
             detail = f"packet with time {clock_s:g} s and angles {angles_rad} rad; left out"
             return Heard((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
         sample = Sample(
-            tuple(map(math.degrees, angles_rad)),
+            angles_deg,
             NO_TIME,
             message.first_byte_ns,
             message.last_byte_ns,

@@ -142,7 +142,7 @@ class Polled:
         silent = Fault(FaultKind.SILENT, now_ns, detail)
         return self._drain([*items, *self._bursts.end(), silent], now_ns, telling=True)
 
-    def _drain(  # noqa: PLR0913 - each is one fact of how this drain differs
+    def _drain(
         self,
         items: Sequence[Item],
         now_ns: int,

@@ -1,9 +1,12 @@
-"""The store: runs that survive. `RunWriter` records, `read_run` reads, `recover` and `verify` look after.
+"""The store: runs that survive. `RunWriter` records, `write_table_run` takes in a table from elsewhere,
+`read_run` reads, `recover` and `verify` look after.
 
 A run is a directory: `manifest.json`, and for each stream chunks `<stream>-0001.parquet`, …; the chunk
-being recorded is `<stream>-0001.arrow`. See `daq.store.chunk` for why these two formats.
+being recorded is `<stream>-0001.arrow`. See `daq.store.chunk` for why these two formats. An imported run
+has one chunk, `table-0001.parquet`.
 """
 
+from daq.store.imported import write_table_run
 from daq.store.manifest import Chunk, Manifest, load_manifest
 from daq.store.recover import Recovery, recover
 from daq.store.run import Run, read_run
@@ -20,4 +23,5 @@ __all__ = [
     "read_run",
     "recover",
     "verify",
+    "write_table_run",
 ]

@@ -21,7 +21,7 @@ import pyarrow as pa
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from daq.store.durable import replace
-from daq.store.schema import FAULTS, SAMPLE_COLUMNS
+from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, ColumnType, schema_of, table_schema
 from rigs.errors import FileError
 from rigs.vocabulary import Direction, TestName
 
@@ -57,7 +57,7 @@ class Clock(_Record):
 
 
 class Chunk(_Record):
-    """One closed chunk; first_ns and last_ns are its first first-byte and last last-byte stamp."""
+    """One closed chunk; first_ns and last_ns are its first first-byte and last last-byte stamp, 0 in a table."""
 
     file: str
     stream: Name
@@ -65,6 +65,15 @@ class Chunk(_Record):
     sha256: str
     first_ns: int
     last_ns: int
+
+
+class ImportedTable(_Record):
+    """The table that a run was imported from: its file, and its columns in order."""
+
+    file: str
+    sha256: str
+    """Of the file as it was read."""
+    columns: dict[str, ColumnType]
 
 
 class Manifest(_Record):
@@ -86,6 +95,8 @@ class Manifest(_Record):
     ended: str | None = None
     streams: dict[Name, tuple[str, ...]]
     """Value columns of each sample stream, in order."""
+    table: ImportedTable | None = None
+    """What was imported; None in a recorded run."""
     chunks: tuple[Chunk, ...] = ()
     counters: dict[str, dict[str, Count]] = {}
     """For each stream its samples and its faults of each kind."""
@@ -99,9 +110,11 @@ class Manifest(_Record):
         for stream, columns in self.streams.items():
             if len({*columns, *SAMPLE_COLUMNS}) < len(columns) + len(SAMPLE_COLUMNS):
                 raise ValueError(f"stream {stream} has two columns of one name")
+        if self.table and self.streams:
+            raise ValueError("a run is either recorded or imported")
         for chunk in self.chunks:
             name = parse_chunk(chunk.file)
-            if name is None or name[0] != chunk.stream or chunk.stream not in {FAULTS, *self.streams}:
+            if name is None or name[0] != chunk.stream or chunk.stream not in self.all_streams:
                 raise ValueError(f"{chunk.file!r} is no chunk of a stream of this run")
         if len({chunk.file for chunk in self.chunks}) < len(self.chunks):
             raise ValueError("a chunk is listed twice")
@@ -109,8 +122,15 @@ class Manifest(_Record):
 
     @property
     def all_streams(self) -> dict[str, tuple[str, ...]]:
-        """The sample streams and the faults, with their value columns."""
-        return {**self.streams, FAULTS: ()}
+        """The sample streams, the table where there is one, and the faults, with their value columns."""
+        table = {TABLE: tuple(self.table.columns)} if self.table else {}
+        return {**self.streams, **table, FAULTS: ()}
+
+    def arrow_schema(self, stream: str) -> pa.Schema:
+        """The Arrow schema of one of `all_streams`."""
+        if self.table and stream == TABLE:
+            return table_schema(self.table.columns)
+        return schema_of(stream, self.all_streams[stream])
 
     def chunks_of(self, stream: str) -> tuple[Chunk, ...]:
         """The chunks of one stream in order of recording."""
@@ -146,6 +166,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
     rig_text: str,
     operator: str,
     streams: Mapping[str, tuple[str, ...]],
+    table: ImportedTable | None = None,
 ) -> Manifest:
     """The manifest of a run that starts now, on this host.
 
@@ -165,6 +186,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
             clock=_read_clocks(),
             started=iso_now(),
             streams=dict(streams),
+            table=table,
         )
     except ValidationError as error:
         raise FileError(f"run {name!r}", first_error(error), "choose other names") from None

@@ -20,7 +20,7 @@ import pyarrow as pa
 from daq.store import durable
 from daq.store.chunk import END, Salvage, frame, head, salvage, table_of, to_parquet
 from daq.store.manifest import Chunk, chunk_name, sha256
-from daq.store.schema import FAULTS, Row, batch_of
+from daq.store.schema import FAULTS, TABLE, Row, batch_of
 
 
 @dataclass
@@ -137,6 +137,8 @@ def store(run: Path, stream: str, number: int, found: Salvage, schema: pa.Schema
 
 def describe(file: str, stream: str, table: pa.Table, data: bytes) -> Chunk:
     """What the manifest says of a chunk of at least one row."""
+    if stream == TABLE:
+        return Chunk(file=file, stream=stream, rows=table.num_rows, sha256=sha256(data), first_ns=0, last_ns=0)
     stamps = ("at_ns", "at_ns") if stream == FAULTS else ("first_byte_ns", "last_byte_ns")
     first, last = int(table[stamps[0]][0].as_py()), int(table[stamps[1]][-1].as_py())
     return Chunk(file=file, stream=stream, rows=table.num_rows, sha256=sha256(data), first_ns=first, last_ns=last)

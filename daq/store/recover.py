@@ -23,7 +23,7 @@ from daq.store.chunk import Salvage, from_parquet, opening_in, salvage, with_ope
 from daq.store.manifest import MANIFEST, Chunk, Manifest, chunk_name, load_manifest, parse_chunk, sha256
 from daq.store.recording import describe, store
 from daq.store.run import read_chunk
-from daq.store.schema import FAULTS, schema_of
+from daq.store.schema import FAULTS
 from rigs.errors import CellError, FileError
 
 TORN = ".torn"
@@ -158,7 +158,7 @@ class _Repair:
         return describe(file.name, stream, table, data)
 
     def _schema(self, stream: str) -> pa.Schema:
-        return schema_of(stream, self.manifest.all_streams[stream])
+        return self.manifest.arrow_schema(stream)
 
     def _list(self, chunk: Chunk) -> None:
         others = tuple(c for c in self.manifest.chunks if c.file != chunk.file)
@@ -185,7 +185,8 @@ class _Repair:
     def _count(self) -> dict[str, dict[str, int]]:
         counts = {
             stream: Counter(samples=sum(chunk.rows for chunk in self.manifest.chunks_of(stream)))
-            for stream in self.manifest.streams
+            for stream in self.manifest.all_streams
+            if stream != FAULTS
         }
         for chunk in self.manifest.chunks_of(FAULTS):
             with suppress(FileError):

@@ -16,23 +16,25 @@ import pyarrow as pa
 from daq.store.chunk import from_parquet
 from daq.store.durable import is_locked
 from daq.store.manifest import Chunk, Manifest, load_manifest, sha256, unreadable
-from daq.store.schema import FAULTS, schema_of
+from daq.store.schema import FAULTS, TABLE
 from rigs.errors import FileError
 
 
 @dataclass(frozen=True)
 class Run:
-    """A recorded run.
+    """A recorded or imported run.
 
     streams: for each sample stream its columns by name, each an array of n rows in file units (the
     fixed columns of `daq.store.schema`, then the values). faults: a row each, with at_ns, stream,
-    kind, detail, count, sequence.
+    kind, detail, count, sequence. table: what an imported run holds instead of streams, its columns
+    and rows in the order of the file; None in a recorded run.
     """
 
     path: Path
     manifest: Manifest
     streams: dict[str, dict[str, np.ndarray[Any, Any]]]
     faults: list[dict[str, Any]]
+    table: pa.Table | None = None
 
 
 def read_run(path: Path) -> Run:
@@ -43,7 +45,8 @@ def read_run(path: Path) -> Run:
     manifest = load_manifest(path)
     _refuse_unfinished(path, manifest)
     streams = {name: _arrays(read_stream(path, manifest, name)) for name in manifest.streams}
-    return Run(path, manifest, streams, read_stream(path, manifest, FAULTS).to_pylist())
+    table = read_stream(path, manifest, TABLE) if manifest.table else None
+    return Run(path, manifest, streams, read_stream(path, manifest, FAULTS).to_pylist(), table)
 
 
 def _refuse_unfinished(path: Path, manifest: Manifest) -> None:
@@ -62,7 +65,7 @@ def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
 
     Raises FileError for the first chunk that is missing, damaged or not as the manifest says.
     """
-    schema = schema_of(stream, manifest.all_streams[stream])
+    schema = manifest.arrow_schema(stream)
     tables = [read_chunk(path, chunk, schema) for chunk in manifest.chunks_of(stream)]
     return pa.concat_tables([schema.empty_table(), *tables])
 

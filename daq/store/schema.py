@@ -1,6 +1,7 @@
 """What is stored: the columns of a stream, and how samples and faults become a batch of them.
 
 Two shapes only: a sample stream (stamps, then the values in file units) and the one `faults` stream.
+An imported run has a table instead of sample streams, with the columns that its file had.
 No cell is ever null: nan and `NO_TIME` say "not there", so every column is a plain array everywhere.
 `sequence` numbers the rows of a stream through all its chunks; a gap in it is a loss that shows.
 
@@ -12,8 +13,8 @@ from __future__ import annotations
 
 import json
 import zlib
-from collections.abc import Sequence
-from typing import Any, TypeAlias
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import pyarrow as pa
@@ -23,6 +24,10 @@ from daq.protocol.conversation import Fault, Sample
 Array: TypeAlias = "pa.Array[Any]"
 FAULTS = "faults"
 """The stream every run has; its rows name the stream they happened on."""
+TABLE = "table"
+"""The stream of an imported run."""
+ColumnType = Literal["double", "int64", "string"]
+"""Types of an imported table's columns, by Arrow's names."""
 Row = Sample | tuple[str, Fault]
 """What is appended: a sample, or the stream's name with its fault."""
 
@@ -50,6 +55,12 @@ def schema_of(stream: str, columns: Sequence[str]) -> pa.Schema:
     fixed = FAULT_COLUMNS if stream == FAULTS else SAMPLE_COLUMNS
     types = {**fixed, **dict.fromkeys(columns, pa.float64())}
     return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
+
+
+def table_schema(columns: Mapping[str, ColumnType]) -> pa.Schema:
+    """The Arrow schema of an imported table."""
+    kinds: dict[str, pa.DataType] = {"double": pa.float64(), "int64": pa.int64(), "string": pa.string()}
+    return pa.schema([pa.field(name, kinds[kind], nullable=False) for name, kind in columns.items()])
 
 
 def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBatch:

@@ -9,7 +9,7 @@ import numpy as np
 from daq.store.durable import TEMPORARY
 from daq.store.manifest import Manifest, load_manifest, sha256
 from daq.store.run import read_chunk
-from daq.store.schema import schema_of
+from daq.store.schema import TABLE
 from rigs.errors import FileError
 
 
@@ -33,6 +33,8 @@ def _manifest(path: Path, manifest: Manifest) -> list[str]:
         problems.append(f"{path}: was never ended; it is being recorded or it crashed")
     if sha256(manifest.rig_text.encode()) != manifest.rig_sha256:
         problems.append(f"{path}: the rig file in the manifest does not match its SHA-256")
+    if manifest.table and not manifest.chunks_of(TABLE):
+        problems.append(f"{path}: its table is not there; import {manifest.table.file} again")
     return problems
 
 
@@ -44,15 +46,17 @@ def _left_over(path: Path, manifest: Manifest) -> list[str]:
 
 
 def _stream(path: Path, manifest: Manifest, stream: str) -> list[str]:
-    schema = schema_of(stream, manifest.all_streams[stream])
+    schema = manifest.arrow_schema(stream)
     problems, row = [], 0
     for chunk in manifest.chunks_of(stream):
         try:
-            sequence = read_chunk(path, chunk, schema)["sequence"].to_numpy()
+            rows = read_chunk(path, chunk, schema)
         except FileError as error:
             problems.append(str(error))
             row += chunk.rows
-        else:
+            continue
+        if stream != TABLE:
+            sequence = rows["sequence"].to_numpy()
             wrong = np.flatnonzero(np.diff(sequence, prepend=row - 1) != 1)
             problems += [f"{path / chunk.file}: rows are missing or doubled before row {i}" for i in wrong]
             row = int(sequence[-1]) + 1 if len(sequence) else row

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -85,12 +85,13 @@ class Bench:
             self.daemon.stderr.close()
         self.cell.stop()
 
-    def start(self, **options: Any) -> Bench:
+    def start(self, program: Sequence[str | Path] = (BIN / "rigd",), **options: Any) -> Bench:
         """Start the daemon and wait until it serves."""
         self.daemon = subprocess.Popen(
-            [BIN / "rigd", self.rig, "--runs", self.folder / "runs"],
+            [*program, self.rig, "--runs", "runs"],
             stderr=subprocess.PIPE,
             env=self.env,
+            cwd=self.folder,
             text=True,
             **options,
         )
@@ -116,8 +117,10 @@ class Bench:
         )
 
     @contextlib.contextmanager
-    def emulating(self, rig: str) -> Iterator[Callable[[str], str]]:
-        """`rig emulate` with a keyboard: type a line, get the line it answers."""
+    def emulating(
+        self, rig: str, end: signal.Signals = signal.SIGTERM, code: int = 0
+    ) -> Iterator[Callable[[str], str]]:
+        """`rig emulate` with a keyboard: type a line, get the line it answers; ended by a signal, with an exit code."""
         process = subprocess.Popen(
             [BIN / "rig", "emulate", rig], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=self.folder, text=True
         )
@@ -133,9 +136,9 @@ class Bench:
             next(line for line in process.stdout if line.startswith("ready"))
             yield keyboard
         finally:
-            process.send_signal(signal.SIGTERM)
+            process.send_signal(end)
             said, _ = process.communicate(timeout=PATIENCE_S)
-            assert process.returncode == 0 and " sent" in said
+            assert process.returncode == code and " sent" in said
 
     def fails(self, *command: str | Path, code: int) -> str:
         """A command that must fail with this exit code and one line; returns the line."""
@@ -149,7 +152,7 @@ class Bench:
     def record(self, name: str = "run", direction: str = "acw") -> Path:
         done = self.run("rig", "record", "start", name, "--test", "yaw", "--direction", direction)
         assert done.returncode == 0, done.stderr
-        return self.folder / done.stdout.strip()
+        return Path(done.stdout.strip())
 
     def status(self) -> dict[str, Any]:
         with Client(self.socket) as client:

@@ -91,9 +91,12 @@ def test_a_gauge_that_goes_silent_while_recording_is_counted_in_the_run(bench: B
     bench.recorded(20)
     bench.cell.silence("g2")
     bench.until(lambda state: "silent" in state["streams"]["g2"]["counters"])
-    assert bench.run("rig", "record", "stop").returncode == 0
+    done = bench.run("rig", "record", "stop")
+    assert done.returncode == 0
     run = read_run(path)
     assert run.manifest.counters["g2"]["silent"] >= 1
+    assert done.stdout == f"{path}\n"
+    assert done.stderr == f"g2: {run.manifest.counters['g2']['silent']} silent while recording\n"
     assert any(fault["kind"] == "silent" and fault["stream"] == "g2" for fault in run.faults)
     assert len(run.streams["g2"]["g2_mm"]) > 20
 
@@ -187,6 +190,12 @@ def test_killed_while_recording_keeps_all_but_the_last_second(bench: Bench) -> N
     assert "rig recover" in bench.fails("rig", "analyse", path, code=3)
     done = bench.run("rig", "recover", path)
     assert done.returncode == 0, done.stderr
+    said = done.stdout.splitlines()
+    assert all("{" not in line and "Recovery" not in line for line in said)
+    kept = {line.split(":")[0] for line in said if line.endswith(" rows recovered")}
+    assert {"g1", "g2", "robot"} <= kept
+    assert said[-1] == f"{path}: recovered; next: rig verify {path}"
+    assert bench.run("rig", "recover", path).stdout == f"{path}: nothing to do\n"
     assert bench.run("rig", "verify", path).returncode == 0
     run = read_run(path)
     assert run.manifest.exit_status == "recovered"
@@ -244,6 +253,35 @@ def test_a_second_recording_is_refused_and_the_first_goes_on(bench: Bench) -> No
 
 def test_no_daemon_is_told(bench: Bench) -> None:
     assert "start it: rigd RIG" in bench.fails("rig", "status", code=4)
+
+
+def test_a_run_cut_in_the_middle_of_a_write_is_recovered_and_the_loss_told(bench: Bench) -> None:
+    bench.start().all_reading()
+    path = bench.record()
+    bench.recorded(300)
+    bench.signalled(signal.SIGKILL)
+    torn = path / "robot-0001.arrow"
+    torn.write_bytes(torn.read_bytes()[:-100])
+    said = bench.run("rig", "recover", path).stdout.splitlines()
+    (loss,) = [line for line in said if line.startswith("lost: ")]
+    assert "robot-0001.arrow" in loss and "kept as robot-0001.arrow.torn" in loss
+
+
+def test_a_socket_left_by_a_daemon_that_was_killed_hides_no_other(bench: Bench) -> None:
+    bench.socket.parent.mkdir()
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(bench.socket.with_name("other.sock")))
+    assert "no daemon runs" in bench.fails("rig", "status", code=4)
+    bench.start().all_reading()
+    assert bench.run("rig", "status", "--json").returncode == 0
+    bench.signalled(signal.SIGKILL)
+    assert bench.socket.exists()
+    assert "no daemon runs for bench" in bench.fails("rig", "status", "--rig", "bench", code=4)
+
+
+def test_a_host_name_that_cannot_be_is_told(bench: Bench) -> None:
+    _edited(bench, feedback=f"tcp://{'a' * 64}:30004")
+    assert "no host can have this name" in bench.fails("rigd", bench.rig, code=4)
 
 
 def test_a_socket_that_speaks_nonsense_gets_an_answer(bench: Bench) -> None:

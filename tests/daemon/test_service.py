@@ -13,7 +13,10 @@ from pathlib import Path
 import pytest
 from bench import PATIENCE_S, Bench
 
-UNIT = Path(__file__).parents[2] / "systemd" / "rigd@.service"
+from daq.store import read_run
+
+ROOT = Path(__file__).parents[2]
+UNIT = ROOT / "systemd" / "rigd@.service"
 
 
 def test_systemd_hears_ready_watchdog_and_stopping(bench: Bench) -> None:
@@ -56,7 +59,83 @@ def test_the_unit_is_valid_and_hardened(tmp_path: Path) -> None:
     command = ["systemd-analyze", "security", "--offline=true", "--no-pager", unit]
     rated = subprocess.run(command, capture_output=True, text=True, check=False).stdout
     exposure = float(rated.rsplit("exposure level for", 1)[1].split(":")[1].split()[0])
-    assert exposure <= 1.6
+    assert exposure <= 1.5
+    assert f"rates it {exposure}." in (ROOT / "docs" / "service.md").read_text()
+
+
+@pytest.mark.skipif(not shutil.which("systemd-sysusers"), reason="systemd-sysusers is not installed (package systemd)")
+def test_the_unit_runs_as_the_user_that_sysusers_makes(tmp_path: Path) -> None:
+    (tmp_path / "etc").mkdir()
+    subprocess.run(["systemd-sysusers", f"--root={tmp_path}", UNIT.with_name("rig.sysusers")], check=True)
+    name, _, uid, gid, _, home, shell = (tmp_path / "etc" / "passwd").read_text().strip().split(":")
+    assert (name, home) == ("rig", "/var/lib/rig") and "nologin" in shell and uid != "0"
+    assert (tmp_path / "etc" / "group").read_text().startswith(f"rig:x:{gid}:")
+    told = dict(line.split("=", 1) for line in UNIT.read_text().splitlines() if "=" in line and line[0] != "#")
+    assert told["User"] == told["Group"] == "rig" and "DynamicUser" not in told
+
+
+def test_the_group_may_read_a_run_and_use_the_socket(bench: Bench) -> None:
+    bench.start(umask=0o027).all_reading()
+    path = bench.record()
+    bench.recorded(20)
+    assert bench.run("rig", "record", "stop").returncode == 0
+    made = {entry: entry.stat().st_mode & 0o077 for entry in (path, *path.iterdir(), bench.socket)}
+    assert set(made.values()) == {0o040, 0o050, 0o060} and made[path] == 0o050, made
+
+
+def _failing_daemon(bench: Bench, patch: str) -> Bench:
+    """The daemon with an error in the program, which `patch` plants."""
+    program = bench.folder / "rigd.py"
+    program.write_text(f"import sys; sys.path.pop(0)\n{patch}\nfrom daq.rigd import main; main()")
+    return bench.start(program=[sys.executable, program])
+
+
+BROKEN_READER = """
+import daq.feedback
+from types import SimpleNamespace
+def break_down(self, data, now_ns, received=[0]):
+    received[0] += 1
+    return original(self, data, now_ns) if received[0] < 500 else self.no_such_thing
+from daq.protocol.streamed import Streamed
+original = Streamed.received
+def host(feedback):
+    import daq.feedback.ur_rtde as ur
+    conversation = ur.host(feedback)
+    conversation.received = lambda data, now_ns: break_down(conversation, data, now_ns)
+    return conversation
+daq.feedback.host = host
+"""
+BROKEN_WRITER = """
+from daq.recorder import Recorder
+take, rounds = Recorder._take, []
+def break_down(self, *, sync):
+    rounds.append(self._writer)
+    if sync and len(list(filter(None, rounds))) == 4:
+        raise TypeError("no such thing")
+    return take(self, sync=sync)
+Recorder._take = break_down
+"""
+
+
+@pytest.mark.parametrize(
+    ("patch", "thread", "error"),
+    [(BROKEN_READER, "read robot", "AttributeError"), (BROKEN_WRITER, "write", "TypeError")],
+    ids=["reader", "writer"],
+)
+def test_an_error_in_the_program_closes_the_run_as_failed_and_ends_the_daemon(
+    bench: Bench, patch: str, thread: str, error: str
+) -> None:
+    _failing_daemon(bench, patch).all_reading()
+    path = bench.record()
+    assert bench.daemon is not None
+    _, said = bench.daemon.communicate(timeout=PATIENCE_S)
+    assert bench.daemon.returncode == 1
+    assert f"thread '{thread}' died" in said and "Traceback" in said and "no_such_thing" in said.replace(" ", "_")
+    manifest = read_run(path).manifest
+    assert manifest.exit_status == "failed"
+    assert thread in manifest.reason and error in manifest.reason
+    assert bench.run("rig", "verify", path).returncode == 0
+    assert "no daemon runs" in bench.fails("rig", "status", code=4)
 
 
 @pytest.mark.parametrize("command", [["--help"], ["analyse", "--help"], ["record", "start", "--help"]])

@@ -49,7 +49,10 @@ def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path: Path) -> No
         bench.rig = tmp_path / "cell" / "rig.yaml"
         bench.socket = bench.socket.with_name("paper-fanuc.sock")
         bench.start().all_reading()
-        assert keyboard("somersault") == "'somersault' is no program; type acw, cw or quit"
+        assert (
+            keyboard("somersault")
+            == "'somersault': is no program; type acw, cw, roll acw, roll cw, radial, repeatability or quit"
+        )
         before = bench.status()["streams"]["robot"]["last"]["q1_deg"]
         assert keyboard("acw").startswith("acw: driving, ")
         bench.until(lambda state: abs(state["streams"]["robot"]["last"]["q1_deg"] - before) > 0.5)

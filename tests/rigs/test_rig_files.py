@@ -49,6 +49,58 @@ def test_five_mistakes_are_told_at_once_with_line_place_and_remedy() -> None:
     assert "effects[2].axis" in problems
 
 
+def test_a_misspelt_interface_hides_no_other_mistake_of_its_gauge() -> None:
+    text = (
+        TEXT.replace("interface: sylvac_opto_rs", "interface: sylvac_optors", 1)
+        .replace("mode: continuous", "mode: continous", 1)
+        .replace("accuracy_mm: 0.0005", "acuracy_mm: 0.0005", 1)
+        .replace("offset_mm: 25", "offset_mm: left")
+        .replace("interface: line_feed", "interface: lines_feed")
+        .replace("q6_deg]", "q5_deg]")
+        .replace("effect: backlash, axis: 1", "effect: backlsh, axis: 9")
+        .replace("radius_mm: 70", "radius_mn: 70")
+    )
+    assert {place: message.rpartition("; ")[2] for place, (_, message) in _problems(text).items()} == {
+        "gauges.g1": "did you mean sylvac_opto_rs?",
+        "gauges.g1.mode": "did you mean continuous?",
+        "gauges.g1.acuracy_mm": "did you mean accuracy_mm?",
+        "gauges.g1.offset_mm": "Input should be a valid number, unable to parse string as a number, not 'left'",
+        "feedback": "did you mean line_feed?",
+        "feedback.fields": "each of q1 … q6 must stand in the line once, in _deg or _rad",
+        "effects[1]": "did you mean backlash?",
+        "effects[1].axis": "Input should be less than or equal to 6, not 9",
+        "tests.circle.radius_mn": "did you mean radius_mm?",
+    }
+
+
+@pytest.mark.parametrize("tag", ["nothing_of_ours", "[1]", "{a: 1}", "1", "null"])
+def test_a_tag_that_nobody_knows_is_told(tag: str) -> None:
+    assert "gauges.g1" in _problems(TEXT.replace("interface: sylvac_opto_rs", f"interface: {tag}", 1))
+
+
+@pytest.mark.parametrize(
+    "key", ["? [1, 2]\n: 3", "? {a: 1}\n: 3", "1: 2", "2026-01-01: 3", "null: 3", "[]: 1", "1.5: x"]
+)
+def test_keys_that_are_no_names_are_told(key: str) -> None:
+    _problems(f"{TEXT}\n{key}\n")
+
+
+def test_a_number_of_thousands_of_digits_is_told_in_short() -> None:
+    digits = "0x" + "f" * 10_000
+    (_, message) = _problems(TEXT.replace("radius_mm: 70", f"radius_mm: {digits}"))["tests.circle.radius_mm"]
+    assert len(message) < 200
+
+
+def test_a_file_without_end_is_not_read() -> None:
+    with pytest.raises(FileError, match="larger than 1 MB"):
+        load("/dev/zero")
+
+
+def test_a_name_too_long_for_a_file_is_told() -> None:
+    with pytest.raises(FileError, match="too long"):
+        load("a" * 5000)
+
+
 def test_a_key_given_twice_is_refused() -> None:
     assert "twice" in _problems(TEXT + "\nname: other\n")["name"][1]
 
@@ -63,8 +115,23 @@ def test_a_key_given_twice_is_refused() -> None:
         ("normal: [-0.281, 0.240, 1]", "normal: [0, 0, 0]", "length zero"),
         ("q6_deg]", "q5_deg]", "must stand in the line once"),
         ("usb-FTDI_gauge_2", "usb-FTDI_gauge_1", "give g2 its own port"),
-        ("radius_mm: 70", "radius_mm: 0", "greater than 0"),
+        ("radius_mm: 70", "radius_mm: 0", "greater than or equal to 1"),
         ("radius_mm: 70", "radius_mm: .nan", "finite"),
+        ("radius_mm: 70", "radius_mm: 1.0e+9", "less than or equal to 2000"),
+        ("speed_mm_s: 25", "speed_mm_s: 0.00001", "greater than or equal to 0.5"),
+        ("radius_mm: 70\n    speed_mm_s: 25", "radius_mm: 900\n    speed_mm_s: 1", "a lap takes 94 min"),
+        ("radius_mm: 400", "step_deg: 0.001", "greater than or equal to 5"),
+        ("radius_mm: 400", "orientations: 1000000", "less than or equal to 15"),
+        ("radius_mm: 400", "zero: [0, 0, 5]", "parallel"),
+        ("targets: [1, 5, 14, 20]", "rounds: 10000000", "less than or equal to 1000"),
+        ("targets: [1, 5, 14, 20]", "targets: [0]", "greater than or equal to 1"),
+        ("limits_deg: [-150, 150]", "limits_deg: [-1.0e+9, 150]", "greater than or equal to -1440"),
+        ("[0, 1, 0, 0, 0, 0]", "[1, 0, 0, 0, 0, 0]", "no inverse"),
+        ("offset_mm: -25", "offset_mm: 25", "stand at one place"),
+        ("offset_mm: -25", "offset_mm: 75", "swap their offset_mm"),
+        ("accuracy_mm: 0.0005", "timeout_s: 1.0e-300", "greater than or equal to 0.01"),
+        ("line: 4800 7E2", "line: {baud: 0, bits: 9, parity: X, stop: 3}", "greater than or equal to 50"),
+        ("line: 4800 7E2", "line: 4800", "'9600 8N1'"),
         ("name: paper-fanuc", "name: ../paper", "match"),
     ],
 )

@@ -1,0 +1,80 @@
+"""What a calibration found: table, JSON, and the extended rig file."""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from analysis.calibrate import Calibration, fitted_effects
+from analysis.identify import name_of
+from analysis.quantity import Quantity
+from rigs.effects import Found, size_field
+from rigs.errors import FileError
+from rigs.extend import extended
+
+
+def as_table(found: Calibration) -> RenderableType:
+    """Fitted parameters with their uncertainty, before and after, and what was held."""
+    table = Table(title="value ± standard uncertainty", title_style="dim", header_style="bold")
+    table.add_column("effect")
+    table.add_column("value", justify="right")
+    for one, value, sd in zip(found.after.free, found.after.values, found.after.sd, strict=True):
+        effect = found.after.model.effects[one.effect]
+        table.add_row(name_of(effect, one.field), str(Quantity(float(value), float(sd), _unit(effect, one.field))))
+    gap = Table(title="unexplained, rms in µm", title_style="dim", header_style="bold")
+    for heading in ("", "before", "after"):
+        gap.add_column(heading, justify="right" if heading else "left")
+    for name, before, after in zip(
+        ("readings used", "readings left out"), found.before_mm, found.after_mm, strict=True
+    ):
+        if not math.isnan(before):
+            gap.add_row(name, f"{before * 1e3:.1f}", f"{after * 1e3:.1f}")
+    held = [Text(f"held: {held}", style="yellow") for held in found.held]
+    return Group(table, gap, *held)
+
+
+def _unit(effect: object, field: str) -> str:
+    if field == "delta":
+        return "mm" if getattr(effect, "field", "") in ("a", "d") else "deg"
+    return field.rsplit("_", 1)[-1] if "_" in field else ""
+
+
+def as_object(found: Calibration) -> dict[str, Any]:
+    """The same for scripts; lengths in mm, angles in degrees."""
+    return {
+        "effects": [
+            {**effect.model_dump(mode="json", exclude={"found"}), "sd": sd} for effect, sd in fitted_effects(found)
+        ],
+        "covariance": found.after.covariance.tolist(),
+        "held": [{"what": held.what, "like": list(held.like)} for held in found.held],
+        "rms_mm": {
+            "used": {"before": found.before_mm[0], "after": found.after_mm[0]},
+            "left_out": None
+            if math.isnan(found.before_mm[1])
+            else {"before": found.before_mm[1], "after": found.after_mm[1]},
+        },
+    }
+
+
+def write_rig(found: Calibration, text: str, runs: Sequence[str], output: Path) -> None:
+    """The rig file with the fitted effects added, each with where it came from. Raises FileError where it exists."""
+    gap_um = (round(found.before_mm[0] * 1e3, 3), round(found.after_mm[0] * 1e3, 3))
+    effects = []
+    for effect, sd in fitted_effects(found):
+        origin = Found(date=dt.datetime.now(dt.UTC).date(), runs=tuple(runs), sd=sd, gap_um=gap_um)
+        value = float(f"{getattr(effect, size_field(effect)):.9g}")
+        effects.append(effect.model_copy(update={"found": origin, size_field(effect): value}))
+    try:
+        with output.open("x", encoding="utf-8") as file:
+            file.write(extended(text, effects, str(output)))
+    except FileExistsError:
+        raise FileError(str(output), "is there already", "give another --output, or remove it first") from None
+    except OSError as error:
+        raise FileError(str(output), error.strerror or str(error), "give another --output") from None

@@ -1,0 +1,54 @@
+"""`rig calibrate RUN…`: known effects estimated, and a rig file that has them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app
+
+
+@app.command()
+def calibrate(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
+    fit: Annotated[
+        str, typer.Option(help="Effects, e.g. joint_offset,link_geometry:3.a,backlash:1; a name alone is all axes.")
+    ],
+    rig_file: Annotated[
+        str | None, typer.Option("--rig", help="The model to begin with. [default: the first run's rig file]")
+    ] = None,
+    hold_out: Annotated[list[Path] | None, typer.Option(help="A run to judge by, not used in the fit.")] = None,
+    share: Annotated[
+        float, typer.Option(min=0, max=0.9, help="Of each run's targets or poses, left out to judge.")
+    ] = 0.0,
+    groups: Annotated[
+        bool, typer.Option(help="Leave out whole neighbourhoods of joint space, not single poses.")
+    ] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Of the choice of what is left out.")] = 0,
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="The extended rig file to write.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Estimate known effects by least squares on the simulator, set-up terms always with them."""
+    import json  # noqa: PLC0415
+
+    from rich.console import Console  # noqa: PLC0415
+
+    from analysis import calibration_report  # noqa: PLC0415
+    from analysis.calibrate import calibrate_runs  # noqa: PLC0415
+    from analysis.loading import load_measured  # noqa: PLC0415
+    from rigs.load import load  # noqa: PLC0415
+
+    measured = [load_measured(path) for path in runs]
+    judges = [load_measured(path) for path in hold_out or ()]
+    rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
+    found = calibrate_runs(rig, measured, judges, fit.split(","), share=share, groups=groups, seed=seed)
+    if output:
+        calibration_report.write_rig(found, text, [str(path.name) for path in runs], output)
+    if as_json:
+        typer.echo(json.dumps(calibration_report.as_object(found), indent=2))
+    else:
+        Console().print(calibration_report.as_table(found))
+    if output:
+        typer.echo(f"wrote {output}", err=True)

@@ -1,0 +1,41 @@
+"""`rig compare RUN…`: simulation and measurement laid over each other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app
+
+
+@app.command()
+def compare(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
+    rig_file: Annotated[
+        str | None, typer.Option("--rig", help="The model to compare with. [default: the first run's rig file]")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    plot: Annotated[Path | None, typer.Option(help="Write a picture of each run into this directory.")] = None,
+) -> None:
+    """Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by side."""
+    import json  # noqa: PLC0415
+
+    from rich.console import Console  # noqa: PLC0415
+
+    from analysis import comparison_report  # noqa: PLC0415
+    from analysis.compare import compare as compare_runs  # noqa: PLC0415
+    from analysis.loading import load_measured  # noqa: PLC0415
+    from rigs.load import load  # noqa: PLC0415
+
+    measured = [load_measured(path) for path in runs]
+    rig = load(rig_file)[0] if rig_file else measured[0].rig
+    comparisons, fitted = compare_runs(measured, rig)
+    if plot:
+        for path in comparison_report.save_pictures(comparisons, plot):
+            typer.echo(path, err=True)
+    if as_json:
+        typer.echo(json.dumps(comparison_report.as_object(comparisons, fitted), indent=2))
+    else:
+        Console().print(comparison_report.as_tables(comparisons, fitted))

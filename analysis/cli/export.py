@@ -1,0 +1,37 @@
+"""`rig export RUN`: the table of a run for other programs, or its streams for plotting."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from analysis.cli import app
+
+Format = Literal["csv", "parquet", "mcap"]
+
+
+@app.command()
+def export(
+    path: Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")],
+    to: Annotated[Format, typer.Option(help="csv, parquet: the table. mcap: the raw streams.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The file to make.")],
+) -> None:
+    """Write the table of a run as CSV or Parquet, or its raw streams as MCAP for Foxglove and PlotJuggler."""
+    from functools import partial  # noqa: PLC0415
+
+    from analysis.files.messages import write_mcap  # noqa: PLC0415
+    from analysis.files.write import write_csv, write_new, write_parquet  # noqa: PLC0415
+    from analysis.loading import file_columns, measured_of  # noqa: PLC0415
+    from daq.store import read_run  # noqa: PLC0415
+
+    run = read_run(path)
+    if to == "mcap":
+        write_new(output, partial(write_mcap, run))
+    else:
+        measured = measured_of(run)
+        for doubt in measured.doubts:
+            typer.echo(f"note: {doubt}", err=True)
+        write_new(output, partial(write_csv if to == "csv" else write_parquet, file_columns(measured)))
+    typer.echo(output)

@@ -1,0 +1,35 @@
+"""`rig import TABLE`: a table of measurements from elsewhere as a run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app
+from rigs.vocabulary import Direction, TestName
+
+
+@app.command("import")
+def import_(
+    table: Annotated[Path, typer.Argument(metavar="TABLE", help="CSV file with the columns of docs/tables.md.")],
+    rig_file: Annotated[str, typer.Option("--rig", help="Rig file, or the name of a shipped rig.")],
+    test: Annotated[TestName, typer.Option(help="What was measured.")],
+    run: Annotated[Path, typer.Option("--output", "-o", help="The run directory to make.")],
+    direction: Annotated[
+        Direction | None, typer.Option(help="Of a circle whose table has no direction column.")
+    ] = None,
+    operator: Annotated[str, typer.Option(help="Who measured. [default: the user]")] = "",
+) -> None:
+    """Make a run of a table of measurements; every bad row is named with its line and the reason."""
+    import getpass  # noqa: PLC0415
+
+    from analysis.files.imports import import_table  # noqa: PLC0415
+
+    doubts = import_table(
+        table, run, rig_file=rig_file, test=test, direction=direction, operator=operator or getpass.getuser()
+    )
+    for doubt in doubts:
+        typer.echo(f"doubt: {doubt}", err=True)
+    typer.echo(run)

@@ -1,0 +1,35 @@
+"""`rig simulate RIG`: what the gauges would read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from analysis.cli import app
+from rigs.vocabulary import Direction, TestName
+
+
+@app.command()
+def simulate(
+    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
+    test: Annotated[TestName, typer.Option(help="Which test.")],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Where the runs go.")],
+    direction: Annotated[Literal["cw", "acw", "both"], typer.Option(help="Of a circle.")] = "both",
+    runs: Annotated[int, typer.Option(min=1, max=1000, help="Of each direction.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Of the noise; each run has its own.")] = 0,
+    effects: Annotated[Path | None, typer.Option(help="Effects of this YAML file instead of the rig file's.")] = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Write CSV tables instead of runs.")] = False,
+) -> None:
+    """Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to run."""
+    from analysis.simulated_runs import write_simulated  # noqa: PLC0415
+    from rigs.load import load, load_effects  # noqa: PLC0415
+
+    rig, text = load(rig_file)
+    chosen = load_effects(effects) if effects else None
+    directions: tuple[Direction | None, ...] = ("acw", "cw") if direction == "both" else (direction,)
+    if test not in ("yaw", "roll"):
+        directions = (None,)
+    for path in write_simulated(rig, text, test, directions, range(seed, seed + runs), chosen, directory, csv=csv):
+        typer.echo(path)

@@ -1,0 +1,79 @@
+"""Simulation and measurement laid over each other: from the run's own feedback, the set-up fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.estimate import Fit, fit, observe
+from analysis.evaluate import Evaluated, evaluate
+from analysis.kinematics.arm import Array
+from analysis.loading import Measured
+from analysis.predict import model_of, path_of, predict
+from analysis.results import Result, result_of
+from analysis.simulate import with_values
+from analysis.tables import PoseTable
+from analysis.tests.circle import CircleResult
+from analysis.tests.pose import PoseResult
+from analysis.tests.radial import Radial
+from analysis.tests.repeatability import Repeatability
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One run. result, simulated: evaluated alike; x (n,) and the curves (n,) that are laid over each other, in `unit`;
+    their correlation; rms_um of the readings that stay unexplained."""
+
+    result: Result
+    simulated: Evaluated
+    x: Array
+    measured_curve: Array
+    simulated_curve: Array
+    unit: str
+    correlation: float
+    rms_um: float
+
+
+def compare(runs: Sequence[Measured], rig: Rig) -> tuple[list[Comparison], Fit]:
+    """Each run against the model of a rig. Runs of one test share one set-up. Raises FileError."""
+    model = model_of(rig)
+    for run in runs:
+        if isinstance(run.table, PoseTable):
+            raise FileError(
+                str(run.path), "is a pose run, which has no gauges to compare", "use rig calibrate for poses"
+            )
+    observations = [observe(model, run.table, str(run.path)) for run in runs]
+    found = fit(model, observations)
+    return [_one(run, rig, found, residual) for run, residual in zip(runs, found.residuals, strict=True)], found
+
+
+def _one(run: Measured, rig: Rig, found: Fit, residual: Array) -> Comparison:
+    run = replace(run, rig=rig)
+    result = result_of(run)
+    setup = found.setups[observe(found.model, run.table, str(run.path)).setup]
+    values = predict(found.model, run.table, path_of(found.model, run.table), setup)
+    simulated = evaluate(with_values(run.table, values), rig, run.u_lag_s, f"{run.path}, simulated")
+    x, measured_curve, unit = curve(result.found)
+    _, simulated_curve, _ = curve(simulated)
+    correlation = float(np.corrcoef(measured_curve, simulated_curve)[0, 1]) if np.ptp(simulated_curve) else float("nan")
+    rms_um = float(np.sqrt((residual**2).mean()) * 1000)
+    return Comparison(result, simulated, x, measured_curve, simulated_curve, unit, correlation, rms_um)
+
+
+def curve(found: Evaluated) -> tuple[Array, Array, str]:
+    """What is compared of a result: where (n,), values (n,), and their unit."""
+    match found:
+        case CircleResult():
+            return np.degrees(found.phi), np.degrees(found.residual), "deg"
+        case Radial():
+            deviation = np.linalg.norm(found.points - found.free.centre, axis=1) - found.free.radius
+            return found.cells.target.astype(float), deviation, "mm"
+        case Repeatability():
+            mean = np.nanmean(found.readings_mm, axis=2)
+            return np.arange(mean.size, dtype=float), mean.ravel(), "mm"
+        case PoseResult():
+            return np.arange(len(found.position_mm), dtype=float), np.linalg.norm(found.position_mm, axis=1), "mm"

@@ -1,0 +1,105 @@
+"""Tables, JSON and pictures of measurement beside simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from analysis.compare import Comparison
+from analysis.estimate import Fit
+from analysis.labels import LEADING, label
+from rigs.errors import FileError
+
+
+def as_tables(comparisons: Sequence[Comparison], fitted: Fit) -> RenderableType:
+    """A table for each run: each figure measured, simulated, and the difference; then set-up and correlation."""
+    return Group(*(_table(one) for one in comparisons), *_setups(fitted))
+
+
+def _table(one: Comparison) -> Table:
+    table = Table(title=f"{one.result.title} · {one.result.name}", header_style="bold", title_style="bold")
+    for heading in ("", "measured", "simulated", "difference"):
+        table.add_column(heading, justify="right" if heading else "left")
+    for name, figure in one.result.found.figures.items():
+        if name not in one.simulated.figures:
+            continue
+        simulated = one.simulated.figures[name].value
+        cells = (str(figure), figure.rounded(simulated), figure.rounded(figure.value - simulated))
+        table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
+    table.add_row("correlation of the curves", "", f"{one.correlation:.4f}", "")
+    table.add_row("unexplained, rms of the readings", "", f"{one.rms_um:.2f} µm", "")
+    return table
+
+
+def _setups(fitted: Fit) -> list[Text]:
+    lines = []
+    for name, setup in fitted.setups.items():
+        ball, zeros = np.round(setup.ball, 3).tolist(), np.round(setup.zeros_mm, 4).tolist()
+        lines.append(Text(f"set-up {name}: ball at {ball} mm, zeros {zeros} mm (fitted)", style="dim"))
+    return lines
+
+
+def as_object(comparisons: Sequence[Comparison], fitted: Fit) -> dict[str, Any]:
+    """The same for scripts."""
+    runs = [
+        {
+            "run": str(one.result.measured.path),
+            "test": one.result.test,
+            "figures": {
+                name: {"measured": figure.value, "u": figure.u, "simulated": one.simulated.figures[name].value}
+                for name, figure in one.result.found.figures.items()
+                if name in one.simulated.figures
+            },
+            "correlation": one.correlation,
+            "rms_um": one.rms_um,
+        }
+        for one in comparisons
+    ]
+    setups = {
+        name: {"ball_mm": setup.ball.tolist(), "zeros_mm": setup.zeros_mm.tolist()}
+        for name, setup in fitted.setups.items()
+    }
+    return {"runs": runs, "setup": setups}
+
+
+def save_pictures(comparisons: Sequence[Comparison], directory: Path) -> list[Path]:
+    """Measured over simulated and their difference, a picture for each run. Raises FileError."""
+    written = []
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for one in comparisons:
+            path = directory / f"{one.result.name}-compared.png"
+            _figure(one).savefig(path, dpi=150)
+            written.append(path)
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give another --plot") from None
+    return written
+
+
+def _figure(one: Comparison) -> Figure:
+    figure = Figure(figsize=(9, 5.4), layout="constrained")
+    figure.suptitle(f"{one.result.title} · {one.result.name}: measured and simulated", fontsize=11)
+    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+    circle = one.unit == "deg"
+    x = one.x % 360 if circle else one.x
+    order = np.argsort(x)
+    style = {"lw": 1.2} if circle else {"lw": 0.8, "marker": "o", "ms": 4}
+    sign = "°" if circle else "mm"
+    above.plot(x[order], one.measured_curve[order], color="#d95f02", label="measured", **style)
+    above.plot(x[order], one.simulated_curve[order], color="#1f5fa8", label="simulated", **style)
+    above.set_ylabel(f"error / {sign}")
+    above.legend(fontsize=8, title=f"correlation {one.correlation:.3f}", title_fontsize=8)
+    below.plot(x[order], (one.measured_curve - one.simulated_curve)[order], color="#555555", **style)
+    below.set_ylabel(f"difference / {sign}")
+    below.set_xlabel("circle angle φ / °" if circle else "target" if one.result.test == "radial" else "target and side")
+    for axes in (above, below):
+        axes.grid(color="#dddddd", lw=0.5)
+        axes.spines[["top", "right"]].set_visible(False)
+    return figure

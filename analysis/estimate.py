@@ -1,0 +1,231 @@
+"""Fitting the forward model to tables: set-up terms always, effects as asked; for comparison, calibration, diagnosis.
+
+Least squares on the readings themselves (mm), by scipy's trust region on the nonlinear simulator, with numerical
+derivatives. What the data cannot tell apart is found before fitting, from the scaled derivatives, and held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.lap import lap_of
+from analysis.predict import Model, Path, SetUp, nominal_setup, path_of, predict
+from analysis.rigid import best_rigid, moved_by
+from analysis.tables import CircleTable, Integers, PoseTable, Table
+from rigs.effects import Effect, healthy_size, size_field
+
+_BALL_MM = 20.0
+"""Nobody sets a ball further from its place than this; a weak prior that keeps few targets solvable."""
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One table to explain. rows (m,): which readings count; values (m, k) mm; a set-up is shared by its name."""
+
+    table: Table
+    path: Path
+    rows: Integers
+    values: Array
+    setup: str
+
+
+def observe(model: Model, table: Table, where: str) -> Observation:
+    """A table with its path, and its lap where it is a circle. Raises FileError for a circle that is none."""
+    if isinstance(table, CircleTable):
+        rows = np.searchsorted(table.t_s, lap_of(table, model.rig, where).t_s)
+        return Observation(table, path_of(model, table), rows, table.g_mm[rows], table.test)
+    rows = np.arange(len(table.q))
+    if isinstance(table, PoseTable):
+        return Observation(table, path_of(model, table), rows, table.xyz_mm, "pose")
+    return Observation(table, path_of(model, table), rows, table.g_mm[:, None], type(table).__name__)
+
+
+@dataclass(frozen=True)
+class Free:
+    """One free parameter of one effect: which of the model's effects, which field, and its plausible size."""
+
+    effect: int
+    field: str
+    scale: float
+
+
+def sizes(effects: Sequence[Effect]) -> list[Free]:
+    """The size of each effect as a free parameter."""
+    return [Free(k, size_field(effect), healthy_size(effect)) for k, effect in enumerate(effects)]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fitted model.
+
+    model: with the fitted effects; setups: fitted, by name; residuals: per observation (m, k) mm; values (p,) of the
+    free parameters in file units; covariance (p, p) of them; rms_mm over all residuals.
+    """
+
+    model: Model
+    setups: dict[str, SetUp]
+    residuals: list[Array]
+    free: tuple[Free, ...]
+    values: Array
+    covariance: Array
+
+    @property
+    def sd(self) -> Array:
+        """Standard uncertainties (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def rms_mm(self) -> float:
+        """Root mean square of all residuals; for poses of the distance, as is usual."""
+        return rms(self.residuals)
+
+
+def rms(residuals: Sequence[Array]) -> float:
+    """Root mean square of residuals (m, k) mm: per reading of a gauge, per distance of a place."""
+    squares = np.concatenate([(r**2).sum(axis=1) if r.shape[1] == 3 else (r**2).ravel() for r in residuals])
+    return float(np.sqrt(squares.mean()))
+
+
+def fit(
+    model: Model,
+    observations: Sequence[Observation],
+    free: Sequence[Free] = (),
+    setups: Mapping[str, SetUp] | None = None,
+) -> Fit:
+    """Fit set-up terms, and the free parameters of the model's effects. `setups`: where to begin."""
+    from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, needed here only
+
+    problem = _Problem(model, observations, tuple(free), dict(setups or _first_setups(model, observations)))
+    start = problem.start()
+    low, high = problem.bounds(start)
+    found = least_squares(problem.residual, start, bounds=(low, high), x_scale="jac", jac=problem.jacobian)
+    fitted, placed = problem.at(found.x)
+    residuals = residuals_of(fitted, observations, placed)
+    count = sum(r.size for r in residuals)
+    J: Array = np.asarray(found.jac)
+    variance = 2 * found.cost / max(1, count - len(start))
+    covariance = np.linalg.pinv(J.T @ J, rcond=1e-14) * variance
+    p = len(problem.free)
+    scale = np.array([one.scale for one in problem.free])
+    last = covariance[len(start) - p :, len(start) - p :] * np.outer(scale, scale)
+    values: Array = np.asarray(found.x[len(start) - p :] * scale, dtype=float)
+    return Fit(fitted, placed, residuals, problem.free, values, np.asarray(last, dtype=float))
+
+
+def residuals_of(model: Model, observations: Sequence[Observation], setups: Mapping[str, SetUp]) -> list[Array]:
+    """Measured less predicted, (m, k) mm for each observation."""
+    found = []
+    for one in observations:
+        predicted = predict(model, one.table, one.path, setups[one.setup])
+        if isinstance(one.table, PoseTable):
+            predicted = predicted[:, [3, 7, 11]]
+        found.append(one.values - predicted[one.rows])
+    return found
+
+
+def signatures(
+    model: Model, observations: Sequence[Observation], free: Sequence[Free], setups: Mapping[str, SetUp]
+) -> Array:
+    """Derivatives (N, p) of all readings by the free parameters, per plausible size, set-up terms projected out."""
+    problem = _Problem(model, observations, tuple(free), dict(setups))
+    J = -problem.jacobian(problem.start())
+    s = J.shape[1] - len(free)
+    basis, _ = np.linalg.qr(J[:, :s])
+    columns = J[:, s:]
+    return columns - basis @ (basis.T @ columns)
+
+
+class _Problem:
+    """The vector of unknowns and what it means: set-up terms by name, then free parameters in plausible sizes."""
+
+    def __init__(
+        self, model: Model, observations: Sequence[Observation], free: tuple[Free, ...], setups: dict[str, SetUp]
+    ) -> None:
+        self.model, self.observations, self.free, self.setups = model, observations, free, setups
+        self._lengths = {name: _length(self._table(name)) for name in setups}
+
+    def start(self) -> Array:
+        """Set-up terms as changes from where they begin, so zeros; parameters as they are in the model."""
+        own = [getattr(self.model.effects[one.effect], one.field) / one.scale for one in self.free]
+        return np.concatenate([np.zeros(sum(self._lengths.values())), np.array(own, dtype=float)])
+
+    def bounds(self, start: Array) -> tuple[Array, Array]:
+        low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
+        first = len(start) - len(self.free)
+        for k, one in enumerate(self.free, start=first):
+            metadata = type(self.model.effects[one.effect]).model_fields[one.field].metadata
+            for bound in metadata:
+                low[k] = max(low[k], getattr(bound, "ge", -np.inf) / one.scale)
+                high[k] = min(high[k], getattr(bound, "le", np.inf) / one.scale)
+            start[k] = np.clip(start[k], low[k], high[k])
+        return low, high
+
+    def at(self, x: Array) -> tuple[Model, dict[str, SetUp]]:
+        """Model and set-ups of a vector of unknowns."""
+        placed, begin = {}, 0
+        for name, length in self._lengths.items():
+            placed[name] = _moved(self.setups[name], self._table(name), x[begin : begin + length])
+            begin += length
+        effects = list(self.model.effects)
+        for one, value in zip(self.free, x[begin:], strict=True):
+            effects[one.effect] = effects[one.effect].model_copy(update={one.field: float(value * one.scale)})
+        return replace(self.model, effects=tuple(effects)), placed
+
+    def residual(self, x: Array) -> Array:
+        model, placed = self.at(x)
+        parts = [residual.ravel() for residual in residuals_of(model, self.observations, placed)]
+        return np.concatenate([*parts, self._prior(x)])
+
+    def jacobian(self, x: Array) -> Array:
+        base = self.residual(x)
+        J = np.empty((len(base), len(x)))
+        for k in range(len(x)):
+            step = np.zeros(len(x))
+            # Set-up terms are mm and rad; parameters are in plausible sizes. Both are happy with a thousandth.
+            step[k] = 1e-3 if x[k] <= 0 or k < len(x) - len(self.free) else -1e-3
+            J[:, k] = (self.residual(x + step) - base) / step[k]
+        return J
+
+    def _prior(self, x: Array) -> Array:
+        begin, rows = 0, []
+        for name, length in self._lengths.items():
+            if not isinstance(self._table(name), PoseTable):
+                rows.append(x[begin : begin + 3] / _BALL_MM * 1e-3)
+            begin += length
+        return np.concatenate([*rows, np.empty(0)])
+
+    def _table(self, name: str) -> Table:
+        return next(one.table for one in self.observations if one.setup == name)
+
+
+def _first_setups(model: Model, observations: Sequence[Observation]) -> dict[str, SetUp]:
+    setups = {}
+    for one in observations:
+        if one.setup in setups:
+            continue
+        setup = nominal_setup(model.rig, one.table)
+        if isinstance(one.table, PoseTable):
+            tool = predict(model, one.table, one.path, setup)[:, [3, 7, 11]]
+            setup = replace(setup, T_instrument_world=best_rigid(tool, one.values))
+        setups[one.setup] = setup
+    return setups
+
+
+def _length(table: Table) -> int:
+    """Unknowns of a set-up: ball and zeros; for poses the instrument's place and turn, and the target's place."""
+    if isinstance(table, PoseTable):
+        return 9
+    return 5 if isinstance(table, CircleTable) else 4
+
+
+def _moved(setup: SetUp, table: Table, change: Array) -> SetUp:
+    if isinstance(table, PoseTable):
+        target = setup.T_tool_target.copy()
+        target[:3, 3] += change[6:9]
+        instrument = moved_by(setup.T_instrument_world, change[:3], change[3:6])
+        return replace(setup, T_instrument_world=instrument, T_tool_target=target)
+    return replace(setup, ball=setup.ball + change[:3], zeros_mm=setup.zeros_mm + change[3:])

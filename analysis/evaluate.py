@@ -1,0 +1,40 @@
+"""From a table to the figures of its test: one door for measured and simulated tables alike."""
+
+from __future__ import annotations
+
+from analysis.kinematics.arm import arm_of
+from analysis.lap import lap_of
+from analysis.programs import hemisphere_of
+from analysis.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.targets import target_angles
+from analysis.tests import pose, radial, repeatability, roll, yaw
+from analysis.tests.circle import CircleResult
+from analysis.tests.pose import PoseResult
+from analysis.tests.radial import Radial
+from analysis.tests.repeatability import Repeatability
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+Evaluated = CircleResult | Radial | Repeatability | PoseResult
+
+TRACKER_U_MM = 0.02
+"""Standard uncertainty of one coordinate of a laser tracker at some metres, where a table says nothing of it."""
+
+
+def evaluate(table: Table, rig: Rig, u_lag_s: float, where: str) -> Evaluated:
+    """The figures of a table. Raises FileError where it is no good measurement of its test."""
+    match table:
+        case CircleTable():
+            if rig.gauges.g2 is None:
+                raise FileError(where, "has one gauge, and an angle takes two", "add gauges.g2 to the rig file")
+            of_test = yaw.evaluate if table.test == "yaw" else roll.evaluate
+            gauges = rig.gauges
+            return of_test(lap_of(table, rig, where), gauges.baseline_mm, gauges.baseline_u_mm, u_lag_s, where)
+        case RadialTable():
+            hemisphere = hemisphere_of(rig)
+            expected = range(1, len(target_angles(hemisphere)[0]) + 1)
+            return radial.evaluate(table, hemisphere.radius_mm, rig.gauges.g1.accuracy_mm, where, expected)
+        case RepeatabilityTable():
+            return repeatability.evaluate(table, rig.gauges.g1.accuracy_mm, where)
+        case PoseTable():
+            return pose.evaluate(table, arm_of(rig.robot), TRACKER_U_MM, where=where)

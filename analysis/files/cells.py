@@ -1,0 +1,61 @@
+"""One cell of a table: its value, or why it has none.
+
+Python's own float() takes `1_000`, `nan` and digits of any script; a table of measurements does not.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+
+from analysis.files.layout import COUNTS, WORDS
+from analysis.files.problems import quoted
+
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_COUNT = re.compile(r"\+?[0-9]{1,9}(\.0*)?")
+_LARGEST = 1e12
+"""No angle, length or time of a measurement is larger, in any unit that someone may have taken by mistake."""
+_OTHER_WORDS = {"ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "clockwise": "cw"}
+Value = float | int | str
+
+
+def value(column: str, text: str) -> Value:
+    """The value of a cell of a known column. Raises ValueError with the reason in words."""
+    text = text.strip(" \t")
+    if not text:
+        raise ValueError("no value; fill it in or remove the row")
+    if column in WORDS:
+        return _word(text, WORDS[column])
+    return _count(text) if column in COUNTS else _number(text)
+
+
+def _number(text: str) -> float:
+    if not _NUMBER.fullmatch(text):
+        raise ValueError(f"{quoted(text)} is {_what_it_is(text)}")
+    number = float(text)
+    if abs(number) > _LARGEST:
+        raise ValueError(f"{quoted(text)} is larger than any measured number; check the unit")
+    return number
+
+
+def _what_it_is(text: str) -> str:
+    if re.fullmatch(r"[+-]?(nan|inf|infinity)(\(.*\))?", text, re.IGNORECASE):
+        return "not a finite number"
+    if re.fullmatch(r"[+-]?[0-9]+,[0-9]+", text):
+        return f"written with a decimal comma; write {text.replace(',', '.')}"
+    return "no number"
+
+
+def _count(text: str) -> int:
+    if not _COUNT.fullmatch(text) or float(text) < 1:
+        raise ValueError(f"{quoted(text)} is no number to count from 1: 1, 2, 3, …")
+    return int(float(text))
+
+
+def _word(text: str, known: tuple[str, ...]) -> str:
+    if text in known:
+        return text
+    lower = text.lower()
+    near = [_OTHER_WORDS[lower]] if _OTHER_WORDS.get(lower) in known else difflib.get_close_matches(lower, known, n=1)
+    hint = f"; did you mean {near[0]}?" if near else ""
+    raise ValueError(f"{quoted(text)} is not {', '.join(known[:-1])} or {known[-1]}{hint}")

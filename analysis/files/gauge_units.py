@@ -1,0 +1,102 @@
+"""Gauges in another unit or exchanged: what the two readings on a circle tell of one another.
+
+At circle angle phi the mean of the gauges is R - e_u cos(phi) - e_v sin(phi) for an eccentricity e, and the
+angle between them has the same e in its sine. So one ball is seen twice in a yaw test, by the mean and by the
+difference, and once by each gauge in either test; in roll the difference does not see it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from analysis.circle import frame_of
+from analysis.files.path import off_path
+from analysis.kinematics.arm import Array
+from analysis.tables import CircleTable
+from rigs.rig import Rig
+from rigs.tests import Circle
+
+_ECCENTRIC_MM = 0.2
+"""Below it a robot's own errors could make the two eccentricities differ."""
+_LIKE_TOLD = 0.3
+"""Robots of 0.1 mm make the eccentricity differ from the told one by less than this share; units, by 25 times it."""
+FACTORS = {"inches": 1 / 25.4, "µm": 1000.0}
+"""What a length in mm reads in another unit."""
+
+
+def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str, str]]:
+    """What is wrong with the gauges of a circle driven through nominal tool poses T (n, 4, 4), and what to do."""
+    circle = rig.tests.circle
+    if circle is None:
+        return
+    for name, reading in zip(("g1_mm", "g2_mm"), table.g_mm.T, strict=False):
+        yield from too_far(name, reading, circle.radius_mm)
+    off = off_path(T, table, rig)
+    if table.g_mm.shape[1] < 2 or rig.gauges.g2 is None or off is None or not off.on:
+        return
+    waves = _waves(table, T, circle)
+    if waves is None:
+        return
+    yield from _one_other_unit(waves)
+    yield from _both_other_units(waves.mean(axis=0), circle)
+    if table.test == "yaw":
+        yield from _swapped(waves, circle.radius_mm, rig.gauges.baseline_mm)
+
+
+def _waves(table: CircleTable, T: Array, circle: Circle) -> Array | None:
+    """First harmonic of each gauge (2, 2): minus its cos and sin parts over phi in mm; None for less than a lap.
+
+    That is the eccentricity along phi = 0° and 90°, turned in a yaw test by w/R to either side.
+    """
+    phi = frame_of(circle).angle(T[:, :3, 3])
+    if np.ptp(phi) < 2 * np.pi * 0.9 or len(phi) < 12:
+        return None
+    design = np.stack([np.ones_like(phi), np.cos(phi), np.sin(phi)], axis=1)
+    waves: Array = -np.linalg.lstsq(design, table.g_mm, rcond=None)[0][1:].T
+    return waves
+
+
+def _one_other_unit(waves: Array) -> Iterator[tuple[str, str]]:
+    """Both gauges follow the one ball, and so see waves of the same size that point to the same side."""
+    size = np.linalg.norm(waves, axis=1)
+    if size.min() <= 0 or size.max() < _ECCENTRIC_MM or waves[0] @ waves[1] < 0:
+        return
+    for unit, factor in FACTORS.items():
+        for k, ratio in enumerate((size[0] / size[1], size[1] / size[0])):
+            if abs(ratio / factor - 1) < 0.1:
+                what = f"g{k + 1}_mm is in {unit}: its wave over the circle is {ratio:.3g} times the other gauge's"
+                yield what, "convert it to mm"
+
+
+def _both_other_units(wave: Array, circle: Circle) -> Iterator[tuple[str, str]]:
+    """Where the rig file tells the eccentricity: the data show the same one, in another unit."""
+    frame = frame_of(circle)
+    told = np.array([np.dot(circle.eccentricity_mm, frame.u), np.dot(circle.eccentricity_mm, frame.v)])
+    if np.linalg.norm(told) < _ECCENTRIC_MM:
+        return
+    for unit, factor in FACTORS.items():
+        if np.linalg.norm(wave / factor - told) < _LIKE_TOLD * np.linalg.norm(told):
+            what = f"g1_mm and g2_mm are in {unit}: their wave is the rig file's eccentricity times {factor:.3g}"
+            yield what, "convert them to mm"
+
+
+def _swapped(waves: Array, radius_mm: float, baseline_mm: float) -> Iterator[tuple[str, str]]:
+    """The mean of the gauges and the angle between them follow the same ball; exchanged, the angle turns its sign."""
+    by_mean = waves.mean(axis=0)
+    # (g1 - g2)/b = -tan(yaw) = (e_u sin(phi) - e_v cos(phi))/R, and waves are minus the cos and sin parts.
+    e_v, minus_e_u = (waves[0] - waves[1]) / baseline_mm * radius_mm
+    by_angle = np.array([-minus_e_u, e_v])
+    size = np.linalg.norm(by_mean)
+    if size > _ECCENTRIC_MM and np.linalg.norm(by_angle + by_mean) < 0.3 * size:
+        what = "the gauges are exchanged: their mean and their angle show the ball on opposite sides of the centre"
+        yield what, "exchange g1_mm and g2_mm, or correct gauges.g1.offset_mm and g2.offset_mm in the rig file"
+
+
+def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, str]]:
+    """A link about a ball inside the path cannot travel by more than the radius."""
+    travel = float(np.ptp(reading))
+    if travel > radius_mm:
+        what = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which no link can"
+        yield what, "convert it to mm: it looks like µm" if travel > 3 * radius_mm else "check its unit"

@@ -1,0 +1,76 @@
+"""The header line of a table: which columns there are, which are missing, and what they may be called instead."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections import Counter
+
+from analysis.files.layout import LAYOUTS, TURN, Layout
+from analysis.files.problems import Problem, TableFileError, quoted
+from rigs.errors import FileError
+from rigs.vocabulary import TestName
+
+_UNITS = {"deg": "degrees", "mm": "mm", "s": "seconds"}
+
+
+def check_header(where: str, names: list[str], test: TestName, direction_given: bool) -> None:
+    """Whether these columns make a table of a test.
+
+    direction_given: a direction column may be missing. Raises FileError for another separator,
+    TableFileError for wrong or missing columns.
+    """
+    _separator(where, names)
+    layout = LAYOUTS[test]
+    problems = [
+        Problem(1, name, "this column stands here twice; remove or rename one")
+        for name, count in Counter(names).items()
+        if count > 1
+    ]
+    missing = [name for name in layout.required if name not in names and not (direction_given and name == "direction")]
+    if len(missing) == len(layout.required) and all(re.fullmatch(r"[\s0-9.eE+-]*", name) for name in names):
+        raise FileError(where, "has no header line", f"begin it with: {','.join(layout.required)}")
+    problems += [Problem(1, name, _missing(name, names, layout, test)) for name in missing]
+    turns = [name for name in TURN if name in names]
+    if test == "pose" and 0 < len(turns) < len(TURN):
+        problems.append(Problem(1, "", f"has {' and '.join(turns)} only; give all of {', '.join(TURN)}, or none"))
+    if problems:
+        raise TableFileError(where, problems, f"a {test} table needs {','.join(layout.required)}")
+
+
+def _separator(where: str, names: list[str]) -> None:
+    if len(names) > 2:
+        return
+    line = ",".join(names)
+    if line.count(";") > 2:
+        remedy = f"save it with commas and decimal points: sed 'y/,;/.,/' {where} > TABLE.csv"
+        raise FileError(where, "has semicolons between its columns", remedy)
+    if line.count("\t") > 2:
+        remedy = f"save it with commas between columns: tr '\\t' ',' < {where} > TABLE.csv"
+        raise FileError(where, "has tabs between its columns", remedy)
+
+
+def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str:
+    near = _nearest(name, names, layout)
+    if near:
+        stem, _, unit = name.rpartition("_")
+        wanted = f", in {_UNITS[unit]}" if stem and unit in _UNITS and not near.endswith(unit) else ""
+        return f"this column is missing; is it {quoted(near)}? Then name it {name}{wanted}"
+    if name == "direction":
+        return "this column is missing; add it, or say --direction cw or acw"
+    if test in ("yaw", "roll") and name == "g2_mm":
+        return "this column is missing; an angle takes two gauges"
+    return "this column is missing; add it"
+
+
+def _nearest(name: str, names: list[str], layout: Layout) -> str | None:
+    """The extra column that may be the missing one: of the same stem (g1_inch for g1_mm), or written alike."""
+    others = [other for other in names if other not in layout.known]
+    same = [other for other in others if _stem(other) == _stem(name)]
+    taken = {_stem(known) for known in layout.known}
+    alike = difflib.get_close_matches(name, [other for other in others if _stem(other) not in taken], n=1)
+    return next(iter(same + alike), None)
+
+
+def _stem(name: str) -> str:
+    return re.split(r"[\W_]", name.strip().lower())[0]

@@ -1,0 +1,54 @@
+"""From a table file to a run: read, held against the rig, stored."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from analysis.csv_tables import table_from
+from analysis.files.read import read_csv
+from analysis.files.units import check_units
+from analysis.lap import lap_of
+from analysis.tables import CircleTable, Table
+from daq.store import write_table_run
+from rigs.errors import FileError
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.vocabulary import Direction, TestName
+
+
+def import_table(
+    source: Path, run: Path, *, rig_file: str, test: TestName, direction: Direction | None, operator: str
+) -> list[str]:
+    """Make a run directory of a table file. What a person should know of it, in words.
+
+    Raises FileError for mistakes in either file or a directory that exists, CellError when the disk refuses.
+    """
+    if run.exists():
+        raise FileError(str(run), "is there already", "give the run a directory of its own")
+    rig, rig_text = load(rig_file)
+    read = read_csv(source, test, rig, direction)
+    table = table_from(read.table, test, read.direction, str(source))
+    doubts = check_units(table, rig, str(source))
+    write_table_run(
+        run,
+        read.table,
+        test=test,
+        direction=read.direction,
+        rig_name=rig.name,
+        rig_text=rig_text,
+        operator=operator,
+        source=source.name,
+        source_sha256=read.sha256,
+    )
+    return doubts + _doubts(table, rig, str(run))
+
+
+def _doubts(table: Table, rig: Rig, where: str) -> list[str]:
+    """What an evaluation will refuse: better told now."""
+    if not isinstance(table, CircleTable):
+        return []
+    try:
+        lap_of(table, rig, where)
+    except FileError as error:
+        return [str(error)]
+    return []

@@ -1,0 +1,158 @@
+"""Reading a table file: bytes to text, text to rows, rows to columns, every bad row named.
+
+The file's own columns stay in their order; known ones become numbers, counts and words, extra ones stay
+the text they are.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+
+from analysis.files.cells import Value, value
+from analysis.files.header import check_header
+from analysis.files.layout import COUNTS, LAYOUTS, WORDS
+from analysis.files.problems import Problem, TableFileError
+from analysis.files.sequence import check_sequence
+from daq.store.schema import ColumnType, table_schema
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.vocabulary import Direction, TestName
+
+Row = tuple[int, list[str]]
+"""Line on which a row begins, counted from 1, and its fields."""
+
+
+@dataclass(frozen=True)
+class TableFile:
+    """A table as read. table: the file's columns, known ones as double, int64 or words, extra ones as text.
+
+    direction: of a circle. sha256: of the file's bytes.
+    """
+
+    path: Path
+    sha256: str
+    direction: Direction | None
+    table: pa.Table
+
+
+def read_csv(path: Path, test: TestName, rig: Rig, direction: Direction | None = None) -> TableFile:
+    """Read a table of measurement.md.
+
+    direction: of a circle whose table has no direction column; the column is then added after t_s.
+    Raises FileError for a file that cannot be read, TableFileError with every mistake in it.
+    """
+    data = _bytes(path)
+    table = parse_csv(_text(str(path), data), str(path), test, rig, direction)
+    words = table["direction"][0].as_py() if "direction" in LAYOUTS[test].required else None
+    return TableFile(path, hashlib.sha256(data).hexdigest(), words, table)
+
+
+def parse_csv(text: str, where: str, test: TestName, rig: Rig, direction: Direction | None = None) -> pa.Table:
+    """The table in the text of a file; `where` names it in errors. See `read_csv`."""
+    if direction and "direction" not in LAYOUTS[test].required:
+        raise FileError(where, f"a {test} table has no direction", "leave --direction out")
+    rows = _rows(text, where)
+    _, names = next(rows, (1, []))
+    if not any(names):
+        raise FileError(where, "is empty", "give a table with a header line")
+    check_header(where, names, test, direction is not None)
+    columns, lines, problems = _columns(rows, names, test)
+    if not lines and not problems:
+        raise FileError(where, "has a header and no rows", "give the measured rows")
+    if direction and "direction" not in columns:
+        columns = _with_direction(columns, direction, len(lines))
+    problems += check_sequence(columns, lines, test, rig, direction)
+    if problems:
+        raise TableFileError(where, problems)
+    return pa.table(columns, schema=table_schema({name: _type(name, test) for name in columns}))
+
+
+def _bytes(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
+    except ValueError as error:
+        raise FileError(str(path), str(error), "check the path") from None
+
+
+def _text(where: str, data: bytes) -> str:
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise FileError(where, "is UTF-16", "save it as UTF-8")
+    if data.startswith(b"PAR1"):
+        raise FileError(where, "is a Parquet file", "give the table as CSV")
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise FileError(where, f"line {line} is not UTF-8", "save it as UTF-8") from None
+    if "\0" in text:
+        raise FileError(where, "holds zero bytes, as no text does", "give the table as UTF-8 text")
+    return text
+
+
+def _rows(text: str, where: str) -> Iterator[Row]:
+    """Rows that hold anything, in order. Raises TableFileError where quotes do not match."""
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    begin = 1
+    try:
+        for fields in reader:
+            if fields:
+                yield begin, fields
+            begin = reader.line_num + 1
+    except csv.Error as error:
+        problem = Problem(begin, "", f"cannot be split into fields: {error}; check its quotes")
+        raise TableFileError(where, [problem]) from None
+
+
+def _columns(
+    rows: Iterator[Row], names: list[str], test: TestName
+) -> tuple[dict[str, list[Value | None]], list[int], list[Problem]]:
+    """Columns by name, None where a cell is bad; the line of each row; what is bad."""
+    columns: dict[str, list[Value | None]] = {name: [] for name in names}
+    known = set(LAYOUTS[test].known)
+    lines, problems = [], []
+    for line, fields in rows:
+        if len(fields) != len(names):
+            problems.append(
+                Problem(line, "", f"has {len(fields)} fields, the header {len(names)}{_why(fields, names)}")
+            )
+            continue
+        lines.append(line)
+        for name, text in zip(names, fields, strict=True):
+            try:
+                columns[name].append(value(name, text) if name in known else text)
+            except ValueError as error:
+                columns[name].append(None)
+                problems.append(Problem(line, name, str(error)))
+    return columns, lines, problems
+
+
+def _why(fields: list[str], names: list[str]) -> str:
+    if len(fields) > len(names):
+        return "; a text with a comma needs quotes, and decimals a point"
+    return "; is the line cut off?"
+
+
+def _with_direction(
+    columns: dict[str, list[Value | None]], direction: Direction, rows: int
+) -> dict[str, list[Value | None]]:
+    completed: dict[str, list[Value | None]] = {}
+    for name, values in columns.items():
+        completed[name] = values
+        if name == "t_s":
+            completed["direction"] = [direction] * rows
+    return completed
+
+
+def _type(name: str, test: TestName) -> ColumnType:
+    if name not in LAYOUTS[test].known or name in WORDS:
+        return "string"
+    return "int64" if name in COUNTS else "double"

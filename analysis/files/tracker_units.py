@@ -1,0 +1,57 @@
+"""A tracker's places and angles in another unit or order: held against the robot's own motion, whatever the frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from analysis.files.gauge_units import FACTORS
+from analysis.files.path import steps
+from analysis.kinematics.arm import Array
+from analysis.tables import PoseTable
+
+_ABOUT = 0.3
+"""The rig file may know nothing of the tracker's target, so that distances are alike roughly only."""
+_SAME_TURN_RAD = 0.01
+"""Between poses, a tracker and the robot agree on the angle turned to this at the median; …"""
+_FARTHER = 8.0
+"""… and one way to read the angles is wrong where it is further off than this, and than another by this factor."""
+
+
+def tracker(table: PoseTable, T: Array) -> Iterator[tuple[str, str]]:
+    """What is wrong with the units of a tracker beside nominal tool poses T (n, 4, 4), and what to do."""
+    here, seen = (float(np.median(steps(places))) for places in (T[:, :3, 3], table.xyz_mm))
+    for unit, factor in {**FACTORS, "m": 1e-3}.items():
+        if here > 1.0 and abs(seen / here / factor - 1) < _ABOUT:
+            what = f"x_mm, y_mm, z_mm are in {unit}: they move {seen / here:.3g} times as far as the robot"
+            yield what, "convert them to mm"
+    if table.rpy is not None:
+        yield from _tracker_angles(table.rpy, T[:, :3, :3])
+
+
+def _tracker_angles(rpy: Array, R: Array) -> Iterator[tuple[str, str]]:
+    """Angles (n, 3) rad as read against the robot's turns R (n, 3, 3): another unit or order fits, and this one not."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    turned = _turns(R)
+
+    def off(order: str, angles: Array) -> float:
+        return float(np.median(np.abs(_turns(Rotation.from_euler(order, angles).as_matrix()) - turned)))
+
+    as_read = off("xyz", rpy)
+    if as_read < _SAME_TURN_RAD:
+        return
+    right = min(_SAME_TURN_RAD, as_read / _FARTHER)
+    if off("xyz", np.degrees(rpy)) < right:
+        yield "rx_deg, ry_deg, rz_deg are radians: only so do they fit the robot's motion", "convert them to degrees"
+    if off("XYZ", rpy) < right:
+        what = "rx_deg, ry_deg, rz_deg are turns about moving axes: only so do they fit the robot's motion"
+        yield what, "convert them to roll-pitch-yaw about fixed axes, R = Rz Ry Rx"
+
+
+def _turns(R: Array) -> Array:
+    """Angle (n,) rad between each rotation (n, 3, 3) and one far off in the table: the same in every frame."""
+    trace = np.einsum("nij,nij->n", R, np.roll(R, len(R) // 2, axis=0))
+    angles: Array = np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0))
+    return angles

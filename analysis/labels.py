@@ -1,0 +1,61 @@
+"""What the figures are called where people read them."""
+
+LEADING = frozenset({"band_deg", "band_mm", "uni_mm", "bi_mm", "rms_mm", "radius_mm"})
+"""Printed bold: what the paper reports."""
+
+_LABELS = {
+    "band_deg": "error band",
+    "amplitude_deg": "sine amplitude r",
+    "shift_deg": "sine shift α",
+    "offset_deg": "sine offset A",
+    "eccentricity_mm": "eccentricity",
+    "eccentricity_u_mm": "  along u (φ = 0°)",
+    "eccentricity_v_mm": "  along v (φ = 90°)",
+    "max_at_deg": "  largest at φ",
+    "min_at_deg": "  smallest at φ",
+    "range_deg": "range with the sine",
+    "range_max_at_deg": "  largest at φ",
+    "range_min_at_deg": "  smallest at φ",
+    "distance_eccentricity_mm": "eccentricity by distance",
+    "distance_eccentricity_u_mm": "  along u (φ = 0°)",
+    "distance_eccentricity_v_mm": "  along v (φ = 90°)",
+    "circular_deviation_mm": "circular deviation G",
+    "hysteresis_mean_deg": "hysteresis, mean",
+    "hysteresis_max_deg": "hysteresis, largest",
+    "hysteresis_max_at_deg": "  at φ",
+    "hysteresis_mean_mm": "of the distance, mean",
+    "hysteresis_max_mm": "of the distance, H",
+    "radius_mm": "least-squares sphere, radius",
+    "centre_x_mm": "  centre x from the ball",
+    "centre_y_mm": "  centre y from the ball",
+    "centre_z_mm": "  centre z from the ball",
+    "band_mm": "error band about the sphere",
+    "held_radius_mm": "radius, centre held",
+    "held_band_mm": "error band, centre held",
+    "spread_mm": "range over orientations, largest",
+    "spread_mean_mm": "range over orientations, mean",
+    "ap_mm": "accuracy AP (ISO 9283)",
+    "ap_mean_mm": "  mean",
+    "rp_mm": "repeatability RP (ISO 9283)",
+    "rp_mean_mm": "  mean",
+    "uni_mm": "uni-directional range",
+    "uni_mean_mm": "  mean over targets",
+    "bi_mm": "bi-directional range",
+    "bi_mean_mm": "  mean over targets",
+    "r_out_mm": "R↓ from outside (ISO 230-2)",
+    "r_in_mm": "R↑ from inside (ISO 230-2)",
+    "r_mm": "bi-directional R (ISO 230-2)",
+    "reversal_mm": "reversal value |B|, largest",
+    "reversal_mean_mm": "reversal value B, mean",
+    "rms_mm": "position error, rms",
+    "mean_mm": "  mean",
+    "max_mm": "  largest",
+    "rms_deg": "orientation error, rms",
+    "max_deg": "  largest",
+    "repeat_mm": "scatter of one coordinate",
+}
+
+
+def label(name: str) -> str:
+    """The label of a figure; its name where none was given."""
+    return _LABELS.get(name, name)

@@ -1,0 +1,92 @@
+"""A run as it is analysed: its table, its rig, and what a person should know before trusting it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+import pyarrow as pa
+
+from analysis.align import align
+from analysis.csv_tables import columns_of, table_from
+from analysis.dwells import radial_table, repeatability_table
+from analysis.tables import CircleTable, Table
+from daq.store import Run, read_run
+from rigs.errors import FileError
+from rigs.load import parse
+from rigs.rig import Rig
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A run, its rig and its table; u_lag_s: standard uncertainty of the gauges' time against the robot's, 0 where a
+    table came with its own time; doubts in words."""
+
+    path: Path
+    run: Run
+    rig: Rig
+    table: Table
+    u_lag_s: float
+    doubts: tuple[str, ...]
+
+    @property
+    def title(self) -> str:
+        """`yaw acw`, say."""
+        manifest = self.run.manifest
+        return f"{manifest.test} {manifest.direction}" if manifest.direction else manifest.test
+
+
+def load_measured(path: Path) -> Measured:
+    """Read a run directory, recorded or imported. Raises FileError."""
+    return measured_of(read_run(path))
+
+
+def measured_of(run: Run) -> Measured:
+    """A run that has been read, with its rig and its table. Raises FileError."""
+    path = run.path
+    rig = parse(run.manifest.rig_text, f"{path}, rig file")
+    doubts = _doubts(run)
+    if run.table is not None:
+        table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
+        return Measured(path, run, rig, table, 0.0, tuple(doubts))
+    table, u_lag_s, more = _recorded(path, run, rig)
+    return Measured(path, run, rig, table, u_lag_s, (*doubts, *more))
+
+
+def file_columns(measured: Measured) -> pa.Table:
+    """What a file made of a run holds: the imported columns as they came, or those of the aligned table."""
+    return columns_of(measured.table) if measured.run.table is None else measured.run.table
+
+
+def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:
+    data = align(path, run, rig)
+    test, direction = run.manifest.test, run.manifest.direction
+    doubts = list(data.doubts)
+    match test:
+        case "yaw" | "roll":
+            if direction is None:
+                raise FileError(str(path), "has no direction, which a circle needs", "record it with --direction")
+            return CircleTable(test, direction, data.t_s, data.q, data.g_mm), data.u_lag_s, doubts
+        case "radial":
+            table, more = radial_table(data, rig, str(path))
+            return table, data.u_lag_s, doubts + more
+        case "repeatability":
+            visits, more = repeatability_table(data, rig, str(path))
+            return visits, data.u_lag_s, doubts + more
+    raise FileError(str(path), f"a recorded {test} run has no instrument to read", "import its table: rig import")
+
+
+def _doubts(run: Run) -> list[str]:
+    manifest = run.manifest
+    found = [
+        f"{count} {stream} {kind} while recording"
+        for stream, counted in manifest.counters.items()
+        for kind, count in counted.items()
+        if kind != "samples" and count
+    ]
+    if manifest.exit_status != "complete":
+        found.append(f"the recording ended {manifest.exit_status}: {manifest.reason}")
+    if sha256(manifest.rig_text.encode()).hexdigest() != manifest.rig_sha256:
+        found.append("the rig file in its manifest has been changed since (SHA-256)")
+    return found

@@ -1,0 +1,28 @@
+"""Rigid motions: the one that fits two sets of points best, and small changes of a frame."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+
+
+def best_rigid(points: Array, targets: Array) -> Array:
+    """T (4, 4) that takes points (n, 3) to targets (n, 3) with least squares (Kabsch 1976)."""
+    middle, goal = points.mean(axis=0), targets.mean(axis=0)
+    u, _, vt = np.linalg.svd((points - middle).T @ (targets - goal))
+    flip = np.diag([1.0, 1.0, np.linalg.det(vt.T @ u.T)])
+    T = np.eye(4)
+    T[:3, :3] = vt.T @ flip @ u.T
+    T[:3, 3] = goal - T[:3, :3] @ middle
+    return T
+
+
+def moved_by(T: Array, shift: Array, turn: Array) -> Array:
+    """A frame T (4, 4) shifted by (3,) mm and turned by a rotation vector (3,) rad about its own origin."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    moved = T.copy()
+    moved[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ T[:3, :3]
+    moved[:3, 3] += shift
+    return moved

@@ -1,0 +1,42 @@
+"""What every evaluation refuses, each in one line with its remedy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from rigs.errors import FileError
+
+
+def hold_numbers(where: str, **columns: Array) -> None:
+    """Raises FileError where a column (n, …) has a value that is no number."""
+    for name, values in columns.items():
+        bad = ~np.isfinite(values.reshape(len(values), -1)).all(axis=1)
+        if bad.any():
+            row = int(np.argmax(bad)) + 1
+            raise FileError(where, f"{name} of row {row} is no number ({bad.sum()} such rows)", "leave such rows out")
+
+
+def hold_alive(where: str, **readings: Array) -> None:
+    """Raises FileError where a gauge read the same all along: nothing real stands so still."""
+    for name, values in readings.items():
+        if len(values) > 1 and np.ptp(values) == 0:
+            raise FileError(
+                where,
+                f"{name} reads {values[0]:g} mm in all {len(values)} rows",
+                "see that the gauge touches and sends (a simulation needs noise), and measure again",
+            )
+
+
+def hold_radius(where: str, radius_mm: float) -> None:
+    """Raises FileError for a radius that is none."""
+    if not (np.isfinite(radius_mm) and radius_mm > 0):
+        raise FileError(where, f"a radius of {radius_mm:g} mm is none", "correct radius_mm in the rig file")
+
+
+def listed(numbers: list[int]) -> str:
+    """`3, 7 and 9`, no more than eight of them."""
+    shown = [str(number) for number in numbers[:8]]
+    if len(numbers) > 8:
+        return ", ".join(shown) + f" and {len(numbers) - 8} more"
+    return shown[0] if len(shown) == 1 else ", ".join(shown[:-1]) + f" and {shown[-1]}"

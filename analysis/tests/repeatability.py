@@ -1,0 +1,144 @@
+"""Repeatability test: how the distance scatters where a target is approached again, from one side and from both.
+
+After Oh 2019, section 2.3 and figure 15 (ranges), ISO 9283 (RP) and ISO 230-2 (R, B). The scatter is what is
+measured, and a few readings a side show it badly: the uncertainty of a figure is how much it would vary if
+the whole test were done again on the same robot. It is the spread of the same figure over Monte Carlo draws from
+the normal model: each side of each target about its mean, with the standard deviation pooled over all of them
+(at least the gauge's own). So a figure is compared with its expectation for this number of readings and
+targets. The largest of ranges grows with both; 4 s does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.quantity import Quantity, from_draws
+from analysis.tables import Integers, RepeatabilityTable
+from analysis.tests.checks import hold_alive, hold_numbers, listed
+from analysis.tests.curve import DRAWS, SEED
+from analysis.tests.standards import RANGE_VISITS, RP_VISITS, pooled_sd, reversal, rp
+from rigs.errors import FileError
+
+SIDES = ("out", "in")
+_UNEQUAL = 1e-4
+"""Below this probability (Bartlett) the scatter is told to differ between targets."""
+
+
+@dataclass(frozen=True)
+class Repeatability:
+    """targets (t,); readings_mm (t, 2, n) of the sides out and in, in order of time, NaN where there is none;
+    uni_mm (t, 2) and bi_mm (t,) the ranges; reversal_mm (t,) B of each target; sd_mm: pooled scatter of one side."""
+
+    targets: Integers
+    readings_mm: Array
+    uni_mm: Array
+    bi_mm: Array
+    reversal_mm: Array
+    sd_mm: float
+    figures: dict[str, Quantity]
+    samples: int
+    notes: tuple[str, ...]
+
+
+def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatability run") -> Repeatability:
+    """u_mm: standard uncertainty of one gauge reading.
+
+    figures: uni_mm and bi_mm, the largest range within one side and over both; uni_mean_mm, bi_mean_mm over the
+    targets; rp_mm and rp_mean_mm (ISO 9283, within one side); r_out_mm (↓), r_in_mm (↑), r_mm, reversal_mm (largest
+    |B|) and reversal_mean_mm (mean B = mean from inside less mean from outside), ISO 230-2. Raises FileError.
+    """
+    _hold(table, where)
+    targets, x, notes = _sides(table, where)
+    sd, freedom = pooled_sd(x[..., None])
+    sd = max(sd, u_mm)
+    rng = np.random.default_rng(SEED)
+    noise = sd * rng.standard_normal((DRAWS, *x.shape))
+    drawn = plain_figures(np.where(np.isfinite(x), np.nanmean(x, axis=-1, keepdims=True) + noise, np.nan))
+    samples = int(np.isfinite(x).sum())
+    figures = {name: from_draws(float(value), drawn[name], "mm", samples) for name, value in plain_figures(x).items()}
+    mean = np.nanmean(x, axis=-1)
+    notes += _few(x) + _unequal(x, freedom)
+    return Repeatability(targets, x, _range(x), _range(_both(x)), mean[:, 1] - mean[:, 0], sd, figures, samples, notes)
+
+
+def plain_figures(x: Array) -> dict[str, Array]:
+    """The figures (...,) of readings x (..., targets, 2, n) mm, sides out and in, NaN where there is none."""
+    uni, bi, repeat = _range(x), _range(_both(x)), rp(x[..., None])
+    return {
+        "uni_mm": uni.max(axis=(-2, -1)),
+        "uni_mean_mm": uni.mean(axis=(-2, -1)),
+        "bi_mm": bi.max(axis=-1),
+        "bi_mean_mm": bi.mean(axis=-1),
+        "rp_mm": repeat.max(axis=(-2, -1)),
+        "rp_mean_mm": repeat.mean(axis=(-2, -1)),
+        **reversal(x),
+    }
+
+
+def _both(x: Array) -> Array:
+    return x.reshape(*x.shape[:-2], -1)
+
+
+def _range(x: Array) -> Array:
+    values: Array = np.nanmax(x, axis=-1) - np.nanmin(x, axis=-1)
+    return values
+
+
+def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tuple[str, ...]]:
+    """Targets with at least two readings from each side, and those readings padded with NaN: (t, 2, n)."""
+    every = np.unique(table.target)
+    cells = {
+        int(target): [table.g_mm[(table.target == target) & (table.approach == side)] for side in SIDES]
+        for target in every
+    }
+    kept = [target for target, sides in cells.items() if min(len(side) for side in sides) >= 2]
+    if not kept:
+        raise FileError(
+            where, "no target has two readings from each side", "approach each target three times from out and from in"
+        )
+    width = max(len(side) for target in kept for side in cells[target])
+    x = np.full((len(kept), 2, width), np.nan)
+    for row, target in enumerate(kept):
+        for column, side in enumerate(cells[target]):
+            x[row, column, : len(side)] = side
+    dropped = [target for target in cells if target not in kept]
+    notes = [f"target {listed(dropped)} left out: fewer than two readings from a side"] if dropped else []
+    without = int((table.approach == "none").sum())
+    notes += [f"{without} readings without an approach are not used"] if without else []
+    return np.array(kept), x, tuple(notes)
+
+
+def _few(x: Array) -> tuple[str, ...]:
+    least = int(np.isfinite(x).sum(axis=-1).min())
+    asked = [
+        f"{name} asks {count}"
+        for name, count in (("ISO 230-2", RANGE_VISITS), ("ISO 9283", RP_VISITS))
+        if least < count
+    ]
+    return (f"{least} readings a side; {', '.join(asked)}",) if asked else ()
+
+
+def _unequal(x: Array, freedom: int) -> tuple[str, ...]:
+    from scipy.stats import bartlett  # noqa: PLC0415 - slow to import, needed here only
+
+    sides = [side[np.isfinite(side)] for side in x.reshape(-1, x.shape[-1])]
+    if len(sides) < 2 or freedom < 4 or min(np.ptp(side) for side in sides) == 0:
+        return ()
+    if bartlett(*sides).pvalue > _UNEQUAL:
+        return ()
+    return ("the scatter differs between targets or sides: the uncertainties, which pool it, are too small",)
+
+
+def _hold(table: RepeatabilityTable, where: str) -> None:
+    if len(table.g_mm) == 0:
+        raise FileError(where, "has no rows", "give a table with readings")
+    hold_numbers(where, g1_mm=table.g_mm)
+    hold_alive(where, g1_mm=table.g_mm)
+    other = sorted({str(name) for name in table.approach} - {"none", *SIDES})
+    if other:
+        raise FileError(
+            where, f"approach {other[0]!r} is no side", "write out, in or none: the side the tool came from"
+        )

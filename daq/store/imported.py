@@ -1,0 +1,100 @@
+"""A table from elsewhere as a run like any other: a manifest, and the table in one Parquet chunk.
+
+The chunk carries the opening manifest as every chunk does, and the manifest says `recording` until the
+chunk is durable, so that an import cut off is seen, and brought back or given up by `recover`.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from contextlib import suppress
+from pathlib import Path
+
+import pyarrow as pa
+
+from daq.store import durable
+from daq.store.chunk import to_parquet, with_opening
+from daq.store.manifest import ImportedTable, Manifest, chunk_name, iso_now, new_manifest
+from daq.store.recording import describe
+from daq.store.schema import TABLE
+from rigs.errors import CellError, FileError
+from rigs.vocabulary import Direction, TestName
+
+
+def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
+    path: Path,
+    table: pa.Table,
+    *,
+    test: TestName,
+    direction: Direction | None,
+    rig_name: str,
+    rig_text: str,
+    operator: str,
+    source: str,
+    source_sha256: str,
+) -> Manifest:
+    """Make the run directory `path` of a table of double, int64 and string columns without nulls.
+
+    source, source_sha256: name and checksum of the file that the table was read from. The run's name is
+    that of its directory. Raises FileError where path exists, CellError when the disk refuses; then
+    nothing is left of it.
+    """
+    columns = {field.name: str(field.type) for field in table.schema}
+    manifest = new_manifest(
+        name=_name(path),
+        test=test,
+        direction=direction,
+        rig_name=rig_name,
+        rig_text=rig_text,
+        operator=operator,
+        streams={},
+        table=ImportedTable.model_validate({"file": source, "sha256": source_sha256, "columns": columns}),
+    )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.mkdir()
+    except FileExistsError:
+        raise FileError(str(path), "is there already", "give the run a directory of its own") from None
+    except OSError as error:
+        raise _refused(path, error) from error
+    try:
+        return _fill(path, manifest, table)
+    except (OSError, pa.ArrowException) as error:
+        with suppress(OSError):
+            shutil.rmtree(path)
+        raise _refused(path, error) from error
+
+
+def _fill(path: Path, manifest: Manifest, table: pa.Table) -> Manifest:
+    held = durable.lock(path)
+    try:
+        manifest.save(path)
+        durable.sync_directory(path.parent)
+        whole = table.cast(manifest.arrow_schema(TABLE)).combine_chunks()
+        data = to_parquet(whole.cast(with_opening(manifest.arrow_schema(TABLE), manifest.opening())))
+        file = path / chunk_name(TABLE, 1)
+        durable.replace(file, data)
+        change = {
+            "chunks": (describe(file.name, TABLE, table, data),),
+            "counters": {TABLE: {"samples": table.num_rows}},
+            "exit_status": "complete",
+            "reason": "imported",
+            "ended": iso_now(),
+        }
+        ended = manifest.model_copy(update=change)
+        ended.save(path)
+    finally:
+        os.close(held)
+    return ended
+
+
+def _name(path: Path) -> str:
+    """What to call the run: the directory's name, with _ for what a run's name cannot hold."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", path.resolve().name).lstrip(".-")[:100] or TABLE
+
+
+def _refused(path: Path, error: Exception) -> CellError:
+    what = getattr(error, "strerror", None) or str(error).partition("\n")[0]
+    return CellError(str(path), f"cannot be written: {what}", "make room or choose another directory")

@@ -1,0 +1,43 @@
+"""A rig file with more effects: the text as it was, comments and all, and the new effects at the end of their list."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import yaml
+
+from rigs.effects import Effect
+from rigs.load import parse
+
+
+def extended(text: str, effects: Sequence[Effect], where: str) -> str:
+    """The text of a rig file with effects added. Raises RigFileError where that would be no good rig file."""
+    items = [_line(effect) for effect in effects]
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
+    there = [(key, value) for key, value in root.value if key.value == "effects"]
+    lines = text.rstrip("\n").split("\n")
+    if there and isinstance(there[0][1], yaml.SequenceNode) and there[0][1].value and not there[0][1].flow_style:
+        last = there[0][1].value[-1]
+        at = last.end_mark.line + (last.end_mark.column > 0)
+        indent = " " * there[0][1].start_mark.column
+        lines[at:at] = [f"{indent}- {item}" for item in items]
+    else:
+        if there:
+            first, end = there[0][0].start_mark.line, there[0][1].end_mark.line
+            items = [_dumped(entry) for entry in yaml.safe_load(text)["effects"] or []] + items
+            del lines[first : end + 1]
+        lines += ["", "effects:", *(f"  - {item}" for item in items)]
+    grown = "\n".join(lines) + "\n"
+    parse(grown, where)
+    return grown
+
+
+def _line(effect: Effect) -> str:
+    return _dumped(effect.model_dump(mode="json", exclude_defaults=True) | {"effect": effect.effect})
+
+
+def _dumped(fields: dict[str, object]) -> str:
+    ordered = {"effect": fields["effect"], **fields}
+    flow: str = yaml.safe_dump(ordered, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
+    return flow.strip()

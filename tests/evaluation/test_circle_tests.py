@@ -1,0 +1,203 @@
+"""Yaw, roll, circular deviation, pairs and turns: closed forms, and what they refuse."""
+
+import dataclasses
+
+import numpy as np
+import planted
+import pytest
+
+from analysis.ball_link import readings
+from analysis.circle import Reversal, frame_of, reversals
+from analysis.kinematics.arm import arm_of, forward
+from analysis.lap import Lap, lap_of
+from analysis.programs import circle_of, circle_program
+from analysis.tables import CircleTable
+from analysis.tests import circularity, pair, roll, yaw
+from analysis.tests.curve import smoothed
+from analysis.tests.turns import apart, beside, turns
+from rigs.errors import FileError
+from rigs.load import load
+from rigs.rig import Rig
+
+PHI = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+OFFSETS = np.array([25.0, -25.0])
+
+
+def _lap(g_mm: np.ndarray, q: np.ndarray | None = None, direction: str = "acw") -> Lap:
+    sense = 1 if direction == "acw" else -1
+    return Lap(direction, planted.FRAME, PHI / 0.35, sense * PHI, np.zeros((720, 6)) if q is None else q, g_mm)
+
+
+def _ball(test: str, ball: tuple[float, float, float]) -> np.ndarray:
+    return readings(planted.FRAME.poses(PHI), np.array(ball), OFFSETS, test, 70.0)
+
+
+def test_planted_readings_are_those_of_the_ball_link() -> None:
+    """The generator's closed form agrees with measurement.md's gauge formula where the robot makes no error."""
+    phi = planted.FINE[::100]
+    for test in ("yaw", "roll"):
+        wrong = planted.wrong_angle(phi, 1.0)
+        g = planted.circle_readings(phi, 1.0, test)
+        measured = np.arctan((g[:, 1] - g[:, 0]) / 50) - wrong
+        link = readings(planted.FRAME.poses(phi), planted.BALL, OFFSETS, test, 70.0)
+        np.testing.assert_allclose(measured, np.arctan((link[:, 1] - link[:, 0]) / 50), atol=1e-12)
+
+
+def test_roll_tells_the_balls_height_and_the_eccentricity_gives_no_sine() -> None:
+    result = roll.evaluate(_lap(_ball("roll", (0.5, -0.4, 1.2))), 50.0, 0.02, 1e-3)
+    assert result.figures["offset_deg"].value == pytest.approx(np.degrees(1.2 / 70), rel=1e-3)
+    # Of second order: h e / R².
+    assert result.figures["amplitude_deg"].value < np.degrees(1.3 * 1.2 * 0.65 / 70**2)
+    assert "1.200 mm along n, or the gauges' zeros" in result.notes[0]
+
+
+def test_extremes_of_roll_are_where_they_are() -> None:
+    error = np.radians(0.8) * np.cos(2 * (PHI - np.radians(45))) + np.radians(0.2) * np.cos(3 * (PHI - np.radians(45)))
+    half = np.tan(error) * 25
+    g = np.stack([-half, half], axis=1) + np.random.default_rng(1).normal(0, 5e-4, (720, 2))
+    figures = roll.evaluate(_lap(g), 50.0, 0.02, 1e-3).figures
+    for name, true in (("max_at_deg", PHI[np.argmax(error)]), ("min_at_deg", PHI[np.argmin(error)])):
+        # Two minima lie about 45° symmetrically: either may be found, and the uncertainty says so.
+        assert abs(np.degrees(apart(np.radians(figures[name].value), float(true)))) <= 2 * figures[name].u + 1
+    assert figures["range_deg"].value == pytest.approx(np.degrees(np.ptp(error)), abs=0.003)
+
+
+def test_an_eccentricity_alone_is_no_circular_deviation() -> None:
+    """The second harmonic e²/4R of an eccentric ball is no error: 16 µm here, of which nothing is left."""
+    result = circularity.evaluate(_lap(_ball("yaw", (1.5, -1.5, 0.0))), 1e-3)
+    assert result.figures["eccentricity_u_mm"].value == pytest.approx(1.5, abs=2e-3)
+    assert result.figures["eccentricity_v_mm"].value == pytest.approx(-1.5, abs=2e-3)
+    assert np.ptp(result.deviation_mm) < 1e-3
+
+
+def test_circular_deviation_is_the_range_of_what_is_planted() -> None:
+    g = _ball("yaw", (0.3, 0.2, 0.0)) + 0.02 * np.sin(3 * PHI)[:, None]
+    assert circularity.evaluate(_lap(g), 1e-3).figures["circular_deviation_mm"].value == pytest.approx(0.04, abs=2e-4)
+
+
+def test_hysteresis_is_what_differs_between_directions_and_nothing_else() -> None:
+    g = _ball("yaw", (0.3, 0.2, 0.0))
+    back = np.stack([np.interp(-PHI % (2 * np.pi), PHI, column, period=2 * np.pi) for column in g.T], axis=1)
+    turned = np.tan(np.radians(0.1)) * 25
+    one = yaw.evaluate(_lap(g + np.array([-turned, turned])), 50.0, 0.02, 1e-6)
+    other = yaw.evaluate(_lap(back + 0.004, direction="cw"), 50.0, 0.02, 1e-6)
+    figures = pair.pair(one, other).figures
+    assert figures["hysteresis_mean_deg"].value == pytest.approx(0.1, abs=1e-4)
+    assert figures["hysteresis_max_deg"].value == pytest.approx(0.1, abs=2e-3)
+    assert figures["hysteresis_max_mm"].value == pytest.approx(0.004, abs=2e-4)
+    with pytest.raises(FileError, match="give an acw run and a cw run"):
+        pair.pair(other, one)
+
+
+def test_swapped_gauges_are_told_by_the_distance() -> None:
+    g = _ball("yaw", (0.6, -0.4, 0.0))
+    with pytest.raises(FileError, match="g1 and g2 are swapped"):
+        yaw.evaluate(_lap(g[:, ::-1]), 50.0, 0.02, 1e-3)
+    yaw.evaluate(_lap(_ball("yaw", (0.03, -0.02, 0.0))[:, ::-1]), 50.0, 0.02, 1e-3)  # too centred to know
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"g_mm": np.zeros((720, 2))}, "reads 0 mm in all 720 rows"),
+        (
+            {"g_mm": np.where(np.arange(1440).reshape(720, 2) == 9, np.nan, _ball("yaw", (1, 0, 0)))},
+            "row 5 is no number",
+        ),
+        ({"g_mm": _ball("yaw", (1, 0, 0))[:, :1]}, "not two gauges"),
+        ({"frame": dataclasses.replace(planted.FRAME, radius=0.0)}, "a radius of 0 mm is none"),
+    ],
+)
+def test_what_is_no_circle_run_is_refused(wrong: dict, said: str) -> None:
+    lap = dataclasses.replace(_lap(_ball("yaw", (0.6, -0.4, 0.0))), **wrong)
+    with pytest.raises(FileError, match=said):
+        yaw.evaluate(lap, 50.0, 0.02, 1e-3)
+
+
+def test_smoothing_keeps_a_jump_and_quiets_the_rest() -> None:
+    clean = np.where(PHI > 2, 1.0, 0.0) + 0.2 * np.sin(PHI)
+    noise = np.random.default_rng(2).normal(0, 0.02, 720)
+    left = smoothed(clean + noise, 0.02) - clean
+    away = np.abs(PHI - 2) > np.radians(5)
+    assert np.std(left[away]) < 0.4 * 0.02
+    assert np.abs(left[np.abs(PHI - 2) > np.radians(2.5)]).max() < 0.1
+
+
+def _table() -> tuple[CircleTable, Rig]:
+    """The acw program of the paper's rig, and what the gauges read of a robot without errors."""
+    rig, _ = load("paper-fanuc")
+    program = circle_program(rig, "acw")
+    poses = forward(arm_of(rig.robot), program.q)
+    ball = frame_of(circle_of(rig)).centre + planted.BALL
+    return CircleTable("yaw", "acw", program.t_s, program.q, readings(poses, ball, OFFSETS, "yaw", 70.0)), rig
+
+
+def test_of_two_laps_the_first_is_evaluated_and_told() -> None:
+    table, rig = _table()
+    once = lap_of(table, rig, "t")
+    assert once.notes == ()
+    # The lap again at its end: lead-out and lead-in overlap, so cut both.
+    k = slice(int(np.argmin(np.abs(table.t_s - once.t_s[0]))), int(np.argmin(np.abs(table.t_s - once.t_s[-1]))) + 1)
+    end = k.stop
+    whole = np.round((table.q[end - 1] - table.q[k.start]) / (2 * np.pi)) * 2 * np.pi
+    twice = CircleTable(
+        "yaw",
+        "acw",
+        np.concatenate([table.t_s[:end], table.t_s[k] + table.t_s[end] - table.t_s[k.start]]),
+        np.concatenate([table.q[:end], table.q[k] + whole]),
+        np.concatenate([table.g_mm[:end], table.g_mm[k] + 1.0]),
+    )
+    lap = lap_of(twice, rig, "t")
+    assert "2.0 laps" in lap.notes[0]
+    np.testing.assert_array_equal(lap.g_mm[:-1], once.g_mm[: len(lap.g_mm) - 1])
+
+
+def test_standing_jumping_and_half_a_lap_are_refused() -> None:
+    table, rig = _table()
+    for wrong, said in (
+        (dataclasses.replace(table, q=np.tile(table.q[:1], (len(table.q), 1))), "stood still"),
+        (
+            dataclasses.replace(table, q=table.q + np.radians(20) * (np.arange(len(table.q)) == 900)[:, None]),
+            "jumps by",
+        ),
+        (CircleTable("yaw", "acw", table.t_s[:2000], table.q[:2000], table.g_mm[:2000]), "no data from"),
+        (CircleTable("yaw", "acw", table.t_s[:1], table.q[:1], table.g_mm[:1]), "1 rows, which is no circle"),
+    ):
+        with pytest.raises(FileError, match=said):
+            lap_of(wrong, rig, "t")
+
+
+def test_turns_are_found_through_encoder_noise_and_set_beside_the_nominal() -> None:
+    """Planted at 105° and 237° in joint 1, at 2° and 181° in joint 2, none in the full turn of joint 4."""
+    q = np.zeros((720, 6))
+    q[:, 0] = 0.05 * _between(np.radians(105), np.radians(237))
+    q[:, 1] = 0.05 * np.cos(PHI - np.radians(2))
+    q[:, 3] = PHI + 0.2 * np.sin(PHI)
+    q += np.random.default_rng(5).normal(0, np.radians(0.002), q.shape)
+    found = turns(_lap(np.zeros((720, 2)), q))
+    assert [(turn.axis, turn.upper) for turn in found] == [(1, True), (1, False), (2, True), (2, False)]
+    for turn, true in zip(found, (105, 237, 2, 182), strict=True):
+        assert abs(np.degrees(apart(turn.phi, np.radians(true)))) < max(3 * np.degrees(turn.u_rad), 0.6), turn
+    cw = turns(_lap(np.zeros((720, 2)), q[::-1], "cw"))
+    assert [(turn.axis, turn.upper) for turn in cw] == [(1, True), (1, False), (2, True), (2, False)]
+    nominal = [Reversal(1, np.radians(104), True), Reversal(6, 1.0, True)]
+    assert [turn is not None for _, turn in beside(found, nominal)] == [True, False]
+
+
+def _between(upper: float, lower: float) -> np.ndarray:
+    """A smooth closed curve whose top and bottom lie at the two angles: a sine of a warped angle."""
+    knots = np.array([upper - 2 * np.pi, lower - 2 * np.pi, upper, lower, upper + 2 * np.pi, lower + 2 * np.pi])
+    from scipy.interpolate import PchipInterpolator  # noqa: PLC0415
+
+    return np.asarray(np.cos(PchipInterpolator(knots, np.pi * np.arange(6))(PHI)))
+
+
+def test_turns_of_the_simulated_lap_are_those_of_the_nominal_path() -> None:
+    table, rig = _table()
+    circle = circle_of(rig)
+    nominal = reversals(frame_of(circle), arm_of(rig.robot), np.radians(circle.posture_deg), "t")
+    both = beside(turns(lap_of(table, rig, "t")), nominal)
+    assert len(both) == 10
+    for reversal, turn in both:
+        assert turn is not None, reversal
+        assert abs(np.degrees(apart(turn.phi, reversal.phi))) < 0.3, (reversal, turn)

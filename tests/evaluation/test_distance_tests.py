@@ -1,0 +1,138 @@
+"""Radial and repeatability: closed forms, bad targets, and what they refuse."""
+
+import dataclasses
+
+import numpy as np
+import planted
+import pytest
+
+from analysis.tests import radial, repeatability
+from rigs.errors import FileError
+
+TABLE = planted.hemisphere()
+
+
+def _radial(g: np.ndarray, **changes: object) -> radial.Radial:
+    table = dataclasses.replace(planted.with_readings(TABLE, g), **changes)
+    return radial.evaluate(table, 400.0, 0.0005)
+
+
+def test_a_moved_sphere_is_found_with_centre_and_radius() -> None:
+    d = planted.directions(TABLE)
+    centre, radius = np.array([0.5, -0.3, 0.2]), 400.192
+    along = d @ centre
+    g = along + np.sqrt(along**2 + radius**2 - centre @ centre) - 400.0  # where a ray from B meets the sphere
+    result = _radial(g)
+    found = [result.figures[f"centre_{axis}_mm"].value for axis in "xyz"]
+    assert found == pytest.approx(centre, abs=1e-6)
+    assert result.figures["radius_mm"].value == pytest.approx(radius, abs=1e-6)
+    assert result.figures["band_mm"].value < 0.002
+    assert result.figures["held_band_mm"].value == pytest.approx(np.ptp(g), abs=0.002)
+    assert result.figures["held_radius_mm"].value == pytest.approx(400 + g.mean(), abs=1e-3)
+
+
+def test_a_bad_target_is_named_and_left_out_and_no_other() -> None:
+    g = planted.true_radial(TABLE)
+    clean = _radial(g)
+    assert clean.used.all()
+    assert clean.notes == ()
+    for off in (4.0, -30.0):
+        result = _radial(g + off * (TABLE.target == 12))
+        assert list(result.cells.target[~result.used]) == [12]
+        assert "target 12 left out" in result.notes[0]
+        assert result.figures["radius_mm"].value == pytest.approx(clean.figures["radius_mm"].value, abs=0.05)
+    two = _radial(g + 4.0 * np.isin(TABLE.target, (12, 13)))
+    assert set(two.cells.target[~two.used]) == {12, 13}
+
+
+def test_robot_errors_are_rarely_taken_for_bad_targets() -> None:
+    """Normal errors of 37 targets, 200 times: none should be left out in 99 %."""
+    out = 0
+    for seed in range(200):
+        robot = np.random.default_rng(seed).normal(0, 0.3, 38)
+        out += int((~_radial(robot[TABLE.target] + 1e-4 * TABLE.orientation).used).any())
+    assert out <= 2
+
+
+def test_missing_targets_and_orientations_are_told() -> None:
+    keep = ~np.isin(TABLE.target, (4, 9)) & ~((TABLE.target == 7) & (TABLE.orientation == 2))
+    part = {name: getattr(TABLE, name)[keep] for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")}
+    result = _radial(planted.true_radial(TABLE)[keep], **part)
+    assert result.notes == (
+        "target 4 and 9 missing: 35 of 37 measured",
+        "target 7 without all 3 orientations",
+    )
+    assert result.samples == 104
+
+
+def test_uncertainty_is_the_gauges_and_not_the_robots_scatter() -> None:
+    small, large = _radial(planted.true_radial(TABLE)), _radial(10 * planted.true_radial(TABLE))
+    assert large.figures["radius_mm"].u == pytest.approx(small.figures["radius_mm"].u, rel=0.05)
+    assert small.figures["held_radius_mm"].u == pytest.approx(0.0005 / np.sqrt(37 * 3), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (TABLE.target <= 5, "5 targets, too few for a sphere"),
+        (np.degrees(TABLE.polar).round() == 60, "near one circle"),
+    ],
+)
+def test_too_few_targets_are_refused(rows: np.ndarray, said: str) -> None:
+    part = {name: getattr(TABLE, name)[rows] for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")}
+    with pytest.raises(FileError, match=said):
+        _radial(planted.true_radial(TABLE)[rows], **part)
+
+
+def test_what_is_no_radial_run_is_refused() -> None:
+    g = planted.true_radial(TABLE)
+    for said, changes in (
+        ("reads 0 mm in all", {"g_mm": np.zeros_like(g)}),
+        ("no number", {"g_mm": np.where(np.arange(len(g)) == 3, np.nan, g)}),
+        ("no deviation from 400 mm", {"g_mm": g + 400}),
+        ("beyond 180°", {"polar": np.degrees(TABLE.polar)}),
+        ("target 1 has two directions", {"polar": TABLE.polar + 0.1 * (np.arange(len(g)) == 1)}),
+    ):
+        with pytest.raises(FileError, match=said):
+            _radial(**{"g": g} | changes) if "g_mm" not in changes else _radial(changes["g_mm"])
+    with pytest.raises(FileError, match="radius of 0 mm"):
+        radial.evaluate(planted.with_readings(TABLE, g), 0.0, 0.0005)
+
+
+def test_repeatability_by_hand() -> None:
+    """One target: out 1, 2, 3, in 11, 12, 14: ranges 2, 3 and 13; s 1 and 1.5275; B 10.3333."""
+    g = np.array([[[1.0, 11.0], [2.0, 12.0], [3.0, 14.0]]])
+    result = repeatability.evaluate(planted.repeatability_table(g), 0.0005)
+    value = {name: figure.value for name, figure in result.figures.items()}
+    assert (value["uni_mm"], value["uni_mean_mm"], value["bi_mm"]) == (3.0, 2.5, 13.0)
+    assert value["reversal_mean_mm"] == pytest.approx(37 / 3 - 2)
+    s = np.std([11, 12, 14], ddof=1)
+    assert value["r_out_mm"] == pytest.approx(4.0)
+    assert value["r_in_mm"] == pytest.approx(4 * s)
+    assert value["r_mm"] == pytest.approx(2 + 2 * s + 31 / 3)
+    away = np.abs(np.array([11, 12, 14]) - 37 / 3)
+    assert value["rp_mm"] == pytest.approx(away.mean() + 3 * away.std(ddof=1))
+    assert result.notes == ("3 readings a side; ISO 230-2 asks 5, ISO 9283 asks 30",)
+    assert result.figures["uni_mm"].samples == 6
+
+
+def test_repeatability_leaves_out_what_has_one_side_and_refuses_what_has_none() -> None:
+    g = np.random.default_rng(1).normal(0, 0.1, (3, 3, 2))
+    table = planted.repeatability_table(g)
+    keep = ~((table.target == 2) & (table.approach == "in"))
+    part = {name: getattr(table, name)[keep] for name in ("target", "approach", "round", "t_s", "q", "g_mm")}
+    result = repeatability.evaluate(dataclasses.replace(table, **part), 0.0005)
+    assert list(result.targets) == [1, 3]
+    assert "target 2 left out" in result.notes[0]
+    for said, changes in (
+        ("no target has two readings from each side", {"approach": np.full(18, "out")}),
+        ("is no side", {"approach": np.full(18, "left")}),
+        ("reads 1 mm in all 18 rows", {"g_mm": np.ones(18)}),
+    ):
+        with pytest.raises(FileError, match=said):
+            repeatability.evaluate(dataclasses.replace(table, **changes), 0.0005)
+
+
+def test_unequal_scatter_is_told() -> None:
+    g = np.random.default_rng(1).normal(0, 1, (6, 3, 2)) * np.array([0.01, 0.01, 0.01, 1, 1, 1])[:, None, None]
+    assert any("scatter differs" in note for note in repeatability.evaluate(planted.repeatability_table(g), 5e-4).notes)

@@ -1,0 +1,107 @@
+"""What the daemon recorded comes out as the table of measurement.md, and that goes in again."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from table_cases import JOINTS, RIG_FILE, circle_values, csv_text, plain, rig
+
+from analysis.csv_tables import columns_of
+from analysis.files.imports import import_table
+from analysis.files.read import read_csv
+from analysis.files.write import write_csv, write_new
+from analysis.loading import file_columns, measured_of
+from analysis.tables import CircleTable
+from daq.protocol.conversation import NO_TIME, Sample
+from daq.store import RunWriter, read_run, recover, verify
+from rigs.errors import FileError
+from rigs.load import load
+from rigs.vocabulary import Direction, TestName
+
+STREAMS = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": tuple(JOINTS)}
+
+
+def recorded(runs: Path, test: TestName, direction: Direction | None, *, hole: bool = False) -> Path:
+    """A lap as rigd would have recorded it, each stream with stamps of its own; with a hole in gauge 2 if asked."""
+    t_s, q, g_mm = circle_values("roll" if test == "roll" else "yaw", direction or "acw")
+    writer = RunWriter.create(
+        runs,
+        name="lap",
+        test=test,
+        direction=direction,
+        rig_name=RIG_FILE,
+        rig_text=load(RIG_FILE)[1],
+        operator="ada",
+        streams=STREAMS,
+    )
+    for k, at in enumerate((t_s * 1e9).astype(int).tolist()):
+        for g in (0, 1):
+            if not (hole and g == 1 and 50 < k < 60):
+                writer.append(f"g{g + 1}", [Sample((g_mm[k, g],), NO_TIME, at, at, 7, math.nan, 0)])
+        writer.append("robot", [Sample(tuple(np.degrees(q[k])), NO_TIME, at, at, 60, math.nan, 0)])
+    writer.close("complete", "told to", {})
+    return writer.path
+
+
+@pytest.mark.parametrize("direction", ["acw", "cw"])
+@pytest.mark.parametrize("test", ["yaw", "roll"])
+def test_a_recorded_circle_is_a_circle_table(tmp_path: Path, test: TestName, direction: Direction) -> None:
+    run = read_run(recorded(tmp_path, test, direction))
+    table = measured_of(run).table
+    t_s, q, g_mm = circle_values(test, direction)
+    assert isinstance(table, CircleTable)
+    assert (table.test, table.direction) == (test, direction)
+    # A reading was taken before its seven characters set out: the first one before the robot's first sample.
+    taken_s = t_s[1:] - 7 * rig().gauges.g1.line.character_ns / 1e9
+    np.testing.assert_allclose(table.t_s, taken_s - taken_s[0], atol=1e-8)
+    np.testing.assert_array_equal(table.g_mm, g_mm[1:])
+    expected = np.stack([np.interp(taken_s, t_s, joint) for joint in q.T], axis=1)
+    np.testing.assert_allclose(table.q, expected, atol=1e-7)
+
+
+def test_what_is_exported_goes_in_again(tmp_path: Path) -> None:
+    run = read_run(recorded(tmp_path, "yaw", "cw"))
+    measured = measured_of(run)
+    columns, notes = file_columns(measured), list(measured.doubts)
+    assert notes == []
+    assert columns.column_names == list(plain("yaw"))
+    write_new(tmp_path / "t.csv", lambda out: write_csv(columns, out))
+    back = read_csv(tmp_path / "t.csv", "yaw", rig())
+    assert back.direction == "cw"
+    assert back.table.to_pydict() == columns.to_pydict()
+    imported = {"rig_file": RIG_FILE, "test": "yaw", "direction": None, "operator": ""}
+    assert import_table(tmp_path / "t.csv", tmp_path / "again", **imported) == []  # type: ignore[arg-type]
+    again = columns_of(measured_of(read_run(tmp_path / "again")).table)
+    for name in JOINTS:
+        assert again[name].to_pylist() == pytest.approx(columns[name].to_pylist(), rel=1e-15)
+
+
+def test_rows_left_out_are_told(tmp_path: Path) -> None:
+    measured = measured_of(read_run(recorded(tmp_path, "yaw", "acw", hole=True)))
+    columns, notes = file_columns(measured), list(measured.doubts)
+    assert notes in (["g2: 9 rows left out for gaps"], ["g2: 10 rows left out for gaps"])
+    assert columns.num_rows < len(circle_values("yaw", "acw")[0])
+
+
+def test_a_recorded_circle_without_direction_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="has no direction"):
+        measured_of(read_run(recorded(tmp_path, "yaw", None)))
+
+
+def test_an_import_that_never_held_its_table(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text(csv_text(plain("pose")))
+    imported = {"rig_file": RIG_FILE, "test": "pose", "direction": None, "operator": ""}
+    import_table(tmp_path / "t.csv", tmp_path / "r", **imported)  # type: ignore[arg-type]
+    manifest = (tmp_path / "r" / "manifest.json").read_text()
+    opening = manifest[: manifest.index('"chunks"')] + '"chunks": []}'
+    (tmp_path / "r" / "manifest.json").write_text(opening)
+    (tmp_path / "r" / "table-0001.parquet").unlink()
+    with pytest.raises(FileError, match=r"crashed; run `rig recover"):
+        read_run(tmp_path / "r")
+    recover(tmp_path / "r")
+    assert verify(tmp_path / "r") == [f"{tmp_path / 'r'}: its table is not there; import t.csv again"]
+    with pytest.raises(FileError, match="its table has no rows; import the table again"):
+        measured_of(read_run(tmp_path / "r"))
