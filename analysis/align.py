@@ -56,8 +56,8 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
     robot, robot_u_s = _robot(path, run, doubts)
     rows_ns = gauges[0][0].ns
     keep = np.ones(len(rows_ns), dtype=bool)
-    at_rows = []
-    for name, track in zip([*names, "robot"], [*(track for track, _ in gauges), robot], strict=True):
+    at_rows = [gauges[0][0].values]
+    for name, track in zip([*names[1:], "robot"], [*(track for track, _ in gauges[1:]), robot], strict=True):
         spanned = (rows_ns >= track.ns[0]) & (rows_ns <= track.ns[-1])
         dense = _bracketed(rows_ns, track.ns)
         keep &= spanned & dense

@@ -210,7 +210,7 @@ def _first_setups(model: Model, observations: Sequence[Observation]) -> dict[str
         setup = nominal_setup(model.rig, one.table)
         if isinstance(one.table, PoseTable):
             tool = predict(model, one.table, one.path, setup)[:, [3, 7, 11]]
-            setup = replace(setup, T_instrument_world=best_rigid(tool, one.values))
+            setup = replace(setup, T_instrument_world=best_rigid(tool[one.rows], one.values))
         setups[one.setup] = setup
     return setups
 

@@ -63,6 +63,7 @@ def lap_of(table: CircleTable, rig: Rig, where: str) -> Lap:
     end = int(np.argmax(ahead >= 2 * np.pi)) or len(ahead)
     begin = int(np.flatnonzero(ahead[:end] < 0).max(initial=-1)) + 1
     inside = slice(begin, end)
+    _is_steady(where, table.t_s[inside], table.q[inside], rig)
     _is_covered(where, ahead[inside], sense, start)
     return Lap(
         direction,
@@ -83,7 +84,7 @@ def _more_laps(ahead: Array) -> tuple[str, ...]:
 
 
 def _is_motion(where: str, table: CircleTable, rig: Rig) -> None:
-    """Raises FileError for angles that no robot runs through: none at all, no numbers, jumps."""
+    """Raises FileError for angles that no robot runs through: none at all, or no numbers."""
     if len(table.q) < 2:
         raise FileError(where, f"has {len(table.q)} rows, which is no circle", "record the whole circle")
     if not np.isfinite(table.q).all():
@@ -91,14 +92,18 @@ def _is_motion(where: str, table: CircleTable, rig: Rig) -> None:
         raise FileError(where, f"row {row} has a joint angle that is no number", "leave such rows out")
     if np.ptp(table.q, axis=0).max() < _STANDING_RAD:
         raise FileError(where, "the robot stood still", "start the circle program once the recording runs")
+
+
+def _is_steady(where: str, t_s: Array, q: Array, rig: Rig) -> None:
+    """Raises FileError where a joint jumps further than it can run."""
     speed = np.radians([axis.speed_deg_s for axis in rig.robot.axes])
-    step = np.abs(np.diff(table.q, axis=0))
-    over = step > _JUMP_RAD + _JUMP_SPEEDS * speed * np.abs(np.diff(table.t_s))[:, None]
+    step = np.abs(np.diff(q, axis=0))
+    over = step > _JUMP_RAD + _JUMP_SPEEDS * speed * np.abs(np.diff(t_s))[:, None]
     if over.any():
         row, axis = (int(k) for k in np.argwhere(over)[0])
         raise FileError(
             where,
-            f"{rig.robot.axes[axis].name} jumps by {np.degrees(step[row, axis]):.1f}° at {table.t_s[row + 1]:.3f} s",
+            f"{rig.robot.axes[axis].name} jumps by {np.degrees(step[row, axis]):.1f}° at {t_s[row + 1]:.3f} s",
             "see the feedback's units and wrap-around, or leave the bad rows out",
         )
 

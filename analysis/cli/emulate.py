@@ -32,7 +32,7 @@ def emulate(
     import threading  # noqa: PLC0415
     from queue import SimpleQueue  # noqa: PLC0415
 
-    from analysis.emulated import EmulatedRobot, truth  # noqa: PLC0415
+    from analysis.emulated import PROGRAMS, EmulatedRobot, truth  # noqa: PLC0415
     from daq.emulators import Cell  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
@@ -53,7 +53,7 @@ def emulate(
     try:
         for name, port in cell.ports.items():
             typer.echo(f"{name}: {port}")
-        typer.echo(f"ready; next: rigd {directory / 'rig.yaml'}; then type here: acw, cw or quit")
+        typer.echo(f"ready; next: rigd {directory / 'rig.yaml'}; then type here: {', '.join(PROGRAMS)} or quit")
         threading.Thread(target=_obey, args=(robot, ends), daemon=True).start()
         exit_code = ends.get()
     finally:
@@ -67,17 +67,19 @@ def _obey(robot: EmulatedRobot, ends: SimpleQueue[int]) -> None:
     """Lines of standard input start programs; `quit`, or the end of a keyboard's lines, ends the cell."""
     import sys  # noqa: PLC0415
 
-    for line in sys.stdin:
-        word = line.strip()
-        if word in ("acw", "cw"):
-            seconds = robot.start("acw" if word == "acw" else "cw")
-            typer.echo(f"{word}: driving, {seconds:.1f} s")
-            robot.finished.wait()
-            typer.echo(f"{word}: done")
-        elif word == "quit":
+    from rigs.errors import RigError  # noqa: PLC0415
+
+    for program in filter(None, map(str.strip, sys.stdin)):
+        if program == "quit":
             break
-        elif word:
-            typer.echo(f"{word!r} is no program; type acw, cw or quit")
+        try:
+            seconds = robot.start(program)
+        except RigError as error:
+            typer.echo(str(error))
+            continue
+        typer.echo(f"{program}: driving, {seconds:.1f} s")
+        robot.finished.wait()
+        typer.echo(f"{program}: done")
     else:
         if not sys.stdin.isatty():
             return  # started without a keyboard: serve until a signal comes

@@ -137,7 +137,10 @@ class Bench:
             yield keyboard
         finally:
             process.send_signal(end)
-            said, _ = process.communicate(timeout=PATIENCE_S)
+            try:
+                said, _ = process.communicate(timeout=PATIENCE_S)
+            finally:
+                process.kill()
             assert process.returncode == code and " sent" in said
 
     def fails(self, *command: str | Path, code: int) -> str:

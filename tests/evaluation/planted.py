@@ -54,6 +54,7 @@ def wrong_angle(phi: np.ndarray, sense: float) -> np.ndarray:
     with sense (over some degrees: a joint crosses its play slowly where it turns)."""
     turn = np.degrees(phi) % 360
     play = 0.5 * (np.tanh((turn - 105) / 1.5) - np.tanh((turn - 237) / 1.5) - 1)
+    play *= 1 + 0.3 * np.cos(phi - np.radians(170))  # so that there is one place where it shows most
     rough = 0.15 * np.sin(2 * phi + 0.4) + 0.05 * np.sin(7 * phi) + 0.08 * sense * play
     return np.asarray(np.radians(rough))
 
