@@ -51,10 +51,22 @@ class Sine:
 
 
 def fit_sine(phi: Array, y: Array) -> Sine:
-    """The least-squares sine of eq. (2) through y (n,) rad at phi (n,) rad."""
+    """The least-squares sine of eq. (2) through y (n,) rad at phi (n,) rad of one lap, in order of either direction.
+
+    Each row counts by the arc that it stands for: the paper's plain sums where rows are evenly spaced, and no pull
+    towards where they are dense.
+    """
     design = np.stack([np.ones_like(phi), np.sin(phi), np.cos(phi)], axis=1)
-    A, a, b = np.linalg.lstsq(design, y, rcond=None)[0]
+    weight = np.sqrt(_arcs(phi))
+    A, a, b = np.linalg.lstsq(design * weight[:, None], y * weight, rcond=None)[0]
     return Sine(float(A), float(a), float(b))
+
+
+def _arcs(phi: Array) -> Array:
+    """Half the way from the neighbour before to the one behind, (n,) rad, around the circle."""
+    around = np.concatenate([phi[-1:], phi, phi[:1]])
+    steps = np.abs((np.diff(around) + np.pi) % (2 * np.pi) - np.pi)
+    return (steps[1:] + steps[:-1]) / 2
 
 
 @dataclass(frozen=True)
