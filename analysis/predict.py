@@ -104,7 +104,7 @@ def _with_approaches(model: Model, table: RepeatabilityTable) -> Path:
 
 def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
     """Readings (m, k) of a table: gauges in mm; for poses the target's T_instrument_target, (m, 16) row by row."""
-    scene = _moved(model, path)
+    scene = moved(model, path)
     if isinstance(table, PoseTable):
         T = setup.T_instrument_world @ scene.T[path.rows] @ setup.T_tool_target
         return T.reshape(-1, 16)
@@ -124,7 +124,7 @@ def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
     return scene.g_mm[path.rows]
 
 
-def _moved(model: Model, path: Path) -> Scene:
+def moved(model: Model, path: Path) -> Scene:
     """The scene up to where the tool is."""
     n = len(path.q)
     scene = Scene(

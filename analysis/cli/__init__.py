@@ -54,6 +54,7 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     export,  # noqa: F401
     import_,  # noqa: F401
     live,  # noqa: F401
+    paper,  # noqa: F401
     record,  # noqa: F401
     runs,  # noqa: F401
     simulate,  # noqa: F401

@@ -1,0 +1,40 @@
+"""`rig paper`: the figures of Oh 2019 beside ours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app
+
+
+@app.command()
+def paper(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    plot: Annotated[Path | None, typer.Option(help="Write pictures like the paper's into this directory.")] = None,
+    rig_file: Annotated[
+        str, typer.Option("--rig", help="Rig file, or the name of a shipped rig: whose figures.")
+    ] = "paper-errors",
+) -> None:
+    """Simulate the paper's tests, evaluate them, and set its figures beside ours; all of it computed now."""
+    import json  # noqa: PLC0415
+
+    from rich.console import Console  # noqa: PLC0415
+
+    from analysis.paper.report import as_object, as_table  # noqa: PLC0415
+    from analysis.paper.rows import rows_of  # noqa: PLC0415
+    from rigs.load import load  # noqa: PLC0415
+
+    rig, text = load(rig_file)
+    rows = rows_of(rig)
+    if plot:
+        from analysis.paper.pictures import save  # noqa: PLC0415
+
+        for path in save(rig, text, plot):
+            typer.echo(path, err=True)
+    if as_json:
+        typer.echo(json.dumps(as_object(rig, rows), indent=2))
+    else:
+        Console().print(as_table(rig, rows))

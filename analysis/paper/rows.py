@@ -1,0 +1,217 @@
+"""The rows of the table: a figure of the paper, ours, and what a person should know of the two."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.circle import frame_of, reversals
+from analysis.kinematics.arm import arm_of
+from analysis.paper import targets as paper
+from analysis.paper.runs import Ball, Curve, circle, repeats, sphere, step
+from analysis.programs import circle_of
+from rigs.effects import Backlash, Effect
+from rigs.rig import Rig
+from rigs.vocabulary import Direction
+
+STEP_DEG = 6.0
+"""A jump is looked for over this much of the lap: what Theta needs after a reversal to cross its play."""
+DIRECTIONS: tuple[Direction, ...] = ("cw", "acw")
+
+
+@dataclass(frozen=True)
+class Row:
+    """where: section, figure or table of the paper; paper, ours: a number in `unit`, or words; place: whether the
+    number is a place on the circle, where 359° lies 2° from 1°."""
+
+    where: str
+    figure: str
+    paper: float | str
+    ours: float | str
+    unit: str = ""
+    note: str = ""
+    digits: int = 3
+    place: bool = False
+
+    @property
+    def difference(self) -> float | None:
+        """Ours less the paper's, where both are numbers."""
+        if isinstance(self.paper, str) or isinstance(self.ours, str):
+            return None
+        apart = self.ours - self.paper
+        return (apart + 180.0) % 360.0 - 180.0 if self.place else apart
+
+
+def rows_of(rig: Rig) -> list[Row]:
+    """Every row, computed from the rig's set-up and effects. Raises FileError where the rig cannot do a test."""
+    return [
+        *rule_rows(rig),
+        *reversal_rows(rig),
+        *yaw_rows(rig),
+        *roll_rows(rig),
+        *sphere_rows(rig),
+        *repeatability_rows(rig),
+    ]
+
+
+def rule_rows(rig: Rig) -> Iterator[Row]:
+    """§2.1, the eccentricity rule: in words of arithmetic, and through simulation and evaluation."""
+    e_mm, R_mm = paper.RULE_ECCENTRICITY_MM, paper.RULE_RADIUS_MM
+    by_rule = paper.RULE_CONSTANT * e_mm * 1000 / R_mm / 3600
+    frame = frame_of(circle_of(rig))
+    planted = tuple(float(x) for x in e_mm * (frame.u + frame.v) / np.sqrt(2))
+    curve = circle(_eccentric(rig, planted), "yaw", "acw", ())
+    amplitude, e_found = curve.figures["amplitude_deg"], curve.figures["eccentricity_mm"]
+    peak = float(np.degrees(np.abs(curve.angle).max()))
+    name = f"e = {e_mm} mm at R = {R_mm:.0f} mm:"
+    yield Row("§2.1", f"{name} by the rule", paper.RULE_DEG, by_rule, "°", "206 e/R, in arcsec", 2)
+    yield Row(
+        "§2.1", f"{name} fitted sine", paper.RULE_DEG, amplitude, "°",
+        f"simulated circle; 206 stands for 206.265; gives back e = {e_found:.3f} mm", 2,
+    )  # fmt: skip
+    yield Row("§2.1", f"{name} largest angle", paper.RULE_DEG, peak, "°", "asin(e/R) = 11.65° exactly", 2)
+
+
+def _eccentric(rig: Rig, eccentricity_mm: tuple[float, ...]) -> Rig:
+    moved = circle_of(rig).model_copy(update={"eccentricity_mm": eccentricity_mm, "radius_mm": paper.RULE_RADIUS_MM})
+    return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": moved})})
+
+
+def reversal_rows(rig: Rig) -> Iterator[Row]:
+    """Table 1, from the set-up alone; no effect touches it."""
+    names = [axis.name for axis in rig.robot.axes]
+    arm, posture = arm_of(rig.robot), np.radians(circle_of(rig).posture_deg)
+    found = reversals(frame_of(circle_of(rig)), arm, posture, rig.name)
+    for axis, name in enumerate(names, start=1):
+        turns = [turn for turn in found if turn.axis == axis]
+        theirs = paper.REVERSALS_DEG.get(name, ())
+        if not theirs:
+            told = ", ".join(f"{np.degrees(turn.phi):.1f}°" for turn in turns) or "none"
+            yield Row("Table 1", f"{name} turns back", "none", told)
+        for side, place in zip(("upper", "lower"), theirs, strict=False):
+            ours = [float(np.degrees(turn.phi)) for turn in turns if turn.upper == (side == "upper")]
+            near = min(ours, key=lambda phi: abs((phi - place + 180) % 360 - 180), default="none")
+            yield Row("Table 1", f"{name} turns back, {side}", place, near, "°", "", 1, place=True)
+
+
+def yaw_rows(rig: Rig) -> Iterator[Row]:
+    """Figures 6 and 8."""
+    curves = {direction: circle(rig, "yaw", direction, rig.effects) for direction in DIRECTIONS}
+    for direction, curve in curves.items():
+        yield Row(
+            "Fig. 6", f"yaw error band, {direction}", paper.YAW_BAND_DEG[direction], curve.figures["band_deg"], "°"
+        )
+    yield from (_jump_row(rig, direction, curve) for direction, curve in curves.items())
+
+
+def _jump_row(rig: Rig, direction: Direction, curve: Curve) -> Row:
+    """How far the residual jumps after each reversal, by plays alone: with them less without them."""
+    sense = 1.0 if direction == "acw" else -1.0
+    without = circle(rig, "yaw", direction, _without_play(rig.effects))
+    arm, posture = arm_of(rig.robot), np.radians(circle_of(rig).posture_deg)
+    jumps = {}
+    for turn in reversals(frame_of(circle_of(rig)), arm, posture, rig.name):
+        at = float(np.degrees(turn.phi))
+        by_play = step(curve, at, sense * STEP_DEG) - step(without, at, sense * STEP_DEG)
+        jumps[f"{rig.robot.axes[turn.axis - 1].name} {at:.0f}°"] = by_play
+    here = f"Theta {paper.JUMP_AT_DEG:.0f}°"
+    ranked = sorted(jumps, key=lambda name: -abs(jumps[name]))
+    place = ranked.index(here) + 1 if here in ranked else 0
+    others = ", ".join(f"{name} {jumps[name]:+.2f}°" for name in [name for name in ranked if name != here][:2])
+    note = f"by the plays, within {STEP_DEG:.0f}° of travel; {place} of {len(ranked)} in size; {others}"
+    ours = f"{jumps[here]:+.2f}°" if here in jumps else "none"
+    return Row("Fig. 8", f"yaw jumps at {here}, {direction}", "sudden change", ours, "", note)
+
+
+def _without_play(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    return tuple(effect for effect in effects if not isinstance(effect, Backlash))
+
+
+def roll_rows(rig: Rig) -> Iterator[Row]:
+    """Figures 10 and 11. Their extremes lie 135° apart: no sine was taken off, and none is here."""
+    curves = {direction: circle(rig, "roll", direction, rig.effects) for direction in DIRECTIONS}
+    for direction, curve in curves.items():
+        note = f"whole angle, the paper takes no sine off; less its sine {curve.figures['band_deg']:.2f}°"
+        yield Row(
+            "Fig. 10", f"roll error band, {direction}", paper.ROLL_MEASURED_DEG, curve.figures["range_deg"], "°", note
+        )
+    mean = _mean(list(curves.values()))
+    y = np.degrees(mean.angle)
+    yield Row(
+        "Fig. 11", "roll error band, simulated", paper.ROLL_SIMULATED_DEG, float(np.ptp(y)), "°", "mean of cw and acw"
+    )
+    apart = np.interp(mean.phi, curves["acw"].phi, curves["acw"].angle) - np.interp(
+        mean.phi, curves["cw"].phi, curves["cw"].angle
+    )
+    swing = float(np.degrees(np.ptp(apart)))
+    yield Row(
+        "Fig. 10", "roll acw less cw, range", "almost identical", f"{swing:.2f}°", "", "the plays show in roll too"
+    )
+    extremes = np.degrees(mean.phi[[np.argmax(y), np.argmin(y)]])
+    for name, place, ours in zip(("largest", "smallest"), paper.ROLL_EXTREMES_DEG, extremes, strict=True):
+        yield Row("Fig. 11", f"roll {name} at", place, float(ours), "°", _flat(mean, float(ours), place), 0, place=True)
+
+
+def _mean(curves: Sequence[Curve]) -> Curve:
+    """The mean of curves on the places of the first."""
+    phi = curves[0].phi
+    y = np.mean([np.interp(phi, curve.phi, curve.angle) for curve in curves], axis=0)
+    return Curve(phi, y, y, {})
+
+
+def _flat(curve: Curve, ours: float, place: float) -> str:
+    there, here = np.degrees(np.interp(np.radians([place, ours]), curve.phi, curve.angle))
+    return f"at {place:.0f}° within {abs(there - here):.2f}° of it"
+
+
+def sphere_rows(rig: Rig) -> Iterator[Row]:
+    """Figures 13 (all errors) and 14 (gear transmission errors alone, as the paper simulated it)."""
+    measured, simulated = sphere(rig, rig.effects), sphere(rig, paper.gears(rig.effects))
+    every, gears = "all errors", "gear transmission errors alone"
+    yield Row("Fig. 13", "sphere, measured: radius", paper.RADIUS_MM, measured.radius_mm, "mm", every)
+    yield Row(
+        "Fig. 13", "sphere, measured: band", paper.MEASURED_BAND_MM, measured.band_mm, "mm", '"just greater than 1 mm"'
+    )
+    yield Row("Fig. 14", "sphere, simulated: radius", "above 400 mm", f"{simulated.radius_mm:.3f} mm", "", gears)
+    yield Row("Fig. 14", "sphere, simulated: band", paper.SIMULATED_BAND_MM, simulated.band_mm, "mm", gears)
+    yield Row(
+        "Fig. 13", "centre pulled, measured", "to one side", f"{measured.shift_mm:.3f} mm", "", _towards(measured)
+    )
+    yield Row(
+        "Fig. 14",
+        "centre pulled, simulated",
+        "to the same side",
+        f"{simulated.shift_mm:.3f} mm",
+        "",
+        _towards(simulated, measured),
+    )
+
+
+def _towards(ball: Ball, other: Ball | None = None) -> str:
+    told = "by ({:+.2f}, {:+.2f}, {:+.2f}) mm".format(*ball.centre_mm)
+    if other is None:
+        return told
+    cosine = ball.centre_mm @ other.centre_mm / (ball.shift_mm * other.shift_mm)
+    return f"{told}, {np.degrees(np.arccos(np.clip(cosine, -1, 1))):.0f}° from the measured"
+
+
+def repeatability_rows(rig: Rig) -> Iterator[Row]:
+    """Figure 15: means over simulated tests, and their spread."""
+    found = repeats(rig, rig.effects)
+    uni, bi = found["uni_mm"], found["bi_mm"]
+    spread = f"mean of {len(uni)} simulated tests, sd {{:.3f}} mm"
+    yield Row(
+        "Fig. 15",
+        "repeatability, uni-directional",
+        paper.UNI_MM,
+        float(uni.mean()),
+        "mm",
+        spread.format(uni.std(ddof=1)),
+    )
+    yield Row(
+        "Fig. 15", "repeatability, bi-directional", paper.BI_MM, float(bi.mean()), "mm", spread.format(bi.std(ddof=1))
+    )
+    ratio = paper.BI_MM / paper.UNI_MM
+    yield Row("Fig. 15", "bi over uni", ratio, float(bi.mean() / uni.mean()), "", 'the paper says "seven times"', 1)

@@ -1,0 +1,36 @@
+"""The numbers of Oh 2019 that are reproduced, and which errors its simulations had."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rigs.effects import Effect, TransmissionError
+
+RULE_ECCENTRICITY_MM, RULE_RADIUS_MM, RULE_DEG, RULE_CONSTANT = 14.142, 70.0, 11.56, 206.0
+"""§2.1: E_max = ±206 e[µm] / R[mm] arcsec; 206 stands for 206.265 = 648 / pi."""
+REVERSALS_DEG = {
+    "Theta": (105.0, 237.0),
+    "W": (3.0, 182.0),
+    "U": (351.0, 169.0),
+    "gamma": (),
+    "beta": (0.0, 190.0),
+    "alpha": (82.0, 290.0),
+}
+"""Table 1: circle angle of the upper and of the lower backlash point."""
+YAW_BAND_DEG = {"cw": 0.53, "acw": 0.85}
+"""Fig. 6, measured."""
+JUMP_AT_DEG = 237.0
+"""Fig. 8: the sudden change, by the backlash of Theta."""
+ROLL_MEASURED_DEG, ROLL_SIMULATED_DEG, ROLL_EXTREMES_DEG = 1.75, 1.76, (180.0, 45.0)
+"""Fig. 10 (cw and acw alike) and Fig. 11."""
+RADIUS_MM, MEASURED_BAND_MM, SIMULATED_BAND_MM = 400.192, 1.0, 0.922
+"""Fig. 13 ("just greater than 1 mm") and Fig. 14, with gear transmission errors only."""
+UNI_MM, BI_MM = 0.261, 1.567
+"""Fig. 15."""
+REVERSAL_MM = 1.40
+"""Largest noise-free reversal value that makes the range over both sides, with the scatter, BI_MM on average."""
+
+
+def gears(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Only the gear transmission errors: what the paper's simulations of figure 14 had."""
+    return tuple(effect for effect in effects if isinstance(effect, TransmissionError))
