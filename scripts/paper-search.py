@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from scipy.optimize import differential_evolution
 
+from analysis.model.predict import model_of, nominal_setup, path_of, predict
+from analysis.model.programs import circle_of, hemisphere_of
+from analysis.model.simulate import simulate, with_values
+from analysis.model.targets import hemisphere_frame, target_angles
 from analysis.paper import targets
 from analysis.paper.runs import curve_of
-from analysis.predict import model_of, nominal_setup, path_of, predict
-from analysis.programs import circle_of, hemisphere_of
-from analysis.simulate import simulate, with_values
-from analysis.tables import CircleTable, Table
-from analysis.targets import hemisphere_frame, target_angles
+from analysis.reading.tables import CircleTable, Table
 from analysis.tests.sphere import free_sphere
 from rigs.effects import Effect, size_field
 from rigs.load import load

@@ -15,16 +15,16 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from analysis.ball_link import readings
-from analysis.calibrate import Calibration, calibrate
-from analysis.csv_tables import columns_of
-from analysis.estimate import Observation
 from analysis.files.write import write_csv, write_new
+from analysis.fitting.calibrate import Calibration, calibrate
+from analysis.fitting.estimate import Observation
+from analysis.fitting.split import split
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.predict import Path as Motion
-from analysis.programs import circle_of, hemisphere_of
-from analysis.split import split
-from analysis.tables import CircleTable, PoseTable, RadialTable
+from analysis.model.ball_link import readings
+from analysis.model.predict import Path as Motion
+from analysis.model.programs import circle_of, hemisphere_of
+from analysis.reading.csv_tables import columns_of
+from analysis.reading.tables import CircleTable, PoseTable, RadialTable
 from analysis.tests.pose import fit_setup
 from rigs.load import load
 from rigs.rig import Rig

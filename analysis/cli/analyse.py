@@ -20,9 +20,9 @@ def analyse(
     ] = None,
 ) -> None:
     """Evaluate runs of every test: yaw, roll, radial, repeatability, pose; each figure with its uncertainty."""
-    from analysis.report import as_object, as_tables, write_report  # noqa: PLC0415
-    from analysis.results import analyse_run  # noqa: PLC0415
-    from analysis.truth import compare  # noqa: PLC0415
+    from analysis.reporting.report import as_object, as_tables, write_report  # noqa: PLC0415
+    from analysis.reporting.results import analyse_run  # noqa: PLC0415
+    from analysis.reporting.truth import compare  # noqa: PLC0415
 
     results = [analyse_run(path) for path in runs]
     truths = compare(results, truth) if truth else []

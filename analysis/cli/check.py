@@ -14,7 +14,7 @@ def check(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
 ) -> None:
     """Say whether a rig file is good: every mistake with its line, and whether the robot can drive its circle."""
-    from analysis.feasible import feasible_tests  # noqa: PLC0415
+    from analysis.model.feasible import feasible_tests  # noqa: PLC0415
     from rigs.load import find, load  # noqa: PLC0415
 
     rig, _ = load(rig_file)

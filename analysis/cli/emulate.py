@@ -12,7 +12,7 @@ from analysis.cli import app
 if TYPE_CHECKING:
     from queue import SimpleQueue
 
-    from analysis.emulated import EmulatedRobot
+    from analysis.model.emulated import EmulatedRobot
 
 
 @app.command()
@@ -32,7 +32,7 @@ def emulate(
     import threading  # noqa: PLC0415
     from queue import SimpleQueue  # noqa: PLC0415
 
-    from analysis.emulated import PROGRAMS, EmulatedRobot, truth  # noqa: PLC0415
+    from analysis.model.emulated import PROGRAMS, EmulatedRobot, truth  # noqa: PLC0415
     from daq.emulators import Cell  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415

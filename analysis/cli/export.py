@@ -23,7 +23,7 @@ def export(
 
     from analysis.files.messages import write_mcap  # noqa: PLC0415
     from analysis.files.write import write_csv, write_new, write_parquet  # noqa: PLC0415
-    from analysis.loading import file_columns, measured_of  # noqa: PLC0415
+    from analysis.reading.loading import file_columns, measured_of  # noqa: PLC0415
     from daq.store import read_run  # noqa: PLC0415
 
     run = read_run(path)

@@ -64,6 +64,6 @@ def status(
         return
     from rich.console import Console  # noqa: PLC0415
 
-    from analysis.screen import screen  # noqa: PLC0415
+    from analysis.reporting.screen import screen  # noqa: PLC0415
 
     Console().print(screen(state))

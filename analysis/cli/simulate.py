@@ -23,7 +23,7 @@ def simulate(
     csv: Annotated[bool, typer.Option("--csv", help="Write CSV tables instead of runs.")] = False,
 ) -> None:
     """Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to run."""
-    from analysis.simulated_runs import write_simulated  # noqa: PLC0415
+    from analysis.reading.simulated_runs import write_simulated  # noqa: PLC0415
     from rigs.load import load, load_effects  # noqa: PLC0415
 
     rig, text = load(rig_file)

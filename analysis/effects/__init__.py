@@ -11,7 +11,7 @@ import importlib
 from collections.abc import Sequence
 from types import ModuleType
 
-from analysis.scene import Scene, Stage
+from analysis.model.scene import Scene, Stage
 from rigs.effects import Effect
 
 

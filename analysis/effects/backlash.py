@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.gravity import torques
-from analysis.hysteresis import play
-from analysis.scene import Scene
+from analysis.model.gravity import torques
+from analysis.model.hysteresis import play
+from analysis.model.scene import Scene
 from rigs.effects import Backlash
 
 STAGE = "joint"

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.scene import Scene
+from analysis.model.scene import Scene
 from rigs.effects import BallForm
 
 STAGE = "setup"

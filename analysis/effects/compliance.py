@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.gravity import torques
-from analysis.scene import Scene
+from analysis.model.gravity import torques
+from analysis.model.scene import Scene
 from rigs.effects import Compliance
 
 STAGE = "joint"

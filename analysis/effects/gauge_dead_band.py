@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from analysis.hysteresis import play
-from analysis.scene import Scene
+from analysis.model.hysteresis import play
+from analysis.model.scene import Scene
 from rigs.effects import GaugeDeadBand
 
 STAGE = "gauge"

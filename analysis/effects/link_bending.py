@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.gravity import torques
 from analysis.kinematics.arm import link_frames
-from analysis.scene import Scene
+from analysis.model.gravity import torques
+from analysis.model.scene import Scene
 from rigs.effects import LinkBending
 
 STAGE = "tool"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.hysteresis import turns
-from analysis.scene import Scene
+from analysis.model.hysteresis import turns
+from analysis.model.scene import Scene
 from rigs.effects import ReversalSpike
 
 STAGE = "joint"

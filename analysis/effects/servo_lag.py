@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.scene import Scene
+from analysis.model.scene import Scene
 from rigs.effects import ServoLag
 
 STAGE = "joint"

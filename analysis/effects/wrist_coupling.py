@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from analysis.scene import Scene
+from analysis.model.scene import Scene
 from rigs.effects import WristCoupling
 
 STAGE = "joint"

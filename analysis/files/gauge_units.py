@@ -11,10 +11,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from analysis.circle import frame_of
 from analysis.files.path import off_path
 from analysis.kinematics.arm import Array
-from analysis.tables import CircleTable
+from analysis.model.circle import frame_of
+from analysis.reading.tables import CircleTable
 from rigs.rig import Rig
 from rigs.tests import Circle
 

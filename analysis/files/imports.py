@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from analysis.csv_tables import table_from
 from analysis.files.read import read_csv
 from analysis.files.units import check_units
-from analysis.lap import lap_of
-from analysis.tables import CircleTable, Table
+from analysis.reading.csv_tables import table_from
+from analysis.reading.lap import lap_of
+from analysis.reading.tables import CircleTable, Table
 from daq.store import write_table_run
 from rigs.errors import FileError
 from rigs.load import load

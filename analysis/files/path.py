@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.circle import frame_of
 from analysis.kinematics.arm import Array
-from analysis.tables import CircleTable, PoseTable, Table
+from analysis.model.circle import frame_of
+from analysis.reading.tables import CircleTable, PoseTable, Table
 from rigs.rig import Rig
 from rigs.tests import Circle
 

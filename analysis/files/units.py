@@ -14,7 +14,7 @@ from analysis.files.gauge_units import circle_gauges, too_far
 from analysis.files.path import off_path
 from analysis.files.tracker_units import tracker
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.reading.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from rigs.errors import FileError
 from rigs.rig import Rig
 

@@ -10,12 +10,12 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from analysis.csv_tables import columns_of
+from analysis.model.simulate import simulate
 from analysis.paper.runs import SCATTER
 from analysis.paper.targets import gears
-from analysis.plots import save_pictures
-from analysis.results import Result, analyse_run
-from analysis.simulate import simulate
+from analysis.reading.csv_tables import columns_of
+from analysis.reporting.plots import save_pictures
+from analysis.reporting.results import Result, analyse_run
 from daq.store import write_table_run
 from rigs.effects import Effect
 from rigs.errors import FileError

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.circle import frame_of, reversals
 from analysis.kinematics.arm import arm_of
+from analysis.model.circle import frame_of, reversals
+from analysis.model.programs import circle_of
 from analysis.paper import targets as paper
 from analysis.paper.runs import Ball, Curve, circle, repeats, sphere, step
-from analysis.programs import circle_of
 from rigs.effects import Backlash, Effect
 from rigs.rig import Rig
 from rigs.vocabulary import Direction

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.ball_link import angle
 from analysis.kinematics.arm import Array
-from analysis.lap import lap_of
-from analysis.programs import hemisphere_of
-from analysis.simulate import Noise, simulate
-from analysis.tables import CircleTable, RadialTable, RepeatabilityTable
+from analysis.model.ball_link import angle
+from analysis.model.programs import hemisphere_of
+from analysis.model.simulate import Noise, simulate
+from analysis.reading.lap import lap_of
+from analysis.reading.tables import CircleTable, RadialTable, RepeatabilityTable
 from analysis.tests import radial, repeatability, roll, yaw
 from analysis.tests.circle import fit_sine
 from rigs.effects import Effect

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.ball_link import angle
 from analysis.kinematics.arm import Array
-from analysis.lap import Lap
-from analysis.quantity import Quantity, figures_of
+from analysis.model.ball_link import angle
+from analysis.reading.lap import Lap
+from analysis.reporting.quantity import Quantity, figures_of
 from analysis.tests.checks import hold_alive, hold_numbers, hold_radius
 from analysis.tests.curve import DRAWS, SEED, Curve, curve_of, stacked
 from rigs.errors import FileError

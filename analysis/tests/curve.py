@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.lap import Lap
+from analysis.reading.lap import Lap
 
 DRAWS = 400
 SEED = 0

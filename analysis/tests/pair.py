@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.quantity import Quantity, figures_of
+from analysis.reporting.quantity import Quantity, figures_of
 from analysis.tests.circle import CircleResult
 from analysis.tests.circularity import circle_at, fit_circle
 from analysis.tests.curve import DRAWS, SEED, Curve, curve_of, noise_sd, smoothed, stacked

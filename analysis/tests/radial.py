@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
-from analysis.quantity import Quantity, figures_of
-from analysis.tables import Integers, RadialTable
+from analysis.reading.tables import Integers, RadialTable
+from analysis.reporting.quantity import Quantity, figures_of
 from analysis.tests.checks import hold_alive, hold_numbers, hold_radius, listed
 from analysis.tests.curve import DRAWS, SEED
 from analysis.tests.sphere import Sphere, conditioned, far_off, free_sphere, held_sphere

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.quantity import Quantity, from_draws
-from analysis.tables import Integers, RepeatabilityTable
+from analysis.reading.tables import Integers, RepeatabilityTable
+from analysis.reporting.quantity import Quantity, from_draws
 from analysis.tests.checks import hold_alive, hold_numbers, listed
 from analysis.tests.curve import DRAWS, SEED
 from analysis.tests.standards import RANGE_VISITS, RP_VISITS, pooled_sd, reversal, rp

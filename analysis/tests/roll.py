@@ -14,7 +14,7 @@ import dataclasses
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.lap import Lap
+from analysis.reading.lap import Lap
 from analysis.tests.circle import CircleResult, evaluate_angle, fit_sine, sine_figures
 from analysis.tests.curve import noise_sd, smoothed
 

@@ -1,7 +1,7 @@
 """Where the joints turn back along a lap, by the table's own feedback: beside the paper's Table 1.
 
 A turn counts where the joint comes back by more than its noise (and 0.05°) on both sides, so that encoder noise
-makes none; its place is the vertex of a cubic through the neighbourhood. `analysis.circle.reversals` tells the
+makes none; its place is the vertex of a cubic through the neighbourhood. `analysis.model.circle.reversals` tells the
 same of the nominal path.
 """
 
@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.circle import Reversal
 from analysis.kinematics.arm import Array
-from analysis.lap import Lap
+from analysis.model.circle import Reversal
+from analysis.reading.lap import Lap
 from analysis.tests.curve import noise_sd
 
 _PROMINENCE_RAD = np.radians(0.05)

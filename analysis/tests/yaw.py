@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.lap import Lap
+from analysis.reading.lap import Lap
 from analysis.tests.circle import CircleResult, Sine, evaluate_angle, fit_sine, sine_figures
 from analysis.tests.circularity import fit_circle
 from analysis.tests.curve import noise_sd

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from analysis.circle import frame_of, reversals
-from analysis.emulated import trace
 from analysis.kinematics.arm import arm_of, forward
-from analysis.programs import circle_of, lap
+from analysis.model.circle import frame_of, reversals
+from analysis.model.emulated import trace
+from analysis.model.programs import circle_of, lap
 from rigs.errors import FileError
 from rigs.load import SHIPPED, load
 

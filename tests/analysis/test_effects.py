@@ -10,11 +10,11 @@ import pytest
 
 import analysis.effects
 from analysis.effects import apply, module_of
-from analysis.hysteresis import play, turns
 from analysis.kinematics.arm import forward_and_jacobian
-from analysis.predict import model_of, nominal_setup, path_of, predict
-from analysis.scene import STAGES, Scene
-from analysis.simulate import simulate
+from analysis.model.hysteresis import play, turns
+from analysis.model.predict import model_of, nominal_setup, path_of, predict
+from analysis.model.scene import STAGES, Scene
+from analysis.model.simulate import simulate
 from rigs.effects import (
     VOCABULARY,
     Backlash,

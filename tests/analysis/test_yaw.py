@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from analysis.ball_link import angle, readings
-from analysis.circle import CircleFrame, frame_of
-from analysis.emulated import trace
-from analysis.lap import Lap
-from analysis.programs import circle_of
+from analysis.model.ball_link import angle, readings
+from analysis.model.circle import CircleFrame, frame_of
+from analysis.model.emulated import trace
+from analysis.model.programs import circle_of
+from analysis.reading.lap import Lap
 from analysis.tests.yaw import evaluate, fit_sine, noise_sd, plain_figures
 from rigs.load import load
 

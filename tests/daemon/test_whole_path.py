@@ -10,7 +10,7 @@ import pytest
 import yaml
 from bench import Bench, rig_text
 
-from analysis.emulated import EmulatedRobot, truth
+from analysis.model.emulated import EmulatedRobot, truth
 from rigs.load import parse
 
 

@@ -10,11 +10,11 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from analysis.circle import CircleFrame
 from analysis.kinematics.arm import Arm, forward
-from analysis.lap import Lap
-from analysis.quantity import Quantity
-from analysis.tables import PoseTable, RadialTable, RepeatabilityTable
+from analysis.model.circle import CircleFrame
+from analysis.reading.lap import Lap
+from analysis.reading.tables import PoseTable, RadialTable, RepeatabilityTable
+from analysis.reporting.quantity import Quantity
 from analysis.tests import circularity, pair, pose, radial, repeatability, roll, standards, yaw
 
 SEEDS = 100

@@ -6,12 +6,12 @@ import numpy as np
 import planted
 import pytest
 
-from analysis.ball_link import readings
-from analysis.circle import Reversal, frame_of, reversals
 from analysis.kinematics.arm import arm_of, forward
-from analysis.lap import Lap, lap_of
-from analysis.programs import circle_of, circle_program
-from analysis.tables import CircleTable
+from analysis.model.ball_link import readings
+from analysis.model.circle import Reversal, frame_of, reversals
+from analysis.model.programs import circle_of, circle_program
+from analysis.reading.lap import Lap, lap_of
+from analysis.reading.tables import CircleTable
 from analysis.tests import circularity, pair, roll, yaw
 from analysis.tests.curve import smoothed
 from analysis.tests.turns import apart, beside, turns

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from analysis.kinematics.arm import forward
-from analysis.tables import PoseTable
+from analysis.reading.tables import PoseTable
 from analysis.tests import pose
 from rigs.errors import FileError
 

@@ -9,12 +9,12 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.cli import app
+from analysis.model.simulate import simulate
 from analysis.paper import targets
 from analysis.paper.pictures import save
 from analysis.paper.report import as_table
 from analysis.paper.rows import Row, rows_of
 from analysis.paper.runs import circle, curve_of, sphere, step
-from analysis.simulate import simulate
 from rigs.load import load
 from rigs.rig import Rig
 

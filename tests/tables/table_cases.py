@@ -6,10 +6,10 @@ from functools import cache
 
 import numpy as np
 
-from analysis.ball_link import readings
-from analysis.circle import SENSE, frame_of
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.kinematics.follow import follow
+from analysis.model.ball_link import readings
+from analysis.model.circle import SENSE, frame_of
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.vocabulary import Direction, TestName

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from table_cases import RIG_FILE, TESTS, circle_values, csv_text, plain, rig, rows_of, texts
 
-from analysis.csv_tables import table_from
 from analysis.files.imports import import_table
 from analysis.files.problems import TableFileError
 from analysis.files.read import parse_csv, read_csv
 from analysis.files.units import check_units
+from analysis.reading.csv_tables import table_from
 from rigs.errors import FileError
 from rigs.vocabulary import Direction, TestName
 

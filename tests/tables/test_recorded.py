@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from table_cases import JOINTS, RIG_FILE, circle_values, csv_text, plain, rig
 
-from analysis.csv_tables import columns_of
 from analysis.files.imports import import_table
 from analysis.files.read import read_csv
 from analysis.files.write import write_csv, write_new
-from analysis.loading import file_columns, measured_of
-from analysis.tables import CircleTable
+from analysis.reading.csv_tables import columns_of
+from analysis.reading.loading import file_columns, measured_of
+from analysis.reading.tables import CircleTable
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.store import RunWriter, read_run, recover, verify
 from rigs.errors import FileError

@@ -16,12 +16,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from table_cases import JOINTS, RIG_FILE, TESTS, Rows, csv_text, plain, rig, rows_of, texts
 
-from analysis.csv_tables import columns_of
 from analysis.files.imports import import_table
 from analysis.files.read import read_csv
 from analysis.files.write import write_csv, write_new, write_parquet
-from analysis.loading import file_columns, measured_of
-from analysis.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable
+from analysis.reading.csv_tables import columns_of
+from analysis.reading.loading import file_columns, measured_of
+from analysis.reading.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable
 from daq.store import load_manifest, read_run, recover, verify
 from daq.store.manifest import sha256
 from rigs.errors import CellError, FileError

@@ -7,9 +7,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from table_cases import JOINTS, TESTS, Rows, csv_text, plain, rig, scaled, texts
 
-from analysis.csv_tables import table_from
 from analysis.files.read import parse_csv
 from analysis.files.units import check_units
+from analysis.reading.csv_tables import table_from
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.tests import Hemisphere

@@ -13,11 +13,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.ball_link import angle
-from analysis.circle import frame_of
 from analysis.kinematics.arm import Array
-from analysis.programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
-from analysis.simulate import readings_along
+from analysis.model.ball_link import angle
+from analysis.model.circle import frame_of
+from analysis.model.programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
+from analysis.model.simulate import readings_along
 from analysis.tests.yaw import plain_figures
 from rigs.errors import FileError
 from rigs.rig import Rig

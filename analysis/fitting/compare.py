@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.estimate import Fit, fit, observe
-from analysis.evaluate import Evaluated, evaluate
+from analysis.fitting.estimate import Fit, fit, observe
 from analysis.kinematics.arm import Array
-from analysis.loading import Measured
-from analysis.predict import model_of, path_of, predict
-from analysis.results import Result, result_of
-from analysis.simulate import with_values
-from analysis.tables import PoseTable
+from analysis.model.predict import model_of, path_of, predict
+from analysis.model.simulate import with_values
+from analysis.reading.loading import Measured
+from analysis.reading.tables import PoseTable
+from analysis.reporting.evaluate import Evaluated, evaluate
+from analysis.reporting.results import Result, result_of
 from analysis.tests.circle import CircleResult
 from analysis.tests.pose import PoseResult
 from analysis.tests.radial import Radial

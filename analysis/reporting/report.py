@@ -12,9 +12,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.labels import LEADING, label
-from analysis.results import Result, by_test, pair_of
-from analysis.truth import Comparison, all_agree, verdict
+from analysis.reporting.labels import LEADING, label
+from analysis.reporting.results import Result, by_test, pair_of
+from analysis.reporting.truth import Comparison, all_agree, verdict
 from rigs.errors import FileError
 
 
@@ -92,7 +92,7 @@ def write_report(results: Sequence[Result], directory: Path) -> Path:
     """Pictures and report.html, which needs no other file. Raises FileError where nothing can be written."""
     from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415 - slow, needed here only
 
-    from analysis.plots import save_pictures  # noqa: PLC0415
+    from analysis.reporting.plots import save_pictures  # noqa: PLC0415
 
     environment = Environment(loader=PackageLoader("analysis"), autoescape=True, undefined=StrictUndefined)
     environment.filters["label"] = label

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.estimate import Observation
+from analysis.fitting.estimate import Observation
 
 _GROUPS = 20
 

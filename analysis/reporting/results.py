@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
 
-from analysis.evaluate import Evaluated, evaluate
-from analysis.loading import Measured, load_measured
-from analysis.quantity import Quantity
+from analysis.reading.loading import Measured, load_measured
+from analysis.reporting.evaluate import Evaluated, evaluate
+from analysis.reporting.quantity import Quantity
 from analysis.tests import circularity
 from analysis.tests.circle import CircleResult
 from analysis.tests.pair import Pair, pair

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from analysis.kinematics.arm import arm_of
-from analysis.lap import lap_of
-from analysis.programs import hemisphere_of
-from analysis.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
-from analysis.targets import target_angles
+from analysis.model.programs import hemisphere_of
+from analysis.model.targets import target_angles
+from analysis.reading.lap import lap_of
+from analysis.reading.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from analysis.tests import pose, radial, repeatability, roll, yaw
 from analysis.tests.circle import CircleResult
 from analysis.tests.pose import PoseResult

@@ -11,12 +11,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.circle import SENSE, CircleFrame, frame_of
 from analysis.kinematics.arm import Arm, Array, arm_of
 from analysis.kinematics.follow import follow
 from analysis.kinematics.newton import newton
-from analysis.tables import Integers
-from analysis.targets import hemisphere_frame, target_angles, target_poses
+from analysis.model.circle import SENSE, CircleFrame, frame_of
+from analysis.model.targets import hemisphere_frame, target_angles, target_poses
+from analysis.reading.tables import Integers
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.tests import Circle, Hemisphere, Repeatability

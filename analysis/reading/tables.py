@@ -1,7 +1,7 @@
 """What was measured, in the tables of measurement.md: the one form that every evaluation, simulation and fit takes.
 
 Recorded runs become tables by alignment, imported ones by reading; simulation fills the same tables.
-Angles are radians and lengths mm here; in files (`analysis.csv_tables`) degrees and mm.
+Angles are radians and lengths mm here; in files (`analysis.reading.csv_tables`) degrees and mm.
 """
 
 from __future__ import annotations

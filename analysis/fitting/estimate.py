@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.fitting.rigid import best_rigid, moved_by
 from analysis.kinematics.arm import Array
-from analysis.lap import lap_of
-from analysis.predict import Model, Path, SetUp, nominal_setup, path_of, predict
-from analysis.rigid import best_rigid, moved_by
-from analysis.tables import CircleTable, Integers, PoseTable, Table
+from analysis.model.predict import Model, Path, SetUp, nominal_setup, path_of, predict
+from analysis.reading.lap import lap_of
+from analysis.reading.tables import CircleTable, Integers, PoseTable, Table
 from rigs.effects import Effect, healthy_size, size_field
 
 _BALL_MM = 5.0

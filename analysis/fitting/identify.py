@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.estimate import Free, Observation, signatures
+from analysis.fitting.estimate import Free, Observation, signatures
 from analysis.kinematics.arm import Array
-from analysis.predict import Model, SetUp
+from analysis.model.predict import Model, SetUp
 from rigs.effects import Effect, size_field
 
 _SEEN = 0.1

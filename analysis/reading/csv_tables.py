@@ -9,7 +9,7 @@ import pyarrow as pa
 
 from analysis.files.layout import JOINTS, LAYOUTS, PLACE, TURN
 from analysis.kinematics.arm import Array
-from analysis.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.reading.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from rigs.errors import FileError
 from rigs.vocabulary import Direction, TestName
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 
-from analysis.csv_tables import columns_of
 from analysis.files.write import write_csv, write_new
-from analysis.simulate import simulate
+from analysis.model.simulate import simulate
+from analysis.reading.csv_tables import columns_of
 from daq.store import write_table_run
 from rigs.effects import Effect
 from rigs.rig import Rig

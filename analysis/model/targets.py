@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.tables import Integers
+from analysis.reading.tables import Integers
 from rigs.tests import Hemisphere
 
 _TILT_RAD = np.radians(20.0)

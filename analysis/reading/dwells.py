@@ -11,11 +11,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.align import Aligned
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.programs import TargetProgram, hemisphere_of, radial_program, repeatability_of, repeatability_program
-from analysis.tables import Integers, RadialTable, RepeatabilityTable
-from analysis.targets import hemisphere_frame
+from analysis.model.programs import (
+    TargetProgram,
+    hemisphere_of,
+    radial_program,
+    repeatability_of,
+    repeatability_program,
+)
+from analysis.model.targets import hemisphere_frame
+from analysis.reading.align import Aligned
+from analysis.reading.tables import Integers, RadialTable, RepeatabilityTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from analysis.estimate import Fit, Observation, fit, observe, residuals_of, rms, sizes
-from analysis.identify import Held, separate
-from analysis.loading import Measured
-from analysis.predict import Model, model_of
-from analysis.split import split
+from analysis.fitting.estimate import Fit, Observation, fit, observe, residuals_of, rms, sizes
+from analysis.fitting.identify import Held, separate
+from analysis.fitting.split import split
+from analysis.model.predict import Model, model_of
+from analysis.reading.loading import Measured
 from rigs.effects import VOCABULARY, Effect
 from rigs.errors import FileError
 from rigs.rig import Rig

@@ -12,9 +12,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.compare import Comparison
-from analysis.estimate import Fit
-from analysis.labels import LEADING, label
+from analysis.fitting.compare import Comparison
+from analysis.fitting.estimate import Fit
+from analysis.reporting.labels import LEADING, label
 from rigs.errors import FileError
 
 

@@ -12,15 +12,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.predict import Model, SetUp, model_of, nominal_setup, path_of, predict
-from analysis.programs import (
+from analysis.model.predict import Model, SetUp, model_of, nominal_setup, path_of, predict
+from analysis.model.programs import (
     circle_of,
     circle_program,
     radial_program,
     repeatability_of,
     repeatability_program,
 )
-from analysis.tables import CircleTable, RadialTable, RepeatabilityTable, Table
+from analysis.reading.tables import CircleTable, RadialTable, RepeatabilityTable, Table
 from rigs.effects import Effect, JointOffset
 from rigs.errors import FileError
 from rigs.rig import Rig

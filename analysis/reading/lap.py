@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.circle import SENSE, CircleFrame, frame_of
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.programs import circle_of
-from analysis.tables import CircleTable
+from analysis.model.circle import SENSE, CircleFrame, frame_of
+from analysis.model.programs import circle_of
+from analysis.reading.tables import CircleTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.vocabulary import Direction

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.clocks import Columns, Instants, gauge_instants, robot_instants
 from analysis.kinematics.arm import Array
+from analysis.reading.clocks import Columns, Instants, gauge_instants, robot_instants
 from daq.store import Run
 from rigs.errors import FileError
 from rigs.links import tcp_address

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.circle import frame_of, reversals
 from analysis.kinematics.arm import arm_of
-from analysis.programs import circle_program
+from analysis.model.circle import frame_of, reversals
+from analysis.model.programs import circle_program
 from rigs.rig import Rig
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from analysis.align import align
-from analysis.csv_tables import columns_of, table_from
-from analysis.dwells import radial_table, repeatability_table
-from analysis.tables import CircleTable, Table
+from analysis.reading.align import align
+from analysis.reading.csv_tables import columns_of, table_from
+from analysis.reading.dwells import radial_table, repeatability_table
+from analysis.reading.tables import CircleTable, Table
 from daq.store import Run, read_run
 from rigs.errors import FileError
 from rigs.load import parse

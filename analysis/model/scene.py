@@ -18,8 +18,8 @@ from typing import Literal
 
 import numpy as np
 
-from analysis.gravity import Load
 from analysis.kinematics.arm import Arm, Array
+from analysis.model.gravity import Load
 
 Stage = Literal["time", "arm", "joint", "tool", "setup", "gauge"]
 STAGES: tuple[Stage, ...] = ("time", "arm", "joint", "tool", "setup", "gauge")

@@ -10,10 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.circle import Reversal, frame_of, reversals
 from analysis.kinematics.arm import arm_of
-from analysis.programs import circle_of
-from analysis.results import Result
+from analysis.model.circle import Reversal, frame_of, reversals
+from analysis.model.programs import circle_of
+from analysis.reporting.results import Result
 from analysis.tests.circle import CircleResult
 from analysis.tests.pose import PoseResult
 from analysis.tests.radial import Radial

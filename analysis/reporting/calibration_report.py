@@ -12,9 +12,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.calibrate import Calibration, fitted_effects
-from analysis.identify import name_of
-from analysis.quantity import Quantity
+from analysis.fitting.calibrate import Calibration, fitted_effects
+from analysis.fitting.identify import name_of
+from analysis.reporting.quantity import Quantity
 from rigs.effects import Found, size_field
 from rigs.errors import FileError
 from rigs.extend import extended

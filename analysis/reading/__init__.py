@@ -1,0 +1,1 @@
+"""From runs and files to tables: times, alignment, stands at targets, columns."""

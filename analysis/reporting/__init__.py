@@ -1,0 +1,1 @@
+"""Results and how people and scripts see them: figures, tables, pictures, reports."""
