@@ -79,16 +79,18 @@ def radial_figure(result: Result, found: Radial) -> Figure:
         around.annotate(f"{ring}°", (0, -ring), fontsize=7, color=_GREY, ha="center", va="top")
     around.set_aspect("equal")
     around.set_axis_off()
-    around.set_title("seen along the axis, φ = 0° to the right", fontsize=9)
+    around.set_title("seen along the axis, azimuth 0° to the right", fontsize=9)
     figure.colorbar(dots, ax=around, label="deviation / mm", shrink=0.8)
     axes.errorbar(
         found.cells.target, deviation, found.spread_mm / 2, fmt="o", ms=4, lw=0.8, color=_INK["cw"],
         label="mean, with the range over orientations",
     )  # fmt: skip
-    axes.plot(found.cells.target[~found.used], deviation[~found.used], "x", color="red", label="left out")
+    if not found.used.all():
+        axes.plot(found.cells.target[~found.used], deviation[~found.used], "x", color="red", label="left out")
     _plain(axes, "target", "deviation from the sphere / mm")
     text = f"radius {result.figures['radius_mm']}\nerror band {result.figures['band_mm']}"
     axes.text(0.01, 0.98, text, transform=axes.transAxes, va="top", fontsize=9)
+    axes.margins(y=0.22)
     axes.legend(loc="lower left", fontsize=8)
     return figure
 
@@ -136,7 +138,7 @@ def raw_figure(results: Sequence[Result]) -> Figure:
     figure, panels = _panels(results, f"{test.capitalize()} angle and least-squares sine")
     for found, axes in zip(_circles(results), panels, strict=True):
         phi = np.degrees(found.phi) % 360
-        axes.plot(phi, np.degrees(found.angle), ".", ms=2, color=_INK[found.lap.direction], label="measured")
+        axes.plot(phi, np.degrees(found.angle), ".", ms=2, color=_INK[found.lap.direction], label="readings")
         whole = np.linspace(0, 2 * np.pi, 361)
         sine = f"sine, amplitude {found.figures['amplitude_deg']}"
         axes.plot(np.degrees(whole), np.degrees(found.sine(whole)), "-", lw=1, color="black", label=sine)
