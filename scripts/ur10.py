@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from analysis.files.write import write_csv, write_new
 from analysis.fitting.calibrate import Calibration, calibrate
-from analysis.fitting.estimate import Observation
+from analysis.fitting.observation import Observation
 from analysis.fitting.split import split
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.model.ball_link import readings
@@ -34,7 +34,7 @@ JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_j
 LINK_MM = 400.0
 FACING = np.radians(60)
 """A link cannot lean further away from the tool than this."""
-FIT = ("joint_offset", "link_geometry")
+FIT = "joint_offset,link_geometry"
 
 
 def read(path: Path) -> PoseTable:

@@ -38,12 +38,15 @@ def calibrate(
     from analysis.fitting.calibrate import calibrate_runs  # noqa: PLC0415
     from analysis.reading.loading import load_measured  # noqa: PLC0415
     from analysis.reporting import calibration_report  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
+    if output and output.exists():
+        raise FileError(str(output), "is there already", "give another --output, or remove it first")
     measured = [load_measured(path) for path in runs]
     judges = [load_measured(path) for path in hold_out or ()]
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
-    found = calibrate_runs(rig, measured, judges, fit.split(","), share=share, groups=groups, seed=seed)
+    found = calibrate_runs(rig, measured, judges, fit, share=share, groups=groups, seed=seed)
     if output:
         calibration_report.write_rig(found, text, [str(path.name) for path in runs], output)
     if as_json:

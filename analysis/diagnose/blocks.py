@@ -13,7 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.fitting.estimate import Fit, Observation, residuals_of
+from analysis.fitting.estimate import Fit
+from analysis.fitting.observation import Observation, residuals_of
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model
 from analysis.reading.lap import lap_of

@@ -1,4 +1,4 @@
-"""What only the rows together show: time that runs back, a second direction, joints that jump."""
+"""What a cell alone does not show: time that runs back, a second direction, joints that jump, targets that are none."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from analysis.files.cells import Value
 from analysis.files.layout import JOINTS, LAYOUTS
 from analysis.files.problems import Problem
 from analysis.kinematics.arm import Array
+from analysis.tests.places import target_count
 from rigs.rig import Rig
 from rigs.vocabulary import Direction, TestName
 
@@ -26,11 +27,13 @@ Columns = Mapping[str, Sequence[Value | None]]
 def check_sequence(
     columns: Columns, lines: list[int], test: TestName, rig: Rig, direction: Direction | None
 ) -> list[Problem]:
-    """Mistakes between rows; cells that are None are left out, they are mistakes already."""
+    """Mistakes between rows, and beside the rig; cells that are None are left out, they are mistakes already."""
     problems: list[Problem] = []
     known = LAYOUTS[test].known
     if "t_s" in known and "t_s" in columns:
         problems += _time(_numbers(columns["t_s"]), lines)
+    if "target" in known and rig.tests.hemisphere:
+        problems += _targets(columns["target"], lines, target_count(rig.tests.hemisphere))
     if "direction" in known:
         problems += _one_direction(columns["direction"], lines, direction)
         t_s = _numbers(columns["t_s"])
@@ -49,6 +52,14 @@ def _time(t_s: Array, lines: list[int]) -> list[Problem]:
     return [
         Problem(lines[there[k + 1]], "t_s", f"time does not grow: {t_s[there[k + 1]]:g} after {t_s[there[k]]:g}")
         for k in back
+    ]
+
+
+def _targets(values: Sequence[Value | None], lines: list[int], count: int) -> list[Problem]:
+    return [
+        Problem(line, "target", f"{value} is none of the {count} targets of the rig's hemisphere")
+        for line, value in zip(lines, values, strict=True)
+        if isinstance(value, int) and value > count
     ]
 
 

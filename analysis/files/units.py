@@ -15,6 +15,7 @@ from analysis.files.path import off_path
 from analysis.files.tracker_units import tracker
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.reading.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.tests.places import doubts_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -34,7 +35,7 @@ def check_units(table: Table, rig: Rig, where: str) -> list[str]:
         raise FileError(where, what, "convert them to degrees")
     for what, remedy in _mistakes(table, rig, places):
         raise FileError(where, what, remedy)
-    return _doubts(table, rig)
+    return [*_doubts(table, rig), *doubts_of(table, rig)]
 
 
 def _radians(table: Table, rig: Rig, as_read: Array, as_degrees: Array) -> bool:

@@ -7,22 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any
 
-from analysis.fitting.estimate import Fit, Observation, fit, observe, residuals_of, rms, sizes
+import numpy as np
+
+from analysis.fitting.choice import chosen
+from analysis.fitting.estimate import Fit, fit, sizes
 from analysis.fitting.identify import Held, separate
+from analysis.fitting.observation import Observation, observe, residuals_of, rms
 from analysis.fitting.split import split
 from analysis.model.predict import Model, model_of
 from analysis.reading.loading import Measured
-from rigs.effects import VOCABULARY, Effect
+from rigs.effects import Effect, size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
-
-_PER_AXIS = ("joint_offset", "backlash", "compliance", "reversal_spike", "servo_lag", "link_bending")
-_FIELDS: tuple[Literal["a", "alpha", "d", "beta"], ...] = ("a", "alpha", "d")
-"""Of link_geometry where no field is named; beta is one more than four parameters a joint need."""
-_ORDERS = (1.0, 2.0)
-"""Of transmission_error where none is named: an eccentric wheel, and twice that."""
 
 
 @dataclass(frozen=True)
@@ -37,45 +35,11 @@ class Calibration:
     after_mm: tuple[float, float]
 
 
-def chosen(words: Sequence[str]) -> list[Effect]:
-    """Effects of a list like `joint_offset`, `link_geometry:3.a`, `backlash:1`, `transmission_error:4:2`.
-
-    A name alone stands for all axes. Raises FileError for what is none.
-    """
-    return [effect for word in words for effect in _expanded(word)]
-
-
-def _expanded(word: str) -> list[Effect]:
-    name, _, place = word.partition(":")
-    place, _, order = place.partition(":")
-    if name not in VOCABULARY:
-        raise FileError(f"--fit {word}", "no such effect", f"one of {', '.join(VOCABULARY)}")
-    axis, _, field = place.partition(".")
-    axes = [int(axis)] if axis.isdigit() else list(range(1, 7))
-    if name == "link_geometry":
-        fields = [field] if field else list(_FIELDS)
-        made = [{"axis": k, "field": one} for k in axes for one in fields]
-    elif name == "transmission_error":
-        orders = [float(order)] if order else list(_ORDERS)
-        made = [{"axis": k, "order": n, "phase_deg": phase} for k in axes for n in orders for phase in (0.0, 90.0)]
-    elif name in _PER_AXIS:
-        made = [{"axis": k} for k in axes]
-    elif "gauge" in VOCABULARY[name].model_fields:
-        made = [{"gauge": place or gauge} for gauge in (["g1"] if place else ["g1", "g2"])]
-    else:
-        made = [{}]
-    try:
-        return [VOCABULARY[name].model_validate(fields) for fields in made]  # type: ignore[misc]
-    except ValueError as error:
-        what = str(error).splitlines()[2].strip() if len(str(error).splitlines()) > 2 else str(error)
-        raise FileError(f"--fit {word}", what, "write it like backlash:1 or link_geometry:3.a") from None
-
-
 def calibrate_runs(
     rig: Rig,
     runs: Sequence[Measured],
     judges: Sequence[Measured],
-    words: Sequence[str],
+    words: str,
     *,
     share: float,
     groups: bool,
@@ -95,31 +59,92 @@ def calibrate_runs(
 
 
 def calibrate(
-    rig: Rig, observations: Sequence[Observation], left_out: Sequence[Observation], words: Sequence[str]
+    rig: Rig, observations: Sequence[Observation], left_out: Sequence[Observation], words: str
 ) -> Calibration:
     """Fit the chosen effects on top of those in the rig file. Raises FileError where none can be fitted."""
     known = model_of(rig)
+    wanted_effects = chosen(words)
+    _enough(observations, len(wanted_effects))
     before = fit(known, observations)
-    model = replace(known, effects=(*known.effects, *chosen(words)))
-    wanted = [one for one in sizes(model.effects) if one.effect >= len(known.effects)]
+    model = replace(known, effects=(*known.effects, *wanted_effects))
+    wanted = [
+        replace(one, signed="phase_deg" in type(model.effects[one.effect]).model_fields)
+        for one in sizes(model.effects)
+        if one.effect >= len(known.effects)
+    ]
     free, held = separate(model, observations, wanted, before.setups, before.rms_mm)
     if not free:
         raise FileError("--fit", "these runs show none of the chosen effects", "choose others, or measure another test")
-    after = fit(model, observations, free, before.setups)
-    judged = [one for one in left_out if one.setup in before.setups]
+    kept = {one.effect for one in free}
+    effects = tuple(
+        effect if k < len(known.effects) or k in kept else effect.model_copy(update={size_field(effect): 0.0})
+        for k, effect in enumerate(model.effects)
+    )
+    after = fit(replace(model, effects=effects), observations, free, before.setups)
+    if after.rms_mm > before.rms_mm:
+        raise FileError("--fit", "the fit did not converge", "choose fewer effects")
     return Calibration(
-        known, before, after, held, _rms(before, observations, judged), _rms(after, observations, judged)
+        known, before, after, held, _rms(before, observations, left_out), _rms(after, observations, left_out)
     )
 
 
+def _enough(observations: Sequence[Observation], effects: int) -> None:
+    readings = sum(one.values.size for one in observations)
+    if readings < 3 * (effects + 5 * len({one.setup for one in observations})):
+        what = f"{readings} readings are too few for {effects} effects and the set-up"
+        raise FileError("--fit", what, "give more runs, leave out less, or choose fewer effects")
+
+
 def _rms(found: Fit, used: Sequence[Observation], left_out: Sequence[Observation]) -> tuple[float, float]:
+    """On the readings used and on those left out; the set-up of a test not used is fitted, the effects are not."""
     seen = rms(residuals_of(found.model, used, found.setups))
-    return seen, rms(residuals_of(found.model, left_out, found.setups)) if left_out else float("nan")
+    if not left_out:
+        return seen, float("nan")
+    others = [one for one in left_out if one.setup not in found.setups]
+    setups = found.setups | (fit(found.model, others).setups if others else {})
+    return seen, rms(residuals_of(found.model, left_out, setups))
 
 
-def fitted_effects(calibration: Calibration) -> list[tuple[Effect, dict[str, float]]]:
-    """The effects that were fitted, with what they came to, and the standard uncertainty of each parameter."""
-    found: dict[int, dict[str, float]] = {}
-    for one, sd in zip(calibration.after.free, calibration.after.sd, strict=True):
-        found.setdefault(one.effect, {})[one.field] = float(sd)
-    return [(calibration.after.model.effects[k], sd) for k, sd in sorted(found.items())]
+@dataclass(frozen=True)
+class Fitted:
+    """An effect as it came out, with the standard uncertainty of each parameter, in its own unit."""
+
+    effect: Effect
+    sd: dict[str, float]
+
+
+def fitted_effects(calibration: Calibration) -> list[Fitted]:
+    """The effects that were fitted; the two halves of a wave as one, with amplitude and phase."""
+    after = calibration.after
+    places = {one.effect: k for k, one in enumerate(after.free)}
+    found: list[Fitted] = []
+    waves: dict[str, list[int]] = {}
+    for effect, k in places.items():
+        one = after.free[k]
+        if one.signed:
+            whole = after.model.effects[effect].model_copy(update={one.field: 0.0, "phase_deg": 0.0})
+            waves.setdefault(repr(whole), []).append(effect)
+        else:
+            found.append(Fitted(after.model.effects[effect], {one.field: float(after.sd[k])}))
+    return found + [_whole(calibration, halves, places) for halves in waves.values()]
+
+
+def _whole(calibration: Calibration, halves: Sequence[int], places: dict[int, int]) -> Fitted:
+    """A sin(x) + B cos(x) as amplitude and phase, by linear propagation; one half alone keeps its phase."""
+    after = calibration.after
+    effects: list[Any] = [after.model.effects[k] for k in halves]
+    rows = [places[k] for k in halves]
+    angle = np.radians([effect.phase_deg for effect in effects])
+    field = after.free[rows[0]].field
+    part = np.array([getattr(effect, field) for effect in effects])
+    sine, cosine = float(part @ np.cos(angle)), float(part @ np.sin(angle))
+    amplitude = float(np.hypot(sine, cosine))
+    to_parts = np.stack([np.cos(angle), np.sin(angle)])
+    spread = to_parts @ after.covariance[np.ix_(rows, rows)] @ to_parts.T
+    along = np.array([sine, cosine]) / max(amplitude, 1e-300)
+    across = np.array([-along[1], along[0]])
+    sd = {field: float(np.sqrt(along @ spread @ along))}
+    if len(halves) == 2:
+        sd["phase_deg"] = float(np.degrees(np.sqrt(across @ spread @ across) / max(amplitude, 1e-300)))
+    phase = float(np.degrees(np.arctan2(cosine, sine)))
+    return Fitted(effects[0].model_copy(update={field: amplitude, "phase_deg": phase}), sd)

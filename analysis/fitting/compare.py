@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.fitting.estimate import Fit, fit, observe
+from analysis.fitting.estimate import Fit, fit
+from analysis.fitting.observation import observe
 from analysis.kinematics.arm import Array
 from analysis.model.predict import model_of, path_of, predict
 from analysis.model.simulate import with_values
@@ -16,7 +17,7 @@ from analysis.reading.tables import PoseTable
 from analysis.reporting.evaluate import Evaluated, evaluate
 from analysis.reporting.results import Result, result_of
 from analysis.tests.circle import CircleResult
-from analysis.tests.pose import PoseResult
+from analysis.tests.places import hold_targets
 from analysis.tests.radial import Radial
 from analysis.tests.repeatability import Repeatability
 from rigs.errors import FileError
@@ -46,6 +47,7 @@ def compare(runs: Sequence[Measured], rig: Rig) -> tuple[list[Comparison], Fit]:
             raise FileError(
                 str(run.path), "is a pose run, which has no gauges to compare", "use rig calibrate for poses"
             )
+        hold_targets(run.table, rig, str(run.path))
     observations = [observe(model, run.table, str(run.path)) for run in runs]
     found = fit(model, observations)
     return [_one(run, rig, found, residual) for run, residual in zip(runs, found.residuals, strict=True)], found
@@ -56,7 +58,7 @@ def _one(run: Measured, rig: Rig, found: Fit, residual: Array) -> Comparison:
     result = result_of(run)
     setup = found.setups[observe(found.model, run.table, str(run.path)).setup]
     values = predict(found.model, run.table, path_of(found.model, run.table), setup)
-    simulated = evaluate(with_values(run.table, values), rig, run.u_lag_s, f"{run.path}, simulated")
+    simulated = evaluate(with_values(run.table, values), rig, run.u_lag_s, f"{run.path}, simulated", u_gauge_mm=0.0)
     x, measured_curve, unit = curve(result.found)
     _, simulated_curve, _ = curve(simulated)
     correlation = float(np.corrcoef(measured_curve, simulated_curve)[0, 1]) if np.ptp(simulated_curve) else float("nan")
@@ -75,5 +77,4 @@ def curve(found: Evaluated) -> tuple[Array, Array, str]:
         case Repeatability():
             mean = np.nanmean(found.readings_mm, axis=2)
             return np.arange(mean.size, dtype=float), mean.ravel(), "mm"
-        case PoseResult():
-            return np.arange(len(found.position_mm), dtype=float), np.linalg.norm(found.position_mm, axis=1), "mm"
+    raise TypeError("poses have no gauges to compare")

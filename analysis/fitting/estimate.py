@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.fitting.observation import Observation, residuals_of, rms
 from analysis.fitting.rigid import best_rigid, moved_by
+from analysis.fitting.uncertainty import covariance
 from analysis.kinematics.arm import Array
-from analysis.model.predict import Model, Path, SetUp, nominal_setup, path_of, predict
-from analysis.reading.lap import lap_of
-from analysis.reading.tables import CircleTable, Integers, PoseTable, Table
+from analysis.model.predict import Model, SetUp, nominal_setup, predict
+from analysis.reading.tables import CircleTable, PoseTable, Table
 from rigs.effects import Effect, healthy_size, size_field
 
 _BALL_MM = 5.0
@@ -23,26 +24,8 @@ _BALL_MM = 5.0
 ball sits on its axis in a yaw test, where a wrong model would push it far away."""
 
 
-@dataclass(frozen=True)
-class Observation:
-    """One table to explain. rows (m,): which readings count; values (m, k) mm; a set-up is shared by its name."""
-
-    table: Table
-    path: Path
-    rows: Integers
-    values: Array
-    setup: str
-
-
-def observe(model: Model, table: Table, where: str) -> Observation:
-    """A table with its path, and its lap where it is a circle. Raises FileError for a circle that is none."""
-    if isinstance(table, CircleTable):
-        rows = np.searchsorted(table.t_s, lap_of(table, model.rig, where).t_s)
-        return Observation(table, path_of(model, table), rows, table.g_mm[rows], table.test)
-    rows = np.arange(len(table.q))
-    if isinstance(table, PoseTable):
-        return Observation(table, path_of(model, table), rows, table.xyz_mm, "pose")
-    return Observation(table, path_of(model, table), rows, table.g_mm[:, None], type(table).__name__)
+_INSIDE = 0.5
+"""A bounded size begins at least this many plausible sizes inside its bounds."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +35,8 @@ class Free:
     effect: int
     field: str
     scale: float
+    signed: bool = False
+    """Half of a wave (its sine or cosine part), which may be negative where the amplitude of a whole one may not."""
 
 
 def sizes(effects: Sequence[Effect]) -> list[Free]:
@@ -85,12 +70,6 @@ class Fit:
         return rms(self.residuals)
 
 
-def rms(residuals: Sequence[Array]) -> float:
-    """Root mean square of residuals (m, k) mm: per reading of a gauge, per distance of a place."""
-    squares = np.concatenate([(r**2).sum(axis=1) if r.shape[1] == 3 else (r**2).ravel() for r in residuals])
-    return float(np.sqrt(squares.mean()))
-
-
 def fit(
     model: Model,
     observations: Sequence[Observation],
@@ -106,26 +85,15 @@ def fit(
     found = least_squares(problem.residual, start, bounds=(low, high), x_scale="jac", jac=problem.jacobian)
     fitted, placed = problem.at(found.x)
     residuals = residuals_of(fitted, observations, placed)
-    count = sum(r.size for r in residuals)
-    J: Array = np.asarray(found.jac)
-    variance = 2 * found.cost / max(1, count - len(start))
-    covariance = np.linalg.pinv(J.T @ J, rcond=1e-14) * variance
-    p = len(problem.free)
+    first = len(start) - len(problem.free)
     scale = np.array([one.scale for one in problem.free])
-    last = covariance[len(start) - p :, len(start) - p :] * np.outer(scale, scale)
-    values: Array = np.asarray(found.x[len(start) - p :] * scale, dtype=float)
-    return Fit(fitted, placed, residuals, problem.free, values, np.asarray(last, dtype=float))
-
-
-def residuals_of(model: Model, observations: Sequence[Observation], setups: Mapping[str, SetUp]) -> list[Array]:
-    """Measured less predicted, (m, k) mm for each observation."""
-    found = []
-    for one in observations:
-        predicted = predict(model, one.table, one.path, setups[one.setup])
-        if isinstance(one.table, PoseTable):
-            predicted = predicted[:, [3, 7, 11]]
-        found.append(one.values - predicted[one.rows])
-    return found
+    values: Array = np.asarray(found.x[first:] * scale, dtype=float)
+    if not problem.free:
+        return Fit(fitted, placed, residuals, (), values, np.empty((0, 0)))
+    count = sum(r.size for r in residuals)
+    shrink = count / max(1, count - len(start))
+    whole = covariance(np.asarray(found.jac), fitted, observations, placed, shrink)
+    return Fit(fitted, placed, residuals, problem.free, values, whole[first:, first:] * np.outer(scale, scale))
 
 
 def signatures(
@@ -160,11 +128,14 @@ class _Problem:
         low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
         first = len(start) - len(self.free)
         for k, one in enumerate(self.free, start=first):
+            if one.signed:
+                continue
             metadata = type(self.model.effects[one.effect]).model_fields[one.field].metadata
             for bound in metadata:
                 low[k] = max(low[k], getattr(bound, "ge", -np.inf) / one.scale)
                 high[k] = min(high[k], getattr(bound, "le", np.inf) / one.scale)
-            start[k] = np.clip(start[k], low[k], high[k])
+            # On a bound the trust region has no room to begin with, and some effects have no slope at zero.
+            start[k] = np.clip(start[k], low[k] + _INSIDE, high[k] - _INSIDE)
         return low, high
 
     def at(self, x: Array) -> tuple[Model, dict[str, SetUp]]:
@@ -192,8 +163,9 @@ class _Problem:
         owner = [name for name, length in self._lengths.items() for _ in range(length)]
         for k in range(len(x)):
             step = np.zeros(len(x))
-            # Set-up terms are mm and rad; parameters are in plausible sizes. Both are happy with a thousandth.
-            step[k] = 1e-3 if x[k] <= 0 or k < len(owner) else -1e-3
+            # Set-up terms are mm and rad; parameters are in plausible sizes. Both are happy with a thousandth, upwards,
+            # where no bound is: upper ones are hundreds of plausible sizes away.
+            step[k] = 1e-3
             model, placed = self.at(x + step)
             for place, one in enumerate(self.observations):
                 if k >= len(owner) or owner[k] == one.setup:

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.fitting.estimate import Free, Observation, signatures
+from analysis.fitting.estimate import Free, signatures
+from analysis.fitting.observation import Observation
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp
 from rigs.effects import Effect, size_field

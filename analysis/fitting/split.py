@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.fitting.estimate import Observation
+from analysis.fitting.observation import Observation
+from rigs.errors import FileError
 
 _GROUPS = 20
 
@@ -30,6 +31,10 @@ def _neighbourhoods(one: Observation, share: float, rng: np.random.Generator) ->
     from scipy.cluster.vq import kmeans2  # noqa: PLC0415 - slow to import, needed here only
 
     q = one.table.q[one.rows]
+    if len(q) < 2 * _GROUPS:
+        raise FileError(
+            "--groups", f"{len(q)} readings make no neighbourhoods", "leave out single ones: without --groups"
+        )
     _, group = kmeans2(q, min(_GROUPS, len(q) // 5), minit="++", rng=rng)
     left_out = np.zeros(len(q), dtype=bool)
     for number in rng.permutation(group.max() + 1):

@@ -35,5 +35,10 @@ def turns(t_s: Array, x: Array) -> list[tuple[float, float]]:
     follower = play(x, _TURN_RAD / 2)
     moving = np.flatnonzero(np.diff(follower))
     direction = np.sign(np.diff(follower)[moving])
-    changes = np.flatnonzero(np.diff(direction))
-    return [(float(t_s[moving[k + 1]]), float(direction[k + 1])) for k in changes]
+    found = []
+    for k in np.flatnonzero(np.diff(direction)):
+        # The follower moves again only after the play; the turn itself was at the extreme before that.
+        between = slice(moving[k], moving[k + 1] + 1)
+        extreme = moving[k] + int(np.argmin(direction[k + 1] * x[between]))
+        found.append((float(t_s[extreme]), float(direction[k + 1])))
+    return found

@@ -21,11 +21,13 @@ from analysis.model.gravity import Load, load_of
 from analysis.model.programs import beside, circle_of, hemisphere_of, repeatability_of
 from analysis.model.scene import Scene
 from analysis.model.targets import hemisphere_frame, target_angles
-from analysis.reading.tables import CircleTable, Integers, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.reading.tables import CircleTable, Integers, PoseTable, RepeatabilityTable, Table
 from rigs.effects import Effect
 from rigs.rig import Rig
 
 _NOTHING = np.empty(0)
+_VISIT_S = 4.0
+"""From one target to the next, where a table has no time."""
 
 
 @dataclass(frozen=True)
@@ -85,21 +87,33 @@ def path_of(model: Model, table: Table) -> Path:
     """The motion behind a table: as recorded, or with the approaches that the test prescribes."""
     if isinstance(table, CircleTable):
         return Path(table.t_s, table.q, np.arange(len(table.q)))
-    if isinstance(table, RepeatabilityTable):
-        return _with_approaches(model, table)
-    t_s = table.t_s if isinstance(table, RadialTable) else np.zeros(len(table.q))
-    return Path(t_s, table.q, np.arange(len(table.q)))
+    t_s = np.zeros(len(table.q)) if isinstance(table, PoseTable) else table.t_s
+    came_from = _came_from(model, table) if isinstance(table, RepeatabilityTable) else None
+    return _standing(t_s, table.q, came_from)
 
 
-def _with_approaches(model: Model, table: RepeatabilityTable) -> Path:
-    """Before a reading approached from outside or inside, the place that the tool came from."""
+def _standing(t_s: Array, q: Array, came_from: Array | None) -> Path:
+    """The robot stands before, at and after each reading; came_from (m, 6): where it was just before, where known.
+
+    A table without time is taken as visited steadily.
+    """
+    steady = len(t_s) < 2 or np.diff(t_s).min() <= 0
+    t = _VISIT_S * np.arange(1.0, len(q) + 1) if steady else t_s
+    beat = _VISIT_S if len(t) < 2 else float(np.diff(t).min())
+    places = [q] * 3 if came_from is None else [came_from, q, q, q]
+    times = np.array([-0.3, 0.0, 0.3] if came_from is None else [-0.5, -0.3, 0.0, 0.3]) * beat
+    count = len(places)
+    path_t = (t[:, None] + times).ravel()
+    return Path(path_t, np.stack(places, axis=1).reshape(-1, 6), count * np.arange(len(q)) + count - 2)
+
+
+def _came_from(model: Model, table: RepeatabilityTable) -> Array:
+    """Where the tool was (m, 6) before each reading: outside, inside, or at the target where nobody knows."""
     frame = hemisphere_frame(hemisphere_of(model.rig))
     polar, azimuth = target_angles(hemisphere_of(model.rig))
     radius = frame.direction(polar[table.target - 1], azimuth[table.target - 1])
     side = np.select([table.approach == "out", table.approach == "in"], [1.0, -1.0], 0.0)
-    came_from = beside(model.arm, table.q, (side * repeatability_of(model.rig).approach_mm)[:, None] * radius)
-    q = np.stack([came_from, table.q], axis=1).reshape(-1, 6)
-    return Path(np.repeat(table.t_s, 2), q, np.arange(1, 2 * len(table.q), 2))
+    return beside(model.arm, table.q, (side * repeatability_of(model.rig).approach_mm)[:, None] * radius)
 
 
 def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:

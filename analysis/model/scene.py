@@ -46,11 +46,26 @@ class Scene:
     g_mm: Array
 
     def taken_at(self, t_s: Array) -> Scene:
-        """As reported at other instants t_s (n,), the ends held; a trace without time has no other instants."""
-        if len(self.t_s) < 2 or self.t_s[-1] <= self.t_s[0]:
-            return self
-        q = np.stack([np.interp(t_s, self.t_s, joint) for joint in self.q.T], axis=1)
+        """As reported at other instants t_s (n,)."""
+        q = self.reported_at(t_s)
         return replace(self, q=q, link_q=q)
+
+    def reported_at(self, t_s: Array) -> Array:
+        """Reported angles (n, 6) rad at instants t_s (n,), the ends held.
+
+        By cubics with the slopes of the samples: straight lines would be wrong by more than a millisecond's lag does.
+        A joint that stands beside a sample has no slope there.
+        """
+        t, q = self.t_s, self.q
+        slopes = np.gradient(q, t, axis=0)
+        stands = np.diff(q, axis=0) == 0
+        slopes[:-1][stands] = slopes[1:][stands] = 0.0
+        k = np.clip(np.searchsorted(t, t_s) - 1, 0, len(t) - 2)
+        width = (t[k + 1] - t[k])[:, None]
+        x = np.clip((t_s - t[k])[:, None] / width, 0.0, 1.0)
+        rise, begin = x * x * (3 - 2 * x), x * (1 - x) ** 2
+        angles: Array = q[k] + rise * (q[k + 1] - q[k]) + width * (begin * slopes[k] - x * x * (1 - x) * slopes[k + 1])
+        return angles
 
     def turned(self, axis: int, deviation: Array | float) -> Scene:
         """The link side of a joint (1 … 6) turned by a deviation (n,) rad."""

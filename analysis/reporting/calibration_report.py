@@ -15,7 +15,7 @@ from rich.text import Text
 from analysis.fitting.calibrate import Calibration, fitted_effects
 from analysis.fitting.identify import name_of
 from analysis.reporting.quantity import Quantity
-from rigs.effects import Found, size_field
+from rigs.effects import Found
 from rigs.errors import FileError
 from rigs.extend import extended
 
@@ -25,9 +25,10 @@ def as_table(found: Calibration) -> RenderableType:
     table = Table(title="value ± standard uncertainty", title_style="dim", header_style="bold")
     table.add_column("effect")
     table.add_column("value", justify="right")
-    for one, value, sd in zip(found.after.free, found.after.values, found.after.sd, strict=True):
-        effect = found.after.model.effects[one.effect]
-        table.add_row(name_of(effect, one.field), str(Quantity(float(value), float(sd), _unit(effect, one.field))))
+    for one in fitted_effects(found):
+        for field, sd in one.sd.items():
+            value = float(getattr(one.effect, field))
+            table.add_row(name_of(one.effect, field), str(Quantity(value, sd, _unit(one.effect, field))))
     gap = Table(title="unexplained, rms in µm", title_style="dim", header_style="bold")
     for heading in ("", "before", "after"):
         gap.add_column(heading, justify="right" if heading else "left")
@@ -43,14 +44,16 @@ def as_table(found: Calibration) -> RenderableType:
 def _unit(effect: object, field: str) -> str:
     if field == "delta":
         return "mm" if getattr(effect, "field", "") in ("a", "d") else "deg"
-    return field.rsplit("_", 1)[-1] if "_" in field else ""
+    if field.endswith("_Nm"):
+        return field.replace("_per_", "/")
+    return field.rsplit("_", 1)[-1] if "_" in field else {"ppm": "ppm"}.get(field, "")
 
 
 def as_object(found: Calibration) -> dict[str, Any]:
     """The same for scripts; lengths in mm, angles in degrees."""
     return {
         "effects": [
-            {**effect.model_dump(mode="json", exclude={"found"}), "sd": sd} for effect, sd in fitted_effects(found)
+            {**one.effect.model_dump(mode="json", exclude={"found"}), "sd": one.sd} for one in fitted_effects(found)
         ],
         "covariance": found.after.covariance.tolist(),
         "held": [{"what": held.what, "like": list(held.like)} for held in found.held],
@@ -67,10 +70,10 @@ def write_rig(found: Calibration, text: str, runs: Sequence[str], output: Path) 
     """The rig file with the fitted effects added, each with where it came from. Raises FileError where it exists."""
     gap_um = (round(found.before_mm[0] * 1e3, 3), round(found.after_mm[0] * 1e3, 3))
     effects = []
-    for effect, sd in fitted_effects(found):
-        origin = Found(date=dt.datetime.now(dt.UTC).date(), runs=tuple(runs), sd=sd, gap_um=gap_um)
-        value = float(f"{getattr(effect, size_field(effect)):.9g}")
-        effects.append(effect.model_copy(update={"found": origin, size_field(effect): value}))
+    for one in fitted_effects(found):
+        origin = Found(date=dt.datetime.now(dt.UTC).date(), runs=tuple(runs), sd=one.sd, gap_um=gap_um)
+        rounded = {field: float(f"{getattr(one.effect, field):.9g}") for field in one.sd}
+        effects.append(one.effect.model_copy(update={"found": origin, **rounded}))
     try:
         with output.open("x", encoding="utf-8") as file:
             file.write(extended(text, effects, str(output)))

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from analysis.fitting.compare import Comparison
 from analysis.fitting.estimate import Fit
-from analysis.reporting.labels import LEADING, label
+from analysis.reporting.labels import LEADING, in_order, label
 from rigs.errors import FileError
 
 
@@ -27,9 +27,8 @@ def _table(one: Comparison) -> Table:
     table = Table(title=f"{one.result.title} · {one.result.name}", header_style="bold", title_style="bold")
     for heading in ("", "measured", "simulated", "difference"):
         table.add_column(heading, justify="right" if heading else "left")
-    for name, figure in one.result.found.figures.items():
-        if name not in one.simulated.figures:
-            continue
+    for name in in_order(one.result.found.figures.keys() & one.simulated.figures.keys()):
+        figure = one.result.found.figures[name]
         simulated = one.simulated.figures[name].value
         cells = (str(figure), figure.rounded(simulated), figure.rounded(figure.value - simulated))
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")

@@ -9,6 +9,7 @@ from analysis.reading.lap import lap_of
 from analysis.reading.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from analysis.tests import pose, radial, repeatability, roll, yaw
 from analysis.tests.circle import CircleResult
+from analysis.tests.places import hold_targets
 from analysis.tests.pose import PoseResult
 from analysis.tests.radial import Radial
 from analysis.tests.repeatability import Repeatability
@@ -21,8 +22,13 @@ TRACKER_U_MM = 0.02
 """Standard uncertainty of one coordinate of a laser tracker at some metres, where a table says nothing of it."""
 
 
-def evaluate(table: Table, rig: Rig, u_lag_s: float, where: str) -> Evaluated:
-    """The figures of a table. Raises FileError where it is no good measurement of its test."""
+def evaluate(table: Table, rig: Rig, u_lag_s: float, where: str, u_gauge_mm: float | None = None) -> Evaluated:
+    """The figures of a table. u_gauge_mm: standard uncertainty of one reading, the rig file's where not given.
+
+    Raises FileError where it is no good measurement of its test.
+    """
+    u_mm = rig.gauges.g1.accuracy_mm if u_gauge_mm is None else u_gauge_mm
+    hold_targets(table, rig, where)
     match table:
         case CircleTable():
             if rig.gauges.g2 is None:
@@ -33,8 +39,8 @@ def evaluate(table: Table, rig: Rig, u_lag_s: float, where: str) -> Evaluated:
         case RadialTable():
             hemisphere = hemisphere_of(rig)
             expected = range(1, len(target_angles(hemisphere)[0]) + 1)
-            return radial.evaluate(table, hemisphere.radius_mm, rig.gauges.g1.accuracy_mm, where, expected)
+            return radial.evaluate(table, hemisphere.radius_mm, u_mm, where, expected)
         case RepeatabilityTable():
-            return repeatability.evaluate(table, rig.gauges.g1.accuracy_mm, where)
+            return repeatability.evaluate(table, u_mm, where)
         case PoseTable():
             return pose.evaluate(table, arm_of(rig.robot), TRACKER_U_MM, where=where)

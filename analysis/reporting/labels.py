@@ -1,18 +1,22 @@
-"""What the figures are called where people read them."""
+"""What the figures are called where people read them, and in which order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
 
 LEADING = frozenset({"band_deg", "band_mm", "uni_mm", "bi_mm", "rms_mm", "radius_mm"})
 """Printed bold: what the paper reports."""
 
 _LABELS = {
     "band_deg": "error band",
+    "max_at_deg": "  largest at φ",
+    "min_at_deg": "  smallest at φ",
     "amplitude_deg": "sine amplitude r",
     "shift_deg": "sine shift α",
     "offset_deg": "sine offset A",
     "eccentricity_mm": "eccentricity",
     "eccentricity_u_mm": "  along u (φ = 0°)",
     "eccentricity_v_mm": "  along v (φ = 90°)",
-    "max_at_deg": "  largest at φ",
-    "min_at_deg": "  smallest at φ",
     "range_deg": "range with the sine",
     "range_max_at_deg": "  largest at φ",
     "range_min_at_deg": "  smallest at φ",
@@ -34,14 +38,14 @@ _LABELS = {
     "held_band_mm": "error band, centre held",
     "spread_mm": "range over orientations, largest",
     "spread_mean_mm": "range over orientations, mean",
-    "ap_mm": "accuracy AP (ISO 9283)",
-    "ap_mean_mm": "  mean",
-    "rp_mm": "repeatability RP (ISO 9283)",
-    "rp_mean_mm": "  mean",
     "uni_mm": "uni-directional range",
     "uni_mean_mm": "  mean over targets",
     "bi_mm": "bi-directional range",
     "bi_mean_mm": "  mean over targets",
+    "ap_mm": "accuracy AP (ISO 9283)",
+    "ap_mean_mm": "  mean",
+    "rp_mm": "repeatability RP (ISO 9283)",
+    "rp_mean_mm": "  mean",
     "r_out_mm": "R↓ from outside (ISO 230-2)",
     "r_in_mm": "R↑ from inside (ISO 230-2)",
     "r_mm": "bi-directional R (ISO 230-2)",
@@ -53,7 +57,19 @@ _LABELS = {
     "rms_deg": "orientation error, rms",
     "max_deg": "  largest",
     "repeat_mm": "scatter of one coordinate",
+    "ap_a_deg": "accuracy AP a, about x",
+    "ap_b_deg": "accuracy AP b, about y",
+    "ap_c_deg": "accuracy AP c, about z",
+    "rp_a_deg": "repeatability RP a, about x",
+    "rp_b_deg": "repeatability RP b, about y",
+    "rp_c_deg": "repeatability RP c, about z",
 }
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Names of figures in the order of the labels, each once, so that a line's details stand under it; others last."""
+    place = {name: k for k, name in enumerate(_LABELS)}
+    return sorted(dict.fromkeys(names), key=lambda name: place.get(name, len(place)))
 
 
 def label(name: str) -> str:

@@ -12,7 +12,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.reporting.labels import LEADING, label
+from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.results import Result, by_test, pair_of
 from analysis.reporting.truth import Comparison, all_agree, verdict
 from rigs.errors import FileError
@@ -26,7 +26,7 @@ def as_tables(results: Sequence[Result], truths: Sequence[dict[str, Comparison]]
         parts.append(_table(group, known))
         both = pair_of(group)
         if both:
-            told = "; ".join(f"{label(name)} {figure}" for name, figure in both.figures.items())
+            told = "; ".join(f"{label(name).strip()} {both.figures[name]}" for name in in_order(both.figures))
             parts.append(Text(f"acw against cw: {told}", style="dim"))
     if truths:
         parts.append(Text(verdict(truths), style="green" if all_agree(truths) else "bold red"))
@@ -39,7 +39,7 @@ def _table(group: Sequence[Result], known: dict[int, dict[str, Comparison]]) -> 
     table.add_column("")
     for result in group:
         table.add_column(f"{result.title}\n[dim]{result.name}[/dim]", justify="right")
-    for name in dict.fromkeys(name for result in group for name in result.figures):
+    for name in in_order(name for result in group for name in result.figures):
         cells = [_cell(result, name, known.get(id(result), {})) for result in group]
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
     table.add_row("samples", *(str(result.found.samples) for result in group), style="dim")
@@ -102,7 +102,7 @@ def write_report(results: Sequence[Result], directory: Path) -> Path:
         sections = [
             {
                 "results": group,
-                "names": list(dict.fromkeys(name for result in group for name in result.figures)),
+                "names": in_order(name for result in group for name in result.figures),
                 "pair": pair_of(group),
                 "pictures": [base64.b64encode(path.read_bytes()).decode() for path in save_pictures(group, directory)],
             }

@@ -13,6 +13,7 @@ from analysis.reporting.quantity import Quantity
 from analysis.tests import circularity
 from analysis.tests.circle import CircleResult
 from analysis.tests.pair import Pair, pair
+from analysis.tests.places import doubts_of
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ class Result:
     @property
     def doubts(self) -> tuple[str, ...]:
         """What a person should know before trusting the figures, in words."""
-        return (*self.measured.doubts, *self.found.notes)
+        return (*self.measured.doubts, *doubts_of(self.measured.table, self.measured.rig), *self.found.notes)
 
 
 def analyse_run(path: Path) -> Result:

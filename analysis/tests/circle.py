@@ -16,6 +16,7 @@ from analysis.model.ball_link import angle
 from analysis.reading.lap import Lap
 from analysis.reporting.quantity import Quantity, figures_of
 from analysis.tests.checks import hold_alive, hold_numbers, hold_radius
+from analysis.tests.circularity import fit_circle
 from analysis.tests.curve import DRAWS, SEED, Curve, curve_of, stacked
 from rigs.errors import FileError
 
@@ -111,6 +112,13 @@ def evaluate_angle(
     noise_deg = float(np.degrees(curve.noise))
     residual = y - sine(lap.phi)
     return CircleResult(lap, lap.phi, y, residual, sine, noise_deg, figures, len(y), lap.notes, curve, u_lag_s, u_scale)
+
+
+def eccentricities(result: CircleResult) -> tuple[Array, Array]:
+    """Where the ball lies from the centre along u and v, (2,) mm each: by the angle of a yaw, and by the distance."""
+    radius = result.lap.frame.radius
+    by_angle = radius * np.array([-result.sine.a, result.sine.b])
+    return by_angle, fit_circle(result.phi, result.lap.g_mm.mean(axis=1), radius)[:2]
 
 
 def sine_figures(phi: Array, y: Array) -> dict[str, float]:

@@ -29,7 +29,7 @@ from analysis.tests.standards import pooled_sd, rp
 from rigs.errors import FileError
 
 _FEWEST = 6
-_RANGES = ("band_mm", "held_band_mm", "spread_mm", "spread_mean_mm", "ap_mm")
+_RANGES = frozenset({"band_mm", "held_band_mm", "spread_mm", "spread_mean_mm", "ap_mm"})
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,11 @@ class Cells:
     def by_orientation(self) -> Array:
         """Mean (t, o) over visits, NaN where there is none."""
         return _mean(self.g_mm)
+
+    @property
+    def by_visit(self) -> Array:
+        """Every reading (t, o·r) of a target, NaN where there is none."""
+        return self.g_mm.reshape(len(self.g_mm), -1)
 
     def only(self, rows: NDArray[np.bool_]) -> Cells:
         """Without the other targets."""
@@ -82,25 +87,26 @@ def evaluate(
 
     figures: radius_mm and centre_x_mm, _y, _z (from the ball) of the least-squares sphere, band_mm about it;
     held_radius_mm and held_band_mm with the centre held at the ball; spread_mm and spread_mean_mm, largest and mean
-    range over orientations; ap_mm, largest |mean g| of a target (ISO 9283 AP along the radius); where targets
-    were visited three times, rp_mm and rp_mean_mm. Raises FileError.
+    range over orientations where there are several; ap_mm, largest |mean g| of a target (ISO 9283 AP along the
+    radius); where targets were visited three times, rp_mm and rp_mean_mm. Raises FileError.
     """
     hold_radius(where, radius_mm)
     _hold(table, radius_mm, where)
     cells = _cells(table, where)
     points = (radius_mm + _mean(cells.by_orientation))[:, None] * cells.direction
     _hold_sphere(points, where)
-    far = far_off(points)
+    readings = (radius_mm + cells.by_visit)[..., None] * cells.direction[:, None, :]
+    far = far_off(readings)
     used = cells.only(~far)
     free, held = free_sphere(points[~far]), held_sphere(points[~far])
     scatter, freedom = pooled_sd(used.g_mm.reshape(-1, used.g_mm.shape[-1], 1))
     u = max(u_mm, scatter)
     values, draws = _drawn(used, free, radius_mm, u, u_link_mm)
     samples = int(np.isfinite(used.g_mm).sum())
-    figures = figures_of(values, draws, samples, {name: values[name] for name in _RANGES})
+    figures = figures_of(values, draws, samples, {name: values[name] for name in _RANGES & values.keys()})
     figures |= _repeatability(used, scatter, freedom)
     means = cells.by_orientation
-    notes = _missing(cells, expected) + _left_out(cells, far, points, free)
+    notes = _missing(cells, expected) + _left_out(cells, far, readings, free)
     spread = np.nanmax(means, axis=1) - np.nanmin(means, axis=1)
     return Radial(cells, _mean(means), spread, ~far, points, free, held, u, figures, samples, notes)
 
@@ -120,7 +126,6 @@ def _drawn(
     answer = shift @ np.linalg.pinv(free.design).T
     residual = free.residual + shift - answer @ free.design.T
     distance = radius_mm + _mean(by_orientation)
-    spread = np.nanmax(by_orientation, axis=-1) - np.nanmin(by_orientation, axis=-1)
     every = {
         "radius_mm": free.radius + answer[:, 3] + link,
         "centre_x_mm": free.centre[0] + answer[:, 0],
@@ -129,10 +134,11 @@ def _drawn(
         "band_mm": np.ptp(residual, axis=1),
         "held_radius_mm": distance.mean(axis=1) + link,
         "held_band_mm": np.ptp(distance, axis=1),
-        "spread_mm": spread.max(axis=1),
-        "spread_mean_mm": spread.mean(axis=1),
         "ap_mm": np.abs(distance + link[:, None] - radius_mm).max(axis=1),
     }
+    if cells.g_mm.shape[1] > 1:
+        spread = np.nanmax(by_orientation, axis=-1) - np.nanmin(by_orientation, axis=-1)
+        every |= {"spread_mm": spread.max(axis=1), "spread_mean_mm": spread.mean(axis=1)}
     return {name: float(draws[0]) for name, draws in every.items()}, {name: draws[1:] for name, draws in every.items()}
 
 
@@ -192,11 +198,13 @@ def _missing(cells: Cells, expected: Collection[int]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _left_out(cells: Cells, far: NDArray[np.bool_], points: Array, free: Sphere) -> tuple[str, ...]:
-    off = np.linalg.norm(points - free.centre, axis=1) - free.radius
-    rest = float(np.abs(free.residual).max())
+def _left_out(cells: Cells, far: NDArray[np.bool_], readings: Array, free: Sphere) -> tuple[str, ...]:
+    """readings (t, o, 3) mm from the ball."""
+    off = np.linalg.norm(readings - free.centre, axis=-1) - free.radius
+    rest = float(np.nanmax(np.abs(off[~far])))
     return tuple(
-        f"target {cells.target[k]} left out: {off[k]:+.3f} mm off the sphere, the others within {rest:.3f} mm"
+        f"target {cells.target[k]} left out: a reading {off[k, np.nanargmax(np.abs(off[k]))]:+.3f} mm off the sphere, "
+        f"those of the others within {rest:.3f} mm"
         for k in np.flatnonzero(far)
     )
 

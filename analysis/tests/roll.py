@@ -15,8 +15,12 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.reading.lap import Lap
-from analysis.tests.circle import CircleResult, evaluate_angle, fit_sine, sine_figures
+from analysis.tests.circle import CircleResult, eccentricities, evaluate_angle, fit_sine, sine_figures
 from analysis.tests.curve import noise_sd, smoothed
+
+_CLEAR_MM = 0.2
+_ALIKE = 0.3
+"""A robot's own sine is as large as an eccentricity of _CLEAR_MM, and points its way, by chance only."""
 
 
 def evaluate(
@@ -32,7 +36,16 @@ def evaluate(
     result = evaluate_angle(lap, baseline_mm, baseline_u_mm, u_lag_s, plain_figures, where)
     height = lap.frame.radius * np.tan(result.sine.A)
     note = f"the offset is the ball {height:.3f} mm along n, or the gauges' zeros, or both: roll cannot tell"
-    return dataclasses.replace(result, notes=(*result.notes, note))
+    return dataclasses.replace(result, notes=(*result.notes, note, *_like_yaw(result)))
+
+
+def _like_yaw(result: CircleResult) -> tuple[str, ...]:
+    """Whether the angle's sine is that which a yaw run shows of the ball that the distance tells."""
+    as_yaw, by_distance = eccentricities(result)
+    size = float(np.linalg.norm(by_distance))
+    if size < _CLEAR_MM or np.linalg.norm(as_yaw - by_distance) > _ALIKE * size:
+        return ()
+    return (f"this looks like a yaw run: the angle's sine is that of the {size:.2f} mm that the ball is off centre",)
 
 
 def plain_figures(phi: Array, y: Array, radius_mm: float) -> dict[str, float]:

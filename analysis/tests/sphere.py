@@ -1,10 +1,11 @@
 """Least-squares sphere through points seen from a ball, and which of them do not belong to it.
 
-A point is left out only where it is far beyond: (1) more than six robust standard deviations (scaled median of
-absolute residuals) from a sphere fitted with the soft_l1 loss, which a few bad points barely move, and
-(2) beyond, with a probability of 1 in 1000 over all points, what the least-squares sphere of the rest
-predicts for it (Student's t of the deleted residual, Bonferroni over the points; Cook and Weisberg 1982), and
-(3) no more than one point in five is. Otherwise the odd points are the robot, and stay.
+A target is left out only where no robot error explains it, since what a robot does is what is measured: plays make
+a few targets differ from the others by much more than those do among themselves. So one of its readings must lie
+(1) more than 2 mm and (2) more than ten robust standard deviations of all readings (scaled median of absolute
+residuals) from a sphere fitted with the soft_l1 loss, which a few bad readings barely move, and (3) no more than one
+target in ten (or a single one) may be so. A wrong place is off in all orientations, a slip of the gauge in one.
+Otherwise every target stays.
 """
 
 from __future__ import annotations
@@ -16,9 +17,11 @@ from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
 
-_FAR = 6.0
-_CHANCE = 0.001
-_MOST = 0.2
+_GROSS_MM = 2.0
+"""More than the largest play that the paper reports (Oh 2019, figure 15: 1.567 mm)."""
+_SPREADS = 10.0
+_MOST = 0.1
+_FEWEST = 6
 
 
 @dataclass(frozen=True)
@@ -37,8 +40,7 @@ def free_sphere(points: Array) -> Sphere:
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, needed here only
 
     def misfit(x: Array) -> Array:
-        values: Array = np.linalg.norm(points - x[:3], axis=1) - x[3]
-        return values
+        return _off(points, x)
 
     def slope(x: Array) -> Array:
         return _design(points, x[:3])
@@ -61,35 +63,36 @@ def conditioned(points: Array) -> bool:
 
 
 def far_off(points: Array) -> NDArray[np.bool_]:
-    """Which of the points (n, 3) mm are far off the sphere of the others, by the rule above: (n,)."""
-    from scipy.optimize import least_squares  # noqa: PLC0415
-    from scipy.stats import t as student  # noqa: PLC0415
+    """Which targets (t,) are left out, by the rule above; points (t, o, 3) mm of o readings, NaN where none is."""
+    distance = _off_robust(points)
+    gross = max(_GROSS_MM, _SPREADS * _spread(distance[np.isfinite(distance)]))
+    far = np.any(np.abs(distance) > gross, axis=1)
+    means = np.nanmean(points[~far], axis=1)
+    if far.sum() > max(1, _MOST * len(far)) or len(means) < _FEWEST or not conditioned(means):
+        return np.zeros(len(points), dtype=bool)
+    return np.asarray(far)
 
-    count = len(points)
-    start = np.append(np.zeros(3), np.median(np.linalg.norm(points, axis=1)))
+
+def _off_robust(points: Array) -> Array:
+    """Distance (t, o) mm of each reading from a sphere that a few bad ones barely move."""
+    from scipy.optimize import least_squares  # noqa: PLC0415
+
+    there = points[np.isfinite(points).all(axis=-1)]
 
     def misfit(x: Array) -> Array:
-        values: Array = np.linalg.norm(points - x[:3], axis=1) - x[3]
-        return values
+        return _off(there, x)
 
-    robust = start
+    robust = np.append(np.zeros(3), np.median(np.linalg.norm(there, axis=1)))
     for _ in range(3):
         scale = max(_spread(misfit(robust)), 1e-6)
         robust = least_squares(misfit, robust, loss="soft_l1", f_scale=scale, x_scale=[1.0, 1.0, 1.0, 1.0]).x
-    odd = np.abs(misfit(robust)) > _FAR * max(_spread(misfit(robust)), 1e-6)
-    rest = ~odd
-    if not odd.any() or odd.sum() > _MOST * count or rest.sum() < 6 or not conditioned(points[rest]):
-        return np.zeros(count, dtype=bool)
-    sphere = free_sphere(points[rest])
-    freedom = int(rest.sum()) - 4
-    variance = float(sphere.residual @ sphere.residual) / freedom
-    slopes = -_design(points, sphere.centre)
-    inverse = np.linalg.inv(sphere.design.T @ sphere.design)
-    expected = np.sqrt(variance * (1.0 + np.einsum("ni,ij,nj->n", slopes, inverse, slopes)))
-    deleted = np.linalg.norm(points - sphere.centre, axis=1) - sphere.radius
-    beyond = np.abs(deleted) > student.ppf(1 - _CHANCE / (2 * count), freedom) * expected
-    far: NDArray[np.bool_] = odd & beyond
-    return far
+    return _off(points, np.asarray(robust))
+
+
+def _off(points: Array, x: Array) -> Array:
+    """Distance (...,) of points (..., 3) from the sphere x: centre and radius."""
+    values: Array = np.linalg.norm(points - x[:3], axis=-1) - x[3]
+    return values
 
 
 def _design(points: Array, centre: Array) -> Array:

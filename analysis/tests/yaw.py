@@ -3,17 +3,18 @@
 The angle between link and tool over circle angle phi is a sine, since the base-ball never sits in the
 circle's centre: yaw = atan2(-e_u sin + e_v cos, R - …), whose first harmonic is (-e_u sin + e_v cos)/R exactly.
 The distance, the mean of the gauges, tells the same eccentricity a second time. Where the two are opposite,
-the gauges are swapped.
+the gauges are swapped; where they differ grossly, a note says so.
 """
 
 from __future__ import annotations
+
+import dataclasses
 
 import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.reading.lap import Lap
-from analysis.tests.circle import CircleResult, Sine, evaluate_angle, fit_sine, sine_figures
-from analysis.tests.circularity import fit_circle
+from analysis.tests.circle import CircleResult, Sine, eccentricities, evaluate_angle, fit_sine, sine_figures
 from analysis.tests.curve import noise_sd
 from rigs.errors import FileError
 
@@ -22,6 +23,9 @@ __all__ = ["Sine", "Yaw", "evaluate", "fit_sine", "noise_sd", "plain_figures"]
 Yaw = CircleResult
 _CLEAR_MM = 0.1
 """An eccentricity from here on tells which gauge is which; below it the robot's own errors might."""
+_APART_MM = 0.2
+_APART = 0.5
+"""Eccentricities that differ by more than both, the second a share of the larger, are hardly of one ball."""
 
 
 def evaluate(
@@ -34,8 +38,9 @@ def evaluate(
     Raises FileError, for swapped gauges too.
     """
     result = evaluate_angle(lap, baseline_mm, baseline_u_mm, u_lag_s, plain_figures, where)
-    _hold_order(result, where)
-    return result
+    by_angle, by_distance = eccentricities(result)
+    _hold_order(by_angle, by_distance, where)
+    return dataclasses.replace(result, notes=result.notes + _disagree(by_angle, by_distance))
 
 
 def plain_figures(phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
@@ -48,10 +53,17 @@ def plain_figures(phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
     }
 
 
-def _hold_order(result: CircleResult, where: str) -> None:
-    radius = result.lap.frame.radius
-    by_angle = radius * np.array([-result.sine.a, result.sine.b])
-    by_distance = fit_circle(result.phi, result.lap.g_mm.mean(axis=1), radius)[:2]
+def _disagree(by_angle: Array, by_distance: Array) -> tuple[str, ...]:
+    apart = float(np.linalg.norm(by_angle - by_distance))
+    if apart < max(_APART_MM, _APART * max(float(np.linalg.norm(e)) for e in (by_angle, by_distance))):
+        return ()
+    return (
+        f"the eccentricity by the angle and by the distance lie {apart:.2f} mm apart: "
+        "a gauge's sign, scale or order may be wrong",
+    )
+
+
+def _hold_order(by_angle: Array, by_distance: Array, where: str) -> None:
     length = float(np.linalg.norm(by_distance))
     # Opposite within a half: robot errors may turn or stretch one of the two a little, never around.
     if length > _CLEAR_MM and np.linalg.norm(by_angle + by_distance) < 0.5 * length:

@@ -9,7 +9,8 @@ from analysis.diagnose.blocks import Block, blocks_of
 from analysis.diagnose.candidates import candidates_for
 from analysis.diagnose.response import Response
 from analysis.diagnose.search import Explained, Search
-from analysis.fitting.estimate import fit, observe
+from analysis.fitting.estimate import fit
+from analysis.fitting.observation import observe
 from analysis.model.predict import model_of
 from analysis.model.simulate import simulate
 from rigs.effects import Backlash, Effect, JointOffset, ServoLag, TransmissionError

@@ -1,7 +1,7 @@
 """Planted and recovered: each test's figures measured many times from closed forms with noise, beside what was planted.
 
-Nothing here uses the simulator. Run as a script (`scripts/planted`) it prints, for every figure, in how many fresh seeds
-the planted value lay within 2 u.
+Nothing here uses the simulator. Run as a script (`scripts/planted`) it prints, for every figure, in how many fresh
+seeds the planted value lay within 2 u.
 """
 
 import sys

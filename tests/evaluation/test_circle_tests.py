@@ -10,10 +10,13 @@ from analysis.kinematics.arm import arm_of, forward
 from analysis.model.ball_link import readings
 from analysis.model.circle import Reversal, frame_of, reversals
 from analysis.model.programs import circle_of, circle_program
+from analysis.model.simulate import simulate
 from analysis.reading.lap import Lap, lap_of
 from analysis.reading.tables import CircleTable
+from analysis.reporting.evaluate import evaluate
 from analysis.tests import circularity, pair, roll, yaw
 from analysis.tests.curve import smoothed
+from analysis.tests.places import doubts_of
 from analysis.tests.turns import apart, beside, turns
 from rigs.errors import FileError
 from rigs.load import load
@@ -94,6 +97,30 @@ def test_swapped_gauges_are_told_by_the_distance() -> None:
     with pytest.raises(FileError, match="g1 and g2 are swapped"):
         yaw.evaluate(_lap(g[:, ::-1]), 50.0, 0.02, 1e-3)
     yaw.evaluate(_lap(_ball("yaw", (0.03, -0.02, 0.0))[:, ::-1]), 50.0, 0.02, 1e-3)  # too centred to know
+
+
+def test_eccentricities_that_disagree_are_told() -> None:
+    good = _ball("yaw", (0.6, -0.4, 0.0))
+    assert yaw.evaluate(_lap(good), 50.0, 0.02, 1e-3).notes == ()
+    for wrong in (good * [1, -1], good * [1, 0.2], 1.0 + _ball("roll", (0.6, -0.4, 0.3))):
+        (note,) = yaw.evaluate(_lap(wrong), 50.0, 0.02, 1e-3).notes
+        assert "mm apart: a gauge's sign, scale or order may be wrong" in note
+
+
+def test_a_yaw_run_labelled_roll_is_told() -> None:
+    notes = roll.evaluate(_lap(_ball("yaw", (0.6, -0.4, 0.0))), 50.0, 0.02, 1e-3).notes
+    assert "this looks like a yaw run" in notes[-1]
+    assert len(roll.evaluate(_lap(_ball("roll", (0.6, -0.4, 0.3))), 50.0, 0.02, 1e-3).notes) == 1
+
+
+@pytest.mark.parametrize("name", ["paper-fanuc", "ur10e", "paper-errors"])
+@pytest.mark.parametrize("test", ["yaw", "roll", "radial", "repeatability"])
+def test_a_good_run_is_not_doubted(name: str, test: str) -> None:
+    rig, _ = load(name)
+    table = simulate(rig, test, "acw" if test in ("yaw", "roll") else None, 1)
+    notes = evaluate(table, rig, 0.0, name).notes
+    assert not [note for note in notes if "may be wrong" in note or "looks like" in note]
+    assert doubts_of(table, rig) == ()
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,11 @@ import numpy as np
 import planted
 import pytest
 
+from analysis.model.simulate import simulate
+from analysis.reporting.evaluate import evaluate
 from analysis.tests import radial, repeatability
 from rigs.errors import FileError
+from rigs.load import load
 
 TABLE = planted.hemisphere()
 
@@ -43,6 +46,55 @@ def test_a_bad_target_is_named_and_left_out_and_no_other() -> None:
         assert result.figures["radius_mm"].value == pytest.approx(clean.figures["radius_mm"].value, abs=0.05)
     two = _radial(g + 4.0 * np.isin(TABLE.target, (12, 13)))
     assert set(two.cells.target[~two.used]) == {12, 13}
+
+
+def test_one_slip_among_the_orientations_leaves_its_target_out() -> None:
+    g = planted.true_radial(TABLE)
+    slip = (TABLE.target == 12) & (TABLE.orientation == 2)
+    result = _radial(g - 5.0 * slip)
+    assert list(result.cells.target[~result.used]) == [12]
+
+
+@pytest.mark.parametrize("name", ["paper-fanuc", "ur10e", "paper-errors"])
+def test_plays_leave_no_target_out_but_a_wrong_place_is(name: str) -> None:
+    """What plays do comes in two kinds, few targets far from the many: that is the robot."""
+    rig, _ = load(name)
+    for seed in range(3):
+        table = simulate(rig, "radial", None, seed)
+        found = evaluate(table, rig, 0.0, name)
+        assert found.used.all(), found.notes
+        off = dataclasses.replace(table, g_mm=table.g_mm + 5.0 * (table.target == 16))
+        found = evaluate(off, rig, 0.0, name)
+        assert list(found.cells.target[~found.used]) == [16]
+
+
+def test_one_orientation_has_no_range_over_orientations() -> None:
+    part = {
+        name: getattr(TABLE, name)[TABLE.orientation == 1]
+        for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")
+    }
+    figures = _radial(planted.true_radial(TABLE)[TABLE.orientation == 1], **part).figures
+    assert "band_mm" in figures
+    assert not {"spread_mm", "spread_mean_mm"} & figures.keys()
+
+
+def test_a_target_that_the_hemisphere_does_not_have_is_refused() -> None:
+    rig, _ = load("paper-fanuc")
+    for test in ("radial", "repeatability"):
+        table = simulate(rig, test, None, 1)
+        wrong = dataclasses.replace(table, target=np.where(np.arange(len(table.target)) == 4, 38, table.target))
+        with pytest.raises(FileError, match="target 38 of row 5 is none of the 37 of the hemisphere"):
+            evaluate(wrong, rig, 0.0, "t")
+
+
+def test_ranges_without_noise_are_not_corrected_for_it() -> None:
+    """The simulated side of a comparison: an exact sphere has a band of nothing, not less than nothing."""
+    rig, _ = load("paper-fanuc")
+    table = simulate(rig, "radial", None, None, effects=[])
+    table = dataclasses.replace(table, g_mm=table.g_mm + 1e-9 * table.target)
+    assert evaluate(table, rig, 0.0, "t").figures["band_mm"].value < 0
+    band = evaluate(table, rig, 0.0, "t", u_gauge_mm=0.0).figures["band_mm"]
+    assert 0 <= band.value < 1e-6
 
 
 def test_robot_errors_are_rarely_taken_for_bad_targets() -> None:

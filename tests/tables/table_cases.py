@@ -10,6 +10,7 @@ from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.kinematics.follow import follow
 from analysis.model.ball_link import readings
 from analysis.model.circle import SENSE, frame_of
+from analysis.model.programs import radial_program
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.vocabulary import Direction, TestName
@@ -51,25 +52,31 @@ def rows_of(test: TestName, direction: Direction = "acw") -> Rows:
     else:
         rng = np.random.default_rng(1)
         n = 24
-        q = np.radians(np.array([-2.8, 35.8, 7.6, 171.0, 136.6, -5.7]) + rng.uniform(-20, 20, (n, 6)))
-        table = _targets(test, q, rng)
+        if test == "pose":
+            table = _poses(np.radians(np.array([-2.8, 35.8, 7.6, 171.0, 136.6, -5.7]) + rng.uniform(-20, 20, (n, 6))))
+        else:
+            table = _targets(test, n, rng)
     extra = [EXTRA[k % len(EXTRA)] for k in range(len(table["q1_deg"]))]
     first, *rest = table.items()
     return dict([("notes, if any", extra), first, ("7", list(reversed(extra))), *rest, ("", extra)])
 
 
-def _targets(test: TestName, q: Array, rng: np.random.Generator) -> Rows:
-    n = len(q)
-    numbers = [str(1 + k // 4) for k in range(n)]
+def _targets(test: TestName, n: int, rng: np.random.Generator) -> Rows:
+    """The first n readings of a radial program; of repeatability three at each of some of its targets."""
+    program = radial_program(rig())
+    row = np.arange(n) if test == "radial" else 3 * (np.arange(n) // 3) + 1
+    numbers, q, g_mm = [str(target) for target in program.target[row]], program.q[row], texts(rng.normal(0, 0.1, n))
     if test == "radial":
-        place = {"polar_deg": texts(rng.uniform(0, 90, n)), "azimuth_deg": texts(rng.uniform(-180, 180, n))}
-        third = {"orientation": [str(1 + k % 3) for k in range(n)]}
-        return {"target": numbers, **place, **third, **joints(q), "g1_mm": texts(rng.normal(0, 0.1, n))}
-    if test == "repeatability":
-        words = [("none", "out", "in")[k % 3] for k in range(n)]
-        time = {"t_s": texts(np.arange(n) * 1.7)}
-        rounds = {"approach": words, "round": numbers}
-        return {"target": numbers, **time, **rounds, **joints(q), "g1_mm": texts(rng.normal(0, 0.1, n))}
+        around = (program.azimuth[row] + np.pi) % (2 * np.pi) - np.pi
+        place = {"polar_deg": texts(np.degrees(program.polar[row])), "azimuth_deg": texts(np.degrees(around))}
+        third = {"orientation": [str(orientation) for orientation in program.orientation[row]]}
+        return {"target": numbers, **place, **third, **joints(q), "g1_mm": g_mm}
+    words = [("none", "out", "in")[k % 3] for k in range(n)]
+    time = {"t_s": texts(np.arange(n) * 1.7)}
+    return {"target": numbers, **time, "approach": words, "round": ["1"] * n, **joints(q), "g1_mm": g_mm}
+
+
+def _poses(q: Array) -> Rows:
     T = forward(arm_of(rig().robot), q)
     turns = texts_of(("rx_deg", "ry_deg", "rz_deg"), _rpy_deg(T[:, :3, :3]))
     return {**joints(q), **texts_of(("x_mm", "y_mm", "z_mm"), T[:, :3, 3] + [3000.0, 10.0, -400.0]), **turns}

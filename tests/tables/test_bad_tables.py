@@ -268,3 +268,9 @@ def test_any_mutation_gives_a_table_or_one_of_our_errors(data: st.DataObject) ->
     else:
         assert columns.num_rows
         assert not any(column.null_count for column in columns.columns)
+
+
+@pytest.mark.parametrize("test", ["radial", "repeatability"])
+def test_a_target_that_the_hemisphere_does_not_have(test: TestName) -> None:
+    (line,) = refusal(with_cell(test, "target", 5, "38"), test)
+    assert line.startswith("t.csv, line 7, target: 38 is none of the 37 targets of the rig's hemisphere")

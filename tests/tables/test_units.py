@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -10,6 +12,8 @@ from table_cases import JOINTS, TESTS, Rows, csv_text, plain, rig, scaled, texts
 from analysis.files.read import parse_csv
 from analysis.files.units import check_units
 from analysis.reading.csv_tables import table_from
+from analysis.reading.tables import CircleTable, Table
+from analysis.tests.places import doubts_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.tests import Hemisphere
@@ -20,9 +24,13 @@ RAD = np.pi / 180
 
 def check(rows: Rows, test: TestName, cell: Rig | None = None) -> list[str]:
     cell = cell or rig()
+    return check_units(read(rows, test, cell), cell, "t.csv")
+
+
+def read(rows: Rows, test: TestName, cell: Rig) -> Table:
     columns = parse_csv(csv_text(rows), "t.csv", test, cell)
     words = columns["direction"][0].as_py() if test in ("yaw", "roll") else None
-    return check_units(table_from(columns, test, words, "t.csv"), cell, "t.csv")
+    return table_from(columns, test, words, "t.csv")
 
 
 def changed(test: TestName, factors: dict[str, float]) -> Rows:
@@ -138,3 +146,21 @@ def test_a_tracker_that_saw_one_place_only_tells_no_unit() -> None:
     still = {name: [rows[name][0]] * len(rows[name]) for name in ("x_mm", "y_mm", "z_mm")}
     small = {name: scaled(rows[name], RAD) for name in JOINTS}
     check({name: cells for name, cells in (rows | still | small).items() if not name.startswith("r")}, "pose")
+
+
+@pytest.mark.parametrize(("factor", "said"), [(1000.0, "t_s may be in ms"), (0.001, "t_s may be in ks")])
+def test_time_in_another_unit_is_doubted(factor: float, said: str) -> None:
+    table = read(plain("yaw"), "yaw", rig())
+    assert isinstance(table, CircleTable)
+    (doubt,) = doubts_of(dataclasses.replace(table, t_s=factor * table.t_s), rig())
+    assert said in doubt
+
+
+@pytest.mark.parametrize("test", ["radial", "repeatability"])
+def test_a_target_that_the_robot_was_not_at_is_doubted_by_name(test: TestName) -> None:
+    rows = plain(test)
+    rows["target"][9:12] = ["8"] * 3
+    if test == "radial":
+        rows["polar_deg"][9:12] = ["60"] * 3
+    (doubt,) = check(rows, test)
+    assert "from target 8 in row 10, and further than 20 mm in 3 of 24 rows" in doubt

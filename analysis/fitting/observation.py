@@ -1,0 +1,53 @@
+"""Tables as a fit sees them: which readings are to be explained, and what a model leaves of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.model.predict import Model, Path, SetUp, path_of, predict
+from analysis.reading.lap import lap_of
+from analysis.reading.tables import CircleTable, Integers, PoseTable, RadialTable, Table
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One table to explain. rows (m,): which readings count; values (m, k) mm; a set-up is shared by its name."""
+
+    table: Table
+    path: Path
+    rows: Integers
+    values: Array
+    setup: str
+
+
+def observe(model: Model, table: Table, where: str) -> Observation:
+    """A table with its path, and its lap where it is a circle. Raises FileError for a circle that is none."""
+    if isinstance(table, CircleTable):
+        rows = np.searchsorted(table.t_s, lap_of(table, model.rig, where).t_s)
+        return Observation(table, path_of(model, table), rows, table.g_mm[rows], table.test)
+    rows = np.arange(len(table.q))
+    if isinstance(table, PoseTable):
+        return Observation(table, path_of(model, table), rows, table.xyz_mm, "pose")
+    kind = "radial" if isinstance(table, RadialTable) else "repeatability"
+    return Observation(table, path_of(model, table), rows, table.g_mm[:, None], kind)
+
+
+def residuals_of(model: Model, observations: Sequence[Observation], setups: Mapping[str, SetUp]) -> list[Array]:
+    """Measured less predicted, (m, k) mm for each observation."""
+    found = []
+    for one in observations:
+        predicted = predict(model, one.table, one.path, setups[one.setup])
+        if isinstance(one.table, PoseTable):
+            predicted = predicted[:, [3, 7, 11]]
+        found.append(one.values - predicted[one.rows])
+    return found
+
+
+def rms(residuals: Sequence[Array]) -> float:
+    """Root mean square of residuals (m, k) mm: per reading of a gauge, per distance of a place."""
+    squares = np.concatenate([(r**2).sum(axis=1) if r.shape[1] == 3 else (r**2).ravel() for r in residuals])
+    return float(np.sqrt(squares.mean()))

@@ -1,0 +1,26 @@
+"""Rows of a report: every figure has a label, and details stand under the line that they belong to."""
+
+from analysis.reporting.labels import in_order, label
+
+
+def test_details_stand_under_their_line_and_none_is_lost() -> None:
+    names = ["shift_deg", "eccentricity_v_mm", "max_at_deg", "new_mm", "distance_eccentricity_u_mm", "band_deg"]
+    names += ["eccentricity_mm", "eccentricity_u_mm", "distance_eccentricity_mm", "range_deg", "range_max_at_deg"]
+    assert in_order(names) == [
+        "band_deg",
+        "max_at_deg",
+        "shift_deg",
+        "eccentricity_mm",
+        "eccentricity_u_mm",
+        "eccentricity_v_mm",
+        "range_deg",
+        "range_max_at_deg",
+        "distance_eccentricity_mm",
+        "distance_eccentricity_u_mm",
+        "new_mm",
+    ]
+
+
+def test_turns_have_labels() -> None:
+    for name in (f"{what}_{axis}_deg" for what in ("ap", "rp") for axis in "abc"):
+        assert label(name) != name
