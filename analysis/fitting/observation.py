@@ -10,7 +10,8 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, Path, SetUp, path_of, predict
 from analysis.reading.lap import lap_of
-from analysis.reading.tables import CircleTable, Integers, PoseTable, RadialTable, Table
+from analysis.reading.tables import CircleTable, Integers, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.tests.places import hold_targets
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,8 @@ def observe(model: Model, table: Table, where: str) -> Observation:
         rows = np.searchsorted(table.t_s, lap_of(table, model.rig, where).t_s)
         return Observation(table, path_of(model, table), rows, table.g_mm[rows], table.test)
     rows = np.arange(len(table.q))
+    if isinstance(table, RadialTable | RepeatabilityTable):
+        hold_targets(table, model.rig, where)
     if isinstance(table, PoseTable):
         return Observation(table, path_of(model, table), rows, table.xyz_mm, "pose")
     kind = "radial" if isinstance(table, RadialTable) else "repeatability"

@@ -83,7 +83,7 @@ def radial_figure(result: Result, found: Radial) -> Figure:
     figure.colorbar(dots, ax=around, label="deviation / mm", shrink=0.8)
     axes.errorbar(
         found.cells.target, deviation, found.spread_mm / 2, fmt="o", ms=4, lw=0.8, color=_INK["cw"],
-        label="mean, with the range over orientations",
+        label="mean, with the range over orientations" if found.cells.g_mm.shape[1] > 1 else None,
     )  # fmt: skip
     if not found.used.all():
         axes.plot(found.cells.target[~found.used], deviation[~found.used], "x", color="red", label="left out")
@@ -91,7 +91,8 @@ def radial_figure(result: Result, found: Radial) -> Figure:
     text = f"radius {result.figures['radius_mm']}\nerror band {result.figures['band_mm']}"
     axes.text(0.01, 0.98, text, transform=axes.transAxes, va="top", fontsize=9)
     axes.margins(y=0.22)
-    axes.legend(loc="lower left", fontsize=8)
+    if axes.get_legend_handles_labels()[1]:
+        axes.legend(loc="lower left", fontsize=8)
     return figure
 
 

@@ -59,7 +59,7 @@ def _speed(table: CircleTable, rig: Rig, circle: Circle) -> tuple[str, ...]:
     low, high = _THOUSAND
     if 1 / high < share < 1 / low:
         return (f"{told}: t_s may be in ms",)
-    return (f"{told}: t_s may be in ks, or speed_mm_s in m/s",) if low < share < high else ()
+    return (f"{told}: check the units of t_s and speed_mm_s",) if low < share < high else ()
 
 
 def _away(table: RadialTable | RepeatabilityTable, rig: Rig, hemisphere: Hemisphere) -> tuple[str, ...]:

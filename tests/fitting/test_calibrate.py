@@ -106,9 +106,11 @@ def test_words_stand_for_effects(words: str, count: int) -> None:
 
 @pytest.mark.parametrize(
     "word",
-    ["backlsh", "backlash:x", "backlash:1-3", "backlash:7", "backlash:1.a", "backlash:1:2", "joint_offset:²"]
-    + ["link_geometry:q.a", "transmission_error:4:abc", "transmission_error:4:0", "time_lag:3", "gauge_scale:g3"]
-    + ["wrist_coupling", "ball_form", "vibration", "gauge_cyclic:g1", "ball_form:99"],
+    [
+        *("backlsh", "backlash:x", "backlash:1-3", "backlash:7", "backlash:1.a", "backlash:1:2", "joint_offset:²"),
+        *("link_geometry:q.a", "transmission_error:4:abc", "transmission_error:4:0", "time_lag:3", "gauge_scale:g3"),
+        *("wrist_coupling", "ball_form", "vibration", "gauge_cyclic:g1", "ball_form:99"),
+    ],
 )
 def test_words_that_stand_for_none_say_how_to_write_it(word: str) -> None:
     with pytest.raises(FileError, match="--fit"):

@@ -148,7 +148,9 @@ def test_a_tracker_that_saw_one_place_only_tells_no_unit() -> None:
     check({name: cells for name, cells in (rows | still | small).items() if not name.startswith("r")}, "pose")
 
 
-@pytest.mark.parametrize(("factor", "said"), [(1000.0, "t_s may be in ms"), (0.001, "t_s may be in ks")])
+@pytest.mark.parametrize(
+    ("factor", "said"), [(1000.0, "t_s may be in ms"), (0.001, "check the units of t_s and speed_mm_s")]
+)
 def test_time_in_another_unit_is_doubted(factor: float, said: str) -> None:
     table = read(plain("yaw"), "yaw", rig())
     assert isinstance(table, CircleTable)

@@ -1,0 +1,94 @@
+"""The JSON answer of `rig diagnose` as the scorer reads it: tolerant of what is missing, wherever a key stands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+VERDICTS = ("named", "ambiguous", "outside_library", "within_tolerance", "not_testable_here")
+_NAMING = ("named", "ambiguous")
+
+
+@dataclass(frozen=True)
+class Named:
+    """One effect of an answer: its name as the truth writes it, its rivals' names, parameters as (value, sd or nan)."""
+
+    name: str
+    rivals: tuple[str, ...]
+    parameters: Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Answer:
+    """verdict: one of VERDICTS, or what else was said, or `none`; effects: those it stands by, none where it withdraws
+    them; gap: before and after by place, energy of the floor taken off; seconds: how long it took, nan if unknown."""
+
+    verdict: str
+    effects: tuple[Named, ...]
+    left: Mapping[str, float]
+    seconds: float
+
+
+def answer_of(data: Mapping[str, Any] | None) -> Answer:
+    """What an answer says; None, an error or a broken answer is `none`."""
+    if not isinstance(data, Mapping) or not isinstance(data.get("verdict"), str):
+        return Answer("none", (), {}, math.nan)
+    verdict = data["verdict"]
+    effects = _list(data.get("effects")) if verdict in _NAMING else []
+    gap = data.get("gap") if isinstance(data.get("gap"), Mapping) else {}
+    left = {place: _left(gap, place) for place in ("held_out", "unseen_place")}
+    named = tuple(_named(effect) for effect in effects if isinstance(effect, Mapping))
+    known = {place: share for place, share in left.items() if math.isfinite(share)}
+    return Answer(verdict, named, known, _number(data.get("seconds")))
+
+
+def name_in(effect: Mapping[str, Any]) -> str:
+    """`backlash 1`, `link_geometry 5.a`, `wrist_coupling 4>5`, `gauge_scale g1`, `time_lag`."""
+    what = str(effect.get("effect", "?"))
+    if what == "link_geometry":
+        return f"{what} {_key(effect, 'axis')}.{_key(effect, 'field')}"
+    if what == "wrist_coupling":
+        return f"{what} {_key(effect, 'from_axis')}>{_key(effect, 'to_axis')}"
+    if what.startswith("gauge_") and what != "gauge_baseline":
+        return f"{what} {_key(effect, 'gauge')}"
+    axis = _key(effect, "axis")
+    return what if axis == "?" else f"{what} {axis}"
+
+
+def _named(effect: Mapping[str, Any]) -> Named:
+    rivals = tuple(name_in(rival) for rival in _list(effect.get("rivals")) if isinstance(rival, Mapping))
+    parameters = effect.get("parameters")
+    found = {}
+    for key, value in (parameters if isinstance(parameters, Mapping) else {}).items():
+        given = value if isinstance(value, Mapping) else {"value": value}
+        found[key] = (_number(given.get("value")), _number(given.get("sd")))
+    return Named(name_in(effect), rivals, found)
+
+
+def _key(effect: Mapping[str, Any], key: str) -> str:
+    parameters = effect.get("parameters")
+    value = effect.get(key, parameters.get(key) if isinstance(parameters, Mapping) else None)
+    value = value.get("value") if isinstance(value, Mapping) else value
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    return "?" if value is None else str(value)
+
+
+def _left(gap: Mapping[str, Any], place: str) -> float:
+    """Share of the gap's energy that is left, the noise floor's taken off both; nan where it cannot be told."""
+    at = gap.get(place)
+    if not isinstance(at, Mapping):
+        return math.nan
+    floor = _number(at.get("noise_floor", gap.get("noise_floor")))
+    before, after = _number(at.get("before")) ** 2 - floor**2, _number(at.get("after")) ** 2 - floor**2
+    return max(0.0, after) / before if before > 0 else math.nan
+
+
+def _number(value: Any) -> float:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []

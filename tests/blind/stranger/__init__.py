@@ -1,0 +1,10 @@
+"""Measurements by a stranger: cases of hidden effects for the blind trial of `rig diagnose`.
+
+Shares no code with the project: numpy, yaml and the standard library only. Kinematics are a product of exponentials,
+every effect is written anew from the page of measurements and the vocabulary, and then perturbed, as nature does.
+`generate` writes what a stranger would send (CSV tables, rig files) and seals the truth elsewhere.
+"""
+
+from stranger.cases import KINDS, SCALES, generate
+
+__all__ = ["KINDS", "SCALES", "generate"]

@@ -1,0 +1,126 @@
+"""Kinematics as a product of exponentials (Lynch and Park, Modern Robotics, ch. 4): T = exp(S1 θ1) … exp(S6 θ6) M.
+
+The rig file's constants (modified Denavit–Hartenberg, Craig) only place the screws at θ = 0; mm and rad throughout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+G_M_S2 = 9.80665
+
+
+@dataclass(frozen=True)
+class Constants:
+    """What a rig file says of an arm: a, alpha, beta, d, zero, mass (6,); centre (6, 3) mm; coupling (6, 6)."""
+
+    a: Array
+    alpha: Array
+    beta: Array
+    d: Array
+    zero: Array
+    coupling: Array
+    base: Array
+    tool: Array
+    mass: Array
+    centre: Array
+    payload: float
+
+
+@dataclass(frozen=True)
+class Arm:
+    """At θ = 0: a point on each axis (6, 3), its direction (6, 3), the ends of the links (6, 3), the tool (4, 4); zero,
+    coupling; hung (6, 3) mm and mass (6,) kg of the links, payload kg."""
+
+    point: Array
+    axis: Array
+    end: Array
+    tool: Array
+    zero: Array
+    coupling: Array
+    hung: Array
+    mass: Array
+    payload: float
+
+
+@dataclass(frozen=True)
+class Posed:
+    """n postures. point, axis, end (n, 6, 3) where the screws and link ends are; R (n, 3, 3), p (n, 3) of the tool."""
+
+    point: Array
+    axis: Array
+    end: Array
+    R: Array
+    p: Array
+
+
+def placed(axis: int, angle: float, along: float = 0.0) -> Array:
+    """(4, 4): a turn about x, y or z (0, 1, 2) and a way along the same axis."""
+    T = np.eye(4)
+    T[:3, :3] = _turns(np.eye(3)[axis], np.array([angle]))[0]
+    T[axis, 3] = along
+    return T
+
+
+def arm_from(c: Constants) -> Arm:
+    """The screws of an arm, walked from link to link at θ = 0."""
+    T, point, axis, end, hung = c.base, [], [], [], []
+    for k in range(6):
+        T = T @ placed(0, c.alpha[k], c.a[k]) @ placed(1, c.beta[k])
+        point.append(T[:3, 3])
+        axis.append(T[:3, 2])
+        T = T @ placed(2, 0.0, c.d[k])
+        end.append(T[:3, 3])
+        hung.append(T[:3, :3] @ c.centre[k] + T[:3, 3])
+    stacked = [np.array(rows) for rows in (point, axis, end)]
+    return Arm(*stacked, T @ c.tool, c.zero, c.coupling, np.array(hung), c.mass, c.payload)
+
+
+def pose(arm: Arm, q: Array) -> Posed:
+    """Where everything is for angles of the controller q (n, 6)."""
+    theta = q @ arm.coupling.T + arm.zero
+    n = len(q)
+    point, axis, end = np.empty((n, 6, 3)), np.empty((n, 6, 3)), np.empty((n, 6, 3))
+    R, p = np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3))
+    for k in range(6):
+        point[:, k] = R @ arm.point[k] + p
+        axis[:, k] = R @ arm.axis[k]
+        R = R @ _turns(arm.axis[k], theta[:, k])
+        p = point[:, k] - R @ arm.point[k]
+        end[:, k] = R @ arm.end[k] + p
+    return Posed(point, axis, end, R @ arm.tool[:3, :3], R @ arm.tool[:3, 3] + p)
+
+
+def torque_nm(arm: Arm, q: Array, extra_kg: float = 0.0) -> Array:
+    """Gravity's torque (n, 6) Nm on the joints of the controller, by the work it does: -d(potential)/dq.
+
+    The payload, `extra_kg` more than the rig file says, hangs at the flange.
+    """
+    theta = q @ arm.coupling.T + arm.zero
+    n, R, p = len(q), np.broadcast_to(np.eye(3), (len(q), 3, 3)), np.zeros((len(q), 3))
+    axes, points, hung = [], [], []
+    for k in range(6):
+        points.append(R @ arm.point[k] + p)
+        axes.append(R @ arm.axis[k])
+        R = R @ _turns(arm.axis[k], theta[:, k])
+        p = points[k] - R @ arm.point[k]
+        hung.append(R @ arm.hung[k] + p)
+    flange = R @ arm.end[5] + p
+    work = np.zeros((n, 6))
+    for k in range(6):
+        carried = [(mass, at) for mass, at in zip(arm.mass[k:], hung[k:], strict=True)]
+        for mass, at in [*carried, (arm.payload + extra_kg, flange)]:
+            rise = axes[k][:, 0] * (at - points[k])[:, 1] - axes[k][:, 1] * (at - points[k])[:, 0]
+            work[:, k] -= mass * G_M_S2 * rise / 1000.0
+    return work @ arm.coupling
+
+
+def _turns(axis: Array, angle: Array) -> Array:
+    """Rotations (n, 3, 3) about a unit axis (3,), Rodrigues."""
+    x, y, z = axis
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle)[:, None, None] * K + (1 - np.cos(angle))[:, None, None] * (K @ K)
