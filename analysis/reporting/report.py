@@ -57,7 +57,7 @@ def _cell(result: Result, name: str, truth: dict[str, Comparison]) -> str:
         return str(figure)
     known = truth[name]
     colour = "green" if abs(known.deviation_u) <= 2 else "red"
-    return f"{figure}\n[{colour}]truth {figure.rounded(known.truth)} ({known.deviation_u:+.1f} u)[/{colour}]"
+    return f"{figure}\n[{colour}]truth {figure.rounded(known.truth)} ({known.deviation_u:+.1f}u)[/{colour}]"
 
 
 def as_object(results: Sequence[Result], truths: Sequence[dict[str, Comparison]] = ()) -> dict[str, Any]:
