@@ -20,9 +20,7 @@ def calibrate(
         str | None, typer.Option("--rig", help="The model to begin with. [default: the first run's rig file]")
     ] = None,
     hold_out: Annotated[list[Path] | None, typer.Option(help="A run to judge by, not used in the fit.")] = None,
-    share: Annotated[
-        float, typer.Option(min=0, max=0.9, help="Of each run's targets or poses, left out to judge.")
-    ] = 0.0,
+    share: Annotated[float, typer.Option(min=0, max=0.9, help="Of each run's readings, left out to judge.")] = 0.0,
     groups: Annotated[
         bool, typer.Option(help="Leave out whole neighbourhoods of joint space, not single poses.")
     ] = False,
@@ -43,12 +41,19 @@ def calibrate(
 
     if output and output.exists():
         raise FileError(str(output), "is there already", "give another --output, or remove it first")
-    measured = [load_measured(path) for path in runs]
+    aside = {path.resolve() for path in hold_out or ()}
+    used = list({path.resolve(): path for path in runs if path.resolve() not in aside}.values())
+    if not used:
+        raise FileError("--hold-out", "leaves no run to fit", "hold out fewer")
+    measured = [load_measured(path) for path in used]
     judges = [load_measured(path) for path in hold_out or ()]
+    for run in (*measured, *judges):
+        for doubt in run.doubts:
+            typer.echo(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
     found = calibrate_runs(rig, measured, judges, fit, share=share, groups=groups, seed=seed)
     if output:
-        calibration_report.write_rig(found, text, [str(path.name) for path in runs], output)
+        calibration_report.write_rig(found, text, [path.name for path in used], output)
     if as_json:
         typer.echo(json.dumps(calibration_report.as_object(found), indent=2))
     else:

@@ -43,7 +43,7 @@ class TableFile:
 
 
 def read_csv(path: Path, test: TestName, rig: Rig, direction: Direction | None = None) -> TableFile:
-    """Read a table of measurement.md.
+    """Read a table of docs/geometry.md.
 
     direction: of a circle whose table has no direction column; the column is then added after t_s.
     Raises FileError for a file that cannot be read, TableFileError with every mistake in it.

@@ -13,7 +13,7 @@ import numpy as np
 
 from analysis.fitting.choice import chosen
 from analysis.fitting.estimate import Fit, fit, sizes
-from analysis.fitting.identify import Held, separate
+from analysis.fitting.identify import Held, name_of, separate
 from analysis.fitting.observation import Observation, observe, residuals_of, rms
 from analysis.fitting.split import split
 from analysis.model.predict import Model, model_of
@@ -21,6 +21,11 @@ from analysis.reading.loading import Measured
 from rigs.effects import Effect, size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
+
+_ANY_PHASE_DEG = 180.0 / np.sqrt(3)
+"""Standard uncertainty of a phase of which nothing is known."""
+_LOOSE = 10.0
+"""Standard uncertainty, in healthy sizes, from which on a parameter is not determined by the data."""
 
 
 @dataclass(frozen=True)
@@ -81,11 +86,33 @@ def calibrate(
         for k, effect in enumerate(model.effects)
     )
     after = fit(replace(model, effects=effects), observations, free, before.setups)
+    after, loose = _tightened(after, observations, before)
+    held += loose
     if after.rms_mm > before.rms_mm:
         raise FileError("--fit", "the fit did not converge", "choose fewer effects")
     return Calibration(
         known, before, after, held, _rms(before, observations, left_out), _rms(after, observations, left_out)
     )
+
+
+def _tightened(after: Fit, observations: Sequence[Observation], before: Fit) -> tuple[Fit, list[Held]]:
+    """Hold, and fit again without, what came out known many times worse than it can plausibly be large."""
+    held: list[Held] = []
+    while after.free:
+        loose = after.sd / np.array([one.scale for one in after.free])
+        worst = int(loose.argmax())
+        if loose[worst] < _LOOSE:
+            break
+        one = after.free[worst]
+        held.append(Held(name_of(after.model.effects[one.effect], one.field), ()))
+        if len(after.free) == 1:
+            raise FileError("--fit", f"{held[0]}", "choose others, or measure another test")
+        zero = after.model.effects[one.effect].model_copy(update={one.field: 0.0})
+        changed = list(after.model.effects)
+        changed[one.effect] = zero
+        free = [other for k, other in enumerate(after.free) if k != worst]
+        after = fit(replace(after.model, effects=tuple(changed)), observations, free, before.setups)
+    return after, held
 
 
 def _enough(observations: Sequence[Observation], effects: int) -> None:
@@ -145,6 +172,7 @@ def _whole(calibration: Calibration, halves: Sequence[int], places: dict[int, in
     across = np.array([-along[1], along[0]])
     sd = {field: float(np.sqrt(along @ spread @ along))}
     if len(halves) == 2:
-        sd["phase_deg"] = float(np.degrees(np.sqrt(across @ spread @ across) / max(amplitude, 1e-300)))
+        turned = np.degrees(np.sqrt(across @ spread @ across) / max(amplitude, 1e-300))
+        sd["phase_deg"] = float(min(turned, _ANY_PHASE_DEG))
     phase = float(np.degrees(np.arctan2(cosine, sine)))
     return Fitted(effects[0].model_copy(update={field: amplitude, "phase_deg": phase}), sd)

@@ -31,9 +31,11 @@ eccentric wheel and twice that."""
 def chosen(words: str) -> list[Effect]:
     """The effects of a list, each once, bounded ones at half a healthy size. Raises FileError for what is none."""
     found: dict[str, Effect] = {}
-    for word in words.split(","):
-        for effect in _expanded(word.strip()):
+    for word in filter(None, map(str.strip, words.split(","))):
+        for effect in _expanded(word):
             found.setdefault(repr(effect), effect)
+    if not found:
+        raise FileError("--fit", "names no effect", "write --fit joint_offset,backlash:1, say")
     return list(found.values())
 
 

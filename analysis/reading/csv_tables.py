@@ -1,4 +1,4 @@
-"""Between tables in memory (rad, mm) and the columns of measurement.md (degrees, mm)."""
+"""Between tables in memory (rad, mm) and the columns of docs/tables.md (degrees, mm)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rigs.vocabulary import Direction, TestName
 
 
 def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
-    """A table in memory of the columns of measurement.md; extra columns are left out.
+    """A table in memory of the columns of docs/tables.md; extra columns are left out.
 
     Raises FileError where the columns are not those of the test, or hold no rows.
     """
@@ -43,7 +43,7 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
 
 
 def columns_of(table: Table) -> pa.Table:
-    """The columns of measurement.md, in its order: degrees and mm. A time of zeros only is no time, and left out."""
+    """The columns of docs/tables.md, in its order: degrees and mm. A time of zeros only is no time, and left out."""
     joints = dict(zip(JOINTS, np.degrees(table.q).T, strict=True))
     match table:
         case CircleTable():

@@ -1,4 +1,4 @@
-"""What was measured, in the tables of measurement.md: the one form that every evaluation, simulation and fit takes.
+"""What was measured, in the tables of docs/tables.md: the one form that every evaluation, simulation and fit takes.
 
 Recorded runs become tables by alignment, imported ones by reading; simulation fills the same tables.
 Angles are radians and lengths mm here; in files (`analysis.reading.csv_tables`) degrees and mm.

@@ -15,6 +15,7 @@ from rich.text import Text
 from analysis.fitting.compare import Comparison
 from analysis.fitting.estimate import Fit
 from analysis.reporting.labels import LEADING, in_order, label
+from analysis.reporting.plots import distinctly_named
 from rigs.errors import FileError
 
 
@@ -73,8 +74,9 @@ def save_pictures(comparisons: Sequence[Comparison], directory: Path) -> list[Pa
     written = []
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        for one in comparisons:
-            path = directory / f"{one.result.name}-compared.png"
+        named = distinctly_named([one.result for one in comparisons])
+        for (name, _), one in zip(named, comparisons, strict=True):
+            path = directory / f"{name}-compared.png"
             _figure(one).savefig(path, dpi=150)
             written.append(path)
     except OSError as error:

@@ -25,18 +25,27 @@ _LEAST_BINS = 20
 
 
 def save_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
-    """Write the pictures of runs of one test, named by it; returns their paths."""
-    test = results[0].test
+    """Write the pictures of runs of one test on one rig, named by both; returns their paths."""
+    stem = f"{results[0].measured.rig.name}-{results[0].test}"
     figures = (
-        {f"{test}-raw.png": raw_figure(results), f"{test}-error.png": error_figure(results)}
+        {f"{stem}-raw.png": raw_figure(results), f"{stem}-error.png": error_figure(results)}
         if (isinstance(results[0].found, CircleResult))
-        else {f"{result.name}-{test}.png": _other_figure(result) for result in results}
+        else {f"{stem}-{name}.png": _other_figure(result) for name, result in distinctly_named(results)}
     )
     written = []
     for name, figure in figures.items():
         figure.savefig(directory / name, dpi=150)
         written.append(directory / name)
     return written
+
+
+def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:
+    """Results by name; runs of one name, from different directories, are numbered."""
+    names = [result.name for result in results]
+    return [
+        (name if names.count(name) == 1 else f"{name}-{place}", result)
+        for place, (name, result) in enumerate(zip(names, results, strict=True), start=1)
+    ]
 
 
 def _other_figure(result: Result) -> Figure:

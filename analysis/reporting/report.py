@@ -17,25 +17,31 @@ from analysis.reporting.results import Result, by_test, pair_of
 from analysis.reporting.truth import Comparison, all_agree, verdict
 from rigs.errors import FileError
 
+_ABREAST = 3
+"""Runs side by side that a narrow screen holds without cutting a number."""
+
 
 def as_tables(results: Sequence[Result], truths: Sequence[dict[str, Comparison]] = ()) -> RenderableType:
     """A rich table for each test, a column for each run, the truth below a figure where it is known, doubts last."""
     known = {id(result): truth for result, truth in zip(results, truths, strict=False)}
     parts: list[RenderableType] = []
     for group in by_test(results):
-        parts.append(_table(group, known))
+        parts += [_table(group[k : k + _ABREAST], known) for k in range(0, len(group), _ABREAST)]
         both = pair_of(group)
         if both:
             told = "; ".join(f"{label(name).strip()} {both.figures[name]}" for name in in_order(both.figures))
             parts.append(Text(f"acw against cw: {told}", style="dim"))
     if truths:
         parts.append(Text(verdict(truths), style="green" if all_agree(truths) else "bold red"))
-    parts += [Text(f"{result.title}: {doubt}", style="yellow") for result in results for doubt in result.doubts]
+    parts += [
+        Text(f"{result.title}, {result.name}: {doubt}", style="yellow") for result in results for doubt in result.doubts
+    ]
     return Group(*parts)
 
 
 def _table(group: Sequence[Result], known: dict[int, dict[str, Comparison]]) -> Table:
-    table = Table(title="value ± standard uncertainty", title_style="dim", header_style="bold")
+    title = f"{group[0].measured.rig.name} · value ± standard uncertainty"
+    table = Table(title=title, title_style="dim", header_style="bold")
     table.add_column("")
     for result in group:
         table.add_column(f"{result.title}\n[dim]{result.name}[/dim]", justify="right")
@@ -65,10 +71,15 @@ def as_object(results: Sequence[Result], truths: Sequence[dict[str, Comparison]]
     runs = [_run_object(result) for result in results]
     for run, truth in zip(runs, truths, strict=False):
         run["truth"] = {name: asdict(comparison) for name, comparison in truth.items()}
-    pairs = {group[0].test: pair_of(group) for group in by_test(results)}
-    reversing = {
-        test: {name: asdict(figure) for name, figure in both.figures.items()} for test, both in pairs.items() if both
-    }
+    reversing = [
+        {
+            "rig": group[0].measured.rig.name,
+            "test": group[0].test,
+            "figures": {name: asdict(figure) for name, figure in both.figures.items()},
+        }
+        for group in by_test(results)
+        if (both := pair_of(group))
+    ]
     return {"runs": runs, "acw_against_cw": reversing}
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
 
 from analysis.reading.loading import Measured, load_measured
@@ -62,14 +61,15 @@ def result_of(measured: Measured) -> Result:
 
 
 def by_test(results: Sequence[Result]) -> list[list[Result]]:
-    """Results in groups of one test, in the order in which the tests first come."""
-    order = list(dict.fromkeys(result.test for result in results))
-    ordered = sorted(results, key=lambda result: order.index(result.test))
-    return [list(group) for _, group in groupby(ordered, key=lambda result: result.test)]
+    """Results in groups of one test on one rig, in the order in which they first come."""
+    groups: dict[tuple[str, str], list[Result]] = {}
+    for result in results:
+        groups.setdefault((result.measured.rig.name, result.test), []).append(result)
+    return list(groups.values())
 
 
 def pair_of(results: Sequence[Result]) -> Pair | None:
-    """The first acw and the first cw run of one circle test against each other; None without both, or of two rigs."""
+    """The first acw and the first cw run of a group against each other; None without both, or of two circles."""
     circles = {
         result.found.lap.direction: result for result in reversed(results) if isinstance(result.found, CircleResult)
     }

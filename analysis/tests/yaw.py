@@ -44,7 +44,7 @@ def evaluate(
 
 
 def plain_figures(phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
-    """The plain figures of a curve y (n,) rad over phi (n,) rad, by the definitions of measurement.md."""
+    """The plain figures of a curve y (n,) rad over phi (n,) rad, by the definitions of docs/geometry.md."""
     sine = fit_sine(phi, y)
     return sine_figures(phi, y) | {
         "eccentricity_u_mm": -radius_mm * sine.a,

@@ -124,8 +124,10 @@ def test_another_rig_can_be_asked_for(capsys: pytest.CaptureFixture[str]) -> Non
 
 def test_pictures(tmp_path: Path) -> None:
     written = save(RIG, TEXT, tmp_path / "pictures")
-    names = {path.name for path in written}
-    assert {"yaw-error.png", "roll-error.png", "figure-13-radial.png", "figure-14-radial.png"} <= names
+    names = {path.stem for path in written}
+    assert {"yaw-error", "roll-error", "radial-figure-13", "radial-figure-14"} <= {
+        n.removeprefix("paper-errors-") for n in names
+    }
     assert all(path.stat().st_size > 10_000 for path in written)
 
 
