@@ -50,8 +50,8 @@ def figures_of(
 ) -> dict[str, Quantity]:
     """Figures by name, which ends in the unit, from their values and Monte Carlo draws (m,).
 
-    noisy: for a maximum or a range, which noise makes too large, its value where the draws' noise is not yet
-    added. By how much the draws lie above it on average, the value is lowered; that correction is taken as known
+    noisy: for a maximum or a range, which noise makes too large, its mean over the same draws without their noise.
+    By how much the draws lie above it on average, the value is lowered; that correction is taken as known
     to a fifth of itself, since the noise-free curve that it starts from is not known either. Names in `_at_deg` are
     places on a circle: 359° lies 2° from 1°.
     """

@@ -17,7 +17,7 @@ from analysis.reading.lap import Lap
 from analysis.reporting.quantity import Quantity, figures_of
 from analysis.tests.checks import hold_alive, hold_numbers, hold_radius
 from analysis.tests.circularity import fit_circle
-from analysis.tests.curve import DRAWS, SEED, Curve, curve_of, stacked
+from analysis.tests.curve import DRAWS, SEED, Curve, curve_of, means, stacked
 from rigs.errors import FileError
 
 Plain = Callable[[Array, Array, float], dict[str, float]]
@@ -102,13 +102,13 @@ def evaluate_angle(
     curve = curve_of(lap, y, sine(lap.phi))
     radius, u_scale = lap.frame.radius, baseline_u_mm / abs(baseline_mm)
     rng = np.random.default_rng(SEED)
-    draws = []
+    draws, calm = [], []
     for _ in range(DRAWS):
         lag, scale = rng.normal(0.0, u_lag_s), 1.0 + rng.normal(0.0, u_scale)
-        draws.append(plain(*curve.drawn(rng, lag, scale), radius))
-    smooth = plain(lap.phi, curve.smooth, radius)
-    noisy = {name: smooth[name] for name in RANGES & smooth.keys()}
-    figures = figures_of(plain(lap.phi, y, radius), stacked(draws), len(y), noisy)
+        phi, noisy, quiet = curve.drawn(rng, lag, scale)
+        draws.append(plain(phi, noisy, radius))
+        calm.append(plain(phi, quiet, radius))
+    figures = figures_of(plain(lap.phi, y, radius), stacked(draws), len(y), means(calm, RANGES))
     noise_deg = float(np.degrees(curve.noise))
     residual = y - sine(lap.phi)
     return CircleResult(lap, lap.phi, y, residual, sine, noise_deg, figures, len(y), lap.notes, curve, u_lag_s, u_scale)

@@ -20,7 +20,7 @@ from analysis.kinematics.arm import Array
 from analysis.reading.lap import Lap
 from analysis.reporting.quantity import Quantity, figures_of
 from analysis.tests.checks import hold_alive, hold_numbers, hold_radius
-from analysis.tests.curve import DRAWS, SEED, Curve, curve_of, stacked
+from analysis.tests.curve import DRAWS, SEED, Curve, curve_of, means, stacked
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,13 @@ def evaluate(lap: Lap, u_lag_s: float, where: str = "the circle run") -> Circula
     fit = fit_circle(lap.phi, distance, radius)
     curve = curve_of(lap, distance, circle_at(lap.phi, fit, radius))
     rng = np.random.default_rng(SEED)
-    draws = [plain_figures(*curve.drawn(rng, rng.normal(0.0, u_lag_s)), radius) for _ in range(DRAWS)]
-    smooth = plain_figures(lap.phi, curve.smooth, radius)
-    noisy = {"circular_deviation_mm": smooth["circular_deviation_mm"]}
-    figures = figures_of(plain_figures(lap.phi, distance, radius), stacked(draws), len(distance), noisy)
+    draws, calm = [], []
+    for _ in range(DRAWS):
+        phi, noisy, quiet = curve.drawn(rng, rng.normal(0.0, u_lag_s))
+        draws.append(plain_figures(phi, noisy, radius))
+        calm.append(plain_figures(phi, quiet, radius))
+    still = means(calm, ("circular_deviation_mm",))
+    figures = figures_of(plain_figures(lap.phi, distance, radius), stacked(draws), len(distance), still)
     deviation = distance - circle_at(lap.phi, fit, radius)
     return Circularity(lap, lap.phi, deviation, curve, u_lag_s, figures, len(distance), lap.notes)
 

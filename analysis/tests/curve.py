@@ -7,6 +7,7 @@ on average; the same draws tell by how much, and ranges are corrected for it.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cache
 
@@ -33,14 +34,15 @@ class Curve:
     rate: Array
     noise: float
 
-    def drawn(self, rng: np.random.Generator, lag_s: float, scale: float = 1.0) -> tuple[Array, Array]:
-        """phi and y (n,) as another run might have shown them: each row might as well have fallen half way to
-        its neighbours, the gauges' clock be off by lag_s, the readings be noisy and be `scale` times too large."""
+    def drawn(self, rng: np.random.Generator, lag_s: float, scale: float = 1.0) -> tuple[Array, Array, Array]:
+        """phi and y (n,) as another run might have shown them, and that y without its noise: each row might as well
+        have fallen half way to its neighbours, the gauges' clock be off by lag_s, the readings be noisy and be `scale`
+        times too large."""
         rows = np.arange(len(self.y))
         fallen = rows + rng.uniform(-0.5, 0.5, len(rows))
-        noise = rng.normal(0.0, self.noise, len(rows))
-        y: Array = (np.interp(fallen, rows, self.smooth) + noise) / scale
-        return np.interp(fallen, rows, self.phi) + self.rate * lag_s, y
+        calm = np.interp(fallen, rows, self.smooth) / scale
+        y: Array = calm + rng.normal(0.0, self.noise, len(rows)) / scale
+        return np.interp(fallen, rows, self.phi) + self.rate * lag_s, y, calm
 
 
 def curve_of(lap: Lap, y: Array, base: Array | None = None) -> Curve:
@@ -89,6 +91,11 @@ def _kernel(window: int) -> Array:
     x = np.arange(window) - window // 2
     weights: Array = np.linalg.pinv(np.vander(x, 3))[2]
     return weights
+
+
+def means(draws: list[dict[str, float]], names: Collection[str]) -> dict[str, float]:
+    """The mean of some figures over draws."""
+    return {name: float(np.mean([draw[name] for draw in draws])) for name in draws[0] if name in names}
 
 
 def stacked(draws: list[dict[str, float]]) -> dict[str, Array]:

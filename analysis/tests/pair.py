@@ -19,7 +19,7 @@ from analysis.kinematics.arm import Array
 from analysis.reporting.quantity import Quantity, figures_of
 from analysis.tests.circle import CircleResult
 from analysis.tests.circularity import circle_at, fit_circle
-from analysis.tests.curve import DRAWS, SEED, Curve, curve_of, noise_sd, smoothed, stacked
+from analysis.tests.curve import DRAWS, SEED, Curve, curve_of, means, noise_sd, smoothed, stacked
 from rigs.errors import FileError
 
 _GRID = np.radians(np.arange(0.0, 360.0, 0.5))
@@ -47,18 +47,18 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Pa
     distances = (_distance(acw), _distance(cw))
     radius = acw.lap.frame.radius
     rng = np.random.default_rng(SEED)
-    draws = []
+    draws, calm = [], []
     for _ in range(DRAWS):
         lag, scale = rng.normal(0.0, acw.u_lag_s), 1.0 + rng.normal(0.0, acw.u_scale)
         state = rng.bit_generator.state
         angle = [curve.drawn(rng, lag, scale) for curve in angles]
         rng.bit_generator.state = state  # the rows of a run fell where they fell, for angle and distance alike
         distance = [curve.drawn(rng, lag) for curve in distances]
-        draws.append(plain_figures(angle, distance, radius))
+        draws.append(plain_figures([(p, y) for p, y, _ in angle], [(p, y) for p, y, _ in distance], radius))
+        calm.append(plain_figures([(p, y) for p, _, y in angle], [(p, y) for p, _, y in distance], radius))
     plain = plain_figures([(c.phi, c.y) for c in angles], [(c.phi, c.y) for c in distances], radius)
-    smooth = plain_figures([(c.phi, c.smooth) for c in angles], [(c.phi, c.smooth) for c in distances], radius)
     samples = acw.samples + cw.samples
-    figures = figures_of(plain, stacked(draws), samples, {name: smooth[name] for name in _RANGES})
+    figures = figures_of(plain, stacked(draws), samples, means(calm, _RANGES))
     angle_between = difference([(c.phi, c.y) for c in angles])
     distance_between = difference([(c.phi, c.y) for c in distances])
     return Pair(_GRID, angle_between, distance_between, figures, samples, acw.notes + cw.notes)
