@@ -301,14 +301,22 @@ def test_only_owner_and_group_may_use_the_socket(bench: Bench) -> None:
     assert bench.socket.parent.stat().st_mode & 0o777 == 0o700
 
 
+def _sockets_of(pid: int) -> set[str]:
+    """Inodes of the sockets that a process holds; its files come and go while they are listed."""
+    inodes = set()
+    for entry in Path(f"/proc/{pid}/fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):
+            target = os.readlink(entry)  # noqa: PTH115 - no path, a socket's name
+            if target.startswith("socket:["):
+                inodes.add(target[8:-1])
+    return inodes
+
+
 def test_nothing_listens_on_the_network(bench: Bench) -> None:
     bench.start().all_reading()
     assert bench.daemon is not None
-    inodes = {
-        target[8:-1]
-        for entry in Path(f"/proc/{bench.daemon.pid}/fd").iterdir()
-        if (target := os.readlink(entry)).startswith("socket:[")  # noqa: PTH115 - no path, a socket's name
-    }
+    inodes = _sockets_of(bench.daemon.pid)
+    assert inodes  # its control socket at least
     listening = "0A"
     for table in ("tcp", "tcp6"):
         for row in Path(f"/proc/{bench.daemon.pid}/net/{table}").read_text().splitlines()[1:]:

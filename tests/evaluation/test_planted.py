@@ -3,7 +3,7 @@
 import pytest
 from planted import CASES, within
 
-SEEDS = {"pair": 30}
+SEEDS = {"pair": 20}
 """Fewer where one takes long; `scripts/planted` does more of all."""
 
 
