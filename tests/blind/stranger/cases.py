@@ -53,7 +53,9 @@ def generate(
     rng = np.random.default_rng([seed, zlib.crc32(kind.encode()), SCALES.index(scale)])
     robot = ROBOTS[rng.integers(len(ROBOTS))]
     sight, noise = sight_of(robot), drawn_noise(rng)
-    scales = Scales(sight, noise)
+    unseen, mode = _elsewhere(sight, rng)
+    session = _Session(sight, unseen, noise, rng)
+    scales = Scales(sight, noise, sight.placed(session.links))
     share = _shares(scales, kind, scale)
     hidden, foreign = _drawn(kind, scale, scales, share, rng)
     secret = [one.fault for one in hidden] + ([foreign.fault] if foreign else [])
@@ -61,8 +63,7 @@ def generate(
     rest = background([other for other in share if other not in apart], share, kind == "dense", rng)
     case = directory / (name or f"case-{seed:05d}")
     case.mkdir(parents=True)
-    unseen, mode = _elsewhere(sight, rng)
-    session = _Session(sight, unseen, [*secret, *rest], noise, rng)
+    session.faults = [*secret, *rest]
     _write(case, session, sight.cell, unseen[0])
     truth = {
         "case": case.name,
@@ -132,10 +133,9 @@ def _elsewhere(sight: Sight, rng: np.random.Generator) -> tuple[tuple[Cell, Trac
 class _Session:
     """A day in the shop: set-ups, and runs in the order they were made."""
 
-    def __init__(
-        self, sight: Sight, unseen: tuple[Cell, Track], faults: list[Fault], noise: Noise, rng: np.random.Generator
-    ) -> None:
-        self.sight, self.unseen, self.faults, self.noise, self.rng = sight, unseen, faults, noise, rng
+    def __init__(self, sight: Sight, unseen: tuple[Cell, Track], noise: Noise, rng: np.random.Generator) -> None:
+        self.sight, self.unseen, self.noise, self.rng = sight, unseen, noise, rng
+        self.faults: list[Fault] = []
         cell = sight.cell
         self.links = {
             "yaw": self._link(cell.circle, 2, cell),

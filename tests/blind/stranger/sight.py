@@ -8,7 +8,8 @@ signature's length is its matched-filter SNR, and the cosine between two tells h
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -64,6 +65,17 @@ class Sight:
             columns.append((turned - plain) / _STEP_RAD)
         return View(motion, link, trace, plain, np.stack(columns, axis=2))
 
+    def placed(self, links: Mapping[str, Link]) -> Sight:
+        """The same programs with the set-ups of one day, by test: how eccentric a ball sits decides what lags and
+        scales of gauges show."""
+        day = copy(self)
+        day.views = [
+            replace(view, link=link, plain=measure(self.cell, view.motion, [], link, trace=view.trace))
+            for view in self.views
+            for link in [links[view.motion.test]]
+        ]
+        return day
+
     def signature(self, faults: Sequence[Fault], exact: bool = False) -> list[Array]:
         """Readings with the faults less those without, (m, k) mm a program; joints to first order unless `exact`."""
         quick = len(faults) == 1 and faults[0].effect in ON_JOINT and not exact
@@ -102,8 +114,8 @@ def _channels(part: Array) -> Array:
 class Scales:
     """Lengths and angles between signatures in units of everything else: noise, scatter, free set-up, background."""
 
-    def __init__(self, sight: Sight, noise: Noise) -> None:
-        self.sight, self.noise = sight, noise
+    def __init__(self, sight: Sight, noise: Noise, day: Sight | None = None) -> None:
+        self.sight, self.noise, self.day = sight, noise, day or sight
         self._roots = [self._root(view) for view in sight.views]
         self.names, library = sight.library
         setup, scatter = self._setup_and_scatter()
@@ -200,9 +212,15 @@ class Frame:
         return rows - (rows @ self._U.T) @ self._middle @ self._U
 
     def of(self, faults: Sequence[Fault]) -> Array:
-        """Signature (D,) of faults in sigmas."""
-        scales = self.scales
-        return self.seen(scales.whiten(flat(scales.sight.signature(faults, exact=True))[None]))[0]
+        """Signature (D,) of faults in sigmas, in the set-ups of the day."""
+        return self._of(self.scales.day, faults)
+
+    def typical(self, faults: Sequence[Fault]) -> Array:
+        """The same in the set-ups that the library was made with, to be compared with it."""
+        return self._of(self.scales.sight, faults)
+
+    def _of(self, sight: Sight, faults: Sequence[Fault]) -> Array:
+        return self.seen(self.scales.whiten(flat(sight.signature(faults, exact=True))[None]))[0]
 
     @cached_property
     def library(self) -> dict[str, Array]:
