@@ -1,18 +1,18 @@
 """Residuals of repeated runs, in the form in which noise is white: what the search works on.
 
 Neighbouring readings on a circle are correlated, so circles are taken apart into orders (cycles a lap) of the sum and
-of the difference of the gauges; the run-to-run differences of repeats, pooled over all circles, say how noisy each is.
-Readings at targets are taken as they are. Where nothing was repeated the noise is assumed, and the answer says so.
+of the difference of the gauges; `noise` says how noisy each is. Readings at targets are taken as they are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.diagnose.noise import noise_of, reading_sd, shaken_by
+from analysis.diagnose.rounding import smooth
 from analysis.fitting.estimate import Fit
 from analysis.fitting.observation import Observation, residuals_of
 from analysis.kinematics.arm import Array
@@ -25,8 +25,6 @@ GRID = 512
 ORDERS = GRID // 2
 _BANDS = (0, 1, 2, 3, 5, 8, 12, 18, 30, 50, 90, 150, ORDERS)
 """Edges of the bands of orders in which the noise is pooled."""
-_ASSUMED_UM = {"circle": 1.5, "target": 2.0, "pose": 40.0}
-"""Noise of a reading where nothing was repeated."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,8 @@ class Sampling:
 @dataclass(frozen=True)
 class Block:
     """Repeated runs of one test and direction. one: the first of them, whose feedback stands for all; y (N,): their
-    mean residual in standard deviations; count of runs; phi (m,) rad of its rows on a circle."""
+    mean residual in standard deviations; count of runs; phi (m,) rad of its rows on a circle; span (N, c), size
+    (c,): the directions in which the scatter of joints and ball moves a run, orthonormal, and how far."""
 
     name: str
     one: Observation
@@ -56,12 +55,19 @@ class Block:
     y: Array
     count: int
     phi: Array
+    span: Array
+    size: Array
 
     def whitened(self, values: Array) -> Array:
         """Readings (m, k) or (m, k, p) mm of the block's rows, in its standard deviations: (N,) or (N, p)."""
-        flat = _orders(self.sampling(values)) if self.sampling else values.reshape(-1, *values.shape[2:])
-        scaled: Array = flat / self.sd_mm.reshape(-1, *[1] * (flat.ndim - 1))
-        return scaled
+        return self.white(_orders(self.sampling(values)) if self.sampling else values.reshape(-1, *values.shape[2:]))
+
+    def white(self, flat: Array) -> Array:
+        """Entries (N, …) mm in standard deviations, of noise and scatter together: (1 + S S')^-1/2 of them."""
+        scaled = flat / self.sd_mm.reshape(-1, *[1] * (flat.ndim - 1))
+        less = 1 - 1 / np.sqrt(1 + self.size**2)
+        white: Array = scaled - self.span @ (less.reshape(-1, *[1] * (flat.ndim - 1)) * (self.span.T @ scaled))
+        return white
 
 
 def _orders(gridded: Array) -> Array:
@@ -80,29 +86,37 @@ ORDER_OF = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arange(1, ORDER
 
 def blocks_of(model: Model, observations: Sequence[Observation], fitted: Fit) -> tuple[list[Block], bool]:
     """Blocks of all observations, and whether their noise is from repeats. Raises FileError for a lap that is none."""
+    smoothed = [smooth(one) for one in observations]
+    observations = [one.observation for one in smoothed]
+    rounding = np.max([one.rounding_deg for one in smoothed], axis=0)
     groups: dict[str, list[int]] = {}
     for k, one in enumerate(observations):
         groups.setdefault(_name(one), []).append(k)
     residuals = residuals_of(fitted.model, observations, fitted.setups)
-    flats: dict[str, list[Array]] = {}
-    samplings: dict[str, tuple[Sampling | None, Array]] = {}
+    gathered = []
     for name, members in groups.items():
-        for k in members:
-            sampling, phi = _sampling(model, observations[k])
-            flat = _orders(sampling(residuals[k])) if sampling else residuals[k].ravel()
-            flats.setdefault(name, []).append(flat)
-            samplings.setdefault(name, (sampling, phi))
-    flats = {name: _alike(rows) for name, rows in flats.items()}
-    repeated = any(len(rows) > 1 for rows in flats.values())
-    circle_sd = _circle_sd([rows for name, rows in flats.items() if samplings[name][0] is not None])
+        first = observations[members[0]]
+        samplings = [_sampling(model, observations[k]) for k in members]
+        flats = [
+            _orders(sampling(residuals[k])) if sampling else residuals[k].ravel()
+            for k, (sampling, _) in zip(members, samplings, strict=True)
+        ]
+        shaken = shaken_by(model, first, fitted.setups[first.setup])
+        sampling, phi = samplings[0]
+        flat_shaken = _orders(sampling(shaken)) if sampling else shaken.reshape(-1, shaken.shape[2])
+        gathered.append((name, first, sampling, phi, np.array(_alike(flats)), flat_shaken))
+    noise = noise_of([(rows, shaken) for _, _, sampling, _, rows, shaken in gathered if sampling], ORDER_OF, _BANDS)
     blocks = []
-    for name, rows in flats.items():
-        sampling, phi = samplings[name]
-        sd = circle_sd if sampling else _target_sd(rows, observations[groups[name][0]])
-        sd = sd / np.sqrt(len(rows))
-        y = np.mean(rows, axis=0) / sd
-        blocks.append(Block(name, observations[groups[name][0]], sampling, sd, y, len(rows), phi))
-    return blocks, repeated
+    for name, first, sampling, phi, rows, shaken in gathered:
+        if sampling:
+            sd = noise.sd_mm
+        else:
+            sd = reading_sd(rows, shaken, noise, rounding, poses=isinstance(first.table, PoseTable))
+        count = len(rows)
+        span, size, _ = np.linalg.svd(shaken * noise.scatter(shaken.shape[1]) / sd[:, None], full_matrices=False)
+        block = Block(name, first, sampling, sd / np.sqrt(count), np.empty(0), count, phi, span, size)
+        blocks.append(replace(block, y=block.white(rows.mean(axis=0))))
+    return blocks, noise.measured
 
 
 def _name(one: Observation) -> str:
@@ -126,31 +140,3 @@ def _sampling(model: Model, one: Observation) -> tuple[Sampling | None, Array]:
     step = (phi[after] - phi[before]) % (2 * np.pi)
     share = ((grid - phi[before]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
     return Sampling(order[before], order[after], np.clip(share, 0, 1)), lap.phi
-
-
-def _circle_sd(groups: Sequence[list[Array]]) -> Array:
-    """Standard deviation (N,) mm of each entry of one run, by channel and band of orders."""
-    sd = np.full(len(ORDER_OF), _ASSUMED_UM["circle"] / 1000)
-    freedom = sum(len(rows) - 1 for rows in groups)
-    if not freedom:
-        return sd
-    squares = sum(((np.array(rows) - np.mean(rows, axis=0)) ** 2).sum(axis=0) for rows in groups)
-    half = len(ORDER_OF) // 2
-    for channel in (slice(0, half), slice(half, None)):
-        order, power = ORDER_OF[channel], np.asarray(squares)[channel]
-        for low, high in pairwise(_BANDS):
-            band = (order >= low) & (order < high)
-            pooled = power[band].sum() / (band.sum() * freedom)
-            # Few repeats leave a band's noise uncertain; a little more than its mean keeps the tails honest.
-            sd[channel][band] = np.sqrt(pooled * (1 + 2 / (band.sum() * freedom)))
-    return np.asarray(np.maximum(sd, 1e-5), dtype=float)
-
-
-def _target_sd(rows: list[Array], one: Observation) -> Array:
-    kind = "pose" if isinstance(one.table, PoseTable) else "target"
-    assumed = _ASSUMED_UM[kind] / 1000
-    if len(rows) < 2:
-        return np.full(len(rows[0]), assumed)
-    freedom = (len(rows) - 1) * len(rows[0])
-    pooled = ((np.array(rows) - np.mean(rows, axis=0)) ** 2).sum() / freedom
-    return np.full(len(rows[0]), max(float(np.sqrt(pooled)), 1e-4))

@@ -1,32 +1,42 @@
-"""Sizes and shapes of named effects by Gauss-Newton, every other effect present at a healthy arm's size.
+"""Sizes and shapes of named effects on the simulator, by Gauss-Newton, every other effect there as a healthy arm has it.
 
 A right name in a wrong form would draw other names to mend it: so each effect's shape (how gradual a play is crossed, a
-third harmonic, the order of a gear, a decay) is fitted with its size, held by what is plausible.
+third harmonic, the order of a gear, a decay) is fitted with its size, held by what is plausible. The set-ups are fitted
+with them, and exactly: a large effect moves the ball that a fit without it had found.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from analysis.diagnose.response import Response
+from analysis.diagnose.evidence import WIDE, Background
+from analysis.diagnose.linear import Linear, nudged
 from analysis.kinematics.arm import Array
-from rigs.effects import Effect, TransmissionError, healthy_size, size_field
+from analysis.model.predict import SetUp
+from rigs.effects import Effect, healthy_size, size_field
 
-_WIDE = 70.0
-"""Prior spread of a named size, in healthy sizes."""
-_ROUNDS = 8
+_ROUNDS = 10
+_ENOUGH = 0.02
+"""Half a chi-square that a round must gain to go on."""
+_BALL_MM = 1.0
+"""How far a ball may be from where the first fit has it: decides only what the readings hardly tell, its height."""
 _SHAPES: dict[str, dict[str, tuple[float, float]]] = {
-    "backlash": {"transit": (0.2, 0.4)},
+    "backlash": {"transit": (0.2, 0.4), "preload": (0.0, 0.15)},
     "transmission_error": {"third": (0.0, 0.3)},
-    "compliance": {"payload_kg": (5.0, 5.0)},
-    "reversal_spike": {"decay_s": (0.3, 0.3)},
-    "thermal_growth": {"time_constant_s": (600.0, 400.0)},
+    "compliance": {"payload_kg": (5.0, 7.0)},
 }
 """Shapes that are fitted: what is expected, and how far it may be off."""
+_STRETCHED = {
+    "transmission_error": ("order", 0.03),
+    "reversal_spike": ("decay_s", 0.7),
+    "thermal_growth": ("time_constant_s", 0.7),
+    "gauge_cyclic": ("period_mm", 0.05),
+}
+"""Shapes that begin where a variant has them, and how far they may be off, in shares of that."""
 
 
 @dataclass(frozen=True)
@@ -42,104 +52,141 @@ class Unknown:
 @dataclass(frozen=True)
 class Refined:
     """Effects with fitted sizes and shapes; unknowns, their values (q,) and covariance (q, q); left (N,): what stays of
-    the residual; evidence: log of it by Laplace, over nothing named, no prices paid."""
+    the residual, in standard deviations; tangents (N, q): what a little more of each unknown would add; setups; evidence: log of it by Laplace, over nothing named, no prices paid."""
 
     effects: tuple[Effect, ...]
     unknowns: tuple[Unknown, ...]
     values: Array
     covariance: Array
     left: Array
+    tangents: Array
+    setups: dict[str, SetUp]
     evidence: float
 
-
-class Background:
-    """The covariance I + G H² G' of noise and a healthy arm's share of every effect, by Woodbury's identity."""
-
-    def __init__(self, G: Array, healthy: Array) -> None:
-        chol = np.linalg.cholesky(G.T @ G + np.diag(1 / healthy**2))
-        self._half = np.linalg.solve(chol, G.T)
-
-    def halved(self, columns: Array) -> Array:
-        """What must be taken off X'X and X'y: (p, …)."""
-        return self._half @ columns
-
-    def weighted(self, columns: Array) -> Array:
-        """C⁻¹ columns, (N, …)."""
-        return columns - self._half.T @ self.halved(columns)
-
-    def product(self, left: Array, right: Array) -> Array:
-        """left' C⁻¹ right."""
-        return left.T @ right - self.halved(left).T @ self.halved(right)
+    def sd(self, effect: int) -> dict[str, float]:
+        """Standard uncertainty of each fitted parameter of one effect."""
+        sds = np.sqrt(np.diag(self.covariance))
+        return {u.field: float(sd) for u, sd in zip(self.unknowns, sds, strict=True) if u.effect == effect}
 
 
-def unknowns_of(effects: Sequence[Effect]) -> list[Unknown]:
+def refine(linear: Linear, background: Background, effects: Sequence[Effect]) -> Refined:
+    """Fit sizes and shapes of effects, from where they are. None leaves the residual as it is."""
+    return _Problem(linear, background, effects).solved(effects)
+
+
+class _Problem:
+    def __init__(self, linear: Linear, background: Background, effects: Sequence[Effect]) -> None:
+        self.linear, self.background = linear, background
+        self.unknowns = _unknowns(linear, effects)
+        self.expected = np.array([u.expected for u in self.unknowns])
+        self.spread = np.array([u.spread for u in self.unknowns])
+        self._held = np.array([1 / _BALL_MM**2 if term < 3 else 1e-9 for _, term in linear.nudges])
+        self._normal = linear.U.T @ linear.U + np.diag(self._held)
+
+    def solved(self, effects: Sequence[Effect]) -> Refined:
+        now: list[Any] = list(effects)
+        x = np.array([float(getattr(now[u.effect], u.field)) for u in self.unknowns])
+        moved, r = self._settled(now, np.zeros(len(self._held)))
+        cost, damping = self._cost(r, x), 1e-4
+        for _ in range(_ROUNDS):
+            J = self._slopes(now, self._setups(moved))
+            H = self.background.product(J, J) + np.diag(1 / self.spread**2)
+            gradient = self.background.product(J, r[:, None])[:, 0] - (x - self.expected) / self.spread**2
+            for _ in range(5):
+                step = np.linalg.solve(H + damping * np.diag(np.diag(H)), gradient)
+                tried = self._bounded(now, x + step)
+                there = self._with(now, tried)
+                there_moved, there_r = self._settled(there, moved)
+                there_cost = self._cost(there_r, tried)
+                if there_cost < cost:
+                    break
+                damping = max(damping, 1e-2) * 8
+            else:
+                break
+            gained = cost - there_cost
+            x, now, moved, r, cost, damping = tried, there, there_moved, there_r, there_cost, damping / 10
+            if gained < _ENOUGH:
+                break
+        J = self._slopes(now, self._setups(moved))
+        H = self.background.product(J, J) + np.diag(1 / self.spread**2)
+        _, plain = self._settled([], np.zeros(len(self._held)))
+        whole = float(self.background.product(plain[:, None], plain[:, None])[0, 0])
+        occam = np.linalg.slogdet(H)[1] + 2 * np.log(self.spread).sum()
+        covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
+        evidence = 0.5 * (whole - cost) - 0.5 * float(occam)
+        return Refined(tuple(now), tuple(self.unknowns), x, covariance, r, J, self._setups(moved), evidence)
+
+    def _settled(self, effects: Sequence[Effect], moved: Array) -> tuple[Array, Array]:
+        """Set-ups fitted to what effects leave, as how far (s,) mm they moved, and what is left without what they could
+        still do."""
+        for _ in range(3):
+            r = self.linear.residual(effects, self._setups(moved))
+            change = np.linalg.solve(self._normal, self.linear.U.T @ r - self._held * moved)
+            if np.abs(change).max() < 1e-3:
+                break
+            moved = moved + change
+        else:
+            r = self.linear.residual(effects, self._setups(moved))
+        return moved, self.linear.projected(r)
+
+    def _setups(self, moved: Array) -> dict[str, SetUp]:
+        placed = dict(self.linear.setups)
+        for (name, term), step in zip(self.linear.nudges, moved, strict=True):
+            placed[name] = nudged(placed[name], self.linear.poses(name), term, float(step))
+        return placed
+
+    def _cost(self, r: Array, x: Array) -> float:
+        chi2 = float(self.background.product(r[:, None], r[:, None])[0, 0])
+        return chi2 + float((((x - self.expected) / self.spread) ** 2).sum())
+
+    def _slopes(self, effects: Sequence[Any], setups: Mapping[str, SetUp]) -> Array:
+        """Derivatives (N, q) of what effects add, set-up terms projected out."""
+        base = self.linear.residual(effects, setups)
+        columns = np.empty((len(base), len(self.unknowns)))
+        for k, unknown in enumerate(self.unknowns):
+            step = _step(effects[unknown.effect], unknown)
+            changed = list(effects)
+            value = float(getattr(changed[unknown.effect], unknown.field)) + step
+            changed[unknown.effect] = changed[unknown.effect].model_copy(update={unknown.field: value})
+            columns[:, k] = (base - self.linear.residual(changed, setups)) / step
+        return self.linear.projected(columns)
+
+    def _bounded(self, effects: Sequence[Any], x: Array) -> Array:
+        held = x.copy()
+        for k, unknown in enumerate(self.unknowns):
+            if unknown.field == "phase_deg":
+                held[k] = (held[k] + 180) % 360 - 180
+                continue
+            low, high = bounds(effects[unknown.effect], unknown.field)
+            held[k] = np.clip(held[k], low, high)
+        return held
+
+    def _with(self, effects: Sequence[Any], x: Array) -> list[Any]:
+        made = list(effects)
+        for unknown, value in zip(self.unknowns, x, strict=True):
+            made[unknown.effect] = made[unknown.effect].model_copy(update={unknown.field: float(value)})
+        return made
+
+
+def _unknowns(linear: Linear, effects: Sequence[Effect]) -> list[Unknown]:
     """What is to be found of some effects."""
     found = []
+    sigma = np.linalg.norm(linear.columns(effects), axis=0)
     for k, effect in enumerate(effects):
-        found.append(Unknown(k, size_field(effect), 0.0, _WIDE * healthy_size(effect)))
-        if isinstance(effect, TransmissionError):
+        field = size_field(effect)
+        size = abs(float(getattr(effect, field)))
+        # As wide as the evidence has it: 35 sigma, or the effect's own size.
+        spread = size * np.hypot(1.0, WIDE / max(float(sigma[k]), 1e-9))
+        found.append(Unknown(k, field, 0.0, max(spread, 1e-12)))
+        if hasattr(effect, "phase_deg"):
             found.append(Unknown(k, "phase_deg", effect.phase_deg, 360.0))
-            found.append(Unknown(k, "order", effect.order, 0.05 * effect.order))
-        for field, (expected, spread) in _SHAPES.get(effect.effect, {}).items():
-            found.append(Unknown(k, field, expected, spread))
+        if effect.effect in _STRETCHED:
+            name, share = _STRETCHED[effect.effect]
+            begin = float(getattr(effect, name))
+            found.append(Unknown(k, name, begin, max(share * begin, 0.5 if name == "order" else 0.0)))
+        for name, (expected, spread) in _SHAPES.get(effect.effect, {}).items():
+            found.append(Unknown(k, name, expected, spread))
     return found
-
-
-def refine(response: Response, background: Background, effects: Sequence[Effect]) -> Refined:
-    """Fit sizes and shapes of effects, from where they are, to the residual of a response."""
-    unknowns = unknowns_of(effects)
-    now: list[Any] = list(effects)
-    x = np.array([float(getattr(now[u.effect], u.field)) for u in unknowns])
-    expected = np.array([u.expected for u in unknowns])
-    spread = np.array([u.spread for u in unknowns])
-    y, cost, damping = response.y, np.inf, 1e-3
-    added = response.of(now).sum(axis=1)
-    cost = _cost(background, y - added, x, expected, spread)
-    for _ in range(_ROUNDS):
-        J = _slopes(response, now, unknowns)
-        H = background.product(J, J) + np.diag(1 / spread**2)
-        gradient = background.product(J, (y - added)[:, None])[:, 0] - (x - expected) / spread**2
-        for _ in range(6):
-            step = np.linalg.solve(H + damping * np.diag(np.diag(H)), gradient)
-            tried = _bounded(now, unknowns, x + step)
-            there = _with(now, unknowns, tried)
-            there_added = response.of(there).sum(axis=1)
-            there_cost = _cost(background, y - there_added, tried, expected, spread)
-            if there_cost < cost:
-                break
-            damping *= 8
-        else:
-            break
-        gained = cost - there_cost
-        x, now, added, cost, damping = tried, there, there_added, there_cost, max(damping / 10, 1e-6)
-        if gained < 1e-2:
-            break
-    J = _slopes(response, now, unknowns)
-    H = background.product(J, J) + np.diag(1 / spread**2)
-    base = float(background.product(y[:, None], y[:, None])[0, 0])
-    sign, logdet = np.linalg.slogdet(H)
-    evidence = 0.5 * (base - cost) - 0.5 * (logdet + 2 * np.log(spread).sum()) if sign > 0 else -np.inf
-    covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
-    return Refined(tuple(now), tuple(unknowns), x, covariance, y - added, float(evidence))
-
-
-def _cost(background: Background, left: Array, x: Array, expected: Array, spread: Array) -> float:
-    return float(background.product(left[:, None], left[:, None])[0, 0] + (((x - expected) / spread) ** 2).sum())
-
-
-def _slopes(response: Response, effects: Sequence[Any], unknowns: Sequence[Unknown]) -> Array:
-    """Derivatives (N, q), one effect at a time since responses add."""
-    own = response.of(effects)
-    changed = []
-    for unknown in unknowns:
-        effect = effects[unknown.effect]
-        step = _step(effect, unknown)
-        value = float(getattr(effect, unknown.field))
-        changed.append(effect.model_copy(update={unknown.field: value + step}))
-    moved = response.of(changed)
-    steps = np.array([_step(effects[u.effect], u) for u in unknowns])
-    columns: Array = (moved - own[:, [u.effect for u in unknowns]]) / steps
-    return columns
 
 
 def _step(effect: Any, unknown: Unknown) -> float:
@@ -155,18 +202,3 @@ def bounds(effect: Any, field: str) -> tuple[float, float]:
     low = max((float(getattr(m, name)) for m in metadata for name in ("ge", "gt") if hasattr(m, name)), default=-np.inf)
     high = min((float(m.le) for m in metadata if hasattr(m, "le")), default=np.inf)
     return low, high
-
-
-def _bounded(effects: Sequence[Any], unknowns: Sequence[Unknown], x: Array) -> Array:
-    held = x.copy()
-    for k, unknown in enumerate(unknowns):
-        low, high = bounds(effects[unknown.effect], unknown.field)
-        held[k] = np.clip(held[k], low, high)
-    return held
-
-
-def _with(effects: Sequence[Any], unknowns: Sequence[Unknown], x: Array) -> list[Any]:
-    made = list(effects)
-    for unknown, value in zip(unknowns, x, strict=True):
-        made[unknown.effect] = made[unknown.effect].model_copy(update={unknown.field: float(value)})
-    return made

@@ -1,9 +1,6 @@
-"""Which effects explain the residual: proposed by linear evidence, judged by refined fits, defended against rivals.
+"""Which names explain the residual: closed-form evidence over all candidates, names added, dropped and swapped.
 
-Every effect is also there as a healthy arm's share of it (`Background`), so a little of everything draws no name. A
-proposal is the candidate whose response explains most of what is left; it is refined with its shape, and kept when the
-evidence of the whole set grows by more than the price of a name. Each name must then stand against its rivals: other
-candidates refined in its place. What a set-up term could do as well is not testable, and no candidate.
+Effects are linear here, shapes with them; `refine` follows on the simulator.
 """
 
 from __future__ import annotations
@@ -13,150 +10,288 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from analysis.diagnose.candidates import Candidate
-from analysis.diagnose.refine import Background, Refined, refine
-from analysis.diagnose.response import Response
+from analysis.diagnose.evidence import DETECTABLE, WIDE, Background, Dictionary, one_sided
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, healthy_size, size_field
 
 PRICE = 3.0
-"""Log odds that a name must win beside the number of candidates: 20 to 1."""
+"""Log odds that a name must win beside the number of names there are: 20 to 1."""
 DEPTH = 4
-_TRIED = 4
-"""Proposals that are refined before the best is taken."""
-_RIVALS = 5
-_OWN_SHARE = 0.02
-
-
-@dataclass(frozen=True)
-class Rival:
-    """Another candidate in the place of a name, and its share of the evidence there."""
-
-    name: str
-    effect: Effect
-    posterior: float
+USUAL = 0.1
+"""Level of the background, in detection limits, up to which all are as likely."""
+DOUBT = 6.0
+"""Log odds for each time that a level doubles from there."""
+LEVELS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8, 25.6, 100.0)
+_LARGEST = 25.0
+"""Healthy sizes at which an effect must at least be seen to be testable."""
+_OWN_SHARE = 1e-3
+_NOTHING = 1e-4
+"""Square of sigmas of a healthy size below which a candidate does nothing."""
 
 
 @dataclass(frozen=True)
 class Explained:
-    """The names given, in order, each with its posterior and rivals; refined: their sizes and shapes."""
+    """Candidates chosen, by number, with their main coefficients in healthy sizes; score: log density of the residual,
+    prices paid; level of the background."""
 
-    names: tuple[str, ...]
-    refined: Refined
-    posterior: tuple[float, ...]
-    rivals: tuple[tuple[Rival, ...], ...]
+    chosen: tuple[int, ...]
+    sizes: tuple[Array, ...]
+    score: float
+    level: float
 
 
 class Search:
-    """The candidates' signatures on one response."""
+    """The names that explain y (N,), on one dictionary."""
 
-    def __init__(self, response: Response, candidates: Sequence[Candidate]) -> None:
-        own = response.own([candidate.effect for candidate in candidates])
-        self.not_testable = [c.name for c, share in zip(candidates, own, strict=True) if share < _OWN_SHARE]
-        self.response = response
-        self.candidates = candidates = [c for c, share in zip(candidates, own, strict=True) if share >= _OWN_SHARE]
-        effects = [effect for candidate in candidates for effect in candidate.effects]
-        self.owner = np.repeat(np.arange(len(candidates)), [len(c.effects) for c in candidates])
-        self.G = response.of(effects)
-        share = np.concatenate([np.full(len(c.effects), c.share / np.sqrt(len(c.effects))) for c in candidates])
-        self._share = share
-        self.background = Background(self.G, share)
-        self.price = PRICE + float(np.log(len(candidates)))
-        self._weighted = self.background.weighted(self.G)
-        self._known: dict[frozenset[str], Refined] = {}
+    def __init__(self, dictionary: Dictionary, y: Array, testable: NDArray[np.bool_] | None = None) -> None:
+        self.dictionary, self.y = dictionary, y
+        seen = (dictionary.own >= _OWN_SHARE) & (_LARGEST * dictionary.sigma >= DETECTABLE)
+        self.testable = seen if testable is None else testable
+        self.names = [candidate.name for candidate in dictionary.candidates]
+        self.price = PRICE + float(np.log(len(set(self.names))))
+        G = dictionary.G
+        self.behind = self._background_columns()
+        self.Kb = G[:, self.behind].T @ G
+        """Products of the background's columns with all columns."""
+        self.h = G.T @ y
+        self.yy = float(y @ y)
 
-    def explain(self) -> Explained:
-        """Names, as many as pay for themselves."""
-        names: tuple[str, ...] = ()
-        now = self._refined(names, ())
-        for _ in range(DEPTH):
-            tried = [self._joined(names, now, k) for k in self.proposals(now.left, set(names))[:_TRIED]]
-            best = max(tried, key=lambda entry: entry[1].evidence, default=None)
-            if best is None or best[1].evidence - now.evidence < self.price:
-                break
-            names, now = self._settled(*best)
-        return self._defended(names, now)
+    def background(self, level: float) -> Background:
+        """Noise and a healthy arm's share of every effect, at one level."""
+        return Background(self.dictionary.G[:, self.behind], self.shares(level))
 
-    def proposals(self, left: Array, taken: set[str]) -> list[int]:
-        """Candidates by how much of what is left their signatures explain, best first."""
-        b = self._weighted.T @ left
-        gain = np.empty(len(self.candidates))
-        for k, candidate in enumerate(self.candidates):
-            cols = np.flatnonzero(self.owner == k)
-            A = self._weighted[:, cols].T @ self.G[:, cols] + 1e-12 * np.eye(len(cols))
-            size = np.linalg.solve(A, b[cols])
-            # The background holds the candidate's own healthy share: taken out here, for it is on trial.
-            without = np.linalg.solve(np.eye(len(cols)) - self._share[cols[0]] ** 2 * A, b[cols])
-            one_sided = len(cols) == 1 and _one_sided(candidate.effect)
-            gain[k] = 0.0 if one_sided and size[0] <= 0 else float(without @ size)
-        order = np.argsort(-gain)
-        return [int(k) for k in order if self.candidates[k].name not in taken and gain[k] > 2 * self.price]
+    def shares(self, level: float) -> Array:
+        """Standard deviations of the background's columns."""
+        shares: Array = self.dictionary.background(level)[self.behind] * np.sqrt(_thinned(self))
+        return shares
 
-    def _joined(self, names: tuple[str, ...], now: Refined, k: int) -> tuple[tuple[str, ...], Refined]:
-        start = self._start(k, now.left)
-        return (*names, self.candidates[k].name), self._refined(
-            (*names, self.candidates[k].name), (*now.effects, start)
-        )
+    def _background_columns(self) -> Array:
+        """Columns that make the background: main ones, of the many orders of a gear every third."""
+        kept, seen = [], dict.fromkeys(self.names, 0)
+        for k, name in enumerate(self.names):
+            if not (name.startswith("transmission_error") and seen[name] % 3):
+                kept += list(self.dictionary.main[k])
+            seen[name] += 1
+        return np.array(sorted(set(kept)))
 
-    def _refined(self, names: tuple[str, ...], effects: Sequence[Effect]) -> Refined:
-        key = frozenset(names)
-        if key not in self._known:
-            self._known[key] = refine(self.response, self.background, effects)
-        return self._known[key]
+    def beside(self, left: Array, free: Array) -> Search:
+        """The same search for what is left (N,) of the residual, where the columns `free` (N, q) are free too."""
+        return Search(self.dictionary.beside(free), left, self.testable)
 
-    def _settled(self, names: tuple[str, ...], now: Refined) -> tuple[tuple[str, ...], Refined]:
-        """Drop what no longer pays for itself."""
-        for place in range(len(names) - 1):
-            rest = names[:place] + names[place + 1 :]
-            without = self._refined(rest, now.effects[:place] + now.effects[place + 1 :])
-            if now.evidence - without.evidence < self.price:
-                return self._settled(rest, without)
-        return names, now
+    def table(self, level: float) -> Table:
+        """Products under one background level."""
+        return Table(self, level)
 
-    def _defended(self, names: tuple[str, ...], now: Refined) -> Explained:
-        """Every name against its rivals; a rival that does better takes its place, once."""
-        posterior, rivals = [], []
-        for place in range(len(names)):
-            found = self._rivals(names, now, place)
-            best = max(found, key=lambda entry: entry[1].evidence, default=None)
-            if best is not None and best[1].evidence > now.evidence + 0.5:
-                return self._defended(*best)
-            weight = np.exp(np.array([0.0, *(one.evidence - now.evidence for _, one in found)]))
-            share = weight / weight.sum()
-            posterior.append(float(share[0]))
-            others = [
-                Rival(rival[-1], one.effects[-1], float(p)) for (rival, one), p in zip(found, share[1:], strict=True)
-            ]
-            rivals.append(
-                tuple(sorted((one for one in others if one.posterior > 1e-3), key=lambda one: -one.posterior))
-            )
-        return Explained(names, now, tuple(posterior), tuple(rivals))
-
-    def _rivals(self, names: tuple[str, ...], now: Refined, place: int) -> list[tuple[tuple[str, ...], Refined]]:
-        rest, kept = names[:place] + names[place + 1 :], now.effects[:place] + now.effects[place + 1 :]
-        left = self.response.y - self.response.of(kept).sum(axis=1)
-        found = []
-        for k in self.proposals(left, set(names))[:_RIVALS]:
-            effects = (*kept, self._start(k, left))
-            rival = (*rest, self.candidates[k].name)
-            found.append((rival, self._refined(rival, effects)))
-        return found
-
-    def _start(self, k: int, left: Array) -> Effect:
-        """The candidate at the size, and the phase, that explains most of what is left."""
-        cols = np.flatnonzero(self.owner == k)
-        A = self._weighted[:, cols].T @ self.G[:, cols]
-        size = np.linalg.solve(A + 1e-12 * np.eye(len(cols)), self._weighted[:, cols].T @ left)
-        effect: Any = self.candidates[k].effect
+    def start(self, k: int, size: Array) -> Effect:
+        """A candidate as an effect of a size given by its main coefficients, in healthy sizes."""
+        effect: Any = self.dictionary.candidates[k].effect
         field, healthy = size_field(effect), healthy_size(effect)
-        if len(cols) == 2:
+        if len(size) == 2:
             phase = float(np.degrees(np.arctan2(size[1], size[0])))
             return effect.model_copy(update={field: float(np.hypot(*size)) * healthy, "phase_deg": phase})  # type: ignore[no-any-return]
         return effect.model_copy(update={field: float(size[0]) * healthy})  # type: ignore[no-any-return]
 
+    def best(self, levels: Sequence[float] = LEVELS) -> Explained:
+        """The best set of names over background levels."""
+        return max((self.at(level) for level in levels), key=lambda one: one.score)
 
-def _one_sided(effect: Effect) -> bool:
-    """A width or a softness cannot be negative."""
-    metadata = type(effect).model_fields[size_field(effect)].metadata
-    return any(getattr(bound, "ge", -1.0) == 0 for bound in metadata)
+    def at(self, level: float) -> Explained:
+        """The best set of names where the background has one level."""
+        return Table(self, level).explained()
+
+
+class Table:
+    """Products of columns under one background level."""
+
+    def __init__(self, search: Search, level: float) -> None:
+        from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+
+        self.search, self.level = search, level
+        behind = search.behind
+        share = search.shares(level)
+        gram = search.Kb[:, behind] * np.outer(share, share)
+        L = np.linalg.cholesky(np.eye(len(share)) + gram)
+        self._W = solve_triangular(L, share[:, None] * search.Kb, lower=True, check_finite=False)
+        w = solve_triangular(L, share * search.h[behind], lower=True, check_finite=False)
+        self.h = search.h - self._W.T @ w
+        self.null = -0.5 * (search.yy - float(w @ w)) - float(np.log(np.diag(L)).sum()) - _doubt(level)
+        self._with: dict[int, Array] = {}
+        self._groups = _groups(search.dictionary)
+        self._blocks = [self._block(cols) for _, cols, _, _ in self._groups]
+
+    def explained(self) -> Explained:
+        """Names added while one pays, each time dropped and swapped where that is better."""
+        chosen: tuple[int, ...] = ()
+        score = self.null
+        for _ in range(DEPTH):
+            gains = self.gains(chosen)
+            k = int(np.argmax(gains))
+            if gains[k] < self.search.price:
+                break
+            chosen = (*chosen, k)
+            chosen, score = self._mended(chosen, self.score(chosen))
+        return Explained(chosen, tuple(self.sizes(chosen)), score, self.level)
+
+    def _mended(self, chosen: tuple[int, ...], score: float) -> tuple[tuple[int, ...], float]:
+        """Names dropped that no longer pay, and each swapped for a better one, until nothing improves."""
+        for _ in range(4):
+            moves = [(score, chosen)]
+            for place in range(len(chosen)):
+                rest = chosen[:place] + chosen[place + 1 :]
+                moves.append((self.score(rest), rest))
+                k = int(np.argmax(self.gains(rest)))
+                if k != chosen[place]:
+                    moves.append((self.score((*rest, k)), (*rest, k)))
+            best = max(moves)
+            if best[1] == chosen:
+                break
+            score, chosen = best
+        return chosen, score
+
+    def gains(self, chosen: Sequence[int]) -> Array:
+        """Evidence that each candidate adds to those chosen; -inf for one that cannot be named now."""
+        search = self.search
+        gains = np.full(len(search.names), -np.inf)
+        h, drop = self._without(chosen)
+        for (members, cols, mains, shares), block in zip(self._groups, self._blocks, strict=True):
+            A = block if drop is None else block - drop(cols)
+            b = h[cols]
+            precision, x = _precision(A, b, mains, shares)
+            H = A + precision
+            t2 = (b * np.linalg.solve(H, b[:, :, None])[:, :, 0]).sum(axis=1)
+            occam = np.linalg.slogdet(H)[1] - np.linalg.slogdet(precision)[1]
+            seen = A[:, 0, 0] > _NOTHING
+            gains[members] = np.where(seen, 0.5 * (t2 - occam), -np.inf)
+            if mains == 1:
+                for place in np.flatnonzero(x[:, 0] <= 0):
+                    if one_sided(search.dictionary.candidates[members[place]].effect):
+                        gains[members[place]] = -np.inf
+        gains[~search.testable] = -np.inf
+        taken = {search.names[k] for k in chosen}
+        gains[[name in taken for name in search.names]] = -np.inf
+        return gains
+
+    def score(self, chosen: Sequence[int]) -> float:
+        """Log density of y with some names, prices paid."""
+        if not chosen:
+            return self.null
+        H, block, b, _ = self._normal(chosen)
+        fit = float(b @ np.linalg.solve(H, b))
+        occam = np.linalg.slogdet(H)[1] - np.linalg.slogdet(block)[1]
+        return self.null + 0.5 * float(fit - occam) - self.search.price * len(chosen)
+
+    def sizes(self, chosen: Sequence[int]) -> list[Array]:
+        """Main coefficients of each chosen candidate, in healthy sizes."""
+        if not chosen:
+            return []
+        H, _, b, places = self._normal(chosen)
+        values = np.linalg.solve(H, b)
+        return [values[place][: len(self.search.dictionary.main[k])] for place, k in zip(places, chosen, strict=True)]
+
+    def _cols(self, k: int) -> Array:
+        return np.concatenate([self.search.dictionary.main[k], self.search.dictionary.shape[k]]).astype(int)
+
+    def _row(self, column: int) -> Array:
+        """Products of one column with all."""
+        if column not in self._with:
+            G = self.search.dictionary.G
+            self._with[column] = G.T @ G[:, column] - self._W.T @ self._W[:, column]
+        return self._with[column]
+
+    def _block(self, cols: Array) -> Array:
+        """Products within each candidate of a group: (n, q, q)."""
+        G = self.search.dictionary.G
+        q = cols.shape[1]
+        block = np.empty((len(cols), q, q))
+        for i in range(q):
+            for j in range(i, q):
+                a, b = cols[:, i], cols[:, j]
+                block[:, i, j] = block[:, j, i] = self._products(G, a, b)
+        return block
+
+    def _products(self, G: Array, a: Array, b: Array) -> Array:
+        return np.einsum("nk,nk->k", G[:, a], G[:, b]) - np.einsum("nk,nk->k", self._W[:, a], self._W[:, b])
+
+    def _without(self, chosen: Sequence[int]) -> tuple[Array, object]:
+        """h, and what to take off a group's products, where the sizes of what is chosen are free."""
+        if not chosen:
+            return self.h, None
+        H, _, b, _ = self._normal(chosen)
+        rows = np.stack([self._row(int(c)) for k in chosen for c in self._cols(k)])
+        half = np.linalg.solve(np.linalg.cholesky(H), rows)
+
+        def drop(cols: Array) -> Array:
+            part = half[:, cols]
+            return np.einsum("anq,anr->nqr", part, part)
+
+        return self.h - rows.T @ np.linalg.solve(H, b), drop
+
+    def _normal(self, chosen: Sequence[int]) -> tuple[Array, Array, Array, list[slice]]:
+        """Normal matrix with its prior, the prior, right side, and each candidate's place in them."""
+        cols = np.concatenate([self._cols(k) for k in chosen])
+        A = np.stack([self._row(int(c))[cols] for c in cols])
+        b, prior = self.h[cols], np.zeros_like(A)
+        places, begin = [], 0
+        for k in chosen:
+            own = self._cols(k)
+            place = slice(begin, begin + len(own))
+            mains = len(self.search.dictionary.main[k])
+            shares = np.array([shape.share for shape in self.search.dictionary.candidates[k].shapes])
+            precision, _ = _precision(A[None, place, place], b[None, place], mains, shares[None])
+            prior[place, place] = precision[0]
+            places.append(place)
+            begin += len(own)
+        return A + prior, prior, b, places
+
+
+def _doubt(level: float) -> float:
+    """Log odds against a healthy arm that shows so much of everything."""
+    return DOUBT * max(0.0, float(np.log2(level / USUAL)))
+
+
+def _thinned(search: Search) -> Array:
+    """How many orders each background column stands for."""
+    thin = [3.0 if search.names[k].startswith("transmission_error") else 1.0 for k in _owners(search)]
+    return np.array(thin)
+
+
+def _owners(search: Search) -> list[int]:
+    owner = {}
+    for k, cols in enumerate(search.dictionary.main):
+        for column in cols:
+            owner.setdefault(int(column), k)
+    return [owner[int(column)] for column in search.behind]
+
+
+def _groups(dictionary: Dictionary) -> list[tuple[Array, Array, int, Array]]:
+    """Candidates of one form: their numbers (n,), columns (n, q), how many of them are main, shares (n, q - main)."""
+    forms: dict[tuple[int, int], list[int]] = {}
+    for k in range(len(dictionary.candidates)):
+        forms.setdefault((len(dictionary.main[k]), len(dictionary.shape[k])), []).append(k)
+    return [
+        (
+            np.array(members),
+            np.stack([np.concatenate([dictionary.main[k], dictionary.shape[k]]).astype(int) for k in members]),
+            mains,
+            np.array([[shape.share for shape in dictionary.candidates[k].shapes] for k in members]).reshape(len(members), shapes),
+        )
+        for (mains, shapes), members in forms.items()
+    ]
+
+
+def _precision(A: Array, b: Array, mains: int, shares: Array) -> tuple[Array, Array]:
+    """Prior precision (n, q, q), and the main coefficients (n, mains) alone: wide for these, for shapes a share of
+    them."""
+    q = A.shape[1]
+    own = A[:, :mains, :mains]
+    own = own + 1e-9 * np.maximum(np.trace(own, axis1=1, axis2=2), 1.0)[:, None, None] * np.eye(mains)
+    x = np.linalg.solve(own, b[:, :mains, None])[:, :, 0]
+    t2 = (x * b[:, :mains]).sum(axis=1) / mains
+    precision = np.zeros_like(A)
+    precision[:, :mains, :mains] = own / (WIDE**2 + t2)[:, None, None]
+    size = np.linalg.norm(x, axis=1, keepdims=True)
+    for j in range(mains, q):
+        precision[:, j, j] = 1 / np.maximum(shares[:, j - mains] * size[:, 0], 1e-3) ** 2
+    return precision, x

@@ -55,7 +55,7 @@ def generate(
     sight, noise = sight_of(robot), drawn_noise(rng)
     unseen, mode = _elsewhere(sight, rng)
     session = _Session(sight, unseen, noise, rng)
-    scales = Scales(sight, noise, sight.placed(session.links))
+    scales = Scales(sight.placed(session.links), noise)
     share = _shares(scales, kind, scale)
     hidden, foreign = _drawn(kind, scale, scales, share, rng)
     secret = [one.fault for one in hidden] + ([foreign.fault] if foreign else [])

@@ -128,13 +128,12 @@ def _apart(frame: Frame, faults: list[Fault]) -> bool:
 
 def _looked_at(frame: Frame, quiet: Frame, fault: Fault) -> Hidden:
     """Its SNR, and the names that look like it."""
-    x = quiet.typical([fault])
+    x = quiet.of([fault])
     size, alike = float(np.linalg.norm(x)), quiet.likeness(x)
     away = {name: size * np.sqrt(max(0.0, 1 - c**2)) for name, c in alike.items() if name != fault.name}
     twins = tuple(name for name, sigma in away.items() if alike[name] > TWIN or sigma < 1.0)
     rival = min((name for name in away if name not in twins), key=lambda name: away[name])
-    snr, snr_noise = (float(np.linalg.norm(one.of([fault]))) for one in (frame, quiet))
-    return Hidden(fault, snr, snr_noise, twins, rival, float(away[rival]))
+    return Hidden(fault, float(np.linalg.norm(frame.of([fault]))), size, twins, rival, float(away[rival]))
 
 
 @dataclass(frozen=True)

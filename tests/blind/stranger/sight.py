@@ -27,6 +27,9 @@ from stranger.screws import Array
 REPEATS = 3
 _STEP_RAD = 1e-6
 LEAST_SNR = 7.0
+_BY_SETUP = ("time_lag", "clock_rate", "gauge_scale", "gauge_inclination", "gauge_baseline", "gauge_cyclic",
+             "gauge_dead_band", "ball_form")  # fmt: skip
+"""Effects that show only as far as the readings change, so with the eccentricity of the set-up."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +70,19 @@ class Sight:
 
     def placed(self, links: Mapping[str, Link]) -> Sight:
         """The same programs with the set-ups of one day, by test: how eccentric a ball sits decides what lags and
-        scales of gauges show."""
+        scales of gauges show. The library is made anew for these only."""
         day = copy(self)
         day.views = [
             replace(view, link=link, plain=measure(self.cell, view.motion, [], link, trace=view.trace))
             for view in self.views
             for link in [links[view.motion.test]]
         ]
+        names, rows = self.library
+        faults = [fault for effect, keys in everything() for fault in looks(effect, keys)]
+        again = [k for k, fault in enumerate(faults) if fault.effect in _BY_SETUP]
+        rows = rows.copy()
+        rows[again] = [flat(day.signature([faults[k]])) for k in again]
+        day.library = names, rows
         return day
 
     def signature(self, faults: Sequence[Fault], exact: bool = False) -> list[Array]:
@@ -114,8 +123,8 @@ def _channels(part: Array) -> Array:
 class Scales:
     """Lengths and angles between signatures in units of everything else: noise, scatter, free set-up, background."""
 
-    def __init__(self, sight: Sight, noise: Noise, day: Sight | None = None) -> None:
-        self.sight, self.noise, self.day = sight, noise, day or sight
+    def __init__(self, sight: Sight, noise: Noise) -> None:
+        self.sight, self.noise = sight, noise
         self._roots = [self._root(view) for view in sight.views]
         self.names, library = sight.library
         setup, scatter = self._setup_and_scatter()
@@ -212,15 +221,9 @@ class Frame:
         return rows - (rows @ self._U.T) @ self._middle @ self._U
 
     def of(self, faults: Sequence[Fault]) -> Array:
-        """Signature (D,) of faults in sigmas, in the set-ups of the day."""
-        return self._of(self.scales.day, faults)
-
-    def typical(self, faults: Sequence[Fault]) -> Array:
-        """The same in the set-ups that the library was made with, to be compared with it."""
-        return self._of(self.scales.sight, faults)
-
-    def _of(self, sight: Sight, faults: Sequence[Fault]) -> Array:
-        return self.seen(self.scales.whiten(flat(sight.signature(faults, exact=True))[None]))[0]
+        """Signature (D,) of faults in sigmas."""
+        scales = self.scales
+        return self.seen(scales.whiten(flat(scales.sight.signature(faults, exact=True))[None]))[0]
 
     @cached_property
     def library(self) -> dict[str, Array]:

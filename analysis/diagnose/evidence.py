@@ -1,0 +1,119 @@
+"""How well a set of names explains the residual: evidence in closed form, effects linear.
+
+Every effect is also there as a healthy arm's little share of it (the tolerance background), so the covariance of the
+residual is I + B B', noise and background. A name's coefficient is taken to be anything up to large (a g-prior as wide
+as 35 sigma, or as its own size): log evidence of a set S over nothing named is
+
+    1/2 y'C⁻¹X (X'C⁻¹X + P⁻¹)⁻¹ X'C⁻¹y - 1/2 log det(1 + X'C⁻¹X P)
+
+The strength of the background is not known either: `Background.log_density` of the residual decides (empirical Bayes).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.diagnose.candidates import Candidate
+from analysis.diagnose.linear import Linear
+from analysis.kinematics.arm import Array
+from rigs.effects import Effect, size_field
+
+WIDE = 35.0
+"""Sigmas that a named effect may well have."""
+DETECTABLE = 7.0
+"""Sigmas at which an effect alone is seen beyond doubt: its detection limit."""
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Evidence of one more name: log of it, over not naming it, and its main coefficients in healthy sizes."""
+
+    evidence: float
+    size: Array
+
+
+class Dictionary:
+    """The columns of all candidates on one linearisation.
+
+    G (N, p): columns, each once; main, shape: by candidate its columns' numbers; sigma: length of the longest main
+    column, so of a healthy size; own: share of it that no set-up term could do as well.
+    """
+
+    def __init__(self, linear: Linear, candidates: Sequence[Candidate]) -> None:
+        self.candidates = list(candidates)
+        columns: dict[tuple[Effect, Effect | None], int] = {}
+        pairs = [
+            [(effect, None) for effect in one.effects] + [(shape.more, shape.less) for shape in one.shapes]
+            for one in candidates
+        ]
+        numbers = [np.array([columns.setdefault(pair, len(columns)) for pair in own]) for own in pairs]
+        self.main = [cols[: len(one.effects)] for cols, one in zip(numbers, candidates, strict=True)]
+        self.shape = [cols[len(one.effects) :] for cols, one in zip(numbers, candidates, strict=True)]
+        whole = linear.raw([more for more, _ in columns])
+        size = np.ones(len(columns))
+        for cols, one in zip(numbers, candidates, strict=True):
+            size[cols] = one.size
+        shaped = [k for k, (_, less) in enumerate(columns) if less is not None]
+        whole[:, shaped] -= linear.raw([less for _, less in columns if less is not None])
+        whole /= size
+        self.G = linear.projected(whole)
+        size, own = np.linalg.norm(whole, axis=0), np.linalg.norm(self.G, axis=0)
+        self.sigma = np.array([own[cols].max() for cols in self.main])
+        self.own = np.array([(own[cols] / np.maximum(size[cols], 1e-9)).max() for cols in self.main])
+
+    def beside(self, free: Array) -> Dictionary:
+        """The same columns without what the columns `free` (N, q) can do."""
+        other = copy(self)
+        basis, _ = np.linalg.qr(free)
+        other.G = self.G - basis @ (basis.T @ self.G)
+        return other
+
+    def background(self, level: float) -> Array:
+        """Standard deviation (p,) of each column in a healthy arm, where each effect is at most healthy and has
+        `level` of its detection limit."""
+        share = np.zeros(self.G.shape[1])
+        for k, candidate in enumerate(self.candidates):
+            limit = DETECTABLE / max(self.sigma[k], 1e-9)
+            share[self.main[k]] = candidate.share * min(1.0, level * limit)
+        return share
+
+
+class Background:
+    """The covariance I + B B' of noise and a healthy arm's share of every effect, by Woodbury's identity."""
+
+    def __init__(self, G: Array, share: Array, K: Array | None = None) -> None:
+        kept = share > 0
+        self._B = G[:, kept] * share[kept]
+        gram = (K[np.ix_(kept, kept)] if K is not None else G[:, kept].T @ G[:, kept]) * np.outer(
+            share[kept], share[kept]
+        )
+        self._chol = np.linalg.cholesky(np.eye(kept.sum()) + gram)
+        self.logdet = 2 * float(np.log(np.diag(self._chol)).sum())
+
+    def halved(self, columns: Array) -> Array:
+        """What must be taken off X'X and X'y: (p, …)."""
+        from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+
+        found: Array = solve_triangular(self._chol, self._B.T @ columns, lower=True, check_finite=False)
+        return found
+
+    def product(self, left: Array, right: Array) -> Array:
+        """left' C⁻¹ right."""
+        return left.T @ right - self.halved(left).T @ self.halved(right)
+
+    def weighted(self, columns: Array) -> Array:
+        """C⁻¹ columns, (N, …)."""
+        from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+
+        half = self.halved(columns)
+        return columns - self._B @ solve_triangular(self._chol, half, lower=True, trans=1, check_finite=False)
+
+
+def one_sided(effect: Effect) -> bool:
+    """A width or a softness cannot be negative."""
+    metadata = type(effect).model_fields[size_field(effect)].metadata
+    return any(getattr(bound, "ge", -1.0) == 0 for bound in metadata)

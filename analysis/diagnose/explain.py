@@ -1,0 +1,138 @@
+"""Names defended on the simulator: each must pay for itself, nothing more must pay, and rivals are tried in its place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.diagnose.candidates import name_of
+from analysis.diagnose.evidence import Background
+from analysis.diagnose.linear import Linear
+from analysis.diagnose.refine import Refined, refine
+from analysis.diagnose.search import DEPTH, Search
+from rigs.effects import Effect
+
+_RIVALS = 3
+_NEAR = 10.0
+"""Log odds within which a rival is refined too."""
+_ROUNDS = 3
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another effect in the place of a name, and its share of the evidence there."""
+
+    effect: Effect
+    posterior: float
+
+
+@dataclass(frozen=True)
+class Explained:
+    """The effects named, with sizes and shapes; each with its posterior among its rivals; gain of each
+    name: log evidence that is lost without it; level of the background; score: log density of the residual, prices
+    paid."""
+
+    refined: Refined
+    posterior: tuple[float, ...]
+    rivals: tuple[tuple[Rival, ...], ...]
+    gain: tuple[float, ...]
+    level: float
+    score: float
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(name_of(effect) for effect in self.refined.effects)
+
+
+class Explainer:
+    """Names for what a linearisation leaves."""
+
+    def __init__(self, linear: Linear, search: Search) -> None:
+        self.linear, self.search = linear, search
+        self._known: dict[tuple[str, ...], Refined] = {}
+
+    def explain(self, levels: Sequence[float]) -> Explained:
+        """The names that stand, over background levels."""
+        found = self.search.best(levels)
+        self.level = found.level
+        self.background: Background = self.search.background(found.level)
+        self._known.clear()
+        effects = [self.search.start(k, size) for k, size in zip(found.chosen, found.sizes, strict=True)]
+        now = self._refined(effects)
+        for _ in range(_ROUNDS):
+            before = now.effects
+            now = self._added(self._dropped(now))
+            if [name_of(e) for e in now.effects] == [name_of(e) for e in before]:
+                break
+        return self._defended(now, _ROUNDS)
+
+    def _refined(self, effects: Sequence[Effect]) -> Refined:
+        key = tuple(sorted(f"{name_of(e)} {getattr(e, 'order', '')}" for e in effects))
+        if key not in self._known:
+            self._known[key] = refine(self.linear, self.background, effects)
+        return self._known[key]
+
+    def _without(self, now: Refined, place: int) -> Refined:
+        return self._refined([*now.effects[:place], *now.effects[place + 1 :]])
+
+    def _dropped(self, now: Refined) -> Refined:
+        """Without names that no longer pay, the least first."""
+        while now.effects:
+            without = [self._without(now, place) for place in range(len(now.effects))]
+            best = max(without, key=lambda one: one.evidence)
+            if now.evidence - best.evidence >= self.search.price:
+                break
+            now = best
+        return now
+
+    def _added(self, now: Refined) -> Refined:
+        """With one more name, where one pays beside shapes that are free."""
+        if len(now.effects) >= DEPTH:
+            return now
+        for effect, gain in self._proposals(now, ())[:2]:
+            if gain < self.search.price:
+                break
+            more = self._refined([*now.effects, effect])
+            if more.evidence - now.evidence >= self.search.price:
+                return more
+        return now
+
+    def _proposals(self, now: Refined, but: Sequence[str]) -> list[tuple[Effect, float]]:
+        """What could explain what some effects leave, with its linear evidence, best first; none of the names `but`."""
+        search = self.search.beside(now.left, now.tangents)
+        table = search.table(self.level)
+        taken = {name_of(effect) for effect in now.effects} | set(but)
+        gains = table.gains(())
+        found: list[tuple[Effect, float]] = []
+        seen: set[str] = set()
+        for k in np.argsort(-gains):
+            if not np.isfinite(gains[k]) or gains[k] < 0 or len(found) > _RIVALS:
+                break
+            if search.names[k] not in taken | seen:
+                seen.add(search.names[k])
+                found.append((search.start(int(k), table.sizes((int(k),))[0]), float(gains[k])))
+        return found
+
+    def _defended(self, now: Refined, rounds: int) -> Explained:
+        """Every name against its rivals; one that does better takes its place."""
+        posterior, rivals, gain = [], [], []
+        for place, effect in enumerate(now.effects):
+            rest = self._without(now, place)
+            gain.append(now.evidence - rest.evidence)
+            tried = [
+                self._refined([*rest.effects, other])
+                for other, linear_gain in self._proposals(rest, [name_of(effect)])[:_RIVALS]
+                if linear_gain > gain[-1] - _NEAR
+            ]
+            best = max(tried, key=lambda one: one.evidence, default=None)
+            if best is not None and best.evidence > now.evidence + 0.1 and rounds:
+                return self._defended(self._added(self._dropped(best)), rounds - 1)
+            weight = np.exp(np.minimum([0.0, *(one.evidence - now.evidence for one in tried)], 50.0))
+            share = weight / weight.sum()
+            posterior.append(float(share[0]))
+            others = [Rival(one.effects[-1], float(p)) for one, p in zip(tried, share[1:], strict=True) if p > 1e-4]
+            rivals.append(tuple(sorted(others, key=lambda rival: -rival.posterior)))
+        score = self.search.table(self.level).null + now.evidence - self.search.price * len(now.effects)
+        return Explained(now, tuple(posterior), tuple(rivals), tuple(gain), self.level, score)
