@@ -111,12 +111,15 @@ class LinkBending(_Effect):
 
 
 class ReversalSpike(_Effect):
-    """Wind-up at each reversal, `amplitude_deg` against the new direction, that relaxes within `decay_s`."""
+    """Wind-up at each reversal, `amplitude_deg` against the new direction, that relaxes within `decay_s`; `slow` of it
+    takes four times as long, and it needs `rise` of that time to wind up."""
 
     effect: Literal["reversal_spike"] = "reversal_spike"
     axis: Axis
     amplitude_deg: float = _size(1, 0.005)
     decay_s: float = _shape(0.02, 10, 0.3)
+    slow: float = _shape(0, 1, 0.0)
+    rise: float = _shape(0, 1, 0.0)
 
 
 class WristCoupling(_Effect):

@@ -6,137 +6,125 @@ of the difference of the gauges; `noise` says how noisy each is. Readings at tar
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.diagnose.noise import noise_of, reading_sd, shaken_by
-from analysis.diagnose.rounding import smooth
-from analysis.fitting.estimate import Fit
+from analysis.diagnose.noise import RunNoise, noise_of, reading_sd, shaken_by
+from analysis.diagnose.observed import ORDER_OF, Sampling, Seen
 from analysis.fitting.observation import Observation, residuals_of
 from analysis.kinematics.arm import Array
-from analysis.model.predict import Model
-from analysis.reading.lap import lap_of
-from analysis.reading.tables import CircleTable, Integers, PoseTable
+from analysis.model.predict import Model, SetUp
+from analysis.reading.tables import PoseTable
 
-GRID = 512
-"""Circle angles that a lap is interpolated to; the highest order is a little under half of it."""
-ORDERS = GRID // 2
-_BANDS = (0, 1, 2, 3, 5, 8, 12, 18, 30, 50, 90, 150, ORDERS)
+_BANDS = (0, 4, 8, 12, 18, 30, 50, 90, 150, len(ORDER_OF))
 """Edges of the bands of orders in which the noise is pooled."""
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """How a circle's rows (m,) become values at the grid: the row before each grid angle, and the share of the next."""
-
-    before: Integers
-    after: Integers
-    share: Array
-
-    def __call__(self, values: Array) -> Array:
-        """(m, …) at the rows to (GRID, …) at the grid."""
-        share = self.share.reshape(-1, *[1] * (values.ndim - 1))
-        gridded: Array = values[self.before] * (1 - share) + values[self.after] * share
-        return gridded
+_SLOW = 4
+"""Orders below this are as slow as a robot that stands."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """Repeated runs of one test and direction. one: the first of them, whose feedback stands for all; y (N,): their
-    mean residual in standard deviations; count of runs; phi (m,) rad of its rows on a circle; span (N, c), size
-    (c,): the directions in which the scatter of joints and ball moves a run, orthonormal, and how far."""
+    """Repeated runs of one test and direction.
+
+    model: of their rig file; one: the first of them, whose feedback stands for all; mean_mm (N,): their mean residual,
+    and y (N,): the same in standard deviations; sd_mm (N,) of it, scatter aside; count of runs; apart_mm: how far a run
+    is from their mean, rms (nan for one run); span (N, c), size (c,): the directions in which the scatter of joints and
+    ball moves a run, orthonormal, and how far.
+    """
 
     name: str
+    model: Model
     one: Observation
     sampling: Sampling | None
     sd_mm: Array
+    mean_mm: Array
     y: Array
     count: int
-    phi: Array
+    apart_mm: float
     span: Array
     size: Array
 
-    def whitened(self, values: Array) -> Array:
-        """Readings (m, k) or (m, k, p) mm of the block's rows, in its standard deviations: (N,) or (N, p)."""
-        return self.white(_orders(self.sampling(values)) if self.sampling else values.reshape(-1, *values.shape[2:]))
+    def vector(self, values: Array) -> Array:
+        """Readings (m, k, …) mm of the block's rows as its entries (N, …) mm."""
+        return self.sampling.vector(values) if self.sampling else values.reshape(-1, *values.shape[2:])
 
-    def white(self, flat: Array) -> Array:
+    def whitened(self, values: Array) -> Array:
+        """Readings (m, k, …) mm in standard deviations: (N, …)."""
+        return self.white(self.vector(values))
+
+    def white(self, vector: Array) -> Array:
         """Entries (N, …) mm in standard deviations, of noise and scatter together: (1 + S S')^-1/2 of them."""
-        scaled = flat / self.sd_mm.reshape(-1, *[1] * (flat.ndim - 1))
+        tail = [1] * (vector.ndim - 1)
+        scaled = vector / self.sd_mm.reshape(-1, *tail)
         less = 1 - 1 / np.sqrt(1 + self.size**2)
-        white: Array = scaled - self.span @ (less.reshape(-1, *[1] * (flat.ndim - 1)) * (self.span.T @ scaled))
+        white: Array = scaled - self.span @ (less.reshape(-1, *tail) * (self.span.T @ scaled))
         return white
 
 
-def _orders(gridded: Array) -> Array:
-    """Readings (GRID, 2, …) of two gauges to orders (2 (2 ORDERS - 1), …) of sum and difference, unitary."""
-    g1, g2 = gridded[:, 0], gridded[:, 1]
-    parts = []
-    for channel in ((g1 + g2) / np.sqrt(2), (g2 - g1) / np.sqrt(2)):
-        spectrum = np.fft.rfft(channel, axis=0, norm="ortho")
-        parts += [spectrum[:1].real, np.sqrt(2) * spectrum[1:ORDERS].real, np.sqrt(2) * spectrum[1:ORDERS].imag]
-    return np.concatenate(parts)
+def blocks_of(runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> tuple[list[Block], RunNoise]:
+    """Blocks of all runs about fitted set-ups, and the noise of one run on a circle."""
+    groups: dict[str, list[Seen]] = {}
+    for run in runs:
+        groups.setdefault(run.name, []).append(run)
+    gathered = [_gathered(name, members, setups) for name, members in groups.items()]
+    circles = [(raw.rows[:, : len(ORDER_OF)], raw.shaken[: len(ORDER_OF)]) for raw in gathered if raw.first.sampling]
+    noise = noise_of(circles, ORDER_OF, _BANDS)
+    rounding = np.max([run.rounding_deg for run in runs], axis=0)
+    return [_block(raw, noise, rounding) for raw in gathered], noise
 
 
-ORDER_OF = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arange(1, ORDERS)]), 2)
-"""The order of each entry of a circle's whitened vector; the first half is the sum of the gauges."""
+@dataclass(frozen=True)
+class _Raw:
+    """Residuals (n, N) mm of the runs of a block, and how scatter shows in them (N, c) mm."""
+
+    name: str
+    first: Seen
+    rows: Array
+    shaken: Array
 
 
-def blocks_of(model: Model, observations: Sequence[Observation], fitted: Fit) -> tuple[list[Block], bool]:
-    """Blocks of all observations, and whether their noise is from repeats. Raises FileError for a lap that is none."""
-    smoothed = [smooth(one) for one in observations]
-    observations = [one.observation for one in smoothed]
-    rounding = np.max([one.rounding_deg for one in smoothed], axis=0)
-    groups: dict[str, list[int]] = {}
-    for k, one in enumerate(observations):
-        groups.setdefault(_name(one), []).append(k)
-    residuals = residuals_of(fitted.model, observations, fitted.setups)
-    gathered = []
-    for name, members in groups.items():
-        first = observations[members[0]]
-        samplings = [_sampling(model, observations[k]) for k in members]
-        flats = [
-            _orders(sampling(residuals[k])) if sampling else residuals[k].ravel()
-            for k, (sampling, _) in zip(members, samplings, strict=True)
-        ]
-        shaken = shaken_by(model, first, fitted.setups[first.setup])
-        sampling, phi = samplings[0]
-        flat_shaken = _orders(sampling(shaken)) if sampling else shaken.reshape(-1, shaken.shape[2])
-        gathered.append((name, first, sampling, phi, np.array(_alike(flats)), flat_shaken))
-    noise = noise_of([(rows, shaken) for _, _, sampling, _, rows, shaken in gathered if sampling], ORDER_OF, _BANDS)
-    blocks = []
-    for name, first, sampling, phi, rows, shaken in gathered:
-        if sampling:
-            sd = noise.sd_mm
-        else:
-            sd = reading_sd(rows, shaken, noise, rounding, poses=isinstance(first.table, PoseTable))
-        count = len(rows)
-        span, size, _ = np.linalg.svd(shaken * noise.scatter(shaken.shape[1]) / sd[:, None], full_matrices=False)
-        block = Block(name, first, sampling, sd / np.sqrt(count), np.empty(0), count, phi, span, size)
-        blocks.append(replace(block, y=block.white(rows.mean(axis=0))))
-    return blocks, noise.measured
+def _gathered(name: str, members: Sequence[Seen], setups: Mapping[str, SetUp]) -> _Raw:
+    # Where one run did not stand before and after, none is compared by it.
+    stand = all(run.sampling and run.sampling.stands for run in members)
+    vectors = []
+    for run in members:
+        (residual,) = residuals_of(run.model, [run.one], setups)
+        vectors.append(_vector(run, residual, stand=stand))
+    first = members[0]
+    if first.sampling and not stand:
+        first = replace(first, sampling=first.sampling.without_stands())
+    shaken = shaken_by(first.model, first.one, setups[first.one.setup])
+    # Only repeats of the same targets can be averaged.
+    alike = [vector for vector in vectors if len(vector) == len(vectors[0])]
+    return _Raw(name, first, np.array(alike), _vector(first, shaken, stand=stand))
 
 
-def _name(one: Observation) -> str:
-    return f"{one.setup} {one.table.direction}" if isinstance(one.table, CircleTable) else one.setup
+def _vector(run: Seen, values: Array, *, stand: bool) -> Array:
+    if run.sampling is None:
+        return values.reshape(-1, *values.shape[2:])
+    return (run.sampling if stand else run.sampling.without_stands()).vector(values)
 
 
-def _alike(rows: list[Array]) -> list[Array]:
-    """Only repeats of the same length can be averaged; another length is another program."""
-    return [row for row in rows if len(row) == len(rows[0])]
+def _block(raw: _Raw, noise: RunNoise, rounding_deg: Array) -> Block:
+    first, rows, count = raw.first, raw.rows, len(raw.rows)
+    if first.sampling:
+        sd = np.concatenate([noise.sd_mm, _standing_sd(noise, first.sampling)])
+    else:
+        sd = reading_sd(rows, raw.shaken, noise, rounding_deg, poses=isinstance(first.one.table, PoseTable))
+    scatter = raw.shaken * noise.scatter(raw.shaken.shape[1]) / sd[:, None]
+    span, size, _ = np.linalg.svd(scatter, full_matrices=False)
+    mean = rows.mean(axis=0)
+    apart = float(np.sqrt(((rows - mean) ** 2).sum() / ((count - 1) * rows.shape[1]))) if count > 1 else float("nan")
+    sd = sd / np.sqrt(count)
+    bare = Block(raw.name, first.model, first.one, first.sampling, sd, mean, mean, count, apart, span, size)
+    return replace(bare, y=bare.white(mean))
 
 
-def _sampling(model: Model, one: Observation) -> tuple[Sampling | None, Array]:
-    if not isinstance(one.table, CircleTable):
-        return None, np.empty(0)
-    lap = lap_of(one.table, model.rig, one.setup)
-    order = np.argsort(lap.phi % (2 * np.pi))
-    phi = (lap.phi % (2 * np.pi))[order]
-    grid = np.arange(GRID) * 2 * np.pi / GRID
-    after = np.searchsorted(phi, grid) % len(phi)
-    before = after - 1
-    step = (phi[after] - phi[before]) % (2 * np.pi)
-    share = ((grid - phi[before]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
-    return Sampling(order[before], order[after], np.clip(share, 0, 1)), lap.phi
+def _standing_sd(noise: RunNoise, sampling: Sampling) -> Array:
+    """Of the means over stands, sum and difference of each: slow noise averages like white noise of its strength."""
+    half = len(ORDER_OF) // 2
+    slow = (ORDER_OF[:half] > 0) & (ORDER_OF[:half] < _SLOW)
+    power = np.array([np.mean(noise.sd_mm[:half][slow] ** 2), np.mean(noise.sd_mm[half:][slow] ** 2)])
+    return np.concatenate([np.sqrt(power / share) for share in sampling.stand_share] or [np.empty(0)])

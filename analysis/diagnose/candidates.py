@@ -70,7 +70,8 @@ def name_of(effect: Effect) -> str:
 
 def candidates_for(linear: Linear) -> list[Candidate]:
     """Every effect of the vocabulary that the runs of a linearisation could show."""
-    model, blocks = linear.model, linear.blocks
+    blocks = linear.blocks
+    arm = blocks[0].model.arm
     tables = [block.one.table for block in blocks]
     timed = any(isinstance(table, CircleTable) for table in tables)
     gauged = any(not isinstance(table, PoseTable) for table in tables)
@@ -80,7 +81,7 @@ def candidates_for(linear: Linear) -> list[Candidate]:
         for k in AXES
         for f in ("a", "alpha", "d", "beta")
         # Hayati's angle is for a joint parallel to the one before; elsewhere it only repeats the others.
-        if f != "beta" or (k > 1 and abs(np.sin(model.arm.alpha[k - 1])) < 1e-3)
+        if f != "beta" or (k > 1 and abs(np.sin(arm.alpha[k - 1])) < 1e-3)
     ]
     found += [_softness(k) for k in AXES]
     found += [_single("link_bending", axis=k) for k in AXES]

@@ -50,8 +50,8 @@ class Rival:
 @dataclass(frozen=True)
 class Named:
     """A missing effect: with fitted parameters, their standard uncertainties, its share of the evidence among its rivals
-   , the gap on the runs used if it alone is taken out again, and what a person
-    should do about it."""
+    , the gap on the runs used if it alone is taken out again, and what a person
+     should do about it."""
 
     effect: Effect
     sd: dict[str, float]

@@ -44,7 +44,7 @@ class Dictionary:
     """
 
     def __init__(self, linear: Linear, candidates: Sequence[Candidate]) -> None:
-        self.candidates = list(candidates)
+        self.candidates, self.y = list(candidates), linear.y
         columns: dict[tuple[Effect, Effect | None], int] = {}
         pairs = [
             [(effect, None) for effect in one.effects] + [(shape.more, shape.less) for shape in one.shapes]
@@ -83,16 +83,34 @@ class Dictionary:
 
 
 class Background:
-    """The covariance I + B B' of noise and a healthy arm's share of every effect, by Woodbury's identity."""
+    """The covariance I + B B' of noise, B (N, b): of a healthy arm's share of every effect, by Woodbury's identity."""
 
-    def __init__(self, G: Array, share: Array, K: Array | None = None) -> None:
-        kept = share > 0
-        self._B = G[:, kept] * share[kept]
-        gram = (K[np.ix_(kept, kept)] if K is not None else G[:, kept].T @ G[:, kept]) * np.outer(
-            share[kept], share[kept]
-        )
-        self._chol = np.linalg.cholesky(np.eye(kept.sum()) + gram)
-        self.logdet = 2 * float(np.log(np.diag(self._chol)).sum())
+    def __init__(self, B: Array) -> None:
+        self._B = B
+        self._gram = B.T @ B
+        self._chol = np.linalg.cholesky(np.eye(B.shape[1]) + self._gram)
+
+    def beside(self, columns: Array) -> Background:
+        """With more columns (N, c) in it."""
+        if not columns.shape[1]:
+            return self
+        other = copy(self)
+        across = self._B.T @ columns
+        other._B = np.concatenate([self._B, columns], axis=1)
+        other._gram = np.block([[self._gram, across], [across.T, columns.T @ columns]])
+        other._chol = np.linalg.cholesky(np.eye(len(other._gram)) + other._gram)
+        return other
+
+    @property
+    def spread(self) -> Array:
+        """Variance (N,) that it adds to the noise's 1."""
+        added: Array = (self._B**2).sum(axis=1)
+        return added
+
+    @property
+    def logdet(self) -> float:
+        """Of the covariance."""
+        return 2 * float(np.log(np.diag(self._chol)).sum())
 
     def halved(self, columns: Array) -> Array:
         """What must be taken off X'X and X'y: (p, …)."""

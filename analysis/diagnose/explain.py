@@ -22,9 +22,10 @@ _ROUNDS = 3
 
 @dataclass(frozen=True)
 class Rival:
-    """Another effect in the place of a name, and its share of the evidence there."""
+    """Another effect in the place of a name, its parameters' uncertainties, and its share of the evidence there."""
 
     effect: Effect
+    sd: dict[str, float]
     posterior: float
 
 
@@ -40,6 +41,7 @@ class Explained:
     gain: tuple[float, ...]
     level: float
     score: float
+    background: Background
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -132,7 +134,11 @@ class Explainer:
             weight = np.exp(np.minimum([0.0, *(one.evidence - now.evidence for one in tried)], 50.0))
             share = weight / weight.sum()
             posterior.append(float(share[0]))
-            others = [Rival(one.effects[-1], float(p)) for one, p in zip(tried, share[1:], strict=True) if p > 1e-4]
+            others = [
+                Rival(one.effects[-1], one.sd(len(one.effects) - 1), float(p))
+                for one, p in zip(tried, share[1:], strict=True)
+                if p > 1e-4
+            ]
             rivals.append(tuple(sorted(others, key=lambda rival: -rival.posterior)))
         score = self.search.table(self.level).null + now.evidence - self.search.price * len(now.effects)
-        return Explained(now, tuple(posterior), tuple(rivals), tuple(gain), self.level, score)
+        return Explained(now, tuple(posterior), tuple(rivals), tuple(gain), self.level, score, self.background)

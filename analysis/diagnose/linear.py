@@ -22,12 +22,12 @@ _STEP_MM = 0.01
 
 
 class Linear:
-    """Blocks about a model and its set-ups: their residual y (N,), what effects add to it, and what set-ups can do."""
+    """Blocks about their models and set-ups: their residual y (N,), what effects add to it, and what set-ups can do."""
 
-    def __init__(self, model: Model, blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> None:
-        self.model, self.blocks, self.setups = model, tuple(blocks), dict(setups)
-        self._base = [readings(model, block, setups[block.one.setup]) for block in blocks]
-        self._scenes = [moved(model, block.one.path) for block in blocks]
+    def __init__(self, blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> None:
+        self.blocks, self.setups = tuple(blocks), dict(setups)
+        self._base = [readings(block.model, block, setups[block.one.setup]) for block in blocks]
+        self._scenes = [moved(block.model, block.one.path) for block in blocks]
         self._slopes = [self._slope(block, base) for block, base in zip(blocks, self._base, strict=True)]
         self.U, self.nudges = self._setup_columns()
         self._basis = _basis(self.U)
@@ -49,16 +49,29 @@ class Linear:
 
     def residual(self, effects: Sequence[Effect], setups: Mapping[str, SetUp]) -> Array:
         """What effects, all in the simulator together, and set-ups leave: (N,), nothing projected out."""
-        model = replace(self.model, effects=(*self.model.effects, *effects))
-        return np.concatenate([self._left(k, model, setups) for k in range(len(self.blocks))])
+        return np.concatenate([self._left(k, effects, setups) for k in range(len(self.blocks))])
 
     def poses(self, setup: str) -> bool:
         """Whether a set-up is that of a pose instrument."""
         return any(isinstance(block.one.table, PoseTable) for block in self.blocks if block.one.setup == setup)
 
-    def _left(self, k: int, model: Model, setups: Mapping[str, SetUp]) -> Array:
+    def added_mm(self, k: int, effects: Sequence[Effect], setups: Mapping[str, SetUp]) -> Array:
+        """What effects, all together, and set-ups add to the readings (m, k) mm of one block."""
         block = self.blocks[k]
-        left: Array = block.y - block.whitened(readings(model, block, setups[block.one.setup]) - self._base[k])
+        return readings(_with(block.model, *effects), block, setups[block.one.setup]) - self._base[k]
+
+    def jolt(self, k: int, axis: int, sample: int, angle_deg: float) -> Array:
+        """What one joint (1 … 6), off at one sample of one block's path alone, adds: (N,), nothing projected out."""
+        block = self.blocks[k]
+        rows = block.one.path.rows[block.one.rows]
+        added = self._slopes[k][:, :, axis - 1] * (np.radians(angle_deg) * (rows == sample))[:, None]
+        begin = sum(len(other.y) for other in self.blocks[:k])
+        whole = np.zeros(len(self.y))
+        whole[begin : begin + len(block.y)] = block.whitened(added)
+        return whole
+
+    def _left(self, k: int, effects: Sequence[Effect], setups: Mapping[str, SetUp]) -> Array:
+        left: Array = self.blocks[k].y - self.blocks[k].whitened(self.added_mm(k, effects, setups))
         return left
 
     def _added(self, k: int, effects: Sequence[Effect]) -> Array:
@@ -71,7 +84,7 @@ class Linear:
                 axis = int(np.argmax(np.abs(turned).max(axis=0)))
                 added[:, :, place] = self._slopes[k][:, :, axis] * turned[:, axis, None]
             else:
-                grown = replace(self.model, effects=(*self.model.effects, effect))
+                grown = _with(block.model, effect)
                 added[:, :, place] = readings(grown, block, self.setups[block.one.setup]) - base
         return block.whitened(added)
 
@@ -79,8 +92,7 @@ class Linear:
         slopes = np.empty((*base.shape, 6))
         for axis in range(1, 7):
             nudge = JointOffset(axis=axis, offset_deg=_STEP_DEG)
-            nudged = replace(self.model, effects=(*self.model.effects, nudge))
-            read = readings(nudged, block, self.setups[block.one.setup])
+            read = readings(_with(block.model, nudge), block, self.setups[block.one.setup])
             slopes[:, :, axis - 1] = (read - base) / np.radians(_STEP_DEG)
         return slopes
 
@@ -94,7 +106,7 @@ class Linear:
             for term in range(terms_of(setup, poses)):
                 changed = nudged(setup, poses, term, _STEP_MM)
                 parts = [
-                    block.whitened(readings(self.model, block, changed) - base) / _STEP_MM
+                    block.whitened(readings(block.model, block, changed) - base) / _STEP_MM
                     if block.one.setup == name
                     else np.zeros(len(block.y))
                     for block, base in zip(self.blocks, self._base, strict=True)
@@ -102,6 +114,10 @@ class Linear:
                 columns.append(np.concatenate(parts))
                 nudges.append((name, term))
         return np.stack(columns, axis=1), nudges
+
+
+def _with(model: Model, *effects: Effect) -> Model:
+    return replace(model, effects=(*model.effects, *effects))
 
 
 def _basis(columns: Array) -> Array:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from analysis.diagnose.evidence import WIDE, Background
+from analysis.diagnose.forms import form_columns
 from analysis.diagnose.linear import Linear, nudged
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
@@ -28,6 +29,7 @@ _SHAPES: dict[str, dict[str, tuple[float, float]]] = {
     "backlash": {"transit": (0.2, 0.4), "preload": (0.0, 0.15)},
     "transmission_error": {"third": (0.0, 0.3)},
     "compliance": {"payload_kg": (5.0, 7.0)},
+    "reversal_spike": {"slow": (0.0, 0.2), "rise": (0.0, 0.05)},
 }
 """Shapes that are fitted: what is expected, and how far it may be off."""
 _STRETCHED = {
@@ -76,7 +78,9 @@ def refine(linear: Linear, background: Background, effects: Sequence[Effect]) ->
 
 class _Problem:
     def __init__(self, linear: Linear, background: Background, effects: Sequence[Effect]) -> None:
-        self.linear, self.background = linear, background
+        forms = form_columns(linear, effects)
+        self.linear, self.background = linear, background.beside(forms)
+        self._plain, self._forms = background, forms
         self.unknowns = _unknowns(linear, effects)
         self.expected = np.array([u.expected for u in self.unknowns])
         self.spread = np.array([u.spread for u in self.unknowns])
@@ -110,10 +114,11 @@ class _Problem:
         J = self._slopes(now, self._setups(moved))
         H = self.background.product(J, J) + np.diag(1 / self.spread**2)
         _, plain = self._settled([], np.zeros(len(self._held)))
-        whole = float(self.background.product(plain[:, None], plain[:, None])[0, 0])
-        occam = np.linalg.slogdet(H)[1] + 2 * np.log(self.spread).sum()
+        whole = float(self._plain.product(plain[:, None], plain[:, None])[0, 0])
+        occam = np.linalg.slogdet(H)[1] + 2 * np.log(self.spread).sum() + self.background.logdet - self._plain.logdet
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
         evidence = 0.5 * (whole - cost) - 0.5 * float(occam)
+        r = r - self._forms @ (self._forms.T @ self.background.weighted(r))
         return Refined(tuple(now), tuple(self.unknowns), x, covariance, r, J, self._setups(moved), evidence)
 
     def _settled(self, effects: Sequence[Effect], moved: Array) -> tuple[Array, Array]:

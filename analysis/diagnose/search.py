@@ -23,7 +23,8 @@ USUAL = 0.1
 """Level of the background, in detection limits, up to which all are as likely."""
 DOUBT = 6.0
 """Log odds for each time that a level doubles from there."""
-LEVELS = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8, 25.6, 100.0)
+QUIET = (0.05, 0.1, 0.2)
+LEVELS = (*QUIET, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8, 25.6, 100.0)
 _LARGEST = 25.0
 """Healthy sizes at which an effect must at least be seen to be testable."""
 _OWN_SHARE = 1e-3
@@ -43,9 +44,12 @@ class Explained:
 
 
 class Search:
-    """The names that explain y (N,), on one dictionary."""
+    """The names that explain y (N,), on one dictionary; y: of its own linearisation where none is given."""
 
-    def __init__(self, dictionary: Dictionary, y: Array, testable: NDArray[np.bool_] | None = None) -> None:
+    def __init__(
+        self, dictionary: Dictionary, y: Array | None = None, testable: NDArray[np.bool_] | None = None
+    ) -> None:
+        y = dictionary.y if y is None else y
         self.dictionary, self.y = dictionary, y
         seen = (dictionary.own >= _OWN_SHARE) & (_LARGEST * dictionary.sigma >= DETECTABLE)
         self.testable = seen if testable is None else testable
@@ -60,7 +64,7 @@ class Search:
 
     def background(self, level: float) -> Background:
         """Noise and a healthy arm's share of every effect, at one level."""
-        return Background(self.dictionary.G[:, self.behind], self.shares(level))
+        return Background(self.dictionary.G[:, self.behind] * self.shares(level))
 
     def shares(self, level: float) -> Array:
         """Standard deviations of the background's columns."""
@@ -75,6 +79,12 @@ class Search:
                 kept += list(self.dictionary.main[k])
             seen[name] += 1
         return np.array(sorted(set(kept)))
+
+    @property
+    def not_testable(self) -> tuple[str, ...]:
+        """Names that no plausible size would show."""
+        seen = {name for name, testable in zip(self.names, self.testable, strict=True) if testable}
+        return tuple(dict.fromkeys(name for name in self.names if name not in seen))
 
     def beside(self, left: Array, free: Array) -> Search:
         """The same search for what is left (N,) of the residual, where the columns `free` (N, q) are free too."""
@@ -275,7 +285,9 @@ def _groups(dictionary: Dictionary) -> list[tuple[Array, Array, int, Array]]:
             np.array(members),
             np.stack([np.concatenate([dictionary.main[k], dictionary.shape[k]]).astype(int) for k in members]),
             mains,
-            np.array([[shape.share for shape in dictionary.candidates[k].shapes] for k in members]).reshape(len(members), shapes),
+            np.array([[shape.share for shape in dictionary.candidates[k].shapes] for k in members]).reshape(
+                len(members), shapes
+            ),
         )
         for (mains, shapes), members in forms.items()
     ]

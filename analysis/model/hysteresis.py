@@ -10,6 +10,8 @@ from analysis.kinematics.arm import Array
 
 _TURN_RAD = np.radians(0.003)
 """Less than this is an encoder's noise, not a reversal."""
+_NEAR_S = 0.25
+_LEAST = 5
 
 
 def play(x: Array, half: float) -> Array:
@@ -40,5 +42,18 @@ def turns(t_s: Array, x: Array) -> list[tuple[float, float]]:
         # The follower moves again only after the play; the turn itself was at the extreme before that.
         between = slice(moving[k], moving[k + 1] + 1)
         extreme = moving[k] + int(np.argmin(direction[k + 1] * x[between]))
-        found.append((float(t_s[extreme]), float(direction[k + 1])))
+        found.append((_vertex(t_s, x, int(extreme)), float(direction[k + 1])))
     return found
+
+
+def _vertex(t_s: Array, x: Array, extreme: int) -> float:
+    """When x (n,) turned, between samples: the vertex of a parabola through those about its extreme."""
+    near = np.flatnonzero(np.abs(t_s - t_s[extreme]) <= _NEAR_S)
+    if len(near) < _LEAST:
+        return float(t_s[extreme])
+    since = t_s[near] - t_s[extreme]
+    bend, slope, _ = np.polyfit(since, x[near] - x[extreme], 2)
+    shift = -slope / (2 * bend) if bend else np.inf
+    step = float(np.max(np.diff(since)))
+    # Where the samples make no parabola, as about a stop, the extreme itself is as good as anything.
+    return float(t_s[extreme] + shift) if abs(shift) <= 2 * step else float(t_s[extreme])

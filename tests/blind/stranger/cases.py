@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 
 from stranger.cell import ROBOTS, Cell, Place, moved
-from stranger.draw import HAS_FORM, Foreign, Hidden, background, hide, hide_foreign
+from stranger.draw import DENSE, HAS_FORM, Foreign, Hidden, background, hide, hide_foreign
 from stranger.faults import SIZE, Fault
 from stranger.gauges import Link
 from stranger.measure import measure
@@ -30,7 +30,6 @@ from stranger.sight import REPEATS, Scales, Sight, sight_of
 from stranger.tables import write_table
 
 KINDS = ("none", "one", "two", "three", "wrong_form", "dense", "outside")
-DENSE = 0.2
 SCATTERED = 0.1
 SCALES = ("limits", "tolerance")
 """What the background is a share of: `limits`: of what shows at SNR 7, or the healthy size where that is smaller, and
@@ -60,7 +59,8 @@ def generate(
     hidden, foreign = _drawn(kind, scale, scales, share, rng)
     secret = [one.fault for one in hidden] + ([foreign.fault] if foreign else [])
     apart = {one.fault.name for one in hidden}
-    rest = background([other for other in share if other not in apart], share, kind == "dense", rng)
+    quiet = scales.frame({}) if kind == "dense" else None
+    rest = background([other for other in share if other not in apart], share, rng, quiet)
     case = directory / (name or f"case-{seed:05d}")
     case.mkdir(parents=True)
     session.faults = [*secret, *rest]

@@ -31,6 +31,10 @@ WEIGHTS = {
 HAS_FORM = ("backlash", "transmission_error", "compliance", "reversal_spike", "thermal_growth", "ball_form",
             "gauge_dead_band", "gauge_cyclic", "gauge_drift", "servo_lag")  # fmt: skip
 """Effects that can have the right name and another form."""
+HAS_LOOKS = ("transmission_error", "reversal_spike", "compliance", "thermal_growth", "gauge_cyclic", "ball_form",
+             "vibration")  # fmt: skip
+"""Effects whose shape decides how much of them shows."""
+DENSE = 0.2
 OUTSIDE = ("cross_term", "slip", "speed_error", "foreign_friction", "dent", "thermal_step", "rate_hysteresis")
 _TRIES = 200
 
@@ -52,17 +56,27 @@ class NothingToHideError(Exception):
     """No draw came out as wanted."""
 
 
-def background(names: Sequence[str], share: Mapping[str, float], full: bool, rng: np.random.Generator) -> list[Fault]:
-    """One fault of each name, at a random part of its share of the healthy size, or at all of it (`full`)."""
+def background(
+    names: Sequence[str], share: Mapping[str, float], rng: np.random.Generator, dense: Frame | None = None
+) -> list[Fault]:
+    """One fault of each name, at a random part of its share of the healthy size, or at all of it.
+
+    dense: the frame without background, for all of it; there a fault whose shape shows more than its name's usual look
+    is held to that share of its own limit.
+    """
     found = []
     for effect, keys in everything():
         fault = Fault(
             effect, keys, 0.0, drawn_shape(effect, rng), float(rng.uniform(0, 0.5)), float(rng.uniform(-1, 1))
         )
-        part = 1.0 if full else rng.uniform(0, 1)
+        part = 1.0 if dense else rng.uniform(0, 1)
         sign = rng.choice([-1.0, 1.0]) if effect in SIGNED else 1.0
         if fault.name in names:
-            found.append(fault.sized(float(sign * part * share[fault.name] * fault.healthy)))
+            made = fault.sized(float(sign * part * share[fault.name] * fault.healthy))
+            if dense and effect in HAS_LOOKS:
+                sigma = float(np.linalg.norm(dense.of([made])))
+                made = made.sized(made.size * min(1.0, DENSE * LEAST_SNR / max(sigma, 1e-9)))
+            found.append(made)
     return found
 
 

@@ -1,0 +1,146 @@
+"""A run as a diagnosis sees it: its path smooth, its lap and where it stood, ready to be laid over its repeats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.diagnose.rounding import smooth
+from analysis.fitting.observation import Observation, observe
+from analysis.kinematics.arm import Array
+from analysis.model.predict import Model
+from analysis.reading.lap import lap_of
+from analysis.reading.tables import CircleTable, Integers, Table
+
+GRID = 512
+"""Circle angles that a lap is interpolated to; the highest order is a little under half of it."""
+ORDERS = GRID // 2
+ORDER_OF: Integers = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arange(1, ORDERS)]), 2)
+"""The order of each entry of a circle's vector: first those of the sum of the gauges, then of their difference."""
+_STANDS = 0.02
+"""Share of the lap's median speed below which the robot stands."""
+_LEAST_STAND = 3
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How a circle's rows become a vector.
+
+    before, after (GRID,): the rows beside each grid angle, share (GRID,) of the latter; phi (n,) rad of the lap's rows,
+    which come first; stands: rows of standing before the lap and after it; stand_share (len(stands),): how long a
+    stand is in steps of the grid.
+    """
+
+    before: Integers
+    after: Integers
+    share: Array
+    phi: Array
+    stands: tuple[Integers, ...]
+    stand_share: Array
+
+    def gridded(self, values: Array) -> Array:
+        """(m, …) at the rows to (GRID, …) at the grid."""
+        share = self.share.reshape(-1, *[1] * (values.ndim - 1))
+        found: Array = values[self.before] * (1 - share) + values[self.after] * share
+        return found
+
+    def vector(self, values: Array) -> Array:
+        """Readings (m, 2, …) of two gauges to (N, …): orders of sum and difference, unitary, then both of each stand."""
+        grid = self.gridded(values)
+        parts = []
+        for channel in (_sum(grid), _difference(grid)):
+            spectrum = np.fft.rfft(channel, axis=0, norm="ortho")
+            parts += [spectrum[:1].real, np.sqrt(2) * spectrum[1:ORDERS].real, np.sqrt(2) * spectrum[1:ORDERS].imag]
+        for rows in self.stands:
+            mean = values[rows].mean(axis=0, keepdims=True)
+            parts += [_sum(mean), _difference(mean)]
+        return np.concatenate(parts)
+
+    def without_stands(self) -> Sampling:
+        """The same for the lap alone."""
+        return replace(self, stands=(), stand_share=np.empty(0))
+
+
+def curve(vector: Array) -> Array:
+    """Readings (GRID, 2) at the grid, from the orders of a circle's vector."""
+    half = len(ORDER_OF) // 2
+    channels = []
+    for part in (vector[:half], vector[half : 2 * half]):
+        spectrum = np.zeros(ORDERS + 1, dtype=complex)
+        spectrum[0] = part[0]
+        spectrum[1:ORDERS] = (part[1:ORDERS] + 1j * part[ORDERS:]) / np.sqrt(2)
+        channels.append(np.fft.irfft(spectrum, n=GRID, norm="ortho"))
+    total, apart = channels
+    return np.stack([total - apart, total + apart], axis=1) / np.sqrt(2)
+
+
+def _sum(values: Array) -> Array:
+    added: Array = (values[:, 0] + values[:, 1]) / np.sqrt(2)
+    return added
+
+
+def _difference(values: Array) -> Array:
+    apart: Array = (values[:, 1] - values[:, 0]) / np.sqrt(2)
+    return apart
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One run. model: of its own rig file; one: its observation, smooth, the rows of its stands behind those of its lap;
+    rounding_deg (6,): steps of the reported angles."""
+
+    model: Model
+    one: Observation
+    sampling: Sampling | None
+    rounding_deg: Array
+
+    @property
+    def name(self) -> str:
+        """Of what it repeats: `yaw cw`, `radial`."""
+        table = self.one.table
+        return f"{self.one.setup} {table.direction}" if isinstance(table, CircleTable) else self.one.setup
+
+
+def see(model: Model, table: Table, where: str) -> Seen:
+    """A run's table. Raises FileError for a circle that is none."""
+    smoothed = smooth(observe(model, table, where))
+    one = smoothed.observation
+    if not isinstance(table, CircleTable):
+        return Seen(model, one, None, smoothed.rounding_deg)
+    sampling, rows = _sampled(table, model, one, where)
+    return Seen(model, replace(one, rows=rows, values=table.g_mm[rows]), sampling, smoothed.rounding_deg)
+
+
+def _sampled(table: CircleTable, model: Model, one: Observation, where: str) -> tuple[Sampling, Integers]:
+    lap = lap_of(table, model.rig, where)
+    order = np.argsort(lap.phi % (2 * np.pi))
+    phi = (lap.phi % (2 * np.pi))[order]
+    grid = np.arange(GRID) * 2 * np.pi / GRID
+    after = np.searchsorted(phi, grid) % len(phi)
+    before = after - 1
+    step = (phi[after] - phi[before]) % (2 * np.pi)
+    share = ((grid - phi[before]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
+    stands = _stands(one)
+    begins = len(one.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
+    places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
+    per_step = len(one.rows) / GRID
+    sampling = Sampling(
+        order[before],
+        order[after],
+        np.clip(share, 0, 1),
+        lap.phi,
+        places,
+        np.array([len(rows) / per_step for rows in stands]),
+    )
+    return sampling, np.concatenate([one.rows, *stands]).astype(np.intp)
+
+
+def _stands(one: Observation) -> list[Integers]:
+    """Rows of standing before the lap and after it; none where there are not both."""
+    t, q = one.path.t_s, one.path.q
+    speed = np.linalg.norm(np.gradient(q, t, axis=0), axis=1)
+    still = speed < _STANDS * np.median(speed[one.rows])
+    first, last = int(one.rows[0]), int(one.rows[-1])
+    found = [np.flatnonzero(still[:first]), last + 1 + np.flatnonzero(still[last + 1 :])]
+    return found if min(map(len, found)) >= _LEAST_STAND else []
