@@ -38,6 +38,9 @@ def _line(effect: Effect) -> str:
 
 
 def _dumped(fields: dict[str, object]) -> str:
+    """One line: first what it is, last where it came from."""
     ordered = {"effect": fields["effect"], **fields}
+    if "found" in ordered:
+        ordered["found"] = ordered.pop("found")
     flow: str = yaml.safe_dump(ordered, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
     return flow.strip()

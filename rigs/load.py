@@ -99,6 +99,19 @@ def _unreadable(path: Path, error: OSError) -> FileError:
 
 def parse(text: str, where: str) -> Rig:
     """A rig from the text of its file; `where` names it in errors. Raises RigFileError."""
+    # The runs of a day bear the same text, and reading it takes longer than reading their data.
+    if text not in _good:
+        while len(_good) >= _MOST_KEPT:
+            del _good[next(iter(_good))]
+        _good[text] = _parsed(text, where)
+    return _good[text]
+
+
+_good: dict[str, Rig] = {}
+_MOST_KEPT = 16
+
+
+def _parsed(text: str, where: str) -> Rig:
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
         if root is not None:

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "blind"))
 
 from scoring import cases_of, report
 from stranger import KINDS, SCALES
-from trial import Job, diagnosis_exists, run_all
+from trial import Job, run_all
 
 FIRST_REPORTED = 10_000
 
@@ -31,13 +31,13 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--kinds", default=",".join(KINDS), help=f"some of {','.join(KINDS)} (all)")
     parser.add_argument("--scale", choices=SCALES, default=SCALES[0], help="what background and sizes are shares of")
     parser.add_argument("--jobs", type=int, default=1, help="processes (1)")
-    parser.add_argument("--keep", type=Path, help="a new directory for cases, truths and answers (a temporary one)")
+    parser.add_argument(
+        "--keep", type=Path, help="a directory for cases, truths and answers; cases that are there are used again"
+    )
     given = parser.parse_args()
     given.kinds = given.kinds.split(",")
     if unknown := set(given.kinds) - set(KINDS):
         parser.error(f"no such kind: {', '.join(sorted(unknown))}; known are {', '.join(KINDS)}")
-    if given.keep and given.keep.exists() and any(given.keep.iterdir()):
-        parser.error(f"{given.keep} is not empty; give a new directory")
     return given
 
 
@@ -54,16 +54,13 @@ def trial(given: argparse.Namespace, root: Path) -> None:
     answers, begin = {}, time.monotonic()
     for job, answer in run_all(jobs, given.jobs):
         answers[job.name] = answer
-        said = "generated" if answer is None else answer.get("verdict", answer.get("error"))
+        said = answer.get("verdict", answer.get("error"))
         line = f"{len(answers)} of {len(jobs)} · {job.kind} {job.seed}: {said}"
         sys.stderr.write(f"\r\033[K{line[:110]}" if sys.stderr.isatty() else f"{line}\n")
     seconds = time.monotonic() - begin
     sys.stderr.write("\n" * sys.stderr.isatty())
     whose = "for development" if given.seed < FIRST_REPORTED else "for a report"
     print(f"{len(jobs)} cases, seeds {seeds.start} to {seeds.stop - 1} ({whose}), scale {given.scale}, {seconds:.0f} s")
-    if not diagnosis_exists():
-        print("`rig diagnose` does not exist yet: all cases were generated and imported, none was diagnosed or scored.")
-        sys.exit(1)
     print(report(cases_of([json.loads(job.truth.read_text(encoding="utf-8")) for job in jobs], answers)))
 
 

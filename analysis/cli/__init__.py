@@ -50,11 +50,14 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     calibrate,  # noqa: F401
     check,  # noqa: F401
     compare,  # noqa: F401
+    correct,  # noqa: F401
+    diagnose,  # noqa: F401
     emulate,  # noqa: F401
     export,  # noqa: F401
     import_,  # noqa: F401
     live,  # noqa: F401
     paper,  # noqa: F401
+    plan,  # noqa: F401
     record,  # noqa: F401
     runs,  # noqa: F401
     simulate,  # noqa: F401

@@ -28,8 +28,8 @@ _SLOW = 4
 class Block:
     """Repeated runs of one test and direction.
 
-    model: of their rig file; one: the first of them, whose feedback stands for all; mean_mm (N,): their mean residual,
-    and y (N,): the same in standard deviations; sd_mm (N,) of it, scatter aside; count of runs; apart_mm: how far a run
+    model: of their rig file; one: the first of them, whose feedback stands for all; y (N,): their mean residual in
+    standard deviations; sd_mm (N,) of it, scatter aside; count of runs; apart_mm: how far a run
     is from their mean, rms (nan for one run); span (N, c), size (c,): the directions in which the scatter of joints and
     ball moves a run, orthonormal, and how far.
     """
@@ -39,7 +39,6 @@ class Block:
     one: Observation
     sampling: Sampling | None
     sd_mm: Array
-    mean_mm: Array
     y: Array
     count: int
     apart_mm: float
@@ -118,7 +117,7 @@ def _block(raw: _Raw, noise: RunNoise, rounding_deg: Array) -> Block:
     mean = rows.mean(axis=0)
     apart = float(np.sqrt(((rows - mean) ** 2).sum() / ((count - 1) * rows.shape[1]))) if count > 1 else float("nan")
     sd = sd / np.sqrt(count)
-    bare = Block(raw.name, first.model, first.one, first.sampling, sd, mean, mean, count, apart, span, size)
+    bare = Block(raw.name, first.model, first.one, first.sampling, sd, mean, count, apart, span, size)
     return replace(bare, y=bare.white(mean))
 
 

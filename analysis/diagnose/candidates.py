@@ -24,6 +24,7 @@ _LOBES = (2, 3, 4, 5, 6)
 _DECAYS_S = (0.1, 0.3, 1.0)
 _WARMING_S = (60.0, 300.0, 1200.0)
 _PERIODS_MM = (0.2, 0.5, 1.0, 2.0)
+_SMALL = 0.02
 _PLAY_SIGMAS = (15.0, 60.0, 250.0)
 _WIDE_PLAY = 5.0
 """Widths of plays: at which they have so many sigmas, and so many healthy widths."""
@@ -77,7 +78,7 @@ def candidates_for(linear: Linear) -> list[Candidate]:
     gauged = any(not isinstance(table, PoseTable) for table in tables)
     found = [_single("joint_offset", axis=k) for k in AXES]
     found += [
-        _single("link_geometry", axis=k, field=f)
+        _small("link_geometry", axis=k, field=f)
         for k in AXES
         for f in ("a", "alpha", "d", "beta")
         # Hayati's angle is for a joint parallel to the one before; elsewhere it only repeats the others.
@@ -110,6 +111,15 @@ def _healthy(name: str, **fields: Any) -> Effect:
 def _single(name: str, **fields: Any) -> Candidate:
     effect = _healthy(name, **fields)
     return Candidate(name_of(effect), (effect,))
+
+
+def _small(name: str, **fields: Any) -> Candidate:
+    """At a fiftieth of a healthy size: at all of it what is not straight would already show."""
+    effect: Any = _healthy(name, **fields)
+    field = size_field(effect)
+    return Candidate(
+        name_of(effect), (effect.model_copy(update={field: _SMALL * getattr(effect, field)}),), (), 1.0, _SMALL
+    )
 
 
 def _variant(name: str, among: int, **fields: Any) -> Candidate:

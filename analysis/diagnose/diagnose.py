@@ -6,26 +6,28 @@ runs → blocks (whitened) → names by evidence, defended on the simulator → 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from analysis.diagnose.blocks import Block, blocks_of
 from analysis.diagnose.candidates import candidates_for, name_of
-from analysis.diagnose.diagnosis import Curve, Diagnosis, Gap, Map, Named, Rival, Verdict
+from analysis.diagnose.diagnosis import Curve, Diagnosis, Gap, Map, Named, NextTest, Rival, Verdict
 from analysis.diagnose.evidence import Dictionary
 from analysis.diagnose.explain import Explained, Explainer
 from analysis.diagnose.leftover import LIMIT, excess, leftovers
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.locate import places, turns_of
 from analysis.diagnose.observed import GRID, Seen, curve, see
+from analysis.diagnose.plan import parting, parts
 from analysis.diagnose.remedy import remedy
-from analysis.diagnose.search import LEVELS, QUIET, Search
-from analysis.fitting.estimate import fit
-from analysis.fitting.observation import residuals_of, rms
+from analysis.diagnose.search import QUIET, RICH, Search
+from analysis.diagnose.settle import settled
+from analysis.diagnose.shake import swing
+from analysis.fitting.observation import rms
 from analysis.kinematics.arm import Array
-from analysis.model.predict import Model, SetUp, model_of
+from analysis.model.predict import SetUp, model_of
 from analysis.model.targets import target_angles
 from analysis.reading.loading import Measured
 from analysis.reading.tables import CircleTable, PoseTable, RepeatabilityTable
@@ -35,6 +37,8 @@ from rigs.rig import Rig
 
 _RIVALRY = 20.0
 """Odds under which a rival makes a name ambiguous."""
+_REFINED = 100.0
+"""Log evidence that names may gain when they are refined."""
 _ENOUGH = 3
 """Readings for each set-up term, at least, without which nothing can be told."""
 
@@ -59,13 +63,19 @@ def diagnose(
     progress("what each effect would show")
     search = Search(Dictionary(linear, candidates_for(linear)))
     progress("searching for names")
-    found = _explained(linear, search)
-    unexplained = excess(blocks, found.refined.left, found.background)
-    verdict, why = _verdict(linear, search, found, unexplained)
+    found, unexplained = _explained(linear, search)
+    shaken = swing(runs, found.refined.setups)
+    shaken = shaken if shaken and shaken.gain > search.price else None
+    verdict, why = _verdict(linear, search, found, unexplained, shaken is not None)
+    next_test = None
+    if verdict == "ambiguous":
+        progress("which test would part the rivals")
+        next_test, more = _next_test(rig, found, used)
+        why += more
     progress("proving it on runs left out")
     effects = found.refined.effects if verdict in ("named", "ambiguous", "outside_library") else ()
     kept = () if verdict == "outside_library" else effects
-    train = _gap(runs, setups, found.refined.setups if kept else setups, kept, blocks)
+    train = _gap(runs, kept, blocks, _names(used))
     named = tuple(
         Named(
             effect,
@@ -77,13 +87,16 @@ def diagnose(
         )
         for k, effect in enumerate(effects)
     )
-    before = [block.mean_mm for block in blocks]
-    after = _after(linear, found, kept)
+    if shaken:
+        # It begins anew with every run, so no model takes it out of the readings.
+        named += (Named(shaken.effect, shaken.sd, 1.0, (), train.after_um, remedy(shaken.effect)),)
+    before = _in_mm(linear, linear.y)
+    after = _in_mm(linear, found.refined.left) if kept else before
     return Diagnosis(
         verdict=verdict,
         why=why,
         rig=rig,
-        runs=tuple(run.run.manifest.name for run in used),
+        runs=tuple(_names(used)),
         where=places(blocks, before),
         effects=named,
         train=train,
@@ -93,7 +106,7 @@ def diagnose(
         setups=found.refined.setups if kept else dict(setups),
         groups=tuple(_group(one) for one in named if one.rivals and verdict == "ambiguous"),
         not_testable=search.not_testable,
-        next_test=None,
+        next_test=next_test,
         repeated=noise.measured,
         level=found.level,
         doubts=_doubts(runs, blocks, measured=noise.measured),
@@ -132,78 +145,62 @@ def _differing(one: Rig, other: Rig) -> str:
 
 def _first_setups(runs: Sequence[Seen]) -> dict[str, SetUp]:
     """Set-ups fitted to the first run of each kind: near enough to be refined."""
-    setups: dict[str, SetUp] = {}
-    for names in _by_model(runs).values():
-        firsts = list({run.name: run for run in reversed(names)}.values())
-        setups |= fit(firsts[0].model, [run.one for run in firsts]).setups
-    return setups
+    return settled(list({run.name: run for run in reversed(runs)}.values()))[0]
 
 
-def _by_model(runs: Sequence[Seen]) -> dict[int, list[Seen]]:
-    """Runs of the same circle and targets together."""
-    rigs: list[Rig] = []
-    grouped: dict[int, list[Seen]] = {}
-    for run in runs:
-        if run.model.rig not in rigs:
-            rigs.append(run.model.rig)
-        grouped.setdefault(rigs.index(run.model.rig), []).append(run)
-    return grouped
-
-
-def _explained(linear: Linear, search: Search) -> Explained:
-    """Names where a healthy arm shows little of everything; where that leaves too much, where it shows more."""
+def _explained(linear: Linear, search: Search) -> tuple[Explained, float]:
+    """Names where a healthy arm shows little of everything, and log evidence of what they leave; where that is much,
+    names where it shows more, if this explains it better than anything unknown would."""
     explainer = Explainer(linear, search)
     quiet = explainer.explain(QUIET)
-    left = excess(linear.blocks, quiet.refined.left, quiet.background)
+    left = excess(linear.blocks, quiet.left, explainer.background)
     if left <= LIMIT:
-        return quiet
-    rich = explainer.explain(LEVELS[len(QUIET) :])
-    return rich if rich.score - quiet.score > left else quiet
+        return explainer.defended(quiet), left
+    withdrawn, wanted = explainer.undefended(quiet), explainer.score(quiet) + left
+    if search.best(RICH).score + _REFINED < wanted:
+        return withdrawn, left
+    rich = explainer.explain(RICH)
+    if explainer.score(rich) <= wanted:
+        return withdrawn, left
+    return explainer.defended(rich), excess(linear.blocks, rich.left, explainer.background)
 
 
-def _verdict(linear: Linear, search: Search, found: Explained, unexplained: float) -> tuple[Verdict, str]:
+def _verdict(
+    linear: Linear, search: Search, found: Explained, unexplained: float, shaken: bool
+) -> tuple[Verdict, str]:
     terms = linear.U.shape[1]
     if not search.testable.any() or len(linear.y) < _ENOUGH * terms:
         return "not_testable_here", "these runs leave no reading free that could tell one effect from the set-up"
     if unexplained > LIMIT:
         return "outside_library", "something is there that no effect of the vocabulary explains"
-    if not found.names:
+    if not found.names and not shaken:
         return "within_tolerance", "nothing stands out of the noise and of what a healthy arm shows anyway"
     doubtful = [name for name, p in zip(found.names, found.posterior, strict=True) if p < _RIVALRY / (1 + _RIVALRY)]
     if doubtful:
-        return "ambiguous", f"these tests cannot tell {doubtful[0]} from its rivals"
+        return "ambiguous", f"these tests do not tell {doubtful[0]} from its rivals"
     return "named", "each name explains what no other does"
 
 
-@dataclass(frozen=True)
-class _Left:
-    """Residuals before and after, and how many readings."""
-
-    before: list[Array]
-    after: list[Array]
-
-
-def _gap(
-    runs: Sequence[Seen],
-    setups: dict[str, SetUp],
-    fitted: dict[str, SetUp],
-    effects: Sequence[Effect],
-    blocks: Sequence[Block],
-) -> Gap:
-    before, after = [], []
-    for run in runs:
-        before += residuals_of(run.model, [run.one], _own(run, setups))
-        grown = replace(run.model, effects=(*run.model.effects, *effects))
-        after += residuals_of(grown, [run.one], _own(run, fitted))
-    names = tuple(dict.fromkeys(run.name for run in runs))
-    return Gap(names, 1e3 * rms(before), 1e3 * rms(after) if effects else 1e3 * rms(before), _floor(blocks, names))
+def _gap(runs: Sequence[Seen], effects: Sequence[Effect], blocks: Sequence[Block], names: Sequence[str]) -> Gap:
+    """Runs before and after effects are in their model, set-ups fitted both times."""
+    setups, before = settled(runs)
+    after = settled(runs, effects, setups)[1] if effects else before
+    floor = _floor(blocks, {run.name for run in runs})
+    return Gap(tuple(names), 1e3 * rms(before), 1e3 * rms(after), floor)
 
 
-def _own(run: Seen, setups: dict[str, SetUp]) -> dict[str, SetUp]:
-    return {run.one.setup: setups[run.one.setup]}
+def _next_test(rig: Rig, found: Explained, used: Sequence[Measured]) -> tuple[NextTest | None, str]:
+    """The test that parts the first doubtful name from its nearest rival best, and what to say where none does."""
+    place = next(k for k, p in enumerate(found.posterior) if p < _RIVALRY / (1 + _RIVALRY))
+    rivals = (found.refined.effects[place], found.rivals[place][0].effect)
+    tests = tuple(dict.fromkeys(run.run.manifest.test for run in used))
+    further = parting(rig, rivals, tests)
+    if not further or not parts(further[0].sigma):
+        return None, "; no other test parts them either, so their corrections do the same"
+    return NextTest(further[0].test, further[0].why, further[0].sigma), ""
 
 
-def _floor(blocks: Sequence[Block], names: Sequence[str]) -> float:
+def _floor(blocks: Sequence[Block], names: Collection[str]) -> float:
     """Root mean square in µm that the noise of a run gives: from repeats, else from the noise assumed."""
     total = count = 0.0
     for block in blocks:
@@ -217,41 +214,27 @@ def _floor(blocks: Sequence[Block], names: Sequence[str]) -> float:
 
 
 def _judged(rig: Rig, runs: Sequence[Measured], effects: Sequence[Effect], blocks: Sequence[Block]) -> Gap | None:
-    """The frozen model on runs that had no part in it, their set-ups fitted."""
-    if not runs:
-        return None
-    before, after = [], []
-    seen = _seen(rig, runs)
-    for group in _by_model(seen).values():
-        model, observations = group[0].model, [run.one for run in group]
-        plain = fit(model, observations)
-        before += plain.residuals
-        grown: Model = replace(model, effects=(*model.effects, *effects))
-        after += fit(grown, observations, setups=plain.setups).residuals if effects else plain.residuals
-    names = tuple(dict.fromkeys(run.name for run in seen))
-    return Gap(tuple(run.run.manifest.name for run in runs), 1e3 * rms(before), 1e3 * rms(after), _floor(blocks, names))
+    """The frozen model on runs that had no part in it."""
+    return _gap(_seen(rig, runs), effects, blocks, _names(runs)) if runs else None
+
+
+def _names(runs: Sequence[Measured]) -> list[str]:
+    return [run.run.manifest.name for run in runs]
 
 
 def _without(linear: Linear, found: Explained, k: int, train: Gap) -> float:
-    """The gap on the runs used where one effect is taken out again: by its share of the blocks' energy."""
-    columns = linear.columns([found.refined.effects[k]])[:, 0]
-    with_it = float(found.refined.left @ found.refined.left)
-    without = float(np.sum((found.refined.left + columns) ** 2))
-    whole = float(linear.y @ linear.y)
-    if whole <= with_it:
-        return train.before_um
-    share = min(1.0, max(0.0, (without - with_it) / (whole - with_it)))
-    return float(np.sqrt(train.after_um**2 + share * max(0.0, train.before_um**2 - train.after_um**2)))
+    """The gap on the runs used where one effect is taken out again, set-ups fitted."""
+    column = linear.columns([found.refined.effects[k]])[:, 0]
+    left = _in_mm(linear, found.refined.left)
+    back = _in_mm(linear, found.refined.left + column)
+    more = np.mean(np.concatenate(back) ** 2) - np.mean(np.concatenate(left) ** 2)
+    return float(np.sqrt(max(0.0, train.after_um**2 + 1e6 * more)))
 
 
-def _after(linear: Linear, found: Explained, effects: Sequence[Effect]) -> list[Array]:
-    """Each block's mean residual (N,) mm with the effects in the model."""
-    if not effects:
-        return [block.mean_mm for block in linear.blocks]
-    return [
-        block.mean_mm - block.vector(linear.added_mm(k, effects, found.refined.setups))
-        for k, block in enumerate(linear.blocks)
-    ]
+def _in_mm(linear: Linear, left: Array) -> list[Array]:
+    """What is left (N,) in standard deviations as each block's vector in mm: less what set-up and scatter can do."""
+    ends = np.cumsum([len(block.y) for block in linear.blocks])
+    return [part * block.sd_mm for part, block in zip(np.split(left, ends[:-1]), linear.blocks, strict=True)]
 
 
 def _curve(block: Block, before: Array, after: Array) -> Curve:

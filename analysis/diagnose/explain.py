@@ -11,13 +11,15 @@ from analysis.diagnose.candidates import name_of
 from analysis.diagnose.evidence import Background
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.refine import Refined, refine
-from analysis.diagnose.search import DEPTH, Search
+from analysis.diagnose.search import DEPTH, QUIET, Search
 from rigs.effects import Effect
 
 _RIVALS = 3
 _NEAR = 10.0
 """Log odds within which a rival is refined too."""
 _ROUNDS = 3
+_LEAST = 1e-4
+"""A rival's share of the evidence that is worth telling."""
 
 
 @dataclass(frozen=True)
@@ -31,20 +33,18 @@ class Rival:
 
 @dataclass(frozen=True)
 class Explained:
-    """The effects named, with sizes and shapes; each with its posterior among its rivals; gain of each
-    name: log evidence that is lost without it; level of the background; score: log density of the residual, prices
-    paid."""
+    """The effects named, with sizes and shapes; each with its posterior among its rivals; level of the background, and
+    the background."""
 
     refined: Refined
     posterior: tuple[float, ...]
     rivals: tuple[tuple[Rival, ...], ...]
-    gain: tuple[float, ...]
     level: float
-    score: float
     background: Background
 
     @property
     def names(self) -> tuple[str, ...]:
+        """As an answer gives them."""
         return tuple(name_of(effect) for effect in self.refined.effects)
 
 
@@ -53,22 +53,57 @@ class Explainer:
 
     def __init__(self, linear: Linear, search: Search) -> None:
         self.linear, self.search = linear, search
+        self.level = QUIET[0]
+        self.background: Background = search.background(self.level)
         self._known: dict[tuple[str, ...], Refined] = {}
 
-    def explain(self, levels: Sequence[float]) -> Explained:
-        """The names that stand, over background levels."""
+    def explain(self, levels: Sequence[float]) -> Refined:
+        """The names that pay for themselves, at the best of some background levels."""
         found = self.search.best(levels)
         self.level = found.level
-        self.background: Background = self.search.background(found.level)
+        self.background = self.search.background(found.level)
         self._known.clear()
-        effects = [self.search.start(k, size) for k, size in zip(found.chosen, found.sizes, strict=True)]
-        now = self._refined(effects)
+        now = self._refined([self.search.start(k, size) for k, size in zip(found.chosen, found.sizes, strict=True)])
         for _ in range(_ROUNDS):
             before = now.effects
             now = self._added(self._dropped(now))
             if [name_of(e) for e in now.effects] == [name_of(e) for e in before]:
                 break
-        return self._defended(now, _ROUNDS)
+        return now
+
+    def score(self, now: Refined) -> float:
+        """Log density of the residual with some names, prices paid."""
+        return self.search.table(self.level).null + now.evidence - self.search.price * len(now.effects)
+
+    def undefended(self, now: Refined) -> Explained:
+        """Names as they are, no rival tried: for those that are to be withdrawn."""
+        n = len(now.effects)
+        return Explained(now, (1.0,) * n, ((),) * n, self.level, self.background)
+
+    def defended(self, now: Refined, rounds: int = _ROUNDS) -> Explained:
+        """Every name against its rivals; one that does better takes its place."""
+        posterior, rivals = [], []
+        for place, effect in enumerate(now.effects):
+            rest = self._without(now, place)
+            gain = now.evidence - rest.evidence
+            tried = [
+                self._refined([*rest.effects, other])
+                for other, linear_gain in self._proposals(rest, [name_of(effect)])[:_RIVALS]
+                if linear_gain > gain - _NEAR
+            ]
+            best = max(tried, key=lambda one: one.evidence, default=None)
+            if best is not None and best.evidence > now.evidence + 0.1 and rounds:
+                return self.defended(self._added(self._dropped(best)), rounds - 1)
+            weight = np.exp(np.minimum([0.0, *(one.evidence - now.evidence for one in tried)], 50.0))
+            share = weight / weight.sum()
+            posterior.append(float(share[0]))
+            others = [
+                Rival(one.effects[-1], one.sd(len(one.effects) - 1), float(p))
+                for one, p in zip(tried, share[1:], strict=True)
+                if p > _LEAST
+            ]
+            rivals.append(tuple(sorted(others, key=lambda rival: -rival.posterior)))
+        return Explained(now, tuple(posterior), tuple(rivals), self.level, self.background)
 
     def _refined(self, effects: Sequence[Effect]) -> Refined:
         key = tuple(sorted(f"{name_of(e)} {getattr(e, 'order', '')}" for e in effects))
@@ -116,29 +151,3 @@ class Explainer:
                 seen.add(search.names[k])
                 found.append((search.start(int(k), table.sizes((int(k),))[0]), float(gains[k])))
         return found
-
-    def _defended(self, now: Refined, rounds: int) -> Explained:
-        """Every name against its rivals; one that does better takes its place."""
-        posterior, rivals, gain = [], [], []
-        for place, effect in enumerate(now.effects):
-            rest = self._without(now, place)
-            gain.append(now.evidence - rest.evidence)
-            tried = [
-                self._refined([*rest.effects, other])
-                for other, linear_gain in self._proposals(rest, [name_of(effect)])[:_RIVALS]
-                if linear_gain > gain[-1] - _NEAR
-            ]
-            best = max(tried, key=lambda one: one.evidence, default=None)
-            if best is not None and best.evidence > now.evidence + 0.1 and rounds:
-                return self._defended(self._added(self._dropped(best)), rounds - 1)
-            weight = np.exp(np.minimum([0.0, *(one.evidence - now.evidence for one in tried)], 50.0))
-            share = weight / weight.sum()
-            posterior.append(float(share[0]))
-            others = [
-                Rival(one.effects[-1], one.sd(len(one.effects) - 1), float(p))
-                for one, p in zip(tried, share[1:], strict=True)
-                if p > 1e-4
-            ]
-            rivals.append(tuple(sorted(others, key=lambda rival: -rival.posterior)))
-        score = self.search.table(self.level).null + now.evidence - self.search.price * len(now.effects)
-        return Explained(now, tuple(posterior), tuple(rivals), tuple(gain), self.level, score, self.background)

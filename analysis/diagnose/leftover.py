@@ -58,7 +58,9 @@ def excess(blocks: Sequence[Block], left: Array, background: Background) -> floa
 
 def leftovers(blocks: Sequence[Block], left: Array, background: Background) -> tuple[Leftover, ...]:
     """The bands that exceed their noise most, in words, worst first."""
-    found = sorted((band for band in _bands(blocks, left, background) if band.excess > 0), key=lambda band: -band.excess)
+    found = sorted(
+        (band for band in _bands(blocks, left, background) if band.excess > 0), key=lambda band: -band.excess
+    )
     parity = _parity(blocks, left)
     return tuple(_told(band, parity) for band in found[:_TOLD])
 

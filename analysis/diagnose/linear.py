@@ -17,7 +17,7 @@ from analysis.model.predict import Model, SetUp, moved, predict
 from analysis.reading.tables import PoseTable
 from rigs.effects import Effect, JointOffset
 
-_STEP_DEG = 0.01
+_STEP_DEG = 1e-4
 _STEP_MM = 0.01
 
 

@@ -93,7 +93,7 @@ class _Problem:
         moved, r = self._settled(now, np.zeros(len(self._held)))
         cost, damping = self._cost(r, x), 1e-4
         for _ in range(_ROUNDS):
-            J = self._slopes(now, self._setups(moved))
+            J = self._slopes(now)
             H = self.background.product(J, J) + np.diag(1 / self.spread**2)
             gradient = self.background.product(J, r[:, None])[:, 0] - (x - self.expected) / self.spread**2
             for _ in range(5):
@@ -111,7 +111,7 @@ class _Problem:
             x, now, moved, r, cost, damping = tried, there, there_moved, there_r, there_cost, damping / 10
             if gained < _ENOUGH:
                 break
-        J = self._slopes(now, self._setups(moved))
+        J = self._slopes(now)
         H = self.background.product(J, J) + np.diag(1 / self.spread**2)
         _, plain = self._settled([], np.zeros(len(self._held)))
         whole = float(self._plain.product(plain[:, None], plain[:, None])[0, 0])
@@ -144,17 +144,15 @@ class _Problem:
         chi2 = float(self.background.product(r[:, None], r[:, None])[0, 0])
         return chi2 + float((((x - self.expected) / self.spread) ** 2).sum())
 
-    def _slopes(self, effects: Sequence[Any], setups: Mapping[str, SetUp]) -> Array:
-        """Derivatives (N, q) of what effects add, set-up terms projected out."""
-        base = self.linear.residual(effects, setups)
-        columns = np.empty((len(base), len(self.unknowns)))
-        for k, unknown in enumerate(self.unknowns):
-            step = _step(effects[unknown.effect], unknown)
-            changed = list(effects)
-            value = float(getattr(changed[unknown.effect], unknown.field)) + step
-            changed[unknown.effect] = changed[unknown.effect].model_copy(update={unknown.field: value})
-            columns[:, k] = (base - self.linear.residual(changed, setups)) / step
-        return self.linear.projected(columns)
+    def _slopes(self, effects: Sequence[Any]) -> Array:
+        """Derivatives (N, q) of what effects add, set-up terms projected out: one effect at a time, since they add."""
+        steps = [_step(effects[unknown.effect], unknown) for unknown in self.unknowns]
+        changed = [
+            effects[u.effect].model_copy(update={u.field: float(getattr(effects[u.effect], u.field)) + step})
+            for u, step in zip(self.unknowns, steps, strict=True)
+        ]
+        base = self.linear.raw(effects)[:, [u.effect for u in self.unknowns]]
+        return self.linear.projected((self.linear.raw(changed) - base) / steps)
 
     def _bounded(self, effects: Sequence[Any], x: Array) -> Array:
         held = x.copy()

@@ -24,7 +24,8 @@ USUAL = 0.1
 DOUBT = 6.0
 """Log odds for each time that a level doubles from there."""
 QUIET = (0.05, 0.1, 0.2)
-LEVELS = (*QUIET, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8, 25.6, 100.0)
+RICH = (0.4, 0.8, 1.6, 3.2, 6.4, 12.8, 25.6, 100.0)
+"""Levels that are tried: those of an arm with little of everything, and those beyond."""
 _LARGEST = 25.0
 """Healthy sizes at which an effect must at least be seen to be testable."""
 _OWN_SHARE = 1e-3
@@ -33,7 +34,7 @@ _NOTHING = 1e-4
 
 
 @dataclass(frozen=True)
-class Explained:
+class Found:
     """Candidates chosen, by number, with their main coefficients in healthy sizes; score: log density of the residual,
     prices paid; level of the background."""
 
@@ -103,11 +104,11 @@ class Search:
             return effect.model_copy(update={field: float(np.hypot(*size)) * healthy, "phase_deg": phase})  # type: ignore[no-any-return]
         return effect.model_copy(update={field: float(size[0]) * healthy})  # type: ignore[no-any-return]
 
-    def best(self, levels: Sequence[float] = LEVELS) -> Explained:
+    def best(self, levels: Sequence[float]) -> Found:
         """The best set of names over background levels."""
         return max((self.at(level) for level in levels), key=lambda one: one.score)
 
-    def at(self, level: float) -> Explained:
+    def at(self, level: float) -> Found:
         """The best set of names where the background has one level."""
         return Table(self, level).explained()
 
@@ -131,7 +132,7 @@ class Table:
         self._groups = _groups(search.dictionary)
         self._blocks = [self._block(cols) for _, cols, _, _ in self._groups]
 
-    def explained(self) -> Explained:
+    def explained(self) -> Found:
         """Names added while one pays, each time dropped and swapped where that is better."""
         chosen: tuple[int, ...] = ()
         score = self.null
@@ -142,7 +143,7 @@ class Table:
                 break
             chosen = (*chosen, k)
             chosen, score = self._mended(chosen, self.score(chosen))
-        return Explained(chosen, tuple(self.sizes(chosen)), score, self.level)
+        return Found(chosen, tuple(self.sizes(chosen)), score, self.level)
 
     def _mended(self, chosen: tuple[int, ...], score: float) -> tuple[tuple[int, ...], float]:
         """Names dropped that no longer pay, and each swapped for a better one, until nothing improves."""

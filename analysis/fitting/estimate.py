@@ -79,7 +79,7 @@ def fit(
     """Fit set-up terms, and the free parameters of the model's effects. `setups`: where to begin."""
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, needed here only
 
-    problem = _Problem(model, observations, tuple(free), dict(setups or _first_setups(model, observations)))
+    problem = _Problem(model, observations, tuple(free), dict(setups or first_setups(model, observations)))
     start = problem.start()
     low, high = problem.bounds(start)
     found = least_squares(problem.residual, start, bounds=(low, high), x_scale="jac", jac=problem.jacobian)
@@ -192,7 +192,8 @@ class _Problem:
         return next(one.table for one in self.observations if one.setup == name)
 
 
-def _first_setups(model: Model, observations: Sequence[Observation]) -> dict[str, SetUp]:
+def first_setups(model: Model, observations: Sequence[Observation]) -> dict[str, SetUp]:
+    """Where a fit begins: set-ups as they were meant, an instrument's place by its readings."""
     setups = {}
     for one in observations:
         if one.setup in setups:

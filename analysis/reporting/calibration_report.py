@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime as dt
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,10 +13,8 @@ from rich.text import Text
 
 from analysis.fitting.calibrate import Calibration, fitted_effects
 from analysis.fitting.identify import name_of
-from analysis.reporting.quantity import Quantity
-from rigs.effects import Found
-from rigs.errors import FileError
-from rigs.extend import extended
+from analysis.reporting.extended_rig import with_origin, write_extended
+from analysis.reporting.parameters import quantity_of
 
 
 def as_table(found: Calibration) -> RenderableType:
@@ -26,9 +23,8 @@ def as_table(found: Calibration) -> RenderableType:
     table.add_column("effect")
     table.add_column("value", justify="right")
     for one in fitted_effects(found):
-        for field, sd in one.sd.items():
-            value = float(getattr(one.effect, field))
-            table.add_row(name_of(one.effect, field), str(Quantity(value, sd, _unit(one.effect, field))))
+        for field in one.sd:
+            table.add_row(name_of(one.effect, field), str(quantity_of(one.effect, field, one.sd)))
     gap = Table(title="unexplained, rms in µm", title_style="dim", header_style="bold")
     for heading in ("", "before", "after"):
         gap.add_column(heading, justify="right" if heading else "left")
@@ -39,14 +35,6 @@ def as_table(found: Calibration) -> RenderableType:
             gap.add_row(name, f"{before * 1e3:.1f}", f"{after * 1e3:.1f}")
     held = [Text(f"held: {held}", style="yellow") for held in found.held]
     return Group(table, gap, *held)
-
-
-def _unit(effect: object, field: str) -> str:
-    if field == "delta":
-        return "mm" if getattr(effect, "field", "") in ("a", "d") else "deg"
-    if field.endswith("_Nm"):
-        return field.replace("_per_", "/")
-    return field.rsplit("_", 1)[-1] if "_" in field else {"ppm": "ppm"}.get(field, "")
 
 
 def as_object(found: Calibration) -> dict[str, Any]:
@@ -68,16 +56,6 @@ def as_object(found: Calibration) -> dict[str, Any]:
 
 def write_rig(found: Calibration, text: str, runs: Sequence[str], output: Path) -> None:
     """The rig file with the fitted effects added, each with where it came from. Raises FileError where it exists."""
-    gap_um = (round(found.before_mm[0] * 1e3, 3), round(found.after_mm[0] * 1e3, 3))
-    effects = []
-    for one in fitted_effects(found):
-        origin = Found(date=dt.datetime.now(dt.UTC).date(), runs=tuple(runs), sd=one.sd, gap_um=gap_um)
-        rounded = {field: float(f"{getattr(one.effect, field):.9g}") for field in one.sd}
-        effects.append(one.effect.model_copy(update={"found": origin, **rounded}))
-    try:
-        with output.open("x", encoding="utf-8") as file:
-            file.write(extended(text, effects, str(output)))
-    except FileExistsError:
-        raise FileError(str(output), "is there already", "give another --output, or remove it first") from None
-    except OSError as error:
-        raise FileError(str(output), error.strerror or str(error), "give another --output") from None
+    gap_um = (found.before_mm[0] * 1e3, found.after_mm[0] * 1e3)
+    effects = [with_origin(one.effect, one.sd, runs, gap_um) for one in fitted_effects(found)]
+    write_extended(text, effects, output)

@@ -10,7 +10,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 
-_SIGNS = {"deg": "°"}
+_SIGNS = {"deg": "°", "deg/Nm": "°/Nm", "hz": "Hz"}
 _EXCESS_SHARE = 0.2
 
 
@@ -28,7 +28,12 @@ class Quantity:
 
     def __str__(self) -> str:
         """Rounded to two digits of the uncertainty: `0.33022 ± 0.00092 °`."""
-        return f"{self.rounded(self.value)} ± {self.rounded(self.u)} {_SIGNS.get(self.unit, self.unit)}"
+        return f"{self.rounded(self.value)} ± {self.rounded(self.u)} {self.sign}".rstrip()
+
+    @property
+    def sign(self) -> str:
+        """The unit as people write it."""
+        return _SIGNS.get(self.unit, self.unit)
 
     def rounded(self, value: float) -> str:
         """A value to the digits that this figure's uncertainty leaves."""

@@ -23,7 +23,8 @@ class Named:
 @dataclass(frozen=True)
 class Answer:
     """verdict: one of VERDICTS, or what else was said, or `none`; effects: those it stands by, none where it withdraws
-    them; gap: before and after by place, energy of the floor taken off; seconds: how long it took, nan if unknown."""
+    them; left: share of what was hidden that they leave, by place, as the trial found by the truth; seconds: how long it
+    took, nan if unknown."""
 
     verdict: str
     effects: tuple[Named, ...]
@@ -37,10 +38,9 @@ def answer_of(data: Mapping[str, Any] | None) -> Answer:
         return Answer("none", (), {}, math.nan)
     verdict = data["verdict"]
     effects = _list(data.get("effects")) if verdict in _NAMING else []
-    gap = data.get("gap") if isinstance(data.get("gap"), Mapping) else {}
-    left = {place: _left(gap, place) for place in ("held_out", "unseen_place")}
+    left = data.get("left_by_truth") if isinstance(data.get("left_by_truth"), Mapping) else {}
     named = tuple(_named(effect) for effect in effects if isinstance(effect, Mapping))
-    known = {place: share for place, share in left.items() if math.isfinite(share)}
+    known = {str(place): _number(share) for place, share in left.items() if math.isfinite(_number(share))}
     return Answer(verdict, named, known, _number(data.get("seconds")))
 
 
@@ -74,16 +74,6 @@ def _key(effect: Mapping[str, Any], key: str) -> str:
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     return "?" if value is None else str(value)
-
-
-def _left(gap: Mapping[str, Any], place: str) -> float:
-    """Share of the gap's energy that is left, the noise floor's taken off both; nan where it cannot be told."""
-    at = gap.get(place)
-    if not isinstance(at, Mapping):
-        return math.nan
-    floor = _number(at.get("noise_floor", gap.get("noise_floor")))
-    before, after = _number(at.get("before")) ** 2 - floor**2, _number(at.get("after")) ** 2 - floor**2
-    return max(0.0, after) / before if before > 0 else math.nan
 
 
 def _number(value: Any) -> float:

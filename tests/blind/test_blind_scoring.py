@@ -26,12 +26,8 @@ A5 = BACKLASH | {"name": "link_geometry 5.a", "parameters": {"delta": 0.2}, "siz
     "class": ["joint_offset 5", "link_geometry 5.a"]
 }  # fmt: skip
 SAID = {"effect": "backlash", "axis": 1, "parameters": {"width_deg": {"value": 0.0505, "sd": 0.001}}, "posterior": 1}
-GAP = {
-    "unit": "um",
-    "noise_floor": 1.9,
-    "held_out": {"before": 6.1, "after": 1.9},
-    "unseen_place": {"before": 5.8, "after": 2.0},
-}
+SAID_SMALL = SAID | {"parameters": {"width_deg": {"value": 1e-6, "sd": 1e-7}}}
+LEFT = {"held_out": 0.004, "unseen_place": 0.02}
 
 
 def truth(kind: str, *hidden: dict[str, Any], name: str = "a") -> dict[str, Any]:
@@ -40,7 +36,7 @@ def truth(kind: str, *hidden: dict[str, Any], name: str = "a") -> dict[str, Any]
 
 
 def said(verdict: str, *effects: dict[str, Any], **more: Any) -> dict[str, Any]:
-    return {"verdict": verdict, "effects": list(effects), "gap": GAP, "seconds": 1.5} | more
+    return {"verdict": verdict, "effects": list(effects), "left_by_truth": LEFT, "seconds": 1.5} | more
 
 
 def case(kind: str, answer: Any, *hidden: dict[str, Any]) -> Case:
@@ -118,8 +114,8 @@ def test_healthy_arms_and_foreign_effects() -> None:
 
 def test_gap_size_cover_and_time() -> None:
     one = [case("one", said("named", SAID), BACKLASH)]
-    assert value_of(one, "gap removed, run left out: median") == ("100.00 % of 1", True)
-    assert value_of(one, "left at an unseen place: p90") == (f"{100 * (4 - 3.61) / (33.64 - 3.61):.2f} % of 1", True)
+    assert value_of(one, "gap removed, run left out: median") == ("99.60 % of 1", True)
+    assert value_of(one, "left at an unseen place: p90") == ("2.00 % of 1", True)
     assert value_of(one, "size: median error") == ("1.00 % of 1", False)
     assert value_of(one, "2-sigma cover")[0].endswith("1 of 1")
     assert value_of(one, "time a case")[1] is True
@@ -127,8 +123,8 @@ def test_gap_size_cover_and_time() -> None:
 
 @pytest.mark.parametrize(
     "broken",
-    [None, {}, {"error": "no"}, {"verdict": 3}, {"verdict": "named", "effects": None, "gap": None},
-     {"verdict": "named", "effects": ["?", {}], "gap": {"held_out": {"before": "x"}, "unseen_place": None}}],
+    [None, {}, {"error": "no"}, {"verdict": 3}, {"verdict": "named", "effects": None, "left_by_truth": None},
+     {"verdict": "named", "effects": ["?", {}], "left_by_truth": {"held_out": "x", "unseen_place": None}}],
 )  # fmt: skip
 def test_missing_and_broken_answers_are_scored_as_wrong(broken: Any) -> None:
     one = case("one", broken, BACKLASH)
@@ -148,10 +144,12 @@ def test_the_report_has_every_row_and_says_when_there_are_no_cases() -> None:
 def test_a_case_is_imported_blindly_and_its_answer_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The paths that a diagnosis is told say neither kind nor seed, and no truth lies below them."""
     told = []
-    monkeypatch.setattr(trial, "diagnosis_exists", lambda: True)
-    monkeypatch.setattr(trial, "diagnose_case", lambda *runs: told.extend(runs) or said("within_tolerance"))
+    monkeypatch.setattr(trial, "diagnose_case", lambda *runs: told.extend(runs) or said("within_tolerance", SAID_SMALL))
     job = trial.Job("one", 2, "limits", tmp_path)
-    assert (trial.run_job(job) or {})["verdict"] == "within_tolerance"
+    answer = trial.run_job(job)
+    assert answer["verdict"] == "within_tolerance"
+    # What is said in vain leaves all, or a good deal, of what is hidden.
+    assert answer["left_by_truth"]["held_out"] > 0.1
     assert [len(runs) for runs in told] == [13, 2, 2]
     assert "one" not in job.name
     assert not [path for path in job.case.rglob("*.json") if "backg" in path.read_text(encoding="utf-8")]
@@ -163,7 +161,6 @@ def test_a_diagnosis_that_fails_is_a_missing_answer(tmp_path: Path, monkeypatch:
     def fails(*_: object) -> dict[str, Any]:
         raise RuntimeError("singular")
 
-    monkeypatch.setattr(trial, "diagnosis_exists", lambda: True)
     monkeypatch.setattr(trial, "diagnose_case", fails)
     answer = trial.run_job(trial.Job("none", 2, "limits", tmp_path)) or {}
     assert answer["error"] == "RuntimeError: singular"

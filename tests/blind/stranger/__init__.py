@@ -5,6 +5,6 @@ every effect is written anew from the page of measurements and the vocabulary, a
 `generate` writes what a stranger would send (CSV tables, rig files) and seals the truth elsewhere.
 """
 
-from stranger.cases import KINDS, SCALES, generate
+from stranger.cases import KINDS, SCALES, gap_of, generate, left_of
 
-__all__ = ["KINDS", "SCALES", "generate"]
+__all__ = ["KINDS", "SCALES", "gap_of", "generate", "left_of"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import json
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -37,6 +37,29 @@ hidden effects have SNR 7 … 60; `tolerance`: of healthy sizes, and hidden effe
 
 
 @dataclass(frozen=True)
+class Lap:
+    """A noiseless lap: t_s (m,), q (m, 6) rad, what faults add (m, 2) mm, and what the set-up can do (2 m, 5)."""
+
+    direction: str
+    t_s: Array
+    q: Array
+    added: Array
+    by_setup: Array
+
+
+def left_of(laps: Sequence[Lap], said: Sequence[Array]) -> float:
+    """Share of the energy of what faults add that stays when `said` (m, 2) mm a lap is taken off, set-up fitted."""
+    A = np.concatenate([lap.by_setup for lap in laps])
+
+    def energy(parts: Sequence[Array]) -> float:
+        x = np.concatenate([part.ravel() for part in parts])
+        return float(np.sum((x - A @ np.linalg.lstsq(A, x, rcond=None)[0]) ** 2))
+
+    rest = [lap.added - one for lap, one in zip(laps, said, strict=True)]
+    return energy(rest) / energy([lap.added for lap in laps])
+
+
+@dataclass(frozen=True)
 class _Run:
     """A line of runs.csv. use: `train`, `held_out` or `unseen`."""
 
@@ -49,11 +72,8 @@ def generate(
     kind: str, seed: int, directory: Path, truth_directory: Path, *, scale: str = "limits", name: str = ""
 ) -> Path:
     """Write a case and seal its truth; gives the case's directory, `case-SEED` or `name` in `directory`."""
-    rng = np.random.default_rng([seed, zlib.crc32(kind.encode()), SCALES.index(scale)])
-    robot = ROBOTS[rng.integers(len(ROBOTS))]
-    sight, noise = sight_of(robot), drawn_noise(rng)
-    unseen, mode = _elsewhere(sight, rng)
-    session = _Session(sight, unseen, noise, rng)
+    session, mode = _begun(kind, seed, scale)
+    rng, sight, noise, unseen = session.rng, session.sight, session.noise, session.unseen
     scales = Scales(sight.placed(session.links), noise)
     share = _shares(scales, kind, scale)
     hidden, foreign = _drawn(kind, scale, scales, share, rng)
@@ -70,7 +90,7 @@ def generate(
         "kind": kind,
         "seed": seed,
         "scale": scale,
-        "rig": robot,
+        "rig": session.robot,
         "hidden": [_hidden_json(one) for one in hidden],
         "outside": _foreign_json(foreign),
         "unseen": mode,
@@ -83,6 +103,22 @@ def generate(
     text = json.dumps(truth, indent=1, default=float) + "\n"
     (truth_directory / f"{case.name}.json").write_text(text, encoding="utf-8")
     return case
+
+
+def _begun(kind: str, seed: int, scale: str) -> tuple[_Session, dict[str, Any]]:
+    """The day of a case before anything is hidden, and what its unseen place is."""
+    rng = np.random.default_rng([seed, zlib.crc32(kind.encode()), SCALES.index(scale)])
+    robot = ROBOTS[rng.integers(len(ROBOTS))]
+    sight, noise = sight_of(robot), drawn_noise(rng)
+    unseen, mode = _elsewhere(sight, rng)
+    return _Session(robot, sight, unseen, noise, rng), mode
+
+
+def gap_of(truth: Mapping[str, Any]) -> dict[str, list[Lap]]:
+    """What is hidden in a case, on noiseless laps of the runs left out and at the unseen place, from its truth."""
+    session, _ = _begun(truth["kind"], truth["seed"], truth["scale"])
+    secret = [fault_from(one) for one in truth["hidden"]]
+    return {"held_out": session.laps("held_out", secret), "unseen_place": session.laps("unseen", secret)}
 
 
 def _shares(scales: Scales, kind: str, scale: str) -> dict[str, float]:
@@ -133,8 +169,10 @@ def _elsewhere(sight: Sight, rng: np.random.Generator) -> tuple[tuple[Cell, Trac
 class _Session:
     """A day in the shop: set-ups, and runs in the order they were made."""
 
-    def __init__(self, sight: Sight, unseen: tuple[Cell, Track], noise: Noise, rng: np.random.Generator) -> None:
-        self.sight, self.unseen, self.noise, self.rng = sight, unseen, noise, rng
+    def __init__(
+        self, robot: str, sight: Sight, unseen: tuple[Cell, Track], noise: Noise, rng: np.random.Generator
+    ) -> None:
+        self.robot, self.sight, self.unseen, self.noise, self.rng = robot, sight, unseen, noise, rng
         self.faults: list[Fault] = []
         cell = sight.cell
         self.links = {
@@ -182,18 +220,24 @@ class _Session:
         """Root mean square in µm of what is hidden, the set-up fitted, in runs left out and at the unseen place."""
         found = {}
         for use, name in (("held_out", "held_out"), ("unseen", "unseen_place")):
-            parts, columns = [], []
-            for way in ("acw", "cw"):
-                run = _Run("yaw", way, use)
-                motion, link, cell = self.motion(run, np.random.default_rng(0)), self.link(run), self.sight.cell
-                plain = measure(cell, motion, [], link)
-                parts.append((measure(cell, motion, secret, link) - plain).ravel())
-                balls = [replace(link, ball=link.ball + step) for step in 1e-3 * np.eye(3)]
-                by_ball = [(measure(cell, motion, [], ball) - plain).ravel() / 1e-3 for ball in balls]
-                columns.append(np.stack([*by_ball, *np.tile(np.eye(2), len(plain))], axis=1))
-            x, A = np.concatenate(parts), np.concatenate(columns)
+            laps = self.laps(use, secret)
+            x, A = np.concatenate([lap.added.ravel() for lap in laps]), np.concatenate([lap.by_setup for lap in laps])
             left = x - A @ np.linalg.lstsq(A, x, rcond=None)[0]
             found[name] = round(1e3 * float(np.sqrt(np.mean(left**2))), 4)
+        return found
+
+    def laps(self, use: str, secret: list[Fault]) -> list[Lap]:
+        """Noiseless yaw laps, acw and cw, with what faults add."""
+        found = []
+        for way in ("acw", "cw"):
+            run = _Run("yaw", way, use)
+            motion, link, cell = self.motion(run, np.random.default_rng(0)), self.link(run), self.sight.cell
+            plain = measure(cell, motion, [], link)
+            balls = [replace(link, ball=link.ball + step) for step in 1e-3 * np.eye(3)]
+            by_ball = [(measure(cell, motion, [], ball) - plain).ravel() / 1e-3 for ball in balls]
+            by_setup = np.stack([*by_ball, *np.tile(np.eye(2), len(plain))], axis=1)
+            added = measure(cell, motion, secret, link) - plain
+            found.append(Lap(way, motion.t[motion.rows], motion.q[motion.rows], added, by_setup))
         return found
 
 
@@ -221,6 +265,15 @@ def _fault_json(fault: Fault) -> dict[str, Any]:
         "parameters": size | dict(fault.shape),
         "form": form,
     }
+
+
+def fault_from(one: Mapping[str, Any]) -> Fault:
+    """A fault as its truth has it."""
+    size = SIZE[one["effect"]]
+    keys = {key: one[key] for key in ("axis", "field", "gauge", "from_axis", "to_axis") if key in one}
+    shape = {key: value for key, value in one["parameters"].items() if key != size}
+    form = one["form"]
+    return Fault(one["effect"], keys, float(one["parameters"][size]), shape, form["rough"], form["begin"])
 
 
 def _hidden_json(one: Hidden) -> dict[str, Any]:

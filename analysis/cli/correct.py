@@ -1,0 +1,45 @@
+"""`rig correct RIG`: what the cell can use of the effects in its rig file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app
+
+
+@app.command()
+def correct(
+    rig_file: Annotated[
+        str, typer.Argument(metavar="RIG", help="Rig file with effects of a diagnosis or calibration.")
+    ],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Where the corrections go.")],
+    path: Annotated[
+        Path | None,
+        typer.Option(
+            help="Targets to correct, a CSV with q1_deg … q6_deg, or with x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg "
+            "(roll-pitch-yaw about fixed axes, in the world of the rig file)."
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Write joint zeros, link constants and corrected targets, each only where the effects support it."""
+    import json  # noqa: PLC0415
+
+    from rich.console import Console  # noqa: PLC0415
+
+    from analysis.correction.correct import correct_rig  # noqa: PLC0415
+    from analysis.reporting import correction_report  # noqa: PLC0415
+    from rigs.load import load  # noqa: PLC0415
+
+    rig, _ = load(rig_file)
+    found = correct_rig(rig, path)
+    written = correction_report.write(found, directory)
+    if as_json:
+        typer.echo(json.dumps(correction_report.as_object(found, written), indent=2))
+    else:
+        Console().print(correction_report.as_table(found))
+    for file in written:
+        typer.echo(f"wrote {file}", err=True)

@@ -1,0 +1,87 @@
+"""`rig diagnose RUN…`: where simulation and measurement disagree, and which effect is missing in the model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app
+
+
+@app.command()
+def diagnose(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
+    rig_file: Annotated[
+        str | None, typer.Option("--rig", help="The model to begin with; without it, the first run's rig file.")
+    ] = None,
+    hold_out: Annotated[
+        list[Path] | None, typer.Option(help="A run to judge by, not used to find names; as often as you like.")
+    ] = None,
+    unseen: Annotated[
+        list[Path] | None, typer.Option(help="A run at another place or radius, to judge by; as often as you like.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="DIR", help="For the extended rig file, JSON and picture.")
+    ] = None,
+) -> None:
+    """Find where simulation and measurement disagree, name the missing effect, add it, prove that the gap shrinks."""
+    import json  # noqa: PLC0415
+
+    from rich.console import Console  # noqa: PLC0415
+
+    from analysis.diagnose.diagnose import diagnose as diagnose_runs  # noqa: PLC0415
+    from analysis.reading.loading import load_measured  # noqa: PLC0415
+    from analysis.reporting import diagnosis_report  # noqa: PLC0415
+    from analysis.reporting.diagnosis_json import as_object  # noqa: PLC0415
+    from analysis.reporting.diagnosis_screen import as_screen  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
+    from rigs.load import load  # noqa: PLC0415
+
+    if output:
+        diagnosis_report.hold_empty(output)
+    aside = _distinct(hold_out or ()) | _distinct(unseen or ())
+    used = [path for path in _distinct(runs) if path not in aside]
+    if not used:
+        raise FileError("RUN…", "all are held out or unseen, which leaves no run to diagnose", "hold out fewer")
+    measured, judges, elsewhere = (
+        [load_measured(path) for path in _distinct(paths or ())] for paths in (used, hold_out, unseen)
+    )
+    for run in (*measured, *judges, *elsewhere):
+        for doubt in run.doubts:
+            typer.echo(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)
+    rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
+    with _progress(quiet=as_json) as progress:
+        found = diagnose_runs(rig, measured, judges, elsewhere, progress)
+    if as_json:
+        typer.echo(json.dumps(as_object(found), indent=2))
+    else:
+        Console().print(as_screen(found))
+    written = diagnosis_report.write(found, text, output) if output else []
+    for path in written:
+        typer.echo(f"wrote {path}", err=True)
+    if written and written[-1].suffix == ".yaml":
+        model = written[-1]
+        typer.echo(f"next: rig diagnose RUN… --rig {model}, or rig correct {model} -o corrections", err=True)
+
+
+def _distinct(paths: Sequence[Path]) -> dict[Path, None]:
+    """Each run once, in the order given."""
+    return dict.fromkeys(path.resolve() for path in paths)
+
+
+@contextmanager
+def _progress(*, quiet: bool) -> Iterator[Callable[[str], None]]:
+    """What to call with what is being done: told on a terminal, to nobody elsewhere."""
+    from rich.console import Console  # noqa: PLC0415
+
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield lambda doing: None
+        return
+    with console.status("reading the runs") as status:
+        yield status.update

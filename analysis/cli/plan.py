@@ -1,0 +1,37 @@
+"""`rig plan RIG`: before any measurement, what a set of tests can and cannot tell apart."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app
+
+
+@app.command()
+def plan(
+    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
+    tests: Annotated[
+        str | None,
+        typer.Option(help="Of yaw,roll,radial,repeatability. Without it yaw, roll and radial, where the rig has them."),
+    ] = None,
+    runs: Annotated[int, typer.Option(min=1, max=1000, help="Of each test, circles in each direction.")] = 3,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Say what tests can and cannot tell apart for this robot, from which size on, and which test adds the most."""
+    import json  # noqa: PLC0415
+
+    from rich.console import Console  # noqa: PLC0415
+
+    from analysis.diagnose.plan import plan as planned  # noqa: PLC0415
+    from analysis.diagnose.plan import tests_named  # noqa: PLC0415
+    from analysis.reporting import plan_report  # noqa: PLC0415
+    from rigs.load import load  # noqa: PLC0415
+
+    rig, _ = load(rig_file)
+    found = planned(rig, tests_named(rig, tests), runs)
+    if as_json:
+        typer.echo(json.dumps(plan_report.as_object(found), indent=2))
+    else:
+        Console().print(plan_report.as_table(found))

@@ -1,0 +1,161 @@
+"""Corrections on the screen, as JSON, and as the files that a cell uses."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import yaml
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from analysis.correction.constants import CONSTANTS, Correction, corrected_table
+from analysis.correction.correct import Corrections
+from analysis.correction.path import write_path
+from analysis.correction.support import Support
+from analysis.diagnose.plan import label_of
+from analysis.reporting.parameters import quantity_of, unit_of
+from rigs.effects import size_field
+from rigs.errors import FileError
+
+_HEAD = """\
+# What the cell {name} can use of the effects in its rig file, {date}. Of three ways it takes one for each effect:
+# joint_zeros: master each axis so that it reads `add_deg` more where it stands.
+# link_constants: give the controller these, where it takes any; dh.csv is the whole table.
+# The corrected path: for a controller that keeps its zeros and constants. It holds all that is corrected here.
+# u: standard uncertainty.
+"""
+
+
+def as_table(found: Corrections) -> RenderableType:
+    """Each effect with its use and the reason, then what to change, then what it does to the path."""
+    effects = Table(title="value ± standard uncertainty", title_style="dim", header_style="bold")
+    effects.add_column("effect")
+    effects.add_column("value", justify="right")
+    effects.add_column("corrected as")
+    effects.add_column("why", ratio=1)
+    for one in found.effects:
+        style = "green" if one.use != "none" else "yellow"
+        effects.add_row(label_of(one.effect), _value(one), Text(_use(one), style=style), one.reason)
+    parts: list[RenderableType] = [effects]
+    parts += [Text(line) for line in _lines(found)]
+    return Group(*parts)
+
+
+def _use(one: Support) -> str:
+    return "not corrected" if one.use == "none" else one.use
+
+
+def _value(one: Support) -> str:
+    field = size_field(one.effect)
+    value = quantity_of(one.effect, field, {field: one.u})
+    return str(value) if one.u > 0 else f"{one.value:g} {value.sign}".rstrip()
+
+
+def _lines(found: Corrections) -> list[str]:
+    lines = [
+        f"master axis {one.axis} so that it reads {one.delta:+.4f}° (± {one.u:.4f}°) more where it stands"
+        for one in found.zeros
+    ]
+    lines += [
+        f"axis {one.axis}, {one.key}: {one.corrected:.6g} instead of {one.nominal:.6g} (± {one.u:.2g})"
+        for one in found.constants
+    ]
+    if found.path:
+        path, _, targets = found.path
+        lines.append(
+            f"{path.name}: {_count(len(targets.q))}, missed by up to {targets.missed_mm.max():.3f} mm before, "
+            f"{_left(targets.left_mm.max())} after by the model, ± up to {targets.u_mm.max():.3f} mm by the effects' u"
+        )
+    return lines or ["nothing here can be corrected"]
+
+
+def _count(targets: int) -> str:
+    return "1 target" if targets == 1 else f"{targets} targets"
+
+
+def _left(mm: float) -> str:
+    return "less than 0.001 mm" if mm < 1e-3 else f"{mm:.3f} mm"
+
+
+def as_object(found: Corrections, written: Sequence[Path]) -> dict[str, Any]:
+    """The same for scripts; lengths in mm, angles in degrees."""
+    path = None
+    if found.path:
+        targets = found.path[2]
+        largest = {"missed": targets.missed_mm, "left": targets.left_mm, "u": targets.u_mm}
+        path = {"targets": len(targets.q), "largest_mm": {name: float(mm.max()) for name, mm in largest.items()}}
+    return {**_contents(found), "path": path, "files": [str(file) for file in written]}
+
+
+def _contents(found: Corrections) -> dict[str, Any]:
+    return {
+        "rig": found.rig.name,
+        "joint_zeros": [
+            {"axis": one.axis, "add_deg": _short(one.delta), "u_deg": _short(one.u)} for one in found.zeros
+        ],
+        "link_constants": [_constant(one) for one in found.constants],
+        "effects": [
+            {
+                "name": label_of(one.effect),
+                "value": one.value,
+                "u": one.u if one.u > 0 else None,
+                "unit": unit_of(one.effect, size_field(one.effect)),
+                "corrected_as": None if one.use == "none" else one.use,
+                "reason": one.reason,
+            }
+            for one in found.effects
+        ],
+    }
+
+
+def _constant(one: Correction) -> dict[str, Any]:
+    return {
+        "axis": one.axis,
+        "key": one.key,
+        "nominal": one.nominal,
+        "corrected": _short(one.corrected),
+        "u": _short(one.u),
+    }
+
+
+def _write_text(text: str, file: BinaryIO) -> None:
+    file.write(text.encode())
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.9g}")
+
+
+def write(found: Corrections, directory: Path) -> list[Path]:
+    """Write corrections.yaml, dh.csv where a constant changes, and the path. Raises FileError where one is there."""
+    import pyarrow as pa  # noqa: PLC0415 - slow to import
+
+    from analysis.files.write import write_csv, write_new  # noqa: PLC0415
+
+    files = {"corrections.yaml": True, "dh.csv": bool(found.constants)}
+    if found.path:
+        files[f"corrected-{found.path[0].name}"] = True
+    paths = [directory / name for name, wanted in files.items() if wanted]
+    for path in paths:
+        if path.exists():
+            raise FileError(str(path), "is there already", "give another --output, or remove it first")
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+    head = _HEAD.format(name=found.rig.name, date=dt.datetime.now(dt.UTC).date())
+    text = head + yaml.safe_dump(_contents(found), sort_keys=False, allow_unicode=True, width=10_000)
+    write_new(paths[0], partial(_write_text, text))
+    if found.constants:
+        rows = corrected_table(found.rig, found.constants)
+        table = pa.table({key: [row[key] for row in rows] for key in ("axis", "name", *CONSTANTS)})
+        write_new(directory / "dh.csv", lambda file: write_csv(table, file))
+    if found.path:
+        _, given, targets = found.path
+        write_path(given, targets, paths[-1])
+    return paths

@@ -1,0 +1,105 @@
+"""A diagnosis for scripts: one object with the keys of docs/diagnosis.md; what is not known is null, never NaN."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+from analysis.diagnose.candidates import name_of
+from analysis.diagnose.diagnosis import Diagnosis, Gap, Named, Place, Rival
+from analysis.model.predict import SetUp
+from analysis.reporting.diagnosis_words import standing, withdrawn
+from analysis.reporting.parameters import PLACES, parameters_of
+
+
+def as_object(found: Diagnosis) -> dict[str, Any]:
+    """Angles in degrees, gaps in µm, each parameter in the unit of its name."""
+    answer = {
+        "verdict": found.verdict,
+        "why": found.why,
+        "rig": found.rig.name,
+        "runs": list(found.runs),
+        "effects": [_named(one) for one in standing(found)],
+        "withdrawn": withdrawn(found),
+        "where": [_place(place) for place in found.where],
+        "gap": {
+            "unit": "um",
+            "noise_floor": found.train.noise_floor_um,
+            "train": _gap(found.train),
+            "held_out": _gap(found.held_out),
+            "unseen_place": _gap(found.unseen),
+        },
+        "left": [asdict(one) for one in found.left],
+        "setup": {name: _setup(name, setup) for name, setup in found.setups.items()},
+        "groups": [list(group) for group in found.groups],
+        "not_testable": list(found.not_testable),
+        "next_test": asdict(found.next_test) if found.next_test else None,
+        "repeats_measured": found.repeated,
+        "level": found.level,
+        "doubts": list(found.doubts),
+        "seconds": found.seconds,
+    }
+    known: dict[str, Any] = _known(answer)
+    return known
+
+
+def _named(one: Named) -> dict[str, Any]:
+    return {
+        **_effect(one),
+        "rivals": [_effect(rival) for rival in one.rivals],
+        "gap_without_um": one.gap_without_um,
+        "remedy": one.remedy,
+    }
+
+
+def _effect(one: Named | Rival) -> dict[str, Any]:
+    effect = one.effect
+    places = {key: getattr(effect, key) for key in PLACES if hasattr(effect, key)}
+    return {
+        "effect": effect.effect,
+        **places,
+        "name": name_of(effect),
+        "parameters": {
+            field: {"value": value, "sd": one.sd.get(field)} for field, value in parameters_of(effect).items()
+        },
+        "posterior": one.posterior,
+    }
+
+
+def _place(place: Place) -> dict[str, Any]:
+    return {"channel": place.test, **{key: value for key, value in asdict(place).items() if key != "test"}}
+
+
+def _gap(gap: Gap | None) -> dict[str, Any] | None:
+    if gap is None:
+        return None
+    return {
+        "before": gap.before_um,
+        "after": gap.after_um,
+        "noise_floor": gap.noise_floor_um,
+        "runs": list(gap.runs),
+    }
+
+
+def _setup(name: str, setup: SetUp) -> dict[str, Any]:
+    if name.startswith("pose"):
+        return {
+            "T_instrument_world": setup.T_instrument_world.tolist(),
+            "T_tool_target": setup.T_tool_target.tolist(),
+        }
+    return {"ball_mm": setup.ball.tolist(), "zeros_mm": setup.zeros_mm.tolist()}
+
+
+def _known(value: Any) -> Any:
+    """The same without NaN or infinity, and in plain types."""
+    match value:
+        case Mapping():
+            return {str(key): _known(one) for key, one in value.items()}
+        case list() | tuple():
+            return [_known(one) for one in value]
+        case bool() | int() | str() | None:
+            return value
+    number = float(value)
+    return number if math.isfinite(number) else None

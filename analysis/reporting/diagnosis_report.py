@@ -1,0 +1,49 @@
+"""What a diagnosis leaves in its directory: the answer, the picture, and the rig file with what was missing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from analysis.diagnose.diagnosis import Diagnosis
+from analysis.reporting.diagnosis_json import as_object
+from analysis.reporting.diagnosis_words import standing
+from analysis.reporting.extended_rig import with_origin, write_extended
+from rigs.errors import FileError
+
+
+def hold_empty(directory: Path) -> None:
+    """Raises FileError unless a directory is empty or does not exist."""
+    try:
+        if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+            raise FileError(
+                str(directory), "is there already, and not empty", "give another --output, or empty it first"
+            )
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+
+
+def write(found: Diagnosis, text: str, directory: Path) -> list[Path]:
+    """The files of a diagnosis in an empty directory; their paths, the rig file's last.
+
+    text: of the rig file begun with. It is written, with the effects added, only where the diagnosis stands by some;
+    where a name has rivals, the likeliest goes in. Raises FileError.
+    """
+    from analysis.reporting.diagnosis_picture import picture  # noqa: PLC0415 - slow to import, needed here only
+
+    answer, sheet = directory / "diagnosis.json", directory / "diagnosis.png"
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        answer.write_text(json.dumps(as_object(found), indent=2) + "\n", encoding="utf-8")
+        picture(found).savefig(sheet, dpi=130)
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+    effects = [
+        with_origin(one.effect, one.sd, found.runs, (one.gap_without_um, found.train.after_um))
+        for one in standing(found)
+    ]
+    if not effects:
+        return [answer, sheet]
+    extended = directory / f"{found.rig.name}.yaml"
+    write_extended(text, effects, extended)
+    return [answer, sheet, extended]

@@ -1,0 +1,161 @@
+"""A diagnosis on the screen, in the order in which a person thinks; 80 columns are enough for it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from rich.console import Group, RenderableType
+from rich.padding import Padding
+from rich.table import Table
+from rich.text import Text
+
+from analysis.diagnose.candidates import name_of
+from analysis.diagnose.diagnosis import Diagnosis, Gap, Verdict
+from analysis.reporting.diagnosis_words import (
+    beside_size,
+    closed,
+    headline,
+    runs_of,
+    shortened,
+    size,
+    standing,
+    stretch,
+    sure,
+    told,
+    withdrawn,
+)
+
+_COLOUR: dict[Verdict, str] = {
+    "named": "bold green",
+    "ambiguous": "bold yellow",
+    "outside_library": "bold red",
+    "within_tolerance": "bold green",
+    "not_testable_here": "bold yellow",
+}
+_MOST_PLACES = 6
+_MOST_GROUPS = 6
+_MOST_NAMES = 40
+"""Names of what cannot be seen here, before the rest is only counted."""
+
+
+def as_screen(found: Diagnosis) -> RenderableType:
+    """Verdict, where, what, what it gains, what is left, what cannot be told, what to do, which test next."""
+    parts = [Text(headline(found), style=_COLOUR[found.verdict])]
+    parts += [Text(found.why, style="dim")] if found.why else []
+    tolerable = ", within what a healthy robot shows" if found.verdict == "within_tolerance" and found.where else ""
+    sections = (
+        (f"Where they disagree{tolerable}", _where(found)),
+        ("What is missing", _missing(found)),
+        ("What the model says with it" if standing(found) else "What the model says", _gaps(found)),
+        ("Still unexplained", _left(found)),
+        ("What these tests cannot tell", _cannot(found)),
+        ("What to do", _remedies(found)),
+        ("Which test next", _next(found)),
+        ("What to know before trusting it", _doubts(found)),
+    )
+    shown: list[RenderableType] = [*parts]
+    for heading, body in sections:
+        if body:
+            shown += [Text(f"\n{heading}", style="bold"), *(Padding(part, (0, 0, 0, 2)) for part in body)]
+    return Group(*shown, Text(f"\n{_footer(found)}", style="dim"))
+
+
+def _plain_table(*headings: str, right: Iterable[str] = ()) -> Table:
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
+    for heading in headings:
+        number = heading in right
+        table.add_column(heading, justify="right" if number else "left", no_wrap=number)
+    return table
+
+
+def _where(found: Diagnosis) -> list[RenderableType]:
+    if not found.where:
+        return [Text("nowhere beyond the noise")]
+    table = _plain_table("test", "part", "where", "joint", "why", "µm", "sigma", right=("joint", "µm", "sigma"))
+    for place in sorted(found.where, key=lambda one: -one.sigma)[:_MOST_PLACES]:
+        row = (runs_of(place), place.part, stretch(place), f"{place.joint or ''}", place.why)
+        table.add_row(*row, f"{place.rms_um:.1f}", f"{place.sigma:.0f}")
+    more = len(found.where) - _MOST_PLACES
+    return [table, *([Text(f"and {more} more (--json has all)", style="dim")] if more > 0 else [])]
+
+
+def _missing(found: Diagnosis) -> list[RenderableType]:
+    names = withdrawn(found)
+    if names:
+        return [Text(f"withdrawn, since they do not explain it: {shortened(names)}")]
+    if not standing(found):
+        return []
+    times, bound = (2.0, "± 2u") if found.verdict == "ambiguous" else (1.0, "± u")
+    table = _plain_table("effect", f"size {bound}", "how sure", right=(f"size {bound}", "how sure"))
+    for one in standing(found):
+        table.add_row(Text(name_of(one.effect), style="bold"), size(one, times), sure(one.posterior))
+        for field in beside_size(one):
+            table.add_row(f"  {field}", told(one.effect, field, one.sd, times), "")
+        for rival in one.rivals:
+            table.add_row(f"  or {name_of(rival.effect)}", size(rival, times), sure(rival.posterior), style="dim")
+    likeliest = Text("the first of each is the likeliest, and the one that -o adds to the rig file", style="dim")
+    return [table, *([likeliest] if found.verdict == "ambiguous" else [])]
+
+
+def _gaps(found: Diagnosis) -> list[RenderableType]:
+    effects = bool(standing(found))
+    headings = ("before", "after", "noise floor", "closed") if effects else ("rms", "noise floor")
+    table = _plain_table("µm rms", *headings, right=headings)
+    places = (("runs used", found.train), ("run left out", found.held_out), ("unseen place", found.unseen))
+    for name, gap in places:
+        if gap is not None:
+            cells = (
+                (gap.before_um, gap.after_um, gap.noise_floor_um) if effects else (gap.before_um, gap.noise_floor_um)
+            )
+            table.add_row(name, *map(_number, cells), *([_percent(gap)] if effects else []))
+    return [table]
+
+
+def _number(value: float) -> str:
+    return f"{value:.1f}" if math.isfinite(value) else ""
+
+
+def _percent(gap: Gap) -> str:
+    share = closed(gap)
+    return f"{100 * share:.1f} %" if math.isfinite(share) else ""
+
+
+def _left(found: Diagnosis) -> list[RenderableType]:
+    if not found.left:
+        return [Text("nothing beyond the noise")] if found.verdict != "not_testable_here" else []
+    return [Text(f"{runs_of(one)}, {one.part}: {one.words}") for one in found.left]
+
+
+def _cannot(found: Diagnosis) -> list[RenderableType]:
+    lines = [Text(f"{' or '.join(group)}: alike here") for group in found.groups[:_MOST_GROUPS]]
+    more = len(found.groups) - _MOST_GROUPS
+    lines += [Text(f"and {more} more groups (--json has all)", style="dim")] if more > 0 else []
+    names = found.not_testable
+    if names:
+        rest = len(names) - _MOST_NAMES
+        told_all = shortened(names[:_MOST_NAMES]) + (f", and {rest} more" if rest > 0 else "")
+        lines.append(Text(f"not to be seen here at any size: {told_all}", style="dim"))
+    return list(lines)
+
+
+def _remedies(found: Diagnosis) -> list[RenderableType]:
+    return [Text(f"{name_of(one.effect)}: {one.remedy}") for one in standing(found) if one.remedy]
+
+
+def _next(found: Diagnosis) -> list[RenderableType]:
+    if found.next_test is None:
+        return []
+    test = found.next_test
+    sigma = f" (expected: {test.expected_sigma:.0f} sigma)" if math.isfinite(test.expected_sigma) else ""
+    return [Text(f"{test.test}{sigma}: {test.why}")]
+
+
+def _doubts(found: Diagnosis) -> list[RenderableType]:
+    return [Text(doubt, style="yellow") for doubt in found.doubts]
+
+
+def _footer(found: Diagnosis) -> str:
+    runs = "1 run" if len(found.runs) == 1 else f"{len(found.runs)} runs"
+    noise = "noise from repeats" if found.repeated else "noise assumed, not from repeats"
+    return f"{found.rig.name} · {runs} · {noise} · {found.seconds:.1f} s"

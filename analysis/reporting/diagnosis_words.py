@@ -1,0 +1,158 @@
+"""A diagnosis in plain words, for screen and picture alike."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+
+from analysis.diagnose.candidates import name_of
+from analysis.diagnose.diagnosis import Curve, Diagnosis, Gap, Leftover, Named, Place, Rival
+from analysis.reporting.parameters import parameters_of, quantity_of
+from analysis.reporting.quantity import Quantity
+from rigs.effects import Effect, size_field
+from rigs.rig import Rig
+
+_PLAIN = {
+    "joint_offset": "zero of {axis}",
+    "link_geometry": "{field} of {axis}",
+    "backlash": "play of {axis}",
+    "transmission_error": "gear error of {axis}, {order:.4g} a turn",
+    "compliance": "twist of {axis} under gravity",
+    "link_bending": "bending of the link after {axis}",
+    "reversal_spike": "wind-up of {axis} after reversals",
+    "wrist_coupling": "axis {from_axis} leaking into axis {to_axis}",
+    "servo_lag": "lag of {axis} behind its feedback",
+    "thermal_growth": "growth of all lengths with time",
+    "ball_form": "form of the ball, {lobes} lobes",
+    "gauge_scale": "scale of gauge {gauge}",
+    "gauge_baseline": "distance between the gauges",
+    "gauge_inclination": "inclination of gauge {gauge}",
+    "gauge_dead_band": "sticking of gauge {gauge}",
+    "gauge_drift": "drift of gauge {gauge}",
+    "gauge_cyclic": "interpolation of gauge {gauge}, each {period_mm:.4g} mm",
+    "time_lag": "time of the gauges against the robot's",
+    "clock_rate": "rate of the gauges' clock against the robot's",
+    "vibration": "vibration at {frequency_hz:.4g} Hz",
+}
+_LINK = {"a": "length a", "d": "offset d", "alpha": "twist alpha", "beta": "twist beta"}
+_WHOLE_LAP_DEG = 350.0
+_ODDS = 20
+"""Against a rival, from which on it is dismissed (docs/diagnosis.md)."""
+
+
+def plain(rig: Rig, effect: Effect) -> str:
+    """An effect as a person says it: `play of axis 1 (Theta)`."""
+    fields = dict(effect)
+    if "axis" in fields:
+        fields["axis"] = joint(rig, fields["axis"])
+    fields["field"] = _LINK.get(fields.get("field", ""), "")
+    return _PLAIN[effect.effect].format(**fields)
+
+
+def joint(rig: Rig, axis: int) -> str:
+    """`axis 1 (Theta)`."""
+    return f"axis {axis} ({rig.robot.axes[axis - 1].name})"
+
+
+def told(effect: Effect, field: str, sd: Mapping[str, float], times: float = 1.0) -> str:
+    """A parameter ± `times` its standard uncertainty, to sensible digits; alone where no uncertainty is known."""
+    one = quantity_of(effect, field, sd)
+    if not 0 < one.u < math.inf:
+        return f"{one.value:.4g} {one.sign}".rstrip()
+    return str(Quantity(one.value, times * one.u, one.unit))
+
+
+def size(one: Named | Rival, times: float = 1.0) -> str:
+    """The size of a named effect or of a rival, ± `times` its standard uncertainty."""
+    return told(one.effect, size_field(one.effect), one.sd, times)
+
+
+def beside_size(one: Named) -> list[str]:
+    """The parameters that say how it looks: those fitted, and those that each such effect has (the order of a gear)."""
+    fields = type(one.effect).model_fields
+    return [
+        field
+        for field in parameters_of(one.effect)
+        if field != size_field(one.effect) and (field in one.sd or fields[field].is_required())
+    ]
+
+
+def sure(posterior: float) -> str:
+    """A share of the evidence in percent, never more than is known."""
+    if posterior > 0.999:
+        return "> 99.9 %"
+    if posterior < 0.01:
+        return "< 1 %"
+    return f"{100 * posterior:.1f} %" if posterior > 0.99 else f"{100 * posterior:.0f} %"
+
+
+def headline(found: Diagnosis) -> str:
+    """The verdict in one sentence."""
+    match found.verdict:
+        case "named":
+            what = [f"{plain(found.rig, one.effect)}, {size(one)}" for one in found.effects]
+            several = f"{len(what)} effects are" if len(what) > 1 else "One effect is"
+            return f"{several} missing in the model: {'; '.join(what)}."
+        case "ambiguous":
+            return f"Something is missing in the model, and these tests leave open what: {_alternatives(found)}."
+        case "outside_library":
+            return "Something is missing in the model, and no known effect explains it."
+        case "within_tolerance":
+            return "Nothing is missing: what is left is within what a healthy robot shows."
+        case "not_testable_here":
+            return "These runs cannot tell whether something is missing."
+
+
+def _alternatives(found: Diagnosis) -> str:
+    """Each name with those of its rivals that cannot be dismissed."""
+    words = []
+    for one in found.effects:
+        likely = [rival.effect for rival in one.rivals if rival.posterior * _ODDS >= one.posterior]
+        words.append(" or ".join(plain(found.rig, effect) for effect in (one.effect, *likely)))
+    return "; ".join(words)
+
+
+def runs_of(one: Place | Curve | Leftover) -> str:
+    """`yaw acw`, `radial`."""
+    return f"{one.test} {one.direction}" if one.direction else one.test
+
+
+def stretch(place: Place) -> str:
+    """Where on the circle, or at which targets: `231–243°`, `targets 3–7`."""
+    low, high = place.from_deg, place.to_deg
+    if place.test not in ("yaw", "roll"):
+        what = "row" if place.test == "pose" else "target"
+        return f"{what} {low:.0f}" if low == high else f"{what}s {low:.0f}–{high:.0f}"
+    return "whole lap" if whole_lap(place) else f"{low:.0f}–{high:.0f}°"
+
+
+def whole_lap(place: Place) -> bool:
+    """Whether a place is the circle from end to end."""
+    turn = place.to_deg - place.from_deg
+    return turn >= 360 or turn % 360 >= _WHOLE_LAP_DEG
+
+
+def closed(gap: Gap) -> float:
+    """Share of the gap's energy above the noise floor that the effects remove; nan where there is no gap."""
+    floor = gap.noise_floor_um**2
+    before = gap.before_um**2 - floor
+    return 1 - max(0.0, gap.after_um**2 - floor) / before if before > 0 else math.nan
+
+
+def shortened(names: Iterable[str]) -> str:
+    """Names of effects, those of one kind together: `joint_offset 1 6, link_geometry 6.a 6.d, time_lag`."""
+    seats: dict[str, list[str]] = {}
+    for name in names:
+        kind, _, seat = name.partition(" ")
+        seats.setdefault(kind, []).append(seat)
+    return ", ".join(" ".join([kind, *sorted(filter(None, own))]) for kind, own in seats.items())
+
+
+def withdrawn(found: Diagnosis) -> list[str]:
+    """Names that were found and do not hold: none unless the verdict is `outside_library`."""
+    return [name_of(one.effect) for one in found.effects] if found.verdict == "outside_library" else []
+
+
+def standing(found: Diagnosis) -> tuple[Named, ...]:
+    """The effects that the diagnosis stands by."""
+    return found.effects if found.verdict in ("named", "ambiguous") else ()

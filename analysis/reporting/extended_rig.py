@@ -1,0 +1,42 @@
+"""The extended rig file: the old text, and the effects that were found with where they came from."""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from rigs.effects import Effect, Found
+from rigs.errors import FileError
+from rigs.extend import extended
+
+
+def with_origin(effect: Effect, sd: Mapping[str, float], runs: Sequence[str], gap_um: tuple[float, float]) -> Effect:
+    """An effect that says when and from which runs it was found, how sure, and which gap (before, after) it closed.
+
+    Numbers are cut to nine digits, uncertainties to three, gaps to the nanometre: a person reads this file.
+    """
+    before, after = gap_um
+    origin = Found(
+        date=dt.datetime.now(dt.UTC).date(),
+        runs=tuple(runs),
+        sd={field: float(f"{value:.3g}") for field, value in sd.items() if math.isfinite(value)},
+        gap_um=(round(before, 3), round(after, 3)),
+    )
+    numbers = {field: value for field, value in effect if isinstance(value, float)}
+    rounded = {field: float(f"{value:.9g}") for field, value in numbers.items()}
+    return effect.model_copy(update={"found": origin, **rounded})
+
+
+def write_extended(text: str, effects: Sequence[Effect], output: Path) -> None:
+    """A rig file's text with effects added, as a new file. Raises FileError where it exists or cannot be written,
+    RigFileError where an effect is beyond its bounds."""
+    grown = extended(text, effects, str(output))
+    try:
+        with output.open("x", encoding="utf-8") as file:
+            file.write(grown)
+    except FileExistsError:
+        raise FileError(str(output), "is there already", "give another --output, or remove it first") from None
+    except OSError as error:
+        raise FileError(str(output), error.strerror or str(error), "give another --output") from None

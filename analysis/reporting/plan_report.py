@@ -1,0 +1,196 @@
+"""A plan on the screen and as JSON: what shows and from which size on, what looks alike, and what would help."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from analysis.diagnose.candidates import name_of
+from analysis.diagnose.plan import ALIKE, Pair, Parting, Plan, Sight, parts, shows
+from analysis.reporting.parameters import quantity_of, unit_of
+from rigs.effects import Effect, healthy_size, size_field
+
+_MOST = 3
+"""Further tests told for one pair."""
+_MOST_PAIRS = 6
+"""Pairs told of names that hang together, the nearest first."""
+
+
+def as_table(plan: Plan) -> RenderableType:
+    """What a person asks first: what shows, what looks alike, what does not show, which test to add."""
+    tests = ", ".join(plan.tests)
+    head = Text(f"{tests}: {plan.runs} runs each, circles in both directions", style="bold")
+    small = sum(not one.hidden and one.limit <= healthy_size(one.effect) for one in plan.sights)
+    words = f"{len(plan.sights)} names: {small} show at a healthy arm's size or less, "
+    words += f"{len(plan.sights) - small - len(plan.hidden)} at more, {len(plan.hidden)} at none; "
+    words += f"{len(plan.pairs)} pairs look alike\n"
+    return Group(head, Text(words), _axes(plan), _others(plan), _alike(plan), _hidden(plan), *_advice(plan))
+
+
+def _axes(plan: Plan) -> Table:
+    """Smallest sizes of the effects of joints, an axis a column."""
+    table = Table(title=_title("joints and links"), title_style="bold", title_justify="left", header_style="bold")
+    table.add_column("effect", no_wrap=True)
+    table.add_column("unit")
+    table.add_column("healthy", justify="right")
+    for axis in range(1, 7):
+        table.add_column(f"axis {axis}", justify="right")
+    for kind, by_axis in _by_seat(plan, joints=True).items():
+        first = next(iter(by_axis.values()))[0]
+        cells = [_limit(by_axis.get(str(axis), ())) for axis in range(1, 7)]
+        table.add_row(kind, _unit(first.effect), f"{healthy_size(first.effect):g}", *cells)
+    return table
+
+
+def _others(plan: Plan) -> Table:
+    table = Table(title=_title("the rest"), title_style="bold", title_justify="left", header_style="bold")
+    for heading, justify in (("effect", "left"), ("unit", "left"), ("healthy", "right"), ("shows from", "right")):
+        table.add_column(heading, justify=justify)  # type: ignore[arg-type]
+    for kind, seats in _by_seat(plan, joints=False).items():
+        for seat, sights in seats.items():
+            effect = sights[0].effect
+            table.add_row(f"{kind} {seat}".rstrip(), _unit(effect), f"{healthy_size(effect):g}", _limit(sights))
+    return table
+
+
+def _unit(effect: Effect) -> str:
+    return quantity_of(effect, size_field(effect), {}).sign
+
+
+def _title(of: str) -> str:
+    return f"{of}: smallest size that shows at 7 σ"
+
+
+def _by_seat(plan: Plan, *, joints: bool) -> dict[str, dict[str, list[Sight]]]:
+    """Sights by effect (link constants by field too) and by axis, gauge or none; orders of one gear together."""
+    found: dict[str, dict[str, list[Sight]]] = {}
+    for sight in plan.sights:
+        kind, _, seat = name_of(sight.effect).partition(" ")
+        axis, _, field = seat.partition(".")
+        if axis.isdigit() == joints:
+            found.setdefault(f"{kind} {field}".rstrip(), {}).setdefault(axis, []).append(sight)
+    return found
+
+
+def _limit(sights: Sequence[Sight]) -> Text:
+    seen = [sight.limit for sight in sights if not sight.hidden]
+    if not seen:
+        return Text("–" if sights else "", style="red")
+    low, high = f"{min(seen):.2g}", f"{max(seen):.2g}"
+    style = "green" if max(seen) <= healthy_size(sights[0].effect) else "yellow"
+    return Text(low if low == high else f"{low} … {high}", style=style)
+
+
+def _alike(plan: Plan) -> RenderableType:
+    if not plan.pairs:
+        return Text("all that shows can be told apart", style="green")
+    table = Table(title="cannot be told apart (20 to 1, at a plausible size)", title_style="bold", title_justify="left")
+    table.add_column("names")
+    table.add_column("apart", justify="right")
+    table.add_column("parted by", ratio=1)
+    for group in plan.groups:
+        pairs = [pair for pair in plan.pairs if _kind(pair.names[0]) in group]
+        for pair in pairs[:_MOST_PAIRS]:
+            names = "\n".join(map(_plain, pair.names)) + (f"\n(and {pair.others} more)" if pair.others else "")
+            table.add_row(names, f"{pair.sigma:.1f} σ", _parted(pair))
+        if len(pairs) > _MOST_PAIRS:
+            kinds = ", ".join(group)
+            table.add_row("", "", Text(f"{len(pairs) - _MOST_PAIRS} more pairs, with --json, of {kinds}", style="dim"))
+        table.add_section()
+    return table
+
+
+def _kind(name: str) -> str:
+    """A name without the order of its gear."""
+    return name.partition(" order ")[0]
+
+
+def _plain(name: str) -> str:
+    """A name with the constant's own index, which for a, alpha and beta is that of the link before the axis."""
+    kind, _, seat = name.partition(" ")
+    axis, _, field = seat.partition(".")
+    if kind != "link_geometry":
+        return f"{name} (zero of axis {seat})" if kind == "joint_offset" else name
+    return f"{name} ({field}{int(axis) - (field != 'd')})"
+
+
+def _parted(pair: Pair) -> Text:
+    helps = [one for one in pair.further if parts(one.sigma)]
+    if helps:
+        return Text("\n".join(f"{one.test}: {one.sigma:.0f} σ" for one in helps[:_MOST]))
+    if pair.further and pair.further[0].sigma > 0.05:
+        return Text(f"none; best {pair.further[0].test}: {pair.further[0].sigma:.1f} σ", style="yellow")
+    return Text("none: they do the same to every test", style="yellow")
+
+
+def _hidden(plan: Plan) -> RenderableType:
+    if not plan.hidden:
+        return Text("nothing is hidden", style="green")
+    table = Table(title="not seen at any plausible size", title_style="bold", title_justify="left")
+    table.add_column("names")
+    table.add_column("why", ratio=1)
+    table.add_column("shown, at a healthy size, by", ratio=1)
+    together: dict[tuple[str, str], list[Sight]] = {}
+    for sight in plan.hidden:
+        helps = [one.test for one in sight.further if shows(one.sigma)]
+        together.setdefault((sight.hidden, helps[0] if helps else ""), []).append(sight)
+    for (why, test), sights in together.items():
+        orders = Counter(_kind(sight.name) for sight in sights)
+        names = [name if count == 1 else f"{name}, {count} forms" for name, count in orders.items()]
+        told = f"{test}: {_range([one.further[0].sigma for one in sights])} σ" if test else "no test here"
+        table.add_row("\n".join(names), why, told)
+    return table
+
+
+def _range(sigmas: Sequence[float]) -> str:
+    low, high = f"{min(sigmas):.1f}", f"{max(sigmas):.1f}"
+    return low if low == high else f"{low} … {high}"
+
+
+def _advice(plan: Plan) -> list[Text]:
+    lines = [Text(f"not possible here: {test}: {reason}", style="dim") for test, reason in plan.impossible]
+    best = next((gain for gain in plan.gains if gain.parts + gain.shows), None)
+    if best is None:
+        return [*lines, Text("no further test adds anything to these")]
+    told = f"adds the most: {best.test}: parts {best.parts} of {len(plan.pairs)} pairs"
+    told += f", shows {best.shows} of {len(plan.hidden)} hidden names; {best.why}"
+    return [*lines, Text(told, style="bold")]
+
+
+def as_object(plan: Plan) -> dict[str, Any]:
+    """The same for scripts; sizes in their own units."""
+    return {
+        "tests": list(plan.tests),
+        "runs": plan.runs,
+        "alike_below_sigma": ALIKE,
+        "effects": [_effect(sight) for sight in plan.sights],
+        "groups": [list(group) for group in plan.groups],
+        "pairs": [
+            {"names": list(pair.names), "sigma": pair.sigma, "others": pair.others, "further": _partings(pair.further)}
+            for pair in plan.pairs
+        ],
+        "further": [
+            {"test": gain.test, "why": gain.why, "parts": gain.parts, "shows": gain.shows} for gain in plan.gains
+        ],
+        "not_possible": [{"test": test, "reason": reason} for test, reason in plan.impossible],
+    }
+
+
+def _effect(sight: Sight) -> dict[str, Any]:
+    told: Mapping[str, Any] = {
+        "name": sight.name,
+        "unit": unit_of(sight.effect, size_field(sight.effect)),
+        "healthy": healthy_size(sight.effect),
+        "sigma_at_healthy": sight.sigma,
+        "limit": None if sight.hidden else sight.limit,
+    }
+    return dict(told) | ({"hidden": sight.hidden, "further": _partings(sight.further)} if sight.hidden else {})
+
+
+def _partings(found: Sequence[Parting]) -> list[dict[str, Any]]:
+    return [{"test": one.test, "sigma": one.sigma} for one in found]

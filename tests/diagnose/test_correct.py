@@ -1,0 +1,218 @@
+"""The correction: the real arm comes to where the nominal one was sent, and what no target can mend is left alone."""
+
+from __future__ import annotations
+
+import csv
+import datetime as dt
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
+
+from analysis.cli import app
+from analysis.correction.constants import joint_zeros, link_constants
+from analysis.correction.correct import correct_rig
+from analysis.correction.support import supports
+from analysis.files.problems import TableFileError
+from analysis.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.kinematics.inverse import inverse
+from analysis.reporting.correction_report import write
+from rigs.effects import (
+    VOCABULARY,
+    Backlash,
+    Compliance,
+    Effect,
+    Found,
+    JointOffset,
+    LinkGeometry,
+    TransmissionError,
+    size_field,
+)
+from rigs.errors import FileError
+from rigs.extend import extended
+from rigs.load import load
+from rigs.rig import Rig
+
+RIG = load("paper-fanuc")[0].model_copy(update={"effects": ()})
+HEAD = "name,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
+TARGETS = np.array([[0, 20, 10, 0, 60, 0], [10, 25, 0, 20, -70, 30], [-30, 5, -20, 100, 40, 100]], dtype=float)
+
+
+def _found(**sd: float) -> Found:
+    return Found(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd=sd)
+
+
+ZERO_3 = JointOffset(axis=3, offset_deg=0.05, found=_found(offset_deg=0.002))
+A2 = LinkGeometry(axis=3, field="a", delta=0.4, found=_found(delta=0.03))
+ALPHA3 = LinkGeometry(axis=4, field="alpha", delta=0.03, found=_found(delta=0.002))
+GEAR_1 = TransmissionError(axis=1, order=2, amplitude_deg=0.02, phase_deg=30, found=_found(amplitude_deg=0.001))
+PLAY_1 = Backlash(axis=1, width_deg=0.05, found=_found(width_deg=0.001))
+
+
+def _rig(*effects: Effect) -> Rig:
+    return RIG.model_copy(update={"effects": effects})
+
+
+def _path(tmp_path: Path, rows: list[str] | None = None, head: str = HEAD) -> Path:
+    rows = rows or [f"P{k}," + ",".join(map(str, row)) for k, row in enumerate(TARGETS)]
+    path = tmp_path / "path.csv"
+    path.write_text("\n".join([head, *rows]) + "\n")
+    return path
+
+
+def _written(path: Path, names: tuple[str, ...]) -> Array:
+    with path.open(encoding="utf-8") as file:
+        return np.array([[float(row[name]) for name in names] for row in csv.DictReader(file)])
+
+
+def _real_arm() -> Arm:
+    """An arm with a2 and alpha3 wrong, its constants changed by hand."""
+    arm = arm_of(RIG.robot)
+    a, alpha = arm.a.copy(), arm.alpha.copy()
+    a[2] += 0.4
+    alpha[3] += np.radians(0.03)
+    return replace(arm, a=a, alpha=alpha)
+
+
+def _real_joints(q: Array) -> Array:
+    """Link side of reported angles (n, 6) rad: axis 3's zero, axis 1's gear."""
+    link = q.copy()
+    link[:, 2] += np.radians(0.05)
+    link[:, 0] += np.radians(0.02) * np.sin(2 * q[:, 0] + np.radians(30))
+    return link
+
+
+def test_told_the_corrected_angles_the_real_arm_stands_where_it_was_sent(tmp_path: Path) -> None:
+    found = correct_rig(_rig(ZERO_3, A2, ALPHA3, GEAR_1, PLAY_1), _path(tmp_path))
+    *_, path = write(found, tmp_path / "out")
+    told = np.radians(_written(path, tuple(HEAD.split(",")[1:])))
+    wanted = forward(arm_of(RIG.robot), np.radians(TARGETS))
+    real = forward(_real_arm(), _real_joints(told))
+    np.testing.assert_allclose(real, wanted, atol=1e-5)
+    missed = np.linalg.norm(
+        forward(_real_arm(), _real_joints(np.radians(TARGETS)))[:, :3, 3] - wanted[:, :3, 3], axis=1
+    )
+    assert missed.min() > 0.3
+    np.testing.assert_allclose(_written(path, ("missed_mm",))[:, 0], missed, atol=1e-5)
+
+
+def test_a_controller_told_corrected_poses_brings_the_real_arm_to_the_poses(tmp_path: Path) -> None:
+    wanted = forward(arm_of(RIG.robot), np.radians(TARGETS[:2]))
+    turns = Rotation.from_matrix(wanted[:, :3, :3]).as_euler("xyz", degrees=True)
+    values = np.concatenate([wanted[:, :3, 3], turns], axis=1)
+    names = ("x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg")
+    rows = [",".join(map(repr, row)) for row in values.tolist()]
+    found = correct_rig(_rig(ZERO_3, A2, ALPHA3, GEAR_1), _path(tmp_path, rows, ",".join(names)))
+    *_, path = write(found, tmp_path / "out")
+    told = _written(path, names)
+    T = np.tile(np.eye(4), (len(told), 1, 1))
+    T[:, :3, :3] = Rotation.from_euler("xyz", told[:, 3:], degrees=True).as_matrix()
+    T[:, :3, 3] = told[:, :3]
+    # The controller solves with its nominal constants, in the posture in which the path was given.
+    branches = inverse(arm_of(RIG.robot), T).q
+    nearest = np.nanargmin(np.abs(branches - np.radians(TARGETS[:2])[:, None]).max(axis=2), axis=1)
+    real = forward(_real_arm(), _real_joints(branches[np.arange(2), nearest]))
+    np.testing.assert_allclose(real, wanted, atol=1e-4)
+
+
+def test_uncertainty_of_a_target_is_that_of_the_effects_at_its_place(tmp_path: Path) -> None:
+    zero_1 = JointOffset(axis=1, offset_deg=0.05, found=_found(offset_deg=0.01))
+    targets = correct_rig(_rig(zero_1), _path(tmp_path)).path
+    assert targets
+    place = forward(arm_of(RIG.robot), np.radians(TARGETS))[:, :3, 3]
+    np.testing.assert_allclose(targets[2].u_mm, np.radians(0.01) * np.hypot(place[:, 0], place[:, 1]), rtol=1e-3)
+
+
+def test_effects_on_one_constant_add_up_and_their_uncertainties_in_quadrature() -> None:
+    more = JointOffset(axis=3, offset_deg=-0.02, found=_found(offset_deg=0.0015))
+    rig = _rig(ZERO_3, more, A2)
+    (zero,) = joint_zeros(rig, supports(rig))
+    assert (zero.axis, zero.delta, zero.u) == (3, pytest.approx(0.03), pytest.approx(0.0025))
+    (constant,) = link_constants(rig, supports(rig))
+    assert (constant.key, constant.corrected, constant.u) == ("a_mm", pytest.approx(695.4), 0.03)
+
+
+def _of_size(name: str, value: float, **sd: float) -> Effect:
+    needed = {"axis": 1, "field": "a", "gauge": "g1", "from_axis": 4, "to_axis": 5, "order": 2, "lobes": 2}
+    needed |= {"period_mm": 1.0, "frequency_hz": 5.0}
+    model = VOCABULARY[name]
+    fields = {key: field for key, field in needed.items() if key in model.model_fields}
+    bare = model.model_validate(fields)
+    effect: Effect = bare.model_copy(update={size_field(bare): value, "found": _found(**sd)})
+    return effect
+
+
+@pytest.mark.parametrize("name", sorted(VOCABULARY))
+def test_each_effect_is_corrected_only_where_a_target_can_and_the_uncertainty_allows(name: str) -> None:
+    field = size_field(_of_size(name, 0.0))
+    postural = {"joint_offset", "link_geometry", "compliance", "link_bending", "transmission_error", "wrist_coupling"}
+    (sure,) = supports(_rig(_of_size(name, 0.004, **{field: 0.001})))
+    assert (sure.use != "none") == (name in postural)
+    for doubtful in (_of_size(name, 0.004, **{field: 0.004}), _of_size(name, 0.004)):
+        (support,) = supports(_rig(doubtful))
+        assert support.use == "none" and support.reason
+
+
+def test_an_effect_that_nobody_measured_is_not_corrected() -> None:
+    (support,) = supports(_rig(JointOffset(axis=2, offset_deg=0.1)))
+    assert support.use == "none" and "without where it came from" in support.reason
+
+
+def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = load("paper-fanuc")[1].partition("\neffects:")[0]
+    cell = tmp_path / "cell.yaml"
+    soft = Compliance(axis=2, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))
+    cell.write_text(extended(text, [ZERO_3, A2, soft, PLAY_1], "cell"))
+    path, out = _path(tmp_path), tmp_path / "out"
+    monkeypatch.setenv("COLUMNS", "200")
+    done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    assert "only the same approach direction to every target helps" in done.stdout
+    assert "master axis 3 so that it reads +0.0500° (± 0.0020°) more where it stands" in done.stdout
+    assert {file.name for file in out.iterdir()} == {"corrections.yaml", "dh.csv", "corrected-path.csv"}
+    held = yaml.safe_load((out / "corrections.yaml").read_text())
+    assert held["joint_zeros"] == [{"axis": 3, "add_deg": 0.05, "u_deg": 0.002}]
+    assert [one["corrected_as"] for one in held["effects"]] == ["joint zero", "link constant", "targets only", None]
+    assert _written(out / "dh.csv", ("a_mm",))[:, 0].tolist() == [0, 254.5, 695.4, 142.4, 0, 0]
+    with (out / "corrected-path.csv").open() as file:
+        assert [row["name"] for row in csv.DictReader(file)] == ["P0", "P1", "P2"]
+
+    again = CliRunner().invoke(app, ["correct", str(cell), "-o", str(out)])
+    assert isinstance(again.exception, FileError) and "is there already" in str(again.exception)
+    other = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "other"), "--json"])
+    found = json.loads(other.stdout)
+    assert found["path"] is None and found["link_constants"][0]["corrected"] == 695.4
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "told"),
+    [
+        (HEAD, "A,0,20,ten,0,60,0", "line 2, q3_deg: 'ten' is no number"),
+        (HEAD, "A,0,20,10,0,60", "line 2: has 6 fields, the header 7"),
+        (HEAD, "A,0,20,10,0,200,0", "line 2: axis 5 would stand at 200.000°, its limits are -140° and 140°"),
+        ("x_mm,y_mm,z_mm", "900,0,0", "has no column rx_deg, ry_deg, rz_deg"),
+        ("x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg", "9000,0,0,0,180,0", "line 2: is out of the nominal arm's reach"),
+        (f"{HEAD},u_mm", "A,0,20,10,0,60,0,1", "is the path corrected already?"),
+        (HEAD, "", "has a header and no rows"),
+    ],
+)
+def test_a_bad_path_is_refused_with_its_line(tmp_path: Path, head: str, row: str, told: str) -> None:
+    with pytest.raises(FileError) as refused:
+        correct_rig(_rig(ZERO_3), _path(tmp_path, [row], head))
+    assert any(told in line for line in refused.value.lines()), refused.value.lines()
+
+
+def test_every_bad_cell_is_told(tmp_path: Path) -> None:
+    with pytest.raises(TableFileError) as refused:
+        correct_rig(_rig(ZERO_3), _path(tmp_path, ["A,0,,10,0,60,0", "B,nan,20,10,0,60,0"]))
+    assert [problem.line for problem in refused.value.problems] == [2, 3]
+
+
+def test_a_rig_without_effects_has_nothing_to_correct() -> None:
+    with pytest.raises(FileError, match="has no effects to correct"):
+        correct_rig(_rig(), None)

@@ -1,0 +1,144 @@
+"""`rig diagnose` from end to end: a hidden backlash is named, added, proven, and then no longer missing."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from analysis.cli import app
+from rigs.errors import FileError
+from rigs.load import load
+
+TEXT = load("paper-fanuc")[1]
+CELL = TEXT[: TEXT.index("\neffects:")] + "\n"
+CENTRE = "centre_mm: [930.766, -87.820, 273.2]"
+HIDDEN = "effects:\n  - {effect: backlash, axis: 1, width_deg: 0.02}\n"
+
+
+def _rig(*words: object) -> Result:
+    return CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=True)
+
+
+def _told(*words: object) -> str:
+    done = _rig(*words)
+    assert done.exit_code == 0, (done.output, done.exception)
+    return done.stdout
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Simulated runs of a robot with a hidden backlash, and rig files that do not know it."""
+
+    directory: Path
+    rig: Path
+    runs: tuple[Path, ...]
+    left_out: tuple[Path, ...]
+    elsewhere: tuple[Path, ...]
+
+    @property
+    def judged(self) -> list[Any]:
+        """The runs with those to judge by, as a person types them."""
+        held = [word for path in self.left_out for word in ("--hold-out", path)]
+        return [*self.runs, *held, *(word for path in self.elsewhere for word in ("--unseen", path))]
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
+    directory = tmp_path_factory.mktemp("cell")
+    rig, other, hidden = (directory / name for name in ("cell.yaml", "elsewhere.yaml", "hidden.yaml"))
+    rig.write_text(CELL)
+    other.write_text(CELL.replace(CENTRE, "centre_mm: [870, 30, 250]"))
+    hidden.write_text(HIDDEN)
+
+    def runs(file: Path, test: str, count: int, seed: int) -> tuple[Path, ...]:
+        words = ("--test", test, "--runs", count, "--seed", seed, "--effects", hidden, "-o", directory / "runs")
+        return tuple(Path(line) for line in _told("simulate", file, *words).split())
+
+    return Cell(
+        directory,
+        rig,
+        runs(rig, "yaw", 2, 1) + runs(rig, "roll", 2, 10),
+        runs(rig, "yaw", 1, 20),
+        runs(other, "yaw", 1, 30),
+    )
+
+
+@pytest.fixture(scope="module")
+def found(cell: Cell) -> tuple[dict[str, Any], str, Path]:
+    """The answer on stdout, what stood on stderr, and the directory of the diagnosis."""
+    output = cell.directory / "found"
+    done = _rig("diagnose", *cell.judged, "--json", "-o", output)
+    assert done.exit_code == 0, (done.output, done.exception)
+    return json.loads(done.stdout), done.stderr, output
+
+
+def test_the_hidden_backlash_is_named_with_its_size(found: tuple[dict[str, Any], str, Path]) -> None:
+    answer, _, _ = found
+    assert answer["verdict"] == "named"
+    (effect,) = answer["effects"]
+    assert (effect["effect"], effect["axis"]) == ("backlash", 1) and effect["posterior"] > 0.9
+    assert effect["parameters"]["width_deg"]["value"] == pytest.approx(0.02, rel=0.05)
+    assert answer["where"] and answer["repeats_measured"]
+
+
+def test_the_gap_shrinks_on_every_run(found: tuple[dict[str, Any], str, Path]) -> None:
+    gap = found[0]["gap"]
+    for place in ("train", "held_out", "unseen_place"):
+        assert gap[place]["before"] > 10 * gap[place]["noise_floor"]
+        assert gap[place]["after"] < 0.1 * gap[place]["before"]
+
+
+def test_the_files_are_written_and_named(cell: Cell, found: tuple[dict[str, Any], str, Path]) -> None:
+    answer, told, output = found
+    assert json.loads((output / "diagnosis.json").read_text()) == answer
+    assert (output / "diagnosis.png").read_bytes().startswith(b"\x89PNG")
+    extended = output / "paper-fanuc.yaml"
+    assert str(extended) in told and "next: rig diagnose" in told
+    assert cell.rig.read_text() == CELL
+    (effect,) = load(extended)[0].effects
+    assert effect.found and len(effect.found.runs) == len(cell.runs) and effect.found.gap_um
+
+
+def test_the_extended_rig_simulates_and_nothing_more_is_missing(
+    cell: Cell, found: tuple[dict[str, Any], str, Path]
+) -> None:
+    extended = found[2] / "paper-fanuc.yaml"
+    assert _told("simulate", extended, "--test", "yaw", "-o", cell.directory / "more")
+    done = _rig("diagnose", *cell.runs, cell.runs[0], "--rig", extended)
+    assert done.exit_code == 0, (done.output, done.exception)
+    assert "Nothing is missing" in done.stdout and done.stderr == ""
+    assert f"{len(cell.runs)} runs" in done.stdout
+
+
+@pytest.mark.parametrize("case", ["missing", "all held out", "directory", "robot", "rig file"])
+def test_wrong_input_is_one_line(case: str, cell: Cell, tmp_path: Path) -> None:
+    run = cell.runs[0]
+    other = tmp_path / "other.yaml"
+    other.write_text(CELL.replace("a_mm: 695.0", "a_mm: 700.0"))
+    (tmp_path / "used").mkdir()
+    (tmp_path / "used" / "mine").touch()
+    words, told = {
+        "missing": ([tmp_path / "no-run"], "no-run"),
+        "all held out": ([run, "--hold-out", run], "leaves no run"),
+        "directory": ([run, "-o", tmp_path / "used"], "not empty"),
+        "robot": ([*cell.runs, "--rig", other], "another robot"),
+        "rig file": ([run, "--rig", tmp_path / "no.yaml"], "no such rig file"),
+    }[case]
+    done = _rig("diagnose", *words)
+    assert isinstance(done.exception, FileError) and told in str(done.exception)
+    assert len(done.exception.lines()) == 1 and "Traceback" not in done.output
+    assert [path.name for path in (tmp_path / "used").iterdir()] == ["mine"]
+
+
+def test_one_damaged_run_names_itself(cell: Cell, tmp_path: Path) -> None:
+    copy = tmp_path / "run"
+    shutil.copytree(cell.runs[0], copy)
+    (copy / "manifest.json").write_text("{")
+    done = _rig("diagnose", copy, *cell.runs[1:])
+    assert isinstance(done.exception, FileError) and str(copy) in str(done.exception)

@@ -1,0 +1,159 @@
+"""The plan: what is alike stays alike when fitted, what parts it does, nothing is promised that the arm cannot."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from analysis.cli import app
+from analysis.diagnose.plan import ALIKE, Plan, parting, plan
+from analysis.fitting.estimate import fit, sizes
+from analysis.fitting.observation import observe
+from analysis.model.predict import model_of
+from analysis.model.simulate import simulate
+from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError
+from rigs.errors import FileError
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.vocabulary import TestName
+
+RIG = load("paper-fanuc")[0].model_copy(update={"effects": ()})
+NO_CIRCLE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": None})})
+CIRCLE: tuple[TestName, ...] = ("yaw", "roll")
+ZERO_5, A5 = JointOffset(axis=5, offset_deg=0.02), LinkGeometry(axis=6, field="a", delta=0.2)
+
+
+@pytest.fixture(scope="module")
+def circle_alone() -> Plan:
+    return plan(RIG, CIRCLE)
+
+
+def _with_circle(**changed: object) -> Rig:
+    assert RIG.tests.circle
+    circle = RIG.tests.circle.model_copy(update=changed)
+    return RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": circle})})
+
+
+def test_the_papers_circle_cannot_tell_axis_5s_zero_from_a5_and_another_radius_can(circle_alone: Plan) -> None:
+    (pair,) = (pair for pair in circle_alone.pairs if set(pair.names) == {"joint_offset 5", "link_geometry 6.a"})
+    assert pair.sigma < ALIKE
+    assert any({"joint_offset 5", "link_geometry 6.a"} <= set(group) for group in circle_alone.groups)
+    helps = {one.test: one.sigma for one in pair.further}
+    assert helps["circle of radius 140 mm, 100 mm nearer to axis 1"] > 9
+    # Neither speed nor place nor repeats do.
+    for test in ("circle at 100 mm/s", "circle 100 mm nearer to axis 1", "repeatability"):
+        assert helps[test] < ALIKE, test
+
+
+def test_one_run_parts_them_at_140_mm_by_as_much_as_the_prototype_had() -> None:
+    found = {one.test: one.sigma for one in parting(RIG, [ZERO_5, A5], CIRCLE, runs=1)}
+    assert 9 < found["circle of radius 140 mm, 100 mm nearer to axis 1"] < 18
+
+
+def _left_um(rig: Rig, a5: Effect) -> float:
+    """What a5 and a fitted set-up leave of axis 5's zero on a circle, rms of the readings."""
+    observation = observe(model_of(rig), simulate(rig, "yaw", "acw", None, (ZERO_5,)), "yaw")
+    return fit(model_of(rig, (a5,)), [observation]).rms_mm * 1e3
+
+
+def test_a_fit_agrees_that_the_one_stands_in_for_the_other_on_one_circle_and_not_on_another() -> None:
+    observation = observe(model_of(RIG), simulate(RIG, "yaw", "acw", None, (ZERO_5,)), "yaw")
+    model = model_of(RIG, (LinkGeometry(axis=6, field="a"),))
+    (a5,) = fit(model, [observation], sizes(model.effects)).model.effects
+    second = _with_circle(radius_mm=140.0, centre_mm=(831.2, -78.4, 273.2))
+    assert _left_um(RIG, LinkGeometry(axis=6, field="a")) > 10
+    assert _left_um(RIG, a5) < 0.1
+    assert _left_um(_with_circle(speed_mm_s=100.0), a5) < 0.1
+    assert _left_um(second, a5) > 1
+
+
+def test_what_the_set_up_takes_up_and_what_does_nothing_is_listed_with_the_reason(circle_alone: Plan) -> None:
+    hidden = {sight.name: sight for sight in circle_alone.hidden}
+    assert "set-up takes it up" in hidden["joint_offset 1"].hidden
+    assert hidden["compliance 1"].hidden == "gravity does not load axis 1"
+    assert hidden["reversal_spike 4"].hidden == "axis 4 does not turn back"
+    assert "axis 6" in hidden["compliance 6"].hidden
+    # The gauges' zeros hold the tool's length on a circle; a hemisphere has it in its radius and its ball.
+    assert hidden["link_geometry 6.d"].further[0].test == "hemisphere (radial)"
+    assert "joint_offset 3" not in hidden
+
+
+def test_neighbours_that_are_one_thing_are_parted_by_no_test(circle_alone: Plan) -> None:
+    (pair,) = (pair for pair in circle_alone.pairs if pair.names == ("link_geometry 2.d", "link_geometry 3.d"))
+    assert pair.further and max(one.sigma for one in pair.further) < 0.05
+
+
+def test_the_limit_is_the_size_of_seven_sigma_and_falls_with_the_root_of_runs() -> None:
+    few, many = plan(NO_CIRCLE, ("radial",), runs=1), plan(NO_CIRCLE, ("radial",), runs=4)
+    seen = {sight.name: sight for sight in many.sights}
+    for sight in few.sights:
+        if not sight.hidden:
+            assert sight.limit == pytest.approx(2 * seen[sight.name].limit, rel=1e-6), sight.name
+    zero = seen["joint_offset 3"]
+    assert zero.limit * zero.sigma == pytest.approx(7 * 0.02)
+
+
+def test_the_ball_off_the_axis_is_what_shows_axis_6(circle_alone: Plan) -> None:
+    (spike,) = (sight for sight in circle_alone.hidden if sight.name == "reversal_spike 6")
+    assert spike.further[0].test == "circle with the ball 40 mm off axis 6"
+    found = parting(RIG, [JointOffset(axis=6, offset_deg=0.1), Backlash(axis=6, width_deg=0.1)], CIRCLE)
+    assert found[0].test == "circle with the ball 40 mm off axis 6"
+
+
+def test_a_test_that_the_arm_cannot_drive_is_told_and_not_advised() -> None:
+    slow = [axis.model_copy(update={"speed_deg_s": 80.0}) for axis in RIG.robot.axes]
+    rig = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": tuple(slow)})})
+    found = plan(rig, ("roll",))
+    assert [test for test, _ in found.impossible] == ["circle at 100 mm/s"]
+    assert "it can do 80°/s" in found.impossible[0][1]
+    assert "circle at 100 mm/s" not in [gain.test for gain in found.gains]
+
+
+def test_a_rival_may_take_any_size_sign_and_phase() -> None:
+    gear = TransmissionError(axis=4, order=2, amplitude_deg=0.01)
+    for one, other in (
+        (gear, gear.model_copy(update={"phase_deg": 100.0, "amplitude_deg": 0.02})),
+        (LinkGeometry(axis=2, field="d", delta=0.2), LinkGeometry(axis=3, field="d", delta=-0.5)),
+    ):
+        (found,) = parting(NO_CIRCLE, [one, other], ["radial"])
+        assert found.sigma < 0.05
+    (found,) = parting(NO_CIRCLE, [gear, gear.model_copy(update={"order": 3.0})], ["radial"])
+    assert found.sigma > ALIKE
+
+
+def test_of_three_rivals_the_nearest_two_count() -> None:
+    (pair,) = parting(NO_CIRCLE, [ZERO_5, A5], ["radial"])
+    (third,) = parting(NO_CIRCLE, [ZERO_5, JointOffset(axis=3, offset_deg=0.02), A5], ["radial"])
+    assert third.sigma == pytest.approx(pair.sigma)
+
+
+def test_effects_of_a_pose_test_are_parted_by_the_tests_that_have_a_program() -> None:
+    found = parting(RIG, [ZERO_5, A5], ["pose"])
+    assert found[0].sigma > ALIKE
+    assert parting(RIG, [ZERO_5], CIRCLE) == []
+
+
+def test_a_circle_that_cannot_be_driven_is_refused() -> None:
+    with pytest.raises(FileError, match="limits"):
+        plan(_with_circle(radius_mm=140.0), CIRCLE)
+
+
+def test_the_command_prints_words_or_one_object(monkeypatch: pytest.MonkeyPatch, circle_alone: Plan) -> None:
+    monkeypatch.setattr("analysis.diagnose.plan.plan", lambda *_: circle_alone)
+    monkeypatch.setenv("COLUMNS", "140")
+    told = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll"])
+    assert "adds the most: circle with the ball 40 mm off axis 6" in told.stdout
+    assert "link_geometry 6.a (a5)" in told.stdout
+    found = json.loads(CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll", "--json"]).stdout)
+    assert {"tests", "runs", "effects", "groups", "pairs", "further", "not_possible"} <= found.keys()
+    by_name = {effect["name"]: effect for effect in found["effects"]}
+    assert by_name["joint_offset 1"]["limit"] is None
+    assert by_name["joint_offset 3"]["unit"] == "deg"
+
+
+def test_an_unknown_test_is_refused_in_one_line() -> None:
+    done = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,jaw"])
+    assert isinstance(done.exception, FileError)
+    assert done.exception.lines() == ["--tests: knows no 'jaw'; give some of yaw,roll,radial,repeatability"]
