@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -39,6 +39,11 @@ _RIVALRY = 20.0
 """Odds under which a rival makes a name ambiguous."""
 _REFINED = 100.0
 """Log evidence that names may gain when they are refined."""
+_BETTER = 0.97
+"""Of the gap with an effect of the rig file: less without it is a reason to doubt it."""
+_LOOKS = 3
+_FAR_MM = 0.3
+"""A ball that moves further than this when names are added makes the first look a rough one."""
 _ENOUGH = 3
 """Readings for each set-up term, at least, without which nothing can be told."""
 
@@ -57,16 +62,11 @@ def diagnose(
     begin = time.perf_counter()
     progress("reading the runs")
     runs = _seen(rig, used)
-    setups = _first_setups(runs)
-    blocks, noise = blocks_of(runs, setups)
-    linear = Linear(blocks, setups)
-    progress("what each effect would show")
-    search = Search(Dictionary(linear, candidates_for(linear)))
-    progress("searching for names")
-    found, unexplained = _explained(linear, search)
-    shaken = swing(runs, found.refined.setups)
+    look = _looked(runs, progress)
+    blocks, linear, search, found = look.linear.blocks, look.linear, look.search, look.found
+    shaken = swing(_grown(runs, found.refined.effects), found.refined.setups)
     shaken = shaken if shaken and shaken.gain > search.price else None
-    verdict, why = _verdict(linear, search, found, unexplained, shaken is not None)
+    verdict, why = _verdict(look, shaken is not None)
     next_test = None
     if verdict == "ambiguous":
         progress("which test would part the rivals")
@@ -103,17 +103,53 @@ def diagnose(
         held_out=_judged(rig, held_out, kept, blocks),
         unseen=_judged(rig, unseen, kept, blocks),
         left=leftovers(blocks, found.refined.left, found.background),
-        setups=found.refined.setups if kept else dict(setups),
+        setups=found.refined.setups if kept else linear.setups,
         groups=tuple(_group(one) for one in named if one.rivals and verdict == "ambiguous"),
         not_testable=search.not_testable,
         next_test=next_test,
-        repeated=noise.measured,
+        repeated=look.repeated,
         level=found.level,
-        doubts=_doubts(runs, blocks, measured=noise.measured),
+        doubts=(*_doubts(runs, blocks, measured=look.repeated), *_of_the_rig(rig, runs)),
         curves=tuple(_curve(block, b, a) for block, b, a in zip(blocks, before, after, strict=True) if block.sampling),
         maps=tuple(_map(block, b, a) for block, b, a in zip(blocks, before, after, strict=True) if not block.sampling),
         seconds=time.perf_counter() - begin,
     )
+
+
+@dataclass(frozen=True)
+class _Look:
+    """Runs about set-ups, and the names found there; unexplained: log evidence of what they leave; repeated: whether the
+    noise is from repeats."""
+
+    linear: Linear
+    search: Search
+    found: Explained
+    unexplained: float
+    repeated: bool
+
+
+def _looked(runs: Sequence[Seen], progress: Callable[[str], None]) -> _Look:
+    """Names found about fitted set-ups; anew about those that a large effect moves."""
+    setups = _first_setups(runs)
+    for _ in range(_LOOKS):
+        blocks, noise = blocks_of(runs, setups)
+        linear = Linear(blocks, setups)
+        progress("what each effect would show")
+        search = Search(Dictionary(linear, candidates_for(linear)))
+        progress("searching for names")
+        found, unexplained = _explained(linear, search)
+        look = _Look(linear, search, found, unexplained, noise.measured)
+        there = found.refined.setups
+        moved = max([float(np.abs(there[name].ball - setup.ball).max()) for name, setup in linear.setups.items()])
+        if moved < _FAR_MM:
+            break
+        setups = there
+    return look
+
+
+def _grown(runs: Sequence[Seen], effects: Sequence[Effect]) -> list[Seen]:
+    """Runs with effects in their models."""
+    return [replace(run, model=replace(run.model, effects=(*run.model.effects, *effects))) for run in runs]
 
 
 def _seen(rig: Rig, runs: Sequence[Measured]) -> list[Seen]:
@@ -156,6 +192,13 @@ def _explained(linear: Linear, search: Search) -> tuple[Explained, float]:
     left = excess(linear.blocks, quiet.left, explainer.background)
     if left <= LIMIT:
         return explainer.defended(quiet), left
+    # A rival in the place of one of them may leave less.
+    mended = explainer.defended(quiet)
+    rest = excess(linear.blocks, mended.refined.left, mended.background)
+    if rest <= LIMIT:
+        return mended, rest
+    if rest < left:
+        quiet, left = mended.refined, rest
     withdrawn, wanted = explainer.undefended(quiet), explainer.score(quiet) + left
     if search.best(RICH).score + _REFINED < wanted:
         return withdrawn, left
@@ -165,13 +208,11 @@ def _explained(linear: Linear, search: Search) -> tuple[Explained, float]:
     return explainer.defended(rich), excess(linear.blocks, rich.left, explainer.background)
 
 
-def _verdict(
-    linear: Linear, search: Search, found: Explained, unexplained: float, shaken: bool
-) -> tuple[Verdict, str]:
-    terms = linear.U.shape[1]
-    if not search.testable.any() or len(linear.y) < _ENOUGH * terms:
+def _verdict(look: _Look, shaken: bool) -> tuple[Verdict, str]:
+    found, terms = look.found, look.linear.U.shape[1]
+    if not look.search.testable.any() or len(look.linear.y) < _ENOUGH * terms:
         return "not_testable_here", "these runs leave no reading free that could tell one effect from the set-up"
-    if unexplained > LIMIT:
+    if look.unexplained > LIMIT:
         return "outside_library", "something is there that no effect of the vocabulary explains"
     if not found.names and not shaken:
         return "within_tolerance", "nothing stands out of the noise and of what a healthy arm shows anyway"
@@ -260,6 +301,23 @@ def _map(block: Block, before: Array, after: Array) -> Map:
 
 def _group(one: Named) -> tuple[str, ...]:
     return (name_of(one.effect), *(name_of(rival.effect) for rival in one.rivals))
+
+
+def _of_the_rig(rig: Rig, runs: Sequence[Seen]) -> tuple[str, ...]:
+    """Effects of the rig file without which the readings are explained better."""
+    if not rig.effects:
+        return ()
+    whole = rms(settled(runs)[1])
+    doubts = []
+    for k, effect in enumerate(rig.effects):
+        bare = (*rig.effects[:k], *rig.effects[k + 1 :])
+        without = rms(settled([replace(run, model=replace(run.model, effects=bare)) for run in runs])[1])
+        if without < _BETTER * whole:
+            doubts.append(
+                f"without {name_of(effect)} of the rig file the gap is {1e3 * without:.1f} instead of "
+                f"{1e3 * whole:.1f} µm: take it out and diagnose again"
+            )
+    return tuple(doubts)
 
 
 def _doubts(runs: Sequence[Seen], blocks: Sequence[Block], *, measured: bool) -> tuple[str, ...]:

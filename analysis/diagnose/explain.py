@@ -16,7 +16,8 @@ from rigs.effects import Effect
 
 _RIVALS = 3
 _NEAR = 10.0
-"""Log odds within which a rival is refined too."""
+_LARGE = 600.0
+"""Log evidence of a name that is so large that linear evidence tells little of its rivals: the first two are refined."""
 _ROUNDS = 3
 _LEAST = 1e-4
 """A rival's share of the evidence that is worth telling."""
@@ -88,8 +89,8 @@ class Explainer:
             gain = now.evidence - rest.evidence
             tried = [
                 self._refined([*rest.effects, other])
-                for other, linear_gain in self._proposals(rest, [name_of(effect)])[:_RIVALS]
-                if linear_gain > gain - _NEAR
+                for rank, (other, linear_gain) in enumerate(self._proposals(rest, [name_of(effect)])[:_RIVALS])
+                if linear_gain > gain - _NEAR or (gain > _LARGE and rank < 2)
             ]
             best = max(tried, key=lambda one: one.evidence, default=None)
             if best is not None and best.evidence > now.evidence + 0.1 and rounds:

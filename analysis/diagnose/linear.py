@@ -29,8 +29,11 @@ class Linear:
         self._base = [readings(block.model, block, setups[block.one.setup]) for block in blocks]
         self._scenes = [moved(block.model, block.one.path) for block in blocks]
         self._slopes = [self._slope(block, base) for block, base in zip(blocks, self._base, strict=True)]
-        self.U, self.nudges = self._setup_columns()
-        self._basis = _basis(self.U)
+        self.nudges = [
+            (name, term) for name in self._placed() for term in range(terms_of(setups[name], self.poses(name)))
+        ]
+        self.U = self.setup_columns((), self.setups)
+        self._basis = basis_of(self.U)
         self.y = self.projected(np.concatenate([block.y for block in blocks]))
 
     def columns(self, effects: Sequence[Effect]) -> Array:
@@ -96,31 +99,32 @@ class Linear:
             slopes[:, :, axis - 1] = (read - base) / np.radians(_STEP_DEG)
         return slopes
 
-    def _setup_columns(self) -> tuple[Array, list[tuple[str, int]]]:
-        """Columns (N, s) of each set-up's terms per mm, and which set-up and term each is."""
-        columns, nudges = [], []
-        for name, setup in self.setups.items():
-            poses = self.poses(name)
-            if not any(block.one.setup == name for block in self.blocks):
-                continue
-            for term in range(terms_of(setup, poses)):
-                changed = nudged(setup, poses, term, _STEP_MM)
-                parts = [
-                    block.whitened(readings(block.model, block, changed) - base) / _STEP_MM
-                    if block.one.setup == name
-                    else np.zeros(len(block.y))
-                    for block, base in zip(self.blocks, self._base, strict=True)
-                ]
-                columns.append(np.concatenate(parts))
-                nudges.append((name, term))
-        return np.stack(columns, axis=1), nudges
+    def _placed(self) -> list[str]:
+        """Set-ups that some block has."""
+        return list(dict.fromkeys(block.one.setup for block in self.blocks))
+
+    def setup_columns(self, effects: Sequence[Effect], setups: Mapping[str, SetUp]) -> Array:
+        """What each term of the set-ups adds per mm, (N, s), about a model with effects."""
+        columns = np.zeros((sum(len(block.y) for block in self.blocks), len(self.nudges)))
+        begin = 0
+        for block in self.blocks:
+            rows = slice(begin, begin + len(block.y))
+            begin += len(block.y)
+            model, name = _with(block.model, *effects), block.one.setup
+            base = readings(model, block, setups[name])
+            for k, (owner, term) in enumerate(self.nudges):
+                if owner == name:
+                    changed = nudged(setups[name], self.poses(name), term, _STEP_MM)
+                    columns[rows, k] = block.whitened(readings(model, block, changed) - base) / _STEP_MM
+        return columns
 
 
 def _with(model: Model, *effects: Effect) -> Model:
     return replace(model, effects=(*model.effects, *effects))
 
 
-def _basis(columns: Array) -> Array:
+def basis_of(columns: Array) -> Array:
+    """An orthonormal basis of columns (N, s)."""
     norms = np.linalg.norm(columns, axis=0)
     basis, _ = np.linalg.qr(columns[:, norms > 1e-6] / norms[norms > 1e-6])
     return np.asarray(basis, dtype=float)

@@ -7,7 +7,7 @@ with them, and exactly: a large effect moves the ball that a fit without it had 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,12 +15,20 @@ import numpy as np
 
 from analysis.diagnose.evidence import WIDE, Background
 from analysis.diagnose.forms import form_columns
-from analysis.diagnose.linear import Linear, nudged
+from analysis.diagnose.linear import Linear, basis_of, nudged
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
 from rigs.effects import Effect, healthy_size, size_field
 
 _ROUNDS = 10
+_FURTHEST = 4.0
+_SETTLING = 6
+_LARGE = 4.0
+"""Chi-square a reading from which on effects are large enough to turn what set-ups can do."""
+_TURNS = 2
+_STEP_MM = 2.0
+"""No step of a set-up goes further, for a ball's height knows no bound."""
+_SETTLED_MM = 5e-4
 _ENOUGH = 0.02
 """Half a chi-square that a round must gain to go on."""
 _BALL_MM = 1.0
@@ -85,12 +93,30 @@ class _Problem:
         self.expected = np.array([u.expected for u in self.unknowns])
         self.spread = np.array([u.spread for u in self.unknowns])
         self._held = np.array([1 / _BALL_MM**2 if term < 3 else 1e-9 for _, term in linear.nudges])
-        self._normal = linear.U.T @ linear.U + np.diag(self._held)
+        self._about(linear.U)
+
+    def _about(self, U: Array) -> None:
+        """Take what set-ups can do to be U (N, s)."""
+        self._U, self._normal, self._basis = U, U.T @ U, basis_of(U)
+
+    def _projected(self, columns: Array) -> Array:
+        return columns - self._basis @ (self._basis.T @ columns)
 
     def solved(self, effects: Sequence[Effect]) -> Refined:
+        """Fitted from where effects are; large ones turn what set-ups can do, so that is found anew on the way."""
         now: list[Any] = list(effects)
+        _, plain = self._settled([], np.zeros(len(self._held)))
+        whole = float(self._plain.product(plain[:, None], plain[:, None])[0, 0])
+        large = bool(now) and float(np.mean(plain**2)) > _LARGE
+        moved = np.zeros(len(self._held))
+        for _ in range(_TURNS if large else 0):
+            moved, _ = self._settled(now, moved)
+            self._about(self.linear.setup_columns(now, self._setups(moved)))
+        return self._solved(now, whole, moved)
+
+    def _solved(self, now: list[Any], whole: float, moved: Array) -> Refined:
         x = np.array([float(getattr(now[u.effect], u.field)) for u in self.unknowns])
-        moved, r = self._settled(now, np.zeros(len(self._held)))
+        moved, r = self._settled(now, moved)
         cost, damping = self._cost(r, x), 1e-4
         for _ in range(_ROUNDS):
             J = self._slopes(now)
@@ -113,8 +139,6 @@ class _Problem:
                 break
         J = self._slopes(now)
         H = self.background.product(J, J) + np.diag(1 / self.spread**2)
-        _, plain = self._settled([], np.zeros(len(self._held)))
-        whole = float(self._plain.product(plain[:, None], plain[:, None])[0, 0])
         occam = np.linalg.slogdet(H)[1] + 2 * np.log(self.spread).sum() + self.background.logdet - self._plain.logdet
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
         evidence = 0.5 * (whole - cost) - 0.5 * float(occam)
@@ -124,15 +148,16 @@ class _Problem:
     def _settled(self, effects: Sequence[Effect], moved: Array) -> tuple[Array, Array]:
         """Set-ups fitted to what effects leave, as how far (s,) mm they moved, and what is left without what they could
         still do."""
-        for _ in range(3):
+        for _ in range(_SETTLING):
             r = self.linear.residual(effects, self._setups(moved))
-            change = np.linalg.solve(self._normal, self.linear.U.T @ r - self._held * moved)
-            if np.abs(change).max() < 1e-3:
+            held = self._held * max(1.0, float(np.mean(r**2)))
+            change = np.linalg.solve(self._normal + np.diag(held), self._U.T @ r - held * moved)
+            if np.abs(change).max() < _SETTLED_MM:
                 break
-            moved = moved + change
+            moved = moved + change * min(1.0, _STEP_MM / np.abs(change).max())
         else:
             r = self.linear.residual(effects, self._setups(moved))
-        return moved, self.linear.projected(r)
+        return moved, self._projected(r)
 
     def _setups(self, moved: Array) -> dict[str, SetUp]:
         placed = dict(self.linear.setups)
@@ -152,7 +177,7 @@ class _Problem:
             for u, step in zip(self.unknowns, steps, strict=True)
         ]
         base = self.linear.raw(effects)[:, [u.effect for u in self.unknowns]]
-        return self.linear.projected((self.linear.raw(changed) - base) / steps)
+        return self._projected((self.linear.raw(changed) - base) / steps)
 
     def _bounded(self, effects: Sequence[Any], x: Array) -> Array:
         held = x.copy()
@@ -161,6 +186,10 @@ class _Problem:
                 held[k] = (held[k] + 180) % 360 - 180
                 continue
             low, high = bounds(effects[unknown.effect], unknown.field)
+            if unknown.field != size_field(effects[unknown.effect]):
+                # A shape stays near what is plausible, wherever a first step would throw it.
+                reach = _FURTHEST * unknown.spread
+                low, high = max(low, unknown.expected - reach), min(high, unknown.expected + reach)
             held[k] = np.clip(held[k], low, high)
         return held
 
