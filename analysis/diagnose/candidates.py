@@ -1,7 +1,7 @@
 """The names that a diagnosis can give, each with the columns that it may show in the readings.
 
-What an effect does to the readings is simulate(model + effect) - simulate(model) (`linear`); nothing is written by hand.
-A column is such a response at a healthy arm's size. Beside its main columns (two where a phase is free) a name has
+What an effect does to the readings is simulate(model + effect) - simulate(model) (`linear`); nothing is written by
+hand. A column is such a response at a healthy size. Beside its main columns (two where a phase is free) a name has
 columns for its shape: how a real play, gear or spike differs from the page.
 """
 
@@ -25,6 +25,7 @@ _DECAYS_S = (0.1, 0.3, 1.0)
 _WARMING_S = (60.0, 300.0, 1200.0)
 _PERIODS_MM = (0.2, 0.5, 1.0, 2.0)
 _SMALL = 0.02
+_PLAY_SHAPES = ("transit", "preload")
 _PLAY_SIGMAS = (15.0, 60.0, 250.0)
 _WIDE_PLAY = 5.0
 """Widths of plays: at which they have so many sigmas, and so many healthy widths."""
@@ -42,8 +43,8 @@ class Shape:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One name in one variant. effects: one for each main column, at their healthy size or at `size` of it (a play is not
-    twice itself); share: of a healthy arm's size that this variant has among its likes (the orders of one gear)."""
+    """One name in one variant. effects: one for each main column, at `size` of their healthy size (a play is not twice
+    itself); share: of a healthy arm's size that this variant has among its likes (the orders of one gear)."""
 
     name: str
     effects: tuple[Effect, ...]
@@ -96,7 +97,7 @@ def candidates_for(linear: Linear) -> list[Candidate]:
         found += [_single("time_lag"), _single("clock_rate")]
     if gauged:
         found += _instruments(timed)
-    plays = [(_healthy("backlash", axis=k), ("transit", "preload")) for k in AXES]
+    plays: list[tuple[Effect, tuple[str, ...]]] = [(_healthy("backlash", axis=k), _PLAY_SHAPES) for k in AXES]
     plays += [(_healthy("gauge_dead_band", gauge=g), ()) for g in _gauges(timed)] * gauged
     sigma = np.linalg.norm(linear.columns([play for play, _ in plays]), axis=0)
     return found + [one for (play, shapes), s in zip(plays, sigma, strict=True) for one in _plays(play, shapes, s)]
@@ -170,7 +171,7 @@ def _swept(blocks: Sequence[Block]) -> list[Block]:
 
 
 def _orders_for(turned: float) -> list[int]:
-    """Integers up to 12, then in steps of what a joint that turns so far (in turns) parts; refinement finds the rest."""
+    """Integers up to 12, then in steps that a joint which turns so far (in turns) parts; refinement finds the rest."""
     orders, order = [], 1.0
     while order <= _MOST_ORDER:
         # A wave shorter than what the readings resolve is not to be seen.

@@ -118,8 +118,8 @@ def diagnose(
 
 @dataclass(frozen=True)
 class _Look:
-    """Runs about set-ups, and the names found there; unexplained: log evidence of what they leave; repeated: whether the
-    noise is from repeats."""
+    """Runs about set-ups, and the names found there; unexplained: log evidence of what they leave; repeated: whether
+    the noise is from repeats."""
 
     linear: Linear
     search: Search
@@ -268,7 +268,7 @@ def _without(linear: Linear, found: Explained, k: int, train: Gap) -> float:
     column = linear.columns([found.refined.effects[k]])[:, 0]
     left = _in_mm(linear, found.refined.left)
     back = _in_mm(linear, found.refined.left + column)
-    more = np.mean(np.concatenate(back) ** 2) - np.mean(np.concatenate(left) ** 2)
+    more = float(np.mean(np.concatenate(back) ** 2) - np.mean(np.concatenate(left) ** 2))
     return float(np.sqrt(max(0.0, train.after_um**2 + 1e6 * more)))
 
 

@@ -49,9 +49,8 @@ class Rival:
 
 @dataclass(frozen=True)
 class Named:
-    """A missing effect: with fitted parameters, their standard uncertainties, its share of the evidence among its rivals
-    , the gap on the runs used if it alone is taken out again, and what a person
-     should do about it."""
+    """A missing effect: with fitted parameters, their standard uncertainties, its share of the evidence among its
+    rivals, the gap on the runs used if it alone is taken out again, and what a person should do about it."""
 
     effect: Effect
     sd: dict[str, float]
@@ -122,10 +121,13 @@ class Map:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """verdict: on all of it; rig: the model begun with; runs: names of those used; effects: named (also where the verdict
-    is `outside_library`: then they are withdrawn, and described in `left` only); groups: names that these tests cannot
-    part, of those named; not_testable: names that no size would show here; repeated: whether the noise is from repeats;
-    level: strength of the tolerance background, in detection limits; doubts: what to know before trusting it."""
+    """All that was found.
+
+    verdict: on all of it; rig: the model begun with; runs: names of those used; effects: named (also where the verdict
+    is `outside_library`: then they are withdrawn); groups: names that these tests cannot part, of those named;
+    not_testable: names that no size would show here; repeated: whether the noise is from repeats; level: strength of
+    the tolerance background, in detection limits; doubts: what to know before trusting it.
+    """
 
     verdict: Verdict
     why: str

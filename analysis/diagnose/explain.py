@@ -1,4 +1,4 @@
-"""Names defended on the simulator: each must pay for itself, nothing more must pay, and rivals are tried in its place."""
+"""Names defended on the simulator: each must pay for itself, no more may pay, and rivals are tried in its place."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rigs.effects import Effect
 _RIVALS = 3
 _NEAR = 10.0
 _LARGE = 600.0
-"""Log evidence of a name that is so large that linear evidence tells little of its rivals: the first two are refined."""
+"""Log evidence of a name so large that linear evidence tells little of its rivals: the first two are refined."""
 _ROUNDS = 3
 _LEAST = 1e-4
 """A rival's share of the evidence that is worth telling."""

@@ -1,6 +1,7 @@
 """How nature departs from the page: what stands beside a named effect because no gear, ball or brake is ideal.
 
-These are not named; they are allowed for, in proportion to the effect, when it is fitted and when what is left is judged.
+These are not named; they are allowed for, in proportion to the effect, when it is fitted and when what is left is
+judged.
 """
 
 from __future__ import annotations

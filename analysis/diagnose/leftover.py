@@ -93,7 +93,7 @@ def _parity(blocks: Sequence[Block], left: Array) -> dict[tuple[TestName, str], 
         begin += len(block.y)
     half, found = len(ORDER_OF) // 2, {}
     for test in {test for test, _ in parts}:
-        both = [parts.get((test, way)) for way in ("cw", "acw")]  # type: ignore[arg-type]
+        both = [parts.get((test, way)) for way in ("cw", "acw")]
         if both[0] is None or both[1] is None:
             continue
         for part, entries in (("distance", slice(0, half)), ("angle", slice(half, 2 * half))):

@@ -1,4 +1,4 @@
-"""Where measurement and simulation disagree: stretches of a circle, or targets, at which the residual exceeds its noise.
+"""Where measurement and simulation disagree: stretches of a circle, or targets, where the residual exceeds its noise.
 
 A residual too small to be seen at any one place may still be told by its form over the whole lap, which is what the
 search looks at.
@@ -55,7 +55,8 @@ def _on_circle(block: Block, left: Array) -> list[Place]:
         ("distance", readings.mean(axis=1), slice(0, half)),
         ("angle", readings[:, 1] - readings[:, 0], slice(half, 2 * half)),
     ):
-        # Sum and difference are unitary: the mean of the gauges has 1/sqrt 2 of the sum's noise, their difference twice.
+        # Sum and difference are unitary: the mean of the gauges has 1/sqrt 2 of the sum's noise, their difference
+        # sqrt 2 of its own.
         scale = np.sqrt(0.5) if part == "distance" else np.sqrt(2)
         kept = ORDER_OF[entries] <= _SMOOTH
         noise = scale * float(np.sqrt((block.sd_mm[entries][kept] ** 2).sum() / GRID))

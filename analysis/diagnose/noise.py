@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import pairwise
 
 import numpy as np
 
@@ -76,8 +76,11 @@ def noise_of(groups: Sequence[tuple[Array, Array]], order: Integers, bands: Sequ
 
 
 def reading_sd(rows: Array, shaken: Array, noise: RunNoise, rounding_deg: Array, *, poses: bool) -> Array:
-    """Standard deviation (N,) mm of readings at targets: from repeats (n, N), or from the same gauges' circles with what
-    the rounding of reported angles adds (by shaken (N, c)), or assumed."""
+    """Standard deviation (N,) mm of readings at targets.
+
+    From repeats (n, N), or from the same gauges' circles with what the rounding of reported angles adds (by shaken
+    (N, c)), or assumed.
+    """
     if len(rows) > 1:
         apart = rows - rows.mean(axis=0)
         pooled = float(np.sqrt((apart**2).sum() / ((len(rows) - 1) * rows.shape[1])))
@@ -85,7 +88,8 @@ def reading_sd(rows: Array, shaken: Array, noise: RunNoise, rounding_deg: Array,
     if poses or not noise.measured:
         return np.full(rows.shape[1], _ASSUMED_MM["pose" if poses else "target"])
     rounded = shaken[:, :6] * rounding_deg / Cell().scatter_deg
-    return np.sqrt(np.mean(noise.sd_mm**2) + (rounded**2).sum(axis=1))
+    sd: Array = np.sqrt(np.mean(noise.sd_mm**2) + (rounded**2).sum(axis=1))
+    return sd
 
 
 def _span(columns: Array) -> Array:
@@ -129,4 +133,4 @@ def _scatter(repeated: Sequence[tuple[Array, Array]], sd: Array) -> tuple[float,
             total -= 0.5 * (freedom * np.linalg.slogdet(C)[1] + np.sum(Z * np.linalg.solve(C, Z.T).T))
         return float(total)
 
-    return max(product(_MULTIPLES, repeat=2), key=likelihood)
+    return max(((joints, ball) for joints in _MULTIPLES for ball in _MULTIPLES), key=likelihood)

@@ -46,7 +46,7 @@ class Sampling:
         return found
 
     def vector(self, values: Array) -> Array:
-        """Readings (m, 2, …) of two gauges to (N, …): orders of sum and difference, unitary, then both of each stand."""
+        """Readings (m, 2, …) of two gauges to (N, …): orders of sum and difference (unitary), then stands."""
         grid = self.gridded(values)
         parts = []
         for channel in (_sum(grid), _difference(grid)):
@@ -72,7 +72,8 @@ def curve(vector: Array) -> Array:
         spectrum[1:ORDERS] = (part[1:ORDERS] + 1j * part[ORDERS:]) / np.sqrt(2)
         channels.append(np.fft.irfft(spectrum, n=GRID, norm="ortho"))
     total, apart = channels
-    return np.stack([total - apart, total + apart], axis=1) / np.sqrt(2)
+    readings: Array = np.stack([total - apart, total + apart], axis=1) / np.sqrt(2)
+    return readings
 
 
 def _sum(values: Array) -> Array:
@@ -87,7 +88,7 @@ def _difference(values: Array) -> Array:
 
 @dataclass(frozen=True)
 class Seen:
-    """One run. model: of its own rig file; one: its observation, smooth, the rows of its stands behind those of its lap;
+    """One run. model: of its own rig file; one: its observation, smooth, the rows of stands behind those of the lap;
     rounding_deg (6,): steps of the reported angles."""
 
     model: Model

@@ -1,4 +1,4 @@
-"""Sizes and shapes of named effects on the simulator, by Gauss-Newton, every other effect there as a healthy arm has it.
+"""Sizes and shapes of named effects on the simulator, by Gauss-Newton, all others there as a healthy arm has them.
 
 A right name in a wrong form would draw other names to mend it: so each effect's shape (how gradual a play is crossed, a
 third harmonic, the order of a gear, a decay) is fitted with its size, held by what is plausible. The set-ups are fitted
@@ -61,8 +61,12 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Refined:
-    """Effects with fitted sizes and shapes; unknowns, their values (q,) and covariance (q, q); left (N,): what stays of
-    the residual, in standard deviations; tangents (N, q): what a little more of each unknown would add; setups; evidence: log of it by Laplace, over nothing named, no prices paid."""
+    """Effects with fitted sizes and shapes.
+
+    unknowns, their values (q,) and covariance (q, q); left (N,): what stays of the residual, in standard deviations;
+    tangents (N, q): what a little more of each unknown would add; setups; evidence: log of it by Laplace, over nothing
+    named, no prices paid.
+    """
 
     effects: tuple[Effect, ...]
     unknowns: tuple[Unknown, ...]

@@ -11,7 +11,7 @@ _AFTERWARDS = {
     "link_bending": "the link after joint {axis} bends: enter the payload as it is; look for a loose flange or bolts",
     "reversal_spike": "joint {axis} sticks at reversals: look at brake, seals, grease and the tuning of the servo",
     "wrist_coupling": "motion of joint {from_axis} leaks into joint {to_axis}: correct the wrist's coupling ratio",
-    "servo_lag": "joint {axis} comes {lag_ms:.3g} ms late: record encoder angles instead of commands, or tune the servo",
+    "servo_lag": "joint {axis} comes {lag_ms:.3g} ms late: record encoder angles, not commands, or tune the servo",
     "thermal_growth": "the arm grows as it warms up: run it warm before measuring, or measure quicker",
     "ball_form": "the ball is out of round: turn it by a quarter and measure again; replace it if this turns with it",
     "gauge_scale": "{gauge} reads {percent:+.3g} %: have it calibrated, or enter the scale",

@@ -5,7 +5,7 @@ Effects are linear here, shapes with them; `refine` follows on the simulator.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -198,7 +198,7 @@ class Table:
         if not chosen:
             return []
         H, _, b, places = self._normal(chosen)
-        values = np.linalg.solve(H, b)
+        values: Array = np.asarray(np.linalg.solve(H, b), dtype=float)
         return [values[place][: len(self.search.dictionary.main[k])] for place, k in zip(places, chosen, strict=True)]
 
     def _cols(self, k: int) -> Array:
@@ -223,9 +223,10 @@ class Table:
         return block
 
     def _products(self, G: Array, a: Array, b: Array) -> Array:
-        return np.einsum("nk,nk->k", G[:, a], G[:, b]) - np.einsum("nk,nk->k", self._W[:, a], self._W[:, b])
+        found: Array = np.einsum("nk,nk->k", G[:, a], G[:, b]) - np.einsum("nk,nk->k", self._W[:, a], self._W[:, b])
+        return found
 
-    def _without(self, chosen: Sequence[int]) -> tuple[Array, object]:
+    def _without(self, chosen: Sequence[int]) -> tuple[Array, Callable[[Array], Array] | None]:
         """h, and what to take off a group's products, where the sizes of what is chosen are free."""
         if not chosen:
             return self.h, None
@@ -235,7 +236,8 @@ class Table:
 
         def drop(cols: Array) -> Array:
             part = half[:, cols]
-            return np.einsum("anq,anr->nqr", part, part)
+            taken: Array = np.einsum("anq,anr->nqr", part, part)
+            return taken
 
         return self.h - rows.T @ np.linalg.solve(H, b), drop
 
@@ -269,7 +271,7 @@ def _thinned(search: Search) -> Array:
 
 
 def _owners(search: Search) -> list[int]:
-    owner = {}
+    owner: dict[int, int] = {}
     for k, cols in enumerate(search.dictionary.main):
         for column in cols:
             owner.setdefault(int(column), k)

@@ -33,7 +33,7 @@ _STRAIGHT_MM = 0.2
 def settled(
     runs: Sequence[Seen], effects: Sequence[Effect] = (), setups: Mapping[str, SetUp] | None = None
 ) -> tuple[dict[str, SetUp], list[Array]]:
-    """Set-ups of runs with effects added to their models, and residuals (m, k) mm of each run. `setups`: to begin at."""
+    """Set-ups of runs with effects added to their models, and residuals (m, k) mm of each; `setups`: to begin at."""
     grown = [replace(run, model=replace(run.model, effects=(*run.model.effects, *effects))) for run in runs]
     placed = dict(setups or _first(grown))
     names = dict.fromkeys(run.one.setup for run in grown)

@@ -23,8 +23,8 @@ class Named:
 @dataclass(frozen=True)
 class Answer:
     """verdict: one of VERDICTS, or what else was said, or `none`; effects: those it stands by, none where it withdraws
-    them; left: share of what was hidden that they leave, by place, as the trial found by the truth; seconds: how long it
-    took, nan if unknown."""
+    them; left: share of what was hidden that they leave, by place, as the trial found by the truth; seconds: how long
+    it took, nan if unknown."""
 
     verdict: str
     effects: tuple[Named, ...]
