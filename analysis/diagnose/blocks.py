@@ -69,7 +69,8 @@ def blocks_of(runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> tuple[list[B
         groups.setdefault(run.name, []).append(run)
     gathered = [_gathered(name, members, setups) for name, members in groups.items()]
     circles = [(raw.rows[:, : len(ORDER_OF)], raw.shaken[: len(ORDER_OF)]) for raw in gathered if raw.first.sampling]
-    noise = noise_of(circles, ORDER_OF, _BANDS)
+    grids = [raw.first.sampling.averaged for raw in gathered if raw.first.sampling]
+    noise = noise_of(circles, ORDER_OF, _BANDS, float(np.mean(grids)) if grids else 1.0)
     rounding = np.max([run.rounding_deg for run in runs], axis=0)
     return [_block(raw, noise, rounding) for raw in gathered], noise
 

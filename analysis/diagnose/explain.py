@@ -11,7 +11,7 @@ from analysis.diagnose.candidates import name_of
 from analysis.diagnose.evidence import Background
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.refine import Refined, refine
-from analysis.diagnose.search import DEPTH, QUIET, Search
+from analysis.diagnose.search import QUIET, Search
 from rigs.effects import Effect
 
 _RIVALS = 3
@@ -127,7 +127,7 @@ class Explainer:
 
     def _added(self, now: Refined) -> Refined:
         """With one more name, where one pays beside shapes that are free."""
-        if len(now.effects) >= DEPTH:
+        if len(now.effects) >= self.search.depth:
             return now
         for effect, gain in self._proposals(now, ())[:2]:
             if gain < self.search.price:

@@ -27,8 +27,9 @@ def form_columns(linear: Linear, effects: Sequence[Effect]) -> Array:
     """What departures from the page may add, one standard deviation each: (N, f) in standard deviations."""
     forms = [form for effect in effects for form in _forms(effect)]
     begins = [_begins(linear, effect) for effect in effects if effect.effect == "backlash"]
-    jolts = [_jolts(linear, effect) for effect in effects if effect.effect == "reversal_spike"]
-    return np.concatenate([linear.columns(forms), *begins, *jolts], axis=1)
+    jolts = [_jolts(linear, effect) for effect in effects if effect.effect in ("reversal_spike", "backlash")]
+    sticks = [_sticks(linear, effect) for effect in effects if effect.effect == "gauge_dead_band"]
+    return np.concatenate([linear.columns(forms), *begins, *jolts, *sticks], axis=1)
 
 
 def _forms(effect: Effect) -> list[Effect]:
@@ -69,9 +70,10 @@ def _begins(linear: Linear, effect: Any) -> Array:
 
 
 def _jolts(linear: Linear, effect: Any) -> Array:
-    """When a joint turned back is known to a sample or so, and differs by that between repeats: (N, j), two columns for
-    each of its turns, of a spike that begins a sample sooner or later."""
+    """When a joint turned back is known to a sample or so, and differs by that between repeats: (N, j), columns for the
+    samples about each of its turns, where a spike may begin sooner or later, or a play be crossed in its own way."""
     columns = []
+    size = abs(effect.amplitude_deg) if effect.effect == "reversal_spike" else effect.width_deg / 2
     for k, block in enumerate(linear.blocks):
         if not block.sampling:
             continue
@@ -79,8 +81,21 @@ def _jolts(linear: Linear, effect: Any) -> Array:
         for when, _ in turns(path.t_s, path.q[:, effect.axis - 1]):
             after = int(np.searchsorted(path.t_s, when))
             columns += [
-                linear.jolt(k, effect.axis, sample, _JOLT * abs(effect.amplitude_deg))
+                linear.jolt(k, effect.axis, sample, min(_JOLT * size, 1.0))
                 for sample in (after - 1, after)
                 if 0 <= sample < len(path.t_s)
             ]
+    return linear.projected(np.stack(columns, axis=1)) if columns else np.empty((len(linear.y), 0))
+
+
+def _sticks(linear: Linear, effect: Any) -> Array:
+    """How a plunger that sticks came to a target nobody recorded: (N, t), a column for each target."""
+    columns, begin = [], 0
+    for block in linear.blocks:
+        if not block.sampling and effect.gauge == "g1":
+            for row in range(len(block.y)):
+                column = np.zeros(len(linear.y))
+                column[begin + row] = effect.width_mm / 2 / block.sd_mm[row]
+                columns.append(column)
+        begin += len(block.y)
     return linear.projected(np.stack(columns, axis=1)) if columns else np.empty((len(linear.y), 0))

@@ -22,19 +22,23 @@ from rigs.effects import JointOffset
 
 _ASSUMED_MM = {"circle": 0.0015, "target": 0.002, "pose": 0.04}
 _LEAST_MM = 1e-5
+_FINE = 100
+"""Orders from here on are white noise alone."""
 _MULTIPLES = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 15.0)
 """Scatter of joints and ball that is looked for, in that of a good cell."""
 
 
 @dataclass(frozen=True)
 class RunNoise:
-    """sd_mm (N,): of each order of one run; joints, ball: scatter from run to run in that of a good cell; measured:
-    whether repeats told."""
+    """sd_mm (N,): of each entry of one run, of an order (N,); joints, ball: scatter from run to run in that of a good
+    cell; measured: whether repeats told; averaged: what a circle's grid leaves of the power of white noise."""
 
     sd_mm: Array
     joints: float
     ball: float
     measured: bool
+    order: Integers
+    averaged: float
 
     def scatter(self, terms: int) -> Array:
         """(terms,): six joints, then the ball where it is one of them."""
@@ -62,17 +66,18 @@ def shaken_by(model: Model, one: Observation, setup: SetUp) -> Array:
     return np.stack(columns, axis=2)
 
 
-def noise_of(groups: Sequence[tuple[Array, Array]], order: Integers, bands: Sequence[int]) -> RunNoise:
+def noise_of(groups: Sequence[tuple[Array, Array]], order: Integers, bands: Sequence[int], averaged: float) -> RunNoise:
     """Noise of circles. groups: residuals (n, N) mm of repeated runs and how scatter shows in them (N, 9) mm.
 
     order (N,): cycles a lap of each entry, sum of the gauges first; bands: edges within which the noise is pooled.
     """
     repeated = [(rows - rows.mean(axis=0), _span(shaken), shaken) for rows, shaken in groups if len(rows) > 1]
     if not repeated:
-        return RunNoise(np.full(len(order), _ASSUMED_MM["circle"]), 1.0, 1.0, measured=False)
+        sd = np.full(len(order), _ASSUMED_MM["circle"])
+        return RunNoise(sd, 1.0, 1.0, measured=False, order=order, averaged=averaged)
     sd = _spectrum(repeated, order, bands)
     joints, ball = _scatter([(apart, shaken) for apart, _, shaken in repeated], sd)
-    return RunNoise(sd, joints, ball, measured=True)
+    return RunNoise(sd, joints, ball, measured=True, order=order, averaged=averaged)
 
 
 def reading_sd(rows: Array, shaken: Array, noise: RunNoise, rounding_deg: Array, *, poses: bool) -> Array:
@@ -87,8 +92,11 @@ def reading_sd(rows: Array, shaken: Array, noise: RunNoise, rounding_deg: Array,
         return np.full(rows.shape[1], max(pooled, 10 * _LEAST_MM))
     if poses or not noise.measured:
         return np.full(rows.shape[1], _ASSUMED_MM["pose" if poses else "target"])
+    # Between two rows of a circle white noise is averaged; at a target it is not.
+    fine = float(np.mean(noise.sd_mm[noise.order >= _FINE] ** 2))
+    slow = float(np.mean(noise.sd_mm**2)) - fine
     rounded = shaken[:, :6] * rounding_deg / Cell().scatter_deg
-    sd: Array = np.sqrt(np.mean(noise.sd_mm**2) + (rounded**2).sum(axis=1))
+    sd: Array = np.sqrt(max(slow, 0.0) + fine / noise.averaged + (rounded**2).sum(axis=1))
     return sd
 
 

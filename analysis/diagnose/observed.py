@@ -57,6 +57,11 @@ class Sampling:
             parts += [_sum(mean), _difference(mean)]
         return np.concatenate(parts)
 
+    @property
+    def averaged(self) -> float:
+        """What is left of the power of white noise between two rows."""
+        return float(np.mean((1 - self.share) ** 2 + self.share**2))
+
     def without_stands(self) -> Sampling:
         """The same for the lap alone."""
         return replace(self, stands=(), stand_share=np.empty(0))

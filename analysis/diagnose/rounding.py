@@ -2,7 +2,7 @@
 
 A controller rounds what it reports, to 1e-4 degrees, say: at a metre's reach that is as much as the noise of a gauge,
 and a model that follows the steps would have gauges that read too much explain them. An arm on a circle moves
-smoothly, so a local parabola over a fifth of a second to both sides stands for it.
+smoothly, so along its lap a local parabola over a fifth of a second to both sides stands for it.
 """
 
 from __future__ import annotations
@@ -30,7 +30,10 @@ def smooth(one: Observation) -> Smooth:
     """A circle with its path smoothed; anything else as it is."""
     if not isinstance(one.table, CircleTable):
         return Smooth(one, np.zeros(6))
-    q = _parabolas(one.path.t_s, one.path.q)
+    # Where the robot starts and stops a parabola would swing over, and turn joints back that do not.
+    lap = slice(int(one.rows[0]), int(one.rows[-1]) + 1)
+    q = one.path.q.copy()
+    q[lap] = _parabolas(one.path.t_s, one.path.q)[lap]
     off = np.degrees(np.std((one.path.q - q)[one.path.rows[one.rows]], axis=0))
     return Smooth(replace(one, path=replace(one.path, q=q)), np.asarray(off))
 

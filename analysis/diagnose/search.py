@@ -19,6 +19,7 @@ from rigs.effects import Effect, healthy_size, size_field
 PRICE = 3.0
 """Log odds that a name must win beside the number of names there are: 20 to 1."""
 DEPTH = 4
+"""Most names that are looked for at once."""
 USUAL = 0.1
 """Level of the background, in detection limits, up to which all are as likely."""
 DOUBT = 6.0
@@ -48,10 +49,14 @@ class Search:
     """The names that explain y (N,), on one dictionary; y: of its own linearisation where none is given."""
 
     def __init__(
-        self, dictionary: Dictionary, y: Array | None = None, testable: NDArray[np.bool_] | None = None
+        self,
+        dictionary: Dictionary,
+        y: Array | None = None,
+        testable: NDArray[np.bool_] | None = None,
+        depth: int = DEPTH,
     ) -> None:
         y = dictionary.y if y is None else y
-        self.dictionary, self.y = dictionary, y
+        self.dictionary, self.y, self.depth = dictionary, y, depth
         seen = (dictionary.own >= _OWN_SHARE) & (_LARGEST * dictionary.sigma >= DETECTABLE)
         self.testable = seen if testable is None else testable
         self.names = [candidate.name for candidate in dictionary.candidates]
@@ -89,7 +94,7 @@ class Search:
 
     def beside(self, left: Array, free: Array) -> Search:
         """The same search for what is left (N,) of the residual, where the columns `free` (N, q) are free too."""
-        return Search(self.dictionary.beside(free), left, self.testable)
+        return Search(self.dictionary.beside(free), left, self.testable, self.depth)
 
     def table(self, level: float) -> Table:
         """Products under one background level."""
@@ -136,7 +141,7 @@ class Table:
         """Names added while one pays, each time dropped and swapped where that is better."""
         chosen: tuple[int, ...] = ()
         score = self.null
-        for _ in range(DEPTH):
+        for _ in range(self.search.depth):
             gains = self.gains(chosen)
             k = int(np.argmax(gains))
             if gains[k] < self.search.price:
