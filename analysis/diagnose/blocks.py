@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.diagnose.noise import RunNoise, noise_of, reading_sd, shaken_by
-from analysis.diagnose.observed import ORDER_OF, Sampling, Seen
+from analysis.diagnose.observed import ORDER_OF, Sampling, Seen, thinned
 from analysis.fitting.observation import Observation, residuals_of
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp
@@ -108,7 +108,7 @@ def _vector(run: Seen, values: Array, *, stand: bool) -> Array:
 
 
 def _block(raw: _Raw, noise: RunNoise, rounding_deg: Array) -> Block:
-    first, rows, count = raw.first, raw.rows, len(raw.rows)
+    first, rows, count = thinned(raw.first), raw.rows, len(raw.rows)
     if first.sampling:
         sd = np.concatenate([noise.sd_mm, _standing_sd(noise, first.sampling)])
     else:

@@ -18,6 +18,8 @@ GRID = 512
 ORDERS = GRID // 2
 ORDER_OF: Integers = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arange(1, ORDERS)]), 2)
 """The order of each entry of a circle's vector: first those of the sum of the gauges, then of their difference."""
+_ROWS = 1.5
+"""Rows of a lap for each angle of the grid that are enough to tell what an effect adds."""
 _STANDS = 0.02
 """Share of the lap's median speed below which the robot stands."""
 _LEAST_STAND = 3
@@ -118,28 +120,44 @@ def see(model: Model, table: Table, where: str) -> Seen:
     return Seen(model, replace(one, rows=rows, values=table.g_mm[rows]), sampling, smoothed.rounding_deg)
 
 
+def thinned(run: Seen) -> Seen:
+    """A circle with no more rows of its lap than the grid needs: what effects add is smooth, and asked for often."""
+    if run.sampling is None or (step := int(len(run.sampling.phi) / (_ROWS * GRID))) < 2:
+        return run
+    one, path = run.one, run.one.path
+    lap = one.rows[: len(run.sampling.phi)]
+    kept = np.ones(len(path.t_s), dtype=bool)
+    kept[lap] = False
+    kept[lap[::step]] = True
+    number = np.cumsum(kept) - 1
+    rows = np.concatenate([lap[::step], one.rows[len(lap) :]])
+    thin = replace(path, t_s=path.t_s[kept], q=path.q[kept], rows=number[path.rows[kept[path.rows]]])
+    phi, less = run.sampling.phi[::step], len(lap) - len(lap[::step])
+    sampling = _sampling(phi, tuple(stand - less for stand in run.sampling.stands), run.sampling.stand_share)
+    values = np.concatenate([one.values[: len(lap) : step], one.values[len(lap) :]])
+    return replace(run, one=replace(one, path=thin, rows=number[rows], values=values), sampling=sampling)
+
+
 def _sampled(table: CircleTable, model: Model, one: Observation, where: str) -> tuple[Sampling, Integers]:
-    lap = lap_of(table, model.rig, where)
-    order = np.argsort(lap.phi % (2 * np.pi))
-    phi = (lap.phi % (2 * np.pi))[order]
+    phi = lap_of(table, model.rig, where).phi
+    stands = _stands(one)
+    begins = len(one.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
+    places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
+    per_step = len(one.rows) / GRID
+    shares = np.array([len(rows) / per_step for rows in stands])
+    return _sampling(phi, places, shares), np.concatenate([one.rows, *stands]).astype(np.intp)
+
+
+def _sampling(lap: Array, stands: tuple[Integers, ...], stand_share: Array) -> Sampling:
+    """Of a lap's circle angles (n,) rad, in order of time."""
+    order = np.argsort(lap % (2 * np.pi))
+    phi = (lap % (2 * np.pi))[order]
     grid = np.arange(GRID) * 2 * np.pi / GRID
     after = np.searchsorted(phi, grid) % len(phi)
     before = after - 1
     step = (phi[after] - phi[before]) % (2 * np.pi)
     share = ((grid - phi[before]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
-    stands = _stands(one)
-    begins = len(one.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
-    places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
-    per_step = len(one.rows) / GRID
-    sampling = Sampling(
-        order[before],
-        order[after],
-        np.clip(share, 0, 1),
-        lap.phi,
-        places,
-        np.array([len(rows) / per_step for rows in stands]),
-    )
-    return sampling, np.concatenate([one.rows, *stands]).astype(np.intp)
+    return Sampling(order[before], order[after], np.clip(share, 0, 1), lap, stands, stand_share)
 
 
 def _stands(one: Observation) -> list[Integers]:

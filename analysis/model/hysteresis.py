@@ -22,7 +22,10 @@ def play(x: Array, half: float) -> Array:
     """
     follower = np.empty_like(x)
     y = x[0]
-    turns = np.flatnonzero(np.diff(np.sign(np.diff(x)))) + 1
+    way = np.sign(np.diff(x))
+    moving = np.flatnonzero(way)
+    # Where x stands it goes on as it came: rounded angles stand at every other sample.
+    turns = moving[1:][way[moving[1:]] != way[moving[:-1]]]
     # A turning point ends its stretch: the play is fully taken up there before it is left.
     for start, stop in pairwise([0, *(turns + 1).tolist(), len(x)]):
         stretch = x[start:stop]
