@@ -24,7 +24,9 @@ _SIGMA = 4.0
 _GAP = GRID // 60
 """Steps of the grid between two stretches that are one."""
 _NEAR_DEG = 4.0
-_MOST = 8
+_UNUSUAL = 5.0
+"""Times the usual change over so short a way that makes a jump."""
+_MOST = 10
 
 
 def places(blocks: Sequence[Block], left_mm: Sequence[Array]) -> tuple[Place, ...]:
@@ -50,6 +52,7 @@ def _on_circle(block: Block, left: Array) -> list[Place]:
     smooth = np.where(ORDER_OF <= _SMOOTH, left[: 2 * half], 0.0)
     readings = curve(smooth)
     offsets = np.array([gauge.offset_mm for _, gauge in block.model.rig.gauges])
+    where = turns_of(block)
     found = []
     for part, values, entries in (
         ("distance", readings.mean(axis=1), slice(0, half)),
@@ -65,7 +68,7 @@ def _on_circle(block: Block, left: Array) -> list[Place]:
             rms = float(np.sqrt(np.mean(values[rows] ** 2)))
             sigma = float(np.abs(values[rows]).max() / noise)
             a, b = 360 * begin / GRID, 360 * (end - 1) / GRID
-            joint = _turning(turns_of(block), a, b)
+            joint = _turning(where, a, b)
             why = _why(joint, values, a, b)
             span = float(np.ptp(offsets)) or 1.0
             if part == "angle" and joint is None and b - a > 300:
@@ -73,6 +76,27 @@ def _on_circle(block: Block, left: Array) -> list[Place]:
             found.append(
                 Place(table.test, table.direction, part, a % 360, b % 360, joint, why, 1e3 * rms, sigma)  # type: ignore[arg-type]
             )
+        for phi, joint, jump in _jumps(values, where, noise):
+            why = f"reversal: jumps by {1e3 * jump:.3g} µm"
+            low, high = (phi - _NEAR_DEG) % 360, (phi + _NEAR_DEG) % 360
+            sigma = jump / (np.sqrt(2) * noise)
+            found.append(
+                Place(table.test, table.direction, part, low, high, joint, why, 1e3 * jump / 2, float(sigma))  # type: ignore[arg-type]
+            )
+    return found
+
+
+def _jumps(values: Array, where: Sequence[tuple[float, int]], noise: float) -> list[tuple[float, int, float]]:
+    """Reversals at which the residual (GRID,) jumps as it does nowhere else: circle angle, joint, by how much."""
+    step = max(1, round(_NEAR_DEG / 360 * GRID))
+    over = np.abs(np.roll(values, -step) - np.roll(values, step))
+    usual = float(np.median(over))
+    found = []
+    for phi, joint in where:
+        near = (round(phi / 360 * GRID) + np.arange(-step, step + 1)) % GRID
+        jump = float(over[near].max())
+        if jump > _UNUSUAL * usual and jump > _SIGMA * np.sqrt(2) * noise:
+            found.append((phi, joint, jump))
     return found
 
 
