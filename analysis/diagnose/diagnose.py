@@ -16,7 +16,7 @@ from analysis.diagnose.candidates import candidates_for, name_of
 from analysis.diagnose.diagnosis import Curve, Diagnosis, Gap, Map, Named, NextTest, Rival, Verdict
 from analysis.diagnose.evidence import Dictionary
 from analysis.diagnose.explain import Explained, Explainer
-from analysis.diagnose.leftover import LIMIT, excess, leftovers
+from analysis.diagnose.leftover import LIMIT, excess, leftovers, unknown, whole
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.locate import places, turns_of
 from analysis.diagnose.observed import GRID, Seen, curve, see
@@ -31,7 +31,7 @@ from analysis.model.predict import SetUp, model_of
 from analysis.model.targets import target_angles
 from analysis.reading.loading import Measured
 from analysis.reading.tables import CircleTable, PoseTable, RepeatabilityTable
-from rigs.effects import Effect
+from rigs.effects import Effect, healthy_size, size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -65,7 +65,8 @@ def diagnose(
     look = _looked(runs, progress)
     blocks, linear, search, found = look.linear.blocks, look.linear, look.search, look.found
     shaken = swing(_grown(runs, found.refined.effects), found.refined.setups)
-    shaken = shaken if shaken and shaken.gain > search.price else None
+    if shaken and (shaken.gain < search.price or not _counts(shaken.effect, found.level)):
+        shaken = None
     verdict, why = _verdict(look, shaken is not None)
     next_test = None
     if verdict == "ambiguous":
@@ -147,6 +148,12 @@ def _looked(runs: Sequence[Seen], progress: Callable[[str], None]) -> _Look:
     return look
 
 
+def _counts(effect: Effect, level: float) -> bool:
+    """Whether an effect is more than what an arm with so much of everything shows anyway."""
+    size: float = abs(getattr(effect, size_field(effect)))
+    return level <= max(QUIET) or size > healthy_size(effect)
+
+
 def _grown(runs: Sequence[Seen], effects: Sequence[Effect]) -> list[Seen]:
     """Runs with effects in their models."""
     return [replace(run, model=replace(run.model, effects=(*run.model.effects, *effects))) for run in runs]
@@ -199,13 +206,15 @@ def _explained(linear: Linear, search: Search) -> tuple[Explained, float]:
         return mended, rest
     if rest < left:
         quiet, left = mended.refined, rest
-    withdrawn, wanted = explainer.undefended(quiet), explainer.score(quiet) + left
+    withdrawn = explainer.undefended(quiet)
+    wanted = unknown(linear.blocks, quiet.left) - search.price * len(quiet.effects)
     if search.best(RICH).score + _REFINED < wanted:
         return withdrawn, left
     rich = explainer.explain(RICH)
     if explainer.score(rich) <= wanted:
         return withdrawn, left
-    return explainer.defended(rich), excess(linear.blocks, rich.left, explainer.background)
+    # An arm that shows more of everything: of its names only those count that are more than a healthy arm's.
+    return explainer.defended(explainer.beyond_healthy(rich)), whole(rich.left, explainer.background)
 
 
 def _verdict(look: _Look, shaken: bool) -> tuple[Verdict, str]:

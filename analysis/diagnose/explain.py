@@ -12,7 +12,7 @@ from analysis.diagnose.evidence import Background
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.refine import Refined, refine
 from analysis.diagnose.search import QUIET, Search
-from rigs.effects import Effect
+from rigs.effects import Effect, healthy_size, size_field
 
 _RIVALS = 3
 _NEAR = 10.0
@@ -71,6 +71,15 @@ class Explainer:
             if [name_of(e) for e in now.effects] == [name_of(e) for e in before]:
                 break
         return now
+
+    def beyond_healthy(self, now: Refined) -> Refined:
+        """Without the names that are no more than what a healthy arm shows, one after the other."""
+        while True:
+            sizes = [abs(getattr(e, size_field(e))) / healthy_size(e) for e in now.effects]
+            least = min(sizes, default=np.inf)
+            if least > 1:
+                return now
+            now = self._without(now, sizes.index(least))
 
     def score(self, now: Refined) -> float:
         """Log density of the residual with some names, prices paid."""

@@ -56,6 +56,22 @@ def excess(blocks: Sequence[Block], left: Array, background: Background) -> floa
     return sum(band.excess for band in _bands(blocks, left, background))
 
 
+def unknown(blocks: Sequence[Block], left: Array) -> float:
+    """Log density of what is left (N,) where something unknown adds noise of its own to each band."""
+    total = 0.0
+    nothing = Background(np.empty((len(left), 0)))
+    for band in _bands(blocks, left, nothing):
+        strength = max(1.0, band.ratio)
+        total -= 0.5 * (band.energy / strength + band.count * float(np.log(strength))) + _PRICE * (strength > 1)
+    return total
+
+
+def whole(left: Array, background: Background) -> float:
+    """Log evidence for more noise than that of the repeats and a strong background together, over all readings."""
+    chi2, n = float(background.product(left[:, None], left[:, None])[0, 0]), len(left)
+    return 0.5 * (chi2 - n - n * float(np.log(chi2 / n))) if chi2 > n else 0.0
+
+
 def leftovers(blocks: Sequence[Block], left: Array, background: Background) -> tuple[Leftover, ...]:
     """The bands that exceed their noise most, in words, worst first."""
     found = sorted(
