@@ -1,0 +1,67 @@
+"""Noise alone leaves little; what nobody has a name for leaves more, and is told by its band."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cells import Array, healthy, no_background, white
+
+from analysis.diagnose.evidence import Background
+from analysis.diagnose.leftover import LIMIT, excess, leftovers
+from analysis.diagnose.observed import ORDER_OF
+
+HALF = len(ORDER_OF) // 2
+
+
+def _bump(block: int, part: int, low: int, high: int, size: float) -> Array:
+    """A deterministic bump of `size` standard deviations in every order of a band of one block; part 0 distance, 1
+    angle."""
+    bump = np.zeros(len(healthy().y))
+    entries = np.flatnonzero((low <= ORDER_OF) & (high >= ORDER_OF) & (np.arange(len(ORDER_OF)) // HALF == part))
+    bump[block * len(ORDER_OF) + entries] = size * (-1.0) ** entries
+    return bump
+
+
+def test_noise_alone_stays_below_the_limit() -> None:
+    linear = healthy()
+    found = [excess(linear.blocks, white(linear, seed), no_background(linear)) for seed in range(20)]
+    assert max(found) < LIMIT
+    assert np.median(found) < LIMIT / 4
+
+
+@pytest.mark.parametrize(("block", "part", "orders"), [(0, 1, (8, 15)), (1, 0, (30, 59)), (1, 1, (3, 7))])
+def test_a_bump_exceeds_it_and_is_told_by_its_band(block: int, part: int, orders: tuple[int, int]) -> None:
+    linear = healthy()
+    left = white(linear, 1) + _bump(block, part, *orders, 3.0)
+    assert excess(linear.blocks, left, no_background(linear)) > LIMIT
+    first = leftovers(linear.blocks, left, no_background(linear))[0]
+    assert (first.test, first.direction) == ("yaw", ("cw", "acw")[block])
+    assert (first.part, first.orders) == (("distance", "angle")[part], orders)
+    assert first.ratio > 4 and f"{orders[0]} to {orders[1]} cycles a lap" in first.words
+
+
+@pytest.mark.parametrize(("sign", "words"), [(1, "alike in both directions"), (-1, "opposite sign")])
+def test_parity_with_the_direction_is_told(sign: int, words: str) -> None:
+    linear = healthy()
+    left = white(linear, 2) + _bump(0, 1, 8, 15, 5.0) + sign * _bump(1, 1, 8, 15, 5.0)
+    first = leftovers(linear.blocks, left, no_background(linear))[0]
+    assert words in first.words
+
+
+def test_what_differs_by_direction_at_random_has_no_parity() -> None:
+    linear = healthy()
+    left = white(linear, 3) + _bump(0, 1, 8, 15, 5.0)
+    first = leftovers(linear.blocks, left, no_background(linear))[0]
+    assert "direction" not in first.words
+
+
+def test_a_healthy_arms_share_is_no_surprise() -> None:
+    linear = healthy()
+    bump = _bump(0, 1, 8, 15, 3.0)
+    assert excess(linear.blocks, white(linear, 1) + bump, Background(bump[:, None])) < LIMIT
+
+
+def test_less_than_noise_is_nothing() -> None:
+    linear = healthy()
+    assert excess(linear.blocks, 0.5 * white(linear, 1), no_background(linear)) == 0
+    assert leftovers(linear.blocks, 0.5 * white(linear, 1), no_background(linear)) == ()

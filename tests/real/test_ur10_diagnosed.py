@@ -1,0 +1,46 @@
+"""The diagnosis of a real arm (Fraunhofer IPA, UR10): what it names holds on groups of poses that it has not seen."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT.parent / "shared" / "data" / "ipa-ur10"
+pytestmark = [
+    pytest.mark.skipif(not DATA.is_dir(), reason="the measured data of ../shared/data are not here"),
+    pytest.mark.timeout(300),
+]
+
+
+@pytest.fixture(scope="module")
+def told() -> str:
+    done = subprocess.run(
+        [sys.executable, ROOT / "scripts" / "ur10-diagnosed.py", DATA, "--series", "d", "--only", "1"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_names_beat_24_dh_parameters_on_poses_left_out(told: str) -> None:
+    found = re.search(r"fold 1,.*nominal ([\d.]+), 24 DH parameters ([\d.]+), diagnosed ([\d.]+) mm", told)
+    assert found, told
+    nominal, dh, diagnosed = map(float, found.groups())
+    assert nominal == pytest.approx(0.773, abs=0.01)
+    assert diagnosed < 0.9 * dh < 0.9 * 0.6 * nominal
+
+
+def test_it_names_what_is_there_and_no_backlash(told: str) -> None:
+    assert "median 0.049 mm apart" in told
+    assert all(name in told for name in ("link_geometry 3.a", "link_geometry 4.a", "compliance 2"))
+    assert "backlash: none named" in told
