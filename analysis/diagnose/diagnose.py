@@ -24,7 +24,7 @@ from analysis.diagnose.plan import parting, parts
 from analysis.diagnose.remedy import remedy
 from analysis.diagnose.search import QUIET, RICH, Search
 from analysis.diagnose.settle import settled
-from analysis.diagnose.shake import swing
+from analysis.diagnose.shake import Swing, stilled, swing
 from analysis.fitting.observation import rms
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp, model_of
@@ -39,6 +39,8 @@ _RIVALRY = 20.0
 """Odds under which a rival makes a name ambiguous."""
 _REFINED = 100.0
 """Log evidence that names may gain when they are refined."""
+_GROWN = 1.02
+"""A gap that grows by more than this with its names is none that they explain."""
 _BETTER = 0.97
 """Of the gap with an effect of the rig file: less without it is a reason to doubt it."""
 _LOOKS = 3
@@ -63,10 +65,13 @@ def diagnose(
     progress("reading the runs")
     runs = _seen(rig, used)
     look = _looked(runs, progress)
+    shaken = _shaken(runs, look)
+    if shaken:
+        progress("once more without the swing of the link")
+        grown = _grown(runs, look.found.refined.effects)
+        still = stilled(grown, look.found.refined.setups, shaken.effect.frequency_hz)
+        look = _looked([replace(run, one=calm.one) for run, calm in zip(runs, still, strict=True)], progress)
     blocks, linear, search, found = look.linear.blocks, look.linear, look.search, look.found
-    shaken = swing(_grown(runs, found.refined.effects), found.refined.setups)
-    if shaken and (shaken.gain < search.price or not _counts(shaken.effect, found.level)):
-        shaken = None
     verdict, why = _verdict(look, shaken is not None)
     next_test = None
     if verdict == "ambiguous":
@@ -77,6 +82,9 @@ def diagnose(
     effects = found.refined.effects if verdict in ("named", "ambiguous", "outside_library") else ()
     kept = () if verdict == "outside_library" else effects
     train = _gap(runs, kept, blocks, _names(used))
+    if kept and train.after_um > _GROWN * train.before_um:
+        verdict, why, kept = "outside_library", "with the names found the gap grows instead of shrinking", ()
+        train, next_test = _gap(runs, kept, blocks, _names(used)), None
     named = tuple(
         Named(
             effect,
@@ -146,6 +154,14 @@ def _looked(runs: Sequence[Seen], progress: Callable[[str], None]) -> _Look:
             break
         setups = there
     return look
+
+
+def _shaken(runs: Sequence[Seen], look: _Look) -> Swing | None:
+    """A swing beside the names found, where one pays for itself."""
+    found = swing(_grown(runs, look.found.refined.effects), look.found.refined.setups)
+    if found is None or found.gain < look.search.price or not _counts(found.effect, look.found.level):
+        return None
+    return found
 
 
 def _counts(effect: Effect, level: float) -> bool:

@@ -22,6 +22,8 @@ from rigs.effects import JointOffset
 
 _ASSUMED_MM = {"circle": 0.0015, "target": 0.002, "pose": 0.04}
 _LEAST_MM = 1e-5
+_WANDER, _SLOW = 12.0, 15.0
+"""Power of a good cell's wander at low orders, in that of the white noise, and the order at which it has half of it."""
 _FINE = 100
 """Orders from here on are white noise alone."""
 _MULTIPLES = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 15.0)
@@ -73,7 +75,8 @@ def noise_of(groups: Sequence[tuple[Array, Array]], order: Integers, bands: Sequ
     """
     repeated = [(rows - rows.mean(axis=0), _span(shaken), shaken) for rows, shaken in groups if len(rows) > 1]
     if not repeated:
-        sd = np.full(len(order), _ASSUMED_MM["circle"])
+        # A slow wander makes the low orders several times as noisy as the high ones.
+        sd = _ASSUMED_MM["circle"] * np.sqrt(1 + _WANDER / (1 + (order / _SLOW) ** 2))
         return RunNoise(sd, 1.0, 1.0, measured=False, order=order, averaged=averaged)
     sd = _spectrum(repeated, order, bands)
     joints, ball = _scatter([(apart, shaken) for apart, _, shaken in repeated], sd)

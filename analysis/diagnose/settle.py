@@ -23,7 +23,8 @@ _STEP = 0.01
 _ROUNDS = 12
 _ENOUGH = 1e-4
 _FURTHEST_MM = 1.0
-"""No step goes further: at the centre of a circle its height does nothing, and the derivatives know no bound for it."""
+"""No step of a ball goes further: at the centre of a circle its height does nothing, and the derivatives know no bound
+for it. An instrument begins far off, and has nothing of the kind."""
 _BALL_MM = 5.0
 """How far a ball may be off its place: decides only what readings do not, its height above a circle's plane."""
 _STRAIGHT_MM = 0.2
@@ -73,7 +74,8 @@ def _placed(runs: Sequence[Seen], setup: SetUp) -> SetUp:
         # A ball as far off as it may be costs as much as what is left now: far from the end it is held the firmer.
         held = np.where(ball, (r @ r) / _BALL_MM**2, 1e-12)
         change = np.linalg.solve(J.T @ J + np.diag(held), J.T @ r - held * moved)
-        change *= min(1.0, _FURTHEST_MM / max(float(np.abs(change).max()), 1e-12))
+        if not poses:
+            change *= min(1.0, _FURTHEST_MM / max(float(np.abs(change).max()), 1e-12))
         moved = moved + change
         setup = start
         for term, step in enumerate(moved):

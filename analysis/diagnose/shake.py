@@ -7,7 +7,7 @@ its frequency: their spectra, each over its own noise, are added.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,6 +57,20 @@ def swing(runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> Swing | None:
     sd = float(np.sqrt(np.mean(noise) / count))
     effect = Vibration(frequency_hz=float(f[k]), amplitude_mm=min(amplitude, 1.0))
     return Swing(effect, {"amplitude_mm": sd, "frequency_hz": 0.125 / seconds}, gain)
+
+
+def stilled(runs: Sequence[Seen], setups: Mapping[str, SetUp], frequency_hz: float) -> list[Seen]:
+    """Runs without a swing of this frequency, each with a phase of its own, so that its line is no lack of fit."""
+    return [_stilled(run, setups, frequency_hz) if run.sampling else run for run in runs]
+
+
+def _stilled(run: Seen, setups: Mapping[str, SetUp], frequency_hz: float) -> Seen:
+    (residual,) = residuals_of(run.model, [run.one], setups)
+    t = run.one.path.t_s[run.one.rows]
+    wave = 2 * np.pi * frequency_hz * t
+    design = np.stack([np.ones_like(t), np.cos(wave), np.sin(wave)], axis=1)
+    found = np.linalg.lstsq(design, residual, rcond=None)[0]
+    return replace(run, one=replace(run.one, values=run.one.values - design[:, 1:] @ found[1:]))
 
 
 def _width(f: Array) -> int:

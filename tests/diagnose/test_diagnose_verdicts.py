@@ -89,7 +89,6 @@ def test_rivals_that_the_circle_cannot_part_are_ambiguous_with_a_next_test() -> 
     assert any({"joint_offset 5", "link_geometry 6.a"} <= set(group) for group in found.groups)
 
 
-@pytest.mark.xfail(strict=False, reason="its line in the fine orders counts as unexplained: outside_library")
 def test_a_swing_that_begins_anew_with_every_run_is_named() -> None:
     found = found_in([shaken(run, 9.4, 0.001, phase) for run, phase in zip(circles(seed=18), PHASES, strict=True)])
     assert found.verdict == "named" and _names(found) == ["vibration"]
