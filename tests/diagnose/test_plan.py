@@ -47,8 +47,8 @@ def test_the_papers_circle_cannot_tell_axis_5s_zero_from_a5_and_another_radius_c
         assert helps[test] < ALIKE, test
 
 
-def test_one_run_parts_them_at_140_mm_by_as_much_as_the_prototype_had() -> None:
-    found = {one.test: one.sigma for one in parting(RIG, [ZERO_5, A5], CIRCLE, runs=1)}
+def test_a_circle_of_140_mm_parts_them_by_as_much_as_the_prototype_had() -> None:
+    found = {one.test: one.sigma for one in parting(RIG, [ZERO_5, A5], CIRCLE)}
     assert 9 < found["circle of radius 140 mm, 100 mm nearer to axis 1"] < 18
 
 
