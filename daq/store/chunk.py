@@ -96,7 +96,7 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
     end, closed, damage = 0, False, None
     try:
         source = pa.BufferReader(data)
-        reader = pa.ipc.open_stream(source)
+        reader = pa.ipc.open_stream(source, options=pa.ipc.IpcReadOptions(use_threads=False))
         end = source.tell()
         while end < len(data) and not closed:
             closed = len(data) - end == len(END) and data.endswith(END)
@@ -148,9 +148,13 @@ def to_parquet(table: pa.Table) -> bytes:
 
 
 def from_parquet(data: bytes) -> pa.Table | None:
-    """The table in a Parquet file, None when the bytes are not one."""
+    """The table in a Parquet file, None when the bytes are not one.
+
+    On the calling thread alone: Arrow's own threads, still at work when Python ends, abort the program
+    after its answer is printed (apache/arrow issue 34314).
+    """
     try:
-        return pq.read_table(pa.BufferReader(data))
+        return pq.ParquetFile(pa.BufferReader(data), pre_buffer=False).read(use_threads=False)
     except _DAMAGE:
         return None
 

@@ -6,6 +6,8 @@ import json
 import os
 import re
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -255,3 +257,15 @@ def test_other_programs_read_a_chunk(run: Path) -> None:
 def test_lock_look_leaves_no_trace(tmp_path: Path) -> None:
     assert not durable.is_locked(tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_reading_leaves_no_thread_behind(whole: Path) -> None:
+    """A thread of Arrow's that is at work when Python ends aborts the program (arrow issue 34314)."""
+    show = (
+        "import os, sys; from pathlib import Path; from daq.store import read_run, verify;"
+        "run = Path(sys.argv[1]); read_run(run); verify(run); task = Path('/proc/self/task');"
+        "print(*sorted((one / 'comm').read_text().strip() for one in task.iterdir()), sep='\\n')"
+    )
+    command, alone = [sys.executable, "-c", show, whole], os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    threads = subprocess.run(command, capture_output=True, text=True, check=True, env=alone)
+    assert [name for name in threads.stdout.split() if name != "jemalloc_bg_thd"] == [Path(sys.executable).name]
