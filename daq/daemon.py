@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from daq.recorder import Label, Recorder
 from daq.store import RunWriter
 from daq.store.manifest import Ending
 from daq.streams import streams_of
+from daq.tap import Tap
 from rigs.errors import CellError, RigError
 from rigs.rig import Rig
 
@@ -29,17 +31,23 @@ _LEAVE_S = 3.0
 class Daemon:
     """Everything between the first port opened and the last run closed."""
 
-    def __init__(self, rig: Rig, rig_text: str, runs: Path, socket_path: Path) -> None:
+    def __init__(self, rig: Rig, rig_text: str, runs: Path, socket_path: Path, capture: Path | None = None) -> None:
         """Takes the lock, opens every link, starts reading. Raises CellError naming every port that fails."""
         self._rig, self._rig_text, self._runs = rig, rig_text, runs
         self._streams = streams_of(rig)
-        self._lock = Lock(rig.name, socket_path.with_suffix(".lock"))
-        links = self._open_links()
+        with ExitStack() as undo:
+            self._lock = Lock(rig.name, socket_path.with_suffix(".lock"))
+            undo.callback(self._lock.release)
+            links = self._open_links()
+            for link in links.values():
+                undo.callback(link.close)
+            self._tap = Tap(capture, self._streams) if capture else None
+            undo.pop_all()
         self._inboxes = {stream.name: Inbox(stream.name, stream.columns) for stream in self._streams}
-        self._readers = [Reader(s, self._inboxes[s.name], links[s.name]) for s in self._streams]
+        self._readers = [Reader(s, self._inboxes[s.name], links[s.name], self._tap) for s in self._streams]
         self._recorder = Recorder(self._inboxes, self._create, self._feed_watchdog)
         self._control = ControlServer(socket_path, self.answer)
-        for thread in (*self._readers, self._recorder):
+        for thread in (*self._readers, self._recorder, *filter(None, [self._tap])):
             thread.start()
         ports = ", ".join(f"{stream.name} on {stream.port}" for stream in self._streams)
         log.info("serving %s: %s; control socket %s", rig.name, ports, socket_path)
@@ -57,6 +65,8 @@ class Daemon:
             reader.stop()
         for reader in self._readers:
             reader.join(_LEAVE_S)
+        if self._tap:
+            self._tap.stop()
         self._lock.release()
         return cut_short
 
@@ -85,7 +95,6 @@ class Daemon:
             return links
         for link in links.values():
             link.close()
-        self._lock.release()
         raise errors[0] if len(errors) == 1 else Unreachable(errors)
 
     def _create(self, label: Label) -> RunWriter:

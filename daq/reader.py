@@ -6,11 +6,13 @@ import logging
 import threading
 import time
 
+from daq.capture import Mark
 from daq.inbox import Inbox
 from daq.links import Link, LinkLost, open_link
 from daq.protocol.conversation import Fault, FaultKind
 from daq.runner import converse
 from daq.streams import Stream
+from daq.tap import Tap
 from rigs.errors import CellError
 
 log = logging.getLogger("rigd")
@@ -21,9 +23,9 @@ _LONGEST_PAUSE_S = 5.0
 class Reader(threading.Thread):
     """Reads one stream into its inbox until told to stop."""
 
-    def __init__(self, stream: Stream, inbox: Inbox, link: Link) -> None:
+    def __init__(self, stream: Stream, inbox: Inbox, link: Link, tap: Tap | None = None) -> None:
         super().__init__(name=f"read {stream.name}", daemon=True)
-        self._stream, self._inbox = stream, inbox
+        self._stream, self._inbox, self._tap = stream, inbox, tap
         self._link: Link | None = link
         self._stop_asked = threading.Event()
         self._pause_s = _FIRST_PAUSE_S
@@ -46,8 +48,10 @@ class Reader(threading.Thread):
     def _read(self, link: Link) -> None:
         before = self._inbox.state().counters.get("samples", 0)
         self._inbox.connected = True
+        self._note(Mark.OPENED, self._stream.port)
+        tapped = self._tap.on(self._stream.name, link) if self._tap else link
         try:
-            converse(link, self._stream.host(), self._inbox.deliver, self._stop_asked.is_set, self._inbox.beat)
+            converse(tapped, self._stream.host(), self._inbox.deliver, self._stop_asked.is_set, self._inbox.beat)
             reason = "the conversation could not go on"
         except LinkLost as error:
             reason = str(error)
@@ -55,6 +59,7 @@ class Reader(threading.Thread):
             self._inbox.connected = False
             link.close()
             self._link = None
+        self._note(Mark.LOST, reason)
         if self._inbox.state().counters.get("samples", 0) > before:
             self._pause_s = _FIRST_PAUSE_S
         if not self._stop_asked.is_set():
@@ -78,6 +83,10 @@ class Reader(threading.Thread):
             if time.monotonic() >= until:
                 break
         self._pause_s = min(_LONGEST_PAUSE_S, 2 * self._pause_s)
+
+    def _note(self, mark: Mark, text: str) -> None:
+        if self._tap:
+            self._tap.note(self._stream.name, mark, text.encode("ascii", "replace"))
 
     def _fault(self, detail: str) -> None:
         self._inbox.deliver([Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), detail)])

@@ -39,13 +39,17 @@ def rigd(
     socket: Annotated[
         Path | None, typer.Option(help="Control socket. [default: in the user's runtime directory]")
     ] = None,
+    capture: Annotated[
+        Path | None, typer.Option(help="Keep the raw bytes of every link in this file, for rig replay.")
+    ] = None,
 ) -> None:
     """Read the gauges and the robot of RIG until stopped; record when asked by `rig record`."""
     logging.basicConfig(level=logging.INFO, format=_log_format(), stream=sys.stderr)
     ends = _listen()
     try:
         rig, text = load(rig_file)
-        daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket or socket_directory() / f"{rig.name}.sock")
+        socket = socket or socket_directory() / f"{rig.name}.sock"
+        daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture)
     except RigError as error:
         for line in error.lines():
             typer.echo(f"error: {line}", err=True)
