@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import csv
+import hashlib
 import io
 import json
 import shutil
@@ -15,6 +16,7 @@ import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,7 @@ from stranger import gap_of, generate, left_of
 
 _WHOLE = "imported"
 """Marks a case that is all there."""
+_ANSWER = "answer.json"
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,11 @@ class Job:
 
 def run_job(job: Job) -> dict[str, Any]:
     """Generate, import and diagnose; the answer with its `seconds`, or an `error` instead. A case that is there already
-    is used again."""
+    is used again, and so is its answer where it is of the same code."""
+    with contextlib.suppress(OSError, ValueError):
+        known: dict[str, Any] = json.loads((job.case / _ANSWER).read_text(encoding="utf-8"))
+        if known.get("code") == code():
+            return known
     if not (job.case / _WHOLE).exists():
         shutil.rmtree(job.case, ignore_errors=True)
         generate(job.kind, job.seed, job.case.parent, job.truth.parent, scale=job.scale, name=job.name)
@@ -63,13 +70,24 @@ def run_job(job: Job) -> dict[str, Any]:
         answer = diagnose_case(runs["train"], runs["held_out"], runs["unseen"])
     except (Exception, SystemExit) as error:  # noqa: BLE001 - one bad case is an answer that is missing
         answer = {"error": f"{type(error).__name__}: {error}"}
-    answer["seconds"] = time.process_time() - begin
+    answer |= {"seconds": time.process_time() - begin, "code": code()}
     truth = json.loads(job.truth.read_text(encoding="utf-8"))
     # A vibration begins with a phase of its own in every run: nothing takes it out.
     if truth["hidden"] and all(one["effect"] != "vibration" for one in truth["hidden"]):
         answer["left_by_truth"] = left_by_truth(truth, job.case, answer)
-    (job.case / "answer.json").write_text(json.dumps(answer, indent=1) + "\n", encoding="utf-8")
+    (job.case / _ANSWER).write_text(json.dumps(answer, indent=1) + "\n", encoding="utf-8")
     return answer
+
+
+@cache
+def code() -> str:
+    """Which code answers: a digest of every file of rig that has a part in it."""
+    import analysis  # noqa: PLC0415
+    import rigs  # noqa: PLC0415
+
+    files = [file for package in (analysis, rigs) for file in Path(package.__path__[0]).rglob("*.*")]
+    told = sorted(file for file in files if file.suffix in (".py", ".yaml"))
+    return hashlib.sha256(b"".join(file.read_bytes() for file in told)).hexdigest()[:16]
 
 
 def import_case(case: Path) -> None:
