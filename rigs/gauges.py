@@ -80,11 +80,9 @@ class StatusRegister(Register):
     doubtful: tuple[int, ...] = ()
 
 
-class ModbusMap(_Gauge):
-    """Any Modbus gauge: a block of registers read in one request, RTU on a serial port, else TCP."""
+class RegisterBlock(Part):
+    """Modbus registers that are read in one request."""
 
-    interface: Literal["modbus_map"]
-    line: Line = Line(baud=19200, bits=8, parity="E", stop=1)
     unit: int = Field(default=1, ge=0, le=247)
     function: Literal[3, 4] = 4
     address: int = Field(ge=0, le=65535)
@@ -92,15 +90,10 @@ class ModbusMap(_Gauge):
     word_order: Literal["big", "little"] = "big"
     rate_hz: float = Field(default=500.0, ge=0.1)
     """Most requests in a second; a serial line is slower by itself, TCP is not."""
-    value: ValueRegister
-    status: StatusRegister | None = None
-    clock_s: Register | None = None
-    clock_us: Register | None = None
 
-    @model_validator(mode="after")
-    def _inside_the_block(self) -> ModbusMap:
-        for name in ("value", "status", "clock_s", "clock_us"):
-            register: Register | None = getattr(self, name)
+    def check_inside(self, **registers: Register | None) -> None:
+        """Raises ValueError for the first of these that the block does not hold."""
+        for name, register in registers.items():
             if register is None:
                 continue
             if register.address < self.address or register.address + register.count > self.address + self.count:
@@ -108,6 +101,21 @@ class ModbusMap(_Gauge):
                     f"{name} at {register.address} lies outside the block {self.address} … "
                     f"{self.address + self.count - 1}; widen address and count"
                 )
+
+
+class ModbusMap(_Gauge, RegisterBlock):
+    """Any Modbus gauge: a block of registers read in one request, RTU on a serial port, else TCP."""
+
+    interface: Literal["modbus_map"]
+    line: Line = Line(baud=19200, bits=8, parity="E", stop=1)
+    value: ValueRegister
+    status: StatusRegister | None = None
+    clock_s: Register | None = None
+    clock_us: Register | None = None
+
+    @model_validator(mode="after")
+    def _inside_the_block(self) -> ModbusMap:
+        self.check_inside(value=self.value, status=self.status, clock_s=self.clock_s, clock_us=self.clock_us)
         return self
 
 

@@ -8,7 +8,9 @@ frames end with silence, which a pure protocol cannot see and adapters do not ke
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import Literal, Protocol
 
 from pymodbus.client.mixin import ModbusClientMixin
 from pymodbus.framer import FramerRTU, FramerSocket
@@ -16,7 +18,7 @@ from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from daq.protocol.framing import Framer, Message, Sized
-from rigs.gauges import ModbusMap, Register
+from rigs.gauges import Register
 from rigs.links import tcp_address
 
 _REQUEST = {3: ReadHoldingRegistersRequest, 4: ReadInputRegistersRequest}
@@ -24,14 +26,42 @@ _RTU_REQUEST = 8
 _DATATYPE = {datatype.name.lower(): datatype for datatype in ModbusClientMixin.DATATYPE}
 
 
+class Block(Protocol):
+    """What a rig file says of the registers to be read."""
+
+    @property
+    def port(self) -> str:
+        """RTU on a serial device, TCP where it is an address."""
+
+    @property
+    def unit(self) -> int:
+        """Of the instrument on its line or behind its gateway."""
+
+    @property
+    def function(self) -> Literal[3, 4]:
+        """3 reads holding registers, 4 input registers."""
+
+    @property
+    def address(self) -> int:
+        """The first register."""
+
+    @property
+    def count(self) -> int:
+        """How many."""
+
+    @property
+    def word_order(self) -> Literal["big", "little"]:
+        """Which register of a value comes first."""
+
+
 class Wire:
     """One side's frames, in the form the port asks for."""
 
-    def __init__(self, gauge: ModbusMap, *, serving: bool) -> None:
-        self.numbered = tcp_address(gauge.port) is not None
+    def __init__(self, block: Block, *, serving: bool) -> None:
+        self.numbered = tcp_address(block.port) is not None
         """Whether requests and replies carry a transaction id."""
         self.frames: Framer
-        self._gauge = gauge
+        self._block = block
         codec = DecodePDU(is_server=serving)
         self._framer = FramerSocket(codec) if self.numbered else FramerRTU(codec)
         if self.numbered:
@@ -45,9 +75,9 @@ class Wire:
 
     def request(self, number: int) -> bytes:
         """The read of the whole block."""
-        g = self._gauge
-        kind = _REQUEST[g.function]
-        return self.encode(kind(dev_id=g.unit, transaction_id=number, address=g.address, count=g.count))
+        b = self._block
+        kind = _REQUEST[b.function]
+        return self.encode(kind(dev_id=b.unit, transaction_id=number, address=b.address, count=b.count))
 
     def open(self, frame: bytes) -> tuple[int, int, bytes]:
         """Unit, transaction id and content of a frame; no content if its checksum is wrong."""
@@ -60,11 +90,11 @@ class Wire:
 
     def _rtu_reply_length(self, head: bytes) -> int | None:
         unit, function, size = head
-        if unit != self._gauge.unit or function & 0x7F != self._gauge.function:
+        if unit != self._block.unit or function & 0x7F != self._block.function:
             return None
         if function & 0x80:
             return 5
-        return 5 + size if size == 2 * self._gauge.count else None
+        return 5 + size if size == 2 * self._block.count else None
 
 
 def _tcp_length(head: bytes) -> int | None:
@@ -98,18 +128,27 @@ class RtuRequests:
         return found
 
 
-def unpack(registers: Sequence[int], register: Register, gauge: ModbusMap) -> float:
+def unpack(registers: Sequence[int], register: Register, block: Block) -> float:
     """One value of the block."""
-    start = register.address - gauge.address
+    start = register.address - block.address
     words = list(registers[start : start + register.count])
-    value = ModbusClientMixin.convert_from_registers(words, _DATATYPE[register.type], gauge.word_order)
+    value = ModbusClientMixin.convert_from_registers(words, _DATATYPE[register.type], block.word_order)
     assert isinstance(value, int | float)  # noqa: S101 - the numeric types give numbers
     return value
 
 
-def pack(registers: list[int], register: Register, gauge: ModbusMap, value: float) -> None:
+def pack(registers: list[int], register: Register, block: Block, value: float) -> None:
     """Put one value into the block."""
-    start = register.address - gauge.address
+    start = register.address - block.address
     number = value if register.type == "float32" else round(value)
-    words = ModbusClientMixin.convert_to_registers(number, _DATATYPE[register.type], gauge.word_order)
+    words = ModbusClientMixin.convert_to_registers(number, _DATATYPE[register.type], block.word_order)
     registers[start : start + register.count] = words
+
+
+def fits(raw: float, register: Register) -> bool:
+    """Whether the register's type can hold it."""
+    if register.type == "float32":
+        return abs(raw) < 2.0**127
+    bits, signed = 16 * register.count, register.type.startswith("int")
+    lowest, span = (-(1 << bits - 1) if signed else 0), 1 << bits
+    return lowest <= round(raw) < lowest + span if math.isfinite(raw) else False

@@ -1,0 +1,152 @@
+"""Asking for a block of Modbus registers, and serving one: what gauges and controllers read by registers share.
+
+The block is read whole in one request, because a value of several registers may not be split (Baumer OM20/OM30
+manual p. 22, confirmed) and what it holds must be of the same instant. An RTU answer carries no number, so after a
+time-out the line is drained (`daq.protocol.polled`); over TCP the transaction id tells an old answer too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from pymodbus.constants import ExcCodes
+from pymodbus.pdu import ExceptionResponse
+from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, ReadInputRegistersResponse
+
+from daq.protocol.conversation import Fault, FaultKind, Sample, Step
+from daq.protocol.framing import Message
+from daq.protocol.modbus import Block, Wire, pack, unpack
+from daq.protocol.polled import Heard, Then
+from rigs.gauges import StatusRegister
+
+Registers = Sequence[int]
+Reading = Callable[[Registers, Message, int], Sample | Fault]
+"""What the block's registers mean, with the message they came in and when it was asked for."""
+
+_REMEDY = {
+    ExcCodes.ILLEGAL_FUNCTION: "set `function` to 3 or 4 as its manual says",
+    ExcCodes.ILLEGAL_ADDRESS: "check `address` and `count` against its register map",
+    ExcCodes.ILLEGAL_VALUE: "check `count` against its register map",
+    ExcCodes.DEVICE_FAILURE: "see its display or its manual",
+    ExcCodes.DEVICE_BUSY: "it is asked again; is something else reading it?",
+    ExcCodes.GATEWAY_PATH_UNAVIABLE: "check the gateway's settings and `unit`",
+    ExcCodes.GATEWAY_NO_RESPONSE: "check the cable behind the gateway and `unit`",
+}
+_RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
+
+
+class Asking:
+    """The host's dialect: the read of the block."""
+
+    reset = b""
+    check = "check the cable, that the instrument is on, the line's settings and `unit`"
+
+    def __init__(self, block: Block, reading: Reading) -> None:
+        self._block = block
+        self._reading = reading
+        self._wire = Wire(block, serving=False)
+        self.frames = self._wire.frames
+        self._number = 0
+
+    def request(self) -> bytes:
+        self._number = self._number % 0xFFFF + 1
+        return self._wire.request(self._number)
+
+    def read(self, message: Message, requested_ns: int) -> Heard:
+        at_ns = message.last_byte_ns
+        unit, number, content = self._wire.open(message.data)
+        if not content:
+            return _garbled("checksum wrong; check the cable and the line's settings", at_ns)
+        if self._wire.numbered and number != self._number:
+            detail = f"answer {number} came while waiting for {self._number}; make timeout_s longer"
+            return Heard((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
+        if unit != self._block.unit or content[0] & 0x7F != self._block.function:
+            return _garbled(f"answer of unit {unit}, function {content[0] & 0x7F}; check `unit`", at_ns)
+        pdu = self._wire.decode(content)
+        if pdu is None or (not pdu.isError() and len(pdu.registers) != self._block.count):
+            return _garbled(f"{message.size} bytes answer a read of {self._block.count} registers", at_ns)
+        if pdu.isError():
+            return Heard((_refusal(pdu.exception_code, at_ns),), Then.PAUSE)
+        item = self._reading(pdu.registers, message, requested_ns)
+        return Heard((item,), Then.ASK if isinstance(item, Sample) else Then.PAUSE)
+
+
+def verdict(registers: Registers, status: StatusRegister | None, block: Block, at_ns: int) -> int | Fault:
+    """The instrument's own: 0 for good, its code for doubtful, a fault for anything else."""
+    if status is None:
+        return 0
+    code = unpack(registers, status, block)
+    if code in status.good:
+        return 0
+    if code in status.doubtful:
+        return int(code)
+    detail = f"status {code:g} is an error of the instrument; see its manual, or list it in `status`"
+    return Fault(FaultKind.DEVICE_ERROR, at_ns, detail)
+
+
+def pack_verdict(registers: list[int], status: StatusRegister | None, block: Block, *, good: bool) -> None:
+    """Put a status into the block: the first that is listed, or else one that is not."""
+    if status is not None:
+        known = (*status.good, *status.doubtful)
+        pack(registers, status, block, known[0] if good else min(set(range(len(known) + 1)) - set(known)))
+
+
+def _garbled(detail: str, at_ns: int) -> Heard:
+    return Heard((Fault(FaultKind.GARBLED, at_ns, detail),), Then.DRAIN)
+
+
+def _refusal(code: int, at_ns: int) -> Fault:
+    if code not in list(ExcCodes):
+        return Fault(FaultKind.DEVICE_ERROR, at_ns, f"exception {code}, unknown to Modbus; see the instrument's manual")
+    name = ExcCodes(code)
+    remedy = _REMEDY.get(name, "see the instrument's manual")
+    return Fault(FaultKind.DEVICE_ERROR, at_ns, f"exception {code} {name.name}: {remedy}")
+
+
+class Serving:
+    """The instrument's side: it holds the block and nothing else."""
+
+    def __init__(self, block: Block, registers: Callable[[int], list[int] | None]) -> None:
+        """registers: the whole block as of a time; None where there is no reading and nothing to say so with."""
+        self.sent = 0
+        self._block = block
+        self._registers = registers
+        self._wire = Wire(block, serving=True)
+
+    def connected(self, now_ns: int) -> Step:
+        return Step()
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        answers = b""
+        for message in self._wire.frames.feed(data, now_ns):
+            if isinstance(message, Fault):
+                return Step(answers, hang_up=True)
+            answers += self._answer(message.data, now_ns)
+        return Step(answers)
+
+    def tick(self, now_ns: int) -> Step:
+        return Step()
+
+    def _answer(self, frame: bytes, now_ns: int) -> bytes:
+        unit, number, content = self._wire.open(frame)
+        if unit != self._block.unit or not content:
+            return b""
+        result = self._asked(content, now_ns)
+        if isinstance(result, ExcCodes):
+            return self._wire.encode(ExceptionResponse(content[0] & 0x7F, result, unit, number))
+        self.sent += 1
+        kind = _RESPONSE[self._block.function]
+        return self._wire.encode(kind(registers=result, dev_id=unit, transaction_id=number))
+
+    def _asked(self, content: bytes, now_ns: int) -> list[int] | ExcCodes:
+        """What the request asks for, or why not."""
+        if content[0] != self._block.function:
+            return ExcCodes.ILLEGAL_FUNCTION
+        request = self._wire.decode(content)
+        if request is None:
+            return ExcCodes.ILLEGAL_VALUE
+        start = request.address - self._block.address
+        if start < 0 or start + request.count > self._block.count:
+            return ExcCodes.ILLEGAL_ADDRESS
+        registers = self._registers(now_ns)
+        return ExcCodes.DEVICE_FAILURE if registers is None else registers[start : start + request.count]
