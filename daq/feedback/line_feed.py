@@ -13,19 +13,18 @@ writes a socket in a loop keeps up with (believed, not confirmed); the host assu
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 
 from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Conversation, Device, Fault, FaultKind, Sample, Step
 from daq.protocol.framing import Lines, Message
+from daq.protocol.numerals import number
 from daq.protocol.pace import Pace
 from daq.protocol.streamed import Heard, Streamed
 from rigs.feedback import CLOCK_FIELDS, LineFeed
 from rigs.links import tcp_address
 
 RATE_HZ = 100.0
-_NUMBER = re.compile(r"[+-]?(\d{1,18}(\.\d{0,18})?|\.\d{1,18})([eE][+-]?\d{1,2})?", re.ASCII)
 _CLOCK_S = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
 _CLOCK_FORMAT = {"t_s": ".3f", "t_ms": ".0f", "t_us": ".0f"}
 
@@ -63,11 +62,13 @@ class _Listening:
         parts = message.data.decode("ascii", "replace").strip().split(self._separator)
         if len(parts) != len(self._fields):
             return _garbled(message, f"has {len(parts)} fields where {len(self._fields)} are expected")
-        read = {name: part.strip() for name, part in zip(self._fields, parts, strict=True) if name != "_"}
-        odd = [f"{name} = {part!r}" for name, part in read.items() if not _NUMBER.fullmatch(part)]
-        if odd:
-            return _garbled(message, f"has no number in {odd[0]}")
-        return Heard((_sample({name: float(part) for name, part in read.items()}, message),))
+        read: dict[str, float] = {}
+        for name, part in zip(self._fields, map(str.strip, parts), strict=True):
+            value = 0.0 if name == "_" else number(part)
+            if value is None:
+                return _garbled(message, f"has no number in {name} = {part!r}")
+            read[name] = value
+        return Heard((_sample(read, message),))
 
 
 def _garbled(message: Message, why: str) -> Heard:

@@ -1,0 +1,20 @@
+"""Numbers as devices print them, and what an angle can be; whatever else came is none and never an exception."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+_NUMBER = re.compile(r"[+-]?(\d{1,18}(\.\d{0,18})?|\.\d{1,18})([eE][+-]?\d{1,2})?", re.ASCII)
+_MAX_DEG = 1e6
+"""No axis turns further from its zero."""
+
+
+def number(text: str) -> float | None:
+    """A decimal number, None for anything else (nan, inf, hexadecimals, underscores, a hundred digits)."""
+    return float(text) if _NUMBER.fullmatch(text) else None
+
+
+def are_angles(values_deg: Iterable[float]) -> bool:
+    """Whether all are finite and such as an axis can show."""
+    return all(abs(value) < _MAX_DEG for value in values_deg)
