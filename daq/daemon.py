@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from daq.control import ControlServer, Lock
 from daq.inbox import Inbox
-from daq.links import Link, open_link
+from daq.links import Link
 from daq.notify import notify, watchdog_s
 from daq.reader import Reader
 from daq.recorder import Label, Recorder
@@ -88,7 +88,7 @@ class Daemon:
         errors: list[CellError] = []
         for stream in self._streams:
             try:
-                links[stream.name] = open_link(stream.name, stream.port, stream.line)
+                links[stream.name] = stream.open()
             except CellError as error:
                 errors.append(error)
         if not errors:

@@ -1,6 +1,13 @@
 """Links: the only place that touches a serial device or a socket.
 
 Every link is a file descriptor with a name, read with a time limit and stamped by whoever reads it.
+
+A TCP peer that vanishes (power cut, cable, a program that hangs) says no goodbye: a connection that brings nothing
+for `dead_s` is lost. The system notices a computer that is gone somewhat earlier, and says so in its own words.
+
+UDP has no connections at all. A port is bound where the rig file names one and nowhere else; whoever sent what made
+a sample is the peer until it is silent, and only it is answered and heard (`UdpLink`).
+
 pyserial opens and configures serial devices (and locks them); reading goes straight to the descriptor,
 since one `select` and one `read` a piece is what keeps the stamps close to the arrival.
 """
@@ -8,21 +15,34 @@ since one `select` and one `read` a piece is what keeps the stamps close to the 
 from __future__ import annotations
 
 import errno
+import math
 import os
 import select
 import socket
 import termios
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import serial
 
+from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 from rigs.errors import CellError
-from rigs.links import Line, tcp_address
+from rigs.links import Line, tcp_address, udp_address
 
 _CONNECT_S = 3.0
 _WRITE_S = 2.0
+DEAD_S = 10.0
+"""A TCP connection that brings nothing for so long is lost, unless the instrument is given more time to answer."""
+_QUEUE = 1 << 20
+"""Bytes of datagrams that may wait for a reader held up; the system may allow fewer."""
+_TELL_S = 1.0
 _BITS = {7: serial.SEVENBITS, 8: serial.EIGHTBITS}
+
+
+Address = tuple[Any, ...]
+"""Of a UDP sender as the system gives it: host, port, and more for IPv6."""
 
 
 class LinkLost(Exception):
@@ -32,15 +52,22 @@ class LinkLost(Exception):
 class Link:
     """An open byte stream in both directions."""
 
-    def __init__(self, name: str, fd: int, close: Callable[[], None]) -> None:
+    def __init__(self, name: str, fd: int, close: Callable[[], None], dead_s: float = math.inf) -> None:
         self.name = name
         self._fd = fd
         self._close = close
+        self._dead_s = dead_s
+        self._heard_s = time.monotonic()
+
+    def fileno(self) -> int:
+        """The descriptor, as the system knows the link."""
+        return self._fd
 
     def read(self, timeout_s: float) -> bytes:
         """What has come, waiting at most `timeout_s` for it; empty when nothing came. Raises LinkLost."""
         try:
-            if not select.select([self._fd], [], [], max(0.0, timeout_s))[0]:
+            if not select.select([self], [], [], max(0.0, timeout_s))[0]:
+                self._still_there()
                 return b""
             data = os.read(self._fd, 65536)
         except BlockingIOError:
@@ -49,13 +76,18 @@ class Link:
             raise LinkLost(str(error)) from None
         if not data:
             raise LinkLost("the other end closed the connection")
+        self._heard_s = time.monotonic()
         return data
+
+    def _still_there(self) -> None:
+        if time.monotonic() - self._heard_s > self._dead_s:
+            raise LinkLost(f"nothing came for {self._dead_s:g} s, the other end may be gone")
 
     def write(self, data: bytes) -> None:
         """Send all of it. Raises LinkLost, also where nobody takes it for some seconds."""
         try:
             while data:
-                if not select.select([], [self._fd], [], _WRITE_S)[1]:
+                if not select.select([], [self], [], _WRITE_S)[1]:
                     raise LinkLost("the line takes no bytes")
                 data = data[os.write(self._fd, data) :]
         except (OSError, ValueError) as error:
@@ -65,14 +97,115 @@ class Link:
         """Let go of the device; safe to call twice."""
         self._close()
 
+    def heed(self, items: Sequence[Item]) -> None:
+        """What the conversation made of what was read last."""
 
-def open_link(name: str, port: str, line: Line) -> Link:
-    """Open the port of a rig file; `name` says whose it is. Raises CellError with the remedy."""
-    address = tcp_address(port)
-    return _open_tcp(name, address) if address else _open_serial(name, port, line)
+    def left_out(self) -> list[Fault]:
+        """What came on the link and was not for us, since this was last asked."""
+        return []
 
 
-def _open_tcp(name: str, address: tuple[str, int]) -> Link:
+class UdpLink(Link):
+    """A UDP port: a read gives one datagram, a write sends one.
+
+    peer: whom to speak to and to hear, None for whoever sends something that makes a sample.
+    """
+
+    def __init__(self, name: str, sock: socket.socket, peer: Address | None) -> None:
+        super().__init__(name, sock.fileno(), sock.close)
+        self._sock = sock
+        self._given = peer is not None
+        self._peer = self._sender = peer
+        self._strangers = 0
+        self._stranger: Address | None = None
+        self._told_s = -math.inf
+
+    def read(self, timeout_s: float) -> bytes:
+        """The next datagram of the peer, waiting at most `timeout_s`; empty for none. Raises LinkLost."""
+        try:
+            if not select.select([self], [], [], max(0.0, timeout_s))[0]:
+                return b""
+            data, sender = self._sock.recvfrom(65536)
+        except BlockingIOError:
+            return b""
+        except (OSError, ValueError) as error:
+            raise LinkLost(str(error)) from None
+        if self._peer is not None and sender != self._peer:
+            self._strangers += 1
+            self._stranger = sender
+            return b""
+        self._sender = sender
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Answer who was read last. Raises LinkLost."""
+        if self._sender is None:
+            return
+        try:
+            if not select.select([], [self], [], _WRITE_S)[1]:
+                raise LinkLost("the network takes no datagrams")
+            self._sock.sendto(data, self._sender)
+        except (OSError, ValueError) as error:
+            raise LinkLost(str(error)) from None
+
+    def heed(self, items: Sequence[Item]) -> None:
+        """A sample makes its sender the peer; after a silence anyone may be it."""
+        if self._given:
+            return
+        for item in items:
+            if isinstance(item, Sample):
+                self._peer = self._sender
+            elif item.kind is FaultKind.SILENT:
+                self._peer = None
+
+    def left_out(self) -> list[Fault]:
+        now_s = time.monotonic()
+        if not self._strangers or self._stranger is None or now_s - self._told_s < _TELL_S:
+            return []
+        count, self._strangers, self._told_s = self._strangers, 0, now_s
+        detail = f"datagrams from {_words(self._stranger)} left out; {_words(self._peer)} is being read; stop the other"
+        return [Fault(FaultKind.STRANGER, time.monotonic_ns(), detail, count)]
+
+
+def _words(address: Address | None) -> str:
+    return f"{address[0]}:{address[1]}" if address else "nobody"
+
+
+def open_link(name: str, port: str, line: Line, *, dead_s: float = DEAD_S, listens: bool = False) -> Link:
+    """Open the port of a rig file; `name` says whose it is.
+
+    dead_s: when a TCP connection that brings nothing is lost. listens: a UDP port is ours, and not the other end's.
+    Raises CellError with the remedy.
+    """
+    if address := tcp_address(port):
+        return _open_tcp(name, address, dead_s)
+    if address := udp_address(port):
+        return _open_udp(name, address, listens=listens)
+    return _open_serial(name, port, line)
+
+
+def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
+    where = f"{name}, udp://{address[0]}:{address[1]}"
+    try:
+        family, kind, protocol, _, found = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
+        sock = socket.socket(family, kind, protocol)
+    except UnicodeError:
+        raise CellError(where, "no host can have this name", "correct the port") from None
+    except OSError as error:
+        raise CellError(where, error.strerror or str(error), "check address and network") from None
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _QUEUE)
+    sock.setblocking(False)
+    try:
+        if listens:
+            sock.bind(found)
+    except OSError as error:
+        sock.close()
+        remedy = "give an address of this computer, to which the controller sends, and a port nobody else has"
+        raise CellError(where, f"cannot be bound: {error.strerror or error}", remedy) from None
+    return UdpLink(name, sock, None if listens else found)
+
+
+def _open_tcp(name: str, address: tuple[str, int], dead_s: float) -> Link:
     where = f"{name}, tcp://{address[0]}:{address[1]}"
     try:
         sock = socket.create_connection(address, timeout=_CONNECT_S)
@@ -85,9 +218,19 @@ def _open_tcp(name: str, address: tuple[str, int]) -> Link:
     except OSError as error:
         raise CellError(where, error.strerror or str(error), "check address and network") from None
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    _watch(sock, dead_s)
     sock.setblocking(False)
-    return Link(name, sock.fileno(), sock.close)
+    return Link(name, sock.fileno(), sock.close, dead_s)
+
+
+def _watch(sock: socket.socket, dead_s: float) -> None:
+    """Have the system ask a silent peer whether it is there, and give up what nobody acknowledges, before `dead_s`."""
+    part_s = max(1, round(dead_s / 5))
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, part_s)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, part_s)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(dead_s * 800))
 
 
 def _open_serial(name: str, port: str, line: Line) -> Link:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from collections.abc import Sequence
 
 from daq.capture import Mark
 from daq.inbox import Inbox
-from daq.links import Link, LinkLost, open_link
-from daq.protocol.conversation import Fault, FaultKind
+from daq.links import Link, LinkLost
+from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.runner import converse
 from daq.streams import Stream
 from daq.tap import Tap
@@ -50,8 +51,18 @@ class Reader(threading.Thread):
         self._inbox.connected = True
         self._note(Mark.OPENED, self._stream.port)
         tapped = self._tap.on(self._stream.name, link) if self._tap else link
+
+        def deliver(items: Sequence[Item]) -> None:
+            link.heed(items)
+            self._inbox.deliver(items)
+
+        def alive() -> None:
+            self._inbox.beat()
+            if left_out := link.left_out():
+                self._inbox.deliver(left_out)
+
         try:
-            converse(tapped, self._stream.host(), self._inbox.deliver, self._stop_asked.is_set, self._inbox.beat)
+            converse(tapped, self._stream.host(), deliver, self._stop_asked.is_set, alive)
             reason = "the conversation could not go on"
         except LinkLost as error:
             reason = str(error)
@@ -69,7 +80,7 @@ class Reader(threading.Thread):
     def _reopen(self) -> None:
         try:
             with self._inbox.opening():
-                self._link = open_link(self._stream.name, self._stream.port, self._stream.line)
+                self._link = self._stream.open()
             log.info("%s: %s is open again", self._stream.name, self._stream.port)
         except CellError as error:
             self._fault(str(error))

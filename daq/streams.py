@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from daq import feedback, gauges
+from daq.links import DEAD_S, Link, open_link
 from daq.protocol.conversation import Conversation
 from rigs.links import Line
 from rigs.rig import Rig
@@ -14,18 +15,29 @@ from rigs.rig import Rig
 ROBOT = "robot"
 JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
 _NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
-"""Robots are reached over TCP, which has no line settings."""
+"""Robots are reached over the network, which has no line settings."""
+_PATIENCE = 3
+"""Time-outs without a word after which a TCP connection is lost."""
 
 
 @dataclass(frozen=True)
 class Stream:
-    """One link: what it is called, where it is, what its samples hold, and who speaks on it."""
+    """One link: what it is called, where it is, what its samples hold, and who speaks on it.
+
+    dead_s, listens: see `daq.links.open_link`.
+    """
 
     name: str
     columns: tuple[str, ...]
     port: str
     line: Line
     host: Callable[[], Conversation]
+    dead_s: float = DEAD_S
+    listens: bool = False
+
+    def open(self) -> Link:
+        """The link. Raises CellError with the remedy."""
+        return open_link(self.name, self.port, self.line, dead_s=self.dead_s, listens=self.listens)
 
 
 def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
@@ -42,8 +54,14 @@ def streams_of(rig: Rig) -> list[Stream]:
     found = []
     for names in gauge_groups(rig):
         group = [members[name] for name in names]
-        columns = tuple(f"{name}_mm" for name in names)
-        found.append(Stream("_".join(names), columns, group[0].port, group[0].line, partial(gauges.host, group)))
+        columns, first = tuple(f"{name}_mm" for name in names), group[0]
+        host = partial(gauges.host, group)
+        found.append(Stream("_".join(names), columns, first.port, first.line, host, _dead_s(first.timeout_s)))
     robot = rig.feedback
-    found.append(Stream(ROBOT, JOINTS, robot.port, _NO_LINE, partial(feedback.host, robot)))
+    host = partial(feedback.host, robot)
+    found.append(Stream(ROBOT, JOINTS, robot.port, _NO_LINE, host, _dead_s(robot.timeout_s), robot.listens))
     return found
+
+
+def _dead_s(timeout_s: float) -> float:
+    return max(DEAD_S, _PATIENCE * timeout_s)

@@ -17,7 +17,6 @@ from daq.capture import HEAD, Mark, Piece
 from daq.runner import ByteLink
 from daq.streams import Stream
 from rigs.errors import FileError
-from rigs.links import tcp_address
 
 log = logging.getLogger("rigd")
 LARGEST = 4 << 30
@@ -118,5 +117,5 @@ class _Tapped:
 
 
 def _described(stream: Stream) -> str:
-    settings = "" if tcp_address(stream.port) else f", {stream.line}"
+    settings = f", {stream.line}" if stream.port.startswith("/") else ""
     return f"# stream {stream.name}: {stream.port}{settings}"

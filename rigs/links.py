@@ -1,4 +1,4 @@
-"""Where an instrument is plugged in: a serial device or a TCP address, and the pace of its line."""
+"""Where an instrument is plugged in: a serial device, a TCP or a UDP address, and the pace of its line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field, model_serializer, model_validator
 from rigs.base import Part
 
 _LINE = re.compile(r"(\d+) ([78])([NEO])([12])")
-_TCP = re.compile(r"tcp://(\[[0-9a-fA-F:]+\]|[^/:\s]+):(\d{1,5})")
+_NETWORK = re.compile(r"(tcp|udp)://(\[[0-9a-fA-F:]+\]|[^/:\s]+):(\d{1,5})")
 
 
 class Line(Part):
@@ -47,8 +47,17 @@ class Line(Part):
 
 def tcp_address(port: str) -> tuple[str, int] | None:
     """Host and port number of `tcp://host:number`; None for anything else."""
-    match = _TCP.fullmatch(port)
-    return (match[1].strip("[]"), int(match[2])) if match else None
+    return _address("tcp", port)
+
+
+def udp_address(port: str) -> tuple[str, int] | None:
+    """Host and port number of `udp://host:number`; None for anything else."""
+    return _address("udp", port)
+
+
+def _address(scheme: str, port: str) -> tuple[str, int] | None:
+    match = _NETWORK.fullmatch(port)
+    return (match[2].strip("[]"), int(match[3])) if match and match[1] == scheme else None
 
 
 def _port(value: str) -> str:
@@ -60,4 +69,12 @@ def _port(value: str) -> str:
     return value
 
 
+def _udp_port(value: str) -> str:
+    address = udp_address(value)
+    if address is None or not 0 < address[1] < 65536:
+        raise ValueError(f"{value!r} is no UDP port; write 'udp://host:number'")
+    return value
+
+
 Port = Annotated[str, AfterValidator(_port)]
+UDPPort = Annotated[str, AfterValidator(_udp_port)]

@@ -6,6 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
+
+from rigs.load import SHIPPED, parse
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
@@ -36,6 +39,12 @@ def test_every_command_line_in_the_documents_exists(line: str) -> None:
     assert done.returncode == 0, done.stderr
     for option in (word.split("=")[0] for word in words if word.startswith("--")):
         assert re.search(rf"{option}\b", done.stdout), (line, option)
+
+
+@pytest.mark.parametrize("block", re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "rig-file.md").read_text(), re.S))
+def test_every_example_of_the_rig_file_is_one(block: str) -> None:
+    whole = yaml.safe_load((SHIPPED / "paper-fanuc.yaml").read_text())
+    parse(yaml.safe_dump(whole | yaml.safe_load(block)), "example.yaml")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -15,11 +15,12 @@ import yaml
 from daq import feedback, gauges
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.tcp_port import TcpPort
+from daq.emulators.udp_port import UdpPort
 from daq.links import LinkLost
 from daq.protocol.conversation import Conversation
 from daq.runner import converse
 from daq.streams import gauge_groups
-from rigs.links import tcp_address
+from rigs.links import tcp_address, udp_address
 from rigs.rig import Rig
 
 
@@ -33,6 +34,19 @@ class Motion(Protocol):
         """The six joint angles that the controller reports."""
 
 
+class Server(Protocol):
+    """A local port that an emulated instrument is behind."""
+
+    port: str
+    """As a rig file names it."""
+
+    def serve(self, stop: threading.Event) -> None:
+        """Until `stop` is set."""
+
+    def hang_up(self) -> None:
+        """End the conversation there is, and begin another."""
+
+
 class Cell:
     """All instruments of a rig, each with its own thread, until `stop`."""
 
@@ -41,7 +55,7 @@ class Cell:
         self._threads: list[threading.Thread] = []
         self._devices: dict[str, list[Any]] = {}
         self._lines: list[PtyLine] = []
-        self._servers: dict[str, TcpPort] = {}
+        self._servers: dict[str, Server] = {}
         self._silenced: set[str] = set()
         self.ports: dict[str, str] = {}
         for group in gauge_groups(rig):
@@ -55,12 +69,14 @@ class Cell:
 
             label = "_".join(group)
             port = (
-                self._serve_tcp(label, device)
+                self._serve(label, TcpPort(self._noted(label, device)))
                 if tcp_address(members[0].port)
                 else self._serve_pty(label, device, PtyLine(members[0].line))
             )
             self.ports.update(dict.fromkeys(group, port))
-        self.ports["feedback"] = self._serve_tcp("robot", lambda: feedback.device(rig.feedback, motion.joints_deg))
+        robot = self._noted("robot", lambda: feedback.device(rig.feedback, motion.joints_deg))
+        networked = UdpPort(robot, calls=rig.feedback.listens) if udp_address(rig.feedback.port) else TcpPort(robot)
+        self.ports["feedback"] = self._serve("robot", networked)
 
     def start(self) -> None:
         """Switch everything on."""
@@ -83,7 +99,7 @@ class Cell:
         self._silenced.add(name)
 
     def hang_up(self, name: str) -> None:
-        """The instrument on this TCP port closes its connection, and takes a new one."""
+        """The instrument on this network port ends its conversation, and takes up a new one."""
         self._servers[name].hang_up()
 
     def sent(self) -> dict[str, int]:
@@ -108,8 +124,8 @@ class Cell:
 
         return made
 
-    def _serve_tcp(self, name: str, make: Callable[[], Conversation]) -> str:
-        server = self._servers[name] = TcpPort(self._noted(name, make))
+    def _serve(self, name: str, server: Server) -> str:
+        self._servers[name] = server
         self._threads.append(threading.Thread(target=server.serve, args=(self._stop,), name=f"emulated {name}"))
         return server.port
 

@@ -32,9 +32,12 @@ class FaultKind(StrEnum):
     SILENT = "silent"
     """No answer within the time allowed."""
     LATE = "late"
-    """An answer to a request already given up; left out, since nobody knows whose it is."""
+    """Came after its turn: an answer to a request already given up, which nobody knows whose it is, or a datagram
+    that came twice or after a later one; left out."""
     SKIPPED = "skipped"
     """The device's own clock or counter shows that messages are missing."""
+    STRANGER = "stranger"
+    """A datagram of somebody who is not the peer; left out."""
     DISCONNECTED = "disconnected"
     """The link is gone or refuses to open."""
     DROPPED = "dropped"

@@ -19,8 +19,15 @@ class Pace:
         """The next instant not yet given."""
         return self._start_ns + round(self._count * 1e9 / self._rate_hz)
 
+    def step(self, now_ns: int) -> int | None:
+        """The next instant not given before, None where it has not come yet."""
+        instant = self.next_ns
+        if instant > now_ns:
+            return None
+        self._count += 1
+        return instant
+
     def due(self, now_ns: int) -> Iterator[int]:
         """Every instant up to now not given before."""
-        while (instant := self.next_ns) <= now_ns:
-            self._count += 1
+        while (instant := self.step(now_ns)) is not None:
             yield instant

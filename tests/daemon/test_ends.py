@@ -13,7 +13,6 @@ import pytest
 from bench import Bench, rig_text
 
 import daq.feedback
-import daq.reader
 from daq.client import Client
 from daq.control import ControlServer
 from daq.inbox import Inbox
@@ -69,7 +68,7 @@ def test_a_port_that_takes_long_to_open_is_no_reader_that_hangs(monkeypatch: pyt
         resolved.wait(10)
         raise CellError("robot", "no such host", "correct it")
 
-    monkeypatch.setattr(daq.reader, "open_link", resolve)
+    monkeypatch.setattr(Stream, "open", resolve)
     robot = streams_of(parse(rig_text(), "bench"))[-1]
     inbox = Inbox(robot.name, robot.columns)
     reader = Reader(robot, inbox, _lost(robot))

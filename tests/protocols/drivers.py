@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rigs.feedback import URRTDE, Feedback, LineFeed
+from rigs.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed, ModbusJoints
 from rigs.gauges import Gauge, KeyenceDLRS1A, ModbusMap, SylvacOptoRS
 
 SERIAL, TCP = "/dev/ttyUSB0", "tcp://127.0.0.1:502"
@@ -47,6 +47,33 @@ def lines(**changes: object) -> LineFeed:
     return LineFeed.model_validate({"interface": "line_feed", "port": "tcp://127.0.0.1:9000"} | changes)
 
 
+def rsi(**changes: object) -> KUKARSI:
+    return KUKARSI.model_validate({"interface": "kuka_rsi", "port": "udp://127.0.0.1:49152"} | changes)
+
+
+def egm(**changes: object) -> ABBEGM:
+    return ABBEGM.model_validate({"interface": "abb_egm", "port": "udp://127.0.0.1:6510"} | changes)
+
+
+def j519(**changes: object) -> FANUCStreamMotion:
+    fields = {"interface": "fanuc_stream_motion", "port": "udp://127.0.0.1:60015"}
+    return FANUCStreamMotion.model_validate(fields | changes)
+
+
+def joints(**changes: object) -> ModbusJoints:
+    """Six float32 from register 100 on, program state in 112."""
+    fields = {
+        "interface": "modbus_joints",
+        "port": TCP,
+        "address": 100,
+        "count": 13,
+        "rate_hz": 200,
+        "joints": [{"address": 100 + 2 * axis, "type": "float32"} for axis in range(6)],
+        "status": {"address": 112, "good": (2,), "doubtful": (4,)},
+    }
+    return ModbusJoints.model_validate(fields | changes)
+
+
 SCALED = {"address": 202, "type": "int32", "scale": 1e-4, "offset": -5.0}
 PLAIN = {"status": None, "clock_s": None, "clock_us": None}
 
@@ -61,6 +88,7 @@ GAUGES: list[tuple[str, Sequence[Gauge], float]] = [
     ("modbus scaled", [modbus(value=SCALED, word_order="big", function=3)], 1e-4),
     ("modbus without status", [modbus(**PLAIN)], 1e-5),
 ]
+TEN_MICRODEGREES = [{"address": 100 + 2 * axis, "type": "int32", "scale": 1e-5} for axis in range(6)]
 RADIANS = ("_", *(f"q{axis}_rad" for axis in (2, 1, 3, 4, 5, 6)), "t_us")
 FEEDBACKS: list[tuple[str, Feedback]] = [
     ("rtde 500", rtde()),
@@ -68,4 +96,12 @@ FEEDBACKS: list[tuple[str, Feedback]] = [
     ("lines", lines()),
     ("lines rad", lines(fields=RADIANS, separator=" ")),
     ("lines serial", lines(port=SERIAL, separator=";")),
+    ("rsi 4 ms", rsi()),
+    ("rsi 12 ms", rsi(cycle_ms=12, sentype="Rig")),
+    ("rsi onlysend", rsi(onlysend=True)),
+    ("egm", egm()),
+    ("j519", j519()),
+    ("joints polled", joints()),
+    ("joints polled rad", joints(units="rad", function=4, word_order="little", status=None)),
+    ("joints polled scaled", joints(joints=TEN_MICRODEGREES)),
 ]

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from pymodbus.framer import FramerRTU
 from simulated import S, Script, asked, held
 from test_conversations import ANGLES, BAUMER_REPLY, RECIPE, STARTED, VERSION, _data, _rtde, _rtu, _tcp
+from test_datagrams import EGM, PACKED, ROB, egm_robot, rob, status
 
 import daq.feedback
 import daq.gauges
@@ -104,10 +105,12 @@ def _sides() -> dict[str, tuple[Callable[[], Conversation], list[bytes]]]:
     """Every host and every device, each with good bytes of the other side."""
     sides: dict[str, tuple[Callable[[], Conversation], list[bytes]]] = {}
     replies = [reply for _, choices, _ in STREAMS.values() for reply in choices if len(reply) < LIMIT]
+    replies += [EGM, PACKED, ROB, egm_robot(8), rob(123645634567), status(1), status(2)]
     requests = [b"?\r", b"OUT1\r", b"M0\r\n", _rtu(1, 4, 0, 200, 0, 13), _tcp(1, 1, 4, 0, 200, 0, 13)]
     rates = (500.0, 1e-300, float("inf"), float("nan"), -1.0)
     recipes = [_rtde(b"O", struct.pack(">d", rate) + b"timestamp,actual_q") for rate in rates]
     requests += [*recipes, _rtde(b"V", b"\0\2"), _rtde(b"S"), _rtde(b"P"), _rtde(b"O"), _rtde(b"M")]
+    requests += [b'<Sen Type="ImFree"><IPOC>4208000</IPOC></Sen>', b"\0\0\0\0\0\0\0\1", b"\0\0\0\2\0\0\0\1"]
     for name, gauges, _ in GAUGES:
         sides[f"{name} host"] = (lambda gauges=gauges: daq.gauges.host(gauges)), replies
         sides[f"{name} device"] = (

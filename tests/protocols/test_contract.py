@@ -82,12 +82,14 @@ def test_feedback_gives_the_planted_angles(name: str, feedback: Feedback) -> Non
         return [axis * 10 - now_ns * 1e-9 for axis in range(1, 7)]
 
     device = daq.feedback.device(feedback, read)
-    samples = _samples(simulate(daq.feedback.host(feedback), device, 3 * S))
-    missed_while_joining = "serial" in name
+    samples = _samples(simulate(daq.feedback.host(feedback), device, 4 * S))
+    missed_while_joining, polled = "serial" in name, "polled" in name
     assert device.sent > 300 and len(samples) == device.sent - missed_while_joining
     for sample in samples:
         assert sample.values == pytest.approx(read(sample.last_byte_ns), abs=2e-5)
-        assert sample.requested_ns == NO_TIME
+        assert sample.requested_ns == (sample.last_byte_ns if polled else NO_TIME)
+    if polled:
+        return
     clock = [sample.device_time_s - sample.last_byte_ns * 1e-9 for sample in samples]
     assert max(clock) - min(clock) < 1e-6
 

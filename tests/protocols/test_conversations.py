@@ -6,7 +6,7 @@ import math
 import struct
 
 import pytest
-from drivers import TCP, keyence, lines, modbus, rtde, sylvac
+from drivers import TCP, joints, keyence, lines, modbus, rtde, sylvac
 from pymodbus.framer import FramerRTU
 from simulated import S, Script, asked
 
@@ -369,6 +369,38 @@ def test_modbus_tcp_garbage(reply: bytes) -> None:
     script = _asked(modbus(port=TCP))
     script.receive(reply)
     _fault(script, GARBLED)
+
+
+def _joints_reply(number: int, state: int, *angles: float) -> bytes:
+    return _tcp(number, 1, 3, 26, *struct.pack(">6fH", *angles, state))
+
+
+def test_modbus_joints() -> None:
+    script = asked(daq.feedback.host(joints()))
+    script.receive(_joints_reply(1, 2, 1.5, -2, 3, 4, 5, 360), script.now_ns + 3)
+    (sample,) = script.told()
+    assert isinstance(sample, Sample) and sample.values == (1.5, -2, 3, 4, 5, 360)
+    assert sample.last_byte_ns - sample.requested_ns == 3 and math.isnan(sample.device_time_s) and sample.status == 0
+    assert script.wake().send == _tcp(2, 1, 3, 0, 100, 0, 13)
+    script.receive(_joints_reply(2, 4, 0, 0, 0, 0, 0, 0))
+    assert [sample.status for sample in script.told() if isinstance(sample, Sample)] == [4]
+
+
+@pytest.mark.parametrize(
+    ("state", "last", "kind", "word"),
+    [
+        (9, 6.0, DEVICE_ERROR, "status 9"),
+        (2, math.nan, GARBLED, "word_order"),
+        (2, math.inf, GARBLED, "word_order"),
+        (2, 1e30, GARBLED, "word_order"),
+    ],
+)
+def test_modbus_joints_that_are_none(state: int, last: float, kind: FaultKind, word: str) -> None:
+    script = asked(daq.feedback.host(joints()))
+    script.receive(_joints_reply(1, state, 1, 2, 3, 4, 5, last))
+    _fault(script, kind, word)
+    script.wake()
+    assert script.step.send == _tcp(2, 1, 3, 0, 100, 0, 13), "it is asked again"
 
 
 @pytest.mark.parametrize(

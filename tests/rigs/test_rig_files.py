@@ -10,6 +10,12 @@ from rigs.errors import FileError
 from rigs.load import SHIPPED, RigFileError, find, load, parse
 
 TEXT = (SHIPPED / "paper-fanuc.yaml").read_text()
+FEEDBACK = TEXT[TEXT.index("interface: line_feed") : TEXT.index("\n\n", TEXT.index("interface: line_feed"))]
+JOINTS = (
+    "interface: modbus_joints\n  port: tcp://robot:502\n  address: 0\n  count: 12\n  joints: ["
+    + ", ".join(f"{{address: {2 * axis}, type: int32}}" for axis in range(6))
+    + "]"
+)
 
 
 @pytest.mark.parametrize("path", sorted(SHIPPED.glob("*.yaml")), ids=lambda path: path.stem)
@@ -133,6 +139,14 @@ def test_a_key_given_twice_is_refused() -> None:
         ("line: 4800 7E2", "line: {baud: 0, bits: 9, parity: X, stop: 3}", "greater than or equal to 50"),
         ("line: 4800 7E2", "line: 4800", "'9600 8N1'"),
         ("name: paper-fanuc", "name: ../paper", "match"),
+        ("tcp://192.168.1.10:59002", "udp://192.168.1.10:59002", "no port"),
+        (FEEDBACK, "interface: abb_egm\n  port: tcp://192.168.1.5:6510", "no UDP port"),
+        (FEEDBACK, "interface: abb_egm\n  port: udp://192.168.1.5:0", "no UDP port"),
+        (FEEDBACK, "interface: kuka_rsi\n  port: udp://192.168.1.5:49152\n  cycle_ms: 8", "known here: 12, 4"),
+        (FEEDBACK, "interface: kuka_rsi\n  port: udp://192.168.1.5:49152\n  sentype: '<x>'", "match"),
+        (FEEDBACK, JOINTS.replace("count: 12", "count: 11"), "joints[5] at 10 lies outside the block 0 … 10"),
+        (FEEDBACK, JOINTS.replace("tcp://robot:502", "/dev/ttyUSB0"), "no TCP port"),
+        (FEEDBACK, JOINTS.replace("{address: 10, type: int32}", ""), "missing"),
     ],
 )
 def test_what_cannot_be_is_refused(old: str, new: str, told: str) -> None:

@@ -1,0 +1,71 @@
+"""A controller's end of a UDP port.
+
+One that calls (RSI, EGM) sends unasked to the port that the rig file names as ours; one that is called (Stream
+Motion) waits at its own port for the first datagram. Either speaks to one peer. When the system says that nobody
+has that peer's port any more, the controller's program ends and is started again, as an operator would: by a new
+conversation, and where it calls from a new port.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import threading
+from collections.abc import Callable
+
+from daq.links import Link, LinkLost
+from daq.protocol.conversation import Conversation
+from daq.runner import converse
+
+_AGAIN_S = 0.2
+_HOST = "127.0.0.1"
+
+
+class UdpPort:
+    """On loopback. `port` is what the rig file has to name: a free port for the host if the controller calls."""
+
+    def __init__(self, device: Callable[[], Conversation], *, calls: bool) -> None:
+        self._device = device
+        self._calls = calls
+        self._hang_up = threading.Event()
+        with _bound(0) as sock:
+            self._number = int(sock.getsockname()[1])
+        self.port = f"udp://{_HOST}:{self._number}"
+
+    def serve(self, stop: threading.Event) -> None:
+        """Until `stop` is set; a conversation that ends makes room for the next."""
+        while not stop.is_set():
+            self._hang_up.clear()
+            with _bound(0 if self._calls else self._number) as sock:
+                if self._found_peer(sock, stop):
+                    self._converse(sock, stop)
+            stop.wait(_AGAIN_S)
+
+    def hang_up(self) -> None:
+        """End the conversation there is; the next one begins soon."""
+        self._hang_up.set()
+
+    def _found_peer(self, sock: socket.socket, stop: threading.Event) -> bool:
+        """Whether there is somebody to speak to before `stop`; the socket is then connected to him."""
+        if self._calls:
+            sock.connect((_HOST, self._number))
+            return True
+        while not stop.is_set():
+            if select.select([sock], [], [], _AGAIN_S)[0]:
+                sock.connect(sock.recvfrom(1, socket.MSG_PEEK)[1])
+                return True
+        return False
+
+    def _converse(self, sock: socket.socket, stop: threading.Event) -> None:
+        sock.setblocking(False)
+        link = Link("emulated", sock.fileno(), sock.close)
+        try:
+            converse(link, self._device(), lambda _: None, lambda: stop.is_set() or self._hang_up.is_set())
+        except LinkLost:
+            return  # nobody has the peer's port: the daemon has not started, or has ended
+
+
+def _bound(number: int) -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.bind((_HOST, number))
+    return sock

@@ -1,0 +1,83 @@
+"""ABB Externally Guided Motion, position stream (ABB's public egm.proto): a Protocol Buffers message a datagram.
+
+The controller sends `EgmRobot` while its program streams (EGMStreamStart), up to 250 times a second, and expects no
+answer: nothing is ever sent to it. Taken from the message are header {1 seqno, 3 mtype}, feedBack {1 joints: the
+measured angles, 4 time: s and µs since 1970}; without `time` the clock is the header's {2 tm}, 32 bits of ms, which
+wraps after 49 days. A run keeps either as it came, and the analysis fits it in pieces.
+"""
+
+from __future__ import annotations
+
+from daq.feedback import Read
+from daq.protocol.conversation import Conversation, Device, FaultKind, Step
+from daq.protocol.order import Order
+from daq.protocol.pace import Pace
+from daq.protocol.positions import Position, Positions, Refused
+from daq.protocol.protobuf import doubles, doubles_in, fields, integer, message_in, nested, number_in
+from daq.protocol.streamed import Streamed
+from rigs.feedback import ABBEGM
+
+RATE_HZ = 250.0
+_DATA = 2
+"""The type of message that a controller sends; others are what a sensor sends to one."""
+
+
+def host(feedback: ABBEGM) -> Conversation:
+    """Our side."""
+    check = "check that the RAPID program streams (EGMStreamStart), and that the controller sends to this address"
+    return Streamed(Positions(_decode, check, Order()), feedback.timeout_s)
+
+
+def device(feedback: ABBEGM, read: Read) -> Device:
+    """The controller's side."""
+    return _Controller(read)
+
+
+def _decode(data: bytes) -> Position | Refused:
+    message = fields(data)
+    header = None if message is None else message_in(message, 1)
+    feedback = None if message is None else message_in(message, 2)
+    joints = None if feedback is None else message_in(feedback, 1)
+    clock = None if feedback is None else message_in(feedback, 4)
+    if header is None or joints is None or clock is None or number_in(header, 3) != _DATA:
+        return Refused(FaultKind.GARBLED, f"{data[:16].hex(' ')} is no EgmRobot message")
+    angles_deg = doubles_in(joints, 1)
+    if len(angles_deg) < 6:
+        return Refused(FaultKind.MISSING, f"{len(angles_deg)} joints where 6 are wanted; check the mechanical unit")
+    seconds = number_in(clock, 1) + number_in(clock, 2) * 1e-6 if clock else number_in(header, 2) / 1000
+    return Position(angles_deg[:6], seconds, number_in(header, 1) % 2**32)
+
+
+class _Controller:
+    """The controller while it streams."""
+
+    EPOCH_S = 1_700_000_000
+    """Its clock when it begins."""
+
+    def __init__(self, read: Read) -> None:
+        self.sent = 0
+        self._read = read
+        self._start_ns = 0
+        self._pace = Pace(RATE_HZ, 0)
+
+    def connected(self, now_ns: int) -> Step:
+        self._start_ns = now_ns
+        self._pace = Pace(RATE_HZ, now_ns)
+        return Step(wake_ns=now_ns)
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        return Step(wake_ns=self._pace.next_ns)
+
+    def tick(self, now_ns: int) -> Step:
+        """One datagram; a tick that is late is followed by the next at once."""
+        instant_ns = self._pace.step(now_ns)
+        send = b"" if instant_ns is None else self._message(instant_ns)
+        return Step(send, wake_ns=self._pace.next_ns)
+
+    def _message(self, instant_ns: int) -> bytes:
+        passed_us = round((instant_ns - self._start_ns) / 1000)
+        header = integer(1, self.sent) + integer(2, passed_us // 1000 % 2**32) + integer(3, _DATA)
+        joints = nested(1, doubles(1, self._read(instant_ns)))
+        clock = integer(1, self.EPOCH_S + passed_us // 1_000_000) + integer(2, passed_us % 1_000_000)
+        self.sent += 1
+        return nested(1, header) + nested(2, joints + nested(4, clock))

@@ -1,0 +1,138 @@
+"""KUKA Robot Sensor Interface (RSI Ethernet): XML datagrams (public code; what is believed only is in its origin).
+
+The controller opens by sending: `<Rob Type="KUKA"> … <AIPos A1= … A6=/> … <IPOC>n</IPOC></Rob>` each cycle, to the
+address that its Ethernet configuration names, from a port that is another each time its program starts. It wants
+an answer in the same cycle, with the same IPOC, and stops its program after some that are late or missing. The
+answer here holds no correction, which is one of zero; where the configuration says ONLYSEND there is none.
+A datagram whose IPOC can be read is answered, whatever else is wrong with it: the robot shall not stop for it.
+
+Which other elements come is configuration. So only the two that are needed are looked for, by expressions that
+know no entities, no DTD and no nesting: there is nothing in a text that could grow.
+"""
+
+from __future__ import annotations
+
+import re
+
+from daq.feedback import Read
+from daq.protocol.conversation import Conversation, Device, Fault, FaultKind, Step
+from daq.protocol.framing import Message
+from daq.protocol.numerals import number
+from daq.protocol.order import Order
+from daq.protocol.pace import Pace
+from daq.protocol.positions import Position, Positions, Refused
+from daq.protocol.streamed import Heard, Streamed
+from rigs.feedback import KUKARSI
+
+_ROB = re.compile(rb"\s*(<\?xml[^<>]*\?>\s*)?<Rob\b[^<>]*>.*</Rob>\s*", re.DOTALL)
+_IPOC = re.compile(rb"<IPOC>\s*(\d{1,18})\s*</IPOC>")
+_JOINTS = re.compile(rb"<AIPos\b([^<>]*)>")
+_JOINT = re.compile(rb"\bA([1-6])\s*=\s*\"\s*([^\"<>&\s]{1,40})\s*\"")
+_DELAY = re.compile(rb"<Delay\s+D\s*=\s*\"(\d{1,9})\"")
+_IPOC_WRAP = 2**63
+"""It counts on as long as a controller is on: no number of 18 digits comes near."""
+
+
+def host(feedback: KUKARSI) -> Conversation:
+    """Our side."""
+    return Streamed(_Listening(feedback), feedback.timeout_s)
+
+
+def device(feedback: KUKARSI, read: Read) -> Device:
+    """The controller's side."""
+    return _Controller(feedback, read)
+
+
+def _answer(sentype: str, ipoc: str) -> bytes:
+    return f'<Sen Type="{sentype}"><IPOC>{ipoc}</IPOC></Sen>'.encode()
+
+
+def _decode(data: bytes) -> Position | Refused:
+    ipoc, joints = _IPOC.findall(data), _JOINTS.findall(data)
+    if not _ROB.fullmatch(data) or len(ipoc) != 1:
+        return Refused(FaultKind.GARBLED, f"{data[:80]!r} is no <Rob> with one <IPOC>")
+    if not joints:
+        return Refused(FaultKind.MISSING, "it has no <AIPos>; add DEF_AIPos to SEND in the Ethernet configuration")
+    found = sorted(_JOINT.findall(joints[0]))
+    read = [number(value.decode("ascii", "replace")) for _, value in found]
+    angles_deg = tuple(value for value in read if value is not None)
+    if b"".join(axis for axis, _ in found) != b"123456" or len(angles_deg) != 6 or len(joints) != 1:
+        return Refused(FaultKind.GARBLED, f"<AIPos{joints[0][:200].decode('ascii', 'replace')}> has not six numbers")
+    return Position(angles_deg, int(ipoc[0]) / 1000, int(ipoc[0]))
+
+
+class _Listening(Positions):
+    """Positions that are answered."""
+
+    def __init__(self, feedback: KUKARSI) -> None:
+        check = "check that the program with RSI_ON runs, and that the controller sends to this address"
+        super().__init__(_decode, check, Order(feedback.cycle_ms, _IPOC_WRAP))
+        self._onlysend = feedback.onlysend
+        self._sentype = feedback.sentype
+        self._delays = 0
+
+    def read(self, message: Message | Fault) -> Heard:
+        heard = super().read(message)
+        if isinstance(message, Fault) or self._onlysend:
+            return heard
+        ipoc = _IPOC.search(message.data)
+        answer = _answer(self._sentype, ipoc[1].decode("ascii")) if ipoc else b""
+        return Heard((*heard.items, *self._late_answers(message)), answer)
+
+    def _late_answers(self, message: Message) -> list[Fault]:
+        """What the controller says of our answers: it counts those that did not come in their cycle."""
+        counted = _DELAY.search(message.data)
+        before, self._delays = self._delays, int(counted[1]) if counted else 0
+        if self._delays <= before:
+            return []
+        detail = "the controller found answers late, and stops its program after too many; lower this host's load"
+        return [Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail, self._delays - before)]
+
+
+class _Controller:
+    """The controller with its program running: a datagram a cycle, and a count of the answers that are not there."""
+
+    IPOC_START = 4_208_000
+
+    def __init__(self, feedback: KUKARSI, read: Read) -> None:
+        self.sent = 0
+        self._feedback = feedback
+        self._read = read
+        self._start_ns = 0
+        self._pace = Pace(1000 / feedback.cycle_ms, 0)
+        self._awaited: dict[int, int] = {}
+        """IPOC and time of what was sent and is not answered yet."""
+        self._delays = 0
+
+    def connected(self, now_ns: int) -> Step:
+        self._start_ns = now_ns
+        self._pace = Pace(1000 / self._feedback.cycle_ms, now_ns)
+        return Step(wake_ns=now_ns)
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        for ipoc in list(self._awaited):
+            if data == _answer(self._feedback.sentype, str(ipoc)):
+                del self._awaited[ipoc]
+                self._delays = 0
+        return Step(wake_ns=self._pace.next_ns)
+
+    def tick(self, now_ns: int) -> Step:
+        """One datagram; a tick that is late is followed by the next at once."""
+        instant_ns = self._pace.step(now_ns)
+        if instant_ns is None:
+            return Step(wake_ns=self._pace.next_ns)
+        for ipoc, sent_ns in list(self._awaited.items()):
+            if now_ns - sent_ns >= self._feedback.cycle_ms * 1_000_000:
+                del self._awaited[ipoc]
+                self._delays += 1
+        ipoc = self.IPOC_START + round((instant_ns - self._start_ns) / 1e6)
+        if not self._feedback.onlysend:
+            self._awaited[ipoc] = now_ns
+        self.sent += 1
+        return Step(self._text(instant_ns, ipoc), wake_ns=self._pace.next_ns)
+
+    def _text(self, instant_ns: int, ipoc: int) -> bytes:
+        joints = " ".join(f'A{axis}="{angle:.5f}"' for axis, angle in enumerate(self._read(instant_ns), 1))
+        pose = " ".join(f'{name}="0.00000"' for name in "XYZABC")
+        delay = f'<Delay D="{self._delays}"/><IPOC>{ipoc}</IPOC>'
+        return f'<Rob Type="KUKA"><RIst {pose}/><AIPos {joints}/>{delay}</Rob>'.encode()

@@ -1,0 +1,59 @@
+"""Joint angles in Modbus registers: the block is read over TCP as often as `rate_hz` allows.
+
+Which registers hold what is configuration; no controller's map is known here. There is no clock: the instant is that
+of the answer, as good as the network and no better.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from daq.feedback import Read
+from daq.protocol.conversation import Conversation, Device, Fault, FaultKind, Sample
+from daq.protocol.framing import Message
+from daq.protocol.modbus import fits, pack, unpack
+from daq.protocol.numerals import are_angles
+from daq.protocol.polled import Polled
+from daq.protocol.registers import Asking, Registers, Serving, pack_verdict, verdict
+from rigs.feedback import ModbusJoints
+
+_DEG_PER_UNIT = {"deg": 1.0, "rad": math.degrees(1)}
+
+
+def host(feedback: ModbusJoints) -> Conversation:
+    """Our side."""
+
+    def reading(registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
+        return _reading(feedback, registers, message, requested_ns)
+
+    return Polled(Asking(feedback, reading), feedback.timeout_s, feedback.rate_hz)
+
+
+def device(feedback: ModbusJoints, read: Read) -> Device:
+    """The controller's side."""
+    return Serving(feedback, lambda now_ns: _registers(feedback, read(now_ns)))
+
+
+def _reading(feedback: ModbusJoints, registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
+    at_ns = message.last_byte_ns
+    code = verdict(registers, feedback.status, feedback, at_ns)
+    if isinstance(code, Fault):
+        return code
+    read = [unpack(registers, joint, feedback) * joint.scale + joint.offset for joint in feedback.joints]
+    angles_deg = tuple(value * _DEG_PER_UNIT[feedback.units] for value in read)
+    if not are_angles(angles_deg):
+        return Fault(FaultKind.GARBLED, at_ns, f"angles {angles_deg}; left out; check `joints` and `word_order`")
+    return Sample(angles_deg, requested_ns, message.first_byte_ns, at_ns, message.size, math.nan, code)
+
+
+def _registers(feedback: ModbusJoints, angles_deg: Sequence[float]) -> list[int] | None:
+    """All registers; None where an angle does not fit into its own."""
+    registers = [0] * feedback.count
+    for joint, angle_deg in zip(feedback.joints, angles_deg, strict=True):
+        raw = (angle_deg / _DEG_PER_UNIT[feedback.units] - joint.offset) / joint.scale
+        if not fits(raw, joint):
+            return None
+        pack(registers, joint, feedback, raw)
+    pack_verdict(registers, feedback.status, feedback, good=True)
+    return registers

@@ -1,0 +1,29 @@
+"""Datagrams in place of a stream: what is read at once is one message, and nothing ever continues in the next.
+
+A framer like those of `daq.protocol.framing`, so that a conversation need not know what carried its bytes. The
+other way it is as plain: what a step sends is one datagram.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from daq.protocol.conversation import Fault, FaultKind
+from daq.protocol.framing import Message
+
+LIMIT = 4096
+"""Several times the longest message known here, an RSI text with every element that it can carry."""
+
+
+class Datagrams:
+    """One message a piece; a longer one than `LIMIT` is a GARBLED fault."""
+
+    pending = False
+
+    def clear(self) -> None:
+        """Nothing is ever held."""
+
+    def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
+        if len(data) > LIMIT:
+            return [Fault(FaultKind.GARBLED, now_ns, f"a datagram of {len(data)} bytes, over {LIMIT}; left out")]
+        return [Message(data, len(data), now_ns, now_ns)]

@@ -1,0 +1,91 @@
+"""Protocol Buffers on the wire, as far as reading a few fields of a message takes (public encoding guide).
+
+A message is a list of fields, each a key (number and wire type, as a varint) and a value. A field may come in any
+order and unknown ones must be passed over. Groups (wire types 3 and 4) are long gone from the language.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+
+VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
+_SIZE = {FIXED64: 8, FIXED32: 4}
+_LONGEST_VARINT = 10
+
+Field = tuple[int, int, int | bytes]
+"""Number, wire type, and a varint's value or else the bytes."""
+
+
+def fields(data: bytes) -> list[Field] | None:
+    """The fields of a message in their order; None where the bytes are no message."""
+    found: list[Field] = []
+    at = 0
+    while at < len(data):
+        key, at = _varint(data, at)
+        number, wire_type = key >> 3, key & 7
+        value: int | bytes
+        if wire_type == VARINT:
+            value, at = _varint(data, at)
+        else:
+            size = _SIZE.get(wire_type, -1)
+            if wire_type == BYTES:
+                size, at = _varint(data, at)
+            if size < 0:
+                return None
+            value, at = data[at : at + size], at + size
+        if number < 1 or at > len(data):
+            return None
+        found.append((number, wire_type, value))
+    return found
+
+
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    """Value and where it ends; an end beyond the data for one that is cut off or too long."""
+    value = 0
+    for index, byte in enumerate(data[at : at + _LONGEST_VARINT]):
+        value |= (byte & 0x7F) << 7 * index
+        if byte < 0x80:
+            return value, at + index + 1
+    return 0, len(data) + 1
+
+
+def number_in(message: Sequence[Field], number: int) -> int:
+    """An integer field: its last value, 0 where it is not there."""
+    values = [value for key, wire_type, value in message if key == number and wire_type == VARINT]
+    return int(values[-1]) if values else 0
+
+
+def message_in(message: Sequence[Field], number: int) -> list[Field] | None:
+    """A message within a message, without fields where it is not there; None where its bytes are no message."""
+    parts = [value for key, wire_type, value in message if key == number and wire_type == BYTES]
+    return fields(b"".join(part for part in parts if isinstance(part, bytes)))
+
+
+def doubles_in(message: Sequence[Field], number: int) -> tuple[float, ...]:
+    """A repeated double, packed or not."""
+    wanted = [value for key, wire_type, value in message if key == number and wire_type in (FIXED64, BYTES)]
+    data = b"".join(value for value in wanted if isinstance(value, bytes))
+    return struct.unpack(f"<{len(data) // 8}d", data[: len(data) // 8 * 8])
+
+
+def varint(value: int) -> bytes:
+    """An integer as it is written."""
+    low, rest = value & 0x7F, value >> 7
+    return bytes([low | 0x80]) + varint(rest) if rest else bytes([low])
+
+
+def integer(number: int, value: int) -> bytes:
+    """An integer field as it is written."""
+    return varint(number << 3 | VARINT) + varint(value)
+
+
+def nested(number: int, content: bytes) -> bytes:
+    """A message, or bytes, as a field is written."""
+    return varint(number << 3 | BYTES) + varint(len(content)) + content
+
+
+def doubles(number: int, values: Sequence[float]) -> bytes:
+    """A repeated double as proto2 writes it: each a field of its own."""
+    key = varint(number << 3 | FIXED64)
+    return b"".join(key + struct.pack("<d", value) for value in values)
