@@ -9,6 +9,7 @@ from functools import partial
 from daq import feedback, gauges
 from daq.links import DEAD_S, Link, open_link
 from daq.protocol.conversation import Conversation
+from rigs.feedback import SIGNAL, carries_signal
 from rigs.links import Line
 from rigs.rig import Rig
 
@@ -58,8 +59,9 @@ def streams_of(rig: Rig) -> list[Stream]:
         host = partial(gauges.host, group)
         found.append(Stream("_".join(names), columns, first.port, first.line, host, _dead_s(first.timeout_s)))
     robot = rig.feedback
+    columns = (*JOINTS, SIGNAL) if carries_signal(robot) else JOINTS
     host = partial(feedback.host, robot)
-    found.append(Stream(ROBOT, JOINTS, robot.port, _NO_LINE, host, _dead_s(robot.timeout_s), robot.listens))
+    found.append(Stream(ROBOT, columns, robot.port, _NO_LINE, host, _dead_s(robot.timeout_s), robot.listens))
     return found
 
 

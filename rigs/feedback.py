@@ -13,6 +13,24 @@ from rigs.origin import Origin
 
 JOINT_FIELDS = {f"q{axis}_{unit}" for axis in range(1, 7) for unit in ("deg", "rad")}
 CLOCK_FIELDS = {"t_s", "t_ms", "t_us"}
+SIGNAL = "signal"
+"""The column in which a robot's samples carry the number of its program; the field of a line that does."""
+
+
+class RTDESignal(Part):
+    """Where the program on the controller shows its number: in digital outputs, or in a register."""
+
+    outputs: tuple[Annotated[int, Field(ge=0, le=17)], ...] = ()
+    """Read as a binary number, the first is the least: 0-7 standard, 8-15 configurable, 16 and 17 of the tool."""
+    int_register: int | None = Field(default=None, ge=0, le=47)
+
+    @model_validator(mode="after")
+    def _one_place(self) -> RTDESignal:
+        if bool(self.outputs) == (self.int_register is not None):
+            raise ValueError("give either outputs: [0, …], or int_register")
+        if len(set(self.outputs)) < len(self.outputs):
+            raise ValueError("an output stands here twice")
+        return self
 
 
 class _Feedback(Part):
@@ -28,6 +46,7 @@ class URRTDE(_Feedback):
     interface: Literal["ur_rtde"]
     port: Port
     rate_hz: float = Field(default=500, ge=1, le=500)
+    signal: RTDESignal | None = None
 
 
 class LineFeed(_Feedback):
@@ -36,21 +55,26 @@ class LineFeed(_Feedback):
     interface: Literal["line_feed"]
     port: Port
     fields: tuple[str, ...] = ("t_ms", *(f"q{axis}_deg" for axis in range(1, 7)))
-    """Names in the order of the line: q1_deg … q6_deg (or _rad), at most one of t_s, t_ms, t_us; `_` is skipped."""
+    """Names in the order of the line: q1_deg … q6_deg (or _rad), at most one of t_s, t_ms, t_us, at most one
+    `signal`; `_` is skipped."""
     separator: str = Field(default=",", min_length=1)
     """A blank stands for any run of blanks and tabs."""
 
     @field_validator("fields")
     @classmethod
     def _known(cls, fields: tuple[str, ...]) -> tuple[str, ...]:
-        unknown = [name for name in fields if name not in JOINT_FIELDS | CLOCK_FIELDS | {"_"}]
+        unknown = [name for name in fields if name not in JOINT_FIELDS | CLOCK_FIELDS | {SIGNAL, "_"}]
         if unknown:
-            raise ValueError(f"unknown field {unknown[0]!r}; known: q1_deg … q6_deg, q1_rad …, t_s, t_ms, t_us, _")
+            raise ValueError(
+                f"unknown field {unknown[0]!r}; known: q1_deg … q6_deg, q1_rad …, t_s, t_ms, t_us, signal, _"
+            )
         axes = [name[:2] for name in fields if name in JOINT_FIELDS]
         if sorted(axes) != [f"q{axis}" for axis in range(1, 7)]:
             raise ValueError("each of q1 … q6 must stand in the line once, in _deg or _rad")
         if len(CLOCK_FIELDS & set(fields)) > 1:
             raise ValueError("only one of t_s, t_ms, t_us can be the controller's clock")
+        if fields.count(SIGNAL) > 1:
+            raise ValueError("signal can stand in the line once")
         return fields
 
 
@@ -140,3 +164,13 @@ class ModbusJoints(_Feedback, RegisterBlock):
 Feedback = Annotated[
     URRTDE | LineFeed | KUKARSI | ABBEGM | FANUCStreamMotion | ModbusJoints, Field(discriminator="interface")
 ]
+
+
+def carries_signal(feedback: Feedback) -> bool:
+    """Whether the robot's samples have the column `signal`."""
+    match feedback:
+        case URRTDE():
+            return feedback.signal is not None
+        case LineFeed():
+            return SIGNAL in feedback.fields
+    return False

@@ -1,14 +1,15 @@
-"""A rig: robot, gauges, feedback, tests and known effects. One YAML file, one object."""
+"""A rig: robot, gauges, feedback, tests, known effects, what its daemon does by itself. One YAML file, one object."""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo, field_validator
 
+from rigs.automatic import Automatic, Retention
 from rigs.base import Part
 from rigs.effects import Effect
-from rigs.feedback import Feedback
+from rigs.feedback import Feedback, carries_signal
 from rigs.gauges import Gauges
 from rigs.robot import Robot
 from rigs.tests import Tests
@@ -25,3 +26,15 @@ class Rig(Part):
     feedback: Feedback
     tests: Tests = Tests()
     effects: tuple[Effect, ...] = ()
+    automatic: Automatic | None = None
+    retention: Retention | None = None
+
+    @field_validator("automatic")
+    @classmethod
+    def _possible(cls, automatic: Automatic | None, info: ValidationInfo) -> Automatic | None:
+        if automatic is None or not {"feedback", "gauges"} <= info.data.keys():  # with mistakes of their own
+            return automatic
+        gauges = len(list(info.data["gauges"]))
+        if lacking := automatic.lacking(signal=carries_signal(info.data["feedback"]), gauges=gauges):
+            raise ValueError("; ".join(lacking))
+        return automatic

@@ -20,6 +20,7 @@ from daq.links import LinkLost
 from daq.protocol.conversation import Conversation
 from daq.runner import converse
 from daq.streams import gauge_groups
+from rigs.feedback import carries_signal
 from rigs.links import tcp_address, udp_address
 from rigs.rig import Rig
 
@@ -50,7 +51,8 @@ class Server(Protocol):
 class Cell:
     """All instruments of a rig, each with its own thread, until `stop`."""
 
-    def __init__(self, rig: Rig, motion: Motion) -> None:
+    def __init__(self, rig: Rig, motion: Motion, signal: Callable[[int], float] = lambda _: 0.0) -> None:
+        """signal: number of the robot's program at a time, shown where the rig's feedback carries one."""
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
         self._devices: dict[str, list[Any]] = {}
@@ -74,7 +76,12 @@ class Cell:
                 else self._serve_pty(label, device, PtyLine(members[0].line))
             )
             self.ports.update(dict.fromkeys(group, port))
-        robot = self._noted("robot", lambda: feedback.device(rig.feedback, motion.joints_deg))
+
+        def shown(now_ns: int) -> Sequence[float]:
+            program = (signal(now_ns),) if carries_signal(rig.feedback) else ()
+            return [*motion.joints_deg(now_ns), *program]
+
+        robot = self._noted("robot", lambda: feedback.device(rig.feedback, shown))
         networked = UdpPort(robot, calls=rig.feedback.listens) if udp_address(rig.feedback.port) else TcpPort(robot)
         self.ports["feedback"] = self._serve("robot", networked)
 

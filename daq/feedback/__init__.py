@@ -1,8 +1,8 @@
 """Robot feedback: one interface a file, named as `interface` names it in the rig file.
 
 Each file offers `host(feedback)`, the conversation that listens (values q1_deg … q6_deg, always all six in
-that order), and `device(feedback, read)`, the controller's side, where `read(now_ns)` gives the six angles
-in degrees.
+that order, then `signal` where `rigs.feedback.carries_signal`), and `device(feedback, read)`, the controller's
+side, where `read(now_ns)` gives the same: six angles in degrees, then the signal.
 """
 
 from __future__ import annotations

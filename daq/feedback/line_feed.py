@@ -4,7 +4,7 @@ socket.
 Which fields, in what units and with what between them is configuration (what the program prints; nothing of
 it is a standard). A line that has not exactly these fields, each a number, is GARBLED. Nothing is ever
 sent. On a serial port we may join in the middle of a line, whose rest could pass for a good one: it is left
-out.
+out. `signal` is the number of the program, 0 say for none; a field left empty is nan, not known at the time.
 
 The emulated controller prints `RATE_HZ` lines a second: about what a KAREL task that reads the joints and
 writes a socket in a loop keeps up with (believed, not confirmed); the host assumes no rate.
@@ -21,10 +21,12 @@ from daq.protocol.framing import Lines, Message
 from daq.protocol.numerals import number
 from daq.protocol.pace import Pace
 from daq.protocol.streamed import Heard, Streamed
-from rigs.feedback import CLOCK_FIELDS, LineFeed
+from rigs.feedback import CLOCK_FIELDS, SIGNAL, LineFeed
 from rigs.links import tcp_address
 
 RATE_HZ = 100.0
+_LEFT_OUT = {"_": 0.0, SIGNAL: math.nan}
+"""What stands for a field that is skipped, or that a program leaves empty."""
 _CLOCK_S = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
 _CLOCK_FORMAT = {"t_s": ".3f", "t_ms": ".0f", "t_us": ".0f"}
 
@@ -64,7 +66,7 @@ class _Listening:
             return _garbled(message, f"has {len(parts)} fields where {len(self._fields)} are expected")
         read: dict[str, float] = {}
         for name, part in zip(self._fields, map(str.strip, parts), strict=True):
-            value = 0.0 if name == "_" else number(part)
+            value = _LEFT_OUT.get(name) if not part or name == "_" else number(part)
             if value is None:
                 return _garbled(message, f"has no number in {name} = {part!r}")
             read[name] = value
@@ -77,12 +79,13 @@ def _garbled(message: Message, why: str) -> Heard:
 
 
 def _sample(read: Mapping[str, float], message: Message) -> Sample:
-    angles_deg = tuple(
+    angles_deg = (
         read[f"q{axis}_deg"] if f"q{axis}_deg" in read else math.degrees(read[f"q{axis}_rad"]) for axis in range(1, 7)
     )
+    signal = (read[SIGNAL],) if SIGNAL in read else ()
     clock_s = [read[name] * _CLOCK_S[name] for name in read if name in CLOCK_FIELDS]
     return Sample(
-        angles_deg,
+        (*angles_deg, *signal),
         NO_TIME,
         message.first_byte_ns,
         message.last_byte_ns,
@@ -115,7 +118,7 @@ class _Program:
         return Step("".join(lines).encode(), wake_ns=self._pace.next_ns)
 
     def _line(self, instant_ns: int) -> str:
-        angles_deg = self._read(instant_ns)
+        shown = self._read(instant_ns)
         parts = []
         for name in self._feedback.fields:
             if name == "_":
@@ -123,7 +126,9 @@ class _Program:
             elif name in CLOCK_FIELDS:
                 clock = (instant_ns - self._start_ns) * 1e-9 / _CLOCK_S[name]
                 parts.append(format(clock, _CLOCK_FORMAT[name]))
+            elif name == SIGNAL:
+                parts.append(format(shown[6], ".0f"))
             else:
-                angle = angles_deg[int(name[1]) - 1]
+                angle = shown[int(name[1]) - 1]
                 parts.append(f"{angle:.5f}" if name.endswith("_deg") else f"{math.radians(angle):.7f}")
         return self._feedback.separator.join(parts) + "\r\n"

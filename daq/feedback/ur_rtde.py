@@ -2,10 +2,11 @@
 confirmed but for the layout of `M`, which is believed only).
 
 Big-endian packets, `>HB`: size with header, type. The host asks for the version (`V`), for the recipe
-`timestamp, actual_q` at a rate (`O`), and for the start (`S`); each is answered; then data (`U`) come at
-that rate until the link closes. Every packet is kept: the controller may skip some under load, which only
-its own clock shows (Fault SKIPPED). `M` carries the controller's texts in version 2: length, text, length,
-source, level 0 exception … 3 information.
+`timestamp, actual_q` at a rate (`O`), with the signal where the rig file names one (`actual_digital_output_bits`,
+UINT64, or `output_int_register_n`, INT32), and for the start (`S`); each is answered; then data (`U`) come at that
+rate until the link closes. Every packet is kept: the controller may skip some under load, which only its own clock
+shows (Fault SKIPPED). `M` carries the controller's texts in version 2: length, text, length, source, level 0
+exception … 3 information.
 
 A binary stream that is out of step cannot be picked up again without taking data for headers, a refused
 request will not be granted later on this link, and a silent controller is one that is gone (it streams at
@@ -23,11 +24,10 @@ from daq.protocol.conversation import NO_TIME, Conversation, Device, Fault, Faul
 from daq.protocol.framing import Message, Sized
 from daq.protocol.pace import Pace
 from daq.protocol.streamed import Heard, Streamed
-from rigs.feedback import URRTDE
+from rigs.feedback import URRTDE, RTDESignal
 
 _HEADER = struct.Struct(">HB")
-_TYPES = {"timestamp": "DOUBLE", "actual_q": "VECTOR6D"}
-_DATA = struct.Struct(">B7d")
+_FORMATS = {"DOUBLE": "d", "VECTOR6D": "6d", "UINT64": "Q", "INT32": "i"}
 _VERSION = 2
 _LONGEST = 520
 """No packet of this recipe is longer; a text is 516 at most."""
@@ -42,7 +42,31 @@ def host(feedback: URRTDE) -> Conversation:
 
 def device(feedback: URRTDE, read: Read) -> Device:
     """The controller's side."""
-    return _Controller(read)
+    return _Controller(feedback, read)
+
+
+def _recipe(feedback: URRTDE) -> dict[str, str]:
+    """Fields in their order, each with its type."""
+    fields = {"timestamp": "DOUBLE", "actual_q": "VECTOR6D"}
+    if feedback.signal is None:
+        return fields
+    if feedback.signal.int_register is not None:
+        return {**fields, f"output_int_register_{feedback.signal.int_register}": "INT32"}
+    return {**fields, "actual_digital_output_bits": "UINT64"}
+
+
+def _signal(place: RTDESignal, raw: int) -> float:
+    """The number that a field's value stands for."""
+    if place.int_register is not None:
+        return float(raw)
+    return float(sum((raw >> output & 1) << bit for bit, output in enumerate(place.outputs)))
+
+
+def _raw(place: RTDESignal, signal: float) -> int:
+    """The field's value for a number; the outputs not named are off."""
+    if place.int_register is not None:
+        return int(signal)
+    return sum((int(signal) >> bit & 1) << output for bit, output in enumerate(place.outputs))
 
 
 def _packet(kind: bytes, payload: bytes = b"") -> bytes:
@@ -62,6 +86,9 @@ class _Client:
     def __init__(self, feedback: URRTDE) -> None:
         self.frames = Sized(_HEADER.size, _length)
         self._rate_hz = feedback.rate_hz
+        self._place = feedback.signal
+        self._types = _recipe(feedback)
+        self._fields = struct.Struct(">B" + "".join(_FORMATS[kind] for kind in self._types.values()))
         self._awaited = b"V"
         self._recipe = 0
         self._clock_s = math.nan
@@ -97,13 +124,13 @@ class _Client:
             self._awaited = b"U"
             return Heard()
         self._awaited = b"O"
-        return Heard(send=_packet(b"O", struct.pack(">d", self._rate_hz) + ",".join(_TYPES).encode()))
+        return Heard(send=_packet(b"O", struct.pack(">d", self._rate_hz) + ",".join(self._types).encode()))
 
     def _recipe_answer(self, payload: bytes, message: Message) -> Heard:
         types = payload[1:].decode("ascii", "replace").split(",")
-        if len(types) != len(_TYPES):
+        if len(types) != len(self._types):
             return _out_of_step(message)
-        for (name, expected), got in zip(_TYPES.items(), types, strict=True):
+        for (name, expected), got in zip(self._types.items(), types, strict=True):
             if got != expected:
                 remedy = "end the other RTDE client" if got == "IN_USE" else "update the controller's software"
                 return _refused(f"the controller answers {got} for {name}; {remedy}", message)
@@ -112,15 +139,17 @@ class _Client:
         return Heard(send=_packet(b"S"))
 
     def _data(self, payload: bytes, message: Message) -> Heard:
-        if len(payload) != _DATA.size or payload[0] != self._recipe:
+        if len(payload) != self._fields.size or payload[0] != self._recipe:
             return _out_of_step(message)
-        _, clock_s, *angles_rad = _DATA.unpack(payload)
+        _, clock_s, *numbers = self._fields.unpack(payload)
+        angles_rad = numbers[:6]
+        signal = (_signal(self._place, numbers[6]),) if self._place else ()
         angles_deg = tuple(map(math.degrees, angles_rad))
         if not (0 <= clock_s < _MAX_CLOCK_S and all(map(math.isfinite, angles_deg))):
             detail = f"packet with time {clock_s:g} s and angles {angles_rad} rad; left out"
             return Heard((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
         sample = Sample(
-            angles_deg,
+            (*angles_deg, *signal),
             NO_TIME,
             message.first_byte_ns,
             message.last_byte_ns,
@@ -173,9 +202,11 @@ class _Controller:
     """Its clock when the link opens: controllers count from when they were switched on."""
     MIN_RATE_HZ, MAX_RATE_HZ = 0.01, 500.0
 
-    def __init__(self, read: Read) -> None:
+    def __init__(self, feedback: URRTDE, read: Read) -> None:
         self.sent = 0
         self._read = read
+        self._place = feedback.signal
+        self._types = _recipe(feedback)
         self._frames = Sized(_HEADER.size, _length)
         self._connected_ns = 0
         self._recipe: list[str] = []
@@ -221,7 +252,7 @@ class _Controller:
         """The answer to a recipe: its number, 0 for none, and the types of its fields."""
         names = payload[8:].decode("ascii", "replace").split(",")
         (rate_hz,) = struct.unpack(">d", payload[:8]) if len(payload) >= 8 else (math.nan,)
-        types = [_TYPES.get(name, "NOT_FOUND") for name in names]
+        types = [self._types.get(name, "NOT_FOUND") for name in names]
         good = "NOT_FOUND" not in types and self.MIN_RATE_HZ <= rate_hz <= self.MAX_RATE_HZ
         self._recipe, self._rate_hz = (names, rate_hz) if good else ([], 0.0)
         self._pace = None
@@ -229,6 +260,10 @@ class _Controller:
 
     def _data(self, instant_ns: int) -> bytes:
         clock_s = self.CLOCK_START_S + (instant_ns - self._connected_ns) * 1e-9
-        angles_rad = [math.radians(angle) for angle in self._read(instant_ns)]
-        fields = {"timestamp": struct.pack(">d", clock_s), "actual_q": struct.pack(">6d", *angles_rad)}
-        return _packet(b"U", b"\1" + b"".join(fields[name] for name in self._recipe))
+        shown = self._read(instant_ns)
+        values: dict[str, list[float]] = {name: [] for name in self._types}
+        values |= {"timestamp": [clock_s], "actual_q": [math.radians(angle) for angle in shown[:6]]}
+        if self._place:
+            values[[*self._types][-1]] = [_raw(self._place, shown[6])]
+        fields = [struct.pack(f">{_FORMATS[self._types[name]]}", *values[name]) for name in self._recipe]
+        return _packet(b"U", b"\1" + b"".join(fields))

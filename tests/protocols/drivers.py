@@ -93,7 +93,10 @@ RADIANS = ("_", *(f"q{axis}_rad" for axis in (2, 1, 3, 4, 5, 6)), "t_us")
 FEEDBACKS: list[tuple[str, Feedback]] = [
     ("rtde 500", rtde()),
     ("rtde 125", rtde(rate_hz=125)),
+    ("rtde outputs", rtde(signal={"outputs": [3, 9]})),
+    ("rtde register", rtde(signal={"int_register": 24})),
     ("lines", lines()),
+    ("lines signal", lines(fields=("t_ms", *(f"q{axis}_deg" for axis in range(1, 7)), "signal"))),
     ("lines rad", lines(fields=RADIANS, separator=" ")),
     ("lines serial", lines(port=SERIAL, separator=";")),
     ("rsi 4 ms", rsi()),

@@ -120,7 +120,7 @@ def _sides() -> dict[str, tuple[Callable[[], Conversation], list[bytes]]]:
     for name, feedback in FEEDBACKS:
         sides[f"{name} host"] = (lambda feedback=feedback: daq.feedback.host(feedback)), replies
         sides[f"{name} device"] = (
-            (lambda feedback=feedback: daq.feedback.device(feedback, lambda now_ns: [1.0] * 6)),
+            (lambda feedback=feedback: daq.feedback.device(feedback, lambda now_ns: [1.0] * 7)),
             requests,
         )
     return sides

@@ -15,7 +15,7 @@ from simulated import S, simulate
 import daq.feedback
 import daq.gauges
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
-from rigs.feedback import Feedback
+from rigs.feedback import Feedback, carries_signal
 from rigs.gauges import Gauge
 
 CHARACTER_NS = 200_000
@@ -79,7 +79,8 @@ def test_gauge_tells_a_head_in_error(name: str, gauges: Sequence[Gauge], resolut
 @pytest.mark.parametrize(("name", "feedback"), FEEDBACKS, ids=[case[0] for case in FEEDBACKS])
 def test_feedback_gives_the_planted_angles(name: str, feedback: Feedback) -> None:
     def read(now_ns: int) -> list[float]:
-        return [axis * 10 - now_ns * 1e-9 for axis in range(1, 7)]
+        signal = [float(now_ns // S)] if carries_signal(feedback) else []
+        return [*(axis * 10 - now_ns * 1e-9 for axis in range(1, 7)), *signal]
 
     device = daq.feedback.device(feedback, read)
     samples = _samples(simulate(daq.feedback.host(feedback), device, 4 * S))
