@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
+from daq.attendant import Attendant
 from daq.control import ControlServer, Lock
 from daq.inbox import Inbox
 from daq.links import Link
 from daq.notify import notify, watchdog_s
+from daq.protocol.conversation import Item
 from daq.reader import Reader
 from daq.recorder import Label, Recorder
 from daq.store import RunWriter
 from daq.store.manifest import Ending
-from daq.streams import streams_of
+from daq.streams import ROBOT, streams_of
 from daq.tap import Tap
 from rigs.errors import CellError, RigError
 from rigs.rig import Rig
@@ -45,7 +48,8 @@ class Daemon:
             undo.pop_all()
         self._inboxes = {stream.name: Inbox(stream.name, stream.columns) for stream in self._streams}
         self._readers = [Reader(s, self._inboxes[s.name], links[s.name], self._tap) for s in self._streams]
-        self._recorder = Recorder(self._inboxes, self._create, self._feed_watchdog)
+        self._recorder = Recorder(self._inboxes, self._create, self._after_round, self._listen)
+        self._attendant = Attendant(self._recorder, rig.automatic)
         self._control = ControlServer(socket_path, self.answer)
         for thread in (*self._readers, self._recorder, *filter(None, [self._tap])):
             thread.start()
@@ -76,9 +80,9 @@ class Daemon:
             case "status":
                 return self._status()
             case "record_start":
-                return {"run": str(self._recorder.start_run(_label(request)))}
+                return {"run": str(self._attendant.start(_label(request)))}
             case "record_stop":
-                ended = self._recorder.stop_run()
+                ended = self._attendant.stop()
                 return {"run": str(ended.path), "counters": ended.counters}
             case other:
                 raise CellError("rigd", f"unknown command {other!r}", "known: status, record_start, record_stop")
@@ -114,11 +118,20 @@ class Daemon:
             "rig": self._rig.name,
             "baseline_mm": self._rig.gauges.baseline_mm,
             "streams": {name: vars(inbox.state()) for name, inbox in self._inboxes.items()},
+            "automatic": self._attendant.state(),
             **self._recorder.state(),
         }
 
+    def _listen(self, name: str, items: Sequence[Item]) -> None:
+        if name == ROBOT:
+            self._attendant.hear(items)
+
+    def _after_round(self) -> None:
+        self._attendant.round()
+        self._feed_watchdog()
+
     def _feed_watchdog(self) -> None:
-        """Called by the recorder after each round: alive only while every reader goes round as well."""
+        """After each round of the recorder: alive only while every reader goes round as well."""
         if watchdog_s() is None:
             return
         if all(inbox.alive(_HEART_STOPS_S) for inbox in self._inboxes.values()):

@@ -10,7 +10,7 @@ import logging
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -18,6 +18,8 @@ from typing import Annotated
 from pydantic import Field
 
 from daq.inbox import Inbox, faults_of, samples_of
+from daq.protocol.conversation import Item
+from daq.recent import Recent
 from daq.store import RunWriter
 from daq.store.manifest import Ending
 from rigs.base import Part
@@ -55,9 +57,13 @@ class Recorder(threading.Thread):
         inboxes: Mapping[str, Inbox],
         create: Callable[[Label], RunWriter],
         after_round: Callable[[], None],
+        listen: Callable[[str, Sequence[Item]], None] = lambda name, items: None,
     ) -> None:
+        """listen: hears what every stream brought, while the recorder works; it may only keep it."""
         super().__init__(name="write", daemon=True)
         self._inboxes, self._create, self._after_round = inboxes, create, after_round
+        self._listen = listen
+        self._recent = Recent(inboxes)
         self._lock = threading.Lock()
         self._stop_asked = threading.Event()
         self._writer: RunWriter | None = None
@@ -82,8 +88,11 @@ class Recorder(threading.Thread):
                 self._close("failed", str(error))
         self._after_round()
 
-    def start_run(self, label: Label) -> Path:
-        """Begin a recording; returns its directory. Raises CellError: one runs already, a gauge is silent, the disk."""
+    def start_run(self, label: Label, since_ns: int | None = None) -> Path:
+        """Begin a recording, with the readings since then that are still at hand; returns its directory.
+
+        Raises CellError: one runs already, a gauge is silent, the disk.
+        """
         with self._lock:
             if self._writer is not None and self._label is not None:
                 raise CellError(f"recording {self._label.name}", "already running", "stop it: rig record stop")
@@ -92,6 +101,10 @@ class Recorder(threading.Thread):
             self._counters = {name: Counter() for name in self._inboxes}
             self._writer, self._label = self._create(label), label
             self._since_ns = time.monotonic_ns()
+            if since_ns is not None:
+                self._since_ns = since_ns
+                for name in self._inboxes:
+                    self._put(self._writer, name, self._recent.since(name, since_ns))
             log.info("recording %s (%s %s) to %s", label.name, label.test, label.direction, self._writer.path)
             return self._writer.path
 
@@ -137,18 +150,22 @@ class Recorder(threading.Thread):
         """Empty every inbox, into the run where there is one."""
         for name, inbox in self._inboxes.items():
             items = inbox.drain()
-            samples, faults = samples_of(items), faults_of(items)
-            for fault in faults:
+            for fault in faults_of(items):
                 self._tell(name, fault.kind, fault.detail, fault.count)
-            if self._writer is None:
-                continue
-            self._counters[name]["samples"] += len(samples)
-            for fault in faults:
-                self._counters[name][fault.kind] += fault.count
-            self._writer.append(name, samples)
-            self._writer.append_faults(name, faults)
+            self._listen(name, items)
+            self._recent.add(name, items, time.monotonic_ns())
+            if self._writer is not None:
+                self._put(self._writer, name, items)
         if sync and self._writer is not None:
             self._writer.sync()
+
+    def _put(self, writer: RunWriter, name: str, items: Sequence[Item]) -> None:
+        samples, faults = samples_of(items), faults_of(items)
+        self._counters[name]["samples"] += len(samples)
+        for fault in faults:
+            self._counters[name][fault.kind] += fault.count
+        writer.append(name, samples)
+        writer.append_faults(name, faults)
 
     def _close(self, exit_status: Ending, reason: str) -> bool:
         """Whether the end could be written."""

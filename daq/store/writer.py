@@ -9,6 +9,7 @@ because after a failed fsync nobody knows what is on the disk; what was synced b
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -34,6 +35,7 @@ CHUNK_ROWS = 200_000
 """Closing a chunk of this size holds the writer up for about 0.2 s (7 columns and 6 joints)."""
 CHUNK_AGE_NS = 600 * 10**9
 """A slow gauge's rows become Parquet within ten minutes."""
+_TIMED = re.compile(r"[0-9]{8}T[0-9]{6}[.0-9]*Z")
 
 
 @dataclass
@@ -62,6 +64,8 @@ class RunWriter:
         chunk_rows: int = CHUNK_ROWS,
     ) -> RunWriter:
         """Start a run in a fresh directory `<UTC time>_<name>` under runs, its manifest on the disk.
+
+        A name that begins with a UTC time of its own is the directory's as it is.
 
         streams: value columns of each sample stream. Raises FileError for names that cannot be used,
         CellError when the disk refuses.
@@ -175,7 +179,7 @@ def _begin(runs: Path, manifest: Manifest) -> tuple[Path, int]:
 
 def _fresh_directory(runs: Path, name: str) -> Path:
     runs.mkdir(parents=True, exist_ok=True)
-    stem = f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}_{name}"
+    stem = name if _TIMED.match(name) else f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}_{name}"
     for number in count(1):
         path = runs / (stem if number == 1 else f"{stem}.{number}")
         with suppress(FileExistsError):

@@ -1,0 +1,33 @@
+"""The last seconds of every stream, kept whether or not a recording runs: what came before a robot's signal was
+understood belongs to the run that it starts."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+
+from daq.protocol.conversation import Item, Sample
+
+KEPT_NS = 5_000_000_000
+
+
+class Recent:
+    """Items of the last five seconds; some thousands a stream."""
+
+    def __init__(self, streams: Iterable[str]) -> None:
+        self._items: dict[str, deque[Item]] = {name: deque() for name in streams}
+
+    def add(self, stream: str, items: Sequence[Item], now_ns: int) -> None:
+        """Keep these, forget what is too old."""
+        kept = self._items[stream]
+        kept.extend(items)
+        while kept and _at_ns(kept[0]) < now_ns - KEPT_NS:
+            kept.popleft()
+
+    def since(self, stream: str, since_ns: int) -> list[Item]:
+        """What came from then on, in order."""
+        return [item for item in self._items[stream] if _at_ns(item) >= since_ns]
+
+
+def _at_ns(item: Item) -> int:
+    return item.first_byte_ns if isinstance(item, Sample) else item.at_ns
