@@ -39,7 +39,7 @@ def emulate(
 
     rig, text = load(rig_file)
     robot = EmulatedRobot(rig, seed)
-    cell = Cell(rig, robot)
+    cell = Cell(rig, robot, robot.signal)
     try:
         directory.mkdir(parents=True, exist_ok=True)
         (directory / "rig.yaml").write_text(cell.rig_text(text), encoding="utf-8")

@@ -53,7 +53,7 @@ def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
 
 
 PROGRAMS = ("acw", "cw", "roll acw", "roll cw", "radial", "repeatability")
-"""acw and cw alone drive the yaw circle."""
+"""acw and cw alone drive the yaw circle. The robot's signal is the number of the program, counted from 1."""
 
 
 class EmulatedRobot:
@@ -68,6 +68,7 @@ class EmulatedRobot:
         self._lock = threading.Lock()
         self._trace = self.traces["acw"]
         self._start_ns: int | None = None
+        self._number = 0
         self.finished = threading.Event()
         """Set while it stands."""
         self.finished.set()
@@ -84,6 +85,12 @@ class EmulatedRobot:
             joints: list[float] = np.degrees(self._at(now_ns, self._trace.q)).tolist()
             return joints
 
+    def signal(self, now_ns: int) -> float:
+        """Number of the program that runs, 0 for none."""
+        with self._lock:
+            running = self._start_ns is not None and now_ns < self._start_ns + int(self._trace.t_s[-1] * 1e9)
+            return float(self._number if running else 0)
+
     def start(self, program: str) -> float:
         """Begin a program of `PROGRAMS` now; returns how many seconds it takes.
 
@@ -93,6 +100,7 @@ class EmulatedRobot:
         seconds = float(_STAND_S + driven.t_s[-1])
         with self._lock:
             self._trace = driven
+            self._number = 1 + PROGRAMS.index(program)
             self._start_ns = time.monotonic_ns() + int(_STAND_S * 1e9)
             self.finished.clear()
         end = threading.Timer(seconds, self.finished.set)

@@ -14,7 +14,7 @@ _OLD_S = 2.0
 
 def screen(state: dict[str, Any]) -> RenderableType:
     """Gauges, angle, joints, rates, faults and recording state of a `status` answer."""
-    return Group(_head(state), _gauges(state), _links(state))
+    return Group(_head(state), *_automatic(state), _gauges(state), _links(state))
 
 
 def _head(state: dict[str, Any]) -> Text:
@@ -31,6 +31,17 @@ def _head(state: dict[str, Any]) -> Text:
     return text
 
 
+def _automatic(state: dict[str, Any]) -> list[Text]:
+    """What the automat waits for, and why it did not start; nothing where the rig file has no rules."""
+    automatic = state["automatic"]
+    if automatic is None:
+        return []
+    text = Text(f"automatic, waits for {'; '.join(automatic['waits_for'])}", "dim")
+    if automatic["why_not"]:
+        text.append(f"\nnot started: {automatic['why_not']}", "yellow")
+    return [text]
+
+
 def _gauges(state: dict[str, Any]) -> Table:
     table = Table(box=None, padding=(0, 2), show_header=False)
     values = {name: value for stream in state["streams"].values() for name, value in stream["last"].items()}
@@ -45,6 +56,8 @@ def _gauges(state: dict[str, Any]) -> Table:
     if all(name in values for name in joints):
         row = Text("  ").join(_number(values[name], ages[name], "8.3f", "") for name in joints)
         table.add_row("joints °", row)
+    if "signal" in values:
+        table.add_row("signal", _number(values["signal"], ages["signal"], "8.0f", ""))
     return table
 
 

@@ -29,12 +29,16 @@ class ByHand:
     def __init__(self) -> None:
         self.mm = {"g1": 0.1, "g2": -0.1}
         self.deg = [0.0, 10.0, 20.0, 30.0, 40.0, 50.0]
+        self.program = 0
 
     def gauge_mm(self, name: str, now_ns: int) -> float:
         return self.mm[name]
 
     def joints_deg(self, now_ns: int) -> list[float]:
         return self.deg
+
+    def signal(self, now_ns: int) -> float:
+        return self.program
 
 
 def rig_text(gauges: str = "sylvac", timeout_s: float = 0.3) -> str:
@@ -66,7 +70,7 @@ class Bench:
         self.folder = folder
         self.motion = ByHand()
         text = text or rig_text()
-        self.cell = Cell(parse(text, "bench"), motion or self.motion)
+        self.cell = Cell(parse(text, "bench"), motion or self.motion, self.motion.signal)
         self.rig = folder / "rig.yaml"
         self.rig.write_text(self.cell.rig_text(text))
         self.cell.start()

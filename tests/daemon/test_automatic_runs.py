@@ -1,0 +1,142 @@
+"""Recordings that the robot starts, with the real daemon: what they hold, and who may interfere."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from bench import OFF, Bench, rig_text
+
+from daq.attendant import Attendant
+from daq.inbox import Inbox
+from daq.protocol.conversation import NO_TIME, Sample
+from daq.recorder import Label, Recorder
+from daq.store import Manifest, RunWriter, load_manifest, read_run, verify
+from daq.streams import streams_of
+from rigs.load import parse
+
+RULES = [
+    {"when": {"signal": 1}, "test": "yaw", "direction": "cw"},
+    {"when": {"signal": 2}, "test": "yaw", "direction": "acw"},
+]
+
+
+def _text(interface: str, still_s: float = 0.5) -> str:
+    data = yaml.safe_load(rig_text("keyence"))
+    data["automatic"] = {"rules": [rule | {"still_s": still_s} for rule in RULES]}
+    if interface == "ur_rtde":
+        data["feedback"]["signal"] = {"outputs": [0, 5]}
+    else:
+        fields = ["t_ms", *(f"q{axis}_deg" for axis in range(1, 7)), "signal"]
+        data["feedback"] = {"interface": "line_feed", "port": "tcp://127.0.0.1:1", "fields": fields}
+    return str(yaml.safe_dump(data))
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Iterator[Bench]:
+    with Bench(tmp_path, _text("ur_rtde")) as bench:
+        yield bench
+
+
+def _ended(bench: Bench) -> list[tuple[Path, Manifest]]:
+    found = [(path, load_manifest(path)) for path in sorted((bench.folder / "runs").iterdir())]
+    return [(path, manifest) for path, manifest in found if manifest.exit_status != "recording"]
+
+
+def _recording(direction: str) -> Any:
+    return lambda state: state["recording"] and state["direction"] == direction and state["seconds"] > 2.2
+
+
+@pytest.mark.parametrize("interface", ["ur_rtde", "line_feed"])
+def test_a_program_after_the_other_is_a_run_each(tmp_path: Path, interface: str) -> None:
+    with Bench(tmp_path, _text(interface)) as bench:
+        _two_programs(bench)
+
+
+def _two_programs(cell: Bench) -> None:
+    cell.start().all_reading()
+    said = cell.until(lambda state: state["automatic"]["signal"] == 0)
+    assert said["automatic"]["waits_for"] == ["signal 1: yaw cw", "signal 2: yaw acw"] and said["recording"] is None
+    for program, direction in ((1, "cw"), (2, "acw")):
+        cell.motion.program = program
+        state = cell.until(_recording(direction))
+        assert state["automatic"]["recording"] == state["recording"]
+    cell.motion.program = 0
+    cell.until(lambda state: state["recording"] is None)
+    (first, one), (second, other) = _ended(cell)
+    assert [one.direction, other.direction] == ["cw", "acw"] and {one.operator, other.operator} == {"automatic"}
+    assert [one.reason, other.reason] == ["the next began", "the robot stands still"]
+    assert [one.exit_status, other.exit_status] == ["complete", "complete"]
+    assert one.name == first.name and one.name.endswith("Z-yaw-cw") and other.name.endswith("Z-yaw-acw")
+    for path, program in ((first, 1), (second, 2)):
+        assert verify(path) == []
+        robot = read_run(path).streams["robot"]
+        began = int(np.argmax(robot["signal"] == program))
+        assert began > 0 and robot["signal"][began - 1] == program - 1, "what was before it belongs to the run"
+        before_s = (robot["last_byte_ns"][began] - robot["last_byte_ns"][0]) / 1e9
+        assert before_s <= 1.05
+    assert before_s > 0.9
+    gauge = read_run(second).streams["g1_g2"]["first_byte_ns"]
+    assert gauge[0] < robot["last_byte_ns"][began]
+
+
+def test_people_come_first(cell: Bench) -> None:
+    cell.start().all_reading()
+    cell.until(lambda state: state["automatic"]["signal"] == 0)
+    cell.motion.program = 1
+    cell.until(lambda state: state["recording"])
+    path = cell.record("mine")
+    cell.motion.program = 2
+    state = cell.until(lambda state: state["automatic"]["refused"] == 1)
+    assert state["recording"] == "mine" and "mine is being recorded by hand" in state["automatic"]["why_not"]
+    assert "not started: yaw acw" in cell.run("rig", "status").stdout
+    cell.motion.program = 0
+    assert cell.run("rig", "record", "stop").stdout == f"{path}\n"
+    (_, taken_over), (_, mine) = sorted(_ended(cell), key=lambda ended: ended[1].name)
+    assert taken_over.exit_status == "interrupted" and "started mine" in taken_over.reason
+    assert mine.exit_status == "complete" and mine.operator != "automatic"
+
+
+def test_a_silent_gauge_is_why_nothing_started(cell: Bench) -> None:
+    cell.motion.mm["g2"] = OFF
+    cell.start()
+    cell.until(lambda state: state["automatic"]["signal"] == 0)
+    cell.motion.program = 1
+    state = cell.until(lambda state: state["automatic"]["refused"] == 1)
+    assert state["recording"] is None and "yaw cw" in state["automatic"]["why_not"]
+    assert "g2: no reading" in state["automatic"]["why_not"]
+    cell.motion.mm["g2"] = 0.2
+    cell.until(lambda state: state["streams"]["g1_g2"]["age_s"].get("g2_mm", 9) < 1)
+    cell.motion.program = 2
+    assert cell.until(lambda state: state["recording"])["automatic"]["why_not"] == ""
+
+
+def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
+    """The attendant and the recorder without their threads, so that the blink has its length on any machine."""
+    text = _text("ur_rtde", still_s=0.2)
+    rig = parse(text, "bench")
+    inboxes = {stream.name: Inbox(stream.name, stream.columns) for stream in streams_of(rig)}
+    columns = {name: inbox.columns for name, inbox in inboxes.items()}
+
+    def create(label: Label) -> RunWriter:
+        more = {"rig_name": rig.name, "rig_text": text, "streams": columns}
+        return RunWriter.create(tmp_path, **label.model_dump(), **more)
+
+    recorder = Recorder(inboxes, create, lambda: None)
+    attendant = Attendant(recorder, rig.automatic)
+    now_ns = time.monotonic_ns()
+    inboxes["g1_g2"].deliver([Sample((1.0, 2.0), NO_TIME, now_ns, now_ns, 60)])
+    stamps = [now_ns - 2_000_000_000 + 10_000_000 * number for number in range(200)]
+    blink = [Sample((0.0,) * 6 + (float(50 <= n < 80),), NO_TIME, at, at, 60) for n, at in enumerate(stamps)]
+    inboxes["robot"].deliver(blink)
+    attendant.hear(blink)
+    attendant.round()
+    (path,) = tmp_path.iterdir()
+    manifest = read_run(path).manifest
+    assert manifest.exit_status == "interrupted" and manifest.reason == "the robot stands still; only 0.50 s long"
+    assert manifest.counters["robot"]["samples"] == 150 + 50, "all from 0.5 s on, where the recorder began, to now"
