@@ -142,10 +142,10 @@ class _Signal:
 
     def feed(self, value: float, at_ns: int) -> int | None:
         """When it changed, once that has settled; None for no change, and for the first value there is."""
-        if math.isnan(value) or value == self.value:
+        if value == self.value:
             self._next = math.nan
             return None
-        if value != self._next:
+        if value != self._next:  # nan never equals itself, and so never settles
             self._next, self._since_ns = value, at_ns
         if at_ns - self._since_ns < _SETTLED_NS:
             return None

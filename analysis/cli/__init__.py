@@ -47,6 +47,7 @@ def _options(
 
 from analysis.cli import (  # noqa: E402 - each adds its commands
     analyse,  # noqa: F401
+    automatic,  # noqa: F401
     calibrate,  # noqa: F401
     check,  # noqa: F401
     compare,  # noqa: F401

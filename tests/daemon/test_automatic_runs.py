@@ -52,14 +52,15 @@ def _recording(direction: str) -> Any:
     return lambda state: state["recording"] and state["direction"] == direction and state["seconds"] > 2.2
 
 
-@pytest.mark.parametrize("interface", ["ur_rtde", "line_feed"])
-def test_a_program_after_the_other_is_a_run_each(tmp_path: Path, interface: str) -> None:
-    with Bench(tmp_path, _text(interface)) as bench:
-        _two_programs(bench)
+@pytest.fixture
+def printing(tmp_path: Path) -> Iterator[Bench]:
+    with Bench(tmp_path, _text("line_feed")) as bench:
+        yield bench
 
 
-def _two_programs(cell: Bench) -> None:
-    cell.start().all_reading()
+def test_a_program_after_the_other_is_a_run_each(printing: Bench) -> None:
+    cell = printing.start()
+    cell.all_reading()
     said = cell.until(lambda state: state["automatic"]["signal"] == 0)
     assert said["automatic"]["waits_for"] == ["signal 1: yaw cw", "signal 2: yaw acw"] and said["recording"] is None
     for program, direction in ((1, "cw"), (2, "acw")):

@@ -1,0 +1,37 @@
+"""`rig automatic RUN…`: rules by which the daemon will know recorded programs again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app
+
+
+@app.command()
+def automatic(
+    paths: Annotated[list[Path], typer.Argument(metavar="RUN", help="Recorded runs, one of each program.")],
+) -> None:
+    """Print the section `automatic` of a rig file that starts these runs by themselves, by signal or by motion."""
+    import yaml  # noqa: PLC0415
+    from pydantic import ValidationError  # noqa: PLC0415
+
+    from analysis.reading.events import rule_of  # noqa: PLC0415
+    from daq.store import read_run  # noqa: PLC0415
+    from rigs.automatic import Automatic  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
+
+    rules = [rule_of(read_run(path)) for path in paths]
+    try:
+        Automatic(rules=tuple(rules))
+    except ValidationError as error:
+        what = error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")
+        raise FileError(", ".join(map(str, paths)), what, "give one run of each program") from None
+    typer.echo("automatic:\n  rules:")
+    for rule in rules:
+        line = yaml.safe_dump(
+            rule.model_dump(mode="json", exclude_none=True), default_flow_style=True, sort_keys=False, width=10_000
+        )
+        typer.echo(f"    - {line.strip()}")
