@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import shutil
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -11,9 +12,13 @@ from typing import Any
 from pydantic import ValidationError
 
 from daq.attendant import Attendant
+from daq.clock_watch import ClockWatch
 from daq.control import ControlServer, Lock
-from daq.inbox import Inbox
+from daq.housekeeper import Housekeeper
+from daq.inbox import Inbox, samples_of
+from daq.janitor import Janitor
 from daq.links import Link
+from daq.metrics import metrics_text
 from daq.notify import notify, watchdog_s
 from daq.protocol.conversation import Item
 from daq.reader import Reader
@@ -34,8 +39,19 @@ _LEAVE_S = 3.0
 class Daemon:
     """Everything between the first port opened and the last run closed."""
 
-    def __init__(self, rig: Rig, rig_text: str, runs: Path, socket_path: Path, capture: Path | None = None) -> None:
-        """Takes the lock, opens every link, starts reading. Raises CellError naming every port that fails."""
+    def __init__(
+        self,
+        rig: Rig,
+        rig_text: str,
+        runs: Path,
+        socket_path: Path,
+        capture: Path | None = None,
+        metrics: Path | None = None,
+    ) -> None:
+        """Takes the lock, opens every link, starts reading. Raises CellError naming every port that fails.
+
+        metrics: the file for Prometheus's node_exporter, none where nobody wants it.
+        """
         self._rig, self._rig_text, self._runs = rig, rig_text, runs
         self._streams = streams_of(rig)
         with ExitStack() as undo:
@@ -44,14 +60,17 @@ class Daemon:
             links = self._open_links()
             for link in links.values():
                 undo.callback(link.close)
+            self._inboxes = {stream.name: Inbox(stream.name, stream.columns) for stream in self._streams}
+            self._recorder = Recorder(self._inboxes, self._create, self._after_round, self._listen)
+            self._attendant = Attendant(self._recorder, rig.automatic)
+            self._clocks = {stream.name: ClockWatch() for stream in self._streams}
+            self._janitor = Janitor(runs, rig.name, rig.retention) if rig.retention else None
+            self._housekeeper = Housekeeper(metrics, lambda: metrics_text(self._status()), self._janitor)
             self._tap = Tap(capture, self._streams) if capture else None
+            self._readers = [Reader(s, self._inboxes[s.name], links[s.name], self._tap) for s in self._streams]
             undo.pop_all()
-        self._inboxes = {stream.name: Inbox(stream.name, stream.columns) for stream in self._streams}
-        self._readers = [Reader(s, self._inboxes[s.name], links[s.name], self._tap) for s in self._streams]
-        self._recorder = Recorder(self._inboxes, self._create, self._after_round, self._listen)
-        self._attendant = Attendant(self._recorder, rig.automatic)
         self._control = ControlServer(socket_path, self.answer)
-        for thread in (*self._readers, self._recorder, *filter(None, [self._tap])):
+        for thread in (*self._readers, self._recorder, self._housekeeper, *filter(None, [self._tap])):
             thread.start()
         ports = ", ".join(f"{stream.name} on {stream.port}" for stream in self._streams)
         log.info("serving %s: %s; control socket %s", rig.name, ports, socket_path)
@@ -63,6 +82,7 @@ class Daemon:
         The control socket first, so that nobody starts a recording that nobody ends.
         """
         notify("STOPPING=1")
+        self._housekeeper.stop()
         self._control.close()
         cut_short = self._recorder.shut_down(exit_status, why)
         for reader in self._readers:
@@ -71,6 +91,7 @@ class Daemon:
             reader.join(_LEAVE_S)
         if self._tap:
             self._tap.stop()
+        self._housekeeper.join(_LEAVE_S)
         self._lock.release()
         return cut_short
 
@@ -79,13 +100,16 @@ class Daemon:
         match request.get("command"):
             case "status":
                 return self._status()
+            case "metrics":
+                return {"text": metrics_text(self._status())}
             case "record_start":
                 return {"run": str(self._attendant.start(_label(request)))}
             case "record_stop":
                 ended = self._attendant.stop()
                 return {"run": str(ended.path), "counters": ended.counters}
             case other:
-                raise CellError("rigd", f"unknown command {other!r}", "known: status, record_start, record_stop")
+                known = "known: status, metrics, record_start, record_stop"
+                raise CellError("rigd", f"unknown command {other!r}", known)
 
     def _open_links(self) -> dict[str, Link]:
         links: dict[str, Link] = {}
@@ -118,11 +142,15 @@ class Daemon:
             "rig": self._rig.name,
             "baseline_mm": self._rig.gauges.baseline_mm,
             "streams": {name: vars(inbox.state()) for name, inbox in self._inboxes.items()},
+            "clocks": {name: vars(clock) for name, watch in self._clocks.items() if (clock := watch.state())},
             "automatic": self._attendant.state(),
+            "retention": self._janitor.state() if self._janitor else None,
+            "disk": _disk(self._runs),
             **self._recorder.state(),
         }
 
     def _listen(self, name: str, items: Sequence[Item]) -> None:
+        self._clocks[name].feed(samples_of(items))
         if name == ROBOT:
             self._attendant.hear(items)
 
@@ -147,6 +175,15 @@ class Unreachable(CellError):
 
     def lines(self) -> list[str]:
         return [str(error) for error in self._errors]
+
+
+def _disk(runs: Path) -> dict[str, int] | None:
+    """Of the disk that holds the runs, or will; None where it does not say."""
+    try:
+        usage = shutil.disk_usage(next(path for path in (runs, *runs.parents) if path.exists()))
+    except OSError:
+        return None
+    return {"free_bytes": usage.free, "size_bytes": usage.total}
 
 
 def _label(request: dict[str, Any]) -> Label:

@@ -31,6 +31,8 @@ class StreamState:
     age_s: dict[str, float]
     counters: dict[str, int]
     last_fault: str
+    waiting: int
+    """Items that the writer has not taken yet."""
 
 
 @dataclass
@@ -102,6 +104,7 @@ class Inbox:
                 {name: (now - at) / 1e9 for name, (_, at) in self._last.items()},
                 dict(self._counters),
                 self._last_fault,
+                len(self._items),
             )
 
     def _note(self, item: Item) -> None:

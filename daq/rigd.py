@@ -42,6 +42,10 @@ def rigd(
     capture: Annotated[
         Path | None, typer.Option(help="Keep the raw bytes of every link in this file, for rig replay.")
     ] = None,
+    metrics: Annotated[
+        Path | None,
+        typer.Option(help="File for node_exporter's textfile collector. [default: none, under systemd rig.prom]"),
+    ] = None,
 ) -> None:
     """Read the gauges and the robot of RIG until stopped; record when asked by `rig record`."""
     logging.basicConfig(level=logging.INFO, format=_log_format(), stream=sys.stderr)
@@ -49,7 +53,7 @@ def rigd(
     try:
         rig, text = load(rig_file)
         socket = socket or socket_directory() / f"{rig.name}.sock"
-        daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture)
+        daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics or _metrics())
     except RigError as error:
         for line in error.lines():
             typer.echo(f"error: {line}", err=True)
@@ -97,6 +101,11 @@ def _listen() -> SimpleQueue[_End]:
 def _runs() -> Path:
     state = os.environ.get("STATE_DIRECTORY")
     return Path(state.split(":")[0]) / "runs" if state else Path("runs")
+
+
+def _metrics() -> Path | None:
+    """Beside the socket, where systemd gives a directory for both."""
+    return socket_directory() / "rig.prom" if "RUNTIME_DIRECTORY" in os.environ else None
 
 
 def _log_format() -> str:

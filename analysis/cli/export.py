@@ -24,7 +24,8 @@ def export(
     from analysis.files.messages import write_mcap  # noqa: PLC0415
     from analysis.files.write import write_csv, write_new, write_parquet  # noqa: PLC0415
     from analysis.reading.loading import file_columns, measured_of  # noqa: PLC0415
-    from daq.store import read_run  # noqa: PLC0415
+    from daq.store import mark_exported, read_run  # noqa: PLC0415
+    from rigs.errors import RigError  # noqa: PLC0415
 
     run = read_run(path)
     if to == "mcap":
@@ -34,4 +35,8 @@ def export(
         for doubt in measured.doubts:
             typer.echo(f"note: {doubt}", err=True)
         write_new(output, partial(write_csv if to == "csv" else write_parquet, file_columns(measured)))
+    try:
+        mark_exported(path, to, output)
+    except RigError as error:
+        typer.echo(f"note: {path} is not marked as exported, so rigd will not delete it: {error.what}", err=True)
     typer.echo(output)

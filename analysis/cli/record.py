@@ -1,4 +1,4 @@
-"""`rig record start|stop` and `rig status`: asking the running daemon."""
+"""`rig record start|stop`, `rig status` and `rig metrics`: asking the running daemon."""
 
 from __future__ import annotations
 
@@ -67,3 +67,12 @@ def status(
     from analysis.reporting.screen import screen  # noqa: PLC0415
 
     Console().print(screen(state))
+
+
+@app.command()
+def metrics(rig: RigName = None) -> None:
+    """The daemon's rates, faults, queues, disk and clocks in the text format of Prometheus."""
+    from daq.client import Client, find_socket  # noqa: PLC0415
+
+    with Client(find_socket(rig)) as client:
+        typer.echo(client.ask("metrics")["text"], nl=False)

@@ -1,4 +1,4 @@
-"""`rig recover RUN` and `rig verify RUN`: what a crash left, and whether a run is whole."""
+"""`rig runs`, `rig keep`, `rig recover`, `rig verify`: which runs there are, which stay, and whether one is whole."""
 
 from __future__ import annotations
 
@@ -10,6 +10,40 @@ import typer
 from analysis.cli import app
 
 RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
+
+
+@app.command()
+def runs(
+    directory: Annotated[Path, typer.Argument(help="Directory that holds the runs.")] = Path("runs"),
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON list.")] = False,
+) -> None:
+    """List runs with size and age, whether they were exported, and whether they are kept for ever."""
+    import json  # noqa: PLC0415
+    import time  # noqa: PLC0415
+
+    from analysis.reporting.runs_list import listed, row  # noqa: PLC0415
+    from daq.store import survey  # noqa: PLC0415
+
+    found = [row(run, time.time()) for run in survey(directory)]
+    if as_json:
+        typer.echo(json.dumps(found, indent=2))
+        return
+    from rich.console import Console  # noqa: PLC0415
+
+    Console().print(listed(found) if found else f"no runs in {directory}")
+
+
+@app.command()
+def keep(
+    paths: Annotated[list[Path], typer.Argument(metavar="RUN", help="Run directories.")],
+    no_more: Annotated[bool, typer.Option("--not", help="No more: retention may delete them once exported.")] = False,
+) -> None:
+    """Mark runs as kept for ever: whatever the rig file's retention says, rigd never deletes them."""
+    from daq.store import mark_kept  # noqa: PLC0415
+
+    for path in paths:
+        mark_kept(path, not no_more)
+        typer.echo(f"{path}: {'not kept any more' if no_more else 'kept'}")
 
 
 @app.command()

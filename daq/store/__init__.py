@@ -3,12 +3,14 @@
 
 A run is a directory: `manifest.json`, and for each stream chunks `<stream>-0001.parquet`, …; the chunk
 being recorded is `<stream>-0001.arrow`. See `daq.store.chunk` for why these two formats. An imported run
-has one chunk, `table-0001.parquet`.
+has one chunk, `table-0001.parquet`. `marks.json` says whether the run was exported and whether it is kept.
 """
 
 from daq.store.imported import write_table_run
 from daq.store.manifest import Chunk, Manifest, load_manifest
+from daq.store.marks import mark_exported, mark_kept
 from daq.store.recover import Recovery, recover
+from daq.store.retention import RunInfo, survey
 from daq.store.run import Run, read_run
 from daq.store.verify import verify
 from daq.store.writer import RunWriter
@@ -18,10 +20,14 @@ __all__ = [
     "Manifest",
     "Recovery",
     "Run",
+    "RunInfo",
     "RunWriter",
     "load_manifest",
+    "mark_exported",
+    "mark_kept",
     "read_run",
     "recover",
+    "survey",
     "verify",
     "write_table_run",
 ]

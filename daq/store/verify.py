@@ -8,6 +8,7 @@ import numpy as np
 
 from daq.store.durable import TEMPORARY
 from daq.store.manifest import Manifest, load_manifest, sha256
+from daq.store.marks import load_marks
 from daq.store.run import read_chunk
 from daq.store.schema import TABLE
 from rigs.errors import FileError
@@ -24,7 +25,15 @@ def verify(path: Path) -> list[str]:
     except FileError as error:
         return [str(error)]
     problems = [problem for stream in manifest.all_streams for problem in _stream(path, manifest, stream)]
-    return _manifest(path, manifest) + _left_over(path, manifest) + problems
+    return _manifest(path, manifest) + _marks(path) + _left_over(path, manifest) + problems
+
+
+def _marks(path: Path) -> list[str]:
+    try:
+        load_marks(path)
+    except FileError as error:
+        return [str(error)]
+    return []
 
 
 def _manifest(path: Path, manifest: Manifest) -> list[str]:

@@ -74,6 +74,7 @@ class Bench:
         self.rig = folder / "rig.yaml"
         self.rig.write_text(self.cell.rig_text(text))
         self.cell.start()
+        self.options: list[str | Path] = []
         self.daemon: subprocess.Popen[str] | None = None
         self.env = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
         self.socket = folder / "rigd" / "bench.sock"
@@ -92,7 +93,7 @@ class Bench:
     def start(self, program: Sequence[str | Path] = (BIN / "rigd",), **options: Any) -> Bench:
         """Start the daemon and wait until it serves."""
         self.daemon = subprocess.Popen(
-            [*program, self.rig, "--runs", "runs"],
+            [*program, self.rig, "--runs", "runs", *self.options],
             stderr=subprocess.PIPE,
             env=self.env,
             cwd=self.folder,

@@ -1,0 +1,61 @@
+"""The list of runs, for people and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from daq.store import RunInfo
+
+_HOUR_S, _DAY_S = 3600.0, 86400.0
+
+
+def row(run: RunInfo, now_s: float) -> dict[str, Any]:
+    """What is worth knowing of a run; None where its manifest or marks cannot be read."""
+    manifest, marks = run.manifest, run.marks
+    return {
+        "run": str(run.path),
+        "name": manifest and manifest.name,
+        "test": manifest and manifest.test,
+        "direction": manifest and manifest.direction,
+        "rig": manifest and manifest.rig_name,
+        "operator": manifest and manifest.operator,
+        "status": run.status,
+        "bytes": run.size,
+        "age_s": round(now_s - run.ended_s),
+        "exported": marks.exports[-1].at if marks and marks.exports else None,
+        "kept": marks and marks.kept,
+    }
+
+
+def listed(rows: Sequence[dict[str, Any]]) -> Table:
+    """A line a run, and what all of them take."""
+    table = Table(box=None, padding=(0, 2), header_style="dim", show_footer=True, footer_style="dim")
+    table.add_column("run", f"{len(rows)} runs", overflow="fold")
+    table.add_column("test")
+    table.add_column("status")
+    table.add_column("size", _size(sum(one["bytes"] for one in rows)), justify="right")
+    table.add_column("age", justify="right")
+    table.add_column("exported")
+    table.add_column("kept")
+    for one in rows:
+        test = " ".join(filter(None, (one["test"], one["direction"]))) or "?"
+        status = Text(one["status"], "" if one["status"] == "complete" else "yellow")
+        exported = one["exported"][:10] if one["exported"] else "no"
+        kept = "kept" if one["kept"] else ""
+        table.add_row(one["run"], test, status, _size(one["bytes"]), _age(one["age_s"]), exported, kept)
+    return table
+
+
+def _size(count: int) -> str:
+    for unit, size in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= size:
+            return f"{count / size:.1f} {unit}"
+    return f"{count} B"
+
+
+def _age(seconds: float) -> str:
+    return f"{seconds / _DAY_S:.0f} d" if seconds >= _DAY_S else f"{seconds / _HOUR_S:.1f} h"

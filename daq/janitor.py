@@ -1,0 +1,88 @@
+"""Applies the rig file's retention to the runs of this rig, and says what it did and what it could not.
+
+Done now and then in a thread that neither reads nor writes samples: a slow disk delays it and nothing else.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from pathlib import Path
+
+from daq.store.retention import RunInfo, clear, decide, delete, survey
+from rigs.automatic import Retention
+from rigs.errors import FileError
+
+log = logging.getLogger("rigd")
+_TELL_AGAIN_S = 3600.0
+_BREATH_S = 0.002
+"""Between two runs: reading a thousand manifests in one go would hold up the readers of this process."""
+
+
+class Janitor:
+    """Deletes what may go, as far as it has to."""
+
+    def __init__(self, runs: Path, rig_name: str, limits: Retention) -> None:
+        self._runs, self._rig_name, self._limits = runs, rig_name, limits
+        self._told_at = -_TELL_AGAIN_S
+        self.deleted = 0
+        self.deleted_bytes = 0
+        self.over_bytes = 0
+        self.runs = 0
+        self.runs_bytes = 0
+
+    def round(self) -> None:
+        """Once over all runs of this rig."""
+        try:
+            found = self._found()
+        except (OSError, FileError) as error:
+            log.warning("retention: %s", error)
+            return
+        clear(self._runs)
+        decision = decide(found, self._limits, time.time())
+        gone = {run.path for run in decision.delete if self._delete(run)}
+        kept = [run for run in found if run.path not in gone]
+        self.over_bytes, self.runs, self.runs_bytes = decision.over, len(kept), sum(run.size for run in kept)
+        self._tell()
+
+    def state(self) -> dict[str, int]:
+        """Runs there are and their bytes, those deleted since the start, and bytes beyond the limit that must stay."""
+        return {
+            "runs": self.runs,
+            "bytes": self.runs_bytes,
+            "deleted": self.deleted,
+            "deleted_bytes": self.deleted_bytes,
+            "over_bytes": self.over_bytes,
+        }
+
+    def _found(self) -> list[RunInfo]:
+        found = []
+        for run in survey(self._runs) if self._runs.exists() else ():
+            time.sleep(_BREATH_S)
+            if run.manifest is None or run.manifest.rig_name == self._rig_name:
+                found.append(run)
+        return found
+
+    def _delete(self, run: RunInfo) -> bool:
+        try:
+            if not delete(run.path):
+                return False
+        except OSError as error:
+            log.warning("retention: %s cannot be deleted: %s", run.path, error.strerror or error)
+            return False
+        self.deleted += 1
+        self.deleted_bytes += run.size
+        days = (time.time() - run.ended_s) / 86400
+        copy = run.marks.exports[-1].file if run.marks else "?"
+        log.info("retention: deleted %s, %.0f days old, %.1f MB, exported to %s", run.path, days, run.size / 1e6, copy)
+        return True
+
+    def _tell(self) -> None:
+        """That there is too much of what may not go, once an hour."""
+        if not self.over_bytes or time.monotonic() - self._told_at < _TELL_AGAIN_S:
+            return
+        self._told_at = time.monotonic()
+        more, remedy = self.over_bytes / 1e9, "export some (rig export), or let go of kept ones (rig keep --not)"
+        log.warning(
+            "retention: %.2f GB more than allowed in %s, and no run may be deleted; %s", more, self._runs, remedy
+        )

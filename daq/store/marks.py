@@ -1,0 +1,81 @@
+"""What was done with a run after it had ended: `marks.json` beside the manifest, which it never changes.
+
+A run is exported or kept for ever by a person's word; retention deletes nothing that is not exported, and nothing kept.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from daq.store import durable
+from daq.store.manifest import first_error, iso_now, load_manifest, unreadable
+from rigs.errors import CellError, FileError
+
+MARKS = "marks.json"
+
+
+class Export(BaseModel):
+    """One file that a run was written to, and when."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    at: str
+    format: str
+    file: str
+
+
+class Marks(BaseModel):
+    """All marks of a run."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    version: Literal[1] = 1
+    kept: bool = False
+    exports: tuple[Export, ...] = ()
+
+
+def load_marks(run: Path) -> Marks:
+    """The marks of a run, none where nobody marked it. Raises FileError where they cannot be read."""
+    path = run / MARKS
+    try:
+        return Marks.model_validate_json(path.read_bytes())
+    except FileNotFoundError:
+        return Marks()
+    except ValidationError as error:
+        raise FileError(str(path), f"is damaged: {first_error(error)}", "delete it, then mark the run again") from None
+    except OSError as error:
+        raise unreadable(path, error) from None
+
+
+def mark_exported(run: Path, to: str, file: Path) -> None:
+    """Note that a run was written to a file. Raises FileError, CellError where this user may not write there."""
+    export = Export(at=iso_now(), format=to, file=str(file.absolute()))
+    _change(run, lambda marks: marks.model_copy(update={"exports": (*marks.exports, export)}))
+
+
+def mark_kept(run: Path, kept: bool) -> None:
+    """Note whether a run is kept for ever. Raises as above."""
+    _change(run, lambda marks: marks.model_copy(update={"kept": kept}))
+
+
+def _change(run: Path, change: Callable[[Marks], Marks]) -> None:
+    load_manifest(run)
+    try:
+        held = durable.try_lock(run)
+        if held is None:
+            raise FileError(
+                str(run), "is being recorded or changed by another program", "try again when that has ended"
+            )
+        try:
+            marks = change(load_marks(run))
+            durable.replace(run / MARKS, marks.model_dump_json(indent=1).encode())
+        finally:
+            os.close(held)
+    except OSError as error:
+        what = f"cannot be marked: {error.strerror or error}"
+        raise CellError(str(run), what, "do it as the owner of the run, where there is room") from None

@@ -1,0 +1,130 @@
+"""How long runs are kept: which of them may go, which of these have to, and the one function that deletes.
+
+Only a whole run that was exported and is not kept may go, oldest first. Whatever is in doubt stays: a run being
+recorded, one that crashed, a manifest or marks that cannot be read, a directory that is no run. A deletion first
+takes the run's name away, so that one that is cut off leaves no half run behind, but a `.deleted` directory that the
+next round removes.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from daq.store import durable
+from daq.store.manifest import MANIFEST, Manifest, load_manifest
+from daq.store.marks import Marks, load_marks
+from rigs.automatic import Retention
+from rigs.errors import FileError
+
+_DELETED = ".deleted"
+_DAY_S = 86400.0
+
+
+@dataclass(frozen=True)
+class RunInfo:
+    """A run directory from outside. ended_s: Unix time of its end, of its start where it has none.
+
+    status: the manifest's exit status, or `crashed`, or `damaged` where manifest or marks cannot be read.
+    """
+
+    path: Path
+    manifest: Manifest | None
+    marks: Marks | None
+    status: str
+    size: int
+    ended_s: float
+
+    @property
+    def may_go(self) -> bool:
+        """Whether retention may delete it."""
+        if self.manifest is None or self.marks is None or self.status in ("recording", "crashed", "damaged"):
+            return False
+        return bool(self.marks.exports) and not self.marks.kept
+
+
+@dataclass(frozen=True)
+class Decision:
+    """delete: what has to go, in this order; over: bytes beyond the limit that are left, since nothing more may go."""
+
+    delete: tuple[RunInfo, ...]
+    over: int
+
+
+def survey(runs: Path) -> Iterator[RunInfo]:
+    """Every run in a directory, in order of name. Raises FileError where there is no such directory."""
+    try:
+        entries = sorted(runs.iterdir())
+    except OSError as error:
+        raise FileError(str(runs), error.strerror or str(error), "give the directory that holds the runs") from None
+    for path in entries:
+        if path.is_dir() and not path.is_symlink() and not path.name.startswith(".") and (path / MANIFEST).exists():
+            with suppress(FileNotFoundError):  # deleted or moved away meanwhile
+                yield look(path)
+
+
+def look(run: Path) -> RunInfo:
+    """One run from outside. Raises FileNotFoundError where it is gone."""
+    size = sum(file.stat().st_size for file in run.iterdir())
+    changed_s = (run / MANIFEST).stat().st_mtime
+    try:
+        manifest, marks = load_manifest(run), load_marks(run)
+        ended_s = datetime.fromisoformat(manifest.ended or manifest.started).timestamp()
+    except (FileError, ValueError):
+        return RunInfo(run, None, None, "damaged", size, changed_s)
+    return RunInfo(run, manifest, marks, _status(run, manifest), size, ended_s)
+
+
+def _status(run: Path, manifest: Manifest) -> str:
+    if manifest.exit_status != "recording" and not any(run.glob("*.arrow")):
+        return manifest.exit_status
+    try:
+        return "recording" if durable.is_locked(run) else "crashed"
+    except OSError:
+        return "recording"  # nobody may look, so nobody knows
+
+
+def decide(found: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision:
+    """What has to go: what is too old, then the oldest until the rest fits."""
+    free = sorted((run for run in found if run.may_go), key=lambda run: run.ended_s)
+    old = [run for run in free if limits.days is not None and now_s - run.ended_s > limits.days * _DAY_S]
+    over = sum(run.size for run in found) - sum(run.size for run in old) - _allowed(limits)
+    more = []
+    for run in free[len(old) :]:
+        if over <= 0:
+            break
+        more.append(run)
+        over -= run.size
+    return Decision((*old, *more), max(0, over))
+
+
+def _allowed(limits: Retention) -> int:
+    return int(limits.gigabytes * 1e9) if limits.gigabytes is not None else 2**63
+
+
+def delete(run: Path) -> bool:
+    """Delete a run, once more made sure that it may go; False where it may not. Raises OSError."""
+    held = durable.try_lock(run)
+    if held is None:
+        return False
+    try:
+        if not look(run).may_go:
+            return False
+        gone = run.with_name(f".{run.name}{_DELETED}")
+        run.rename(gone)
+        durable.sync_directory(run.parent)
+    finally:
+        os.close(held)
+    shutil.rmtree(gone)
+    return True
+
+
+def clear(runs: Path) -> None:
+    """Remove what deletions that were cut off have left, as far as that can be."""
+    for gone in runs.glob(f".*{_DELETED}"):
+        shutil.rmtree(gone, ignore_errors=True)
