@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import logging
 import time
+from dataclasses import replace
 from pathlib import Path
 
 from daq.store.retention import RunInfo, clear, decide, delete, survey
@@ -40,9 +41,13 @@ class Janitor:
             return
         clear(self._runs)
         decision = decide(found, self._limits, time.time())
-        gone = {run.path for run in decision.delete if self._delete(run)}
-        kept = [run for run in found if run.path not in gone]
-        self.over_bytes, self.runs, self.runs_bytes = decision.over, len(kept), sum(run.size for run in kept)
+        while decision.delete:
+            gone = {run.path for run in decision.delete if self._delete(run)}
+            stuck = {run.path for run in decision.delete} - gone
+            # One that cannot be deleted makes way for the next oldest.
+            found = [replace(run, marks=None) if run.path in stuck else run for run in found if run.path not in gone]
+            decision = decide(found, self._limits, time.time())
+        self.over_bytes, self.runs, self.runs_bytes = decision.over, len(found), sum(run.size for run in found)
         self._tell()
 
     def state(self) -> dict[str, int]:
