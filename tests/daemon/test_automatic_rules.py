@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -43,6 +44,13 @@ automatic:
     - {when: {from_deg: [0, 0, 0, 0, 0, 0], to_deg: [-3, 0, 0, 0, 0, 0]}, test: yaw, direction: cw}
 retention: {days: 90, gigabytes: 200}"""
     assert told(rules) == []
+
+
+def test_the_example_of_the_documents_is_good() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "recording.md").read_text()
+    (example,) = re.findall(r"```yaml\n(feedback: .*?)```", page, re.S)
+    data = yaml.safe_load(UR10E) | yaml.safe_load(example)
+    assert len(data["automatic"]["rules"]) == 3 and told("", yaml.safe_dump(data)) == []
 
 
 def test_every_mistake_of_the_rules_is_told_at_once() -> None:
