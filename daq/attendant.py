@@ -81,7 +81,7 @@ class Attendant:
         if not self._rules:
             return None
         return {
-            "waits_for": [_event(rule) for rule in self._rules],
+            "waits_for": [rule.event for rule in self._rules],
             "signal": None if math.isnan(self._automat.signal) else self._automat.signal,
             "recording": self._mine,
             "started": self._started,
@@ -142,9 +142,3 @@ def _name(rule: Rule) -> str:
     """Unique and in order of time: `20261120T101500.250Z-yaw-cw`."""
     now = datetime.now(UTC)
     return f"{now:%Y%m%dT%H%M%S}.{now.microsecond // 1000:03d}Z-{rule.title.replace(' ', '-')}"
-
-
-def _event(rule: Rule) -> str:
-    """`signal 1: yaw cw`, say."""
-    event = "a motion" if rule.when.signal is None else f"signal {rule.when.signal}"
-    return f"{event}: {rule.title}"

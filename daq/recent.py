@@ -12,17 +12,20 @@ KEPT_NS = 5_000_000_000
 
 
 class Recent:
-    """Items of the last five seconds; some thousands a stream."""
+    """Items of the last five seconds and of the rounds since then; some thousands a stream."""
 
     def __init__(self, streams: Iterable[str]) -> None:
         self._items: dict[str, deque[Item]] = {name: deque() for name in streams}
 
-    def add(self, stream: str, items: Sequence[Item], now_ns: int) -> None:
-        """Keep these, forget what is too old."""
-        kept = self._items[stream]
-        kept.extend(items)
-        while kept and _at_ns(kept[0]) < now_ns - KEPT_NS:
-            kept.popleft()
+    def add(self, stream: str, items: Sequence[Item]) -> None:
+        """Keep these."""
+        self._items[stream].extend(items)
+
+    def trim(self) -> None:
+        """Forget what came five seconds before the newest; once in a round, so that a round of any length is whole."""
+        for kept in self._items.values():
+            while kept and _at_ns(kept[0]) < _at_ns(kept[-1]) - KEPT_NS:
+                kept.popleft()
 
     def since(self, stream: str, since_ns: int) -> list[Item]:
         """What came from then on, in order."""

@@ -81,6 +81,7 @@ class Recorder(threading.Thread):
 
     def _round(self) -> None:
         with self._lock:
+            self._recent.trim()
             try:
                 self._take(sync=True)
             except CellError as error:
@@ -153,7 +154,7 @@ class Recorder(threading.Thread):
             for fault in faults_of(items):
                 self._tell(name, fault.kind, fault.detail, fault.count)
             self._listen(name, items)
-            self._recent.add(name, items, time.monotonic_ns())
+            self._recent.add(name, items)
             if self._writer is not None:
                 self._put(self._writer, name, items)
         if sync and self._writer is not None:

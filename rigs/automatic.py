@@ -74,6 +74,11 @@ class Rule(Part):
         """`yaw cw`, say."""
         return f"{self.test} {self.direction}" if self.direction else self.test
 
+    @property
+    def event(self) -> str:
+        """`signal 1: yaw cw`, say."""
+        return f"{'a motion' if self.when.signal is None else f'signal {self.when.signal}'}: {self.title}"
+
 
 class Automatic(Part):
     """The rules by which recordings start without a person."""
@@ -96,7 +101,9 @@ class Automatic(Part):
         paired = [str(number) for number, rule in enumerate(self.rules, 1) if rule.test in Circling]
         lacks = []
         if unheard and not signal:
-            lacks.append(f"rule {', '.join(unheard)} waits for a signal, and feedback carries none: add it there")
+            lacks.append(
+                f"rule {', '.join(unheard)} waits for a signal, and feedback carries none (ur_rtde and line_feed can)"
+            )
         if paired and gauges < 2:
             lacks.append(f"rule {', '.join(paired)} needs two gauges: add gauges.g2")
         return lacks

@@ -24,3 +24,5 @@ def check(
     typer.echo(f"  {rig.robot.name}; {gauges}; robot by {rig.feedback.interface}; {len(rig.effects)} known effects")
     for line in tests:
         typer.echo(f"  {line}")
+    if rig.automatic:
+        typer.echo(f"  recorded by themselves: {', '.join(rule.event for rule in rig.automatic.rules)}")

@@ -9,6 +9,7 @@ import pytest
 
 from daq.automatic import Automat, Command, Start, Stop
 from daq.protocol.conversation import NO_TIME, Sample
+from daq.recent import Recent
 from rigs.automatic import Rule
 
 S = 1_000_000_000
@@ -218,3 +219,18 @@ def test_a_robot_that_creeps_does_not_stand_still() -> None:
     robot.does(1, 0)
     robot.does(2, 1, deg_s=1)
     assert robot.does(9, 0, deg_s=0.05) == []
+
+
+# --- What came before ---
+
+
+def test_five_seconds_and_the_whole_last_round_are_at_hand() -> None:
+    recent = Recent(["robot"])
+    stamps = [number * S // 10 for number in range(1000)]
+    samples = [Sample((1.0,), NO_TIME, at_ns, at_ns, 60) for at_ns in stamps]
+    recent.add("robot", samples[:800])
+    assert recent.since("robot", 0) == samples[:800], "a disk that was behind takes nothing away"
+    recent.trim()
+    recent.add("robot", samples[800:])
+    assert recent.since("robot", 0) == samples[749:]
+    assert recent.since("robot", 80 * S) == samples[800:]

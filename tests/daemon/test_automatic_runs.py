@@ -29,6 +29,7 @@ RULES = [
 def _text(interface: str, still_s: float = 0.5) -> str:
     data = yaml.safe_load(rig_text("keyence"))
     data["automatic"] = {"rules": [rule | {"still_s": still_s} for rule in RULES]}
+    data["retention"] = {"days": 30}
     if interface == "ur_rtde":
         data["feedback"]["signal"] = {"outputs": [0, 5]}
     else:
@@ -111,6 +112,8 @@ def test_a_silent_gauge_is_why_nothing_started(cell: Bench) -> None:
     state = cell.until(lambda state: state["automatic"]["refused"] == 1)
     assert state["recording"] is None and "yaw cw" in state["automatic"]["why_not"]
     assert "g2: no reading" in state["automatic"]["why_not"]
+    metrics = cell.run("rig", "metrics").stdout.splitlines()
+    assert {'rig_automatic_refused_total{rig="bench"} 1', 'rig_runs{rig="bench"} 0'} <= set(metrics)
     cell.motion.mm["g2"] = 0.2
     cell.until(lambda state: state["streams"]["g1_g2"]["age_s"].get("g2_mm", 9) < 1)
     cell.motion.program = 2
