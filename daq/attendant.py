@@ -97,7 +97,7 @@ class Attendant:
                 self._end_as(command)
 
     def _begin(self, start: Start) -> None:
-        rule, recording = start.rule, self._recorder.state()["recording"]
+        rule, recording = start.rule, self._recording()
         if recording:
             self._refuse(rule.title, f"{recording} is being recorded by hand")
             return
@@ -130,9 +130,14 @@ class Attendant:
         except RigError as error:
             log.error("%s", error)
 
+    def _recording(self) -> object:
+        """Name of the recording that goes on, also while it waits for the disk; None for none."""
+        state = self._recorder.state()
+        return state["recording"] or state.get("waiting")
+
     def _goes_on(self) -> bool:
         """Whether the automat's run is still being recorded: a full disk or a person may have ended it."""
-        if self._mine is not None and self._recorder.state()["recording"] != self._mine:
+        if self._mine is not None and self._recording() != self._mine:
             self._mine = None
             self._automat.forget()
         return self._mine is not None

@@ -12,8 +12,8 @@ from typing import Any
 from pydantic import ValidationError
 
 from daq.attendant import Attendant
-from daq.clock_watch import ClockWatch
 from daq.control import ControlServer, Lock
+from daq.drift import DriftWatch
 from daq.housekeeper import Housekeeper
 from daq.inbox import Inbox, samples_of
 from daq.janitor import Janitor
@@ -63,7 +63,7 @@ class Daemon:
             self._inboxes = {stream.name: Inbox(stream.name, stream.columns) for stream in self._streams}
             self._recorder = Recorder(self._inboxes, self._create, self._after_round, self._listen)
             self._attendant = Attendant(self._recorder, rig.automatic)
-            self._clocks = {stream.name: ClockWatch() for stream in self._streams}
+            self._clocks = {stream.name: DriftWatch() for stream in self._streams}
             self._janitor = Janitor(runs, rig.name, rig.retention) if rig.retention else None
             self._housekeeper = Housekeeper(metrics, lambda: metrics_text(self._status()), self._janitor)
             self._tap = Tap(capture, self._streams) if capture else None

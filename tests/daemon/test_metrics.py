@@ -14,7 +14,7 @@ from bench import Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.clock_watch import ClockWatch
+from daq.drift import DriftWatch
 from daq.housekeeper import Housekeeper, write_whole
 from daq.prometheus import Metric, render
 from daq.protocol.conversation import NO_TIME, FaultKind, Sample
@@ -139,7 +139,7 @@ def _samples(seconds: float, ppm: float, start_s: float, rng: random.Random, dev
 
 
 def test_the_drift_of_a_clock_shows_through_late_messages() -> None:
-    watch, rng = ClockWatch(), random.Random(3)
+    watch, rng = DriftWatch(), random.Random(3)
     watch.feed(_samples(9, 30, 500, rng))
     assert watch.state() is None
     watch.feed(_samples(300, 30, 509, rng, 1009))
@@ -149,7 +149,7 @@ def test_the_drift_of_a_clock_shows_through_late_messages() -> None:
 
 
 def test_a_clock_that_begins_anew_is_watched_anew() -> None:
-    watch, rng = ClockWatch(), random.Random(4)
+    watch, rng = DriftWatch(), random.Random(4)
     watch.feed(_samples(100, 0, 500, rng))
     watch.feed(_samples(25, 0, 600, rng, device_s=3.0))
     state = watch.state()
@@ -157,6 +157,6 @@ def test_a_clock_that_begins_anew_is_watched_anew() -> None:
 
 
 def test_an_instrument_without_a_clock_has_no_drift() -> None:
-    watch = ClockWatch()
+    watch = DriftWatch()
     watch.feed([Sample((1.0,), NO_TIME, number, number, 7) for number in range(100)])
     assert watch.state() is None
