@@ -20,6 +20,7 @@ import daq.feedback
 import daq.gauges
 from daq.protocol.conversation import Conversation
 from daq.protocol.framing import LIMIT
+from rigs.feedback import carries_signal
 
 HELD_MAX = 3 * LIMIT
 
@@ -120,7 +121,11 @@ def _sides() -> dict[str, tuple[Callable[[], Conversation], list[bytes]]]:
     for name, feedback in FEEDBACKS:
         sides[f"{name} host"] = (lambda feedback=feedback: daq.feedback.host(feedback)), replies
         sides[f"{name} device"] = (
-            (lambda feedback=feedback: daq.feedback.device(feedback, lambda now_ns: [1.0] * 7)),
+            (
+                lambda feedback=feedback: daq.feedback.device(
+                    feedback, lambda now_ns: [1.0] * (6 + carries_signal(feedback))
+                )
+            ),
             requests,
         )
     return sides

@@ -79,7 +79,7 @@ def test_gauge_tells_a_head_in_error(name: str, gauges: Sequence[Gauge], resolut
 @pytest.mark.parametrize(("name", "feedback"), FEEDBACKS, ids=[case[0] for case in FEEDBACKS])
 def test_feedback_gives_the_planted_angles(name: str, feedback: Feedback) -> None:
     def read(now_ns: int) -> list[float]:
-        signal = [float(now_ns // S)] if carries_signal(feedback) else []
+        signal = [float(now_ns // S % 4)] if carries_signal(feedback) else []
         return [*(axis * 10 - now_ns * 1e-9 for axis in range(1, 7)), *signal]
 
     device = daq.feedback.device(feedback, read)
