@@ -8,6 +8,7 @@ are zero for none; shapes say how it looks and need a size to be seen.
 from __future__ import annotations
 
 import datetime as dt
+import math
 from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field
@@ -266,6 +267,19 @@ def size_field(effect: Any) -> str:
         if isinstance(field.json_schema_extra, dict) and "healthy" in field.json_schema_extra:
             return str(name)
     raise TypeError(f"{effect!r} is no effect")
+
+
+def bounds(effect: Any, field: str) -> tuple[float, float]:
+    """Lowest and highest value of a parameter, infinite where it has no bound."""
+    metadata = type(effect).model_fields[field].metadata
+    low = [float(getattr(m, name)) for m in metadata for name in ("ge", "gt") if hasattr(m, name)]
+    high = [float(m.le) for m in metadata if hasattr(m, "le")]
+    return max(low, default=-math.inf), min(high, default=math.inf)
+
+
+def one_sided(effect: Any) -> bool:
+    """Whether a size cannot be negative: a width, a softness, an amplitude."""
+    return bounds(effect, size_field(effect))[0] == 0
 
 
 def healthy_size(effect: Any) -> float:

@@ -23,7 +23,7 @@ from analysis.diagnose.observed import GRID, Seen, curve, see
 from analysis.diagnose.plan import parting, parts
 from analysis.diagnose.remedy import remedy
 from analysis.diagnose.search import QUIET, RICH, Search
-from analysis.diagnose.settle import settled
+from analysis.diagnose.settle import grown, settled
 from analysis.diagnose.shake import Swing, stilled, swing
 from analysis.fitting.observation import rms
 from analysis.kinematics.arm import Array
@@ -68,8 +68,8 @@ def diagnose(
     shaken = _shaken(runs, look)
     if shaken:
         progress("once more without the swing of the link")
-        grown = _grown(runs, look.found.refined.effects)
-        still = stilled(grown, look.found.refined.setups, shaken.effect.frequency_hz)
+        refined = look.found.refined
+        still = stilled(grown(runs, refined.effects), refined.setups, shaken.effect.frequency_hz)
         look = _looked([replace(run, one=calm.one) for run, calm in zip(runs, still, strict=True)], progress)
     blocks, linear, search, found = look.linear.blocks, look.linear, look.search, look.found
     verdict, why = _verdict(look, shaken is not None)
@@ -158,7 +158,7 @@ def _looked(runs: Sequence[Seen], progress: Callable[[str], None]) -> _Look:
 
 def _shaken(runs: Sequence[Seen], look: _Look) -> Swing | None:
     """A swing beside the names found, where one pays for itself."""
-    found = swing(_grown(runs, look.found.refined.effects), look.found.refined.setups)
+    found = swing(grown(runs, look.found.refined.effects), look.found.refined.setups)
     if found is None or found.gain < look.search.price or not _counts(found.effect, look.found.level):
         return None
     return found
@@ -168,11 +168,6 @@ def _counts(effect: Effect, level: float) -> bool:
     """Whether an effect is more than what an arm with so much of everything shows anyway."""
     size: float = abs(getattr(effect, size_field(effect)))
     return level <= max(QUIET) or size > healthy_size(effect)
-
-
-def _grown(runs: Sequence[Seen], effects: Sequence[Effect]) -> list[Seen]:
-    """Runs with effects in their models."""
-    return [replace(run, model=replace(run.model, effects=(*run.model.effects, *effects))) for run in runs]
 
 
 def _seen(rig: Rig, runs: Sequence[Measured]) -> list[Seen]:
@@ -250,7 +245,7 @@ def _verdict(look: _Look, shaken: bool) -> tuple[Verdict, str]:
 def _gap(runs: Sequence[Seen], effects: Sequence[Effect], blocks: Sequence[Block], names: Sequence[str]) -> Gap:
     """Runs before and after effects are in their model, set-ups fitted both times."""
     setups, before = settled(runs)
-    after = settled(runs, effects, setups)[1] if effects else before
+    after = settled(grown(runs, effects), setups)[1] if effects else before
     floor = _floor(blocks, {run.name for run in runs})
     return Gap(tuple(names), 1e3 * rms(before), 1e3 * rms(after), floor)
 

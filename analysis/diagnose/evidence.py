@@ -6,34 +6,27 @@ as 35 sigma, or as its own size): log evidence of a set S over nothing named is
 
     1/2 y'C⁻¹X (X'C⁻¹X + P⁻¹)⁻¹ X'C⁻¹y - 1/2 log det(1 + X'C⁻¹X P)
 
-The strength of the background is not known either: `Background.log_density` of the residual decides (empirical Bayes).
+The strength of the background is not known either: the density of the residual decides (empirical Bayes, `search`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.diagnose.candidates import Candidate
 from analysis.diagnose.linear import Linear
 from analysis.kinematics.arm import Array
-from rigs.effects import Effect, size_field
+from rigs.effects import Effect
 
 WIDE = 35.0
 """Sigmas that a named effect may well have."""
 DETECTABLE = 7.0
 """Sigmas at which an effect alone is seen beyond doubt: its detection limit."""
-
-
-@dataclass(frozen=True)
-class Gain:
-    """Evidence of one more name: log of it, over not naming it, and its main coefficients in healthy sizes."""
-
-    evidence: float
-    size: Array
+LARGEST = 25.0
+"""Healthy sizes at which an effect must at least be seen to be testable."""
 
 
 class Dictionary:
@@ -129,9 +122,3 @@ class Background:
 
         half = self.halved(columns)
         return columns - self._B @ solve_triangular(self._chol, half, lower=True, trans=1, check_finite=False)
-
-
-def one_sided(effect: Effect) -> bool:
-    """A width or a softness cannot be negative."""
-    metadata = type(effect).model_fields[size_field(effect)].metadata
-    return any(getattr(bound, "ge", -1.0) == 0 for bound in metadata)

@@ -17,14 +17,14 @@ import numpy as np
 
 from analysis.diagnose.blocks import blocks_of
 from analysis.diagnose.candidates import Candidate, candidates_for, name_of
-from analysis.diagnose.evidence import DETECTABLE, one_sided
+from analysis.diagnose.evidence import DETECTABLE, LARGEST
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.observed import see
 from analysis.kinematics.arm import Array, transform
 from analysis.model.predict import SetUp, model_of, nominal_setup
 from analysis.model.simulate import simulate
 from analysis.reading.tables import CircleTable, Table
-from rigs.effects import Effect, JointOffset, healthy_size, size_field
+from rigs.effects import Effect, JointOffset, healthy_size, one_sided, size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.tests import Circle
@@ -32,8 +32,6 @@ from rigs.vocabulary import TestName
 
 ALIKE = float(np.sqrt(2 * np.log(20)))
 """Sigmas below which the odds between two names stay within 20 to 1, as a diagnosis has it for rivals."""
-LARGEST = 25.0
-"""Healthy sizes at which an effect must at least be seen."""
 _CIRCLES: tuple[TestName, ...] = ("yaw", "roll")
 _RADII_MM = (140.0, 50.0)
 _ASIDE_MM = 100.0

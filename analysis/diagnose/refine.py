@@ -15,10 +15,10 @@ import numpy as np
 
 from analysis.diagnose.evidence import WIDE, Background
 from analysis.diagnose.forms import form_columns
-from analysis.diagnose.linear import Linear, basis_of, nudged
+from analysis.diagnose.linear import Linear, basis_of
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
-from rigs.effects import Effect, healthy_size, size_field
+from rigs.effects import Effect, bounds, healthy_size, size_field
 
 _ROUNDS = 10
 _FURTHEST = 4.0
@@ -31,8 +31,9 @@ _STEP_MM = 2.0
 _SETTLED_MM = 5e-4
 _ENOUGH = 0.02
 """Half a chi-square that a round must gain to go on."""
-_BALL_MM = 1.0
-"""How far a ball may be from where the first fit has it: decides only what the readings hardly tell, its height."""
+_STANDS_MM = 1.0
+"""How far a ball or an instrument may be from where the first fit has it: decides only what the readings hardly tell,
+such as a ball's height."""
 _SHAPES: dict[str, dict[str, tuple[float, float]]] = {
     "backlash": {"transit": (0.2, 0.4), "preload": (0.0, 0.15)},
     "transmission_error": {"third": (0.0, 0.3)},
@@ -96,7 +97,7 @@ class _Problem:
         self.unknowns = _unknowns(linear, effects)
         self.expected = np.array([u.expected for u in self.unknowns])
         self.spread = np.array([u.spread for u in self.unknowns])
-        self._held = np.array([1 / _BALL_MM**2 if term < 3 else 1e-9 for _, term in linear.nudges])
+        self._held = np.where(linear.stands, 1 / _STANDS_MM**2, 1e-9)
         self._about(linear.U)
 
     def _about(self, U: Array) -> None:
@@ -115,7 +116,7 @@ class _Problem:
         moved = np.zeros(len(self._held))
         for _ in range(_TURNS if large else 0):
             moved, _ = self._settled(now, moved)
-            self._about(self.linear.setup_columns(now, self._setups(moved)))
+            self._about(self.linear.setup_columns(now, self.linear.placed(moved)))
         return self._solved(now, whole, moved)
 
     def _solved(self, now: list[Any], whole: float, moved: Array) -> Refined:
@@ -147,27 +148,21 @@ class _Problem:
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
         evidence = 0.5 * (whole - cost) - 0.5 * float(occam)
         r = r - self._forms @ (self._forms.T @ self.background.weighted(r))
-        return Refined(tuple(now), tuple(self.unknowns), x, covariance, r, J, self._setups(moved), evidence)
+        return Refined(tuple(now), tuple(self.unknowns), x, covariance, r, J, self.linear.placed(moved), evidence)
 
     def _settled(self, effects: Sequence[Effect], moved: Array) -> tuple[Array, Array]:
         """Set-ups fitted to what effects leave, as how far (s,) mm they moved, and what is left without what they could
         still do."""
         for _ in range(_SETTLING):
-            r = self.linear.residual(effects, self._setups(moved))
+            r = self.linear.residual(effects, self.linear.placed(moved))
             held = self._held * max(1.0, float(np.mean(r**2)))
             change = np.linalg.solve(self._normal + np.diag(held), self._U.T @ r - held * moved)
             if np.abs(change).max() < _SETTLED_MM:
                 break
             moved = moved + change * min(1.0, _STEP_MM / np.abs(change).max())
         else:
-            r = self.linear.residual(effects, self._setups(moved))
+            r = self.linear.residual(effects, self.linear.placed(moved))
         return moved, self._projected(r)
-
-    def _setups(self, moved: Array) -> dict[str, SetUp]:
-        placed = dict(self.linear.setups)
-        for (name, term), step in zip(self.linear.nudges, moved, strict=True):
-            placed[name] = nudged(placed[name], self.linear.poses(name), term, float(step))
-        return placed
 
     def _cost(self, r: Array, x: Array) -> float:
         chi2 = float(self.background.product(r[:, None], r[:, None])[0, 0])
@@ -230,11 +225,3 @@ def _step(effect: Any, unknown: Unknown) -> float:
     size = 1e-3 * unknown.spread if unknown.field != size_field(effect) else 0.05 * healthy_size(effect)
     _, high = bounds(effect, unknown.field)
     return -size if getattr(effect, unknown.field) + size > high else size
-
-
-def bounds(effect: Any, field: str) -> tuple[float, float]:
-    """Lowest and highest value of a parameter."""
-    metadata = type(effect).model_fields[field].metadata
-    low = max((float(getattr(m, name)) for m in metadata for name in ("ge", "gt") if hasattr(m, name)), default=-np.inf)
-    high = min((float(m.le) for m in metadata if hasattr(m, "le")), default=np.inf)
-    return low, high

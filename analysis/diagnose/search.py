@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnose.evidence import DETECTABLE, WIDE, Background, Dictionary, one_sided
+from analysis.diagnose.evidence import DETECTABLE, LARGEST, WIDE, Background, Dictionary
 from analysis.kinematics.arm import Array
-from rigs.effects import Effect, healthy_size, size_field
+from rigs.effects import Effect, healthy_size, one_sided, size_field
 
 PRICE = 3.0
 """Log odds that a name must win beside the number of names there are: 20 to 1."""
@@ -27,8 +27,6 @@ DOUBT = 6.0
 QUIET = (0.05, 0.1, 0.2)
 RICH = (0.4, 0.8, 1.6, 3.2, 6.4, 12.8, 25.6, 100.0)
 """Levels that are tried: those of an arm with little of everything, and those beyond."""
-_LARGEST = 25.0
-"""Healthy sizes at which an effect must at least be seen to be testable."""
 _OWN_SHARE = 1e-3
 _NOTHING = 1e-4
 """Square of sigmas of a healthy size below which a candidate does nothing."""
@@ -57,7 +55,7 @@ class Search:
     ) -> None:
         y = dictionary.y if y is None else y
         self.dictionary, self.y, self.depth = dictionary, y, depth
-        seen = (dictionary.own >= _OWN_SHARE) & (_LARGEST * dictionary.sigma >= DETECTABLE)
+        seen = (dictionary.own >= _OWN_SHARE) & (LARGEST * dictionary.sigma >= DETECTABLE)
         self.testable = seen if testable is None else testable
         self.names = [candidate.name for candidate in dictionary.candidates]
         self.price = PRICE + float(np.log(len(set(self.names))))

@@ -26,6 +26,8 @@ _ANY_PHASE_DEG = 180.0 / np.sqrt(3)
 """Standard uncertainty of a phase of which nothing is known."""
 _LOOSE = 10.0
 """Standard uncertainty, in healthy sizes, from which on a parameter is not determined by the data."""
+_NOTHING_MM = 1e-5
+"""What no gauge shows: by so little one of two fits that leave nothing may be worse."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ def calibrate(
     after = fit(replace(model, effects=effects), observations, free, before.setups)
     after, loose = _tightened(after, observations, before)
     held += loose
-    if after.rms_mm > before.rms_mm:
+    if after.rms_mm > before.rms_mm + _NOTHING_MM:
         raise FileError("--fit", "the fit did not converge", "choose fewer effects")
     return Calibration(
         known, before, after, held, _rms(before, observations, left_out), _rms(after, observations, left_out)

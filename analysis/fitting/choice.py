@@ -10,7 +10,7 @@ import re
 from itertools import product
 from typing import Any
 
-from rigs.effects import VOCABULARY, Effect, healthy_size, size_field
+from rigs.effects import VOCABULARY, Effect, healthy_size, one_sided, size_field
 from rigs.errors import FileError
 
 _NUMBER = r"\d+(?:\.\d+)?"
@@ -69,7 +69,7 @@ def _begun(word: str, name: str, keys: dict[str, Any]) -> Effect:
         effect: Any = VOCABULARY[name].model_validate(keys)
     except ValueError:
         raise FileError(f"--fit {word}", f"outside what {name} can be", "see docs/simulation.md") from None
-    field = size_field(effect)
-    bounded = any(getattr(bound, "ge", None) == 0 for bound in type(effect).model_fields[field].metadata)
-    begun: Effect = effect.model_copy(update={field: 0.5 * healthy_size(effect) if bounded else 0.0})
+    begun: Effect = effect.model_copy(
+        update={size_field(effect): 0.5 * healthy_size(effect) if one_sided(effect) else 0.0}
+    )
     return begun

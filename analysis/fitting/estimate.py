@@ -12,17 +12,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.fitting.observation import Observation, residuals_of, rms
-from analysis.fitting.rigid import best_rigid, moved_by
+from analysis.fitting.setups import BALL_MM, moved_setup, settled, terms_of
 from analysis.fitting.uncertainty import covariance
 from analysis.kinematics.arm import Array
-from analysis.model.predict import Model, SetUp, nominal_setup, predict
-from analysis.reading.tables import CircleTable, PoseTable, Table
-from rigs.effects import Effect, healthy_size, size_field
-
-_BALL_MM = 5.0
-"""How far from its place a ball is set. A weak prior: it only decides what the readings cannot, such as how high the
-ball sits on its axis in a yaw test, where a wrong model would push it far away."""
-
+from analysis.model.predict import Model, SetUp
+from analysis.reading.tables import PoseTable, Table
+from rigs.effects import Effect, bounds, healthy_size, size_field
 
 _INSIDE = 0.5
 """A bounded size begins at least this many plausible sizes inside its bounds."""
@@ -76,10 +71,16 @@ def fit(
     free: Sequence[Free] = (),
     setups: Mapping[str, SetUp] | None = None,
 ) -> Fit:
-    """Fit set-up terms, and the free parameters of the model's effects. `setups`: where to begin."""
+    """Fit set-up terms, and the free parameters of the model's effects.
+
+    setups: where to begin; else at set-ups settled about the model as it is: far from its place a ball would be held
+    back by a prior that knows only the straight part of what the readings say, and effects would make up for it.
+    """
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, needed here only
 
-    problem = _Problem(model, observations, tuple(free), dict(setups or first_setups(model, observations)))
+    problem = _Problem(
+        model, observations, tuple(free), dict(setups or settled([(model, one) for one in observations]))
+    )
     start = problem.start()
     low, high = problem.bounds(start)
     found = least_squares(problem.residual, start, bounds=(low, high), x_scale="jac", jac=problem.jacobian)
@@ -115,7 +116,7 @@ class _Problem:
         self, model: Model, observations: Sequence[Observation], free: tuple[Free, ...], setups: dict[str, SetUp]
     ) -> None:
         self.model, self.observations, self.free, self.setups = model, observations, free, setups
-        self._lengths = {name: _length(self._table(name)) for name in setups}
+        self._lengths = {name: terms_of(self._table(name)) for name in setups}
         self._weight_mm = 0.0
         self._weight_mm = self._unexplained(self.start())
 
@@ -130,10 +131,7 @@ class _Problem:
         for k, one in enumerate(self.free, start=first):
             if one.signed:
                 continue
-            metadata = type(self.model.effects[one.effect]).model_fields[one.field].metadata
-            for bound in metadata:
-                low[k] = max(low[k], getattr(bound, "ge", -np.inf) / one.scale)
-                high[k] = min(high[k], getattr(bound, "le", np.inf) / one.scale)
+            low[k], high[k] = (bound / one.scale for bound in bounds(self.model.effects[one.effect], one.field))
             # On a bound the trust region has no room to begin with, and some effects have no slope at zero.
             start[k] = np.clip(start[k], low[k] + _INSIDE, high[k] - _INSIDE)
         return low, high
@@ -142,7 +140,7 @@ class _Problem:
         """Model and set-ups of a vector of unknowns."""
         placed, begin = {}, 0
         for name, length in self._lengths.items():
-            placed[name] = _moved(self.setups[name], self._table(name), x[begin : begin + length])
+            placed[name] = moved_setup(self.setups[name], self._table(name), x[begin : begin + length])
             begin += length
         effects = list(self.model.effects)
         for one, value in zip(self.free, x[begin:], strict=True):
@@ -163,7 +161,7 @@ class _Problem:
         owner = [name for name, length in self._lengths.items() for _ in range(length)]
         for k in range(len(x)):
             step = np.zeros(len(x))
-            # Set-up terms are mm and rad; parameters are in plausible sizes. Both are happy with a thousandth, upwards,
+            # Set-up terms are mm; parameters are in plausible sizes. Both are happy with a thousandth, upwards,
             # where no bound is: upper ones are hundreds of plausible sizes away.
             step[k] = 1e-3
             model, placed = self.at(x + step)
@@ -184,39 +182,9 @@ class _Problem:
         begin, rows = 0, []
         for name, length in self._lengths.items():
             if not isinstance(self._table(name), PoseTable):
-                rows.append(x[begin : begin + 3] / _BALL_MM * self._weight_mm)
+                rows.append(x[begin : begin + 3] / BALL_MM * self._weight_mm)
             begin += length
         return np.concatenate([*rows, np.empty(0)])
 
     def _table(self, name: str) -> Table:
         return next(one.table for one in self.observations if one.setup == name)
-
-
-def first_setups(model: Model, observations: Sequence[Observation]) -> dict[str, SetUp]:
-    """Where a fit begins: set-ups as they were meant, an instrument's place by its readings."""
-    setups = {}
-    for one in observations:
-        if one.setup in setups:
-            continue
-        setup = nominal_setup(model.rig, one.table)
-        if isinstance(one.table, PoseTable):
-            tool = predict(model, one.table, one.path, setup)[:, [3, 7, 11]]
-            setup = replace(setup, T_instrument_world=best_rigid(tool[one.rows], one.values))
-        setups[one.setup] = setup
-    return setups
-
-
-def _length(table: Table) -> int:
-    """Unknowns of a set-up: ball and zeros; for poses the instrument's place and turn, and the target's place."""
-    if isinstance(table, PoseTable):
-        return 9
-    return 5 if isinstance(table, CircleTable) else 4
-
-
-def _moved(setup: SetUp, table: Table, change: Array) -> SetUp:
-    if isinstance(table, PoseTable):
-        target = setup.T_tool_target.copy()
-        target[:3, 3] += change[6:9]
-        instrument = moved_by(setup.T_instrument_world, change[:3], change[3:6])
-        return replace(setup, T_instrument_world=instrument, T_tool_target=target)
-    return replace(setup, ball=setup.ball + change[:3], zeros_mm=setup.zeros_mm + change[3:])

@@ -39,15 +39,17 @@ def observe(model: Model, table: Table, where: str) -> Observation:
     return Observation(table, path_of(model, table), rows, table.g_mm[:, None], kind)
 
 
+def predicted(model: Model, one: Observation, setup: SetUp) -> Array:
+    """What a model says the observed readings are, (m, k) mm; of poses the places."""
+    values = predict(model, one.table, one.path, setup)
+    if isinstance(one.table, PoseTable):
+        values = values[:, [3, 7, 11]]
+    return values[one.rows]
+
+
 def residuals_of(model: Model, observations: Sequence[Observation], setups: Mapping[str, SetUp]) -> list[Array]:
     """Measured less predicted, (m, k) mm for each observation."""
-    found = []
-    for one in observations:
-        predicted = predict(model, one.table, one.path, setups[one.setup])
-        if isinstance(one.table, PoseTable):
-            predicted = predicted[:, [3, 7, 11]]
-        found.append(one.values - predicted[one.rows])
-    return found
+    return [one.values - predicted(model, one, setups[one.setup]) for one in observations]
 
 
 def rms(residuals: Sequence[Array]) -> float:

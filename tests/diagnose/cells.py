@@ -18,13 +18,14 @@ from analysis.diagnose.evidence import Background
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.observed import Seen, see
 from analysis.diagnose.settle import settled
+from analysis.kinematics.arm import arm_of, forward
 from analysis.model.predict import SetUp, model_of, nominal_setup
 from analysis.model.simulate import simulate
 from analysis.reading.loading import Measured
-from analysis.reading.tables import CircleTable, Table
+from analysis.reading.tables import CircleTable, PoseTable, Table
 from daq.store import Run
 from daq.store.manifest import Manifest
-from rigs.effects import Effect
+from rigs.effects import Effect, JointOffset
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.vocabulary import Direction, TestName
@@ -47,6 +48,17 @@ def measured(table: Table, test: TestName, name: str, rig: Rig = RIG) -> Measure
     told: dict[str, Any] = {"name": name, "test": test, "direction": direction, "rig_text": TEXT}
     manifest = Manifest.model_construct(**told)
     return Measured(Path(name), Run(Path(name), manifest, {}, []), rig, table, 0.0, ())
+
+
+def poses(seed: int, *off: JointOffset) -> Measured:
+    """Random poses as a tracker in a frame of its own sees them, 40 µm of noise."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1.0, 1.0, (150, 6))
+    true = q.copy()
+    for one in off:
+        true[:, one.axis - 1] += np.radians(one.offset_deg)
+    xyz = forward(arm_of(RIG.robot), true)[:, :3, 3] + [100.0, -40.0, 10.0] + rng.normal(0.0, 0.04, (150, 3))
+    return measured(PoseTable(q, xyz, None), "pose", "pose")
 
 
 def circles(

@@ -6,14 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cells import RIG, circles, found_in, measured, table_of
+from cells import RIG, circles, found_in, measured, poses, table_of
 
 from analysis.diagnose.candidates import name_of
 from analysis.diagnose.diagnosis import Diagnosis
-from analysis.kinematics.arm import arm_of, forward
 from analysis.reading.lap import lap_of
 from analysis.reading.loading import Measured
-from analysis.reading.tables import CircleTable, PoseTable, RadialTable
+from analysis.reading.tables import CircleTable, RadialTable
 from rigs.effects import Backlash, Effect, JointOffset
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -126,26 +125,15 @@ def test_a_single_radial_run_names_the_true_geometry_or_a_rival_of_it() -> None:
     assert found.train.before_um > 20
 
 
-def _poses(seed: int, *off: JointOffset) -> Measured:
-    """Random poses as a tracker in a frame of its own sees them, 40 µm of noise."""
-    rng = np.random.default_rng(seed)
-    q = rng.uniform(-1.0, 1.0, (150, 6))
-    true = q.copy()
-    for one in off:
-        true[:, one.axis - 1] += np.radians(one.offset_deg)
-    xyz = forward(arm_of(RIG.robot), true)[:, :3, 3] + [100.0, -40.0, 10.0] + rng.normal(0.0, 0.04, (150, 3))
-    return measured(PoseTable(q, xyz, None), "pose", "pose")
-
-
 def test_poses_of_a_healthy_robot_draw_no_name() -> None:
-    found = found_in([_poses(1)])
+    found = found_in([poses(1)])
     assert found.verdict == "within_tolerance" and found.effects == ()
     assert _told(found, "no circle") and found.maps[0].test == "pose"
 
 
 def test_poses_name_a_zero_that_is_off() -> None:
     truth = JointOffset(axis=3, offset_deg=0.2)
-    found = found_in([_poses(2, truth)])
+    found = found_in([poses(2, truth)])
     assert found.verdict == "named" and [name_of(one.effect) for one in found.effects] == ["joint_offset 3"]
     one = found.effects[0]
     assert abs(getattr(one.effect, "offset_deg", 0.0) - 0.2) < 4 * one.sd["offset_deg"]

@@ -7,8 +7,8 @@ import pytest
 from cells import healthy
 
 from analysis.diagnose.candidates import Candidate, candidates_for
-from analysis.diagnose.evidence import Background, Dictionary, one_sided
-from rigs.effects import Backlash, Compliance, JointOffset, LinkGeometry, ReversalSpike
+from analysis.diagnose.evidence import Background, Dictionary
+from rigs.effects import Backlash, Compliance, JointOffset, LinkGeometry, ReversalSpike, one_sided
 
 RNG = np.random.default_rng(2)
 N = 40

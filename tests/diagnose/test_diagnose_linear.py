@@ -6,9 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cells import Array, healthy, holding, planted, table_of, white
+from cells import Array, healthy, holding, planted, poses, seen, table_of, white
 
-from analysis.diagnose.linear import Linear, nudged, readings, terms_of
+from analysis.diagnose.blocks import blocks_of
+from analysis.diagnose.linear import Linear
+from analysis.diagnose.settle import settled
+from analysis.fitting.observation import predicted
+from analysis.fitting.setups import terms_of
 from analysis.reading.tables import CircleTable
 from rigs.effects import (
     Backlash,
@@ -64,15 +68,24 @@ def test_columns_of_several_effects_stand_side_by_side() -> None:
 
 def test_what_a_ball_or_a_zero_can_do_leaves_nothing() -> None:
     linear = healthy()
-    setup = linear.setups["yaw"]
-    assert len(linear.nudges) == terms_of(setup, poses=False) == 5
-    for term in range(5):
-        moved = nudged(setup, False, term, 0.02)
-        shift = np.concatenate(
-            [block.whitened(readings(block.model, block, moved) - readings(block.model, block, setup))
-             for block in linear.blocks]
-        )  # fmt: skip
+    assert len(linear.stands) == terms_of(linear.blocks[0].one.table) == 5
+    for term, moved in enumerate(0.02 * np.eye(5)):
+        there = linear.placed(moved)
+        shift = np.concatenate([block.whitened(linear.added_mm(k, (), there)) for k, block in enumerate(linear.blocks)])
         assert np.linalg.norm(linear.projected(shift)) < 5e-3 * max(np.linalg.norm(shift), 1.0), term
+
+
+def test_terms_of_poses_are_where_an_instrument_stands_its_turn_and_its_target() -> None:
+    runs = seen([poses(1)])
+    setups, _ = settled(runs)
+    linear = Linear(blocks_of(runs, setups)[0], setups)
+    assert linear.stands.tolist() == [True] * 3 + [False] * 6
+    there = linear.placed(np.arange(1.0, 10.0))["pose"]
+    before = setups["pose"]
+    np.testing.assert_allclose(there.T_instrument_world[:3, 3] - before.T_instrument_world[:3, 3], [1, 2, 3])
+    np.testing.assert_allclose(there.T_tool_target[:3, 3] - before.T_tool_target[:3, 3], [7, 8, 9])
+    turned = there.T_instrument_world[:3, :3] @ before.T_instrument_world[:3, :3].T
+    assert np.arccos((np.trace(turned) - 1) / 2) == pytest.approx(np.linalg.norm([0.04, 0.05, 0.06]))
 
 
 def test_a_turn_of_axis_1_is_a_shift_of_the_ball() -> None:
@@ -90,7 +103,7 @@ def test_the_residual_is_exact_for_large_effects_and_moved_set_ups() -> None:
         assert isinstance(table, CircleTable)
         grown = table_of("yaw", table.direction, None, effects)
         assert isinstance(grown, CircleTable)
-        base = readings(block.model, block, linear.setups["yaw"])
+        base = predicted(block.model, block.one, linear.setups["yaw"])
         parts.append(block.whitened(grown.g_mm[block.one.rows] - base))
     there = holding(linear, np.concatenate(parts))
     whole = np.linalg.norm(np.concatenate(parts))

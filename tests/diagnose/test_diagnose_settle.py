@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from cells import RIG, circles, planted, seen
 
-from analysis.diagnose.settle import settled
+from analysis.diagnose.settle import grown, settled
 from analysis.fitting.observation import rms
 from analysis.model.circle import frame_of
 from rigs.effects import Backlash
@@ -44,6 +44,6 @@ def test_without_a_start_the_ball_is_found_from_the_rig_file() -> None:
 def test_effects_are_in_the_model_that_is_settled() -> None:
     effect = Backlash(axis=1, width_deg=0.05)
     runs = seen(circles((effect,), seed=4, count=1))
-    without, within = (rms(settled(runs, effects)[1]) for effects in ((), (effect,)))
+    without, within = (rms(settled(grown(runs, effects))[1]) for effects in ((), (effect,)))
     assert within < 0.005
     assert without > 0.05

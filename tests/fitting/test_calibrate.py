@@ -56,6 +56,17 @@ def test_what_was_planted_comes_out(truth: Effect, words: str, tests: tuple[str,
     assert found.after_mm[0] < 0.2 * found.before_mm[0]
 
 
+def test_a_ball_far_from_its_place_is_no_effect() -> None:
+    assert RIG.tests.circle
+    circle = RIG.tests.circle.model_copy(update={"eccentricity_mm": (3.0, -4.0, 2.0)})
+    rig = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": circle})})
+    observations = [observe(MODEL, simulate(rig, "yaw", way, None), "yaw") for way in ("cw", "acw")]
+    found = calibrate(RIG, observations, [], "joint_offset:3,backlash:1")
+    assert max(found.before_mm[0], found.after_mm[0]) < 1e-4
+    for fitted in fitted_effects(found):
+        assert abs(getattr(fitted.effect, size_field(fitted.effect))) < 1e-4
+
+
 @pytest.mark.parametrize("phase", [20.0, 110.0, 200.0, 290.0])
 def test_a_gear_error_of_any_phase_is_one_wave(phase: float) -> None:
     truth = TransmissionError(axis=2, order=2, amplitude_deg=0.05, phase_deg=phase)
