@@ -13,7 +13,7 @@ import numpy as np
 
 from analysis.diagnose.blocks import Block, blocks_of
 from analysis.diagnose.candidates import candidates_for, name_of
-from analysis.diagnose.diagnosis import Curve, Diagnosis, Gap, Map, Named, NextTest, Rival, Verdict
+from analysis.diagnose.diagnosis import Curve, Diagnosis, Gap, Map, Named, NextTest, Verdict
 from analysis.diagnose.evidence import Dictionary
 from analysis.diagnose.explain import Explained, Explainer
 from analysis.diagnose.leftover import LIMIT, excess, leftovers, unknown, whole
@@ -90,7 +90,7 @@ def diagnose(
             effect,
             found.refined.sd(k),
             found.posterior[k],
-            tuple(Rival(rival.effect, rival.sd, rival.posterior) for rival in found.rivals[k]),
+            found.rivals[k],
             _without(linear, found, k, train),
             remedy(effect),
         )

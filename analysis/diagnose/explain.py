@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.diagnose.candidates import name_of
+from analysis.diagnose.diagnosis import Rival
 from analysis.diagnose.evidence import Background
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.refine import Refined, refine
@@ -21,15 +22,6 @@ _LARGE = 600.0
 _ROUNDS = 3
 _LEAST = 1e-4
 """A rival's share of the evidence that is worth telling."""
-
-
-@dataclass(frozen=True)
-class Rival:
-    """Another effect in the place of a name, its parameters' uncertainties, and its share of the evidence there."""
-
-    effect: Effect
-    sd: dict[str, float]
-    posterior: float
 
 
 @dataclass(frozen=True)
