@@ -35,8 +35,6 @@ from rigs.effects import Effect, healthy_size, size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
 
-_RIVALRY = 20.0
-"""Odds under which a rival makes a name ambiguous."""
 _REFINED = 100.0
 """Log evidence that names may gain when they are refined."""
 _GROWN = 1.02
@@ -236,9 +234,8 @@ def _verdict(look: _Look, shaken: bool) -> tuple[Verdict, str]:
         return "outside_library", "something is there that no effect of the vocabulary explains"
     if not found.names and not shaken:
         return "within_tolerance", "nothing stands out of the noise and of what a healthy arm shows anyway"
-    doubtful = [name for name, p in zip(found.names, found.posterior, strict=True) if p < _RIVALRY / (1 + _RIVALRY)]
-    if doubtful:
-        return "ambiguous", f"these tests do not tell {doubtful[0]} from its rivals"
+    if found.doubtful:
+        return "ambiguous", f"these tests do not tell {found.names[found.doubtful[0]]} from its rivals"
     return "named", "each name explains what no other does"
 
 
@@ -252,7 +249,7 @@ def _gap(runs: Sequence[Seen], effects: Sequence[Effect], blocks: Sequence[Block
 
 def _next_test(rig: Rig, found: Explained, used: Sequence[Measured]) -> tuple[NextTest | None, str]:
     """The test that parts the first doubtful name from its nearest rival best, and what to say where none does."""
-    place = next(k for k, p in enumerate(found.posterior) if p < _RIVALRY / (1 + _RIVALRY))
+    place = found.doubtful[0]
     rivals = (found.refined.effects[place], found.rivals[place][0].effect)
     tests = tuple(dict.fromkeys(run.run.manifest.test for run in used))
     further = parting(rig, rivals, tests)

@@ -15,6 +15,9 @@ from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.vocabulary import Direction, TestName
 
+ODDS = 20.0
+"""Against a rival, from which on it is dismissed; nearer ones leave a name ambiguous, and two names alike."""
+
 Verdict = Literal["named", "ambiguous", "outside_library", "within_tolerance", "not_testable_here"]
 
 

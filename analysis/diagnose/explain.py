@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.diagnose.candidates import name_of
-from analysis.diagnose.diagnosis import Rival
+from analysis.diagnose.diagnosis import ODDS, Rival
 from analysis.diagnose.evidence import Background
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.refine import Refined, refine
@@ -39,6 +39,11 @@ class Explained:
     def names(self) -> tuple[str, ...]:
         """As an answer gives them."""
         return tuple(name_of(effect) for effect in self.refined.effects)
+
+    @property
+    def doubtful(self) -> tuple[int, ...]:
+        """Which names have rivals that cannot be dismissed."""
+        return tuple(k for k, share in enumerate(self.posterior) if share < ODDS / (1 + ODDS))
 
 
 class Explainer:

@@ -17,6 +17,7 @@ import numpy as np
 
 from analysis.diagnose.blocks import blocks_of
 from analysis.diagnose.candidates import Candidate, candidates_for, name_of
+from analysis.diagnose.diagnosis import ODDS
 from analysis.diagnose.evidence import DETECTABLE, LARGEST
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.observed import see
@@ -30,8 +31,8 @@ from rigs.rig import Rig
 from rigs.tests import Circle
 from rigs.vocabulary import TestName
 
-ALIKE = float(np.sqrt(2 * np.log(20)))
-"""Sigmas below which the odds between two names stay within 20 to 1, as a diagnosis has it for rivals."""
+ALIKE = float(np.sqrt(2 * np.log(ODDS)))
+"""Sigmas below which the odds between two names stay within those at which a diagnosis dismisses a rival."""
 _CIRCLES: tuple[TestName, ...] = ("yaw", "roll")
 _RADII_MM = (140.0, 50.0)
 _ASIDE_MM = 100.0

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 
 from analysis.diagnose.candidates import name_of
-from analysis.diagnose.diagnosis import Curve, Diagnosis, Gap, Leftover, Named, Place, Rival
+from analysis.diagnose.diagnosis import ODDS, Curve, Diagnosis, Gap, Leftover, Named, Place, Rival
 from analysis.reporting.parameters import parameters_of, quantity_of
 from analysis.reporting.quantity import Quantity
 from rigs.effects import Effect, size_field
@@ -36,8 +36,6 @@ _PLAIN = {
 }
 _LINK = {"a": "length a", "d": "offset d", "alpha": "twist alpha", "beta": "twist beta"}
 _WHOLE_LAP_DEG = 350.0
-_ODDS = 20
-"""Against a rival, from which on it is dismissed (docs/diagnosis.md)."""
 
 
 def plain(rig: Rig, effect: Effect) -> str:
@@ -107,7 +105,7 @@ def _alternatives(found: Diagnosis) -> str:
     """Each name with those of its rivals that cannot be dismissed."""
     words = []
     for one in found.effects:
-        likely = [rival.effect for rival in one.rivals if rival.posterior * _ODDS >= one.posterior]
+        likely = [rival.effect for rival in one.rivals if rival.posterior * ODDS >= one.posterior]
         words.append(" or ".join(plain(found.rig, effect) for effect in (one.effect, *likely)))
     return "; ".join(words)
 

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.diagnose.candidates import name_of
+from analysis.diagnose.diagnosis import ODDS
 from analysis.diagnose.plan import ALIKE, Pair, Parting, Plan, Sight, parts, shows
 from analysis.reporting.parameters import quantity_of, unit_of
 from rigs.effects import Effect, healthy_size, size_field
@@ -89,7 +90,8 @@ def _limit(sights: Sequence[Sight]) -> Text:
 def _alike(plan: Plan) -> RenderableType:
     if not plan.pairs:
         return Text("all that shows can be told apart", style="green")
-    table = Table(title="cannot be told apart (20 to 1, at a plausible size)", title_style="bold", title_justify="left")
+    title = f"cannot be told apart ({ODDS:g} to 1, at a plausible size)"
+    table = Table(title=title, title_style="bold", title_justify="left")
     table.add_column("names")
     table.add_column("apart", justify="right")
     table.add_column("parted by", ratio=1)
