@@ -4,3 +4,6 @@ from typing import Literal
 
 TestName = Literal["yaw", "roll", "radial", "repeatability", "pose"]
 Direction = Literal["cw", "acw"]
+
+CIRCLES: tuple[Literal["yaw", "roll"], ...] = ("yaw", "roll")
+"""The tests on a circle."""

@@ -70,6 +70,17 @@ def name_of(effect: Effect) -> str:
     return effect.effect if seat is None else f"{effect.effect} {seat}"
 
 
+def craig(axis: int, field: str) -> str:
+    """Craig's symbol for a constant of an axis in the rig file: a, alpha and beta belong to the link before."""
+    return f"{field}{axis if field == 'd' else axis - 1}"
+
+
+def label_of(effect: Effect) -> str:
+    """The name of an effect; gears by order, which are many of one name."""
+    order = getattr(effect, "order", None)
+    return name_of(effect) if order is None else f"{name_of(effect)} order {order:g}"
+
+
 def candidates_for(linear: Linear) -> list[Candidate]:
     """Every effect of the vocabulary that the runs of a linearisation could show."""
     blocks = linear.blocks

@@ -20,11 +20,12 @@ from analysis.diagnose.leftover import LIMIT, excess, leftovers, unknown, whole
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.locate import places, turns_of
 from analysis.diagnose.observed import GRID, Seen, curve, see
-from analysis.diagnose.plan import parting, parts
+from analysis.diagnose.parting import parting
 from analysis.diagnose.remedy import remedy
 from analysis.diagnose.search import QUIET, RICH, Search
 from analysis.diagnose.settle import grown, settled
 from analysis.diagnose.shake import Swing, stilled, swing
+from analysis.diagnose.signatures import parts
 from analysis.fitting.observation import rms
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp, model_of

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from analysis.diagnose.candidates import craig
 from rigs.effects import Effect
 
 _AFTERWARDS = {
@@ -34,7 +35,10 @@ def remedy(effect: Effect) -> str:
             return f"re-master joint {of.axis} by {of.offset_deg:+.4f}° (link = reported + offset), or enter it"
         case "link_geometry":
             unit = "mm" if of.field in ("a", "d") else "°"
-            return f"enter {of.field}{of.axis} {of.delta:+.4f} {unit} longer than in the robot's constants"
+            return (
+                f"add {of.delta:+.4f} {unit} to {of.field} of axis {of.axis} in the rig file"
+                f" ({craig(of.axis, of.field)} in the robot's constants)"
+            )
         case "backlash":
             return (
                 f"look at the reducer of joint {of.axis}: {of.width_deg:.4f}° of play; approach from one side meanwhile"

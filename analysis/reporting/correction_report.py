@@ -17,7 +17,7 @@ from analysis.correction.constants import CONSTANTS, Correction, corrected_table
 from analysis.correction.correct import Corrections
 from analysis.correction.path import write_path
 from analysis.correction.support import Support
-from analysis.diagnose.plan import label_of
+from analysis.diagnose.candidates import label_of
 from analysis.reporting.parameters import quantity_of, unit_of
 from rigs.effects import size_field
 from rigs.errors import FileError

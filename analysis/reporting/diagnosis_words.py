@@ -14,7 +14,7 @@ from rigs.rig import Rig
 
 _PLAIN = {
     "joint_offset": "zero of {axis}",
-    "link_geometry": "{field} of {axis}",
+    "link_geometry": "{field} of {axis} in the rig file",
     "backlash": "play of {axis}",
     "transmission_error": "gear error of {axis}, {order:.4g} a turn",
     "compliance": "twist of {axis} under gravity",

@@ -10,9 +10,12 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.diagnose.candidates import name_of
+from analysis.diagnose.candidates import craig, name_of
 from analysis.diagnose.diagnosis import ODDS
-from analysis.diagnose.plan import ALIKE, Pair, Parting, Plan, Sight, parts, shows
+from analysis.diagnose.parting import Parting
+from analysis.diagnose.plan import Pair, Plan
+from analysis.diagnose.sights import Sight
+from analysis.diagnose.signatures import ALIKE, parts, shows
 from analysis.reporting.parameters import quantity_of, unit_of
 from rigs.effects import Effect, healthy_size, size_field
 
@@ -26,11 +29,16 @@ def as_table(plan: Plan) -> RenderableType:
     """What a person asks first: what shows, what looks alike, what does not show, which test to add."""
     tests = ", ".join(plan.tests)
     head = Text(f"{tests}: {plan.runs} runs each, circles in both directions", style="bold")
-    small = sum(not one.hidden and one.limit <= healthy_size(one.effect) for one in plan.sights)
-    words = f"{len(plan.sights)} names: {small} show at a healthy arm's size or less, "
-    words += f"{len(plan.sights) - small - len(plan.hidden)} at more, {len(plan.hidden)} at none; "
-    words += f"{len(plan.pairs)} pairs look alike\n"
+    unseen = len(plan.unseen)
+    small = sum(all(map(_small, forms)) for forms in plan.names.values())
+    words = f"{len(plan.names)} names: {small} show at a healthy arm's size or less (gears at every order), "
+    words += f"{len(plan.names) - small - unseen} at more, {unseen} at none; {len(plan.pairs)} pairs look alike\n"
     return Group(head, Text(words), _axes(plan), _others(plan), _alike(plan), _hidden(plan), *_advice(plan))
+
+
+def _small(sight: Sight) -> bool:
+    """Whether it shows at a healthy arm's size."""
+    return not sight.hidden and sight.limit <= healthy_size(sight.effect)
 
 
 def _axes(plan: Plan) -> Table:
@@ -113,12 +121,12 @@ def _kind(name: str) -> str:
 
 
 def _plain(name: str) -> str:
-    """A name with the constant's own index, which for a, alpha and beta is that of the link before the axis."""
+    """A name, a constant's with Craig's index."""
     kind, _, seat = name.partition(" ")
-    axis, _, field = seat.partition(".")
-    if kind != "link_geometry":
-        return f"{name} (zero of axis {seat})" if kind == "joint_offset" else name
-    return f"{name} ({field}{int(axis) - (field != 'd')})"
+    if kind == "link_geometry":
+        axis, _, field = seat.partition(".")
+        return f"{name} ({craig(int(axis), field)})"
+    return f"{name} (zero of axis {seat})" if kind == "joint_offset" else name
 
 
 def _parted(pair: Pair) -> Text:
@@ -160,7 +168,7 @@ def _advice(plan: Plan) -> list[Text]:
     if best is None:
         return [*lines, Text("no further test adds anything to these")]
     told = f"adds the most: {best.test}: parts {best.parts} of {len(plan.pairs)} pairs"
-    told += f", shows {best.shows} of {len(plan.hidden)} hidden names; {best.why}"
+    told += f", shows {best.shows} of {len(plan.unseen)} hidden names; {best.why}"
     return [*lines, Text(told, style="bold")]
 
 

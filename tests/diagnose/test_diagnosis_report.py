@@ -15,6 +15,7 @@ from handmade import PLACES, PLAY, RIG, ZERO, curve, diagnosis, poses, sphere
 from rich.console import Console
 
 from analysis.diagnose.diagnosis import Diagnosis, Gap, Leftover, Verdict
+from analysis.diagnose.remedy import remedy
 from analysis.model.predict import model_of
 from analysis.reporting.diagnosis_curves import strands_of
 from analysis.reporting.diagnosis_json import as_object
@@ -22,7 +23,7 @@ from analysis.reporting.diagnosis_picture import picture
 from analysis.reporting.diagnosis_report import hold_empty, write
 from analysis.reporting.diagnosis_screen import as_screen
 from analysis.reporting.diagnosis_words import closed, plain, shortened, size, stretch, sure
-from rigs.effects import VOCABULARY
+from rigs.effects import VOCABULARY, LinkGeometry
 from rigs.errors import FileError
 from rigs.load import load
 
@@ -72,8 +73,14 @@ def test_the_screen_tells_name_size_gap_and_remedy() -> None:
 
 def test_an_open_name_shows_its_rivals_with_twice_their_uncertainty() -> None:
     text = _printed(diagnosis("ambiguous"), width=120)
-    assert "zero of axis 5 (beta) or length a of axis 5 (beta)" in text
+    assert "zero of axis 5 (beta) or length a of axis 5 (beta) in the rig file" in " ".join(text.split())
     assert "0.1032 ± 0.0082 °" in text and "or link_geometry 5.a" in text and "0.587 ± 0.046 mm" in text
+
+
+def test_a_link_constant_is_told_where_it_is_to_be_entered() -> None:
+    a5 = LinkGeometry(axis=6, field="a", delta=0.5)
+    assert remedy(a5) == "add +0.5000 mm to a of axis 6 in the rig file (a5 in the robot's constants)"
+    assert "(d6 in" in remedy(a5.model_copy(update={"field": "d"}))
 
 
 def test_withdrawn_names_are_told_as_such() -> None:

@@ -8,7 +8,9 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from analysis.diagnose.plan import ALIKE, Plan, parting, plan
+from analysis.diagnose.parting import parting
+from analysis.diagnose.plan import Plan, plan
+from analysis.diagnose.signatures import ALIKE
 from analysis.fitting.estimate import fit, sizes
 from analysis.fitting.observation import observe
 from analysis.model.predict import model_of
@@ -146,6 +148,7 @@ def test_the_command_prints_words_or_one_object(monkeypatch: pytest.MonkeyPatch,
     told = CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll"])
     assert "adds the most: circle with the ball 40 mm off axis 6" in told.stdout
     assert "link_geometry 6.a (a5)" in told.stdout
+    assert "79 names: " in told.stdout, "a gear is one name, whatever its orders"
     found = json.loads(CliRunner().invoke(app, ["plan", "paper-fanuc", "--tests", "yaw,roll", "--json"]).stdout)
     assert {"tests", "runs", "effects", "groups", "pairs", "further", "not_possible"} <= found.keys()
     by_name = {effect["name"]: effect for effect in found["effects"]}
