@@ -75,6 +75,12 @@ class Linear:
         block = self.blocks[k]
         return predicted(_with(block.model, *effects), block.one, setups[block.one.setup]) - self._base[k]
 
+    def in_mm(self, left: Array) -> list[Array]:
+        """What is left (N,) in standard deviations as each block's entries in mm: less what set-up and scatter can
+        do."""
+        ends = np.cumsum([len(block.y) for block in self.blocks])
+        return [part * block.sd_mm for part, block in zip(np.split(left, ends[:-1]), self.blocks, strict=True)]
+
     def jolt(self, k: int, axis: int, sample: int, angle_deg: float) -> Array:
         """What one joint (1 … 6), off at one sample of one block's path alone, adds: (N,), nothing projected out."""
         block = self.blocks[k]
