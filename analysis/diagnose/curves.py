@@ -12,7 +12,7 @@ from analysis.diagnose.locate import turns_of
 from analysis.diagnose.observed import GRID, curve
 from analysis.kinematics.arm import Array
 from analysis.model.targets import target_angles
-from analysis.reading.tables import CircleTable, PoseTable, RepeatabilityTable
+from analysis.reading.tables import CircleTable, PoseTable, test_of
 
 
 def curves_of(blocks: Sequence[Block], before: Sequence[Array], after: Sequence[Array]) -> tuple[Curve, ...]:
@@ -44,5 +44,4 @@ def _map(block: Block, before: Array, after: Array) -> Map:
     hemisphere = block.model.rig.tests.hemisphere
     assert hemisphere is not None  # noqa: S101 - its targets were checked when the run was read
     polar, azimuth = (np.degrees(angles)[table.target - 1] for angles in target_angles(hemisphere))
-    test = "repeatability" if isinstance(table, RepeatabilityTable) else "radial"
-    return Map(test, table.target.astype(float), polar, azimuth, 1e3 * before, 1e3 * after)  # type: ignore[arg-type]
+    return Map(test_of(table), table.target.astype(float), polar, azimuth, 1e3 * before, 1e3 * after)

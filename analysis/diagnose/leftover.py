@@ -19,7 +19,7 @@ from analysis.diagnose.diagnosis import Leftover
 from analysis.diagnose.evidence import Background
 from analysis.diagnose.observed import ORDER_OF, ORDERS
 from analysis.kinematics.arm import Array
-from analysis.reading.tables import CircleTable, Integers, PoseTable
+from analysis.reading.tables import CircleTable, Integers, test_of
 from rigs.vocabulary import Direction, TestName
 
 LIMIT = 12.0
@@ -122,10 +122,9 @@ def _parity(blocks: Sequence[Block], left: Array) -> dict[tuple[TestName, str], 
 def _told(band: _Band, parity: dict[tuple[TestName, str], float]) -> Leftover:
     table, ratio = band.block.one.table, band.ratio
     if not isinstance(table, CircleTable):
-        test: TestName = "pose" if isinstance(table, PoseTable) else "radial"
-        name = band.block.name.split()[0]
-        test = name if name in ("radial", "repeatability") else test  # type: ignore[assignment]
-        return Leftover(test, None, "targets", None, ratio, f"targets scatter {np.sqrt(ratio):.1f} times their noise")
+        return Leftover(
+            test_of(table), None, "targets", None, ratio, f"targets scatter {np.sqrt(ratio):.1f} times their noise"
+        )
     assert band.orders is not None  # noqa: S101 - bands of circles have orders
     words = f"{band.orders[0]} to {band.orders[1]} cycles a lap, {np.sqrt(ratio):.1f} times the noise"
     same = parity.get((table.test, band.part))

@@ -15,7 +15,7 @@ from analysis.diagnose.diagnosis import Place
 from analysis.diagnose.observed import GRID, ORDER_OF, curve
 from analysis.kinematics.arm import Array
 from analysis.reading.lap import lap_of
-from analysis.reading.tables import CircleTable, PoseTable, RepeatabilityTable
+from analysis.reading.tables import CircleTable, PoseTable, test_of
 from analysis.tests.turns import turns
 
 _SMOOTH = 60
@@ -140,11 +140,10 @@ def _at_targets(block: Block, left: Array) -> list[Place]:
     if isinstance(table, PoseTable):
         size = np.sqrt((left.reshape(-1, 3) ** 2).sum(axis=1))
         noise, number = block.sd_mm.reshape(-1, 3).mean(axis=1) * np.sqrt(3), np.arange(1, len(size) + 1)
-        test, what = "pose", "poses"
+        what = "poses"
     else:
         assert not isinstance(table, CircleTable)  # noqa: S101 - circles have a sampling
         size, noise, number = np.abs(left), block.sd_mm, table.target
-        test = "repeatability" if isinstance(table, RepeatabilityTable) else "radial"
         what = "targets"
     over = size > _SIGMA * noise
     if not over.any():
@@ -152,7 +151,7 @@ def _at_targets(block: Block, left: Array) -> list[Place]:
     why = f"{over.sum()} of {len(size)} {what}, worst {number[int(np.argmax(size))]}"
     return [
         Place(
-            test,  # type: ignore[arg-type]
+            test_of(table),
             None,
             "distance",
             float(number[over].min()),

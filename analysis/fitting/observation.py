@@ -10,7 +10,7 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, Path, SetUp, path_of, predict
 from analysis.reading.lap import lap_of
-from analysis.reading.tables import CircleTable, Integers, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.reading.tables import CircleTable, Integers, PoseTable, RadialTable, RepeatabilityTable, Table, test_of
 from analysis.tests.places import hold_targets
 
 
@@ -29,14 +29,12 @@ def observe(model: Model, table: Table, where: str) -> Observation:
     """A table with its path, and its lap where it is a circle. Raises FileError for a circle that is none."""
     if isinstance(table, CircleTable):
         rows = np.searchsorted(table.t_s, lap_of(table, model.rig, where).t_s)
-        return Observation(table, path_of(model, table), rows, table.g_mm[rows], table.test)
+        return Observation(table, path_of(model, table), rows, table.g_mm[rows], test_of(table))
     rows = np.arange(len(table.q))
     if isinstance(table, RadialTable | RepeatabilityTable):
         hold_targets(table, model.rig, where)
-    if isinstance(table, PoseTable):
-        return Observation(table, path_of(model, table), rows, table.xyz_mm, "pose")
-    kind = "radial" if isinstance(table, RadialTable) else "repeatability"
-    return Observation(table, path_of(model, table), rows, table.g_mm[:, None], kind)
+    values = table.xyz_mm if isinstance(table, PoseTable) else table.g_mm[:, None]
+    return Observation(table, path_of(model, table), rows, values, test_of(table))
 
 
 def predicted(model: Model, one: Observation, setup: SetUp) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
-from rigs.vocabulary import Direction
+from rigs.vocabulary import Direction, TestName
 
 Integers = NDArray[np.int64]
 Approach = Literal["none", "out", "in"]
@@ -78,3 +78,16 @@ class PoseTable:
 
 
 Table = CircleTable | RadialTable | RepeatabilityTable | PoseTable
+
+
+def test_of(table: Table) -> TestName:
+    """The test that a table is of."""
+    match table:
+        case CircleTable():
+            return table.test
+        case RadialTable():
+            return "radial"
+        case RepeatabilityTable():
+            return "repeatability"
+        case PoseTable():
+            return "pose"
