@@ -45,13 +45,9 @@ class Block:
     span: Array
     size: Array
 
-    def vector(self, values: Array) -> Array:
-        """Readings (m, k, …) mm of the block's rows as its entries (N, …) mm."""
-        return self.sampling.vector(values) if self.sampling else values.reshape(-1, *values.shape[2:])
-
     def whitened(self, values: Array) -> Array:
         """Readings (m, k, …) mm in standard deviations: (N, …)."""
-        return self.white(self.vector(values))
+        return self.white(entries(values, self.sampling))
 
     def white(self, vector: Array) -> Array:
         """Entries (N, …) mm in standard deviations, of noise and scatter together: (1 + S S')^-1/2 of them."""
@@ -60,6 +56,11 @@ class Block:
         less = 1 - 1 / np.sqrt(1 + self.size**2)
         white: Array = scaled - self.span @ (less.reshape(-1, *tail) * (self.span.T @ scaled))
         return white
+
+
+def entries(values: Array, sampling: Sampling | None) -> Array:
+    """Readings (m, k, …) mm as a block has them, (N, …) mm: a circle's by orders, others as they are."""
+    return sampling.vector(values) if sampling else values.reshape(-1, *values.shape[2:])
 
 
 def blocks_of(runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> tuple[list[Block], RunNoise]:
@@ -87,24 +88,14 @@ class _Raw:
 
 def _gathered(name: str, members: Sequence[Seen], setups: Mapping[str, SetUp]) -> _Raw:
     # Where one run did not stand before and after, none is compared by it.
-    stand = all(run.sampling and run.sampling.stands for run in members)
-    vectors = []
-    for run in members:
-        (residual,) = residuals_of(run.model, [run.one], setups)
-        vectors.append(_vector(run, residual, stand=stand))
+    if not all(run.sampling and run.sampling.stands for run in members):
+        members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
+    vectors = [entries(residuals_of(run.model, [run.one], setups)[0], run.sampling) for run in members]
     first = members[0]
-    if first.sampling and not stand:
-        first = replace(first, sampling=first.sampling.without_stands())
     shaken = shaken_by(first.model, first.one, setups[first.one.setup])
     # Only repeats of the same targets can be averaged.
     alike = [vector for vector in vectors if len(vector) == len(vectors[0])]
-    return _Raw(name, first, np.array(alike), _vector(first, shaken, stand=stand))
-
-
-def _vector(run: Seen, values: Array, *, stand: bool) -> Array:
-    if run.sampling is None:
-        return values.reshape(-1, *values.shape[2:])
-    return (run.sampling if stand else run.sampling.without_stands()).vector(values)
+    return _Raw(name, first, np.array(alike), entries(shaken, first.sampling))
 
 
 def _block(raw: _Raw, noise: RunNoise, rounding_deg: Array) -> Block:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cells import Array, healthy, measured, seen, table_of, white
 
-from analysis.diagnose.blocks import Block, blocks_of
+from analysis.diagnose.blocks import Block, blocks_of, entries
 from analysis.diagnose.locate import places, turns_of
 from analysis.diagnose.observed import GRID
 from analysis.diagnose.settle import settled
@@ -20,14 +20,15 @@ def _shown(effect: Effect) -> list[Array]:
     """The residual in mm that an effect leaves in each block, with noise."""
     linear = healthy()
     return [
-        NOISE[k] + block.vector(linear.added_mm(k, [effect], linear.setups)) for k, block in enumerate(linear.blocks)
+        NOISE[k] + entries(linear.added_mm(k, [effect], linear.setups), block.sampling)
+        for k, block in enumerate(linear.blocks)
     ]
 
 
 def _wave(block: Block, cycles: int, size_mm: float) -> Array:
     assert block.sampling
     phi = block.sampling.phi
-    return block.vector(size_mm * np.cos(cycles * phi)[:, None] * np.ones(2))
+    return entries(size_mm * np.cos(cycles * phi)[:, None] * np.ones(2), block.sampling)
 
 
 def test_noise_is_no_place() -> None:
