@@ -82,11 +82,6 @@ class Explainer:
         """Log density of the residual with some names, prices paid."""
         return self.search.table(self.level).null + now.evidence - self.search.price * len(now.effects)
 
-    def undefended(self, now: Refined) -> Explained:
-        """Names as they are, no rival tried: for those that are to be withdrawn."""
-        n = len(now.effects)
-        return Explained(now, (1.0,) * n, ((),) * n, self.level, self.background)
-
     def defended(self, now: Refined, rounds: int = _ROUNDS) -> Explained:
         """Every name against its rivals; one that does better takes its place."""
         posterior, rivals = [], []

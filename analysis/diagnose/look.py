@@ -85,24 +85,16 @@ def _explained(linear: Linear, search: Search) -> tuple[Explained, float]:
     """Names where a healthy arm shows little of everything, and log evidence of what they leave; where that is much,
     names where it shows more, if this explains it better than anything unknown would."""
     explainer = Explainer(linear, search)
-    quiet = explainer.explain(QUIET)
-    left = excess(linear.blocks, quiet.left, explainer.background)
+    quiet = explainer.defended(explainer.explain(QUIET))
+    left = excess(linear.blocks, quiet.refined.left, quiet.background)
     if left <= LIMIT:
-        return explainer.defended(quiet), left
-    # A rival in the place of one of them may leave less.
-    mended = explainer.defended(quiet)
-    rest = excess(linear.blocks, mended.refined.left, mended.background)
-    if rest <= LIMIT:
-        return mended, rest
-    if rest < left:
-        quiet, left = mended.refined, rest
-    withdrawn = explainer.undefended(quiet)
-    wanted = unknown(linear.blocks, quiet.left) - search.price * len(quiet.effects)
+        return quiet, left
+    wanted = unknown(linear.blocks, quiet.refined.left) - search.price * len(quiet.names)
     if search.best(RICH).score + _REFINED < wanted:
-        return withdrawn, left
+        return quiet, left
     rich = explainer.explain(RICH)
     if explainer.score(rich) <= wanted:
-        return withdrawn, left
+        return quiet, left
     # An arm that shows more of everything: of its names only those count that are more than a healthy arm's.
     return explainer.defended(explainer.beyond_healthy(rich)), whole(rich.left, explainer.background)
 
