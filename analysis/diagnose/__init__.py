@@ -1,6 +1,5 @@
 """The diagnosis: where simulation and measurement disagree, and which effect is missing.
 
-runs → blocks (whitened residuals) → candidates and their responses → search by evidence, with refined shapes
-
-The engine only; verdicts, the proof on other places and the command are to be built on it.
+runs → a look at them (set-ups, blocks of whitened residuals, candidates and their responses, names by evidence,
+defended on the simulator) → verdict → proof on other runs; and before any run, the plan: what tests could tell at all
 """

@@ -93,9 +93,10 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3) -> Plan:
     forms = [one.effects for one in rivals] + [(sight.effect,) for sight in hidden]
     asked = Signatures(forms, np.array([one.size for one in rivals] + [1.0] * len(hidden)))
     known = asked.products(view)
-    found, impossible = answers(rig, tests, runs, asked)
+    possible, impossible = answers(rig, tests, runs, asked)
+    nowhere = unseen(sights)
     names = [name_of(sight.effect) for sight in hidden]
-    further, gains = _helps(found, asked, known, [name if name in unseen(sights) else "" for name in names])
+    further, gains = _helps(possible, asked, known, [name if name in nowhere else "" for name in names])
     helped = iter(further[len(alike) :])
     return Plan(
         tuple(tests),

@@ -70,13 +70,16 @@ def smoothed(y: Array, noise: float) -> Array:
     1964; Lepski 1991): wide where the curve is smooth, narrow at jumps.
     """
     best: Array = y
+    reach = _WINDOWS[-1] // 2
+    padded = np.pad(y, reach, mode="reflect")
     agreed = np.ones(len(y), dtype=bool)
     narrower: list[tuple[Array, float]] = []
     for window in _WINDOWS:
         if window > len(y) // 4 and narrower:
             break
         kernel = _kernel(window)
-        wide = np.convolve(np.pad(y, window // 2, mode="reflect"), kernel, mode="valid")
+        aside = reach - window // 2
+        wide = np.convolve(padded[aside : len(padded) - aside], kernel, mode="valid")
         share = float(kernel @ kernel)  # what such a window leaves of the noise's variance
         for other, its_share in narrower:
             agreed &= np.abs(wide - other) <= _AGREE * noise * np.sqrt(its_share - share)

@@ -141,11 +141,11 @@ def test_the_report_has_every_row_and_says_when_there_are_no_cases() -> None:
     assert math.isnan(answer_of(None).seconds)
 
 
-def test_a_case_is_imported_blindly_and_its_answer_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_case_is_imported_blindly_and_its_answer_kept(blind_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The paths that a diagnosis is told say neither kind nor seed, and no truth lies below them."""
     told = []
     monkeypatch.setattr(trial, "diagnose_case", lambda *runs: told.extend(runs) or said("within_tolerance", SAID_SMALL))
-    job = trial.Job("one", 2, "limits", tmp_path)
+    job = trial.Job("one", 2, "limits", blind_root)
     answer = trial.run_job(job)
     assert answer["verdict"] == "within_tolerance"
     # What is said in vain leaves all, or a good deal, of what is hidden.
@@ -157,11 +157,11 @@ def test_a_case_is_imported_blindly_and_its_answer_kept(tmp_path: Path, monkeypa
     assert stranger.KINDS[0] == "none"
 
 
-def test_a_diagnosis_that_fails_is_a_missing_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_diagnosis_that_fails_is_a_missing_answer(blind_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def fails(*_: object) -> dict[str, Any]:
         raise RuntimeError("singular")
 
     monkeypatch.setattr(trial, "diagnose_case", fails)
-    answer = trial.run_job(trial.Job("none", 2, "limits", tmp_path)) or {}
+    answer = trial.run_job(trial.Job("none", 2, "limits", blind_root)) or {}
     assert answer["error"] == "RuntimeError: singular"
     assert answer_of(answer).verdict == "none"

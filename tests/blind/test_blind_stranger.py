@@ -7,7 +7,9 @@ import csv
 import filecmp
 import json
 import sys
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -126,20 +128,32 @@ def test_every_effect_of_the_vocabulary_can_be_hidden() -> None:
     assert len({effect for effect, _ in everything()}) == 20
 
 
-def test_a_case_is_fixed_by_kind_and_seed(tmp_path: Path) -> None:
-    first = stranger.generate("two", 7, tmp_path / "a", tmp_path / "ta")
-    second = stranger.generate("two", 7, tmp_path / "b", tmp_path / "tb")
+@pytest.fixture(scope="module")
+def generated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], tuple[Path, Path]]:
+    """A case of a kind with seed 3, and the file of its truth: each generated once."""
+
+    @cache
+    def case(kind: str) -> tuple[Path, Path]:
+        root = tmp_path_factory.mktemp(kind)
+        return stranger.generate(kind, 3, root / "cases", root / "truth"), root / "truth" / "case-00003.json"
+
+    return case
+
+
+def test_a_case_is_fixed_by_kind_and_seed(generated: Callable[[str], tuple[Path, Path]], tmp_path: Path) -> None:
+    first, truth = generated("two")
+    second = stranger.generate("two", 3, tmp_path / "b", tmp_path / "tb")
     names = sorted(path.name for path in first.iterdir())
     assert filecmp.cmpfiles(first, second, names, shallow=False)[0] == names
-    assert (tmp_path / "ta" / "case-00007.json").read_bytes() == (tmp_path / "tb" / "case-00007.json").read_bytes()
-    other = stranger.generate("two", 8, tmp_path / "b", tmp_path / "tb")
+    assert truth.read_bytes() == (tmp_path / "tb" / "case-00003.json").read_bytes()
+    other = stranger.generate("two", 4, tmp_path / "b", tmp_path / "tb")
     assert (other / "runs.csv").read_bytes() != (first / "runs.csv").read_bytes()
 
 
 @pytest.mark.parametrize("kind", stranger.KINDS)
-def test_cases_of_each_kind_hide_what_they_say(kind: str, tmp_path: Path) -> None:
-    case = stranger.generate(kind, 3, tmp_path / "cases", tmp_path / "truth")
-    truth = json.loads((tmp_path / "truth" / "case-00003.json").read_text(encoding="utf-8"))
+def test_cases_of_each_kind_hide_what_they_say(kind: str, generated: Callable[[str], tuple[Path, Path]]) -> None:
+    case, path = generated(kind)
+    truth = json.loads(path.read_text(encoding="utf-8"))
     count = {"none": 0, "outside": 0, "two": 2, "three": 3}.get(kind, 1)
     assert len(truth["hidden"]) == count
     assert all(7 <= one["snr"] <= 60 and one["name"] in one["class"] for one in truth["hidden"])

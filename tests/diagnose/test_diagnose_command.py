@@ -63,7 +63,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
     return Cell(
         directory,
         rig,
-        runs(rig, "yaw", 2, 1) + runs(rig, "roll", 2, 10),
+        runs(rig, "yaw", 2, 1),
         runs(rig, "yaw", 1, 20),
         runs(other, "yaw", 1, 30),
     )

@@ -11,7 +11,7 @@ SEEDS = {"pair": 16}
 @pytest.mark.parametrize("name", CASES)
 def test_planted_is_recovered_within_2u(name: str) -> None:
     """95 % is wanted; from 88 % up is chance (binomial, for the many figures there are)."""
-    seeds = SEEDS.get(name, 45)
+    seeds = SEEDS.get(name, 30)
     counts = within(CASES[name](), range(1000, 1000 + seeds))
     print(counts)
     low = {figure: count for figure, count in counts.items() if count < 0.85 * seeds}

@@ -1,0 +1,13 @@
+"""What tests of the blind trial share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def blind_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where cases lie: one that is there already is diagnosed again, not generated again."""
+    return tmp_path_factory.mktemp("blind")
