@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import pytest
 from cells import RIG, circles, found_in, measured, shaken
 
-from analysis.diagnose import diagnose as engine
+from analysis.diagnose import look as engine
 from analysis.diagnose.candidates import Candidate, candidates_for, name_of
 from analysis.diagnose.diagnosis import Diagnosis
 from analysis.diagnose.linear import Linear
