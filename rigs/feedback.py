@@ -7,8 +7,8 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, field_validator, model_validator
 
 from rigs.base import Part
-from rigs.gauges import RegisterBlock, StatusRegister, ValueRegister
 from rigs.links import Port, UDPPort, tcp_address
+from rigs.modbus import RegisterBlock, StatusRegister, ValueRegister
 from rigs.origin import Origin
 
 JOINT_FIELDS = {f"q{axis}_{unit}" for axis in range(1, 7) for unit in ("deg", "rad")}
@@ -43,6 +43,12 @@ class _Feedback(Part):
 class URRTDE(_Feedback):
     """Universal Robots, Real-Time Data Exchange."""
 
+    origin: ClassVar[Origin] = Origin(
+        instruments="Universal Robots CB3, e-Series",
+        source="maker's Python client and documents",
+        standing="confirmed",
+    )
+
     interface: Literal["ur_rtde"]
     port: Port
     rate_hz: float = Field(default=500, ge=1, le=500)
@@ -51,6 +57,12 @@ class URRTDE(_Feedback):
 
 class LineFeed(_Feedback):
     """What a user's program on the controller prints: one line a sample over TCP."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="any controller whose program prints lines over TCP: FANUC KAREL and others",
+        source="what the user's program prints",
+        standing="confirmed",
+    )
 
     interface: Literal["line_feed"]
     port: Port
@@ -142,6 +154,8 @@ class ModbusJoints(_Feedback, RegisterBlock):
         standing="confirmed",
         doubts="no controller's own map: which registers, and whether the angles of one read are of one instant",
     )
+    framing: ClassVar[Literal["rtu"]] = "rtu"
+    """Of a serial line, which it has not."""
     interface: Literal["modbus_joints"]
     port: Port
     function: Literal[3, 4] = 3

@@ -4,30 +4,38 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 from daq.gauges import Read
 from daq.protocol.conversation import Conversation, Device, Fault, FaultKind, Sample
 from daq.protocol.framing import Message
 from daq.protocol.modbus import fits, pack, unpack
 from daq.protocol.polled import Polled
-from daq.protocol.registers import Asking, Registers, Serving, pack_verdict, verdict
-from rigs.gauges import MM_PER_UNIT, ModbusMap
+from daq.protocol.registers import Asking, Held, Registers, Serving, pack_verdict, verdict
+from rigs.modbus import ModbusMap
+from rigs.probe import MM_PER_UNIT
 
 
 def host(gauges: Sequence[ModbusMap]) -> Conversation:
     """Our side; one gauge a link."""
     (gauge,) = gauges
-
-    def reading(registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
-        return _reading(gauge, registers, message, requested_ns)
-
-    return Polled(Asking(gauge, reading), gauge.timeout_s, gauge.rate_hz)
+    return Polled(asking(gauge), gauge.timeout_s, gauge.rate_hz)
 
 
 def device(gauges: Sequence[ModbusMap], read: Read) -> Device:
     """The gauge's side."""
     (gauge,) = gauges
-    return Serving(gauge, lambda now_ns: _registers(gauge, read(now_ns)[0], now_ns))
+    return Serving(gauge, held(gauge, read))
+
+
+def asking(gauge: ModbusMap) -> Asking:
+    """The read of this block."""
+    return Asking(gauge, partial(_reading, gauge))
+
+
+def held(gauge: ModbusMap, read: Read) -> Held:
+    """What the instrument's block holds."""
+    return lambda now_ns: _registers(gauge, read(now_ns)[0], now_ns)
 
 
 def _reading(gauge: ModbusMap, registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:

@@ -1,28 +1,31 @@
-"""Modbus register reads on the wire, RTU and TCP: pymodbus encodes and decodes, the framing is ours.
+"""Modbus register reads on the wire, RTU, ASCII and TCP: pymodbus encodes and decodes, the framing is ours.
 
 pymodbus' own framers, fed a stream, swallow all they hold on a checksum error, hunt through junk for
 something that looks like a frame, and raise. So they are only ever handed exact frames, whose length is
-known beforehand: an RTU reply has 5 + 2·count bytes, or 5 for an exception; TCP gives its length. RTU
-frames end with silence, which a pure protocol cannot see and adapters do not keep.
+known beforehand: an RTU reply has 5 + 2·count bytes, or 5 for an exception; TCP gives its length; ASCII ends in
+CR LF. RTU frames end with silence, which a pure protocol cannot see and adapters do not keep.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Literal, Protocol
 
 from pymodbus.client.mixin import ModbusClientMixin
-from pymodbus.framer import FramerRTU, FramerSocket
+from pymodbus.framer import FramerAscii, FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
-from daq.protocol.framing import Framer, Message, Sized
-from rigs.gauges import Register
+from daq.protocol.framing import Framer, Lines, Message, Sized
 from rigs.links import tcp_address
+from rigs.modbus import Register
 
 _REQUEST = {3: ReadHoldingRegistersRequest, 4: ReadInputRegistersRequest}
 _RTU_REQUEST = 8
+_ASCII_END = b"\r\n"
+_ASCII = re.compile(rb":(?:[0-9A-Fa-f]{2}){3,}")
 _DATATYPE = {datatype.name.lower(): datatype for datatype in ModbusClientMixin.DATATYPE}
 
 
@@ -31,7 +34,11 @@ class Block(Protocol):
 
     @property
     def port(self) -> str:
-        """RTU on a serial device, TCP where it is an address."""
+        """TCP where it is an address, else a serial device."""
+
+    @property
+    def framing(self) -> Literal["rtu", "ascii"]:
+        """Of a serial line."""
 
     @property
     def unit(self) -> int:
@@ -63,11 +70,14 @@ class Wire:
         self.frames: Framer
         self._block = block
         codec = DecodePDU(is_server=serving)
-        self._framer = FramerSocket(codec) if self.numbered else FramerRTU(codec)
+        self._framer: FramerSocket | FramerAscii | FramerRTU
+        self._ending = b""
         if self.numbered:
-            self.frames = Sized(7, _tcp_length)
+            self._framer, self.frames = FramerSocket(codec), Sized(7, _tcp_length)
+        elif block.framing == "ascii":
+            self._framer, self.frames, self._ending = FramerAscii(codec), Lines(_ASCII_END), _ASCII_END
         else:
-            self.frames = RtuRequests() if serving else Sized(3, self._rtu_reply_length)
+            self._framer, self.frames = FramerRTU(codec), RtuRequests() if serving else Sized(3, self._rtu_reply_length)
 
     def encode(self, pdu: ModbusPDU) -> bytes:
         """Its frame."""
@@ -80,8 +90,10 @@ class Wire:
         return self.encode(kind(dev_id=b.unit, transaction_id=number, address=b.address, count=b.count))
 
     def open(self, frame: bytes) -> tuple[int, int, bytes]:
-        """Unit, transaction id and content of a frame; no content if its checksum is wrong."""
-        _, unit, number, content = self._framer.decode(frame)
+        """Unit, transaction id and content of a frame; no content if it is damaged."""
+        if self._ending and not _ASCII.fullmatch(frame):
+            return 0, 0, b""
+        _, unit, number, content = self._framer.decode(frame + self._ending)
         return unit, number, content
 
     def decode(self, content: bytes) -> ModbusPDU | None:

@@ -48,7 +48,10 @@ class Then(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What a message says, and what it means for the exchange."""
+    """What a message says, and what it means for the exchange.
+
+    No items: a step on the way to a reading, which neither begins nor ends a run of faults.
+    """
 
     items: tuple[Item, ...]
     then: Then = Then.ASK
@@ -99,7 +102,8 @@ class Polled:
         items: list[Item] = []
         for position, message in enumerate(messages, 1):
             heard = self._read(message)
-            items += self._bursts.merge(heard.items, now_ns)
+            if heard.items:
+                items += self._bursts.merge(heard.items, now_ns)
             if heard.then is not Then.WAIT:
                 return self._go_on(heard.then, items, len(messages) - position, now_ns)
         if now_ns >= self._wake_ns:

@@ -17,11 +17,13 @@ from daq.protocol.conversation import Fault, FaultKind, Sample, Step
 from daq.protocol.framing import Message
 from daq.protocol.modbus import Block, Wire, pack, unpack
 from daq.protocol.polled import Heard, Then
-from rigs.gauges import StatusRegister
+from rigs.modbus import StatusRegister
 
 Registers = Sequence[int]
 Reading = Callable[[Registers, Message, int], Sample | Fault]
 """What the block's registers mean, with the message they came in and when it was asked for."""
+Held = Callable[[int], list[int] | None]
+"""All registers of a block as of a time."""
 
 _REMEDY = {
     ExcCodes.ILLEGAL_FUNCTION: "set `function` to 3 or 4 as its manual says",
@@ -104,13 +106,14 @@ def _refusal(code: int, at_ns: int) -> Fault:
 
 
 class Serving:
-    """The instrument's side: it holds the block and nothing else."""
+    """The instrument's side: it holds the block and nothing else, or some further ones."""
 
-    def __init__(self, block: Block, registers: Callable[[int], list[int] | None]) -> None:
+    def __init__(self, block: Block, registers: Held, *further: tuple[Block, Held]) -> None:
         """registers: the whole block as of a time; None where there is no reading and nothing to say so with."""
         self.sent = 0
+        """Answers from the first block."""
         self._block = block
-        self._registers = registers
+        self._blocks = ((block, registers), *further)
         self._wire = Wire(block, serving=True)
 
     def connected(self, now_ns: int) -> Step:
@@ -134,7 +137,6 @@ class Serving:
         result = self._asked(content, now_ns)
         if isinstance(result, ExcCodes):
             return self._wire.encode(ExceptionResponse(content[0] & 0x7F, result, unit, number))
-        self.sent += 1
         kind = _RESPONSE[self._block.function]
         return self._wire.encode(kind(registers=result, dev_id=unit, transaction_id=number))
 
@@ -145,8 +147,13 @@ class Serving:
         request = self._wire.decode(content)
         if request is None:
             return ExcCodes.ILLEGAL_VALUE
-        start = request.address - self._block.address
-        if start < 0 or start + request.count > self._block.count:
-            return ExcCodes.ILLEGAL_ADDRESS
-        registers = self._registers(now_ns)
-        return ExcCodes.DEVICE_FAILURE if registers is None else registers[start : start + request.count]
+        for block, held in self._blocks:
+            start = request.address - block.address
+            if start < 0 or start + request.count > block.count:
+                continue
+            registers = held(now_ns)
+            if registers is None:
+                return ExcCodes.DEVICE_FAILURE
+            self.sent += block is self._block
+            return registers[start : start + request.count]
+        return ExcCodes.ILLEGAL_ADDRESS

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
+
+from pydantic import TypeAdapter
 
 from rigs.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed, ModbusJoints
-from rigs.gauges import Gauge, KeyenceDLRS1A, ModbusMap, SylvacOptoRS
+from rigs.gauges import Gauge
+from rigs.modbus import ModbusMap
+from rigs.serial_gauges import KeyenceDLRS1A, SylvacOptoRS
+
+_GAUGE: TypeAdapter[Any] = TypeAdapter(Gauge)
 
 SERIAL, TCP = "/dev/ttyUSB0", "tcp://127.0.0.1:502"
 BAUMER = {
@@ -23,6 +30,31 @@ BAUMER = {
     "clock_s": {"address": 209, "type": "uint32"},
     "clock_us": {"address": 211, "type": "uint32"},
 }
+
+
+def gauge(interface: str, **changes: object) -> Any:
+    """A gauge of any interface, on a serial port."""
+    return _GAUGE.validate_python(
+        {"interface": interface, "port": SERIAL, "offset_mm": 25} | NEEDED[interface] | changes
+    )
+
+
+LINE = {"line": "57600 8N1"}
+NEEDED: dict[str, dict[str, object]] = {
+    "tesa_tt": {},
+    "mahr_c1202": {},
+    "mahr_c1208": LINE,
+    "heidenhain_nd281b": {},
+    "heidenhain_nd287": LINE,
+    "magnescale_lt": LINE,
+    "magnescale_mg80": LINE | {"address": "01", "request": "D"},
+    "mitutoyo_usb": {},
+    "mitutoyo_qm_height": {},
+    "cdi_iq": {},
+    "micro_epsilon_ild1420": {"range_mm": 10},
+    "solartron_orbit": LINE | {"parameter": 2, "status_parameter": 3},
+}
+"""What a rig file must say of each beside its port and place."""
 
 
 def sylvac(**changes: object) -> SylvacOptoRS:
@@ -87,6 +119,23 @@ GAUGES: list[tuple[str, Sequence[Gauge], float]] = [
     ("modbus tcp", [modbus(port=TCP)], 1e-5),
     ("modbus scaled", [modbus(value=SCALED, word_order="big", function=3)], 1e-4),
     ("modbus without status", [modbus(**PLAIN)], 1e-5),
+    ("modbus ascii", [modbus(framing="ascii")], 1e-5),
+    *((f"tesa {u}", [gauge("tesa_tt", units=u)], resolution) for u, resolution in (("mm", 0.006), ("um", 1e-5))),
+    *((f"mahr c1202 {u}", [gauge("mahr_c1202", units=u, channel=2)], 0.0003) for u in ("mm", "um", "inch")),
+    ("mahr c1202 two", [gauge("mahr_c1202", channel=3), gauge("mahr_c1202")], 0.0001),
+    *((f"mahr c1208 {u}", [gauge("mahr_c1208", units=u)], 0.0003) for u in ("mm", "um", "inch")),
+    ("mahr c1208 m1240", [gauge("mahr_c1208", protocol="m1240")], 0.0001),
+    *((f"nd281b {u}", [gauge("heidenhain_nd281b", units=u)], 0.0002) for u in ("mm", "inch")),
+    *((f"nd287 {u}", [gauge("heidenhain_nd287", units=u)], 0.0002) for u in ("mm", "inch")),
+    *((f"magnescale lt {u}", [gauge("magnescale_lt", units=u)], 0.0015) for u in ("mm", "inch")),
+    ("magnescale lt two", [gauge("magnescale_lt", channel=2), gauge("magnescale_lt")], 0.0001),
+    *((f"magnescale mg80 {u}", [gauge("magnescale_mg80", units=u)], 0.0015) for u in ("mm", "inch")),
+    *((f"mitutoyo usb {u}", [gauge("mitutoyo_usb", units=u)], 0.0006) for u in ("mm", "inch")),
+    *((f"qm-height {u}", [gauge("mitutoyo_qm_height", units=u)], 0.0006) for u in ("mm", "inch")),
+    *((f"cdi {u}", [gauge("cdi_iq", units=u)], 0.0002) for u in ("mm", "inch")),
+    ("ild1420 continuous", [gauge("micro_epsilon_ild1420", zero_mm=5)], 0.0001),
+    ("orbit", [gauge("solartron_orbit")], 1e-6),
+    ("orbit ascii", [gauge("solartron_orbit", framing="ascii", function=4, word_order="little")], 1e-6),
 ]
 TEN_MICRODEGREES = [{"address": 100 + 2 * axis, "type": "int32", "scale": 1e-5} for axis in range(6)]
 RADIANS = ("_", *(f"q{axis}_rad" for axis in (2, 1, 3, 4, 5, 6)), "t_us")

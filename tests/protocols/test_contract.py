@@ -19,6 +19,8 @@ from rigs.feedback import Feedback, carries_signal
 from rigs.gauges import Gauge
 
 CHARACTER_NS = 200_000
+SILENT_IN_ERROR = {"mahr_c1208"}
+"""Instruments of which no error reply is known."""
 
 
 def _samples(items: Sequence[object]) -> list[Sample]:
@@ -42,13 +44,14 @@ def test_gauge_gives_the_planted_values(name: str, gauges: Sequence[Gauge], reso
     planted: list[list[float]] = []
 
     def read(now_ns: int) -> list[float]:
-        planted.append([(-1.2345 + 0.0137 * len(planted)) * (1 + 0.5 * k) for k in range(len(gauges))])
+        planted.append([(-1.2345 + 0.0137 * (len(planted) % 250)) * (1 + 0.5 * k) for k in range(len(gauges))])
         return planted[-1]
 
     device = daq.gauges.device(gauges, read)
     samples = _samples(simulate(daq.gauges.host(gauges), device, 5 * S, character_ns=CHARACTER_NS))
-    assert 50 < len(samples) <= device.sent <= len(samples) + 1
-    for sample, expected in zip(samples, planted, strict=False):
+    missed_while_joining, reads = int("ild1420" in name), 1 + ("orbit" in name)
+    assert 50 < len(samples) <= device.sent - missed_while_joining <= len(samples) + 1
+    for sample, expected in zip(samples, planted[missed_while_joining::reads], strict=False):
         assert sample.values == pytest.approx(expected, abs=resolution_mm)
         assert sample.status == 0
         assert sample.first_byte_ns <= sample.last_byte_ns
@@ -57,7 +60,8 @@ def test_gauge_gives_the_planted_values(name: str, gauges: Sequence[Gauge], reso
     if polled:
         for sample in samples:
             assert sample.last_byte_ns - sample.requested_ns == sample.size * CHARACTER_NS
-        assert all(b.requested_ns == a.last_byte_ns for a, b in pairwise(samples))
+        for a, b in pairwise(samples):
+            assert b.requested_ns == a.last_byte_ns + (reads - 1) * a.size * CHARACTER_NS
 
 
 @pytest.mark.parametrize(("name", "gauges", "resolution_mm"), GAUGES, ids=[case[0] for case in GAUGES])
@@ -69,9 +73,12 @@ def test_gauge_tells_a_head_in_error(name: str, gauges: Sequence[Gauge], resolut
     items = simulate(host, device, 5 * S, character_ns=CHARACTER_NS)
     faults = [item for item in items if isinstance(item, Fault)]
     samples = [item for item in items if isinstance(item, Sample)]
-    assert {fault.kind for fault in faults} == {FaultKind.DEVICE_ERROR}
-    assert 2 <= len(faults) <= 3 * len(gauges), "the first at once, the rest with a count"
-    assert sum(fault.count for fault in faults) >= 8
+    if gauges[0].interface in SILENT_IN_ERROR:
+        assert {fault.kind for fault in faults} == {FaultKind.SILENT}
+    else:
+        assert {fault.kind for fault in faults} == {FaultKind.DEVICE_ERROR}
+        assert 2 <= len(faults) <= 3 * len(gauges), "the first at once, the rest with a count"
+        assert sum(fault.count for fault in faults) >= 8
     assert all(sample.values == pytest.approx([1.0] * len(gauges), abs=resolution_mm) for sample in samples)
     assert samples[0].last_byte_ns < 2 * S and samples[-1].last_byte_ns > 4 * S
 

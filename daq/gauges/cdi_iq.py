@@ -1,0 +1,59 @@
+"""CDI and Starrett IQ indicators: `R` is answered by fifteen characters, `±########, MM` and CR LF.
+
+One of the eight is the point, and blanks may stand among them. The unit, MM or IN, is told with each reading.
+`NOT FOUND`, `NO ACCESS`, `OUT OF BOUNDS` and `NON NUMERIC` refuse a command (makers' pages, confirmed).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+from daq.gauges import Read
+from daq.protocol.conversation import Conversation, Device
+from daq.protocol.framing import Lines
+from daq.protocol.polled import Polled
+from daq.protocol.texts import Answering, Asking, Reading, Show, Trouble, garbled, in_mm
+from rigs.serial_gauges import CDIIQ
+
+_END = b"\r\n"
+_REPLY = re.compile(rb"([+-][ \d.]{8}), (MM|IN)")
+_NUMBER = re.compile(rb"[+-]\d+\.\d+")
+_REFUSALS = {
+    b"NOT FOUND": "does not know the command",
+    b"NO ACCESS": "refuses access",
+    b"OUT OF BOUNDS": "is out of bounds",
+    b"NON NUMERIC": "has no number",
+}
+_DECIMALS = {"mm": 4, "inch": 5}
+
+
+def host(gauges: Sequence[CDIIQ]) -> Conversation:
+    """Our side; one gauge a cable."""
+    return Polled(Asking(gauges, b"R\r", Lines(_END), _read), gauges[0].timeout_s)
+
+
+def device(gauges: Sequence[CDIIQ], read: Read) -> Device:
+    """The indicator's side."""
+    units = gauges[0].units
+
+    def answer(command: bytes, show: Show) -> bytes:
+        if command != b"R":
+            return b"NOT FOUND" + _END
+        (value,) = show()
+        number = f"{abs(value):8.{_DECIMALS[units]}f}"
+        if not math.isfinite(value) or len(number) > 8:
+            return b"OUT OF BOUNDS" + _END
+        return f"{'-' if value < 0 else '+'}{number}, {'MM' if units == 'mm' else 'IN'}".encode() + _END
+
+    return Answering(gauges, read, Lines(b"\r"), answer)
+
+
+def _read(data: bytes, gauge: CDIIQ) -> Reading:
+    reply = _REPLY.fullmatch(data)
+    if reply and _NUMBER.fullmatch(reply[1].replace(b" ", b"")):
+        return in_mm(reply[1], reply[2], gauge)
+    if data in _REFUSALS:
+        return Trouble(f"{data.decode()}: the indicator {_REFUSALS[data]}; see its display, and end its menu")
+    return garbled(data)

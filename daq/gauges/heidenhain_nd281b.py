@@ -1,0 +1,64 @@
+"""Heidenhain ND 281 B: STX asks, and the value latched within 1 ms comes within 50 ms: some 14 readings/s at 9600.
+
+Sign, number with leading blanks (10 characters), blank, unit (blank mm, `"` inch, `?` fault), sorting (`<` `=` `>`
+`?`), series of measurements (S minimum, A actual, G maximum, D difference), CR LF (maker's manual p. 39-42,
+confirmed; that the sign comes on top of the 10 is read from its figure). The length is held to, so that no lost
+digit passes. Only the actual value is taken: in a series the display may show another, which is no position. ENQ,
+answered by the error text, is not used: STX tells a fault at once.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+from daq.gauges import Read
+from daq.protocol.conversation import Conversation, Device
+from daq.protocol.framing import Lines, Sized
+from daq.protocol.polled import Polled
+from daq.protocol.texts import Answering, Asking, Reading, Show, Trouble, garbled, in_mm
+from rigs.serial_gauges import HeidenhainND281B
+
+_STX, _ENQ, _END = b"\x02", b"\x05", b"\r\n"
+_FIELDS = re.compile(rb"([+-] *\d+\.\d+) ([ \"?])[ <=>?]([ SAGD])")
+_LENGTH = 15
+_UNIT = {b" ": b"mm", b'"': b"inch"}
+_SERIES = {b"S": "minimum", b"G": "maximum", b"D": "difference"}
+_SIGN = {"mm": " ", "inch": '"'}
+_DECIMALS = {"mm": 4, "inch": 5}
+
+
+def host(gauges: Sequence[HeidenhainND281B]) -> Conversation:
+    """Our side; one gauge a cable."""
+    return Polled(Asking(gauges, _STX, Lines(_END), _read), gauges[0].timeout_s)
+
+
+def device(gauges: Sequence[HeidenhainND281B], read: Read) -> Device:
+    """The instrument's side."""
+    units = gauges[0].units
+
+    def answer(command: bytes, show: Show) -> bytes:
+        if command == _ENQ:
+            return f"{'NO ERROR':13}".encode() + _END
+        if command != _STX:
+            return b""
+        (value,) = show()
+        good = math.isfinite(value)
+        number = f"{abs(value) if good else 0.0:10.{_DECIMALS[units]}f}"
+        sign = "-" if good and value < 0 else "+"
+        return f"{sign}{number} {_SIGN[units] if good else '?'}  ".encode() + _END
+
+    return Answering(gauges, read, Sized(1, lambda head: 1), answer)
+
+
+def _read(data: bytes, gauge: HeidenhainND281B) -> Reading:
+    fields = _FIELDS.fullmatch(data)
+    if not fields or len(data) != _LENGTH:
+        return garbled(data)
+    number, unit, series = fields.groups()
+    if unit == b"?":
+        return Trouble("the display reports a fault; see its error message and clear it")
+    if series in _SERIES:
+        return Trouble(f"the display shows the {_SERIES[series]} of a series; end it, or switch it to ACTL")
+    return in_mm(number, _UNIT[unit], gauge)

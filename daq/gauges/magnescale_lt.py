@@ -1,0 +1,90 @@
+"""Magnescale LT20A and LT30: `R` asks for all channels; channel 1 is A, 2 is B.
+
+`A+12.3456`, with more before the sign where the counter is set so: its mode (N current, P peak to peak, I minimum, A
+maximum), the unit (M mm, I inch), the comparator (U, G, L, E). `A+F…` is an overflow, `AE` an alarm (LT20A/LT30
+manual p. 100-101, confirmed). A two-channel counter puts B after A and a blank, or on a line of its own if so set,
+which cannot be told from a late answer: set it to the blank. `R` and CR LF are those of the sister series LT10A (its
+manual p. 43), and the line settings are not known: weak.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+from daq.gauges import Read
+from daq.protocol.conversation import Conversation, Device, FaultKind
+from daq.protocol.framing import Lines
+from daq.protocol.polled import Polled
+from daq.protocol.texts import CHECK, Answering, Asking, Reading, Show, Trouble, garbled, in_mm, mm
+from rigs.probe import Probe
+from rigs.serial_gauges import MagnescaleLT
+
+_END = b"\r\n"
+_REQUEST = b"R"
+_VALUE = re.compile(
+    rb"(?:([NPIA])([MI])[UGLE]?)?"
+    rb"(?:([+-](?=[\d.]{7}$)\d+\.\d+)|([+-]F[\d.]+|EF)|(EO?| *Error *))"
+)
+_MODE = {b"P": "peak-to-peak value", b"I": "minimum", b"A": "maximum"}
+_UNIT = {b"M": b"mm", b"I": b"inch"}
+_CHECK = f"{CHECK}, and that its delimiter is CR LF"
+
+
+def host(gauges: Sequence[MagnescaleLT]) -> Conversation:
+    """Our side."""
+    return Polled(Asking(gauges, _REQUEST + _END, Lines(_END), _read, _CHECK), gauges[0].timeout_s)
+
+
+def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
+    """The counter's side; a channel of no gauge here reads zero."""
+
+    def answer(command: bytes, show: Show) -> bytes:
+        if command != _REQUEST:
+            return b""
+        values = dict(zip((gauge.channel for gauge in gauges), show(), strict=True))
+        channels = range(1, max(values) + 1)
+        return b" ".join(_name(k) + written(values.get(k, 0.0)) for k in channels) + _END
+
+    return Answering(gauges, read, Lines(_END), answer)
+
+
+def _read(data: bytes, gauge: MagnescaleLT) -> Reading:
+    # A blank may also belong to an alarm's text, so a channel ends only where the next one begins.
+    fields = re.split(rb" (?=[AB][NPIAE+-])", data)
+    if not all(field[:1] in {b"A", b"B"} and _VALUE.fullmatch(field[1:]) for field in fields):
+        return garbled(data)
+    for field in fields:
+        if field.startswith(_name(gauge.channel)):
+            return value_of(field[1:], gauge)
+    name = _name(gauge.channel).decode()
+    return Trouble(
+        f"no channel {name} in the answer; set the counter to send it, or correct `channel`", FaultKind.MISSING
+    )
+
+
+def value_of(field: bytes, gauge: Probe) -> Reading:
+    """What follows a channel's name in the reply of a Magnescale counter."""
+    match = _VALUE.fullmatch(field)
+    if not match:
+        return garbled(field)
+    mode, unit, number, overflow, alarm = match.groups()
+    if overflow:
+        return Trouble("the counter overflows; bring the probe into its range and reset the counter")
+    if alarm:
+        return Trouble("the counter gives an alarm; check the probe's connection and reset the counter")
+    if mode in _MODE:
+        return Trouble(f"the counter shows the {_MODE[mode]}; switch it to the current value")
+    return in_mm(number, _UNIT[unit], gauge) if unit else mm(number, gauge)
+
+
+def written(value: float) -> bytes:
+    """A number as these counters write it, sign and seven characters; an overflow or an alarm where there is none."""
+    if not math.isfinite(value):
+        return b"E"
+    return f"{value:+08.4f}".encode() if abs(value) < 99.99995 else b"+F0.0000"
+
+
+def _name(channel: int) -> bytes:
+    return b"AB"[channel - 1 : channel]

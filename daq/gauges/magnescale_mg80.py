@@ -1,0 +1,54 @@
+"""Magnescale MG80-SC: what it answers to the request that the rig file gives, which nobody could confirm.
+
+A header of five, module, counter, mode, unit `M`, comparator `U` `G` `L` `E`, then `±99.9999`; overflow `±F0.0000`,
+alarm `"  Error "` (maker's manual p. 39, confirmed). Its mode letters and `I` for inch are believed to be those of the
+LT20A, whose value it is read as. Line settings, request and CR LF are not confirmed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from daq.gauges import Read
+from daq.gauges.magnescale_lt import value_of, written
+from daq.protocol.conversation import Conversation, Device, FaultKind
+from daq.protocol.framing import Lines
+from daq.protocol.polled import Polled
+from daq.protocol.texts import CHECK, Answering, Asking, Reading, Show, Trouble, garbled
+from rigs.serial_gauges import MagnescaleMG80
+
+_END = b"\r\n"
+_LENGTH = 13
+
+
+def host(gauges: Sequence[MagnescaleMG80]) -> Conversation:
+    """Our side; one gauge a line."""
+    request = gauges[0].request.encode() + _END
+    asking = Asking(gauges, request, Lines(_END), _read, f"{CHECK}, and `request`")
+    return Polled(asking, gauges[0].timeout_s)
+
+
+def device(gauges: Sequence[MagnescaleMG80], read: Read) -> Device:
+    """The interface unit's side."""
+    (gauge,) = gauges
+    unit = "M" if gauge.units == "mm" else "I"
+
+    def answer(command: bytes, show: Show) -> bytes:
+        if command != gauge.request.encode():
+            return b""
+        (value,) = show()
+        good = math.isfinite(value)
+        header = f"{gauge.address}N{unit}{'G' if good else 'E'}".encode()
+        return header + (written(value) if good else b"  Error ") + _END
+
+    return Answering(gauges, read, Lines(_END), answer)
+
+
+def _read(data: bytes, gauge: MagnescaleMG80) -> Reading:
+    if len(data) != _LENGTH:
+        return garbled(data)
+    if data[:2] != gauge.address.encode():
+        detail = f"counter {data[:2].decode('ascii', 'replace')!r} answers for {gauge.address!r}; correct `address`"
+        return Trouble(detail, FaultKind.MISSING)
+    return value_of(data[2:], gauge)

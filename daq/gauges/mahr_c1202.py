@@ -1,0 +1,65 @@
+"""Mahr Millimar C1202: `M1?` asks for one feature, `?` for all three, in one answer joined with `;`.
+
+`1 ±XXX.XX unit`, after it up to two of `<` `=` `>` where tolerances are on, and `ERR6` for a feature that is
+deactivated (maker's manual p. 82, confirmed). `channel` is the feature. The unit is told with each reading.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+from daq.gauges import Read
+from daq.protocol.conversation import Conversation, Device, FaultKind
+from daq.protocol.framing import Lines
+from daq.protocol.polled import Polled
+from daq.protocol.texts import SIGNED, Answering, Asking, Reading, Show, Trouble, garbled, in_mm
+from rigs.serial_gauges import MahrC1202
+
+_END = b"\r"
+_FEATURE = re.compile(rb"(?:([123]) )?(?:(ERR\d+)|(" + SIGNED + rb") ([A-Za-z]+)(?: [<=>]){0,2})")
+_FORMAT = {"mm": "+09.4f", "um": "+07.2f", "inch": "+09.5f"}
+
+
+def host(gauges: Sequence[MahrC1202]) -> Conversation:
+    """Our side."""
+    request = b"?" if len(gauges) > 1 else b"M%d?" % gauges[0].channel
+    return Polled(Asking(gauges, request + _END, Lines(_END), _read), gauges[0].timeout_s)
+
+
+def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
+    """The instrument's side; features that belong to no gauge here are deactivated."""
+
+    def answer(command: bytes, show: Show) -> bytes:
+        if command in {b"ID?", b"DES?"}:
+            return b"1 C1202" + _END
+        asked = {b"?": (1, 2, 3), b"M1?": (1,), b"M2?": (2,), b"M3?": (3,)}.get(command)
+        if asked is None:
+            return b"ERR1" + _END
+        values = dict(zip((gauge.channel for gauge in gauges), show(), strict=True))
+        return b";".join(_written(k, values.get(k, math.nan), gauges[0].units) for k in asked) + _END
+
+    return Answering(gauges, read, Lines(_END), answer)
+
+
+def _read(data: bytes, gauge: MahrC1202) -> Reading:
+    fields = data.split(b";")
+    features = [feature for field in fields if (feature := _FEATURE.fullmatch(field))]
+    if len(features) < len(fields):
+        return garbled(data)
+    for feature in features:
+        number, error, value, unit = feature.groups()
+        if int(number or gauge.channel) != gauge.channel:
+            continue
+        if error == b"ERR6":
+            return Trouble(f"feature {gauge.channel} is deactivated (ERR6); activate it, or correct `channel`")
+        if error:
+            return Trouble(f"feature {gauge.channel} answers {error.decode()}; see the gauge's manual")
+        return in_mm(value, unit, gauge)
+    return Trouble(f"no feature {gauge.channel} in the answer; correct `channel`", FaultKind.MISSING)
+
+
+def _written(feature: int, value: float, units: str) -> bytes:
+    text = f"{format(value, _FORMAT[units])} {units}" if math.isfinite(value) else "ERR6"
+    return f"{feature} {text}".encode()

@@ -1,0 +1,59 @@
+"""Mahr Millimar C1208, C1216, C1240, in one of the protocols set in their menu.
+
+OPTORSD, and OPTORSS: `?` is answered by `xxx.xxx<unit>`; M1240: `M` by `M1, xxx.xxx` without a unit (maker's manual
+p. 67-70, confirmed; baud not given there). Each `x` is a digit of its display, and a sign stands before them only
+where there is one. While its menu is open or it measures its master it says nothing at all, so that silence has one
+more cause than elsewhere.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+from daq.gauges import Read
+from daq.protocol.conversation import Conversation, Device
+from daq.protocol.framing import Lines
+from daq.protocol.polled import Polled
+from daq.protocol.texts import CHECK, Answering, Asking, Reading, Show, garbled, in_mm, mm
+from rigs.serial_gauges import MahrC1208
+
+_NUMBER = rb"([+-]? *\d{1,7}\.\d{1,7})"
+_REPLY = {"optorsd": re.compile(_NUMBER + rb" ?([A-Za-z]+)"), "m1240": re.compile(rb"M1, *" + _NUMBER)}
+_REQUEST = {"optorsd": b"?", "m1240": b"M"}
+_END = {"optorsd": b"\r\n", "m1240": b"\r"}
+_FORMAT = {"mm": "08.4f", "um": "07.2f", "inch": "09.5f"}
+_WORD = {"mm": "mm", "um": "um", "inch": "in"}
+_CHECK = f"close its menu and end any master measurement, during which it is silent; {CHECK}, and `protocol`"
+
+
+def host(gauges: Sequence[MahrC1208]) -> Conversation:
+    """Our side; one gauge a cable."""
+    protocol = gauges[0].protocol
+    asking = Asking(gauges, _REQUEST[protocol] + b"\r", Lines(_END[protocol]), _read, _CHECK)
+    return Polled(asking, gauges[0].timeout_s)
+
+
+def device(gauges: Sequence[MahrC1208], read: Read) -> Device:
+    """The instrument's side; a head in error is one whose menu is open."""
+    (gauge,) = gauges
+
+    def answer(command: bytes, show: Show) -> bytes:
+        if command != _REQUEST[gauge.protocol]:
+            return b""
+        (value,) = show()
+        if not math.isfinite(value):
+            return b""
+        text = format(value, _FORMAT[gauge.units])
+        text = f"M1, {text}" if gauge.protocol == "m1240" else text + _WORD[gauge.units]
+        return text.encode() + _END[gauge.protocol]
+
+    return Answering(gauges, read, Lines(b"\r"), answer)
+
+
+def _read(data: bytes, gauge: MahrC1208) -> Reading:
+    match = _REPLY[gauge.protocol].fullmatch(data)
+    if not match:
+        return garbled(data)
+    return mm(match[1], gauge) if gauge.protocol == "m1240" else in_mm(match[1], match[2], gauge)

@@ -1,0 +1,163 @@
+"""Micro-Epsilon optoNCDT 1420 on RS-422: it streams, three bytes a value, with no sign of who asked or when.
+
+The two top bits tell the bytes apart: 00 low, 01 middle, 10 high, six bits of value in each; 11 is the high byte of
+a further value in the same block (maker's manual p. 84). A distance x counts from the start of the measuring range,
+d = (102/65520 x - 1)/100 range, and is within it for x of 643 … 64877 (p. 65). That codes from 262075 on are errors
+is believed, not confirmed. `OUTPUT RS422` sets it going (p. 108), and its answer, ASCII, falls among the values.
+
+So a stream is picked up behind a high byte, and a byte out of place costs all up to the next one: ASCII has none,
+and can neither be taken for a value nor complete one. Where blocks hold more than the distance there is no telling
+which value that is, so a value is taken only if the one before it stood alone. Mastering (its zero) shifts the formula
+and must be off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from daq.gauges import Read
+from daq.protocol.conversation import NO_TIME, Conversation, Device, Fault, FaultKind, Step
+from daq.protocol.framing import Lines, Message
+from daq.protocol.pace import Pace
+from daq.protocol.streamed import Heard, Streamed
+from daq.protocol.texts import Reading, Trouble, items_of
+from rigs.serial_gauges import MicroEpsilonILD1420
+
+_START = b"OUTPUT RS422\n"
+_LOW, _MIDDLE, _HIGH, _FURTHER = range(4)
+_FIRST, _LAST, _FIRST_ERROR = 643, 64877, 262075
+_NO_PEAK = 262076
+_RATE_HZ = 1000.0
+_MORE = Trouble("the sensor sends more than the distance; select the distance alone for RS422")
+
+
+def host(gauges: Sequence[MicroEpsilonILD1420]) -> Conversation:
+    """Our side; one sensor a line."""
+    (gauge,) = gauges
+    return Streamed(_Listening(gauge), gauge.timeout_s)
+
+
+def device(gauges: Sequence[MicroEpsilonILD1420], read: Read) -> Device:
+    """The sensor's side."""
+    (gauge,) = gauges
+    return _Sensor(gauge, read)
+
+
+class _Values:
+    """Cuts the stream into its values, and tells a byte out of place once."""
+
+    def __init__(self) -> None:
+        self._bytes = bytearray()
+        self._first_ns = 0
+        self._lost = True
+
+    @property
+    def pending(self) -> bool:
+        return bool(self._bytes)
+
+    def clear(self) -> None:
+        self._bytes.clear()
+        self._lost = True
+
+    def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
+        found: list[Message | Fault] = []
+        for byte in data:
+            tag = byte >> 6
+            if self._lost:
+                self._lost = tag != _HIGH
+            elif tag == len(self._bytes) or (tag == _FURTHER and len(self._bytes) == _HIGH):
+                found += self._add(byte, now_ns)
+            else:
+                found.append(self._out_of_place(tag, now_ns))
+        return found
+
+    def _add(self, byte: int, now_ns: int) -> list[Message]:
+        if not self._bytes:
+            self._first_ns = now_ns
+        self._bytes.append(byte)
+        if len(self._bytes) < 3:
+            return []
+        message = Message(bytes(self._bytes), 3, self._first_ns, now_ns)
+        self._bytes.clear()
+        return [message]
+
+    def _out_of_place(self, tag: int, now_ns: int) -> Fault:
+        self._bytes.clear()
+        self._lost = tag != _HIGH
+        detail = "a byte out of place, its value left out; check the line's settings and the cable"
+        return Fault(FaultKind.GARBLED, now_ns, detail)
+
+
+class _Listening:
+    """`OUTPUT RS422`, and again after a silence."""
+
+    check = "check the cable, that the sensor is on, the line's settings, and that it is not set to its web interface"
+
+    def __init__(self, gauge: MicroEpsilonILD1420) -> None:
+        self.frames = _Values()
+        self._gauge = gauge
+        self._alone = True
+        """The last message was the first value of a block, and so far its only one."""
+
+    def start(self) -> bytes:
+        return _START
+
+    def read(self, message: Message | Fault) -> Heard:
+        if isinstance(message, Fault):
+            self._alone = True
+            return Heard((message,))
+        before, self._alone = self._alone, message.data[2] >> 6 == _HIGH
+        reading = _distance(message.data, self._gauge) if before and self._alone else _MORE
+        return Heard(items_of(message, NO_TIME, [reading]))
+
+    def silent(self) -> Heard:
+        return Heard(send=_START)
+
+
+def _distance(data: bytes, gauge: MicroEpsilonILD1420) -> Reading:
+    low, middle, high = (byte & 0x3F for byte in data)
+    x = low | middle << 6 | high << 12
+    if x >= _FIRST_ERROR:
+        return Trouble(f"error {x} of the sensor: no valid reading; check the target, its range and the laser")
+    if not _FIRST <= x <= _LAST:
+        where = "before" if x < _FIRST else "behind"
+        return Trouble(f"the target is {where} the measuring range, or mastering is on; move it, or switch that off")
+    return (102 / 65520 * x - 1) / 100 * gauge.range_mm - gauge.zero_mm
+
+
+class _Sensor:
+    """The instrument, at a measuring rate of 1 kHz."""
+
+    def __init__(self, gauge: MicroEpsilonILD1420, read: Read) -> None:
+        self.sent = 0
+        self._gauge = gauge
+        self._read = read
+        self._commands = Lines(b"\n")
+        self._pace: Pace | None = None
+
+    def connected(self, now_ns: int) -> Step:
+        return Step()
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        answer = b""
+        for command in self._commands.feed(data, now_ns):
+            known = isinstance(command, Message) and command.data.strip() == _START.strip()
+            answer += (_START.strip() if known else b"E01 Unknown command") + b"\r\n->"
+            if known and self._pace is None:
+                self._pace = Pace(_RATE_HZ, now_ns)
+        return Step(answer, wake_ns=self._pace.next_ns if self._pace else None)
+
+    def tick(self, now_ns: int) -> Step:
+        if self._pace is None:
+            return Step()
+        values = b"".join(self._value(at_ns) for at_ns in self._pace.due(now_ns))
+        return Step(values, wake_ns=self._pace.next_ns)
+
+    def _value(self, now_ns: int) -> bytes:
+        distance_mm = self._read(now_ns)[0] + self._gauge.zero_mm
+        x = (distance_mm / self._gauge.range_mm * 100 + 1) * 65520 / 102
+        good = math.isfinite(x) and 0 <= round(x) <= 65520
+        code = round(x) if good else _NO_PEAK
+        self.sent += good
+        return bytes(tag << 6 | code >> 6 * tag & 0x3F for tag in (_LOW, _MIDDLE, _HIGH))

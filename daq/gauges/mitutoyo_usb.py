@@ -1,0 +1,54 @@
+"""Mitutoyo gauges on a USB virtual COM port (0fe7:4001): `1` is answered by `01A`, a sign and a number.
+
+A reply that begins with `9` is an error (public code, confirmed; what its numbers mean is not). Nothing tells the
+unit, so `units` must be that of the gauge's display. `V` asks who it is.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+from daq.gauges import Read
+from daq.protocol.conversation import Conversation, Device
+from daq.protocol.framing import Lines
+from daq.protocol.polled import Polled
+from daq.protocol.texts import SIGNED, Answering, Asking, Reading, Show, Trouble, garbled, mm, shown
+from rigs.probe import Probe
+
+_END = b"\r"
+_REPLY = re.compile(rb"01A(" + SIGNED + rb")")
+_FORMAT = {"mm": "+09.3f", "inch": "+09.5f"}
+_LONGEST = 9
+
+
+def host(gauges: Sequence[Probe]) -> Conversation:
+    """Our side; one gauge a cable."""
+    return Polled(Asking(gauges, b"1" + _END, Lines(_END), read_reply), gauges[0].timeout_s)
+
+
+def device(gauges: Sequence[Probe], read: Read) -> Device:
+    """The gauge's side."""
+
+    def answer(command: bytes, show: Show) -> bytes:
+        if command == b"V":
+            return b"V1.000" + _END
+        if command != b"1":
+            return b"912" + _END
+        (value,) = show()
+        text = format(value, _FORMAT[gauges[0].units])
+        good = math.isfinite(value) and len(text) == _LONGEST
+        return (f"01A{text}".encode() if good else b"911") + _END
+
+    return Answering(gauges, read, Lines(_END), answer)
+
+
+def read_reply(data: bytes, gauge: Probe) -> Reading:
+    """The reading of a reply, in mm."""
+    match = _REPLY.fullmatch(data)
+    if match:
+        return mm(match[1], gauge)
+    if data.startswith(b"9"):
+        return Trouble(f"the gauge answers error {shown(data)}; check that it is on and shows a value")
+    return garbled(data)

@@ -1,0 +1,107 @@
+"""Solartron Orbit ACS: a reading and its status, each a parameter, read one after the other.
+
+A parameter is a float32 in the two registers from its address + 8000 on, and may only be read whole and by itself; the
+status says whether the reading is one: 0 good, 18 under and 19 over range, 246 wrong probe, 247 none (manual p. 32,
+48-54, confirmed). So each sample takes two requests; its stamps are those of the first. Parameter numbers are in the
+maker's parameter map and stand in the rig file; function, word order, that the status is a float32 like any other
+parameter, and the line settings are not confirmed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from daq.gauges import Read
+from daq.gauges.modbus_map import asking, held
+from daq.protocol.conversation import Conversation, Device, Fault, FaultKind, Sample
+from daq.protocol.framing import Message
+from daq.protocol.polled import Heard, Polled, Then
+from daq.protocol.registers import Serving
+from rigs.modbus import ModbusMap, SolartronOrbit, ValueRegister
+
+_FLOATS = 8000
+_NO_PROBE = 247.0
+_STATUS = {
+    18: "under range; move the probe into its range",
+    19: "over range; move the probe into its range",
+    246: "an incompatible probe is connected; connect one that the unit knows",
+    247: "no probe is connected; check its plug",
+}
+
+
+def host(gauges: Sequence[SolartronOrbit]) -> Conversation:
+    """Our side; one gauge a line."""
+    (gauge,) = gauges
+    return Polled(_Asking(gauge), gauge.timeout_s)
+
+
+def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
+    """The unit's side."""
+    (gauge,) = gauges
+
+    def value(now_ns: int) -> Sequence[float]:
+        return [0.0 if math.isnan(value) else value for value in read(now_ns)]
+
+    def status(now_ns: int) -> Sequence[float]:
+        return [_NO_PROBE if math.isnan(value) else 0.0 for value in read(now_ns)]
+
+    first, second = _block(gauge, gauge.parameter), _status_block(gauge)
+    return Serving(first, held(first, value), (second, held(second, status)))
+
+
+def _block(gauge: SolartronOrbit, parameter: int) -> ModbusMap:
+    """One parameter as a register map."""
+    shared = {"port", "offset_mm", "units", "line", "framing", "unit", "function", "word_order", "timeout_s"}
+    address = _FLOATS + parameter
+    return ModbusMap(
+        interface="modbus_map",
+        address=address,
+        count=2,
+        value=ValueRegister(address=address, type="float32"),
+        **{name: getattr(gauge, name) for name in shared},
+    )
+
+
+def _status_block(gauge: SolartronOrbit) -> ModbusMap:
+    """The status, a plain number: as mm it is passed on unchanged."""
+    return _block(gauge, gauge.status_parameter).model_copy(update={"units": "mm"})
+
+
+class _Asking:
+    """The reading, then its status."""
+
+    reset = b""
+
+    def __init__(self, gauge: SolartronOrbit) -> None:
+        self._value = asking(_block(gauge, gauge.parameter))
+        self._status = asking(_status_block(gauge))
+        self.frames = self._value.frames
+        self.check = self._value.check
+        self._held: Sample | None = None
+        """The reading that the next request is to confirm."""
+        self._asked: Sample | None = None
+        """The reading that the last request was to confirm; None where it was for a reading."""
+
+    def request(self) -> bytes:
+        self._asked, self._held = self._held, None
+        return (self._status if self._asked else self._value).request()
+
+    def read(self, message: Message, requested_ns: int) -> Heard:
+        if self._asked is None:
+            heard = self._value.read(message, requested_ns)
+            if heard.then is not Then.ASK:
+                return heard
+            (item,) = heard.items
+            self._held = item if isinstance(item, Sample) else None
+            return replace(heard, items=())
+        heard = self._status.read(message, requested_ns)
+        (item,) = heard.items
+        if not isinstance(item, Sample):
+            return heard
+        code = round(item.values[0])
+        if code == 0:
+            return Heard((self._asked,))
+        meaning = _STATUS.get(code, "an error of the gauge; see its manual")
+        return Heard((Fault(FaultKind.DEVICE_ERROR, item.last_byte_ns, f"status {code}: {meaning}"),), Then.PAUSE)

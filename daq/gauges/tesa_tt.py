@@ -1,0 +1,52 @@
+"""TESA TT80 and TT90: a reading for each `?`, `±xxxx.xx` in mm and `±xxx.xxx` in µm (maker's manual p. 94).
+
+Nothing else tells the unit, so a reading written as the other unit's is refused. `ERR23` is confirmed, what it
+means is not. The host uses `?` alone; what `ID?`, `UNI?`, `RNG?` and `VER?` answer is believed only.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+from daq.gauges import Read
+from daq.protocol.conversation import Conversation, Device
+from daq.protocol.framing import Lines
+from daq.protocol.polled import Polled
+from daq.protocol.texts import SIGNED, Answering, Asking, Reading, Show, Trouble, garbled, in_mm, mm
+from rigs.serial_gauges import TesaTT
+
+_END = b"\r\n"
+_WRITTEN = {b"mm": re.compile(rb"[+-]\d{4}\.\d\d"), b"um": re.compile(rb"[+-]\d{3}\.\d{3}")}
+_FORMAT = {"mm": "+08.2f", "um": "+08.3f"}
+
+
+def host(gauges: Sequence[TesaTT]) -> Conversation:
+    """Our side; one gauge a cable."""
+    return Polled(Asking(gauges, b"?\r", Lines(_END), _read), gauges[0].timeout_s)
+
+
+def device(gauges: Sequence[TesaTT], read: Read) -> Device:
+    """The instrument's side."""
+    units = gauges[0].units
+    texts = {b"ID?": b"TESA TT80", b"UNI?": units.upper().encode(), b"RNG?": b"2", b"VER?": b"1.0"}
+
+    def answer(command: bytes, show: Show) -> bytes:
+        if command != b"?":
+            return texts.get(command, b"ERR1") + _END
+        (value,) = show()
+        return (format(value, _FORMAT[units]).encode() if math.isfinite(value) else b"ERR23") + _END
+
+    return Answering(gauges, read, Lines(b"\r"), answer)
+
+
+def _read(data: bytes, gauge: TesaTT) -> Reading:
+    for unit, written in _WRITTEN.items():
+        if written.fullmatch(data):
+            return in_mm(data, unit, gauge)
+    if re.fullmatch(SIGNED, data):
+        return mm(data, gauge)
+    if re.fullmatch(rb"ERR\d{1,3}", data):
+        return Trouble(f"{data.decode()}: see the gauge's manual; check its probe and its range")
+    return garbled(data)

@@ -1,0 +1,151 @@
+"""Instruments that answer a short request with a short message: what they have in common, on both sides.
+
+A driver adds its dialect: the request, what ends a message, and `read`, which says what one message means for one
+gauge: its reading in mm, or a `Trouble` in words. The gauges that share a link share the message. A gauge in
+trouble reads nan beside one that is well; where all are, there is no sample. `Answering` is the instrument, of
+which a driver adds what it answers.
+
+An instrument that tells its unit is held to that of the rig file (`in_mm`): a reading in another unit is told as a
+fault and never converted, since either the gauge or the file is not what its owner believes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
+from daq.protocol.framing import Framer, Message
+from daq.protocol.polled import Heard, Then
+from rigs.probe import MM_PER_UNIT, Probe, Units
+
+CHECK = "check the cable, that the gauge is on, and the line's settings"
+SIGNED = rb"[+-]\d{1,7}\.\d{1,7}"
+"""A number whose sign must be there: one that lost its first byte would otherwise pass with the wrong sign."""
+_UNITS: dict[bytes, Units] = {b"mm": "mm", b"um": "um", b"in": "inch", b"inch": "inch"}
+
+Show = Callable[[], Sequence[float]]
+"""Takes a reading: one number a gauge, in its units; nan where its head is in error."""
+ProbeT = TypeVar("ProbeT", bound=Probe)
+
+
+@dataclass(frozen=True, slots=True)
+class Trouble:
+    """Why a message holds no reading, with what to do about it."""
+
+    detail: str
+    kind: FaultKind = FaultKind.DEVICE_ERROR
+    then: Then = Then.PAUSE
+
+
+Reading = float | Trouble
+"""mm, or why there is none."""
+
+
+def garbled(data: bytes) -> Trouble:
+    """The message is none of this protocol."""
+    return Trouble(f"{shown(data)} is no reading; check the line's settings", FaultKind.GARBLED, Then.DRAIN)
+
+
+def shown(data: bytes) -> str:
+    """A message as a person can read it."""
+    return repr(data[:60])[1:]
+
+
+def mm(number: bytes, gauge: Probe) -> float:
+    """A number in the gauge's units; blanks in it are left out."""
+    return float(number.replace(b" ", b"")) * MM_PER_UNIT[gauge.units]
+
+
+def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
+    """A number whose unit the instrument tells; Trouble where that is not the gauge's."""
+    told = _UNITS.get(unit.lower())
+    if told == gauge.units:
+        return mm(number, gauge)
+    return Trouble(
+        f"the gauge reads in {told or shown(unit)}, the rig file says {gauge.units}; "
+        "switch the gauge over, or correct `units`"
+    )
+
+
+def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -> tuple[Item, ...]:
+    """A sample of what is well, and a fault for each trouble."""
+    at_ns = message.last_byte_ns
+    troubles = dict.fromkeys(reading for reading in readings if isinstance(reading, Trouble))
+    faults = tuple(Fault(trouble.kind, at_ns, trouble.detail) for trouble in troubles)
+    if all(isinstance(reading, Trouble) for reading in readings):
+        return faults
+    values = tuple(math.nan if isinstance(reading, Trouble) else reading for reading in readings)
+    return (Sample(values, requested_ns, message.first_byte_ns, at_ns, message.size), *faults)
+
+
+class Asking(Generic[ProbeT]):
+    """The same request again and again (a dialect of `daq.protocol.polled`)."""
+
+    def __init__(
+        self,
+        gauges: Sequence[ProbeT],
+        request: bytes,
+        frames: Framer,
+        read: Callable[[bytes, ProbeT], Reading],
+        check: str = CHECK,
+        reset: bytes = b"",
+    ) -> None:
+        self.frames = frames
+        self.check = check
+        self.reset = reset
+        self._gauges = gauges
+        self._request = request
+        self._read = read
+
+    def request(self) -> bytes:
+        return self._request
+
+    def read(self, message: Message, requested_ns: int) -> Heard:
+        readings = [self._read(message.data, gauge) for gauge in self._gauges]
+        items = items_of(message, requested_ns, readings)
+        if isinstance(items[0], Sample):
+            return Heard(items)
+        thens = {reading.then for reading in readings if isinstance(reading, Trouble)}
+        return Heard(items, Then.DRAIN if Then.DRAIN in thens else Then.PAUSE)
+
+
+class Answering:
+    """An instrument that speaks when spoken to.
+
+    `answer` gives what it says to a command, and empty bytes for nothing; a command that nobody can cut is empty.
+    """
+
+    def __init__(
+        self,
+        gauges: Sequence[Probe],
+        read: Callable[[int], Sequence[float]],
+        frames: Framer,
+        answer: Callable[[bytes, Show], bytes],
+    ) -> None:
+        self.sent = 0
+        self._gauges = gauges
+        self._read = read
+        self._frames = frames
+        self._answer = answer
+
+    def connected(self, now_ns: int) -> Step:
+        return Step()
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        commands = [
+            message.data if isinstance(message, Message) else b"" for message in self._frames.feed(data, now_ns)
+        ]
+        return Step(b"".join(self._answer(command, lambda: self.show(now_ns)) for command in commands))
+
+    def tick(self, now_ns: int) -> Step:
+        return Step()
+
+    def show(self, now_ns: int) -> list[float]:
+        """Take a reading, and count it where any head is well."""
+        units = [MM_PER_UNIT[gauge.units] for gauge in self._gauges]
+        values = [value / unit for value, unit in zip(self._read(now_ns), units, strict=True)]
+        self.sent += any(math.isfinite(value) for value in values)
+        return values
