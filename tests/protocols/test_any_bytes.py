@@ -8,13 +8,15 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from drivers import FEEDBACKS, GAUGES, TCP, keyence, lines, modbus, rtde, sylvac
+from drivers import FEEDBACKS, GAUGES, TCP, gauge, keyence, lines, modbus, rtde, sylvac
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymodbus.framer import FramerRTU
+from replies import POLLED
 from simulated import S, Script, asked, held
 from test_conversations import ANGLES, BAUMER_REPLY, RECIPE, STARTED, VERSION, _data, _rtde, _rtu, _tcp
 from test_datagrams import EGM, PACKED, ROB, egm_robot, rob, status
+from test_gauge_conversations import value
 
 import daq.feedback
 import daq.gauges
@@ -68,6 +70,21 @@ STREAMS: dict[str, tuple[Callable[[], Script], Sequence[bytes], int]] = {
         ],
         3,
     ),
+    **{
+        name: (_polled(*case.gauges), [*case.replies, ENDLESS], 1)
+        for name, case in POLLED.items()
+        if case.gauges[0].units == "mm"
+    },
+    "ild1420": (
+        lambda: Script(daq.gauges.host([gauge("micro_epsilon_ild1420")])),
+        [value(2000) + value(3000), value(4000, further=True), b"E05\r\n->", value(10) + value(262076), ENDLESS],
+        8,
+    ),
+    "modbus ascii": (
+        _polled(modbus(framing="ascii")),
+        [b":" + BAUMER_REPLY[:-2].hex().upper().encode() + b"D0\r\n", b":0184027A\r\n", b":01\r\n", ENDLESS + b"\r\n"],
+        1,
+    ),
     "lines": (_listening(lines()), [b"1,2,3,4,5,6,7\n", b"1,2\r\n", b"a,b,c,d,e,f,g\n", b"\n", ENDLESS], 8),
 }
 
@@ -107,12 +124,23 @@ def _sides() -> dict[str, tuple[Callable[[], Conversation], list[bytes]]]:
     sides: dict[str, tuple[Callable[[], Conversation], list[bytes]]] = {}
     replies = [reply for _, choices, _ in STREAMS.values() for reply in choices if len(reply) < LIMIT]
     replies += [EGM, PACKED, ROB, egm_robot(8), rob(123645634567), status(1), status(2)]
-    requests = [b"?\r", b"OUT1\r", b"M0\r\n", _rtu(1, 4, 0, 200, 0, 13), _tcp(1, 1, 4, 0, 200, 0, 13)]
+    requests = [case.request for case in POLLED.values()]
+    requests += [
+        b"OUTPUT RS422\n",
+        b":01031F42000299\r\n",
+        b"?\r",
+        b"OUT1\r",
+        b"M0\r\n",
+        _rtu(1, 4, 0, 200, 0, 13),
+        _tcp(1, 1, 4, 0, 200, 0, 13),
+    ]
     rates = (500.0, 1e-300, float("inf"), float("nan"), -1.0)
     recipes = [_rtde(b"O", struct.pack(">d", rate) + b"timestamp,actual_q") for rate in rates]
     requests += [*recipes, _rtde(b"V", b"\0\2"), _rtde(b"S"), _rtde(b"P"), _rtde(b"O"), _rtde(b"M")]
     requests += [b'<Sen Type="ImFree"><IPOC>4208000</IPOC></Sen>', b"\0\0\0\0\0\0\0\1", b"\0\0\0\2\0\0\0\1"]
     for name, gauges, _ in GAUGES:
+        if gauges[0].units != "mm":
+            continue  # the same bytes, times a factor
         sides[f"{name} host"] = (lambda gauges=gauges: daq.gauges.host(gauges)), replies
         sides[f"{name} device"] = (
             (lambda gauges=gauges: daq.gauges.device(gauges, lambda now_ns: [1e6] * len(gauges))),
