@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import yaml
@@ -17,7 +18,7 @@ from daq.emulators.pty_line import PtyLine
 from daq.emulators.tcp_port import TcpPort
 from daq.emulators.udp_port import UdpPort
 from daq.links import LinkLost
-from daq.protocol.conversation import Conversation
+from daq.protocol.conversation import Conversation, Device
 from daq.runner import converse
 from daq.streams import gauge_groups
 from rigs.feedback import carries_signal
@@ -48,6 +49,15 @@ class Server(Protocol):
         """End the conversation there is, and begin another."""
 
 
+def gauge_device(rig: Rig, motion: Motion, group: Sequence[str]) -> Callable[[], Device]:
+    """What makes the instrument that these gauges share, for each connection anew."""
+
+    def read(now_ns: int) -> Sequence[float]:
+        return [motion.gauge_mm(name, now_ns) for name in group]
+
+    return partial(gauges.device, [gauge for name, gauge in rig.gauges if name in group], read)
+
+
 class Cell:
     """All instruments of a rig, each with its own thread, until `stop`."""
 
@@ -60,20 +70,14 @@ class Cell:
         self._servers: dict[str, Server] = {}
         self._silenced: set[str] = set()
         self.ports: dict[str, str] = {}
+        members = dict(rig.gauges)
         for group in gauge_groups(rig):
-            members = [gauge for name, gauge in rig.gauges if name in group]
-
-            def read(now_ns: int, group: Sequence[str] = group) -> Sequence[float]:
-                return [motion.gauge_mm(name, now_ns) for name in group]
-
-            def device(members: Sequence[Any] = members, read: Callable[[int], Sequence[float]] = read) -> Any:
-                return gauges.device(members, read)
-
-            label = "_".join(group)
+            first, label = members[group[0]], "_".join(group)
+            device = gauge_device(rig, motion, group)
             port = (
                 self._serve(label, TcpPort(self._noted(label, device)))
-                if tcp_address(members[0].port)
-                else self._serve_pty(label, device, PtyLine(members[0].line))
+                if tcp_address(first.port)
+                else self._serve_pty(label, device, PtyLine(first.line))
             )
             self.ports.update(dict.fromkeys(group, port))
 
