@@ -8,11 +8,14 @@ from pathlib import Path
 import pytest
 import yaml
 
+from rigs.interfaces import NO_DEFAULT, Interface, known
 from rigs.load import SHIPPED, parse
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
 BIN = Path(sys.executable).parent
+VALUES = {"polled", "continuous", "optorsd", "m1240", "rtu", "ascii"}
+"""What a key may be set to, written in the table beside its key."""
 
 
 def _typed() -> list[str]:
@@ -51,3 +54,24 @@ def test_every_example_of_the_rig_file_is_one(block: str) -> None:
 def test_every_link_in_the_documents_leads_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#:]+)\)", page.read_text()):
         assert (page.parent / target).exists(), target
+
+
+def _rows() -> dict[str, list[str]]:
+    """The table of gauges in the rig file's page: name, and what, line, keys."""
+    text = (ROOT / "docs" / "rig-file.md").read_text().partition("## gauges")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| `(\w+)` \| (.*)\|$", text, re.M)
+    return {name: [cell.strip() for cell in cells.split("|")] for name, cells in rows}
+
+
+@pytest.mark.parametrize("interface", [one for one in known() if one.kind == "gauge"], ids=lambda one: one.name)
+def test_the_table_of_gauges_is_the_schema(interface: Interface) -> None:
+    what, line, keys = _rows()[interface.name]
+    assert line == ("to be given" if interface.line == NO_DEFAULT else interface.line)
+    told = [word for word in re.findall(r"`(\w+)`", keys) if word not in VALUES]
+    assert sorted(told) == sorted(key for key in interface.keys if key not in {"line", "units"})
+    standing = interface.origin.standing
+    assert ("(" + standing + ")" in what) == (standing != "confirmed")
+
+
+def test_the_table_of_gauges_names_no_other() -> None:
+    assert list(_rows()) == [one.name for one in known() if one.kind == "gauge"]

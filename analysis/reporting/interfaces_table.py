@@ -1,0 +1,32 @@
+"""The interfaces on the screen: one row each, its line under its name, what is in doubt under its source."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from rigs.interfaces import Interface
+
+_STYLE = {"confirmed": "green", "weak": "yellow", "unconfirmed": "red"}
+
+
+def as_table(found: Sequence[Interface]) -> RenderableType:
+    """A table, and under it how many are how sure."""
+    table = Table(header_style="bold", show_lines=True)
+    table.add_column("interface, line", no_wrap=True)
+    table.add_column("instruments", ratio=1)
+    table.add_column("standing", no_wrap=True)
+    table.add_column("source; what is in doubt", ratio=2)
+    for one in found:
+        origin = one.origin
+        standing = Text(origin.standing, style=_STYLE[origin.standing])
+        source = Text.assemble(origin.source, ("\n" + origin.doubts if origin.doubts else "", "yellow"))
+        name = Text.assemble((one.name, "bold"), "\n" + one.line if one.line else "")
+        table.add_row(name, origin.instruments, standing, source)
+    counts = Counter[str](one.origin.standing for one in found)
+    words = ", ".join(f"{counts[standing]} {standing}" for standing in _STYLE)
+    return Group(table, Text(f"{len(found)} interfaces: {words}"))

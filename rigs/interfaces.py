@@ -1,0 +1,55 @@
+"""Every interface that a rig file can name, read off the schemas: a new class in a union appears by itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from rigs.feedback import Feedback
+from rigs.gauges import Gauge
+from rigs.links import Line
+from rigs.origin import Origin
+from rigs.probe import Probe
+
+NO_DEFAULT = "line to be given"
+
+
+@dataclass(frozen=True)
+class Interface:
+    """One interface. line: settings of its serial line, `NO_DEFAULT`, or empty where it has none; keys: its own."""
+
+    name: str
+    kind: Literal["gauge", "robot"]
+    line: str
+    origin: Origin
+    keys: tuple[str, ...]
+
+
+def known() -> list[Interface]:
+    """All of them, gauges first, in the order of the schemas."""
+    return [_interface(model, "gauge") for model in models(Gauge)] + [
+        _interface(model, "robot") for model in models(Feedback)
+    ]
+
+
+def models(union: Any) -> tuple[type[BaseModel], ...]:
+    """The classes of a discriminated union."""
+    members: tuple[type[BaseModel], ...] = get_args(get_args(union)[0])
+    return members
+
+
+def _interface(model: type[BaseModel], kind: Literal["gauge", "robot"]) -> Interface:
+    fields = model.model_fields
+    origin: Origin = model.origin  # type: ignore[attr-defined]
+    (name,) = get_args(fields["interface"].annotation)
+    line = fields.get("line")
+    own = {*model.__annotations__, *(fields.keys() - Probe.model_fields.keys())} - {"interface"}
+    keys = tuple(key for key in fields if key in own)
+    return Interface(name, kind, "" if line is None else _settings(line), origin, keys)
+
+
+def _settings(line: FieldInfo) -> str:
+    return str(line.default) if isinstance(line.default, Line) else NO_DEFAULT

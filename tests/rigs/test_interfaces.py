@@ -1,0 +1,56 @@
+"""`rig interfaces` lists what the schemas hold, each with where it is known from."""
+
+from __future__ import annotations
+
+import json
+import pkgutil
+from typing import Annotated, ClassVar, Literal
+
+import pytest
+from pydantic import Field
+from typer.testing import CliRunner
+
+import daq.feedback
+import daq.gauges
+from analysis.cli import app
+from rigs.interfaces import NO_DEFAULT, Interface, known, models
+from rigs.origin import Origin
+from rigs.probe import Probe
+
+
+def test_every_driver_is_listed_once() -> None:
+    drivers = [
+        module.name for package in (daq.gauges, daq.feedback) for module in pkgutil.iter_modules(package.__path__)
+    ]
+    assert sorted(one.name for one in known()) == sorted(drivers)
+
+
+@pytest.mark.parametrize("interface", known(), ids=lambda one: one.name)
+def test_every_interface_says_where_it_is_known_from(interface: Interface) -> None:
+    origin = interface.origin
+    assert origin.instruments and origin.source
+    assert origin.standing == "confirmed" or origin.doubts, "what is not confirmed says what of it"
+    assert interface.line != NO_DEFAULT or "line settings" in origin.doubts or "baud" in origin.doubts
+
+
+def test_a_class_added_to_a_union_appears_by_itself() -> None:
+    class Abacus(Probe):
+        origin: ClassVar[Origin] = Origin("abacus", "seen", "weak", "all")
+        interface: Literal["abacus"]
+        beads: int = 10
+
+    class Slate(Probe):
+        interface: Literal["slate"]
+
+    assert models(Annotated[Abacus | Slate, Field(discriminator="interface")]) == (Abacus, Slate)
+
+
+def test_the_command_as_json_and_as_a_table() -> None:
+    done = CliRunner().invoke(app, ["interfaces", "--json"])
+    listed = json.loads(done.stdout)["interfaces"]
+    by_name = {one["name"]: one for one in listed}
+    assert len(listed) == len(known())
+    assert by_name["magnescale_lt"]["origin"]["standing"] == "weak"
+    assert by_name["tesa_tt"]["line"] == "4800 7E2" and by_name["ur_rtde"]["kind"] == "robot"
+    table = CliRunner().invoke(app, ["interfaces"], env={"COLUMNS": "160"}).stdout
+    assert all(one.name in table for one in known()) and f"{len(listed)} interfaces" in table
