@@ -15,6 +15,7 @@ from typing import Annotated
 
 import typer
 
+from daq import journal
 from daq.control import socket_directory
 from daq.daemon import Daemon
 from daq.store.manifest import Ending
@@ -48,7 +49,9 @@ def rigd(
     ] = None,
 ) -> None:
     """Read the gauges and the robot of RIG until stopped; record when asked by `rig record`."""
-    logging.basicConfig(level=logging.INFO, format=_log_format(), stream=sys.stderr)
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(journal.formatter())
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
     ends = _listen()
     try:
         rig, text = load(rig_file)
@@ -56,7 +59,7 @@ def rigd(
         daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics or _metrics())
     except RigError as error:
         for line in error.lines():
-            typer.echo(f"error: {line}", err=True)
+            typer.echo(journal.told(f"error: {line}", journal.ERROR), err=True)
         raise typer.Exit(error.exit_code) from None
     end = ends.get()
     log.info("stopping: %s", end.why)
@@ -106,8 +109,3 @@ def _runs() -> Path:
 def _metrics() -> Path | None:
     """Beside the socket, where systemd gives a directory for both."""
     return socket_directory() / "rig.prom" if "RUNTIME_DIRECTORY" in os.environ else None
-
-
-def _log_format() -> str:
-    """The journal stamps its lines itself."""
-    return "%(levelname)s %(message)s" if "JOURNAL_STREAM" in os.environ else "%(asctime)s %(levelname)s %(message)s"

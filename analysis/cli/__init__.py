@@ -53,11 +53,13 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     compare,  # noqa: F401
     correct,  # noqa: F401
     diagnose,  # noqa: F401
+    doctor,  # noqa: F401
     emulate,  # noqa: F401
     export,  # noqa: F401
     import_,  # noqa: F401
     interfaces,  # noqa: F401
     live,  # noqa: F401
+    logs,  # noqa: F401
     paper,  # noqa: F401
     plan,  # noqa: F401
     record,  # noqa: F401

@@ -1,0 +1,51 @@
+"""`rig doctor RIG`: what is wrong with a cell."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app
+
+_SERVED = Path("/etc/rig")
+_COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
+
+
+@app.command()
+def doctor(
+    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
+    runs: Annotated[Path | None, typer.Option(help="Where run directories go; as with rigd without")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> None:
+    """Say in plain words what is wrong with a cell: ports, line settings, rates, clocks, disk, service.
+
+    Talks to the instruments as rigd would, at other line settings too where they do not answer; where rigd runs, it is
+    asked instead. Exit code 1 where something is wrong.
+    """
+    import dataclasses  # noqa: PLC0415
+    import json  # noqa: PLC0415
+
+    from daq.doctor import Verdict, examine  # noqa: PLC0415
+    from rigs.load import find, load  # noqa: PLC0415
+
+    rig, _ = load(rig_file)
+    path = find(rig_file).absolute()
+    unit = f"rigd@{path.stem}" if path.parent == _SERVED else None
+    findings = []
+    for finding in examine(rig, (runs or _runs(unit)).absolute(), unit):
+        findings.append(finding)
+        if not as_json:
+            verdict = typer.style(f"{finding.verdict:9}", fg=_COLOURS[finding.verdict])
+            typer.echo(f"{verdict} {finding.about}: {finding.what}" + (f"; {finding.remedy}" if finding.remedy else ""))
+    wrong = sum(finding.verdict is Verdict.WRONG for finding in findings)
+    if as_json:
+        told = [dataclasses.asdict(finding) for finding in findings]
+        typer.echo(json.dumps({"rig": rig.name, "wrong": wrong, "findings": told}, indent=2))
+    raise typer.Exit(1 if wrong else 0)
+
+
+def _runs(unit: str | None) -> Path:
+    """Where rigd would record: the service has a directory of its own."""
+    return Path("/var/lib") / unit.replace("@", "-") / "runs" if unit else Path("runs")

@@ -1,0 +1,49 @@
+"""`rig logs [RIG]`: what the service said, for a person."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analysis.cli import app
+
+if TYPE_CHECKING:
+    from daq.journal import Entry
+
+
+@app.command()
+def logs(
+    rig: Annotated[
+        str | None, typer.Argument(metavar="RIG", help="NAME of rigd@NAME, or its rig file; every one without")
+    ] = None,
+    since: Annotated[str | None, typer.Option(help="From when, e.g. today, -1h or '2026-11-20 08:00'.")] = None,
+    follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on until Ctrl-C.")] = False,
+) -> None:
+    """What the services rigd@NAME have logged, and what systemd did to them."""
+    import contextlib  # noqa: PLC0415
+    from pathlib import Path  # noqa: PLC0415
+
+    from daq.journal import read  # noqa: PLC0415
+
+    name = rig and Path(rig).name.removesuffix(".yaml")
+    with contextlib.suppress(KeyboardInterrupt):
+        for entry in read(name, since, follow=follow):
+            typer.echo(line(entry, named=rig is None))
+
+
+def line(entry: Entry, *, named: bool) -> str:
+    """One line: time, severity where it is worth a look, and text; with the rig's name where there are several."""
+    from daq.journal import ERROR, INFO, WARNING  # noqa: PLC0415
+
+    if entry.severity <= ERROR:
+        word, colour = "error", "red"
+    elif entry.severity == WARNING:
+        word, colour = "warning", "yellow"
+    else:
+        word, colour = "", None
+    who = f"{entry.rig:10} " if named else ""
+    text = f"systemd: {entry.text}" if entry.by_systemd else entry.text
+    return f"{entry.at:%Y-%m-%d %H:%M:%S} {who}" + typer.style(
+        f"{word:8}{text}", fg=colour, dim=entry.severity >= INFO and entry.by_systemd
+    )

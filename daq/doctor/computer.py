@@ -1,0 +1,128 @@
+"""The computer that the daemon runs on: its disk, its clock, and its service manager.
+
+Each finding is a function of plain figures; what reads them off the system stands below.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from daq.doctor.finding import Finding, doubtful, ok, wrong
+
+_GB = 1e9
+_LITTLE_GB, _TOO_LITTLE_GB = 5.0, 0.5
+_SLOW_S, _TOO_SLOW_S = 0.1, 5.0
+"""The daemon syncs every half second, and holds what comes meanwhile; its watchdog waits for 15 s."""
+_SYNCS = 5
+_BLOCK = bytes(1 << 16)
+_ANSWERS_S = 10.0
+_TIME_ERROR = 5
+"""adjtimex(2): the clock is not synchronised."""
+_UNIT_PROPERTIES = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileState"
+
+
+def examine_computer(runs: Path, unit: str | None) -> Iterator[Finding]:
+    """Everything about it; `unit` is the service of the rig, where it has one."""
+    try:
+        place = next(path for path in (runs, *runs.parents) if path.is_dir())
+        yield room(runs, shutil.disk_usage(place).free / _GB)
+        yield sync_time(runs, slowest_sync_s(place))
+    except PermissionError:
+        yield doubtful(
+            "disk", f"{runs}: this user may not write there", "run it as the owner: sudo -u rig rig doctor …"
+        )
+    except OSError as error:
+        yield wrong("disk", f"{runs}: {error.strerror or error}", "mend the disk, or give another --runs")
+    yield wall_clock(clock_state())
+    if unit and (properties := unit_properties(unit)):
+        yield service(unit, properties)
+
+
+def room(runs: Path, free_gb: float) -> Finding:
+    """Whether there is room to record."""
+    what = f"{free_gb:.1f} GB free for {runs}"
+    if free_gb < _TOO_LITTLE_GB:
+        return wrong("disk", what, "make room; a full disk ends a recording")
+    if free_gb < _LITTLE_GB:
+        return doubtful("disk", what, "make room before a long recording")
+    return ok("disk", what)
+
+
+def sync_time(runs: Path, slowest_s: float) -> Finding:
+    """Whether the disk keeps up with a daemon that syncs twice a second."""
+    what = f"putting 64 kB on the disk took up to {slowest_s * 1e3:.0f} ms"
+    if slowest_s > _TOO_SLOW_S:
+        return wrong("disk", what, f"have {runs} on a disk of its own, no memory card and no network drive")
+    if slowest_s > _SLOW_S:
+        return doubtful("disk", what, "see what else writes to it: iostat -x 1")
+    return ok("disk", what)
+
+
+def wall_clock(state: int) -> Finding:
+    """Whether NTP keeps the clock; `state` is what adjtimex gives."""
+    if state != _TIME_ERROR:
+        return ok("clock", "kept by NTP")
+    what = (
+        "not kept by NTP: the hour that a run is said to be of may be wrong (its readings are not timed by this clock)"
+    )
+    return doubtful("clock", what, "run: sudo timedatectl set-ntp true")
+
+
+def service(unit: str, properties: Mapping[str, str]) -> Finding:
+    """What systemd makes of the unit, from `systemctl show`."""
+    if properties.get("LoadState") != "loaded":
+        return doubtful(unit, "not installed", "run: sudo scripts/install")
+    active, sub = properties.get("ActiveState", ""), properties.get("SubState", "")
+    restarts = int(properties.get("NRestarts") or 0)
+    if active == "failed":
+        return wrong(
+            unit, f"failed ({properties.get('Result')})", f"see why: rig logs; then: sudo systemctl restart {unit}"
+        )
+    if sub == "auto-restart" or active == "activating":
+        return wrong(unit, f"does not come up, {restarts} starts so far", "see why: rig logs")
+    if active != "active":
+        return doubtful(unit, "stopped", f"start it: sudo systemctl enable --now {unit}")
+    what = f"running, started anew {restarts} times since it was started"
+    if properties.get("UnitFileState") != "enabled":
+        return doubtful(unit, f"{what}; not started at boot", f"run: sudo systemctl enable {unit}")
+    return doubtful(unit, what, "see why: rig logs") if restarts else ok(unit, what)
+
+
+def slowest_sync_s(folder: Path) -> float:
+    """The longest of some writes with fsync, in a file that is gone again. Raises OSError."""
+    with tempfile.TemporaryFile(dir=folder) as file:
+        taken = []
+        for _ in range(_SYNCS):
+            began = time.monotonic()
+            file.write(_BLOCK)
+            file.flush()
+            os.fsync(file.fileno())
+            taken.append(time.monotonic() - began)
+    return max(taken)
+
+
+def clock_state() -> int:
+    """What adjtimex(2) says of the clock when asked to change nothing."""
+    timex = ctypes.create_string_buffer(256)  # larger than struct timex, whose first member asks for no change
+    return int(ctypes.CDLL(None).adjtimex(timex))
+
+
+def unit_properties(unit: str) -> dict[str, str]:
+    """What systemd says of a unit; nothing where systemd does not run or answer."""
+    if not Path("/run/systemd/system").is_dir() or not shutil.which("systemctl"):
+        return {}
+    command = ["systemctl", "show", f"--property={_UNIT_PROPERTIES}", unit]
+    try:
+        shown = subprocess.run(  # noqa: S603 - a list, no shell
+            command, capture_output=True, text=True, check=False, timeout=_ANSWERS_S
+        ).stdout
+    except subprocess.TimeoutExpired:
+        return {}
+    return dict(line.split("=", 1) for line in shown.splitlines() if "=" in line)

@@ -1,0 +1,81 @@
+"""All of a cell: the computer, the daemon if one runs, and each instrument."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from daq.client import Client, find_socket
+from daq.doctor.computer import examine_computer
+from daq.doctor.finding import Finding, Verdict, doubtful, ok, wrong
+from daq.doctor.ports import examine_port
+from daq.doctor.trial import examine_conversation
+from daq.streams import Stream, streams_of
+from rigs.errors import CellError
+from rigs.rig import Rig
+
+_FRESH_S = 3.0
+
+
+def examine(rig: Rig, runs: Path, unit: str | None = None, root: Path = Path("/")) -> Iterator[Finding]:
+    """Findings as they are made. unit: the rig's service; root: where /dev, /proc and /sys are."""
+    yield from examine_computer(runs, unit)
+    try:
+        status = ask(rig.name)
+    except CellError as error:
+        yield wrong("rigd", f"{error.where}: {error.what}", error.remedy)
+        return
+    if status is not None:
+        yield from told(status)
+    for stream in streams_of(rig):
+        findings = []
+        if stream.port.startswith("/"):
+            findings = list(examine_port(stream.name, stream.port, root, served=status is not None))
+        yield from findings
+        if status is None and all(finding.verdict is not Verdict.WRONG for finding in findings):
+            yield from examine_conversation(stream, _timeout_s(rig, stream))
+
+
+def _timeout_s(rig: Rig, stream: Stream) -> float:
+    gauge = dict(rig.gauges).get(stream.columns[0].removesuffix("_mm"))
+    return gauge.timeout_s if gauge else rig.feedback.timeout_s
+
+
+def ask(rig: str) -> dict[str, Any] | None:
+    """The state of the daemon that serves this rig; None where none runs. Raises CellError where it will not say."""
+    try:
+        path = find_socket(rig)
+    except CellError:
+        closed = [folder for folder in Path("/run").glob("rigd-*") if not os.access(folder, os.X_OK)]
+        if closed:
+            raise CellError(
+                str(closed[0]), "this user may not ask the daemon", "join the group rig, or use sudo"
+            ) from None
+        return None
+    with Client(path) as client:
+        return client.ask("status")
+
+
+def told(status: dict[str, Any]) -> Iterator[Finding]:
+    """What a daemon says of its streams; it has the ports, so nobody else speaks on them."""
+    recording = f"records {status['recording']}" if status["recording"] else "records nothing"
+    yield ok("rigd", f"serves {status['rig']} and {recording}; asked in place of the ports")
+    for name, stream in status["streams"].items():
+        yield _stream(name, stream)
+
+
+def _stream(name: str, stream: dict[str, Any]) -> Finding:
+    if not stream["connected"]:
+        return wrong(name, "its port is not open", stream["last_fault"] or "see rig logs")
+    silent = [column for column, age_s in stream["age_s"].items() if age_s > _FRESH_S]
+    if silent or not stream["age_s"]:
+        return wrong(name, f"no reading of {', '.join(silent) or name}", stream["last_fault"] or "see rig logs")
+    faults = {kind: count for kind, count in stream["counters"].items() if kind != "samples"}
+    good = stream["counters"].get("samples", 0)
+    what = f"{stream['rate_hz']:.1f} readings a second, {good} so far"
+    if sum(faults.values()) * 100 > good:
+        counts = ", ".join(f"{count} {kind}" for kind, count in faults.items())
+        return doubtful(name, f"{what}; {counts}", stream["last_fault"])
+    return ok(name, what)

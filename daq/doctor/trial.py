@@ -1,0 +1,191 @@
+"""Speaking to an instrument for a moment, as the daemon would, and judging what came.
+
+Only the instrument's own conversation is held, which asks and never sets. Where it does not answer at the line settings
+of the rig file, the usual ones are tried one after the other.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from daq.doctor.finding import Finding, doubtful, ok, wrong
+from daq.links import Link, LinkLost
+from daq.protocol.conversation import Fault, FaultKind, Item, Sample
+from daq.runner import converse
+from daq.streams import Stream
+from rigs.errors import CellError
+from rigs.links import Line
+
+_LISTEN_S = 2.0
+_TALK_S, _LONGEST_WAIT_S = 1.0, 5.0
+"""For the first readings, beside the waiting for a line to be quiet that a conversation may begin with."""
+_ENOUGH = 3
+"""Readings in a row that are no accident at the wrong line settings."""
+_SLOW = 0.5
+_POOR_PPM = 1000.0
+_USUAL = (
+    "9600 8N1",
+    "4800 7E2",
+    "9600 7E1",
+    "9600 7E2",
+    "19200 8E1",
+    "19200 8N1",
+    "9600 8E1",
+    "38400 8N1",
+    "57600 8N1",
+    "115200 8N1",
+    "115200 8E1",
+    "921600 8N1",
+)
+"""What the makers of gauges deliver them with, the commonest first."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What a conversation brought. carried: bytes in both directions; error: why the port did not open."""
+
+    items: Sequence[Item] = ()
+    seconds: float = 0.0
+    received: int = 0
+    carried: int = 0
+    error: CellError | None = None
+
+    @property
+    def samples(self) -> list[Sample]:
+        """Its readings."""
+        return [item for item in self.items if isinstance(item, Sample)]
+
+    @property
+    def understood(self) -> bool:
+        """Whether both sides speak the same: readings or the instrument's own errors, and hardly anything else."""
+        said = sum(isinstance(item, Sample) or item.kind is FaultKind.DEVICE_ERROR for item in self.items)
+        garbled = sum(isinstance(item, Fault) and item.kind is FaultKind.GARBLED for item in self.items)
+        return said >= _ENOUGH and said > garbled
+
+    @property
+    def last_fault(self) -> str:
+        """In the conversation's words; empty without one."""
+        return next((item.detail for item in reversed(self.items) if isinstance(item, Fault)), "")
+
+
+class _Counted:
+    """A link that counts its bytes."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self.received = self.carried = 0
+
+    def read(self, timeout_s: float) -> bytes:
+        data = self._link.read(timeout_s)
+        self.received += len(data)
+        self.carried += len(data)
+        return data
+
+    def write(self, data: bytes) -> None:
+        self._link.write(data)
+        self.carried += len(data)
+
+
+Attempt = Callable[[Stream, Line, float, float], Trial]
+
+
+def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> Trial:
+    """Hold the stream's conversation at these line settings: until both understand each other, then `listen_s` more."""
+    try:
+        link = replace(stream, line=line).open()
+    except CellError as error:
+        return Trial(error=error)
+    counted, items, began = _Counted(link), list[Item](), time.monotonic()
+    until, understood = began + patience_s, False
+
+    def ended() -> bool:
+        nonlocal until, understood
+        if not understood and Trial(items).understood:
+            understood, until = True, time.monotonic() + listen_s
+        return time.monotonic() >= until
+
+    def deliver(new: Sequence[Item]) -> None:
+        link.heed(new)
+        items.extend(new)
+
+    try:
+        converse(counted, stream.host(), deliver, ended)
+        items += link.left_out()
+    except LinkLost as lost:
+        items.append(Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), f"the link was lost: {lost}"))
+    finally:
+        link.close()
+    return Trial(items, time.monotonic() - began, counted.received, counted.carried)
+
+
+def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = try_line) -> Iterator[Finding]:
+    """Whether it answers, how fast, and how its clock runs. timeout_s: of the instrument."""
+    wait_s = min(_LONGEST_WAIT_S, 2 * timeout_s)
+    serial = stream.port.startswith("/")
+    trial = attempt(stream, stream.line, _TALK_S + wait_s, _LISTEN_S)
+
+    def search() -> Line | None:
+        lines = [Line.model_validate(text) for text in _USUAL] if serial else []
+        others = (line for line in lines if line != stream.line)
+        return next((line for line in others if attempt(stream, line, _TALK_S + wait_s, 0).understood), None)
+
+    yield answers(stream, trial, search)
+    if trial.understood and trial.samples:
+        yield from filter(None, (pace(stream, trial) if serial else None, clock(stream.name, trial.samples)))
+
+
+def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> Finding:
+    """Whether both sides understand each other; `search` finds line settings at which they do."""
+    if trial.error is not None:
+        return wrong(stream.name, f"{stream.port}: {trial.error.what}", trial.error.remedy)
+    how = f"{stream.port} at {stream.line}" if stream.port.startswith("/") else stream.port
+    if trial.samples and trial.understood:
+        return ok(stream.name, f"{how}: {len(trial.samples)} readings in {trial.seconds:.0f} s")
+    if trial.understood:
+        return wrong(stream.name, f"{how} answers with an error of its own", trial.last_fault)
+    if other := search():
+        return wrong(stream.name, f"does not answer at {stream.line}, but does at {other}", f"write line: {other}")
+    if trial.received:
+        what = f"{how}: {trial.received} bytes came, and no reading among them"
+        return wrong(
+            stream.name, what, trial.last_fault or "check `interface` and the port: something else speaks there"
+        )
+    return wrong(stream.name, f"{how}: nothing came", trial.last_fault or "check that it is on, and its cable")
+
+
+def pace(stream: Stream, trial: Trial) -> Finding | None:
+    """Readings a second against what the line could carry of them."""
+    samples = trial.samples
+    if len(samples) < _ENOUGH:
+        return None
+    reached_hz = (len(samples) - 1) * 1e9 / (samples[-1].last_byte_ns - samples[0].last_byte_ns)
+    possible_hz = len(samples) * 1e9 / (trial.carried * stream.line.character_ns)
+    what = f"{reached_hz:.1f} readings a second; the line could carry {possible_hz:.1f}"
+    if reached_hz >= _SLOW * possible_hz:
+        return ok(stream.name, what)
+    return doubtful(
+        stream.name, what, "shorten the adapter's latency timer; else the instrument takes that long itself"
+    )
+
+
+def clock(about: str, samples: Sequence[Sample]) -> Finding | None:
+    """How fast the instrument's own clock runs against this computer's; None for one without a clock.
+
+    The quickest arrivals of the first and of the last quarter lie closest to the truth: a delay only ever adds.
+    """
+    quarter = len(samples) // 4
+    if quarter < _ENOUGH or math.isnan(samples[0].device_time_s):
+        return None
+    begin_ns, end_ns = samples[0].last_byte_ns, samples[-1].last_byte_ns
+    late_ns = [sample.last_byte_ns - begin_ns - sample.device_time_s * 1e9 for sample in samples]
+    slope = (min(late_ns[-quarter:]) - min(late_ns[:quarter])) / (0.75 * (end_ns - begin_ns))
+    level_ns = [late - slope * (s.last_byte_ns - begin_ns) for late, s in zip(late_ns, samples, strict=True)]
+    jitter_ns = sorted(level_ns)[len(level_ns) // 2] - min(level_ns)
+    drift_ppm, uncertain_ppm = -1e6 * slope, 1e6 * jitter_ns / (end_ns - begin_ns)
+    what = f"its clock runs {drift_ppm:+.0f} ± {uncertain_ppm:.0f} ppm against this computer's"
+    if abs(drift_ppm) - 3 * uncertain_ppm < _POOR_PPM:
+        return ok(about, what)
+    return doubtful(about, what, "check `rate_hz` and the unit of its clock; a good clock is within 100 ppm")
