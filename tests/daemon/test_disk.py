@@ -83,6 +83,7 @@ class Written:
 def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Written:
     monkeypatch.setattr(daq.recorder, "_FIRST_PAUSE_S", 0.02)
     monkeypatch.setattr(daq.recorder, "_SYNC_S", 0.0)
+    monkeypatch.setattr(daq.recorder, "_QUIET_S", 0.0)
     return Written(tmp_path)
 
 
