@@ -23,6 +23,7 @@ from daq.notify import notify, watchdog_s
 from daq.protocol.conversation import Item
 from daq.reader import Reader
 from daq.recorder import Label, Recorder
+from daq.revival import Revival
 from daq.store import RunWriter
 from daq.store.manifest import Ending
 from daq.streams import ROBOT, streams_of
@@ -33,7 +34,7 @@ from rigs.rig import Rig
 log = logging.getLogger("rigd")
 _HEART_STOPS_S = 5.0
 _LEAVE_S = 3.0
-"""For a reader to let go of its port; one that waits for the name of a host is left behind."""
+"""For a reader to let go of its port; one that waits for the name of a host is left behind, as is a long recovery."""
 
 
 class Daemon:
@@ -69,8 +70,10 @@ class Daemon:
             self._tap = Tap(capture, self._streams) if capture else None
             self._readers = [Reader(s, self._inboxes[s.name], links[s.name], self._tap) for s in self._streams]
             undo.pop_all()
+        self._revival = Revival(runs)
         self._control = ControlServer(socket_path, self.answer)
-        for thread in (*self._readers, self._recorder, self._housekeeper, *filter(None, [self._tap])):
+        threads = (*self._readers, self._recorder, self._housekeeper, self._revival)
+        for thread in (*threads, *filter(None, [self._tap])):
             thread.start()
         ports = ", ".join(f"{stream.name} on {stream.port}" for stream in self._streams)
         log.info("serving %s: %s; control socket %s", rig.name, ports, socket_path)
@@ -84,11 +87,12 @@ class Daemon:
         notify("STOPPING=1")
         self._housekeeper.stop()
         self._control.close()
+        self._revival.stop()
         cut_short = self._recorder.shut_down(exit_status, why)
         for reader in self._readers:
             reader.stop()
-        for reader in self._readers:
-            reader.join(_LEAVE_S)
+        for thread in (*self._readers, self._revival):
+            thread.join(_LEAVE_S)
         if self._tap:
             self._tap.stop()
         self._housekeeper.join(_LEAVE_S)
@@ -125,7 +129,7 @@ class Daemon:
             link.close()
         raise errors[0] if len(errors) == 1 else Unreachable(errors)
 
-    def _create(self, label: Label) -> RunWriter:
+    def _create(self, label: Label, follows: str) -> RunWriter:
         return RunWriter.create(
             self._runs,
             name=label.name,
@@ -135,6 +139,7 @@ class Daemon:
             rig_text=self._rig_text,
             operator=label.operator,
             streams={stream.name: stream.columns for stream in self._streams},
+            follows=follows,
         )
 
     def _status(self) -> dict[str, Any]:

@@ -28,6 +28,9 @@ def _head(state: dict[str, Any]) -> Text:
         text.append("not recording", "dim")
         if state["last_end"]:
             text.append(f"; last: {state['last_end']}", "dim")
+        if state.get("waiting"):
+            missed = ", ".join(f"{count} of {stream}" for stream, count in state["missed"].items())
+            text.append(f"; {state['waiting']} waits for the disk, samples missed: {missed}", "bold red")
     return text
 
 

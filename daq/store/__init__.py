@@ -11,17 +11,20 @@ from daq.store.manifest import Chunk, Manifest, load_manifest
 from daq.store.marks import mark_exported, mark_kept
 from daq.store.recover import Recovery, recover
 from daq.store.retention import RunInfo, survey
-from daq.store.run import Run, read_run
+from daq.store.room import NearlyFull
+from daq.store.run import Run, is_unclosed, read_run
 from daq.store.verify import verify
 from daq.store.writer import RunWriter
 
 __all__ = [
     "Chunk",
     "Manifest",
+    "NearlyFull",
     "Recovery",
     "Run",
     "RunInfo",
     "RunWriter",
+    "is_unclosed",
     "load_manifest",
     "mark_exported",
     "mark_kept",

@@ -2,7 +2,8 @@
 
 A file is durable when its bytes and its directory's entry for it are both synced; replacing one goes
 through a temporary name, so that every name always holds a whole file, the old or the new.
-Raises plain OSError: the callers know what to tell a person.
+Nothing else changes a file while a run is recorded or recovered: who wraps this module's `os` sees every
+change in order, as `scripts/powercut` does. Raises plain OSError: the callers know what to tell a person.
 """
 
 from __future__ import annotations
@@ -10,12 +11,39 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import shutil
 from contextlib import suppress
 from pathlib import Path
 
 TEMPORARY = ".tmp"
 """Ending of a file that is being written; one that is left over holds nothing that counts."""
 LOCK = ".lock"
+
+
+def free_bytes(path: Path) -> int:
+    """Room that this user still has on the disk of path."""
+    disk = os.statvfs(path)
+    return disk.f_bavail * disk.f_frsize
+
+
+def make_directories(path: Path) -> None:
+    """Make a directory and those above it that are missing, durably."""
+    if path.is_dir():
+        return
+    make_directories(path.parent)
+    with suppress(FileExistsError):  # another daemon may share it and be faster
+        os.mkdir(path)  # noqa: PTH102 - through os, like every change in here
+    sync_directory(path.parent)
+
+
+def make_directory(path: Path) -> None:
+    """Make one directory; durable when its parent is synced. Raises FileExistsError."""
+    os.mkdir(path)  # noqa: PTH102
+
+
+def discard(path: Path) -> None:
+    """Delete a directory in which nothing was recorded, as far as the disk lets us."""
+    shutil.rmtree(path, ignore_errors=True)
 
 
 def sync_directory(path: Path) -> None:
@@ -25,6 +53,37 @@ def sync_directory(path: Path) -> None:
         os.fsync(fd)
     finally:
         os.close(fd)
+
+
+def sync(fd: int) -> None:
+    """Make the bytes of a file durable."""
+    os.fsync(fd)
+
+
+def again(fd: int) -> int:
+    """Another descriptor of an open file, for who outlives the first."""
+    return os.dup(fd)
+
+
+def truncate(fd: int, size: int) -> None:
+    """Cut a file."""
+    os.ftruncate(fd, size)
+
+
+def close(fd: int) -> None:
+    """Let go of a file or a lock. What a disk says only now is of nothing that was synced."""
+    with suppress(OSError):
+        os.close(fd)
+
+
+def rename(old: Path, new: Path) -> None:
+    """Give a file another name; durable when the directory is synced."""
+    os.rename(old, new)  # noqa: PTH104
+
+
+def remove(path: Path) -> None:
+    """Delete a file; durable when its directory is synced."""
+    os.unlink(path)  # noqa: PTH108
 
 
 def write_at(fd: int, data: bytes, offset: int) -> None:
@@ -44,9 +103,9 @@ def create(path: Path, data: bytes) -> int:
     try:
         write_at(fd, data, 0)
     except OSError:
-        os.close(fd)
+        close(fd)
         with suppress(OSError):
-            path.unlink()
+            remove(path)
         raise
     return fd
 
@@ -55,18 +114,19 @@ def replace(path: Path, data: bytes) -> None:
     """Put data under a name, durably and all at once, and prove that the file holds it."""
     temporary = path.with_name(path.name + TEMPORARY)
     try:
-        temporary.unlink(missing_ok=True)
+        with suppress(FileNotFoundError):
+            remove(temporary)
         fd = create(temporary, data)
         try:
-            os.fsync(fd)
+            sync(fd)
         finally:
-            os.close(fd)
+            close(fd)
         if temporary.read_bytes() != data:
             raise OSError(errno.EIO, "reads back differently from what was written")
-        temporary.rename(path)
+        rename(temporary, path)
     except OSError:
         with suppress(OSError):
-            temporary.unlink(missing_ok=True)  # on a full disk every byte counts
+            remove(temporary)  # on a full disk every byte counts
         raise
     sync_directory(path.parent)
 

@@ -6,10 +6,7 @@ chunk is durable, so that an import cut off is seen, and brought back or given u
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-from contextlib import suppress
 from pathlib import Path
 
 import pyarrow as pa
@@ -53,8 +50,8 @@ def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
         table=ImportedTable.model_validate({"file": source, "sha256": source_sha256, "columns": columns}),
     )
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.mkdir()
+        durable.make_directories(path.parent)
+        durable.make_directory(path)
     except FileExistsError:
         raise FileError(str(path), "is there already", "give the run a directory of its own") from None
     except OSError as error:
@@ -62,8 +59,7 @@ def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
     try:
         return _fill(path, manifest, table)
     except (OSError, pa.ArrowException) as error:
-        with suppress(OSError):
-            shutil.rmtree(path)
+        durable.discard(path)
         raise _refused(path, error) from error
 
 
@@ -86,7 +82,7 @@ def _fill(path: Path, manifest: Manifest, table: pa.Table) -> Manifest:
         ended = manifest.model_copy(update=change)
         ended.save(path)
     finally:
-        os.close(held)
+        durable.close(held)
     return ended
 
 

@@ -88,6 +88,8 @@ class Manifest(_Record):
     """The rig file exactly as it was."""
     rig_sha256: str
     operator: str
+    follows: str = ""
+    """Directory of the run that this one goes on from, where the disk or its length ended that one."""
     host: str
     software: dict[str, str]
     clock: Clock
@@ -166,6 +168,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
     rig_text: str,
     operator: str,
     streams: Mapping[str, tuple[str, ...]],
+    follows: str = "",
     table: ImportedTable | None = None,
 ) -> Manifest:
     """The manifest of a run that starts now, on this host.
@@ -181,6 +184,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
             rig_text=rig_text,
             rig_sha256=sha256(rig_text.encode("utf-8", "surrogatepass")),
             operator=operator,
+            follows=follows,
             host=socket.gethostname(),
             software={"rig": _rig_version(), "python": platform.python_version(), "pyarrow": pa.__version__},
             clock=_read_clocks(),

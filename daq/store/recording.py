@@ -8,7 +8,6 @@ Raises plain OSError; the run's writer says it to a person.
 from __future__ import annotations
 
 import errno
-import os
 import time
 from collections.abc import Iterable
 from contextlib import suppress
@@ -25,7 +24,7 @@ from daq.store.schema import FAULTS, TABLE, Row, batch_of
 
 @dataclass
 class OpenChunk:
-    """A recording chunk: whole frames up to `size` bytes, whether all are synced and the end mark is there."""
+    """A recording chunk: whole frames up to `size`, bytes synced, whether its name is, whether it was ended."""
 
     path: Path
     fd: int
@@ -33,17 +32,17 @@ class OpenChunk:
     born_ns: int
     frames: int = 0
     rows: int = 0
-    synced: bool = False
+    synced: int = 0
+    named: bool = False
     ended: bool = False
 
     def append(self, data: bytes) -> None:
         """Append whole frames or nothing."""
-        self.synced = False
         try:
             durable.write_at(self.fd, data, self.size)
         except OSError:
             with suppress(OSError):
-                os.ftruncate(self.fd, self.size)
+                durable.truncate(self.fd, self.size)
             raise
         self.size += len(data)
 
@@ -52,6 +51,28 @@ class OpenChunk:
         if not self.ended:
             self.append(END)
             self.ended = True
+
+
+@dataclass(frozen=True)
+class Sync:
+    """A chunk's frames on their way to the disk. `wait`, once, in any thread; `done` then in the owner's."""
+
+    chunk: OpenChunk
+    fd: int
+    size: int
+
+    def wait(self) -> None:
+        """Returns when all are there. Raises OSError."""
+        try:
+            durable.sync(self.fd)
+        finally:
+            durable.close(self.fd)
+        if not self.chunk.named:
+            durable.sync_directory(self.chunk.path.parent)
+
+    def done(self) -> None:
+        """Note it in the chunk."""
+        self.chunk.synced, self.chunk.named = self.size, True
 
 
 @dataclass
@@ -69,6 +90,14 @@ class Recorder:
     def append(self, rows: Iterable[Row]) -> None:
         """Keep rows until the next write."""
         self.pending.extend(rows)
+
+    def bytes_to_close(self) -> int:
+        """Room that writing what is pending takes, and then a Parquet file beside the chunk, at the most.
+
+        Parquet is no larger than Arrow's frames, which hold the same columns and a head for each batch.
+        """
+        pending = 8 * len(self.schema) * len(self.pending)
+        return 2 * pending + (self.open.size if self.open else 0)
 
     def write(self) -> None:
         """Append what is pending as one batch, in a new chunk if none is open."""
@@ -91,12 +120,16 @@ class Recorder:
 
     def sync(self) -> None:
         """Make every written frame durable, and the name of the file that holds it."""
+        if sync := self.begin_sync():
+            sync.wait()
+            sync.done()
+
+    def begin_sync(self) -> Sync | None:
+        """What there is to sync, None for nothing."""
         chunk = self.open
-        if chunk is None or chunk.synced:
-            return
-        os.fsync(chunk.fd)
-        durable.sync_directory(self.run)
-        chunk.synced = True
+        if chunk is None or (chunk.synced == chunk.size and chunk.named):
+            return None
+        return Sync(chunk, durable.again(chunk.fd), chunk.size)
 
     def finish(self) -> Chunk:
         """Close the open chunk, prove that it reads back, and put its Parquet file beside it."""
@@ -112,12 +145,12 @@ class Recorder:
         """Delete the recording chunk, whose rows the manifest now lists elsewhere."""
         chunk = self._opened()
         self.release()
-        chunk.path.unlink()
+        durable.remove(chunk.path)
 
     def release(self) -> None:
         """Let go of the open file and leave it where it is."""
         if self.open:
-            os.close(self.open.fd)
+            durable.close(self.open.fd)
             self.open = None
 
     def _opened(self) -> OpenChunk:

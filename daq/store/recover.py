@@ -7,7 +7,6 @@ that the next `recover` can start from, so it may itself be interrupted; done tw
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
@@ -63,7 +62,7 @@ def recover(path: Path) -> Recovery:
         try:
             return _Repair(path, *_manifest_of(path)).run()
         finally:
-            os.close(held)
+            durable.close(held)
     except (OSError, pa.ArrowException) as error:
         remedy = "make room or mend the disk and try again; nothing was lost"
         raise CellError(str(path), f"cannot be recovered: {error}", remedy) from error
@@ -79,7 +78,7 @@ def _manifest_of(path: Path) -> tuple[Manifest, Recovery]:
             what = f"{error.what}; and no chunk is left that tells what the run was"
             raise FileError(error.where, what, "restore manifest.json from a copy") from None
     if (path / MANIFEST).exists():
-        (path / MANIFEST).rename(_torn_name(path / MANIFEST))
+        durable.rename(path / MANIFEST, _torn_name(path / MANIFEST))
     manifest.save(path)
     done.notes.append("manifest.json was missing or damaged: rebuilt from a chunk")
     return manifest, done
@@ -102,7 +101,7 @@ class _Repair:
     def run(self) -> Recovery:
         for file in sorted(self.path.iterdir()):
             if file.name.endswith(durable.TEMPORARY):
-                file.unlink()
+                durable.remove(file)
                 self.done.notes.append(f"{file.name}: half-written, removed")
         self._each("arrow", self._settle)
         self._each("parquet", self._adopt)
@@ -132,7 +131,7 @@ class _Repair:
         if found.damage or found.unread:
             self._set_aside(file, _loss(found))
         else:
-            file.unlink()
+            durable.remove(file)
             durable.sync_directory(self.path)
             self.done.notes.append(f"{file.name}: whole, {found.rows} rows")
 
@@ -169,7 +168,7 @@ class _Repair:
 
     def _set_aside(self, file: Path, why: str) -> None:
         torn = _torn_name(file)
-        file.rename(torn)
+        durable.rename(file, torn)
         durable.sync_directory(self.path)
         self.done.losses[file.name] = f"{why}; kept as {torn.name}"
 

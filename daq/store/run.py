@@ -14,7 +14,7 @@ import numpy as np
 import pyarrow as pa
 
 from daq.store.chunk import from_parquet
-from daq.store.durable import is_locked
+from daq.store.durable import TEMPORARY, is_locked
 from daq.store.manifest import Chunk, Manifest, load_manifest, sha256, unreadable
 from daq.store.schema import FAULTS, TABLE
 from rigs.errors import FileError
@@ -58,6 +58,19 @@ def _refuse_unfinished(path: Path, manifest: Manifest) -> None:
         raise unreadable(path, error) from None
     if recording or any(path.glob("*.arrow")):
         raise FileError(str(path), "was not closed: the recording crashed", f"run `rig recover {path}`")
+
+
+def is_unclosed(path: Path) -> bool:
+    """Whether a crash left this run: not closed, and nobody writes it.
+
+    Raises FileError when there is no manifest that can be read.
+    """
+    manifest = load_manifest(path)
+    try:
+        left = manifest.exit_status == "recording" or any((*path.glob("*.arrow"), *path.glob(f"*{TEMPORARY}")))
+        return left and not is_locked(path)
+    except OSError as error:
+        raise unreadable(path, error) from None
 
 
 def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:

@@ -1,16 +1,15 @@
 """The recording of a run, from its first row to its exit status.
 
-One thread owns a writer. It appends rows, and calls `sync` about once a second: whatever sync returned
-for survives a kill and a power cut. A disk that refuses makes a `CellError` and condemns the writer,
+One thread owns a writer. It appends rows, and calls `sync` about once a second, then `roll`: whatever
+sync returned for survives a kill and a power cut. A disk that refuses makes a `CellError` and condemns the writer,
 because after a failed fsync nobody knows what is on the disk; what was synced before stays readable,
-`close` saves what it still can, and `rig recover` does the rest.
+`close` saves what it still can, and `rig recover` does the rest. `NearlyFull` comes before that: it
+condemns nothing, and the run can be closed whole.
 """
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -26,7 +25,8 @@ from daq.protocol.conversation import Fault, Sample
 from daq.store import durable
 from daq.store.chunk import with_opening
 from daq.store.manifest import Ending, Manifest, iso_now, new_manifest
-from daq.store.recording import Recorder
+from daq.store.recording import OpenChunk, Recorder, Sync
+from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES, require_room
 from daq.store.schema import FAULTS, schema_of
 from rigs.errors import CellError
 from rigs.vocabulary import Direction, TestName
@@ -35,7 +35,23 @@ CHUNK_ROWS = 200_000
 """Closing a chunk of this size holds the writer up for about 0.2 s (7 columns and 6 joints)."""
 CHUNK_AGE_NS = 600 * 10**9
 """A slow gauge's rows become Parquet within ten minutes."""
+MOST_CHUNKS = 1000
+"""The manifest is rewritten and held in memory whole: at four streams this is a run of 40 hours or more."""
 _TIMED = re.compile(r"[0-9]{8}T[0-9]{6}[.0-9]*Z")
+
+
+@dataclass(frozen=True)
+class Syncing:
+    """A sync under way. rows: of each sample stream, on the disk when it is through."""
+
+    syncs: list[Sync]
+    rows: dict[str, int]
+
+    def wait(self) -> None:
+        """Wait for the disk, once, in any thread. Raises OSError, the first of all."""
+        errors = [error for sync in self.syncs if (error := _attempt(sync.wait))]
+        if errors:
+            raise errors[0]
 
 
 @dataclass
@@ -61,14 +77,16 @@ class RunWriter:
         rig_text: str,
         operator: str,
         streams: Mapping[str, tuple[str, ...]],
+        follows: str = "",
         chunk_rows: int = CHUNK_ROWS,
     ) -> RunWriter:
         """Start a run in a fresh directory `<UTC time>_<name>` under runs, its manifest on the disk.
 
         A name that begins with a UTC time of its own is the directory's as it is.
 
-        streams: value columns of each sample stream. Raises FileError for names that cannot be used,
-        CellError when the disk refuses.
+        streams: value columns of each sample stream. follows: the run that this one goes on from.
+        Raises FileError for names that cannot be used, CellError when the disk refuses (NearlyFull when
+        it soon would).
         """
         manifest = new_manifest(
             name=name,
@@ -78,6 +96,7 @@ class RunWriter:
             rig_text=rig_text,
             operator=operator,
             streams=streams,
+            follows=follows,
         )
         try:
             path, held = _begin(runs, manifest)
@@ -98,22 +117,68 @@ class RunWriter:
         """Take faults that happened on one stream."""
         self._recorders[FAULTS].append((stream, fault) for fault in faults)
 
+    @property
+    def is_long(self) -> bool:
+        """Whether the manifest has grown so long that another run had better follow."""
+        return len(self.manifest.chunks) >= MOST_CHUNKS
+
+    def stored(self) -> dict[str, int]:
+        """Rows of each sample stream handed to the operating system so far: after a `sync`, on the disk."""
+        return {stream: self._recorders[stream].rows for stream in self.manifest.streams}
+
+    def room_to_close(self) -> int:
+        """Bytes that it takes at the most to write what is pending, close every chunk and end the run.
+
+        The opening manifest is in the head of a chunk once and in its Parquet file three times.
+        """
+        chunks = sum(recorder.bytes_to_close() for recorder in self._recorders.values())
+        return chunks + (2 + 4 * len(self._recorders)) * len(self.manifest.to_json())
+
     def write(self) -> None:
-        """Hand everything taken so far to the operating system. Raises CellError."""
+        """Hand everything taken so far to the operating system: that survives a kill.
+
+        Raises NearlyFull, with nothing written, while there is still the room to close; else CellError.
+        """
         with self._guarded():
+            require_room(self.path, self.room_to_close() + MARGIN_BYTES)
             self._write()
 
     def sync(self) -> None:
-        """Write, and return when everything taken so far is on the disk. Raises CellError."""
+        """Write, and return when everything taken so far is on the disk. Raises as `write`."""
+        self.write()
+        self.end_sync(syncing := self.begin_sync(), _attempt(syncing.wait))
+
+    def begin_sync(self) -> Syncing:
+        """Everything written so far, for another thread to wait for while this one goes on writing."""
         with self._guarded():
-            self._write()
-            for recorder in self._recorders.values():
-                recorder.sync()
+            syncs = [sync for recorder in self._recorders.values() if (sync := recorder.begin_sync())]
+            return Syncing(syncs, self.stored())
+
+    def end_sync(self, syncing: Syncing, error: BaseException | None) -> None:
+        """What became of it: the error that `wait` raised, or none. Raises CellError for one."""
+        with self._guarded():
+            if error:
+                raise error
+            for sync in syncing.syncs:
+                sync.done()
+
+    def roll(self) -> bool:
+        """Close the oldest chunk that is full or old; False where there is none. Raises CellError.
+
+        One, since it takes its time, in which nothing is synced: several streams' may be due at once.
+        """
+        with self._guarded():
+            chunks = {name: recorder.open for name, recorder in self._recorders.items() if recorder.open}
+            due = [(chunk.born_ns, name) for name, chunk in chunks.items() if self._is_due(chunk)]
+            if due:
+                self._roll(self._recorders[min(due)[1]])
+        return bool(due)
 
     def close(self, exit_status: Ending, reason: str, counters: Mapping[str, Mapping[str, int]]) -> None:
         """End the run: close every chunk and say in the manifest how and why it ended.
 
-        Does all it can, lets go of the run, and only then raises CellError for what it could not do.
+        counters: faults by stream and kind; samples are set to what was stored. Does all it can, lets go
+        of the run, and only then raises CellError for what it could not do.
         """
         steps = [] if self._failure else [self._write]
         steps += [partial(self._roll, recorder) for recorder in self._recorders.values()]
@@ -125,22 +190,25 @@ class RunWriter:
                 "exit_status": exit_status,
                 "reason": reason,
                 "ended": iso_now(),
-                "counters": {stream: {str(k): n for k, n in counts.items()} for stream, counts in counters.items()},
+                "counters": {stream: self._counted(stream, counts) for stream, counts in counters.items()},
             }
         )
         problems += [problem] if (problem := _attempt(partial(self.manifest.save, self.path))) else []
         for recorder in self._recorders.values():
             recorder.release()
-        os.close(self._lock)
+        durable.close(self._lock)
         if problems:
             raise _refused(self.path, problems[0]) from problems[0]
+
+    def _counted(self, stream: str, counts: Mapping[str, int]) -> dict[str, int]:
+        return {**{str(kind): count for kind, count in counts.items()}, "samples": self._recorders[stream].rows}
 
     def _write(self) -> None:
         for recorder in self._recorders.values():
             recorder.write()
-            chunk = recorder.open
-            if chunk and (chunk.rows >= self._chunk_rows or time.monotonic_ns() - chunk.born_ns >= CHUNK_AGE_NS):
-                self._roll(recorder)
+
+    def _is_due(self, chunk: OpenChunk) -> bool:
+        return chunk.rows >= self._chunk_rows or time.monotonic_ns() - chunk.born_ns >= CHUNK_AGE_NS
 
     def _roll(self, recorder: Recorder) -> None:
         if recorder.open is None:
@@ -164,26 +232,26 @@ class RunWriter:
 
 
 def _begin(runs: Path, manifest: Manifest) -> tuple[Path, int]:
+    durable.make_directories(runs)
+    require_room(runs, TO_BEGIN_BYTES)
     path = _fresh_directory(runs, manifest.name)
     held = durable.lock(path)
     try:
         manifest.save(path)
         durable.sync_directory(runs)
     except OSError:
-        os.close(held)
-        with suppress(OSError):
-            shutil.rmtree(path)  # nothing is recorded in it yet
+        durable.close(held)
+        durable.discard(path)
         raise
     return path, held
 
 
 def _fresh_directory(runs: Path, name: str) -> Path:
-    runs.mkdir(parents=True, exist_ok=True)
     stem = name if _TIMED.match(name) else f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}_{name}"
     for number in count(1):
         path = runs / (stem if number == 1 else f"{stem}.{number}")
         with suppress(FileExistsError):
-            path.mkdir()
+            durable.make_directory(path)
             return path
     raise AssertionError("count has no end")
 

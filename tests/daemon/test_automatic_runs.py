@@ -131,8 +131,8 @@ def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
     inboxes = {stream.name: Inbox(stream.name, stream.columns) for stream in streams_of(rig)}
     columns = {name: inbox.columns for name, inbox in inboxes.items()}
 
-    def create(label: Label) -> RunWriter:
-        more = {"rig_name": rig.name, "rig_text": text, "streams": columns}
+    def create(label: Label, follows: str) -> RunWriter:
+        more = {"rig_name": rig.name, "rig_text": text, "streams": columns, "follows": follows}
         return RunWriter.create(tmp_path, **label.model_dump(), **more)
 
     recorder = Recorder(inboxes, create, lambda: None)

@@ -16,7 +16,9 @@ import pytest
 import yaml
 from bench import OFF, Bench, rig_text
 
+from daq.client import Client
 from daq.store import read_run
+from rigs.errors import RigError
 
 
 def _edited(bench: Bench, **gauges: str) -> None:
@@ -157,8 +159,10 @@ def test_a_full_disk_ends_the_recording_and_not_the_daemon(bench: Bench) -> None
     path = bench.record()
     state = bench.until(lambda state: state["recording"] is None)
     assert "File too large" in state["last_end"] and "rig recover" in state["last_end"]
-    told = bench.fails("rig", "record", "stop", code=4)
-    assert "nothing is being recorded" in told and "File too large" in told
+    with Client(bench.socket) as client, pytest.raises(RigError) as told:  # soon, before another run follows
+        client.ask("record_stop")
+    assert "nothing is being recorded" in told.value.what and "File too large" in told.value.what
+    assert "waits no longer" in told.value.what
     bench.all_reading()
     assert bench.run("rig", "recover", path).returncode == 0
     assert bench.run("rig", "verify", path).returncode == 0

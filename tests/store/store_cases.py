@@ -38,14 +38,14 @@ def fault(number: int = 1) -> Fault:
     return Fault(FaultKind.GARBLED, number, f"got b'\\xff' – {number}", number)
 
 
-def start(runs: Path, chunk_rows: int = 1000) -> RunWriter:
+def start(runs: Path, chunk_rows: int = 1000, rig_text: str = RIG_TEXT) -> RunWriter:
     return RunWriter.create(
         runs,
         name="yaw-cw",
         test="yaw",
         direction="cw",
         rig_name="cell",
-        rig_text=RIG_TEXT,
+        rig_text=rig_text,
         operator="ada",
         streams=STREAMS,
         chunk_rows=chunk_rows,
@@ -59,8 +59,15 @@ def record(runs: Path, batches: int = 3, chunk_rows: int = 1000) -> RunWriter:
         writer.append("g1", samples(4, 1, 4 * i))
         writer.append("robot", samples(4, 2, 4 * i))
         writer.append_faults("g1", [fault(i + 1)])
-        writer.sync()
+        sync(writer)
     return writer
+
+
+def sync(writer: RunWriter) -> None:
+    """Sync, and close every chunk that is due."""
+    writer.sync()
+    while writer.roll():
+        pass
 
 
 def finished(runs: Path, batches: int = 5, chunk_rows: int = 8) -> Path:
@@ -82,13 +89,17 @@ def bits(values: object) -> bytes:
     return np.asarray(values, dtype=np.float64).tobytes()
 
 
+def assert_rows(stored: dict[str, np.ndarray], expected: list[Sample], columns: tuple[str, ...]) -> None:
+    """The columns of one stream hold exactly these samples, bit for bit."""
+    assert stored["sequence"].tolist() == list(range(len(expected)))
+    for name in ("requested_ns", "first_byte_ns", "last_byte_ns", "size", "status"):
+        assert stored[name].tolist() == [getattr(s, name) for s in expected]
+    assert stored["device_time_s"].tobytes() == bits([s.device_time_s for s in expected])
+    for k, column in enumerate(columns):
+        assert stored[column].tobytes() == bits([s.values[k] for s in expected])
+
+
 def assert_holds(run: Run, rows: int) -> None:
     """The run holds exactly the first rows that `record` writes, bit for bit."""
     for stream, columns in STREAMS.items():
-        expected, stored = samples(rows, len(columns)), run.streams[stream]
-        assert stored["sequence"].tolist() == list(range(rows))
-        for name in ("requested_ns", "first_byte_ns", "last_byte_ns", "size", "status"):
-            assert stored[name].tolist() == [getattr(s, name) for s in expected]
-        assert stored["device_time_s"].tobytes() == bits([s.device_time_s for s in expected])
-        for k, column in enumerate(columns):
-            assert stored[column].tobytes() == bits([s.values[k] for s in expected])
+        assert_rows(run.streams[stream], samples(rows, len(columns)), columns)

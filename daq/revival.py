@@ -1,0 +1,69 @@
+"""Runs that a crash left behind, brought back by the next start: in a thread of its own, reading begins at once.
+
+Only what a crash of the store can leave is touched: a run whose manifest can be read, that was not
+closed, and that no process holds the lock of; another daemon may share the directory. Anything odder is
+told and left to a person and `rig recover`.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from pathlib import Path
+
+from daq.store import is_unclosed, recover
+from daq.store.manifest import MANIFEST, parse_chunk
+from rigs.errors import RigError
+
+log = logging.getLogger("rigd")
+
+
+class Revival(threading.Thread):
+    """Recovers every unclosed run of a directory, the latest first, and ends."""
+
+    def __init__(self, runs: Path) -> None:
+        super().__init__(name="recover", daemon=True)
+        self._runs = runs
+        self._stop_asked = threading.Event()
+
+    def stop(self) -> None:
+        """Ask the thread to end after the run it is at; a recovery that is cut off can be done again."""
+        self._stop_asked.set()
+
+    def run(self) -> None:
+        """The thread's body."""
+        for path in self._directories():
+            if self._stop_asked.is_set():
+                return
+            try:
+                if is_unclosed(path):
+                    revive(path)
+            except RigError as error:
+                log.warning("not recovered: %s", error)
+            except Exception:  # no odd old run may keep the cell from recording new ones
+                log.exception("%s: not recovered, for an error in the program", path)
+
+    def _directories(self) -> list[Path]:
+        try:
+            return sorted(filter(_is_run, self._runs.iterdir()), reverse=True)
+        except FileNotFoundError:
+            return []
+        except OSError as error:
+            log.warning("%s: cannot be searched for crashed runs: %s", self._runs, error.strerror)
+            return []
+
+
+def _is_run(path: Path) -> bool:
+    """Not so: other directories, and what is left of a start that was cut off before anything was recorded."""
+    return path.is_dir() and any(file.name == MANIFEST or parse_chunk(file.name) for file in path.iterdir())
+
+
+def revive(path: Path) -> None:
+    """Recover one run and log what came of it. Raises RigError."""
+    done = recover(path)
+    if done.nothing_to_do:
+        return
+    rows = ", ".join(f"{count} of {stream}" for stream, count in done.rows.items()) or "none"
+    log.info("recovered %s, which was not closed: rows brought back: %s", path, rows)
+    for file, loss in done.losses.items():
+        log.warning("%s: %s: %s", path, file, loss)

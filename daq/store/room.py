@@ -1,0 +1,33 @@
+"""How much room a recording needs on its disk, so that it ends cleanly while there still is some.
+
+Closing a run puts the Parquet file of each open chunk beside it before the chunk goes, and the new
+manifest beside the old: `RunWriter.room_to_close` adds that up from what is open now. The margin is for
+what cannot be added up: what others write to the disk between two looks half a second apart. To begin
+takes more than to go on, so that a disk on the edge is not filled with runs of a second each.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from daq.store import durable
+from rigs.errors import CellError
+
+MARGIN_BYTES = 16 << 20
+TO_BEGIN_BYTES = 64 << 20
+"""A full chunk of a robot (200 000 rows of 13 columns, 20 MB), closed, and the margin."""
+
+
+class NearlyFull(CellError):
+    """Not yet a disk that refused: everything can still be written and closed."""
+
+    def __init__(self, place: Path, free: int, needed: int) -> None:
+        what = f"disk nearly full: {free / 1e6:.1f} MB free, {needed / 1e6:.1f} MB needed"
+        super().__init__(str(place), what, "make room")
+
+
+def require_room(place: Path, needed: int) -> None:
+    """Raises NearlyFull for less than so many bytes on the disk of place, OSError where it cannot be asked."""
+    free = durable.free_bytes(place)
+    if free < needed:
+        raise NearlyFull(place, free, needed)

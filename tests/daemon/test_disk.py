@@ -1,0 +1,269 @@
+"""A disk that fills up, fails, turns read-only, vanishes or is slow: told, survived, and gone on with."""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import wait
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import daq.inbox
+import daq.recorder
+from daq.inbox import Inbox
+from daq.protocol.conversation import Sample
+from daq.recorder import Label, Recorder
+from daq.store import RunWriter, durable, load_manifest, read_run, verify
+from rigs.errors import CellError
+
+COLUMNS = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": ("q1_deg",)}
+
+
+class Written:
+    """A recorder without its thread: a round when a test says so, and readers that deliver numbers."""
+
+    def __init__(self, folder: Path) -> None:
+        self.runs = folder / "runs"
+        self.inboxes = {name: Inbox(name, columns) for name, columns in COLUMNS.items()}
+        self.recorder = Recorder(self.inboxes, self._create, lambda: None)
+        self.delivered = 0
+        self.deliver()
+        self.path = self.recorder.start_run(Label(name="lap", test="yaw", direction="cw"))
+        self.delivered = 0
+
+    def _create(self, label: Label, follows: str) -> RunWriter:
+        who = {"rig_name": "r", "rig_text": "", "operator": "", "streams": COLUMNS, "follows": follows}
+        return RunWriter.create(self.runs, name=label.name, test=label.test, direction=label.direction, **who)
+
+    def deliver(self, count: int = 10) -> None:
+        """From every reader."""
+        now = daq.recorder.time.monotonic_ns()
+        for inbox in self.inboxes.values():
+            inbox.deliver([Sample((float(self.delivered + i),), now, now, now, 8) for i in range(count)])
+        self.delivered += count
+
+    def round(self, count: int = 10) -> dict[str, Any]:
+        """Some readings, then the writer's turn; the state after it."""
+        self.deliver(count)
+        for _ in range(2):  # the second notes what became of the sync that the first began
+            if self.recorder._syncing:
+                wait([self.recorder._syncing[1]])
+            self.recorder._round()
+        return self.recorder.state()
+
+    def until_it_goes_on(self) -> None:
+        """Rounds until another run has begun, then some more readings for it, and its end."""
+        while self.round()["recording"] is None:
+            pass
+        self.round()
+        self.recorder.stop_run()
+
+    def accounted(self) -> list[Path]:
+        """Both runs, after a check that each reading is in one of them or counted as dropped, each once."""
+        former, follower = sorted(self.runs.iterdir(), key=lambda path: bool(load_manifest(path).follows))
+        assert load_manifest(follower).follows == former.name and load_manifest(follower).name == "lap"
+        for name, (column,) in COLUMNS.items():
+            counters = load_manifest(follower).counters[name]
+            read = [read_run(path).streams[name][column].astype(int).tolist() for path in (former, follower)]
+            assert read[0] == list(range(len(read[0])))
+            assert read[1] == list(range(len(read[0]) + counters["dropped"], self.delivered))
+            assert load_manifest(former).counters[name]["samples"] == len(read[0])
+        assert verify(former) == verify(follower) == []
+        told = {(row["stream"], row["kind"]) for row in read_run(follower).faults}
+        assert told == {(name, "dropped") for name in COLUMNS}
+        return [former, follower]
+
+
+@pytest.fixture
+def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Written:
+    monkeypatch.setattr(daq.recorder, "_FIRST_PAUSE_S", 0.02)
+    monkeypatch.setattr(daq.recorder, "_SYNC_S", 0.0)
+    monkeypatch.setattr(daq.recorder, "_QUIET_S", 0.0)
+    return Written(tmp_path)
+
+
+@contextmanager
+def failing(number: int, *calls: str) -> Iterator[None]:
+    """A disk on which these calls of the system fail."""
+
+    class Broken:
+        def __getattr__(self, name: str) -> Any:
+            return self._fail if name in calls else getattr(os, name)
+
+        def _fail(self, *arguments: object) -> None:
+            if arguments[1:2] != (os.O_RDONLY,):
+                raise OSError(number, os.strerror(number))
+
+    durable.os = Broken()  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        durable.os = os
+
+
+def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
+    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    written.round()
+    monkeypatch.setattr(durable, "free_bytes", lambda _: 3_000_000)
+    state = written.round()
+    assert state["recording"] is None and state["waiting"] == "lap" and not any(state["missed"].values())
+    assert state["last_end"].startswith("interrupted: disk nearly full: 3.0 MB free, 16.8 MB needed")
+    assert len(read_run(written.path).streams["robot"]["q1_deg"]) == 20, "whole, the last readings too"
+    assert written.round()["missed"] == {"g1": 10, "g2": 10, "robot": 10}
+    monkeypatch.setattr(durable, "free_bytes", lambda _: 30_000_000)
+    written.recorder._waiting.try_at_s = 0  # type: ignore[union-attr]
+    assert written.round()["recording"] is None, "more room is needed to begin than to go on"
+    monkeypatch.undo()
+    written.until_it_goes_on()
+    written.accounted()
+    for told in (
+        "ended for now, interrupted: disk nearly full",
+        "30.0 MB free, 67.1 MB needed",
+        f"after {written.path.name}",
+    ):
+        assert told in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("number", "calls"),
+    [
+        (errno.EIO, ("fsync",)),
+        (errno.EIO, ("open", "pwrite", "fsync", "rename", "unlink", "ftruncate", "statvfs")),
+        (errno.EROFS, ("open", "pwrite", "rename", "unlink", "mkdir")),
+        (errno.ENOSPC, ("pwrite",)),
+    ],
+    ids=["fsync", "gone", "read-only", "quota"],
+)
+def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(
+    written: Written, number: int, calls: tuple[str, ...], caplog: pytest.LogCaptureFixture
+) -> None:
+    written.round()
+    with failing(number, *calls):
+        state = written.round()
+        assert state["recording"] is None and os.strerror(number) in str(state["last_end"])
+        written.recorder._waiting.try_at_s = 0  # type: ignore[union-attr]
+        assert written.round()["waiting"] == "lap"
+        with pytest.raises(CellError):
+            RunWriter.create(written.runs, **_plain())
+    written.until_it_goes_on()
+    former, _ = written.accounted()
+    assert load_manifest(former).exit_status in ("failed", "recovered")
+    assert "recording: waits: " in caplog.text and "samples missed: 10 of g1" in caplog.text
+
+
+def _plain() -> dict[str, Any]:
+    who = {"name": "x", "test": "yaw", "direction": None, "rig_name": "r"}
+    return {**who, "rig_text": "", "operator": "", "streams": {}}
+
+
+def test_nothing_is_written_below_the_mount_point_of_a_disk_that_is_away(written: Written) -> None:
+    written.round()
+    with failing(errno.EIO, "pwrite"):
+        written.round()
+    away = written.runs.rename(written.runs.with_name("away"))
+    written.recorder._waiting.try_at_s = 0  # type: ignore[union-attr]
+    assert written.round()["waiting"] == "lap"
+    assert not written.runs.exists()
+    away.rename(written.runs)
+    written.until_it_goes_on()
+    written.accounted()
+
+
+@pytest.mark.parametrize(
+    "end", [Recorder.stop_run, lambda recorder: recorder.start_run(Label(name="b", test="radial"))]
+)
+def test_who_stops_or_starts_anew_ends_the_waiting(
+    written: Written,
+    end: Callable[[Recorder], object],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(durable, "free_bytes", lambda _: 0)
+    written.round()
+    written.round(7)
+    with pytest.raises(CellError, match="disk nearly full"):
+        end(written.recorder)
+    assert "waits no longer, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
+    monkeypatch.undo()
+    assert written.round()["waiting"] is None
+
+
+def test_a_run_that_grows_long_is_followed_by_another_without_a_gap(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
+    monkeypatch.setattr("daq.store.writer.MOST_CHUNKS", 6)
+    for _ in range(5):
+        written.round()
+    written.recorder.stop_run()
+    former, follower = sorted(written.runs.iterdir(), key=lambda path: bool(load_manifest(path).follows))
+    assert load_manifest(former).exit_status == "complete" and load_manifest(follower).follows == former.name
+    read = [read_run(path).streams["robot"]["q1_deg"].tolist() for path in (former, follower)]
+    assert read[0] and read[1] and read[0] + read[1] == list(range(50))
+    assert read_run(follower).faults == []
+
+
+def test_a_slow_sync_keeps_nothing_from_the_disk(
+    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    syncing, done = threading.Event(), threading.Event()
+
+    def slow(fd: int) -> None:
+        syncing.set()
+        assert done.wait(20)
+
+    monkeypatch.setattr(daq.recorder, "_SLOW_S", 0.0)
+    monkeypatch.setattr(os, "fsync", slow)
+    written.deliver()
+    written.recorder._round()
+    try:
+        assert syncing.wait(20)
+        for _ in range(8):  # each would wait for ever, were it to wait for the disk
+            written.deliver()
+            written.recorder._round()
+        state = written.recorder.state()
+        assert (state["samples"]["g1"], state["synced"]["g1"]) == (90, 0)  # type: ignore[index]
+        assert written.recorder._writer.stored()["g1"] == 90, "with the system, where a kill does not reach it"  # type: ignore[union-attr]
+    finally:
+        done.set()
+    written.round(0)
+    written.recorder.stop_run()
+    assert load_manifest(written.path).counters["g1"] == {"samples": 90}
+    assert "disk: slow sync: has taken" in caplog.text
+
+
+def test_a_slow_write_keeps_no_reader_waiting(
+    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    begun, done = threading.Event(), threading.Event()
+
+    def slow(fd: int, data: memoryview, offset: int, write: Callable[..., int] = os.pwrite) -> int:
+        begun.set()
+        assert done.wait(20)
+        return write(fd, data, offset)
+
+    monkeypatch.setattr(daq.inbox, "_ROOM", 50)
+    monkeypatch.setattr(daq.recorder, "_SLOW_S", 0.0)
+    monkeypatch.setattr(os, "pwrite", slow)
+    writing = threading.Thread(target=written.round)
+    writing.start()
+    try:
+        assert begun.wait(20)
+        for _ in range(8):  # each would wait for ever, were it to wait for the disk
+            written.deliver()
+        assert written.recorder.state()["recording"] == "lap"
+        assert written.inboxes["g1"].state().counters == {"samples": 100, "dropped": 30}
+    finally:
+        done.set()
+        writing.join(20)
+    written.round(0)
+    written.recorder.stop_run()
+    assert load_manifest(written.path).counters["g1"] == {"samples": 60, "dropped": 30}
+    assert read_run(written.path).streams["g1"]["g1_mm"].tolist() == list(range(60))
+    assert "disk: slow write: has taken" in caplog.text
