@@ -15,6 +15,7 @@ from simulated import S, simulate
 import daq.feedback
 import daq.gauges
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
+from daq.protocol.polled import STIR, STIR_NS
 from rigs.feedback import Feedback, carries_signal
 from rigs.gauges import Gauge
 
@@ -57,7 +58,9 @@ def test_gauge_gives_the_planted_values(name: str, gauges: Sequence[Gauge], reso
     if polled:
         for sample in samples:
             assert sample.last_byte_ns - sample.requested_ns == sample.size * CHARACTER_NS
-        assert all(b.requested_ns == a.last_byte_ns for a, b in pairwise(samples))
+        waits_ns = [b.requested_ns - a.last_byte_ns for a, b in pairwise(samples)]
+        assert all(wait_ns == 0 for n, wait_ns in enumerate(waits_ns, start=1) if n % STIR)
+        assert all(0 < wait_ns <= STIR_NS for wait_ns in waits_ns[STIR - 1 :: STIR])
 
 
 @pytest.mark.parametrize(("name", "gauges", "resolution_mm"), GAUGES, ids=[case[0] for case in GAUGES])
