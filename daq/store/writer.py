@@ -25,7 +25,7 @@ import pyarrow as pa
 from daq.protocol.conversation import Fault, Sample
 from daq.store import durable
 from daq.store.chunk import with_opening
-from daq.store.manifest import Ending, Manifest, iso_now, new_manifest
+from daq.store.manifest import Ending, Manifest, iso_now, new_manifest, read_clocks
 from daq.store.recording import Recorder
 from daq.store.schema import FAULTS, schema_of
 from rigs.errors import CellError
@@ -97,6 +97,12 @@ class RunWriter:
     def append_faults(self, stream: str, faults: Iterable[Fault]) -> None:
         """Take faults that happened on one stream."""
         self._recorders[FAULTS].append((stream, fault) for fault in faults)
+
+    def anchor(self) -> None:
+        """Keep in the manifest what time it is now: the wall clock has been set. Raises CellError."""
+        with self._guarded():
+            self.manifest = self.manifest.model_copy(update={"anchors": (*self.manifest.anchors, read_clocks())})
+            self.manifest.save(self.path)
 
     def write(self) -> None:
         """Hand everything taken so far to the operating system. Raises CellError."""
