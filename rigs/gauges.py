@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -19,6 +19,8 @@ MM_PER_UNIT = {"mm": 1.0, "um": 1e-3, "inch": 25.4}
 
 
 class _Gauge(Part):
+    request_bytes: ClassVar[int] = 1
+    """Characters of a request on a serial line, from which its wire time follows: at the least."""
     port: Port
     channel: int = Field(default=1, ge=1, le=32)
     units: Literal["mm", "um", "inch"] = "mm"
@@ -34,6 +36,7 @@ class _Gauge(Part):
 class SylvacOptoRS(_Gauge):
     """Sylvac simplex or duplex cable, and what speaks like it."""
 
+    request_bytes = 2
     interface: Literal["sylvac_opto_rs"]
     line: Line = Line(baud=4800, bits=7, parity="E", stop=2)
     mode: Literal["polled", "continuous"] = "polled"
@@ -42,6 +45,7 @@ class SylvacOptoRS(_Gauge):
 class KeyenceDLRS1A(_Gauge):
     """Keyence GT2 heads behind a DL-RS1A: every head in one answer."""
 
+    request_bytes = 4
     interface: Literal["keyence_dl_rs1a"]
     line: Line = Line(baud=9600, bits=8, parity="N", stop=1)
 
@@ -106,6 +110,7 @@ class RegisterBlock(Part):
 class ModbusMap(_Gauge, RegisterBlock):
     """Any Modbus gauge: a block of registers read in one request, RTU on a serial port, else TCP."""
 
+    request_bytes = 8
     interface: Literal["modbus_map"]
     line: Line = Line(baud=19200, bits=8, parity="E", stop=1)
     value: ValueRegister
