@@ -81,8 +81,12 @@ def _range(window: Array) -> float:
 def robot_instants(stream: Columns) -> Instants:
     """When each position was reported.
 
-    A controller reports what it latched at some time in the cycle before: one cycle is what stays unknown.
+    A controller reports what it latched at some time in the cycle before: one cycle is what stays unknown. One that is
+    asked over a network (registers) read its position between request and answer.
     """
+    if (stream["requested_ns"] >= 0).all():
+        asked_ns = stream["requested_ns"].astype(float)
+        return _asked(asked_ns, np.maximum(stream["first_byte_ns"] - asked_ns, 0.0), held=False)
     fitted = _by_any_clock(stream["device_time_s"], stream["first_byte_ns"].astype(float))
     u_s = float(np.median(np.diff(fitted.ns))) / math.sqrt(3) / 1e9
     return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarts, fitted.wrong)
