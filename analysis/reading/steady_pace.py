@@ -28,9 +28,9 @@ def through_pace(host_ns: Array) -> Fitted:
     """Host times (n,) ns of messages that arrived at host_ns (n,).
 
     The arrivals themselves where there is no steady pace in them: where the times that follow are further from the
-    arrivals than the arrivals are from even.
+    arrivals than the arrivals are from even. How uneven they come is then their uncertainty.
     """
-    as_come = Fitted(host_ns, np.zeros(len(host_ns)))
+    as_come = Fitted(host_ns, _uneven_s(host_ns))
     if len(host_ns) < 2 * _AHEAD:
         return as_come
     number = np.arange(len(host_ns), dtype=np.int64)
@@ -59,6 +59,16 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
     missing[len(least) :] = missing[len(least) - 1]
     # What is missing stays so: a stall longer than the look ahead was none.
     return along + np.minimum.accumulate(missing[::-1])[::-1]
+
+
+def _uneven_s(host_ns: Array) -> Array:
+    """Standard uncertainty (n,) s of arrivals that may be late by as much as they are uneven: as usual, and each."""
+    if len(host_ns) < 2:
+        return np.zeros(len(host_ns))
+    steps = np.diff(host_ns)
+    off = np.abs(steps - np.median(steps))
+    usual = off[off <= np.quantile(off, 0.9)].mean()
+    return np.asarray(np.hypot(usual, np.concatenate([off[:1], off])) / math.sqrt(3) / 1e9)
 
 
 def _periods(number: Integers, host_ns: Array) -> Array:
