@@ -21,6 +21,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from daq.clockwatch import HOST, ClockWatch, read_clocks
 from daq.inbox import Inbox, faults_of, samples_of
 from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.recent import Recent
@@ -119,6 +120,7 @@ class Recorder(threading.Thread):
         self._disk = ThreadPoolExecutor(1, "sync")
         self._syncing: tuple[Syncing, Future[None]] | None = None
         self._sync_begun_s = 0.0
+        self._clocks = ClockWatch(read_clocks())
         self.last_end = ""
 
     def run(self) -> None:
@@ -201,7 +203,7 @@ class Recorder(threading.Thread):
             "direction": label.direction,
             "run": str(writer.path),
             "seconds": round((time.monotonic_ns() - self._since_ns) / 1e9, 1),
-            "samples": {name: counter["samples"] for name, counter in self._counters.items()},
+            "samples": {name: self._counters[name]["samples"] for name in self._inboxes},
             "synced": self._synced,
         }
 
@@ -227,6 +229,7 @@ class Recorder(threading.Thread):
                 self._waiting.missed[name] += len(samples_of(items))
             if self._writer is not None:
                 self._put(self._writer, name, items)
+        self._watch_clocks()
         if sync and self._writer is not None:
             self._writer.write()
             self._sync(self._writer)
@@ -308,6 +311,16 @@ class Recorder(threading.Thread):
             self._counters[name][fault.kind] += fault.count
         writer.append(name, samples)
         writer.append_faults(name, faults)
+
+    def _watch_clocks(self) -> None:
+        """Tell where the wall clock was set or the computer slept, and keep what time it is since."""
+        faults = self._clocks.look(read_clocks())
+        for fault in faults:
+            self._tell(HOST, fault.kind, fault.detail, fault.count)
+        if faults and self._writer is not None:
+            self._counters.setdefault(HOST, Counter())[FaultKind.CLOCK] += len(faults)
+            self._writer.append_faults(HOST, faults)
+            self._writer.anchor()
 
     def _close(self, exit_status: Ending, reason: str) -> bool:
         """Whether the end could be written."""

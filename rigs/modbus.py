@@ -80,6 +80,7 @@ class ModbusMap(Probe, RegisterBlock):
         standing="confirmed",
     )
 
+    request_bytes = 8
     interface: Literal["modbus_map"]
     line: Line = Line(baud=19200, bits=8, parity="E", stop=1)
     framing: Literal["rtu", "ascii"] = "rtu"
@@ -106,6 +107,7 @@ class SolartronOrbit(Probe):
         "parameter map; the unit is not told: `units` must be the one set there",
     )
 
+    request_bytes = 8
     interface: Literal["solartron_orbit"]
     line: Line
     framing: Literal["rtu", "ascii"] = "rtu"

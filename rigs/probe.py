@@ -21,6 +21,8 @@ class Probe(Part):
     origin: ClassVar[Origin]
     shares: ClassVar[bool] = False
     """Whether several gauges on one port come in one answer, told apart by `channel`."""
+    request_bytes: ClassVar[int] = 1
+    """Characters of a request on a serial line, from which its wire time follows: at the least."""
 
     port: Port
     channel: int = Field(default=1, ge=1, le=32)

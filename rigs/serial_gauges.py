@@ -24,6 +24,7 @@ class SylvacOptoRS(Probe):
         doubts="that OUT0 and OUT1 are not answered",
     )
 
+    request_bytes = 2
     interface: Literal["sylvac_opto_rs"]
     line: Line = Line(baud=4800, bits=7, parity="E", stop=2)
     mode: Literal["polled", "continuous"] = "polled"
@@ -39,6 +40,7 @@ class TesaTT(Probe):
         doubts="the unit is known by the number of decimals only (mm 2, µm 3); what ERR23 means",
     )
 
+    request_bytes = 2
     interface: Literal["tesa_tt"]
     line: Line = Line(baud=4800, bits=7, parity="E", stop=2)
     units: Literal["mm", "um"] = "mm"
@@ -54,6 +56,7 @@ class MahrC1202(Probe):
     )
     shares: ClassVar[bool] = True
 
+    request_bytes = 2
     interface: Literal["mahr_c1202"]
     line: Line = Line(baud=9600, bits=7, parity="E", stop=2)
     channel: int = Field(default=1, ge=1, le=3)
@@ -69,6 +72,7 @@ class MahrC1208(Probe):
         doubts="line settings; M1240 tells no unit: `units` must be that of its display",
     )
 
+    request_bytes = 2
     interface: Literal["mahr_c1208"]
     line: Line
     protocol: Literal["optorsd", "m1240"] = "optorsd"
@@ -100,6 +104,7 @@ class HeidenhainND287(Probe):
         doubts="baud; the unit is not told: `units` must be that of its display; how a positive sign shows",
     )
 
+    request_bytes = 7
     interface: Literal["heidenhain_nd287"]
     line: Line
     units: Literal["mm", "inch"] = "mm"
@@ -117,6 +122,7 @@ class KeyenceDLRS1A(Probe):
     )
     shares: ClassVar[bool] = True
 
+    request_bytes = 4
     interface: Literal["keyence_dl_rs1a"]
     line: Line = Line(baud=9600, bits=8, parity="N", stop=1)
     channel: int = Field(default=1, ge=1, le=32)
@@ -169,6 +175,7 @@ class MitutoyoUSB(Probe):
         doubts="8N1; what the error numbers mean; the unit is not told: `units` must be that of its display",
     )
 
+    request_bytes = 2
     interface: Literal["mitutoyo_usb"]
     line: Line = Line(baud=115200, bits=8, parity="N", stop=1)
     units: Literal["mm", "inch"] = "mm"
@@ -184,6 +191,7 @@ class MitutoyoQMHeight(Probe):
         doubts="that the request `1` of the virtual COM port is understood; errors as there",
     )
 
+    request_bytes = 2
     interface: Literal["mitutoyo_qm_height"]
     line: Line = Line(baud=9600, bits=8, parity="N", stop=1)
     units: Literal["mm", "inch"] = "mm"
@@ -198,6 +206,7 @@ class CDIIQ(Probe):
         standing="confirmed",
     )
 
+    request_bytes = 2
     interface: Literal["cdi_iq"]
     line: Line = Line(baud=9600, bits=8, parity="N", stop=1)
     units: Literal["mm", "inch"] = "mm"

@@ -81,6 +81,4 @@ def _log_ns(name: str, values: dict[str, Any], run: Run) -> int:
     """When a row was measured: ns since 1970, never negative, as MCAP wants it."""
     if name == TABLE:
         return max(0, round(float(values["t_s"]) * 1e9))
-    clock = run.manifest.clock
-    stamp = int(values["at_ns" if name == FAULTS else "first_byte_ns"])
-    return max(0, clock.unix_ns + stamp - clock.monotonic_ns)
+    return max(0, run.manifest.wall_ns(int(values["at_ns" if name == FAULTS else "first_byte_ns"])))

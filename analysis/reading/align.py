@@ -16,7 +16,6 @@ from analysis.kinematics.arm import Array
 from analysis.reading.clocks import Columns, Instants, gauge_instants, robot_instants
 from daq.store import Run
 from rigs.errors import FileError
-from rigs.links import tcp_address
 from rigs.rig import Rig
 
 _GAP = 4.0
@@ -29,23 +28,28 @@ _SHORT_NS = 25e6
 class Aligned:
     """A run as one table.
 
-    t_s (n,) since its first row; q (n, 6) rad as reported; g_mm (n, k) of g1 and g2; u_lag_s: standard uncertainty of
-    the gauges' time against the robot's; doubts: what a person should know before trusting it, in words.
+    t_s (n,) since its first row; q (n, 6) rad as reported; g_mm (n, k) of g1 and g2. Of the gauges' time against the
+    robot's the standard uncertainty u_lag_s is common to all rows, and u_t_s (n,) each row's own beside it. doubts:
+    what a person should know before trusting it, in words.
     """
 
     t_s: Array
     q: Array
     g_mm: Array
     u_lag_s: float
+    u_t_s: Array
     doubts: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class _Track:
-    """Values (n, k) of one instrument at increasing times (n,) ns."""
+    """Values (n, k) of one instrument at increasing times (n,) ns, and the uncertainty of each in s: that which all
+    share, and what each row (n,) has beside it."""
 
     ns: Array
     values: Array
+    u_s: float
+    own_u_s: Array
 
 
 def align(path: Path, run: Run, rig: Rig) -> Aligned:
@@ -53,11 +57,12 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
     doubts: list[str] = []
     names = [name for name, _ in rig.gauges]
     gauges = [_gauge(path, run, rig, name, doubts) for name in names]
-    robot, robot_u_s = _robot(path, run, doubts)
-    rows_ns = gauges[0][0].ns
+    robot = _robot(path, run, doubts)
+    rows_ns = gauges[0].ns
     keep = np.ones(len(rows_ns), dtype=bool)
-    at_rows = [gauges[0][0].values]
-    for name, track in zip([*names[1:], "robot"], [*(track for track, _ in gauges[1:]), robot], strict=True):
+    at_rows = [gauges[0].values]
+    others = [*gauges[1:], robot]
+    for name, track in zip([*names[1:], "robot"], others, strict=True):
         spanned = (rows_ns >= track.ns[0]) & (rows_ns <= track.ns[-1])
         dense = _bracketed(rows_ns, track.ns)
         keep &= spanned & dense
@@ -67,40 +72,51 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
     if keep.sum() < 2:
         raise FileError(str(path), "gauges and robot share no stretch of time", "record both through the whole test")
     t_s = (rows_ns - rows_ns[keep][0])[keep] / 1e9
-    u_lag_s = float(np.hypot(max(u_s for _, u_s in gauges), robot_u_s))
-    return Aligned(t_s, at_rows[-1][keep], np.concatenate(at_rows[:-1], axis=1)[keep], u_lag_s, tuple(doubts))
+    g_mm = np.concatenate(at_rows[:-1], axis=1)[keep]
+    u_lag_s = float(np.hypot(max(gauge.u_s for gauge in gauges), robot.u_s))
+    return Aligned(t_s, at_rows[-1][keep], g_mm, u_lag_s, _own_u_s(gauges, robot)[keep], tuple(doubts))
 
 
-def _gauge(path: Path, run: Run, rig: Rig, name: str, doubts: list[str]) -> tuple[_Track, float]:
-    """Readings (n, 1) mm of one gauge, and the uncertainty of its instants in s."""
+def _own_u_s(gauges: Sequence[_Track], robot: _Track) -> Array:
+    """Of each row (n,) of the first gauge: the less certain gauge's and the robot's together."""
+    at = [np.interp(gauges[0].ns, track.ns, track.own_u_s) for track in (*gauges, robot)]
+    together: Array = np.hypot(np.max(at[:-1], axis=0), at[-1])
+    return together
+
+
+def _gauge(path: Path, run: Run, rig: Rig, name: str, doubts: list[str]) -> _Track:
+    """Readings (n, 1) mm of one gauge."""
     stream = _stream(path, run, [f"{name}_mm"], f"gauge {name}")
-    gauge = dict(rig.gauges)[name]
-    instants = gauge_instants(stream, None if tcp_address(gauge.port) else gauge.line)
+    instants = gauge_instants(stream, dict(rig.gauges)[name])
     _tell(name, instants, doubts)
     if doubtful := int(np.count_nonzero(stream["status"])):
         doubts.append(f"{name}: {doubtful} readings that the gauge itself calls doubtful")
-    return _track(instants.ns, stream[f"{name}_mm"][:, None]), instants.u_s
+    return _track(instants, stream[f"{name}_mm"][:, None])
 
 
-def _robot(path: Path, run: Run, doubts: list[str]) -> tuple[_Track, float]:
-    """Joint angles (n, 6) rad as reported, and the uncertainty of their instants in s."""
+def _robot(path: Path, run: Run, doubts: list[str]) -> _Track:
+    """Joint angles (n, 6) rad as reported."""
     columns = [f"q{axis}_deg" for axis in range(1, 7)]
     stream = _stream(path, run, columns, "the robot")
     instants = robot_instants(stream)
     _tell("robot", instants, doubts)
-    return _track(instants.ns, np.radians(np.stack([stream[column] for column in columns], axis=1))), instants.u_s
+    return _track(instants, np.radians(np.stack([stream[column] for column in columns], axis=1)))
 
 
 def _tell(name: str, instants: Instants, doubts: list[str]) -> None:
     if instants.restarts:
         doubts.append(f"{name}: its clock began anew {instants.restarts} times; fitted in pieces")
+    if instants.wrong:
+        doubts.append(f"{name}: {instants.wrong} stamps of its clock make no sense; those rows go by their arrival")
+    if instants.held:
+        doubts.append(f"{name}: its adapter holds bytes back, which costs certainty; set its latency_timer to 1 ms")
 
 
-def _track(ns: Array, values: Array) -> _Track:
+def _track(instants: Instants, values: Array) -> _Track:
     """In order of time, without what is no number and without a second value for one instant."""
     there = np.isfinite(values).all(axis=1)
-    increasing, first = np.unique(ns[there], return_index=True)
-    return _Track(increasing, values[there][first])
+    increasing, first = np.unique(instants.ns[there], return_index=True)
+    return _Track(increasing, values[there][first], instants.u_s, instants.own_u_s[there][first])
 
 
 def _stream(path: Path, run: Run, columns: Sequence[str], what: str) -> Columns:

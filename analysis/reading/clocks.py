@@ -1,8 +1,8 @@
 """When was it measured? Host stamps, wire time and the instrument's own clock made into one time line.
 
-A byte can only arrive late, never early. So of every bound that the stamps give, the earliest is the best;
-and a line under all (host - controller) differences is the controller's clock seen through the least delay
-(Olson, A Passive Solution to the Sensor Synchronization Problem, IROS 2010).
+A byte can only arrive late, never early, and a reading that was asked for was taken after the request had gone through
+the line and before its answer set out. So of every bound that the stamps give the tightest is the best, and what
+stays between the bounds is the uncertainty: one part that all readings share, one that each has for itself.
 """
 
 from __future__ import annotations
@@ -15,96 +15,120 @@ from typing import Any
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from rigs.links import Line
+from analysis.reading.lower_hull import Mask
+from analysis.reading.own_clock import Fitted, through_clock
+from analysis.reading.steady_pace import through_pace
+from rigs.gauges import Gauge
+from rigs.links import tcp_address
 
-_LEAP_S = 1.0
-"""No network or serial line holds a message back for so long without losing its link."""
+_HIDDEN_S = 1e-3
+"""How much an instrument's own time to answer may vary unseen behind an adapter that holds bytes back."""
+
+_HOST_S = 30e-6
+"""No host tells when a byte came any better."""
+_STIRRED = 5
+_STIRRED_NS = 2e6
+"""From so many requests that did not follow the answer before at once, and where they are answered so unevenly, it can
+be seen that an adapter holds bytes back (`daq.protocol.polled` says why)."""
 
 Columns = Mapping[str, np.ndarray[Any, Any]]
 
 
 @dataclass(frozen=True)
 class Instants:
-    """When each sample was taken: ns (n,) on the host's clock; u_s, the standard uncertainty that all share; restarts:
-    how often the instrument's own clock began anew."""
+    """When each sample was taken: ns (n,) on the host's clock.
+
+    u_s: the standard uncertainty that all share; own_u_s (n,): what each has beside it. restarts: how often the
+    instrument's own clock began anew; wrong: how many of its stamps were left out. held: an adapter holds bytes back.
+    """
 
     ns: Array
     u_s: float
-    restarts: int
+    own_u_s: Array
+    restarts: int = 0
+    wrong: int = 0
+    held: bool = False
 
 
-def gauge_instants(stream: Columns, line: Line | None) -> Instants:
-    """When each reading of a gauge was taken.
+def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
+    """When each reading of a gauge was taken."""
+    character_ns = 0 if tcp_address(gauge.port) else gauge.line.character_ns
+    first, last, size = stream["first_byte_ns"], stream["last_byte_ns"], stream["size"]
+    set_out = np.minimum(first - character_ns, last - size * character_ns).astype(float)
+    if (stream["requested_ns"] < 0).any():
+        return _streamed(stream["device_time_s"], set_out, character_ns)
+    went_through = stream["requested_ns"] + float(gauge.request_bytes * character_ns)
+    window = np.maximum(set_out - went_through, 0.0)
+    held = _is_held(window, stream["requested_ns"][1:] > last[:-1])
+    if np.isfinite(stream["device_time_s"]).all():
+        return _asked_with_clock(stream["device_time_s"], went_through, set_out, held)
+    return _asked(went_through, window, held)
 
-    `line`: its serial settings, None over TCP. The reading was taken after the request came through and before its
-    answer's first character set out. Most instruments latch late in that window, so its end is the estimate; the
-    uncertainty is that of anywhere in it.
-    """
-    character_ns = line.character_ns if line else 0
-    first, last = stream["first_byte_ns"], stream["last_byte_ns"]
-    out_ns = np.minimum(first - character_ns, last - stream["size"] * character_ns).astype(float)
-    asked = stream["requested_ns"]
-    streaming = asked < 0
-    window_ns = np.where(streaming, character_ns, out_ns - asked)
-    u_s = _late_by_up_to(float(np.median(np.maximum(window_ns, 0))))
-    ns, restarts = through_clock(stream["device_time_s"], out_ns)
-    return Instants(ns, u_s, restarts)
+
+def _is_held(window: Array, idle_before: Mask) -> bool:
+    """Whether answers (n,) to requests that came out of step, (n-1,) of all but the first, took less even times."""
+    in_step, stirred = window[1:][~idle_before], window[1:][idle_before]
+    if min(len(in_step), len(stirred)) < _STIRRED:
+        return False
+    return _range(stirred) > 2 * _range(in_step) + _STIRRED_NS
+
+
+def _range(window: Array) -> float:
+    low, high = np.quantile(window, (0.1, 0.9))
+    return float(high - low)
 
 
 def robot_instants(stream: Columns) -> Instants:
     """When each position was reported.
 
-    A controller reports what it latched at some time in the cycle before: one cycle is what stays unknown.
+    A controller reports what it latched at some time in the cycle before: one cycle is what stays unknown. One that is
+    asked over a network (registers) read its position between request and answer.
     """
-    ns, restarts = through_clock(stream["device_time_s"], stream["first_byte_ns"].astype(float))
-    return Instants(ns, _late_by_up_to(float(np.median(np.diff(ns)))), restarts)
+    if (stream["requested_ns"] >= 0).all():
+        asked_ns = stream["requested_ns"].astype(float)
+        return _asked(asked_ns, np.maximum(stream["first_byte_ns"] - asked_ns, 0.0), held=False)
+    fitted = _by_any_clock(stream["device_time_s"], stream["first_byte_ns"].astype(float))
+    u_s = float(np.median(np.diff(fitted.ns))) / math.sqrt(3) / 1e9
+    return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarts, fitted.wrong)
 
 
-def _late_by_up_to(window_ns: float) -> float:
-    """Standard uncertainty, in s, of the end of a window when the truth may be anywhere in it."""
-    return window_ns / math.sqrt(3) / 1e9
+def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
+    """A reading that nobody asked for was latched as its answer set out, or up to a character before."""
+    fitted = _by_any_clock(device_s, set_out)
+    return Instants(fitted.ns, character_ns / math.sqrt(3) / 1e9, fitted.u_s, fitted.restarts, fitted.wrong)
 
 
-def through_clock(device_s: Array, host_ns: Array) -> tuple[Array, int]:
-    """Host times (n,) ns of an instrument's stamps by its own clock, and how often that began anew.
+def _by_any_clock(device_s: Array, host_ns: Array) -> Fitted:
+    return through_clock(device_s, host_ns) if np.isfinite(device_s).all() else through_pace(host_ns)
 
-    The host's own where the instrument has none. A clock that goes backwards, or leaps against the host's, was
-    started again or has wrapped: it is fitted in pieces.
+
+def _asked(went_through: Array, window: Array, held: bool) -> Instants:
+    """Between the request and the answer, as the clocks of two computers are compared (NTP): in the middle.
+
+    Behind an adapter that holds bytes back only the quickest answer of the run tells how long the instrument takes: the
+    time that another takes beyond that is the adapter's.
     """
-    if len(device_s) < 3 or not np.isfinite(device_s).all():
-        return host_ns, 0
-    ticks, passed = np.diff(device_s), np.diff(host_ns) / 1e9
-    starts = np.flatnonzero((ticks < 0) | (np.abs(ticks - passed) > _LEAP_S)) + 1
-    pieces = np.split(np.arange(len(device_s)), starts)
-    return np.concatenate([_fitted(device_s[piece], host_ns[piece]) for piece in pieces]), len(starts)
+    shortest = float(np.partition(window, 1)[:2].max())  # the very shortest may be a stamp that is wrong
+    window = np.minimum(window, shortest) if held else window
+    u_s = math.hypot(_anywhere_in(shortest), _HIDDEN_S if held else _HOST_S)
+    own_u_s = _anywhere_in(np.sqrt(np.maximum(window**2 - shortest**2, 0.0)))
+    return Instants(went_through + window / 2, u_s, own_u_s, held=held)
 
 
-def _fitted(device_s: Array, host_ns: Array) -> Array:
-    if len(device_s) < 3 or np.ptp(device_s) == 0:
-        return host_ns
-    since_s = device_s - device_s[0]
-    offset, rate = lower_line(since_s, (host_ns - host_ns[0]) / 1e9 - since_s)
-    fitted: Array = host_ns[0] + 1e9 * (since_s + offset + rate * since_s)
-    return fitted
+def _asked_with_clock(device_s: Array, went_through: Array, set_out: Array, held: bool) -> Instants:
+    """The instrument's clock runs between two lines: no reading was taken before its request or after its answer.
 
-
-def lower_line(x: Array, y: Array) -> tuple[float, float]:
-    """Intercept and slope of the line below all points (n,) that lies closest to them on average.
-
-    It is the edge of the lower convex hull above which the mean of x lies.
+    A gauge that answers with a reading from before the request breaks the first; then the second alone holds.
     """
-    hull: list[tuple[float, float]] = []
-    for point in sorted(zip(x.tolist(), y.tolist(), strict=True)):
-        while len(hull) > 1 and _turns_down(hull[-2], hull[-1], point):
-            hull.pop()
-        hull.append(point)
-    mean = float(x.mean())
-    right = next(k for k in range(1, len(hull)) if hull[k][0] >= mean or k == len(hull) - 1)
-    (x0, y0), (x1, y1) = hull[right - 1], hull[right]
-    slope = (y1 - y0) / (x1 - x0) if x1 > x0 else 0.0
-    return y0 - slope * x0, slope
+    after = through_clock(device_s, set_out)
+    before = through_clock(-device_s[::-1], -went_through[::-1])
+    between = after.ns + before.ns[::-1]
+    width = float(np.median(between))
+    ns = after.ns - max(width, 0.0) / 2
+    u_s = math.hypot(_anywhere_in(abs(width)), _HIDDEN_S if held else _HOST_S)
+    return Instants(ns, u_s, after.u_s, after.restarts, after.wrong, held)
 
 
-def _turns_down(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
-    """Whether b lies on or above the line from a to c."""
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) <= 0
+def _anywhere_in(window_ns: Any) -> Any:
+    """Standard uncertainty, in s, of the middle of a window when the truth may be anywhere in it."""
+    return window_ns / math.sqrt(12) / 1e9

@@ -31,7 +31,7 @@ _JUMP_SPEEDS = 3.0
 @dataclass(frozen=True)
 class Lap:
     """One lap in order of time. t_s (n,), phi (n,) rad unwrapped, q (n, 6) rad, g_mm (n, k); notes: what a person
-    should know of how it was cut out."""
+    should know of how it was cut out; u_t_s (n,) as in the table."""
 
     direction: Direction
     frame: CircleFrame
@@ -40,6 +40,7 @@ class Lap:
     q: Array
     g_mm: Array
     notes: tuple[str, ...] = ()
+    u_t_s: Array | None = None
 
 
 def lap_of(table: CircleTable, rig: Rig, where: str) -> Lap:
@@ -73,6 +74,7 @@ def lap_of(table: CircleTable, rig: Rig, where: str) -> Lap:
         table.q[inside],
         table.g_mm[inside],
         _more_laps(ahead),
+        None if table.u_t_s is None else table.u_t_s[inside],
     )
 
 

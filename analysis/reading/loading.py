@@ -67,7 +67,8 @@ def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:
         case "yaw" | "roll":
             if direction is None:
                 raise FileError(str(path), "has no direction, which a circle needs", "record it with --direction")
-            return CircleTable(test, direction, data.t_s, data.q, data.g_mm), data.u_lag_s, doubts
+            circle = CircleTable(test, direction, data.t_s, data.q, data.g_mm, data.u_t_s)
+            return circle, data.u_lag_s, doubts
         case "radial":
             table, more = radial_table(data, rig, str(path))
             return table, data.u_lag_s, doubts + more

@@ -15,6 +15,8 @@ from rich.text import Text
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.results import Result, by_test, pair_of
 from analysis.reporting.truth import Comparison, all_agree, verdict
+from analysis.tests.circle import CircleResult
+from analysis.tests.pair import Pair
 from rigs.errors import FileError
 
 _ABREAST = 3
@@ -31,12 +33,21 @@ def as_tables(results: Sequence[Result], truths: Sequence[dict[str, Comparison]]
         if both:
             told = "; ".join(f"{label(name).strip()} {both.figures[name]}" for name in in_order(both.figures))
             parts.append(Text(f"acw against cw: {told}", style="dim"))
+        if any(isinstance(result.found, CircleResult) for result in group):
+            parts.append(Text(lag_in_words(both), style="dim"))
     if truths:
         parts.append(Text(verdict(truths), style="green" if all_agree(truths) else "bold red"))
     parts += [
         Text(f"{result.title}, {result.name}: {doubt}", style="yellow") for result in results for doubt in result.doubts
     ]
     return Group(*parts)
+
+
+def lag_in_words(both: Pair | None) -> str:
+    """What two directions tell of the gauges' time, and that one direction tells nothing."""
+    if both is None:
+        return "a lag between gauges and robot cannot be told from one direction: analyse acw and cw together"
+    return f"gauges lag the robot by {both.lag} (not taken out)"
 
 
 def _table(group: Sequence[Result], known: dict[int, dict[str, Comparison]]) -> Table:
@@ -76,6 +87,7 @@ def as_object(results: Sequence[Result], truths: Sequence[dict[str, Comparison]]
             "rig": group[0].measured.rig.name,
             "test": group[0].test,
             "figures": {name: asdict(figure) for name, figure in both.figures.items()},
+            "lag": asdict(both.lag),
         }
         for group in by_test(results)
         if (both := pair_of(group))
@@ -114,7 +126,8 @@ def write_report(results: Sequence[Result], directory: Path) -> Path:
             {
                 "results": group,
                 "names": in_order(name for result in group for name in result.figures),
-                "pair": pair_of(group),
+                "pair": (both := pair_of(group)),
+                "lag": lag_in_words(both),
                 "pictures": [base64.b64encode(path.read_bytes()).decode() for path in save_pictures(group, directory)],
             }
             for group in by_test(results)

@@ -26,23 +26,25 @@ _AGREE = 4.0
 @dataclass(frozen=True)
 class Curve:
     """Values y over circle angle phi, in order of time: (n,) each; smooth: y with its noise reduced;
-    rate: (n,) rad/s of phi; noise: standard deviation of the white part of y."""
+    rate: (n,) rad/s of phi; noise: standard deviation of the white part of y; u_t_s: (n,) of each row's time."""
 
     phi: Array
     y: Array
     smooth: Array
     rate: Array
     noise: float
+    u_t_s: Array
 
     def drawn(self, rng: np.random.Generator, lag_s: float, scale: float = 1.0) -> tuple[Array, Array, Array]:
         """phi and y (n,) as another run might have shown them, and that y without its noise: each row might as well
-        have fallen half way to its neighbours, the gauges' clock be off by lag_s, the readings be noisy and be `scale`
-        times too large."""
+        have fallen half way to its neighbours, the gauges' clock be off by lag_s and each row by its own, the readings
+        be noisy and be `scale` times too large."""
         rows = np.arange(len(self.y))
         fallen = rows + rng.uniform(-0.5, 0.5, len(rows))
         calm = np.interp(fallen, rows, self.smooth) / scale
         y: Array = calm + rng.normal(0.0, self.noise, len(rows)) / scale
-        return np.interp(fallen, rows, self.phi) + self.rate * lag_s, y, calm
+        off_s = lag_s + rng.normal(0.0, 1.0, len(rows)) * self.u_t_s if self.u_t_s.any() else lag_s
+        return np.interp(fallen, rows, self.phi) + self.rate * off_s, y, calm
 
 
 def curve_of(lap: Lap, y: Array, base: Array | None = None) -> Curve:
@@ -50,7 +52,8 @@ def curve_of(lap: Lap, y: Array, base: Array | None = None) -> Curve:
     base = np.zeros_like(y) if base is None else base
     rate = np.gradient(lap.phi, lap.t_s) if len(lap.phi) > 2 else np.zeros_like(lap.phi)
     noise = noise_sd(y - base)
-    return Curve(lap.phi, y, smoothed(y - base, noise) + base, rate, noise)
+    u_t_s = np.zeros(len(y)) if lap.u_t_s is None else lap.u_t_s
+    return Curve(lap.phi, y, smoothed(y - base, noise) + base, rate, noise, u_t_s)
 
 
 def noise_sd(y: Array) -> float:

@@ -20,6 +20,7 @@ from analysis.reporting.quantity import Quantity, figures_of
 from analysis.tests.circle import CircleResult
 from analysis.tests.circularity import circle_at, fit_circle
 from analysis.tests.curve import DRAWS, SEED, Curve, curve_of, means, noise_sd, smoothed, stacked
+from analysis.tests.lag import lag_of
 from rigs.errors import FileError
 
 _GRID = np.radians(np.arange(0.0, 360.0, 0.5))
@@ -28,12 +29,14 @@ _RANGES = ("hysteresis_max_deg", "hysteresis_max_mm", "circular_deviation_mm")
 
 @dataclass(frozen=True)
 class Pair:
-    """phi (m,) rad from 0 to 2 pi; angle (m,) rad and distance (m,) mm: acw - cw there."""
+    """phi (m,) rad from 0 to 2 pi; angle (m,) rad and distance (m,) mm: acw - cw there. lag: of the gauges behind the
+    robot, ms, told and not applied."""
 
     phi: Array
     angle: Array
     distance_mm: Array
     figures: dict[str, Quantity]
+    lag: Quantity
     samples: int
     notes: tuple[str, ...]
 
@@ -49,11 +52,11 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Pa
     rng = np.random.default_rng(SEED)
     draws, calm = [], []
     for _ in range(DRAWS):
-        lag, scale = rng.normal(0.0, acw.u_lag_s), 1.0 + rng.normal(0.0, acw.u_scale)
+        lag_s, scale = rng.normal(0.0, acw.u_lag_s), 1.0 + rng.normal(0.0, acw.u_scale)
         state = rng.bit_generator.state
-        angle = [curve.drawn(rng, lag, scale) for curve in angles]
+        angle = [curve.drawn(rng, lag_s, scale) for curve in angles]
         rng.bit_generator.state = state  # the rows of a run fell where they fell, for angle and distance alike
-        distance = [curve.drawn(rng, lag) for curve in distances]
+        distance = [curve.drawn(rng, lag_s) for curve in distances]
         draws.append(plain_figures([(p, y) for p, y, _ in angle], [(p, y) for p, y, _ in distance], radius))
         calm.append(plain_figures([(p, y) for p, _, y in angle], [(p, y) for p, _, y in distance], radius))
     plain = plain_figures([(c.phi, c.y) for c in angles], [(c.phi, c.y) for c in distances], radius)
@@ -61,7 +64,8 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Pa
     figures = figures_of(plain, stacked(draws), samples, means(calm, _RANGES))
     angle_between = difference([(c.phi, c.y) for c in angles])
     distance_between = difference([(c.phi, c.y) for c in distances])
-    return Pair(_GRID, angle_between, distance_between, figures, samples, acw.notes + cw.notes)
+    lag = lag_of([(angles[0], angles[1]), (distances[0], distances[1])], [radius, 1.0], samples)
+    return Pair(_GRID, angle_between, distance_between, figures, lag, samples, acw.notes + cw.notes)
 
 
 Run = tuple[Array, Array]

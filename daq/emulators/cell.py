@@ -8,12 +8,14 @@ from __future__ import annotations
 import contextlib
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Protocol
 
 import yaml
 
 from daq import feedback, gauges
+from daq.emulators.own_clock import OwnClock
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.tcp_port import TcpPort
 from daq.emulators.udp_port import UdpPort
@@ -58,10 +60,26 @@ def gauge_device(rig: Rig, motion: Motion, group: Sequence[str]) -> Callable[[],
     return partial(gauges.device, [gauge for name, gauge in rig.gauges if name in group], read)
 
 
+@dataclass(frozen=True)
+class Adversity:
+    """What keeps stamps from being true. latency_ms: how long an FTDI adapter on each serial line holds bytes;
+    jitter_ms: how late the robot's packets are on average; drift_ppm: how fast its controller's clock runs."""
+
+    latency_ms: float = 0.0
+    jitter_ms: float = 0.0
+    drift_ppm: float = 0.0
+
+
 class Cell:
     """All instruments of a rig, each with its own thread, until `stop`."""
 
-    def __init__(self, rig: Rig, motion: Motion, signal: Callable[[int], float] = lambda _: 0.0) -> None:
+    def __init__(
+        self,
+        rig: Rig,
+        motion: Motion,
+        signal: Callable[[int], float] = lambda _: 0.0,
+        adversity: Adversity = Adversity(),
+    ) -> None:
         """signal: number of the robot's program at a time, shown where the rig's feedback carries one."""
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
@@ -77,7 +95,7 @@ class Cell:
             port = (
                 self._serve(label, TcpPort(self._noted(label, device)))
                 if tcp_address(first.port)
-                else self._serve_pty(label, device, PtyLine(first.line))
+                else self._serve_pty(label, device, PtyLine(first.line, adversity.latency_ms))
             )
             self.ports.update(dict.fromkeys(group, port))
 
@@ -85,8 +103,12 @@ class Cell:
             program = (signal(now_ns),) if carries_signal(rig.feedback) else ()
             return [*motion.joints_deg(now_ns), *program]
 
-        robot = self._noted("robot", lambda: feedback.device(rig.feedback, shown))
-        networked = UdpPort(robot, calls=rig.feedback.listens) if udp_address(rig.feedback.port) else TcpPort(robot)
+        def controller() -> Any:
+            return OwnClock(partial(feedback.device, rig.feedback), shown, adversity.drift_ppm)
+
+        robot, late_ms = self._noted("robot", controller), adversity.jitter_ms
+        calls, by_udp = rig.feedback.listens, udp_address(rig.feedback.port)
+        networked = UdpPort(robot, calls=calls, jitter_ms=late_ms) if by_udp else TcpPort(robot, late_ms)
         self.ports["feedback"] = self._serve("robot", networked)
 
     def start(self) -> None:

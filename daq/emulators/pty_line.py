@@ -1,9 +1,10 @@
 """The instrument's end of a serial line on a pty.
 
 A pty passes bytes at once, whatever baud it is set to. A real line takes one character time for each, and
-that decides the stamps; so the delay is added here, a character at a time, on an absolute schedule. A pty keeps the
-baud that its far end was set to, though not data bits and parity: at another baud than the line's, both ends
-hear nonsense.
+that decides the stamps; so the delay is added here, a character at a time, on an absolute schedule. An FTDI adapter at
+the host's end holds them longer still: its latency timer is here as well, 0 for an adapter that has none. A pty keeps
+the baud that its far end was set to, though not data bits and parity: at another baud than the line's, both ends hear
+nonsense.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import termios
 import time
 import tty
 
+from daq.emulators.latency_timer import LatencyTimer
 from daq.emulators.uart import heard
 from daq.links import LinkLost
 from rigs.links import Line
@@ -26,7 +28,7 @@ _ISPEED, _OSPEED = 4, 5
 class PtyLine:
     """A pty whose far end, `port`, a program opens as its serial port."""
 
-    def __init__(self, line: Line) -> None:
+    def __init__(self, line: Line, latency_ms: float = 0.0) -> None:
         self._line = line
         self._character_ns = line.character_ns
         self._master, self._slave = os.openpty()
@@ -35,18 +37,22 @@ class PtyLine:
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
         self._free_ns = 0
+        self._adapter = LatencyTimer(latency_ms, time.monotonic_ns())
 
     def read(self, timeout_s: float) -> bytes:
         """Bytes from the host, once the line would have carried them all."""
-        if not select.select([self._master], [], [], timeout_s)[0]:
-            return b""
+        until_ns = time.monotonic_ns() + round(timeout_s * 1e9)
+        while not select.select([self._master], [], [], self._pause_s(until_ns))[0]:
+            self._release()
+            if time.monotonic_ns() >= until_ns:
+                return b""
         try:
             data = os.read(self._master, 4096)
         except BlockingIOError:
             return b""
         except OSError as error:
             raise LinkLost(str(error)) from None
-        time.sleep(len(data) * self._character_ns / 1e9)
+        self._wait_until(time.monotonic_ns() + len(data) * self._character_ns)
         far = self._far_line()
         return heard(data, far, self._line) if far else data
 
@@ -58,17 +64,13 @@ class PtyLine:
         sent = 0
         while sent < len(data):
             self._free_ns += self._character_ns
-            time.sleep(max(0, self._free_ns - time.monotonic_ns()) / 1e9)
+            self._wait_until(self._free_ns)
             # A late wake-up sends what is due by now, as a UART would have.
             late = max(0, time.monotonic_ns() - self._free_ns) // self._character_ns
             due = min(1 + late, len(data) - sent)
             self._free_ns += (due - 1) * self._character_ns
-            try:
-                os.write(self._master, data[sent : sent + due])
-            except BlockingIOError:
-                pass
-            except OSError as error:
-                raise LinkLost(str(error)) from None
+            self._adapter.add(data[sent : sent + due], self._free_ns)
+            self._release()
             sent += due
 
     def _set_baud(self) -> None:
@@ -89,3 +91,23 @@ class PtyLine:
         """Unplug."""
         os.close(self._master)
         os.close(self._slave)
+
+    def _wait_until(self, at_ns: int) -> None:
+        """Meanwhile the adapter goes on sending."""
+        while time.monotonic_ns() < at_ns:
+            time.sleep(self._pause_s(at_ns))
+            self._release()
+
+    def _pause_s(self, until_ns: int) -> float:
+        due_ns = self._adapter.due_ns
+        return max(0, (until_ns if due_ns is None else min(due_ns, until_ns)) - time.monotonic_ns()) / 1e9
+
+    def _release(self) -> None:
+        data = self._adapter.take(time.monotonic_ns())
+        try:
+            if data:
+                os.write(self._master, data)
+        except BlockingIOError:
+            pass
+        except OSError as error:
+            raise LinkLost(str(error)) from None

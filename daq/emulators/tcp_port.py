@@ -7,6 +7,7 @@ import socket
 import threading
 from collections.abc import Callable
 
+from daq.emulators.late_link import LateLink
 from daq.links import Link, LinkLost
 from daq.protocol.conversation import Conversation
 from daq.runner import converse
@@ -17,8 +18,9 @@ _ACCEPT_S = 0.2
 class TcpPort:
     """Listens on loopback at a free port and serves whoever connects."""
 
-    def __init__(self, device: Callable[[], Conversation]) -> None:
+    def __init__(self, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> None:
         self._device = device
+        self._jitter_ms = jitter_ms
         self._hang_up = threading.Event()
         self._server = socket.create_server(("127.0.0.1", 0))
         self._server.settimeout(_ACCEPT_S)
@@ -36,8 +38,9 @@ class TcpPort:
                 sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 sock.setblocking(False)
                 link = Link("emulated", sock.fileno(), sock.close)
+                late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
                 with contextlib.suppress(LinkLost):
-                    converse(link, self._device(), lambda _: None, lambda: stop.is_set() or self._hang_up.is_set())
+                    converse(late, self._device(), lambda _: None, lambda: stop.is_set() or self._hang_up.is_set())
                 link.close()
 
     def hang_up(self) -> None:

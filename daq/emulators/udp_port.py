@@ -13,6 +13,7 @@ import socket
 import threading
 from collections.abc import Callable
 
+from daq.emulators.late_link import LateLink
 from daq.links import Link, LinkLost
 from daq.protocol.conversation import Conversation
 from daq.runner import converse
@@ -24,8 +25,9 @@ _HOST = "127.0.0.1"
 class UdpPort:
     """On loopback. `port` is what the rig file has to name: a free port for the host if the controller calls."""
 
-    def __init__(self, device: Callable[[], Conversation], *, calls: bool) -> None:
+    def __init__(self, device: Callable[[], Conversation], *, calls: bool, jitter_ms: float = 0.0) -> None:
         self._device = device
+        self._jitter_ms = jitter_ms
         self._calls = calls
         self._hang_up = threading.Event()
         with _bound(0) as sock:
@@ -59,8 +61,9 @@ class UdpPort:
     def _converse(self, sock: socket.socket, stop: threading.Event) -> None:
         sock.setblocking(False)
         link = Link("emulated", sock.fileno(), sock.close)
+        late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
         try:
-            converse(link, self._device(), lambda _: None, lambda: stop.is_set() or self._hang_up.is_set())
+            converse(late, self._device(), lambda _: None, lambda: stop.is_set() or self._hang_up.is_set())
         except LinkLost:
             return  # nobody has the peer's port: the daemon has not started, or has ended
 

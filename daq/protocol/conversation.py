@@ -42,6 +42,8 @@ class FaultKind(StrEnum):
     """The link is gone or refuses to open."""
     DROPPED = "dropped"
     """Samples lost on the host for want of room."""
+    CLOCK = "clock"
+    """The host's wall clock was set, or the host slept; told on no link but on the host itself."""
 
 
 @dataclass(frozen=True, slots=True)

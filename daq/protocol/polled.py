@@ -9,7 +9,10 @@ nothing has come for `timeout_s`. So it is
 - after bytes that make no sense, since the real answer may be among them,
 - when more than the answer came.
 
-It also is where nothing is asked because a given `rate_hz` allows no further request yet.
+It also is where nothing is asked because a given `rate_hz` allows no further request yet, and before every
+`STIR`th request for up to `STIR_NS`, each time for another time. An adapter that holds bytes back (FTDI's latency
+timer, 16 ms) falls into step with requests that follow each answer at once; then no answer of a run comes as
+quickly as the instrument gives it, and nobody could tell when it was latched.
 
 An answer later than twice `timeout_s` can still slip through where the protocol has no number to tell by:
 make `timeout_s` at least half the slowest answer of the instrument. After an error answer the line rests
@@ -29,6 +32,10 @@ from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Step
 from daq.protocol.framing import Framer, Message
 
 PAUSE_NS = 100_000_000
+STIR = 50
+STIR_NS = 17_000_000
+_GOLDEN = 0.6180339887498949
+"""Multiples of it, less their whole part, fill the range from 0 to 1 evenly, however many there are."""
 _BABBLE = 4
 """Time-outs that a drain may last before it is told, and the instrument asked to be quiet again."""
 
@@ -86,6 +93,7 @@ class Polled:
         self._timeout_ns = round(timeout_s * 1e9)
         self._bursts = Bursts()
         self._requested_ns = NO_TIME
+        self._requests = 0
         self._wake_ns = 0
         self._quiet_ns = self._timeout_ns
         self._discarded = 0
@@ -131,13 +139,18 @@ class Polled:
             return self._drain(items, now_ns, discarded=surplus, telling=True)
         if then is Then.PAUSE:
             return self._drain(items, now_ns, quiet_ns=PAUSE_NS, telling=True)
-        early_ns = self._requested_ns + self._period_ns - now_ns
+        early_ns = max(self._requested_ns + self._period_ns - now_ns, self._stirring_ns())
         if early_ns > 0:
             return self._drain(items, now_ns, quiet_ns=early_ns, telling=True)
         return self._ask(items, now_ns)
 
+    def _stirring_ns(self) -> int:
+        turns, between = divmod(self._requests, STIR)
+        return 0 if between else round(turns * _GOLDEN % 1.0 * STIR_NS)
+
     def _ask(self, items: Sequence[Item], now_ns: int) -> Step:
         self._requested_ns = now_ns
+        self._requests += 1
         self._wake_ns = now_ns + self._timeout_ns
         return Step(self._dialect.request(), tuple(items), self._wake_ns)
 

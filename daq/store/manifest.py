@@ -93,6 +93,8 @@ class Manifest(_Record):
     host: str
     software: dict[str, str]
     clock: Clock
+    anchors: tuple[Clock, ...] = Field(default=(), exclude_if=lambda anchors: not anchors)
+    """The two clocks read again each time after the wall clock was set or the host slept."""
     started: str
     ended: str | None = None
     streams: dict[Name, tuple[str, ...]]
@@ -139,6 +141,12 @@ class Manifest(_Record):
         mine = (chunk for chunk in self.chunks if chunk.stream == stream)
         return tuple(sorted(mine, key=lambda chunk: (parse_chunk(chunk.file) or ("", 0, ""))[1]))
 
+    def wall_ns(self, monotonic_ns: int) -> int:
+        """What the wall clock showed at a stamp, ns since 1970."""
+        after = [anchor for anchor in self.anchors if anchor.monotonic_ns <= monotonic_ns]
+        anchor = after[-1] if after else self.clock
+        return anchor.unix_ns + monotonic_ns - anchor.monotonic_ns
+
     def save(self, run: Path) -> None:
         """Write it into the run directory, durably and all at once. Raises OSError."""
         replace(run / MANIFEST, self.to_json())
@@ -147,6 +155,7 @@ class Manifest(_Record):
         """The manifest as it was when the run started."""
         fresh: dict[str, object] = {
             "chunks": (),
+            "anchors": (),
             "counters": {},
             "exit_status": "recording",
             "reason": "",
@@ -187,7 +196,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
             follows=follows,
             host=socket.gethostname(),
             software={"rig": _rig_version(), "python": platform.python_version(), "pyarrow": pa.__version__},
-            clock=_read_clocks(),
+            clock=read_clocks(),
             started=iso_now(),
             streams=dict(streams),
             table=table,
@@ -237,7 +246,8 @@ def iso_now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
-def _read_clocks() -> Clock:
+def read_clocks() -> Clock:
+    """Both clocks now."""
     return min((_read_once() for _ in range(10)), key=lambda clock: clock.bracket_ns)
 
 

@@ -24,7 +24,7 @@ import pyarrow as pa
 from daq.protocol.conversation import Fault, Sample
 from daq.store import durable
 from daq.store.chunk import with_opening
-from daq.store.manifest import Ending, Manifest, iso_now, new_manifest
+from daq.store.manifest import Ending, Manifest, iso_now, new_manifest, read_clocks
 from daq.store.recording import OpenChunk, Recorder, Sync
 from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES, require_room
 from daq.store.schema import FAULTS, schema_of
@@ -133,6 +133,12 @@ class RunWriter:
         """
         chunks = sum(recorder.bytes_to_close() for recorder in self._recorders.values())
         return chunks + (2 + 4 * len(self._recorders)) * len(self.manifest.to_json())
+
+    def anchor(self) -> None:
+        """Keep in the manifest what time it is now: the wall clock has been set. Raises CellError."""
+        with self._guarded():
+            self.manifest = self.manifest.model_copy(update={"anchors": (*self.manifest.anchors, read_clocks())})
+            self.manifest.save(self.path)
 
     def write(self) -> None:
         """Hand everything taken so far to the operating system: that survives a kill.

@@ -1,0 +1,113 @@
+"""An instrument's stamps by its own clock, read on the host's time line.
+
+(host - instrument) is the clock's offset plus a delay, and a delay can only be too long: the floor of it is the clock.
+Before that the stamps are put in order: a counter that has wrapped goes on, a stamp that is wrong by itself is left
+out, a clock that began anew is fitted anew.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.reading.lower_hull import Mask, floor
+
+_LEAP_S = 1.0
+"""No network or serial line holds a message back for so long without losing its link."""
+_WRAPS_S = (2**32 * 1e-3, 2**32 * 1e-6)
+"""Counters of 32 bits, in ms and in µs."""
+
+_AROUND = 8
+"""Stamps before and after one that fell, among which the wrong ones are sought."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """Host times (n,) ns of an instrument's stamps; u_s (n,): of those alone that its clock does not tell.
+
+    restarts: how often the clock began anew; wrong: how many stamps were left out.
+    """
+
+    ns: Array
+    u_s: Array
+    restarts: int = 0
+    wrong: int = 0
+
+
+def through_clock(device_s: Array, host_ns: Array) -> Fitted:
+    """When the host's clock showed what the instrument's showed, device_s (n,); host_ns (n,), the arrivals or any other
+    bound that is never too early. The host's own where the instrument has no clock."""
+    if len(device_s) < 3 or not np.isfinite(device_s).all():
+        return Fitted(host_ns, np.zeros(len(host_ns)))
+    device_s = unwrapped(device_s, host_ns)
+    wrong = out_of_order(device_s)
+    good = np.flatnonzero(~wrong)
+    ticks, passed = np.diff(device_s[good]), np.diff(host_ns[good]) / 1e9
+    starts = np.flatnonzero((ticks < 0) | (np.abs(ticks - passed) > _LEAP_S)) + 1
+    ns, low = np.empty(len(host_ns)), np.zeros(len(host_ns), dtype=bool)
+    for piece in np.split(good, starts):
+        ns[piece], low[piece] = _fitted(device_s[piece], host_ns[piece])
+    return _by_arrival(ns, host_ns, wrong | low, len(starts))
+
+
+def unwrapped(device_s: Array, host_ns: Array) -> Array:
+    """Stamps (n,) s of a counter, going on where it wrapped: where it fell by just what it can count to."""
+    ticks, passed = np.diff(device_s), np.diff(host_ns) / 1e9
+    added = np.zeros(len(ticks))
+    for wrap_s in _WRAPS_S:
+        added[(ticks < 0) & (np.abs(ticks + wrap_s - passed) < _LEAP_S)] = wrap_s
+        added[(ticks > 0) & (np.abs(ticks - wrap_s - passed) < _LEAP_S)] = -wrap_s  # one message of before, come late
+    going_on: Array = device_s + np.concatenate([[0.0], np.cumsum(added)])
+    return going_on
+
+
+def out_of_order(device_s: Array) -> Mask:
+    """Which stamps (n,) are wrong by themselves: the fewest without which those around them are in order.
+
+    Where that would be many, the clock began anew, and none is wrong.
+    """
+    wrong = np.zeros(len(device_s), dtype=bool)
+    for fell in (np.flatnonzero(np.diff(device_s) < 0) + 1).tolist():
+        around = np.arange(max(0, fell - _AROUND), min(len(device_s), fell + _AROUND))
+        odd = np.delete(around, _longest_in_order(device_s[around].tolist()))
+        if len(odd) <= _AROUND // 2:
+            wrong[odd] = True
+    return wrong
+
+
+def _longest_in_order(values: Sequence[float]) -> list[int]:
+    """Places of the longest part of some values that never falls, by patience sorting."""
+    piles: list[float] = []
+    tops: list[int] = []
+    below: list[int] = []
+    for place, value in enumerate(values):
+        pile = bisect_right(piles, value)
+        below.append(tops[pile - 1] if pile else -1)
+        piles[pile : pile + 1], tops[pile : pile + 1] = [value], [place]
+    longest, place = [], tops[-1]
+    while place >= 0:
+        longest.append(place)
+        place = below[place]
+    return longest
+
+
+def _fitted(device_s: Array, host_ns: Array) -> tuple[Array, Mask]:
+    if len(device_s) < 3 or np.ptp(device_s) == 0:
+        return host_ns, np.zeros(len(host_ns), dtype=bool)
+    since_s = device_s - device_s[0]
+    line, low = floor(since_s, (host_ns - host_ns[0]) / 1e9 - since_s)
+    return host_ns[0] + 1e9 * (since_s + line), low
+
+
+def _by_arrival(ns: Array, host_ns: Array, wrong: Mask, restarts: int) -> Fitted:
+    """Where the stamp is wrong, the arrival less the usual delay takes its place."""
+    u_s = np.zeros(len(ns))
+    if wrong.any() and not wrong.all():
+        delay = (host_ns - ns)[~wrong]
+        ns = np.where(wrong, host_ns - np.median(delay), ns)
+        u_s[wrong] = delay.std() / 1e9
+    return Fitted(ns, u_s, restarts, int(wrong.sum()))

@@ -1,0 +1,77 @@
+"""A clock out of nothing but messages that come at a steady pace: their number, where none is missing.
+
+An instrument that speaks unasked and without a clock speaks at its own steady pace. Message n was sent at
+n periods, and arrived some delay later; with n as its clock the floor of the delays tells when. An adapter that holds
+bytes for 16 ms is seen through that way.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.kinematics.arm import Array
+from analysis.reading.own_clock import Fitted, through_clock
+
+_AHEAD = 32
+"""Messages of which one is hardly late: some beats of a period against an adapter's timer."""
+_EARLY = 0.15
+"""Of a period: how much the least delay may fall, by the beat and by a period not yet well known."""
+_ROUNDS = 3
+
+Integers = NDArray[np.int64]
+
+
+def through_pace(host_ns: Array) -> Fitted:
+    """Host times (n,) ns of messages that arrived at host_ns (n,).
+
+    The arrivals themselves where there is no steady pace in them: where the times that follow are further from the
+    arrivals than the arrivals are from even. How uneven they come is then their uncertainty.
+    """
+    as_come = Fitted(host_ns, _uneven_s(host_ns))
+    if len(host_ns) < 2 * _AHEAD:
+        return as_come
+    number = np.arange(len(host_ns), dtype=np.int64)
+    for _ in range(_ROUNDS):
+        period_ns = float(np.median(_periods(number, host_ns)))
+        number = numbered(host_ns, period_ns)
+    fitted = through_clock(number.astype(float) * period_ns / 1e9, host_ns)
+    steady = np.std(host_ns - fitted.ns) < np.std(np.diff(host_ns) / np.maximum(np.diff(number), 1))
+    return fitted if steady and not fitted.restarts else as_come
+
+
+def numbered(host_ns: Array, period_ns: float) -> Integers:
+    """Which message of the series each arrival (n,) is, (n,): where one is missing all that follow are a period late.
+
+    Any may be late for its own reasons, but hardly all of the next `_AHEAD`. Among the last of a run nothing missing
+    can be told.
+    """
+    along = np.arange(len(host_ns), dtype=np.int64)
+    late = host_ns - along * period_ns
+    least = np.lib.stride_tricks.sliding_window_view(late, _AHEAD).min(axis=1)
+    missing = np.zeros(len(host_ns), dtype=np.int64)
+    before = np.full(_AHEAD, least[0])
+    for k, ahead in enumerate(least.tolist()):
+        missing[k] = math.floor((ahead - before.min()) / period_ns + _EARLY)
+        before[k % _AHEAD] = ahead - missing[k] * period_ns
+    missing[len(least) :] = missing[len(least) - 1]
+    # What is missing stays so: a stall longer than the look ahead was none.
+    return along + np.minimum.accumulate(missing[::-1])[::-1]
+
+
+def _uneven_s(host_ns: Array) -> Array:
+    """Standard uncertainty (n,) s of arrivals that may be late by as much as they are uneven: as usual, and each."""
+    if len(host_ns) < 2:
+        return np.zeros(len(host_ns))
+    steps = np.diff(host_ns)
+    off = np.abs(steps - np.median(steps))
+    usual = off[off <= np.quantile(off, 0.9)].mean()
+    return np.asarray(np.hypot(usual, np.concatenate([off[:1], off])) / math.sqrt(3) / 1e9)
+
+
+def _periods(number: Integers, host_ns: Array) -> Array:
+    """Periods in ns by messages a quarter of a run apart."""
+    apart = len(number) // 4
+    return np.asarray((host_ns[apart:] - host_ns[:-apart]) / (number[apart:] - number[:-apart]))

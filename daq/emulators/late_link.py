@@ -1,0 +1,40 @@
+"""A network that delivers late: each piece that is sent waits a random time, and none overtakes another."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections import deque
+
+from daq.runner import ByteLink
+
+
+class LateLink:
+    """A link whose sendings are late by `jitter_ms` on average, exponentially distributed."""
+
+    def __init__(self, link: ByteLink, jitter_ms: float, seed: int = 0) -> None:
+        self._link = link
+        self._rate = 1e-6 / jitter_ms
+        self._random = random.Random(seed)
+        self._waiting: deque[tuple[int, bytes]] = deque()
+        self._last_ns = 0
+
+    def read(self, timeout_s: float) -> bytes:
+        """As of the link itself, sending meanwhile what is due. Raises LinkLost."""
+        until_ns = time.monotonic_ns() + round(timeout_s * 1e9)
+        while True:
+            self._send_due()
+            next_ns = min(until_ns, self._waiting[0][0]) if self._waiting else until_ns
+            data = self._link.read(max(0, next_ns - time.monotonic_ns()) / 1e9)
+            if data or time.monotonic_ns() >= until_ns:
+                return data
+
+    def write(self, data: bytes) -> None:
+        """Take it; it goes when its time has come. Raises LinkLost."""
+        self._last_ns = max(self._last_ns, time.monotonic_ns() + round(self._random.expovariate(self._rate)))
+        self._waiting.append((self._last_ns, data))
+        self._send_due()
+
+    def _send_due(self) -> None:
+        while self._waiting and self._waiting[0][0] <= time.monotonic_ns():
+            self._link.write(self._waiting.popleft()[1])

@@ -1,0 +1,65 @@
+"""The lag of the gauges behind the robot, from an acw and a cw circle, and what is said where it cannot be told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.model.simulate import simulate
+from analysis.reading.lap import lap_of
+from analysis.reading.simulated_runs import write_simulated
+from analysis.reporting.report import as_object, as_tables
+from analysis.reporting.results import analyse_run
+from analysis.tests.circularity import circle_at, fit_circle
+from analysis.tests.curve import Curve, curve_of
+from analysis.tests.lag import lag_of
+from rigs.effects import Effect, TimeLag
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.vocabulary import Direction
+
+LAGGING = TimeLag(effect="time_lag", lag_s=0.005)
+
+
+def distance(rig: Rig, direction: Direction, seed: int | None, effects: list[Effect]) -> Curve:
+    lap = lap_of(simulate(rig, "yaw", direction, seed, effects), rig, direction)
+    mean, radius = lap.g_mm.mean(axis=1), lap.frame.radius
+    return curve_of(lap, mean, circle_at(lap.phi, fit_circle(lap.phi, mean, radius), radius))
+
+
+@pytest.mark.parametrize("lag_s", [0.005, -0.02, 0.0])
+def test_a_lag_is_found_where_nothing_else_reverses(lag_s: float) -> None:
+    rig, _ = load("ur10e")
+    effects: list[Effect] = [TimeLag(effect="time_lag", lag_s=lag_s)] if lag_s else []
+    acw, cw = (distance(rig, direction, None, effects) for direction in ("acw", "cw"))
+    found = lag_of([(acw, cw)], [1.0], 100)
+    assert found.value == pytest.approx(1e3 * lag_s, abs=0.2)
+    assert 1 < found.u < 20, "another run never meets the ball at quite the same place"
+
+
+def test_play_widens_the_uncertainty_that_covers_the_lag() -> None:
+    """With the robot's own plays, and with noise and scatter of four pairs of runs."""
+    rig, _ = load("ur10e")
+    for effects, least_ms in (([LAGGING], 1.0), ([LAGGING, *rig.effects], 20.0)):
+        off = []
+        for seed in range(4):
+            acw, cw = (distance(rig, direction, 2 * seed + k, effects) for k, direction in enumerate(("acw", "cw")))
+            found = lag_of([(acw, cw)], [1.0], 100)
+            assert found.u > least_ms
+            off.append((found.value - 5) / found.u)
+        assert np.max(np.abs(off)) <= 3
+
+
+def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp_path: Path) -> None:
+    rig, text = load("ur10e")
+    runs = list(write_simulated(rig, text, "yaw", ("acw", "cw"), [3], [LAGGING], tmp_path, csv=False))
+    results = [analyse_run(path) for path in runs]
+    (told,) = as_object(results)["acw_against_cw"]
+    assert abs(told["lag"]["value"] - 5) <= 2 * told["lag"]["u"] and told["lag"]["unit"] == "ms"
+    words = [str(part) for part in as_tables(results).renderables]  # type: ignore[attr-defined]
+    assert any(line.startswith("gauges lag the robot by ") and line.endswith(" ms (not taken out)") for line in words)
+    alone = [str(part) for part in as_tables(results[:1]).renderables]  # type: ignore[attr-defined]
+    assert "a lag between gauges and robot cannot be told from one direction: analyse acw and cw together" in alone
+    assert as_object(results[:1])["acw_against_cw"] == []

@@ -1,0 +1,84 @@
+"""The uncertainty of each row's time on its way from the stamps to the figures, and what is said of bad stamps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from analysis.model.simulate import simulate
+from analysis.reading.clocks import robot_instants
+from analysis.reading.loading import measured_of
+from analysis.reading.tables import CircleTable
+from analysis.reporting.evaluate import evaluate
+from daq.protocol.conversation import NO_TIME, Sample
+from daq.store import RunWriter, read_run
+from rigs.load import load
+
+WRONG = (100, 400)
+
+
+def recorded(runs: Path) -> Path:
+    """A yaw lap by Baumer gauges over TCP that answer within 1 ms and once take 20; two stamps of the robot are odd."""
+    rig, text = load("ur10e")
+    table = simulate(rig, "yaw", "acw", 1)
+    assert isinstance(table, CircleTable)
+    data = yaml.safe_load(text)
+    for number, gauge in enumerate(data["gauges"].values()):
+        gauge |= {"port": f"tcp://127.0.0.1:{502 + number}", "clock_s": None, "clock_us": None}
+    streams = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": tuple(f"q{axis}_deg" for axis in range(1, 7))}
+    writer = RunWriter.create(
+        runs,
+        name="lap",
+        test="yaw",
+        direction="acw",
+        rig_name="ur10e",
+        rig_text=yaml.safe_dump(data),
+        operator="",
+        streams=streams,
+    )
+    for k, at in enumerate((table.t_s * 1e9).astype(int).tolist()):
+        took = 20_000_000 if k == 300 else 1_000_000
+        for g in (0, 1):
+            sample = Sample((table.g_mm[k, g],), at - took // 2, at + took // 2, at + took // 2, 31)
+            writer.append(f"g{g + 1}", [sample])
+        clock_s = 1000 + at / 1e9 + (0.1 if k in WRONG else 0)
+        late = at + 200_000 + 3_000_000 * (k % 7)
+        writer.append("robot", [Sample(tuple(np.degrees(table.q[k])), NO_TIME, late, late, 63, clock_s)])
+    writer.close("complete", "told to", {})
+    return writer.path
+
+
+def test_each_row_carries_its_own_uncertainty_into_the_figures(tmp_path: Path) -> None:
+    measured = measured_of(read_run(recorded(tmp_path)))
+    table = measured.table
+    assert isinstance(table, CircleTable) and table.u_t_s is not None
+    assert len(table.u_t_s) == len(table.t_s)
+    assert f"robot: {len(WRONG)} stamps of its clock make no sense; those rows go by their arrival" in measured.doubts
+    uncertain = np.flatnonzero(table.u_t_s > 1e-4)
+    assert 3 <= len(uncertain) <= 8, "the slow answer, and those beside the odd stamps"
+    assert table.u_t_s.max() == pytest.approx(20e-3 / np.sqrt(12), rel=0.3)
+    assert np.median(table.u_t_s) < 1e-5
+    said = [
+        evaluate(replace(table, u_t_s=own), measured.rig, measured.u_lag_s, "lap").figures["eccentricity_mm"].u
+        for own in (None, table.u_t_s, np.full(len(table.t_s), 0.5))
+    ]
+    assert said[0] == pytest.approx(said[1], rel=0.2)
+    assert said[2] > 3 * said[0]
+
+
+def test_a_robot_that_is_asked_stood_there_between_request_and_answer() -> None:
+    asked_ns = np.arange(500) * 10_000_000
+    took_ns = np.where(np.arange(500) % 10, 1_000_000, 9_000_000)
+    stream = {
+        "requested_ns": asked_ns,
+        "first_byte_ns": asked_ns + took_ns,
+        "device_time_s": np.full(500, np.nan),
+    }
+    found = robot_instants(stream)
+    np.testing.assert_allclose(found.ns, asked_ns + took_ns / 2)
+    assert found.u_s == pytest.approx(1e-3 / np.sqrt(12), rel=0.01)
+    assert found.own_u_s[0] == pytest.approx(np.sqrt(80 / 12) * 1e-3, rel=0.01) and found.own_u_s[1] == 0

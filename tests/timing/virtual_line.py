@@ -1,0 +1,95 @@
+"""Two sides of a protocol joined by a line in simulated time, character by character.
+
+What a real line does to stamps is all here: the request's wire time, the instrument that thinks before it answers, the
+answer's wire time, an adapter that holds bytes back, a network with jitter, a host that wakes late.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import count
+
+from daq.emulators.latency_timer import LatencyTimer
+from daq.protocol.conversation import Conversation, Device, Item, Step
+
+
+@dataclass(frozen=True)
+class Wire:
+    """character_ns: of one character, 0 over a network. latency_ms: of an FTDI's timer. latch_ns, answer_ns: from the
+    end of a request to the reading that answers it, and to its first character. late_ns: how much later than the
+    adapter or the controller sent it a piece is read; none overtakes another."""
+
+    character_ns: int = 0
+    latency_ms: float = 0.0
+    latch_ns: Callable[[], int] = lambda: 0
+    answer_ns: Callable[[], int] = lambda: 0
+    late_ns: Callable[[], int] = lambda: 0
+
+
+def run(host: Conversation, device: Device, wire: Wire, until_ns: int) -> list[Item]:
+    """What the host makes of it until then."""
+    return _Run(host, device, wire).to(until_ns)
+
+
+class _Run:
+    def __init__(self, host: Conversation, device: Device, wire: Wire) -> None:
+        self.host, self.device, self.wire = host, device, wire
+        self.items: list[Item] = []
+        self._events: list[tuple[int, int, Callable[[int], None]]] = []
+        self._numbers = count()
+        self._out_free_ns = self._in_free_ns = self._read_ns = 0
+        self._awaited = {"host": 0, "device": 0}
+        self._adapter = LatencyTimer(wire.latency_ms, 0)
+
+    def to(self, until_ns: int) -> list[Item]:
+        self._at(0, lambda now: self._device_does(self.device.connected(now), now))
+        self._at(0, lambda now: self._host_does(self.host.connected(now), now))
+        while self._events and self._events[0][0] <= until_ns:
+            now_ns, _, act = heapq.heappop(self._events)
+            act(now_ns)
+        return self.items
+
+    def _at(self, at_ns: int, act: Callable[[int], None]) -> None:
+        heapq.heappush(self._events, (at_ns, next(self._numbers), act))
+
+    def _wake(self, side: str, at_ns: int, act: Callable[[int], None]) -> None:
+        """Unless something else happens to that side before."""
+        self._awaited[side] = number = next(self._numbers)
+        self._at(at_ns, lambda now: act(now) if self._awaited[side] == number else None)
+
+    def _host_does(self, step: Step, now_ns: int) -> None:
+        self.items += step.items
+        self._awaited["host"] = -1
+        if step.wake_ns is not None:
+            self._wake("host", max(step.wake_ns, now_ns), lambda now: self._host_does(self.host.tick(now), now))
+        if step.send:
+            self._out_free_ns = max(self._out_free_ns, now_ns) + len(step.send) * self.wire.character_ns
+            self._at(self._out_free_ns, lambda now: self._ask(step.send, now))
+
+    def _ask(self, data: bytes, now_ns: int) -> None:
+        latch_ns = self.wire.latch_ns()
+        begin_ns = now_ns + max(latch_ns, self.wire.answer_ns())
+        self._at(now_ns + latch_ns, lambda now: self._device_does(self.device.received(data, now), begin_ns))
+
+    def _device_does(self, step: Step, begin_ns: int) -> None:
+        self._awaited["device"] = -1
+        self._in_free_ns = max(self._in_free_ns, begin_ns) if step.send else self._in_free_ns
+        pieces = [bytes([byte]) for byte in step.send] if self.wire.character_ns else [step.send] if step.send else []
+        for piece in pieces:
+            self._in_free_ns += self.wire.character_ns
+            self._at(self._in_free_ns, lambda now, piece=piece: self._through(piece, now))  # type: ignore[misc]
+        if step.wake_ns is not None:
+            at_ns = max(step.wake_ns, self._in_free_ns)
+            self._wake("device", at_ns, lambda now: self._device_does(self.device.tick(now), now))
+
+    def _through(self, piece: bytes, now_ns: int) -> None:
+        self._adapter.add(piece, now_ns)
+        if self._adapter.due_ns is not None:
+            self._at(self._adapter.due_ns, self._release)
+
+    def _release(self, now_ns: int) -> None:
+        if data := self._adapter.take(now_ns):
+            self._read_ns = max(self._read_ns, now_ns + self.wire.late_ns())
+            self._at(self._read_ns, lambda now: self._host_does(self.host.received(data, now), now))
