@@ -164,7 +164,8 @@ class Recorder(threading.Thread):
         samples, faults = samples_of(items), faults_of(items)
         self._counters[name]["samples"] += len(samples)
         for fault in faults:
-            self._counters[name][fault.kind] += fault.count
+            if fault.count:
+                self._counters[name][fault.kind] += fault.count
         writer.append(name, samples)
         writer.append_faults(name, faults)
 
@@ -196,7 +197,13 @@ class Recorder(threading.Thread):
                 raise CellError(what, f"no reading in the last {_FRESH_S:.0f} s ({last})", "mend it, then start again")
 
     def _tell(self, name: str, kind: str, detail: str, count: int) -> None:
-        """Log a fault, the same kind again at most every ten seconds, with how many were not told."""
+        """Log a fault, the same kind again at most every ten seconds, with how many were not told.
+
+        What says more of one that was told (count 0) comes once by itself.
+        """
+        if not count:
+            log.info("%s: %s", name, detail)
+            return
         told_at, untold = self._told.get((name, kind), (-1e9, 0))
         now = time.monotonic()
         if now - told_at < _QUIET_S:

@@ -2,6 +2,9 @@
 
 A pty passes bytes at once, whatever baud it is set to. A real line takes one character time for each, and
 that decides the stamps; so the delay is added here, a character at a time, on an absolute schedule.
+
+An adapter that is unplugged takes its tty with it and comes back on another; what stays is its name under
+`/dev/serial/by-id`. So a line may be given such a name: a symbolic link that goes and comes with the tty.
 """
 
 from __future__ import annotations
@@ -10,21 +13,36 @@ import os
 import select
 import time
 import tty
+from pathlib import Path
 
 from daq.links import LinkLost
 from rigs.links import Line
 
 
 class PtyLine:
-    """A pty whose far end, `port`, a program opens as its serial port."""
+    """A pty whose far end, `port`, a program opens as its serial port, by its `name` where it has one."""
 
-    def __init__(self, line: Line) -> None:
+    def __init__(self, line: Line, name: Path | None = None) -> None:
         self._character_ns = line.character_ns
+        self._name = name
+        self._free_ns = 0
         self._master, self._slave = os.openpty()
+        self.port = str(name or os.ttyname(self._slave))
+        self.plug()
+
+    def plug(self) -> None:
+        """Be there, under the name."""
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
-        self.port = os.ttyname(self._slave)
-        self._free_ns = 0
+        if self._name is not None:
+            self._name.parent.mkdir(parents=True, exist_ok=True)
+            self._name.symlink_to(os.ttyname(self._slave))
+
+    def unplug(self) -> None:
+        """Be gone, tty and name, until `plug`, which brings another tty."""
+        following = os.openpty()  # before the old one goes, whose number would be given again
+        self.close()
+        self._master, self._slave = following
 
     def read(self, timeout_s: float) -> bytes:
         """Bytes from the host, once the line would have carried them all."""
@@ -59,6 +77,8 @@ class PtyLine:
             sent += due
 
     def close(self) -> None:
-        """Unplug."""
+        """Be gone for good."""
+        if self._name is not None:
+            self._name.unlink(missing_ok=True)
         os.close(self._master)
         os.close(self._slave)

@@ -65,7 +65,10 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that went wrong, in words a person can use; `count` messages were affected."""
+    """Something that went wrong, in words a person can use; `count` messages were affected.
+
+    A count of 0 says more of what was counted before.
+    """
 
     kind: FaultKind
     at_ns: int

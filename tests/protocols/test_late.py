@@ -1,64 +1,33 @@
-"""An answer is never credited to a later request, however late it comes: thousands of requests in simulated time."""
+"""An answer is never credited to a later request, however late it comes: `scripts/late`, in small."""
 
 from __future__ import annotations
 
-import random
-from collections import Counter
-
 import pytest
-from drivers import TCP, keyence, modbus, sylvac
-from simulated import S, simulate
+from drivers import TCP, modbus
+from lateness import TIMEOUT_S, polled, simulated, wired
 
-import daq.gauges
-from daq.protocol.conversation import Fault, FaultKind, Sample
+from daq.protocol.conversation import FaultKind
 from daq.protocol.polled import Polled
-from rigs.gauges import Gauge
 
-TIMEOUT_S = 0.05
-SLOWEST_S = 1.9 * TIMEOUT_S
-CASES = {
-    "rtu": modbus(timeout_s=TIMEOUT_S),
-    "tcp": modbus(timeout_s=TIMEOUT_S, port=TCP),
-    "sylvac": sylvac(timeout_s=TIMEOUT_S),
-    "keyence": keyence(timeout_s=TIMEOUT_S),
-}
-
-
-def _run(gauge: Gauge, requests: int) -> tuple[list[Sample], Counter[FaultKind], list[int]]:
-    """Samples, faults, and when the n-th reading (n µm) was taken, which is when it was asked for."""
-    taken_ns: list[int] = []
-    generator = random.Random(7)
-
-    def read(now_ns: int) -> list[float]:
-        taken_ns.append(now_ns)
-        return [(len(taken_ns) - 1) * 1e-3]
-
-    host, device = daq.gauges.host([gauge]), daq.gauges.device([gauge], read)
-    until_ns = round(requests * SLOWEST_S * S)
-    items = simulate(host, device, until_ns, delay_ns=lambda: generator.randrange(round(SLOWEST_S * S)))
-    faults = Counter[FaultKind]()
-    for item in items:
-        if isinstance(item, Fault):
-            faults[item.kind] += item.count
-    return [item for item in items if isinstance(item, Sample)], faults, taken_ns
-
-
-def _strangers(samples: list[Sample], taken_ns: list[int]) -> int:
-    return sum(taken_ns[round(sample.values[0] * 1e3)] != sample.requested_ns for sample in samples)
+CASES = polled()
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_each_value_belongs_to_its_own_request(name: str) -> None:
-    samples, faults, taken_ns = _run(CASES[name], 10_000)
-    assert len(taken_ns) >= 10_000
-    assert _strangers(samples, taken_ns) == 0
-    assert len(samples) > 3000 and faults[FaultKind.SILENT] > 3000
-    assert set(faults) == {FaultKind.SILENT, FaultKind.LATE}
-    assert abs(faults[FaultKind.SILENT] - faults[FaultKind.LATE]) <= 1, "every late answer was told"
+    requests = 10_000 if name == "modbus rtu mm" else 1000
+    late = simulated(CASES[name], requests, 7)
+    assert late.requests >= requests and late.shifted == 0
+    assert late.samples > 0.3 * requests and late.faults[FaultKind.SILENT] > 0.3 * requests
+    assert set(late.faults) == {FaultKind.SILENT, FaultKind.LATE}
+    assert abs(late.faults[FaultKind.SILENT] - late.faults[FaultKind.LATE]) <= 1, "every late answer was told"
 
 
-@pytest.mark.parametrize("name", ["rtu", "sylvac", "keyence"])
+@pytest.mark.parametrize("name", [name for name, gauge in CASES.items() if gauge.port != TCP])
 def test_without_the_drain_answers_are_one_behind(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Polled, "_give_up", lambda self, items, now_ns: self._ask(items, now_ns))
-    samples, _, taken_ns = _run(CASES[name], 500)
-    assert _strangers(samples, taken_ns) > 50
+    assert simulated(CASES[name], 500, 7).shifted > 50
+
+
+def test_over_a_pty_as_well() -> None:
+    late = wired(modbus(timeout_s=TIMEOUT_S), 20, 7)
+    assert late.requests >= 20 and late.shifted == 0 and late.samples
