@@ -18,6 +18,7 @@ from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from daq.protocol.framing import Framer, Message, Sized
+from daq.protocol.probes import Probes
 from rigs.gauges import Register
 from rigs.links import tcp_address
 
@@ -61,6 +62,8 @@ class Wire:
         self.numbered = tcp_address(block.port) is not None
         """Whether requests and replies carry a transaction id."""
         self.frames: Framer
+        self.probes = Probes(block.count)
+        """Which answer is awaited on a serial line."""
         self._block = block
         codec = DecodePDU(is_server=serving)
         self._framer = FramerSocket(codec) if self.numbered else FramerRTU(codec)
@@ -74,10 +77,11 @@ class Wire:
         return self._framer.buildFrame(pdu)
 
     def request(self, number: int) -> bytes:
-        """The read of the whole block."""
+        """The read of the whole block; on a serial line it may be a probe, a read of another length."""
         b = self._block
         kind = _REQUEST[b.function]
-        return self.encode(kind(dev_id=b.unit, transaction_id=number, address=b.address, count=b.count))
+        count = b.count if self.numbered else self.probes.ask()
+        return self.encode(kind(dev_id=b.unit, transaction_id=number, address=b.address, count=count))
 
     def open(self, frame: bytes) -> tuple[int, int, bytes]:
         """Unit, transaction id and content of a frame; no content if its checksum is wrong."""
@@ -94,7 +98,7 @@ class Wire:
             return None
         if function & 0x80:
             return 5
-        return 5 + size if size == 2 * self._block.count else None
+        return 5 + size if size / 2 in (self._block.count, *self.probes.counts) else None
 
 
 def _tcp_length(head: bytes) -> int | None:

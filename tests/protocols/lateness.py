@@ -139,5 +139,3 @@ def _counted(faults: Sequence[Fault]) -> Counter[FaultKind]:
     for fault in faults:
         counts[fault.kind] += fault.count
     return counts
-
-

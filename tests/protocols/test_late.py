@@ -7,14 +7,18 @@ from drivers import TCP, modbus
 from lateness import TIMEOUT_S, polled, simulated, wired
 
 from daq.protocol.conversation import FaultKind
+from daq.protocol.framing import Message
+from daq.protocol.modbus import RtuRequests
 from daq.protocol.polled import Polled
+from daq.protocol.probes import Probes
 
 CASES = polled()
+RTU = modbus(timeout_s=TIMEOUT_S)
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_each_value_belongs_to_its_own_request(name: str) -> None:
-    requests = 10_000 if name == "modbus rtu mm" else 1000
+    requests = 10_000 if name == "modbus rtu mm" else 300
     late = simulated(CASES[name], requests, 7)
     assert late.requests >= requests and late.shifted == 0
     assert late.samples > 0.3 * requests and late.faults[FaultKind.SILENT] > 0.3 * requests
@@ -25,9 +29,27 @@ def test_each_value_belongs_to_its_own_request(name: str) -> None:
 @pytest.mark.parametrize("name", [name for name, gauge in CASES.items() if gauge.port != TCP])
 def test_without_the_drain_answers_are_one_behind(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Polled, "_give_up", lambda self, items, now_ns: self._ask(items, now_ns))
+    monkeypatch.setattr(Probes, "ask", lambda self: self.asked)
     assert simulated(CASES[name], 500, 7).shifted > 50
 
 
+def test_the_drain_alone_does_not_hold_back_an_answer_of_three_time_outs(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert simulated(RTU, 500, 7, slowest=3).shifted == 0
+    monkeypatch.setattr(Probes, "ask", lambda self: self.asked)
+    assert simulated(RTU, 500, 7, slowest=3).shifted > 50
+
+
+def test_an_instrument_that_answers_nothing_but_its_usual_request_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    answer = RtuRequests.feed
+
+    def usual(self: RtuRequests, data: bytes, now_ns: int) -> list[Message]:
+        return [message for message in answer(self, data, now_ns) if message.data[5] == RTU.count]
+
+    monkeypatch.setattr(RtuRequests, "feed", usual)
+    late = simulated(RTU, 500, 7)
+    assert late.samples > 100 and late.shifted == 0
+
+
 def test_over_a_pty_as_well() -> None:
-    late = wired(modbus(timeout_s=TIMEOUT_S), 20, 7)
-    assert late.requests >= 20 and late.shifted == 0 and late.samples
+    late = wired(RTU, 10, 7)
+    assert late.requests >= 10 and late.shifted == 0 and late.samples
