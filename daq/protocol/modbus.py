@@ -8,6 +8,7 @@ frames end with silence, which a pure protocol cannot see and adapters do not ke
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from typing import Literal, Protocol
@@ -24,6 +25,8 @@ from rigs.links import tcp_address
 
 _REQUEST = {3: ReadHoldingRegistersRequest, 4: ReadInputRegistersRequest}
 _RTU_REQUEST = 8
+logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
+"""It logs each frame that it cannot decode; here that is a fault, told as often as a person can bear."""
 _DATATYPE = {datatype.name.lower(): datatype for datatype in ModbusClientMixin.DATATYPE}
 
 

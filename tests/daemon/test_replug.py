@@ -38,7 +38,9 @@ def test_every_cable_comes_back_and_nothing_is_wrong(tmp_path: Path, kind: str) 
 def _sees_what_is_wrong(path: Path) -> None:
     run, motion = read_run(path), Clockwork()
     motion.start_ns = int(run.streams["g1"]["requested_ns"][0] - run.streams["g1"]["g1_mm"][0] / 1e-4 * 1e6)
-    behind = {name: np.roll(values, 1) if name.endswith("_mm") else values for name, values in run.streams["g1"].items()}
+    behind = {
+        name: np.roll(values, 1) if name.endswith("_mm") else values for name, values in run.streams["g1"].items()
+    }
     shifted = Run(run.path, run.manifest, run.streams | {"g1": behind}, run.faults)
     assert any("before they were asked for" in told for told in wrong(shifted, "g1", motion))
 
