@@ -22,6 +22,7 @@ from daq.protocol.conversation import Item
 from daq.recent import Recent
 from daq.store import RunWriter
 from daq.store.manifest import Ending
+from daq.watching import Watch
 from rigs.base import Part
 from rigs.errors import CellError, RigError
 from rigs.vocabulary import Direction, TestName
@@ -68,6 +69,7 @@ class Recorder(threading.Thread):
         self._stop_asked = threading.Event()
         self._writer: RunWriter | None = None
         self._label: Label | None = None
+        self._watch = Watch(touching=False)
         self._since_ns = 0
         self._counters: dict[str, Counter[str]] = {}
         self._told: dict[tuple[str, str], tuple[float, int]] = {}
@@ -101,6 +103,7 @@ class Recorder(threading.Thread):
             self._take(sync=False)
             self._counters = {name: Counter() for name in self._inboxes}
             self._writer, self._label = self._create(label), label
+            self._watch = Watch(touching=label.test in ("yaw", "roll"))
             self._since_ns = time.monotonic_ns()
             if since_ns is not None:
                 self._since_ns = since_ns
@@ -166,6 +169,7 @@ class Recorder(threading.Thread):
         for fault in faults:
             if fault.count:
                 self._counters[name][fault.kind] += fault.count
+        self._inboxes[name].deliver(self._watch.see(name, self._inboxes[name].columns, items))
         writer.append(name, samples)
         writer.append_faults(name, faults)
 

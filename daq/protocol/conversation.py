@@ -40,6 +40,8 @@ class FaultKind(StrEnum):
     """A datagram of somebody who is not the peer; left out."""
     DISCONNECTED = "disconnected"
     """The link is gone or refuses to open."""
+    DOUBTFUL = "doubtful"
+    """Readings that are well-formed, kept, and hard to believe."""
     DROPPED = "dropped"
     """Samples lost on the host for want of room."""
 

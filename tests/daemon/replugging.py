@@ -82,7 +82,7 @@ def replug(folder: Path, kind: str, cycles: int, seed: int) -> Replugged:
     found, motion = Replugged(), Clockwork()
     with Bench(folder, rig_of(kind), motion) as bench:
         bench.start()
-        said = threading.Thread(target=_swallow, args=(bench,))
+        said = threading.Thread(target=swallow, args=(bench,))
         said.start()
         streams = list(bench.all_reading()["streams"])
         path = bench.record()
@@ -184,7 +184,7 @@ def _held(bench: Bench) -> str:
     return f"{descriptors} descriptors, {len(list((process / 'task').iterdir()))} threads"
 
 
-def _swallow(bench: Bench) -> None:
+def swallow(bench: Bench) -> None:
     """A daemon whose log nobody reads would stop at a full pipe."""
     assert bench.daemon is not None and bench.daemon.stderr is not None
     bench.daemon.stderr.read()
