@@ -15,12 +15,13 @@ from replugging import KINDS, Clockwork, replug, wrong
 import daq.reader
 import daq.recorder
 from daq.inbox import Inbox
-from daq.links import Link
+from daq.links import Link, open_link
 from daq.protocol.conversation import Fault, FaultKind, Sample, Step
 from daq.reader import Reader
 from daq.store import Run, read_run
 from daq.streams import Stream, streams_of
 from rigs.errors import CellError
+from rigs.links import Line
 from rigs.load import parse
 
 
@@ -56,6 +57,27 @@ class _OneReading:
 
     def tick(self, now_ns: int) -> Step:
         return Step()
+
+
+@pytest.mark.parametrize(
+    "port", [f"/{'a' * 300}", "/dev/null", "/dev", "/dev/tty\0", "/etc/hostname/x", "/etc/hostname"]
+)
+def test_what_is_no_port_is_told_and_holds_nothing(port: str) -> None:
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    with pytest.raises(CellError):
+        open_link("g1", port, Line(baud=9600, bits=8, parity="N", stop=1))
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+def test_names_that_go_while_they_are_listed_end_no_reader(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The directory of names goes with its last port."""
+
+    def gone(self: Path) -> None:
+        raise FileNotFoundError(str(self))
+
+    monkeypatch.setattr(Path, "iterdir", gone)
+    with pytest.raises(CellError, match="plug it in"):
+        open_link("g1", "/dev/serial/by-id/usb-1", Line(baud=9600, bits=8, parity="N", stop=1))
 
 
 def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
