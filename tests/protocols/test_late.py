@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import pytest
 from drivers import TCP, modbus
-from lateness import TIMEOUT_S, polled, simulated, wired
+from lateness import TIMEOUT_S, Numbered, polled, simulated, wired
+from simulated import S, simulate
 
-from daq.protocol.conversation import FaultKind
+import daq.gauges
+from daq.inbox import samples_of
+from daq.protocol.conversation import Device, FaultKind, Step
 from daq.protocol.framing import Message
 from daq.protocol.modbus import RtuRequests
 from daq.protocol.polled import Polled
@@ -48,6 +53,40 @@ def test_an_instrument_that_answers_nothing_but_its_usual_request_is_read(monkey
     monkeypatch.setattr(RtuRequests, "feed", usual)
     late = simulated(RTU, 500, 7)
     assert late.samples > 100 and late.shifted == 0
+
+
+class _InMenu:
+    """A device whose menu is open from 2 s to 9 s: what it is asked meanwhile it reads and answers afterwards."""
+
+    sent = 0
+
+    def __init__(self, device: Device) -> None:
+        self._device, self._waiting = device, deque[bytes]()
+
+    def connected(self, now_ns: int) -> Step:
+        return self._device.connected(now_ns)
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        if self._waiting or 2 * S <= now_ns < 9 * S:
+            self._waiting.append(data)
+            return Step(wake_ns=max(now_ns, 9 * S))
+        return self._device.received(data, now_ns)
+
+    def tick(self, now_ns: int) -> Step:
+        step = self._device.received(self._waiting.popleft(), now_ns)
+        return Step(step.send, wake_ns=now_ns if self._waiting else None)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_answers_held_back_by_a_menu_come_in_one_burst_and_shift_nothing(name: str) -> None:
+    instrument = Numbered()
+    device = _InMenu(daq.gauges.device([CASES[name]], instrument.read))
+    items = simulate(daq.gauges.host([CASES[name]]), device, 12 * S, character_ns=1_000_000)
+    samples = samples_of(items)
+    early_ns = [s.requested_ns - instrument.took_ns(s) for s in samples]
+    assert sum(early > 0 for early in early_ns) <= 1 and max(early_ns) < TIMEOUT_S * S, "at most the burst's first"
+    assert all(instrument.took_ns(s) <= s.first_byte_ns for s in samples)
+    assert min(s.last_byte_ns for s in samples) < S and max(s.last_byte_ns for s in samples) > 11 * S
 
 
 def test_over_a_pty_as_well() -> None:
