@@ -110,8 +110,9 @@ def _rig_file(dice: Random) -> int:
     _put(file, text)
     with _only_lines():
         load(file)
-    with _only_lines():
-        load_effects(file)
+    if dice.random() < 0.2:  # reads it as the other does
+        with _only_lines():
+            load_effects(file)
     return 1
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from random import Random
 from types import FrameType
 
+import fuzz_control
 import fuzz_files
 import fuzz_wires
 
@@ -55,8 +56,8 @@ class Hang(BaseException):
 
 @cache
 def targets() -> dict[str, list[Callable[[Random], int]]]:
-    """Feeds by target: the interfaces, then the files."""
-    return {**fuzz_wires.wires(), **fuzz_files.files()}
+    """Feeds by target: the interfaces, the control socket, the files."""
+    return {**fuzz_wires.wires(), **fuzz_control.control(), **fuzz_files.files()}
 
 
 def is_file(target: str) -> bool:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 from fuzz_files import use
 from fuzzing import Block, is_file, run_block, targets
 
+from daq.control import reply
+from daq.daemon import _label
 from daq.gauges.sylvac_opto_rs import _Continuous
 from daq.protocol.framing import Lines
 
@@ -42,3 +45,10 @@ def test_a_conversation_that_never_recovers_is_found(monkeypatch: pytest.MonkeyP
 
     monkeypatch.setattr(Lines, "feed", stuck)
     assert "no reading after a quiet line" in run_block(Block("sylvac_opto_rs", 5, 0, 2000)).failure
+
+
+@pytest.mark.parametrize("key", ["k" * 5000, "a\nb", "\ud800"])
+def test_a_request_with_an_odd_key_gets_a_short_line(key: str) -> None:
+    asked = {"command": "record_start", "name": "x", "test": "radial", key: "v" * 5000}
+    answer = reply(json.dumps(asked).encode(), lambda request: {"run": _label(request).name})
+    assert answer["what"].isprintable() and len(answer["what"]) < 300
