@@ -198,7 +198,7 @@ def _label(request: dict[str, Any]) -> Label:
         label = Label(**{key: value for key, value in request.items() if key != "command"})
     except ValidationError as error:
         detail = error.errors(include_url=False)[0]
-        key = str(detail["loc"][0])
+        key = str(detail["loc"][0]) if detail["loc"] else "a key"
         named = key if key.isidentifier() and len(key) < _BRIEF else _short(key)
         what = f"{named} {_short(detail['input'])} will not do: {detail['msg']}"
         raise CellError("recording", what, "see rig record start --help") from None

@@ -14,6 +14,7 @@ from replugging import KINDS, Clockwork, replug, wrong
 
 import daq.reader
 import daq.recorder
+import daq.streams
 from daq.inbox import Inbox
 from daq.links import Link, open_link
 from daq.protocol.conversation import Fault, FaultKind, Sample, Step
@@ -87,7 +88,7 @@ def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch
     stream = Stream(gauge.name, ("g1_mm",), gauge.port, gauge.line, _OneReading)
     inbox, attempts, ended = Inbox(stream.name, stream.columns), [], threading.Event()
 
-    def open_link(*_: object) -> Link:
+    def opened(*_: object, **__: object) -> Link:
         attempts.append(None)
         if len(attempts) == 40:
             return Link("g1", -1, lambda: None)
@@ -95,7 +96,7 @@ def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch
             ended.set()
         raise CellError("g1", "no such port" if len(attempts) < 20 else "permission denied", "plug it in")
 
-    monkeypatch.setattr(daq.reader, "open_link", open_link)
+    monkeypatch.setattr(daq.streams, "open_link", opened)
     reader = Reader(stream, inbox, Link("g1", -1, lambda: None))
     reader.start()
     assert ended.wait(PATIENCE_S)

@@ -50,9 +50,11 @@ def _bytes(dice: Random) -> int:
 def _values(dice: Random) -> int:
     request = dict(dice.choice(_GOOD))
     for _ in range(dice.randrange(3)):
-        request[dice.choice(["command", "name", "test", "direction", "operator", "self", "", "model_config"])] = (
-            dice.choice(_VALUES)
-        )
+        request[
+            dice.choice(
+                ["command", "name", "test", "direction", "operator", "self", "", "\ud800", "k" * 3000, "model_config"]
+            )
+        ] = dice.choice(_VALUES)
     return _ask(json.dumps(request).encode())
 
 

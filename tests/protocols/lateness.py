@@ -19,7 +19,6 @@ from simulated import S, simulate
 import daq.gauges
 from daq.emulators.pty_line import PtyLine
 from daq.inbox import Inbox, faults_of, samples_of
-from daq.links import open_link
 from daq.protocol.conversation import Device, Fault, FaultKind, Item, Sample, Step
 from daq.protocol.polled import Polled
 from daq.reader import Reader
@@ -90,7 +89,7 @@ def wired(gauge: Gauge, requests: int, seed: int) -> Late:
     stream = Stream("g1", ("g1_mm",), line.port, gauge.line, partial(daq.gauges.host, [gauge]))
     inbox, items = Inbox(stream.name, stream.columns), list[Item]()
     serve = Thread(target=converse, args=(line, device, lambda _: None, stop.is_set))
-    reader = Reader(stream, inbox, open_link(stream.name, stream.port, stream.line))
+    reader = Reader(stream, inbox, stream.open())
     serve.start()
     reader.start()
     try:
