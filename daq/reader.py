@@ -1,8 +1,8 @@
 """One thread a link: opens it, runs the conversation, and opens it again whenever it is lost.
 
-A link that is lost makes one DISCONNECTED fault. What follows until the next sample is the same outage, however
-often the port refuses to open meanwhile: each new reason is told once, and the first sample ends it with how long
-it was, both as faults of count 0. Between two attempts the reader pauses, longer each time up to a bound.
+A link that is lost makes one DISCONNECTED fault. Until the next sample it is the same outage, however often the port
+refuses to open: each reason for that is told once, and the first sample tells how long the outage was, both as faults
+of count 0. Between two attempts the reader pauses, longer each time up to a bound.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Reader(threading.Thread):
         self._lost_ns: int | None = None
         """Since when there is an outage; None while there is none."""
         self._reasons: set[str] = set()
-        """Those told in this outage."""
+        """Why the port would not open, as told in this outage."""
 
     def stop(self) -> None:
         """Ask the thread to end; join it afterwards."""
@@ -78,7 +78,8 @@ class Reader(threading.Thread):
             self._link = None
         self._note(Mark.LOST, reason)
         if not self._stop_asked.is_set():
-            self._lost(f"{self._stream.port} lost: {reason}; opening it again")
+            self._lost_ns = self._lost_ns or time.monotonic_ns()
+            self._tell(f"{self._stream.port} lost: {reason}; opening it again", 1)
             self._wait()
 
     def _deliver(self, items: Sequence[Item]) -> None:
@@ -91,7 +92,9 @@ class Reader(threading.Thread):
             with self._inbox.opening():
                 self._link = self._stream.open()
         except CellError as error:
-            self._lost(str(error))
+            if str(error) not in self._reasons:
+                self._reasons.add(str(error))
+                self._tell(str(error), 0)
             self._wait()
 
     def _wait(self) -> None:
@@ -102,15 +105,6 @@ class Reader(threading.Thread):
             if time.monotonic() >= until:
                 break
         self._pause_s = min(_LONGEST_PAUSE_S, 2 * self._pause_s)
-
-    def _lost(self, reason: str) -> None:
-        """An outage begins, or has one reason more."""
-        begins = self._lost_ns is None
-        if begins:
-            self._lost_ns = time.monotonic_ns()
-        if reason not in self._reasons:
-            self._reasons.add(reason)
-            self._tell(reason, int(begins))
 
     def _back(self, lost_ns: int) -> None:
         """The outage ends."""
