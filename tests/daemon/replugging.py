@@ -158,7 +158,8 @@ def wrong(run: Run, stream: str, motion: Clockwork) -> list[str]:
     rows = run.streams[stream]
     columns = run.manifest.streams[stream]
     taken = motion.taken_ns(columns[0], rows[columns[0]])
-    gaps = [fault["at_ns"] for fault in run.faults if fault["stream"] == stream and fault["count"]]
+    lost = [fault for fault in run.faults if fault["stream"] == stream and fault["kind"] == "disconnected"]
+    gaps = [fault["at_ns"] for fault in lost if fault["count"]]
     last_gap = np.searchsorted(np.sort(gaps), rows["last_byte_ns"])
     since = np.concatenate([[0], np.sort(gaps)])[last_gap]
     asked = np.maximum(rows["requested_ns"], 0)
