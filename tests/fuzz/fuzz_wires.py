@@ -20,6 +20,7 @@ import daq.gauges
 from daq.protocol.conversation import Conversation, Device, Item, Sample, Step
 from daq.protocol.framing import LIMIT
 from daq.store.schema import batch_of, schema_of
+from rigs.feedback import carries_signal
 
 INPUTS = 20
 """To one conversation."""
@@ -38,8 +39,9 @@ def wires() -> dict[str, list[Feed]]:
         host, device = partial(daq.gauges.host, gauges), partial(daq.gauges.device, gauges, _Readings(len(gauges)))
         found.setdefault(gauges[0].interface, []).extend(_sides(host, device, len(gauges)))
     for _, feedback in FEEDBACKS:
-        host, device = partial(daq.feedback.host, feedback), partial(daq.feedback.device, feedback, _Readings(6))
-        found.setdefault(feedback.interface, []).extend(_sides(host, device, 6))
+        width = 6 + carries_signal(feedback)
+        host, device = partial(daq.feedback.host, feedback), partial(daq.feedback.device, feedback, _Readings(width))
+        found.setdefault(feedback.interface, []).extend(_sides(host, device, width))
     return found
 
 
