@@ -1,4 +1,4 @@
-"""Records for MINUTES and watches memory, descriptors and threads: flat once warm, or exit code 1.
+"""Records for MINUTES and watches memory, descriptors and threads: flat from the second third on, or exit code 1.
 
 In real time it is the real daemon on an emulated cell; with --times 30 the daemon's inboxes, writer and store are given
 half an hour's items in a minute.
