@@ -32,6 +32,7 @@ from rigs.errors import CellError, RigError
 from rigs.rig import Rig
 
 log = logging.getLogger("rigd")
+_BRIEF = 80
 _HEART_STOPS_S = 5.0
 _LEAVE_S = 3.0
 """For a reader to let go of its port; one that waits for the name of a host is left behind, as is a long recovery."""
@@ -113,7 +114,7 @@ class Daemon:
                 return {"run": str(ended.path), "counters": ended.counters}
             case other:
                 known = "known: status, metrics, record_start, record_stop"
-                raise CellError("rigd", f"unknown command {other!r}", known)
+                raise CellError("rigd", f"unknown command {_short(other)}", known)
 
     def _open_links(self) -> dict[str, Link]:
         links: dict[str, Link] = {}
@@ -191,12 +192,20 @@ def _disk(runs: Path) -> dict[str, int] | None:
     return {"free_bytes": usage.free, "size_bytes": usage.total}
 
 
+def _short(given: object) -> str:
+    """What a client gave, as far as a line can bear it."""
+    text = repr(given)
+    return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
+
+
 def _label(request: dict[str, Any]) -> Label:
     try:
         label = Label(**{key: value for key, value in request.items() if key != "command"})
     except ValidationError as error:
         detail = error.errors(include_url=False)[0]
-        what = f"{detail['loc'][0]} {detail['input']!r} will not do: {detail['msg']}"
+        key = str(detail["loc"][0]) if detail["loc"] else "a key"
+        named = key if key.isidentifier() and len(key) < _BRIEF else _short(key)
+        what = f"{named} {_short(detail['input'])} will not do: {detail['msg']}"
         raise CellError("recording", what, "see rig record start --help") from None
     if label.test in ("yaw", "roll") and label.direction is None:
         raise CellError(f"{label.test} test", "needs its direction", "add --direction cw or --direction acw")

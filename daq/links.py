@@ -14,6 +14,7 @@ since one `select` and one `read` a piece is what keeps the stamps close to the 
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import math
 import os
@@ -94,8 +95,9 @@ class Link:
             raise LinkLost(str(error)) from None
 
     def close(self) -> None:
-        """Let go of the device; safe to call twice."""
-        self._close()
+        """Let go of the device; safe to call twice, and of one that is gone."""
+        with contextlib.suppress(OSError):
+            self._close()
 
     def heed(self, items: Sequence[Item]) -> None:
         """What the conversation made of what was read last."""
@@ -235,9 +237,9 @@ def _watch(sock: socket.socket, dead_s: float) -> None:
 
 def _open_serial(name: str, port: str, line: Line) -> Link:
     where = f"{name}, {port}"
-    if not Path(port).exists():
-        raise CellError(where, "no such port", f"plug it in, or correct the port; ports here: {_ports()}")
     try:
+        if not Path(port).exists():
+            raise CellError(where, "no such port", f"plug it in, or correct the port; ports here: {_ports()}")
         device = _configured(port, line)
     except serial.SerialException as error:
         raise CellError(where, *_serial_trouble(error)) from None
@@ -274,7 +276,8 @@ def _serial_trouble(error: serial.SerialException) -> tuple[str, str]:
 
 
 def _ports() -> str:
-    by_id = Path("/dev/serial/by-id")
-    names = sorted(map(str, by_id.iterdir())) if by_id.is_dir() else []
+    names: list[str] = []
+    with contextlib.suppress(OSError):  # no such directory, or gone with its last port
+        names = sorted(map(str, Path("/dev/serial/by-id").iterdir()))
     names = names or sorted(str(path) for kind in ("ttyUSB*", "ttyACM*") for path in Path("/dev").glob(kind))
     return ", ".join(names) or "none"

@@ -1,8 +1,12 @@
-"""One thread a link: opens it, runs the conversation, and opens it again whenever it is lost."""
+"""One thread a link: opens it, runs the conversation, and opens it again whenever it is lost.
+
+A link that is lost makes one DISCONNECTED fault. Until the next sample it is the same outage, however often the port
+refuses to open: each reason for that is told once, and the first sample tells how long the outage was, both as faults
+of count 0. Between two attempts the reader pauses, longer each time up to a bound.
+"""
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
 from collections.abc import Sequence
@@ -10,13 +14,12 @@ from collections.abc import Sequence
 from daq.capture import Mark
 from daq.inbox import Inbox
 from daq.links import Link, LinkLost
-from daq.protocol.conversation import Fault, FaultKind, Item
+from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 from daq.runner import converse
 from daq.streams import Stream
 from daq.tap import Tap
 from rigs.errors import CellError
 
-log = logging.getLogger("rigd")
 _FIRST_PAUSE_S = 0.2
 _LONGEST_PAUSE_S = 5.0
 
@@ -30,6 +33,10 @@ class Reader(threading.Thread):
         self._link: Link | None = link
         self._stop_asked = threading.Event()
         self._pause_s = _FIRST_PAUSE_S
+        self._lost_ns: int | None = None
+        """Since when there is an outage; None while there is none."""
+        self._reasons: set[str] = set()
+        """Why the port would not open, as told in this outage."""
 
     def stop(self) -> None:
         """Ask the thread to end; join it afterwards."""
@@ -47,14 +54,13 @@ class Reader(threading.Thread):
             self._link.close()
 
     def _read(self, link: Link) -> None:
-        before = self._inbox.state().counters.get("samples", 0)
         self._inbox.connected = True
         self._note(Mark.OPENED, self._stream.port)
         tapped = self._tap.on(self._stream.name, link) if self._tap else link
 
         def deliver(items: Sequence[Item]) -> None:
             link.heed(items)
-            self._inbox.deliver(items)
+            self._deliver(items)
 
         def alive() -> None:
             self._inbox.beat()
@@ -71,19 +77,24 @@ class Reader(threading.Thread):
             link.close()
             self._link = None
         self._note(Mark.LOST, reason)
-        if self._inbox.state().counters.get("samples", 0) > before:
-            self._pause_s = _FIRST_PAUSE_S
         if not self._stop_asked.is_set():
-            self._fault(f"{self._stream.port} lost: {reason}; opening it again")
+            self._lost_ns = self._lost_ns or time.monotonic_ns()
+            self._tell(f"{self._stream.port} lost: {reason}; opening it again", 1)
             self._wait()
+
+    def _deliver(self, items: Sequence[Item]) -> None:
+        if self._lost_ns is not None and any(isinstance(item, Sample) for item in items):
+            self._back(self._lost_ns)
+        self._inbox.deliver(items)
 
     def _reopen(self) -> None:
         try:
             with self._inbox.opening():
                 self._link = self._stream.open()
-            log.info("%s: %s is open again", self._stream.name, self._stream.port)
         except CellError as error:
-            self._fault(str(error))
+            if str(error) not in self._reasons:
+                self._reasons.add(str(error))
+                self._tell(str(error), 0)
             self._wait()
 
     def _wait(self) -> None:
@@ -95,9 +106,15 @@ class Reader(threading.Thread):
                 break
         self._pause_s = min(_LONGEST_PAUSE_S, 2 * self._pause_s)
 
+    def _back(self, lost_ns: int) -> None:
+        """The outage ends."""
+        self._lost_ns, self._pause_s = None, _FIRST_PAUSE_S
+        self._reasons.clear()
+        self._tell(f"{self._stream.port} is back after {(time.monotonic_ns() - lost_ns) / 1e9:.1f} s", 0)
+
     def _note(self, mark: Mark, text: str) -> None:
         if self._tap:
             self._tap.note(self._stream.name, mark, text.encode("ascii", "replace"))
 
-    def _fault(self, detail: str) -> None:
-        self._inbox.deliver([Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), detail)])
+    def _tell(self, detail: str, count: int) -> None:
+        self._inbox.deliver([Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), detail, count)])

@@ -29,6 +29,7 @@ from daq.revival import revive
 from daq.store import NearlyFull, RunWriter
 from daq.store.manifest import Ending, load_manifest
 from daq.store.writer import Syncing
+from daq.watching import Watch
 from rigs.base import Part
 from rigs.errors import CellError, FileError, RigError
 from rigs.vocabulary import Direction, TestName
@@ -113,6 +114,7 @@ class Recorder(threading.Thread):
         self._writer: RunWriter | None = None
         self._label: Label | None = None
         self._waiting: _Waiting | None = None
+        self._watch = Watch(touching=False)
         self._since_ns = 0
         self._counters: dict[str, Counter[str]] = {}
         self._told: dict[tuple[str, str], tuple[float, int]] = {}
@@ -210,6 +212,7 @@ class Recorder(threading.Thread):
     def _begin(self, label: Label, follows: str) -> Path:
         writer = self._create(label, follows)
         self._counters = {name: Counter() for name in self._inboxes}
+        self._watch = Watch(touching=label.test in ("yaw", "roll"))
         self._synced, self._syncing = dict.fromkeys(self._inboxes, 0), None
         self._writer, self._label, self._waiting = writer, label, None
         self._since_ns = time.monotonic_ns()
@@ -308,7 +311,9 @@ class Recorder(threading.Thread):
         samples, faults = samples_of(items), faults_of(items)
         self._counters[name]["samples"] += len(samples)
         for fault in faults:
-            self._counters[name][fault.kind] += fault.count
+            if fault.count:
+                self._counters[name][fault.kind] += fault.count
+        self._inboxes[name].deliver(self._watch.see(name, self._inboxes[name].columns, items))
         writer.append(name, samples)
         writer.append_faults(name, faults)
 
@@ -350,7 +355,13 @@ class Recorder(threading.Thread):
                 raise CellError(what, f"no reading in the last {_FRESH_S:.0f} s ({last})", "mend it, then start again")
 
     def _tell(self, name: str, kind: str, detail: str, count: int) -> None:
-        """Log a fault, the same kind again at most every ten seconds, with how many were not told."""
+        """Log a fault, the same kind again at most every ten seconds, with how many were not told.
+
+        What says more of one that was told (count 0) comes once by itself.
+        """
+        if not count:
+            log.info("%s: %s", name, detail)
+            return
         told_at, untold = self._told.get((name, kind), (-1e9, 0))
         now = time.monotonic()
         if now - told_at < _QUIET_S:

@@ -21,6 +21,11 @@ from rigs.rig import Rig
 
 SHIPPED = Path(__file__).parent
 _MAX_BYTES = 1_000_000
+_MOST_PARTS = 500_000
+"""Keys and values once every alias is followed; a megabyte written out has no more."""
+_MOST_TOLD = 100
+_UNREADABLE = (RecursionError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
+"""What PyYAML raises beside its own errors: for what stands behind an explicit tag, or is nested too deeply."""
 _EFFECTS: TypeAdapter[tuple[Effect, ...]] = TypeAdapter(tuple[Effect, ...])
 _CLOSE = 0.5
 """How alike a name and a known one must be for a person to have meant it (difflib's ratio)."""
@@ -112,23 +117,35 @@ _MOST_KEPT = 16
 
 
 def _parsed(text: str, where: str) -> Rig:
-    try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-        if root is not None:
-            _refuse_repeats(root, where)
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        what = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise RigFileError(where, [Problem(mark.line + 1 if mark else 1, "", f"not YAML: {what}")]) from None
-    except (RecursionError, ValueError) as error:
-        raise RigFileError(where, [Problem(1, "", f"not readable as YAML: {error}")]) from None
+    root, data = _yaml(text, where)
     try:
         return Rig.model_validate(data)
     except ValidationError as error:
         details = _without_consequences(_with_hidden(data, error.errors(include_url=False)))
-        problems = [_problem(detail, root) for detail in details]
-        raise RigFileError(where, sorted(problems, key=lambda p: p.line)) from None
+        problems = sorted((_problem(detail, root) for detail in details[:_MOST_TOLD]), key=lambda p: p.line)
+        if untold := len(details) - len(problems):
+            problems.append(Problem(problems[-1].line, "", f"and {untold} more mistakes; mend these first"))
+        raise RigFileError(where, problems) from None
+
+
+def _yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
+    """The nodes of a text and the data they stand for, read by the safe loader. Raises RigFileError."""
+    try:
+        loader = yaml.SafeLoader(text)
+        root = loader.get_single_node()
+        if root is None:
+            return None, None
+        _refuse_repeats(root, where)
+        if _parts(root, {}) > _MOST_PARTS:
+            what = f"aliases (*name) make more than {_MOST_PARTS} parts of it; write out what they stand for"
+            raise RigFileError(where, [Problem(1, "", what)])
+        return root, loader.construct_document(root)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        what = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise RigFileError(where, [Problem(mark.line + 1 if mark else 1, "", f"not YAML: {what}")]) from None
+    except _UNREADABLE as error:
+        raise RigFileError(where, [Problem(1, "", f"not readable as YAML: {error}")]) from None
 
 
 def _with_hidden(data: Any, details: list[ErrorDetails]) -> list[ErrorDetails]:
@@ -166,11 +183,9 @@ def _with(data: Any, loc: Place, key: str, value: str) -> Any:
 def load_effects(path: Path) -> tuple[Effect, ...]:
     """The effects of a rig file, or of a file with nothing but `effects:`. Raises FileError."""
     try:
-        data = yaml.safe_load(_text(path))
+        _, data = _yaml(_text(path), str(path))
         found = data.get("effects", ()) if isinstance(data, dict) else data
         return _EFFECTS.validate_python(found or ())
-    except yaml.YAMLError as error:
-        raise FileError(str(path), f"not YAML: {str(error).splitlines()[0]}", "mend the file") from None
     except ValidationError as error:
         detail = error.errors(include_url=False)[0]
         place = ".".join(str(step) for step in detail["loc"])
@@ -214,6 +229,16 @@ def _refuse_repeats(root: yaml.Node, where: str) -> None:
         raise RigFileError(where, problems)
 
 
+def _parts(node: yaml.Node, known: dict[int, int]) -> int:
+    """Parts that a node stands for, aliases followed: a few lines of aliases of aliases make billions."""
+    if id(node) not in known:
+        known[id(node)] = _MOST_PARTS + 1  # until it is counted: what holds itself has no end
+        inner = node.value if isinstance(node, yaml.CollectionNode) else ()
+        pairs = isinstance(node, yaml.MappingNode)
+        known[id(node)] = 1 + sum(_parts(part, known) for entry in inner for part in (entry if pairs else (entry,)))
+    return known[id(node)]
+
+
 def _problem(detail: ErrorDetails, root: yaml.Node | None) -> Problem:
     place, node = _locate(detail["loc"], root)
     line = node.start_mark.line + 1 if node is not None else 1
@@ -249,8 +274,13 @@ def _child(node: yaml.Node | None, step: int | str) -> yaml.Node | None:
 def _written(place: Place) -> str:
     text = ""
     for step in place:
-        text += f"[{step + 1}]" if isinstance(step, int) else f".{step}" if text else step
+        text += f"[{step + 1}]" if isinstance(step, int) else f".{_name(step)}" if text else _name(step)
     return text
+
+
+def _name(key: str) -> str:
+    """A key as a line can bear it."""
+    return key if key.isprintable() and len(key) <= _BRIEF else f"{key[:_BRIEF]!r}…"
 
 
 def _message(detail: ErrorDetails, place: Place) -> str:

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import Any, Protocol
 
 import yaml
@@ -27,6 +28,8 @@ from rigs.feedback import carries_signal
 from rigs.links import tcp_address, udp_address
 from rigs.rig import Rig
 
+_NOTICE_S = 0.05
+
 
 class Motion(Protocol):
     """What the emulated instruments measure, at any time of the host's monotonic clock."""
@@ -43,6 +46,8 @@ class Server(Protocol):
 
     port: str
     """As a rig file names it."""
+    plugged: threading.Event
+    """Cleared while its cable is pulled."""
 
     def serve(self, stop: threading.Event) -> None:
         """Until `stop` is set."""
@@ -71,7 +76,12 @@ class Adversity:
 
 
 class Cell:
-    """All instruments of a rig, each with its own thread, until `stop`."""
+    """All instruments of a rig, each with its own thread, until `stop`.
+
+    signal: number of the robot's program at a time, shown where the rig's feedback carries one. names: a directory
+    where serial ports get names that outlast their ttys, as udev makes them. An instrument is called as its stream:
+    `g1`, `g1_g2` where two share a port, `robot`.
+    """
 
     def __init__(
         self,
@@ -79,13 +89,14 @@ class Cell:
         motion: Motion,
         signal: Callable[[int], float] = lambda _: 0.0,
         adversity: Adversity = Adversity(),
+        names: Path | None = None,
     ) -> None:
-        """signal: number of the robot's program at a time, shown where the rig's feedback carries one."""
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
         self._devices: dict[str, list[Any]] = {}
         self._lines: list[PtyLine] = []
         self._servers: dict[str, Server] = {}
+        self._plugged: dict[str, threading.Event] = {}
         self._silenced: set[str] = set()
         self.ports: dict[str, str] = {}
         members = dict(rig.gauges)
@@ -95,7 +106,7 @@ class Cell:
             port = (
                 self._serve(label, TcpPort(self._noted(label, device)))
                 if tcp_address(first.port)
-                else self._serve_pty(label, device, PtyLine(first.line, adversity.latency_ms))
+                else self._serve_pty(label, device, PtyLine(first.line, adversity.latency_ms, names and names / label))
             )
             self.ports.update(dict.fromkeys(group, port))
 
@@ -135,6 +146,14 @@ class Cell:
         """The instrument on this network port ends its conversation, and takes up a new one."""
         self._servers[name].hang_up()
 
+    def unplug(self, name: str) -> None:
+        """The instrument's cable is pulled: its tty and its name are gone, or its address refuses."""
+        self._plugged[name].clear()
+
+    def plug(self, name: str) -> None:
+        """The cable is back: another tty under the same name, or the same address."""
+        self._plugged[name].set()
+
     def sent(self) -> dict[str, int]:
         """Readings sent so far, by stream."""
         return {name: sum(device.sent for device in devices) for name, devices in self._devices.items()}
@@ -159,16 +178,28 @@ class Cell:
 
     def _serve(self, name: str, server: Server) -> str:
         self._servers[name] = server
+        self._plugged[name] = server.plugged
         self._threads.append(threading.Thread(target=server.serve, args=(self._stop,), name=f"emulated {name}"))
         return server.port
 
     def _serve_pty(self, name: str, make: Callable[[], Conversation], line: PtyLine) -> str:
-        device = self._noted(name, make)()
+        made = self._noted(name, make)
+        plugged = self._plugged[name] = threading.Event()
+        plugged.set()
         self._lines.append(line)
 
+        def ended() -> bool:
+            return self._stop.is_set() or name in self._silenced or not plugged.is_set()
+
         def serve() -> None:
-            with contextlib.suppress(LinkLost):
-                converse(line, device, lambda _: None, lambda: self._stop.is_set() or name in self._silenced)
+            while not self._stop.is_set() and name not in self._silenced:
+                with contextlib.suppress(LinkLost):
+                    converse(line, made(), lambda _: None, ended)
+                if not plugged.is_set():
+                    line.unplug()
+                    while not plugged.wait(_NOTICE_S) and not self._stop.is_set():
+                        pass
+                    line.plug()
 
         self._threads.append(threading.Thread(target=serve, name=f"emulated {name}"))
         return line.port

@@ -5,6 +5,9 @@ that decides the stamps; so the delay is added here, a character at a time, on a
 the host's end holds them longer still: its latency timer is here as well, 0 for an adapter that has none. A pty keeps
 the baud that its far end was set to, though not data bits and parity: at another baud than the line's, both ends hear
 nonsense.
+
+An adapter that is unplugged takes its tty with it and comes back on another; what stays is its name under
+`/dev/serial/by-id`. So a line may be given such a name: a symbolic link that goes and comes with the tty.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ import select
 import termios
 import time
 import tty
+from pathlib import Path
 
 from daq.emulators.latency_timer import LatencyTimer
 from daq.emulators.uart import heard
@@ -26,18 +30,32 @@ _ISPEED, _OSPEED = 4, 5
 
 
 class PtyLine:
-    """A pty whose far end, `port`, a program opens as its serial port."""
+    """A pty whose far end, `port`, a program opens as its serial port, by its `name` where it has one."""
 
-    def __init__(self, line: Line, latency_ms: float = 0.0) -> None:
+    def __init__(self, line: Line, latency_ms: float = 0.0, name: Path | None = None) -> None:
         self._line = line
+        self._adapter = LatencyTimer(latency_ms, time.monotonic_ns())
         self._character_ns = line.character_ns
+        self._name = name
+        self._free_ns = 0
         self._master, self._slave = os.openpty()
+        self.port = str(name or os.ttyname(self._slave))
+        self.plug()
+
+    def plug(self) -> None:
+        """Be there, under the name."""
         tty.setraw(self._slave)
         self._set_baud()
         os.set_blocking(self._master, False)
-        self.port = os.ttyname(self._slave)
-        self._free_ns = 0
-        self._adapter = LatencyTimer(latency_ms, time.monotonic_ns())
+        if self._name is not None:
+            self._name.parent.mkdir(parents=True, exist_ok=True)
+            self._name.symlink_to(os.ttyname(self._slave))
+
+    def unplug(self) -> None:
+        """Be gone, tty and name, until `plug`, which brings another tty."""
+        following = os.openpty()  # before the old one goes, whose number would be given again
+        self.close()
+        self._master, self._slave = following
 
     def read(self, timeout_s: float) -> bytes:
         """Bytes from the host, once the line would have carried them all."""
@@ -88,7 +106,9 @@ class PtyLine:
         return None if same else Line.model_validate(f"{baud} 8N1")
 
     def close(self) -> None:
-        """Unplug."""
+        """Be gone for good."""
+        if self._name is not None:
+            self._name.unlink(missing_ok=True)
         os.close(self._master)
         os.close(self._slave)
 

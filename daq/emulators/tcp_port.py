@@ -1,4 +1,7 @@
-"""The instrument's end of a TCP port: one connection after the other, each with a fresh conversation."""
+"""The instrument's end of a TCP port: one connection after the other, each with a fresh conversation.
+
+While it is unplugged it refuses connections, and comes back at the same port.
+"""
 
 from __future__ import annotations
 
@@ -22,26 +25,48 @@ class TcpPort:
         self._device = device
         self._jitter_ms = jitter_ms
         self._hang_up = threading.Event()
+        self.plugged = threading.Event()
+        self.plugged.set()
         self._server = socket.create_server(("127.0.0.1", 0))
-        self._server.settimeout(_ACCEPT_S)
-        self.port = f"tcp://127.0.0.1:{self._server.getsockname()[1]}"
+        self._address = self._server.getsockname()
+        self.port = f"tcp://127.0.0.1:{self._address[1]}"
 
     def serve(self, stop: threading.Event) -> None:
         """Until `stop` is set; a connection that ends makes room for the next."""
+        self._accept(stop)
+        while not stop.is_set():
+            if self.plugged.wait(_ACCEPT_S) and self._listen():
+                self._accept(stop)
+
+    def _listen(self) -> bool:
+        try:
+            self._server = socket.create_server(self._address)
+        except OSError:
+            return False  # somebody's connection was lent the port meanwhile; soon it is free again
+        return True
+
+    def _accept(self, stop: threading.Event) -> None:
+        self._server.settimeout(_ACCEPT_S)
         with self._server:
-            while not stop.is_set():
+            while self.plugged.is_set() and not stop.is_set():
                 try:
                     sock, _ = self._server.accept()
                 except TimeoutError:
                     continue
                 self._hang_up.clear()
-                sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                sock.setblocking(False)
-                link = Link("emulated", sock.fileno(), sock.close)
-                late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
-                with contextlib.suppress(LinkLost):
-                    converse(late, self._device(), lambda _: None, lambda: stop.is_set() or self._hang_up.is_set())
-                link.close()
+                self._converse(sock, stop)
+
+    def _converse(self, sock: socket.socket, stop: threading.Event) -> None:
+        def ended() -> bool:
+            return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
+
+        sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        sock.setblocking(False)
+        link = Link("emulated", sock.fileno(), sock.close)
+        late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
+        with contextlib.suppress(LinkLost):
+            converse(late, self._device(), lambda _: None, ended)
+        link.close()
 
     def hang_up(self) -> None:
         """End the connection there is; the next one is served again."""

@@ -30,6 +30,8 @@ class UdpPort:
         self._jitter_ms = jitter_ms
         self._calls = calls
         self._hang_up = threading.Event()
+        self.plugged = threading.Event()
+        self.plugged.set()
         with _bound(0) as sock:
             self._number = int(sock.getsockname()[1])
         self.port = f"udp://{_HOST}:{self._number}"
@@ -37,6 +39,8 @@ class UdpPort:
     def serve(self, stop: threading.Event) -> None:
         """Until `stop` is set; a conversation that ends makes room for the next."""
         while not stop.is_set():
+            if not self.plugged.wait(_AGAIN_S):
+                continue
             self._hang_up.clear()
             with _bound(0 if self._calls else self._number) as sock:
                 if self._found_peer(sock, stop):
@@ -59,11 +63,14 @@ class UdpPort:
         return False
 
     def _converse(self, sock: socket.socket, stop: threading.Event) -> None:
+        def ended() -> bool:
+            return stop.is_set() or self._hang_up.is_set() or not self.plugged.is_set()
+
         sock.setblocking(False)
         link = Link("emulated", sock.fileno(), sock.close)
         late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
         try:
-            converse(late, self._device(), lambda _: None, lambda: stop.is_set() or self._hang_up.is_set())
+            converse(late, self._device(), lambda _: None, ended)
         except LinkLost:
             return  # nobody has the peer's port: the daemon has not started, or has ended
 

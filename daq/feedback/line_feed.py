@@ -68,7 +68,7 @@ class _Listening:
         for name, part in zip(self._fields, map(str.strip, parts), strict=True):
             value = _LEFT_OUT.get(name) if not part or name == "_" else number(part)
             if value is None:
-                return _garbled(message, f"has no number in {name} = {part!r}")
+                return _garbled(message, f"has no number in {name} = {part[:40]!r}")
             read[name] = value
         return Heard((_sample(read, message),))
 

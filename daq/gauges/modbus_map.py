@@ -11,6 +11,7 @@ from daq.protocol.conversation import Conversation, Device, Fault, FaultKind, Sa
 from daq.protocol.framing import Message
 from daq.protocol.modbus import fits, pack, unpack
 from daq.protocol.polled import Polled
+from daq.protocol.probes import Probes
 from daq.protocol.registers import Asking, Held, Registers, Serving, pack_verdict, verdict
 from rigs.modbus import ModbusMap
 from rigs.probe import MM_PER_UNIT
@@ -28,9 +29,9 @@ def device(gauges: Sequence[ModbusMap], read: Read) -> Device:
     return Serving(gauge, held(gauge, read))
 
 
-def asking(gauge: ModbusMap) -> Asking:
-    """The read of this block."""
-    return Asking(gauge, partial(_reading, gauge))
+def asking(gauge: ModbusMap, probes: Probes | None = None) -> Asking:
+    """The read of this block; `probes`: see there."""
+    return Asking(gauge, partial(_reading, gauge), probes)
 
 
 def held(gauge: ModbusMap, read: Read) -> Held:

@@ -76,7 +76,7 @@ class _Asking:
 
     def __init__(self, gauge: SolartronOrbit) -> None:
         self._value = asking(_block(gauge, gauge.parameter))
-        self._status = asking(_status_block(gauge))
+        self._status = asking(_status_block(gauge), self._value.probes)
         self.frames = self._value.frames
         self.check = self._value.check
         self._held: Sample | None = None
@@ -91,7 +91,7 @@ class _Asking:
     def read(self, message: Message, requested_ns: int) -> Heard:
         if self._asked is None:
             heard = self._value.read(message, requested_ns)
-            if heard.then is not Then.ASK:
+            if heard.then is not Then.ASK or not heard.items:
                 return heard
             (item,) = heard.items
             self._held = item if isinstance(item, Sample) else None

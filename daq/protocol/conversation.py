@@ -40,6 +40,8 @@ class FaultKind(StrEnum):
     """A datagram of somebody who is not the peer; left out."""
     DISCONNECTED = "disconnected"
     """The link is gone or refuses to open."""
+    DOUBTFUL = "doubtful"
+    """Readings that are well-formed, kept, and hard to believe."""
     DROPPED = "dropped"
     """Samples lost on the host for want of room."""
     CLOCK = "clock"
@@ -67,7 +69,10 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that went wrong, in words a person can use; `count` messages were affected."""
+    """Something that went wrong, in words a person can use; `count` messages were affected.
+
+    A count of 0 says more of what was counted before.
+    """
 
     kind: FaultKind
     at_ns: int

@@ -8,6 +8,7 @@ CR LF. RTU frames end with silence, which a pure protocol cannot see and adapter
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 from collections.abc import Sequence
@@ -19,6 +20,7 @@ from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from daq.protocol.framing import Framer, Lines, Message, Sized
+from daq.protocol.probes import Probes
 from rigs.links import tcp_address
 from rigs.modbus import Register
 
@@ -26,6 +28,8 @@ _REQUEST = {3: ReadHoldingRegistersRequest, 4: ReadInputRegistersRequest}
 _RTU_REQUEST = 8
 _ASCII_END = b"\r\n"
 _ASCII = re.compile(rb":(?:[0-9A-Fa-f]{2}){3,}")
+logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
+"""It logs each frame that it cannot decode; here that is a fault, told as often as a person can bear."""
 _DATATYPE = {datatype.name.lower(): datatype for datatype in ModbusClientMixin.DATATYPE}
 
 
@@ -64,10 +68,12 @@ class Block(Protocol):
 class Wire:
     """One side's frames, in the form the port asks for."""
 
-    def __init__(self, block: Block, *, serving: bool) -> None:
+    def __init__(self, block: Block, *, serving: bool, probes: Probes | None = None) -> None:
         self.numbered = tcp_address(block.port) is not None
         """Whether requests and replies carry a transaction id."""
         self.frames: Framer
+        self.probes = probes or Probes(block.count)
+        """Which answer is awaited on a serial line."""
         self._block = block
         codec = DecodePDU(is_server=serving)
         self._framer: FramerSocket | FramerAscii | FramerRTU
@@ -84,10 +90,11 @@ class Wire:
         return self._framer.buildFrame(pdu)
 
     def request(self, number: int) -> bytes:
-        """The read of the whole block."""
+        """The read of the whole block; on a serial line it may be a probe, a read of another length."""
         b = self._block
         kind = _REQUEST[b.function]
-        return self.encode(kind(dev_id=b.unit, transaction_id=number, address=b.address, count=b.count))
+        count = b.count if self.numbered else self.probes.ask()
+        return self.encode(kind(dev_id=b.unit, transaction_id=number, address=b.address, count=count))
 
     def open(self, frame: bytes) -> tuple[int, int, bytes]:
         """Unit, transaction id and content of a frame; no content if it is damaged."""
@@ -106,7 +113,7 @@ class Wire:
             return None
         if function & 0x80:
             return 5
-        return 5 + size if size == 2 * self._block.count else None
+        return 5 + size if size / 2 in (self._block.count, *self.probes.counts) else None
 
 
 def _tcp_length(head: bytes) -> int | None:

@@ -14,9 +14,9 @@ It also is where nothing is asked because a given `rate_hz` allows no further re
 timer, 16 ms) falls into step with requests that follow each answer at once; then no answer of a run comes as
 quickly as the instrument gives it, and nobody could tell when it was latched.
 
-An answer later than twice `timeout_s` can still slip through where the protocol has no number to tell by:
-make `timeout_s` at least half the slowest answer of the instrument. After an error answer the line rests
-for `PAUSE_NS`, for an instrument that refuses does so at once.
+An answer later than twice `timeout_s` can still slip through where the protocol has neither a number nor a length
+to tell by (`daq.protocol.probes`): make `timeout_s` at least half the slowest answer of the instrument. After an
+error answer the line rests for `PAUSE_NS`, for an instrument that refuses does so at once.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Asking for a block of Modbus registers, and serving one: what gauges and controllers read by registers share.
 
 The block is read whole in one request, because a value of several registers may not be split (Baumer OM20/OM30
-manual p. 22, confirmed) and what it holds must be of the same instant. An RTU answer carries no number, so after a
-time-out the line is drained (`daq.protocol.polled`); over TCP the transaction id tells an old answer too.
+manual p. 22, confirmed) and what it holds must be of the same instant. Over TCP the transaction id tells an old answer.
+An RTU answer carries no number, so after a time-out the line is drained (`daq.protocol.polled`), and lest the answer
+come later still, a read of another length comes next, whose answer cannot be mistaken (`daq.protocol.probes`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from daq.protocol.conversation import Fault, FaultKind, Sample, Step
 from daq.protocol.framing import Message
 from daq.protocol.modbus import Block, Wire, pack, unpack
 from daq.protocol.polled import Heard, Then
+from daq.protocol.probes import Probes
 from rigs.modbus import StatusRegister
 
 Registers = Sequence[int]
@@ -43,10 +45,12 @@ class Asking:
     reset = b""
     check = "check the cable, that the instrument is on, the line's settings and `unit`"
 
-    def __init__(self, block: Block, reading: Reading) -> None:
+    def __init__(self, block: Block, reading: Reading, probes: Probes | None = None) -> None:
+        """probes: those of another block that is read over the same line in turn."""
         self._block = block
         self._reading = reading
-        self._wire = Wire(block, serving=False)
+        self._wire = Wire(block, serving=False, probes=probes)
+        self.probes = self._wire.probes
         self.frames = self._wire.frames
         self._number = 0
 
@@ -64,9 +68,21 @@ class Asking:
             return Heard((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
         if unit != self._block.unit or content[0] & 0x7F != self._block.function:
             return _garbled(f"answer of unit {unit}, function {content[0] & 0x7F}; check `unit`", at_ns)
+        return self._answer(content, message, requested_ns)
+
+    def _answer(self, content: bytes, message: Message, requested_ns: int) -> Heard:
+        """What a sound answer of this instrument means, or one to an earlier request."""
+        at_ns, probes = message.last_byte_ns, self.probes
         pdu = self._wire.decode(content)
-        if pdu is None or (not pdu.isError() and len(pdu.registers) != self._block.count):
+        other = pdu is None or (not pdu.isError() and len(pdu.registers) != probes.asked)
+        if pdu is None or (other and self._wire.numbered):
             return _garbled(f"{message.size} bytes answer a read of {self._block.count} registers", at_ns)
+        if other:
+            detail = "an answer came after its time, told by its length; make timeout_s longer"
+            return Heard((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
+        probes.answered()
+        if probes.probing:
+            return Heard(())
         if pdu.isError():
             return Heard((_refusal(pdu.exception_code, at_ns),), Then.PAUSE)
         item = self._reading(pdu.registers, message, requested_ns)

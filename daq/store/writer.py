@@ -207,7 +207,8 @@ class RunWriter:
             raise _refused(self.path, problems[0]) from problems[0]
 
     def _counted(self, stream: str, counts: Mapping[str, int]) -> dict[str, int]:
-        return {**{str(kind): count for kind, count in counts.items()}, "samples": self._recorders[stream].rows}
+        told = {str(kind): count for kind, count in counts.items()}
+        return {**told, "samples": self._recorders[stream].rows} if stream in self._recorders else told
 
     def _write(self) -> None:
         for recorder in self._recorders.values():

@@ -331,7 +331,9 @@ def test_rtu_garbage_is_drained(reply: bytes) -> None:
     script.receive(BAUMER_REPLY, script.now_ns + 1)
     assert script.told() == [] and script.sent == b""
     script.wake()
-    assert script.sent == _rtu(1, 4, 0, 200, 0, 13) and script.told() == []
+    assert script.sent == _rtu(1, 4, 0, 200, 0, 1) and script.told() == []
+    script.receive(_rtu(1, 4, 2, 0, 0))
+    assert script.sent[8:] == _rtu(1, 4, 0, 200, 0, 13) and script.told() == []
     script.receive(BAUMER_REPLY)
     assert isinstance(script.told()[0], Sample)
 

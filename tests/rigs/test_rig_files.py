@@ -1,5 +1,6 @@
 """Rig files: the shipped ones are good; mistakes are told all at once, each with its place and remedy."""
 
+import contextlib
 from pathlib import Path
 
 import pytest
@@ -7,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigs.errors import FileError
-from rigs.load import SHIPPED, RigFileError, find, load, parse
+from rigs.load import SHIPPED, RigFileError, find, load, load_effects, parse
 
 TEXT = (SHIPPED / "paper-fanuc.yaml").read_text()
 FEEDBACK = TEXT[TEXT.index("interface: line_feed") : TEXT.index("\n\n", TEXT.index("interface: line_feed"))]
@@ -175,3 +176,35 @@ def test_a_damaged_file_gives_one_line_and_never_anything_else(data: st.DataObje
         parse(text, "cell.yaml")
     except FileError as error:
         assert "\n" not in error.where + error.remedy
+
+
+BOMB = "\n".join(["a0: &a0 [x]", *(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 9))])
+MERGES = "\n".join(["b0: &b0 {x: 1}", *(f"b{k}: &b{k} {{<<: [{', '.join([f'*b{k - 1}'] * 9)}]}}" for k in range(1, 9))])
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (f"{TEXT}\n{BOMB}", "write out"),
+        (f"{TEXT}\n{MERGES}", "write out"),
+        (f"{TEXT}\nx: &x [*x]", "write out"),
+        ("a: " + "[" * 1000, "recursion"),
+        ("name: !!timestamp x", "not readable as YAML"),
+        ("name: !!int x", "not readable as YAML"),
+        ("name: 2026-99-99", "not readable as YAML"),
+        ("name: !!python/object:os.system x", "could not determine a constructor"),
+        (f'{TEXT}\n"a\\nb": 1', r"'a\nb'…: unknown key"),
+        (f"{TEXT}\n? {'k' * 700_000}\n: 1", "kkk'…: unknown key"),
+        (TEXT + "".join(f"\nkey{k}: 1" for k in range(5000)), "and 4900 more mistakes"),
+    ],
+    ids=["bomb", "merges", "within itself", "deep", "stamp", "int", "date", "object", "newline", "long", "many"],
+)
+def test_yaml_that_is_meant_ill_is_told_soon_and_in_short_lines(tmp_path: Path, text: str, told: str) -> None:
+    file = tmp_path / "rig.yaml"
+    file.write_text(text)
+    with pytest.raises(FileError) as caught:
+        load(file)
+    lines = caught.value.lines()
+    assert told in lines[-1] and all(line.isprintable() and len(line) < 1000 for line in lines)
+    with contextlib.suppress(FileError):
+        load_effects(file)

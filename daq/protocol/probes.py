@@ -1,0 +1,46 @@
+"""Telling whose an answer is where answers carry no number: after a time-out, ask for something of another length.
+
+An instrument answers in order. So once a probe has its answer, whatever was asked before is answered or lost, and the
+next request's answer is its own, however late the instrument is. Until then an answer of a reading's length is late.
+Probes in a row ask for different lengths, which come round again after `LENGTHS` of them.
+
+Some instrument may answer nothing but its usual request. Until one probe has been answered, only `TRIES` are made,
+and one more for each reading that was answered in time.
+"""
+
+from __future__ import annotations
+
+from itertools import cycle
+
+LENGTHS = 8
+TRIES = 3
+
+
+class Probes:
+    """How long an answer to ask for, and whether the answer that came is the one awaited."""
+
+    def __init__(self, count: int) -> None:
+        self.counts = [other for other in range(1, LENGTHS + 2) if other != count][:LENGTHS]
+        self.asked = self._count = count
+        self._cycle = cycle(self.counts)
+        self._owed = self._proven = False
+        self._tries = TRIES
+
+    @property
+    def probing(self) -> bool:
+        """Whether the request on the line is a probe."""
+        return self.asked != self._count
+
+    def ask(self) -> int:
+        """The length to ask for now: a reading's, or a probe's while an answer is owed."""
+        probing = self._owed and (self._proven or self._tries > 0)
+        self._tries -= probing
+        self.asked = next(self._cycle) if probing else self._count
+        self._owed = True
+        return self.asked
+
+    def answered(self) -> None:
+        """The answer awaited has come."""
+        self._owed = False
+        self._proven |= self.probing
+        self._tries = max(self._tries, 1)
