@@ -70,7 +70,7 @@ class Bench:
         self.folder = folder
         self.motion = ByHand()
         text = text or rig_text()
-        self.cell = Cell(parse(text, "bench"), motion or self.motion, self.motion.signal, folder / "by-id")
+        self.cell = Cell(parse(text, "bench"), motion or self.motion, self.motion.signal, names=folder / "by-id")
         self.rig = folder / "rig.yaml"
         self.rig.write_text(self.cell.rig_text(text))
         self.cell.start()

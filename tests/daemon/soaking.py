@@ -74,7 +74,7 @@ def in_real_time(folder: Path, minutes: float, every_s: float) -> Iterator[Held]
 def accelerated(folder: Path, minutes: float, times: float, every_s: float) -> Iterator[Held]:
     """The same in so many times real time, with a fault a second of each stream, without links and readers."""
     inboxes = {name: Inbox(name, columns) for name, columns in COLUMNS.items()}
-    recorder = Recorder(inboxes, lambda label: _create(folder, label), lambda: None)
+    recorder = Recorder(inboxes, lambda label, _: _create(folder, label), lambda: None)
     recorder.start()
     _deliver(inboxes, {name: Pace(rate, 0) for name, rate in RATES_HZ.items()}, 0)
     path = recorder.start_run(Label(name="soak", test="yaw", direction="acw"))

@@ -122,5 +122,5 @@ def test_what_says_more_of_a_fault_is_logged_once(caplog: pytest.LogCaptureFixtu
     assert [record.getMessage() for record in caplog.records] == ["g1: disconnected: lost", "g1: back"]
 
 
-def _no_run(_: Any) -> Any:
+def _no_run(*_: Any) -> Any:
     raise AssertionError

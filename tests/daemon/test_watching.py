@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import pytest
 
 from daq.inbox import Inbox
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
 from daq.recorder import Label, Recorder
+from daq.store import RunWriter, read_run
 from daq.watching import IN_ERROR_S, STUCK_S, TIMES_IN_ERROR, Watch
 
 S = 1_000_000_000
@@ -85,30 +87,9 @@ def test_a_gauge_that_goes_in_and_out_of_error_is_told() -> None:
     assert Watch(True).see("g1", G1, [Fault(FaultKind.DEVICE_ERROR, k * S, "ERR0") for k in range(50)]) == []
 
 
-class _Written:
-    """A run in memory."""
-
-    path = "run"
-
-    def __init__(self) -> None:
-        self.faults: list[Fault] = []
-
-    def append(self, stream: str, samples: Sequence[Sample]) -> None:
-        pass
-
-    def append_faults(self, stream: str, faults: Sequence[Fault]) -> None:
-        self.faults += faults
-
-    def sync(self) -> None:
-        pass
-
-    def close(self, *_: object) -> None:
-        pass
-
-
-def test_a_doubt_is_in_the_run_and_in_the_status() -> None:
-    inboxes, run = {"g1": Inbox("g1", G1), "robot": Inbox("robot", ROBOT)}, _Written()
-    recorder = Recorder(inboxes, lambda label: run, lambda: None)  # type: ignore[arg-type, return-value]
+def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path: Path) -> None:
+    inboxes = {"g1": Inbox("g1", G1), "robot": Inbox("robot", ROBOT)}
+    recorder = Recorder(inboxes, lambda label, _: _create(tmp_path, label), lambda: None)
     now_ns = time.monotonic_ns()
     inboxes["g1"].deliver([_sample([0.1], now_ns)])
     inboxes["robot"].deliver([_sample([0.0] * 6, now_ns)])
@@ -116,8 +97,16 @@ def test_a_doubt_is_in_the_run_and_in_the_status() -> None:
     for _ in range(TIMES_IN_ERROR):
         inboxes["g1"].deliver([_sample([0.1], now_ns), Fault(FaultKind.DEVICE_ERROR, now_ns, "ERR3")])
     recorder.start()
-    while not any(fault.kind is FaultKind.DOUBTFUL for fault in run.faults):
+    while FaultKind.DOUBTFUL not in inboxes["g1"].state().counters:
         time.sleep(0.02)
     assert "in and out of error" in inboxes["g1"].state().last_fault
-    assert recorder.stop_run().counters["g1"][FaultKind.DOUBTFUL] == 1
+    ended = recorder.stop_run()
     recorder.shut_down("complete", "")
+    assert ended.counters["g1"][FaultKind.DOUBTFUL] == 1
+    assert [fault["stream"] for fault in read_run(ended.path).faults if fault["kind"] == "doubtful"] == ["g1"]
+
+
+def _create(folder: Path, label: Label) -> RunWriter:
+    streams = {"g1": G1, "robot": ROBOT}
+    about = {"rig_name": "x", "rig_text": "", "operator": "", "streams": streams}
+    return RunWriter.create(folder, name=label.name, test=label.test, direction=label.direction, **about)  # type: ignore[arg-type]

@@ -82,7 +82,7 @@ class _InMenu:
 def test_answers_held_back_by_a_menu_come_in_one_burst_and_shift_nothing(name: str) -> None:
     instrument = Numbered()
     device = _InMenu(daq.gauges.device([CASES[name]], instrument.read))
-    items = simulate(daq.gauges.host([CASES[name]]), device, 12 * S, character_ns=1_000_000)
+    items = simulate(daq.gauges.host([CASES[name]]), device, 12 * S, character_ns=500_000)
     samples = samples_of(items)
     early_ns = [s.requested_ns - instrument.took_ns(s) for s in samples]
     stirred = len(instrument.taken_ns) // STIR
