@@ -25,7 +25,7 @@ import typer
 from pace import STEP_DEG, STEP_MM, Counting, rig_text
 
 from daq.client import Client
-from daq.emulators import Cell
+from daq.emulators import emulated
 from daq.store import load_manifest, read_run, verify
 from rigs.errors import RigError
 from rigs.load import parse
@@ -85,7 +85,7 @@ def main(
 ) -> None:
     """Kill, start, recover, verify."""
     text, tally = rig_text(), Tally()
-    cell = Cell(parse(text, "kill"), Counting())
+    cell = emulated(parse(text, "kill"), Counting())
     with tempfile.TemporaryDirectory(prefix="rig-kill-") as scratch:
         folder = Path(scratch)
         (folder / "rig.yaml").write_text(cell.rig_text(text))

@@ -19,7 +19,7 @@ import numpy as np
 import yaml
 
 from daq.client import Client
-from daq.emulators import Cell
+from daq.emulators import emulated
 from daq.store import Run, read_run
 from rigs.load import find, parse
 
@@ -52,7 +52,7 @@ def rig_text() -> str:
 
 def main(seconds: float) -> int:
     text, motion = rig_text(), Counting()
-    cell = Cell(parse(text, "pace"), motion)
+    cell = emulated(parse(text, "pace"), motion)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         (folder / "rig.yaml").write_text(cell.rig_text(text))

@@ -26,7 +26,7 @@ from stamped import GAUGE_STEP_MM, JOINT_STEP_DEG, Latched, Stamped
 
 from analysis.reading.clocks import gauge_instants, robot_instants
 from daq.client import Client
-from daq.emulators import Adversity, Cell
+from daq.emulators import Adversity, emulated
 from daq.store import read_run
 from rigs.load import find, parse
 
@@ -82,7 +82,7 @@ class _Counting:
 def _recorded(text: str, adversity: Adversity, seconds: float) -> tuple[Errors, Errors]:
     """The errors of gauge and robot in a run that rigd recorded."""
     rig, motion = parse(text, "stamps"), _Counting()
-    cell = Cell(rig, motion, adversity=adversity)
+    cell = emulated(rig, motion, adversity=adversity)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch)
         (folder / "rig.yaml").write_text(cell.rig_text(text))

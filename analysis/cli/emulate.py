@@ -33,13 +33,13 @@ def emulate(
     from queue import SimpleQueue  # noqa: PLC0415
 
     from analysis.model.emulated import PROGRAMS, EmulatedRobot, truth  # noqa: PLC0415
-    from daq.emulators import Cell  # noqa: PLC0415
+    from daq.emulators import emulated  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, text = load(rig_file)
     robot = EmulatedRobot(rig, seed)
-    cell = Cell(rig, robot, robot.signal)
+    cell = emulated(rig, robot, robot.signal)
     try:
         directory.mkdir(parents=True, exist_ok=True)
         (directory / "rig.yaml").write_text(cell.rig_text(text), encoding="utf-8")

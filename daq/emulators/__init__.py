@@ -1,5 +1,7 @@
 """Emulated instruments on real wires: ptys and sockets that speak the makers' protocols at the line's pace."""
 
-from daq.emulators.cell import Adversity, Cell, Motion
+from daq.emulators.cell import Adversity, Cell
+from daq.emulators.instruments import Motion, emulated
+from daq.emulators.replay import Replay
 
-__all__ = ["Adversity", "Cell", "Motion"]
+__all__ = ["Adversity", "Cell", "Motion", "Replay", "emulated"]

@@ -1,44 +1,31 @@
 """An emulated cell: every instrument of a rig file on a pty or a local port.
 
-What the instruments show comes from a `Motion`, so that this package needs no kinematics.
+What stands behind the ports is not its business: instruments that measure a motion, or that say again what a capture
+heard.
 """
 
 from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import yaml
 
-from daq import feedback, gauges
-from daq.emulators.own_clock import OwnClock
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.tcp_port import TcpPort
 from daq.emulators.udp_port import UdpPort
 from daq.links import LinkLost
-from daq.protocol.conversation import Conversation, Device
+from daq.protocol.conversation import Device
 from daq.runner import converse
-from daq.streams import gauge_groups
-from rigs.feedback import carries_signal
+from daq.streams import ROBOT, streams_of
 from rigs.links import tcp_address, udp_address
 from rigs.rig import Rig
 
 _NOTICE_S = 0.05
-
-
-class Motion(Protocol):
-    """What the emulated instruments measure, at any time of the host's monotonic clock."""
-
-    def gauge_mm(self, name: str, now_ns: int) -> float:
-        """Reading of the gauge of that name; nan where its head is off."""
-
-    def joints_deg(self, now_ns: int) -> Sequence[float]:
-        """The six joint angles that the controller reports."""
 
 
 class Server(Protocol):
@@ -56,15 +43,6 @@ class Server(Protocol):
         """End the conversation there is, and begin another."""
 
 
-def gauge_device(rig: Rig, motion: Motion, group: Sequence[str]) -> Callable[[], Device]:
-    """What makes the instrument that these gauges share, for each connection anew."""
-
-    def read(now_ns: int) -> Sequence[float]:
-        return [motion.gauge_mm(name, now_ns) for name in group]
-
-    return partial(gauges.device, [gauge for name, gauge in rig.gauges if name in group], read)
-
-
 @dataclass(frozen=True)
 class Adversity:
     """What keeps stamps from being true. latency_ms: how long an FTDI adapter on each serial line holds bytes;
@@ -75,52 +53,43 @@ class Adversity:
     drift_ppm: float = 0.0
 
 
+NONE = Adversity()
+
+
 class Cell:
     """All instruments of a rig, each with its own thread, until `stop`.
 
-    signal: number of the robot's program at a time, shown where the rig's feedback carries one. names: a directory
-    where serial ports get names that outlast their ttys, as udev makes them. An instrument is called as its stream:
-    `g1`, `g1_g2` where two share a port, `robot`.
+    devices: what makes each instrument, for every connection anew, by the name of its stream: `g1`, `g1_g2` where two
+    share a port, `robot`. names: a directory where serial ports get names that outlast their ttys, as udev makes them.
     """
 
     def __init__(
         self,
         rig: Rig,
-        motion: Motion,
-        signal: Callable[[int], float] = lambda _: 0.0,
-        adversity: Adversity = Adversity(),
+        devices: Mapping[str, Callable[[], Device]],
+        adversity: Adversity = NONE,
         names: Path | None = None,
     ) -> None:
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
-        self._devices: dict[str, list[Any]] = {}
+        self._devices: dict[str, list[Device]] = {}
         self._lines: list[PtyLine] = []
         self._servers: dict[str, Server] = {}
         self._plugged: dict[str, threading.Event] = {}
         self._silenced: set[str] = set()
         self.ports: dict[str, str] = {}
-        members = dict(rig.gauges)
-        for group in gauge_groups(rig):
-            first, label = members[group[0]], "_".join(group)
-            device = gauge_device(rig, motion, group)
-            port = (
-                self._serve(label, TcpPort(self._noted(label, device)))
-                if tcp_address(first.port)
-                else self._serve_pty(label, device, PtyLine(first.line, adversity.latency_ms, names and names / label))
-            )
-            self.ports.update(dict.fromkeys(group, port))
-
-        def shown(now_ns: int) -> Sequence[float]:
-            program = (signal(now_ns),) if carries_signal(rig.feedback) else ()
-            return [*motion.joints_deg(now_ns), *program]
-
-        def controller() -> Any:
-            return OwnClock(partial(feedback.device, rig.feedback), shown, adversity.drift_ppm)
-
-        robot, late_ms = self._noted("robot", controller), adversity.jitter_ms
-        calls, by_udp = rig.feedback.listens, udp_address(rig.feedback.port)
-        networked = UdpPort(robot, calls=calls, jitter_ms=late_ms) if by_udp else TcpPort(robot, late_ms)
-        self.ports["feedback"] = self._serve("robot", networked)
+        """By what the rig file calls it: `g1`, `g2`, `feedback`."""
+        late_ms = adversity.jitter_ms
+        for stream in streams_of(rig):
+            name, make = stream.name, self._noted(stream.name, devices[stream.name])
+            if udp_address(stream.port):
+                port = self._serve(name, UdpPort(make, calls=stream.listens, jitter_ms=late_ms))
+            elif tcp_address(stream.port):
+                port = self._serve(name, TcpPort(make, late_ms if name == ROBOT else 0.0))
+            else:
+                port = self._serve_pty(name, make, PtyLine(stream.line, adversity.latency_ms, names and names / name))
+            called = ["feedback"] if name == ROBOT else name.split("_")
+            self.ports.update(dict.fromkeys(called, port))
 
     def start(self) -> None:
         """Switch everything on."""
@@ -166,10 +135,10 @@ class Cell:
         written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
         return written
 
-    def _noted(self, name: str, make: Callable[[], Conversation]) -> Callable[[], Conversation]:
+    def _noted(self, name: str, make: Callable[[], Device]) -> Callable[[], Device]:
         self._devices[name] = []
 
-        def made() -> Conversation:
+        def made() -> Device:
             device = make()
             self._devices[name].append(device)
             return device
@@ -182,8 +151,7 @@ class Cell:
         self._threads.append(threading.Thread(target=server.serve, args=(self._stop,), name=f"emulated {name}"))
         return server.port
 
-    def _serve_pty(self, name: str, make: Callable[[], Conversation], line: PtyLine) -> str:
-        made = self._noted(name, make)
+    def _serve_pty(self, name: str, made: Callable[[], Device], line: PtyLine) -> str:
         plugged = self._plugged[name] = threading.Event()
         plugged.set()
         self._lines.append(line)
@@ -195,6 +163,7 @@ class Cell:
             while not self._stop.is_set() and name not in self._silenced:
                 with contextlib.suppress(LinkLost):
                     converse(line, made(), lambda _: None, ended)
+                self._stop.wait(_NOTICE_S)
                 if not plugged.is_set():
                     line.unplug()
                     while not plugged.wait(_NOTICE_S) and not self._stop.is_set():

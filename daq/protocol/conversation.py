@@ -112,5 +112,6 @@ class Conversation(Protocol):
 class Device(Conversation, Protocol):
     """The device's side: it sends and emits no items."""
 
-    sent: int
-    """Readings or packets sent so far."""
+    @property
+    def sent(self) -> int:
+        """Readings or packets sent so far."""

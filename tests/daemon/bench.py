@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from daq.client import Client
-from daq.emulators import Cell, Motion
+from daq.emulators import Cell, Motion, emulated
 from rigs.load import SHIPPED, parse
 
 PATIENCE_S = 20.0
@@ -66,11 +66,15 @@ def rig_text(gauges: str = "sylvac", timeout_s: float = 0.3) -> str:
 class Bench:
     """Cell and daemon in one directory; leaves nothing running."""
 
-    def __init__(self, folder: Path, text: str | None = None, motion: Motion | None = None) -> None:
+    def __init__(
+        self, folder: Path, text: str | None = None, motion: Motion | None = None, cell: Cell | None = None
+    ) -> None:
         self.folder = folder
         self.motion = ByHand()
         text = text or rig_text()
-        self.cell = Cell(parse(text, "bench"), motion or self.motion, self.motion.signal, names=folder / "by-id")
+        self.cell = cell or emulated(
+            parse(text, "bench"), motion or self.motion, self.motion.signal, names=folder / "by-id"
+        )
         self.rig = folder / "rig.yaml"
         self.rig.write_text(self.cell.rig_text(text))
         self.cell.start()
@@ -147,6 +151,21 @@ class Bench:
             finally:
                 process.kill()
             assert process.returncode == code and " sent" in said
+
+    @contextlib.contextmanager
+    def replaying(self, log: Path, rig: Path) -> Iterator[Callable[[], str]]:
+        """`rig replay`; gives what waits for its end and returns all that it said."""
+        process = subprocess.Popen(
+            [BIN / "rig", "replay", log, rig], stdout=subprocess.PIPE, cwd=self.folder, text=True
+        )
+        assert process.stdout
+        try:
+            next(line for line in process.stdout if line.startswith("ready"))
+            yield lambda: process.communicate(timeout=3 * PATIENCE_S)[0]
+            assert process.returncode == 0
+        finally:
+            process.kill()
+            process.wait()
 
     def fails(self, *command: str | Path, code: int) -> str:
         """A command that must fail with this exit code and one line; returns the line."""

@@ -21,7 +21,7 @@ from bench import Bench, ByHand, rig_text
 from daq.client import Client
 from daq.doctor import Finding, Verdict, computer, examine, ports, trial
 from daq.doctor.examine import told
-from daq.emulators import Cell
+from daq.emulators import emulated
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.uart import heard
 from daq.links import open_link
@@ -205,7 +205,7 @@ def test_an_emulated_line_garbles_both_ways_at_another_baud() -> None:
 @contextmanager
 def _switched_on(text: str) -> Iterator[dict[str, Any]]:
     """A cell; gives its rig file's data."""
-    cell = Cell(parse(text, "bench"), ByHand())
+    cell = emulated(parse(text, "bench"), ByHand())
     cell.start()
     try:
         yield yaml.safe_load(cell.rig_text(text))

@@ -15,7 +15,7 @@ import yaml
 from drivers import LINE, NEEDED
 from simulated import S, simulate
 
-from daq.emulators.cell import gauge_device
+from daq.emulators.instruments import gauge_device
 from daq.protocol.conversation import NO_TIME, Fault, Sample
 from daq.streams import streams_of
 from rigs.load import SHIPPED, RigFileError, parse

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import daq.feedback
-from daq.emulators import Adversity, Cell
+from daq.emulators import Adversity, emulated
 from daq.emulators.late_link import LateLink
 from daq.emulators.latency_timer import LatencyTimer
 from daq.emulators.own_clock import OwnClock
@@ -132,7 +132,7 @@ def test_a_cell_can_be_adverse() -> None:
         def joints_deg(self, now_ns: int) -> list[float]:
             return [now_ns * 1e-9] * 6
 
-    cell = Cell(load("ur10e")[0], Still(), adversity=Adversity(latency_ms=16, jitter_ms=5, drift_ppm=30))
+    cell = emulated(load("ur10e")[0], Still(), adversity=Adversity(latency_ms=16, jitter_ms=5, drift_ppm=30))
     cell.start()
     samples: list[Sample] = []
     link = open_link("robot", cell.ports["feedback"], Line(baud=9600, bits=8, parity="N", stop=1))

@@ -1,0 +1,72 @@
+"""`rig replay LOG RIG`: what a cell once said, said again to the real daemon."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analysis.cli import app
+
+if TYPE_CHECKING:
+    from queue import SimpleQueue
+
+    from daq.emulators import Replay
+
+
+@app.command()
+def replay(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="What `rigd --capture` wrote.")],
+    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="The rig file that it was captured with.")],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Where rig.yaml goes.")] = Path("replayed"),
+) -> None:
+    """Serve a capture's instruments on ptys and local ports, each at the pace at which it spoke, until all is said.
+
+    Writes rig.yaml, the rig file with these ports in it, for rigd. An instrument that was asked waits to be asked.
+    """
+    import signal  # noqa: PLC0415
+    from queue import SimpleQueue  # noqa: PLC0415
+
+    from daq.capture import read_capture  # noqa: PLC0415
+    from daq.emulators import Replay  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
+    from rigs.load import load  # noqa: PLC0415
+
+    rig, text = load(rig_file)
+    capture = read_capture(log)
+    played = Replay(rig, capture)
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        (directory / "rig.yaml").write_text(played.cell.rig_text(text), encoding="utf-8")
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+    ends: SimpleQueue[int] = SimpleQueue()
+    signal.signal(signal.SIGTERM, lambda *_: ends.put(0))
+    signal.signal(signal.SIGINT, lambda *_: ends.put(130))
+    played.cell.start()
+    try:
+        for name, port in played.cell.ports.items():
+            typer.echo(f"{name}: {port}")
+        if capture.cut:
+            typer.echo(f"{log}: ends in the middle of a line, which is left out", err=True)
+        typer.echo(f"ready; next: rigd {directory / 'rig.yaml'}")
+        exit_code = _end(played, ends)
+    finally:
+        sent = played.cell.stop()
+    for name, count in sent.items():
+        typer.echo(f"{name}: {count} pieces said")
+    typer.echo(f"{played.otherwise} pieces of the host came otherwise than captured")
+    raise typer.Exit(exit_code)
+
+
+def _end(played: Replay, ends: SimpleQueue[int]) -> int:
+    """The exit code, once all is said or a signal has come."""
+    from queue import Empty  # noqa: PLC0415
+
+    while not played.done:
+        try:
+            return ends.get(timeout=0.1)
+        except Empty:
+            continue
+    return 0

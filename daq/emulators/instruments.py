@@ -1,0 +1,61 @@
+"""Instruments that measure a motion: the device's side of each protocol, fed by a `Motion`.
+
+So this package needs no kinematics.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+from daq import feedback, gauges
+from daq.emulators.cell import NONE, Adversity, Cell
+from daq.emulators.own_clock import OwnClock
+from daq.protocol.conversation import Device
+from daq.streams import ROBOT, gauge_groups
+from rigs.feedback import carries_signal
+from rigs.rig import Rig
+
+
+class Motion(Protocol):
+    """What the emulated instruments measure, at any time of the host's monotonic clock."""
+
+    def gauge_mm(self, name: str, now_ns: int) -> float:
+        """Reading of the gauge of that name; nan where its head is off."""
+
+    def joints_deg(self, now_ns: int) -> Sequence[float]:
+        """The six joint angles that the controller reports."""
+
+
+def emulated(
+    rig: Rig,
+    motion: Motion,
+    signal: Callable[[int], float] = lambda _: 0.0,
+    adversity: Adversity = NONE,
+    names: Path | None = None,
+) -> Cell:
+    """A cell whose instruments measure a motion.
+
+    signal: number of the robot's program at a time, shown where the rig's feedback carries one. The rest: see `Cell`.
+    """
+
+    def shown(now_ns: int) -> Sequence[float]:
+        program = (signal(now_ns),) if carries_signal(rig.feedback) else ()
+        return [*motion.joints_deg(now_ns), *program]
+
+    def controller() -> Device:
+        return OwnClock(partial(feedback.device, rig.feedback), shown, adversity.drift_ppm)
+
+    devices = {"_".join(group): gauge_device(rig, motion, group) for group in gauge_groups(rig)}
+    return Cell(rig, devices | {ROBOT: controller}, adversity, names)
+
+
+def gauge_device(rig: Rig, motion: Motion, group: Sequence[str]) -> Callable[[], Device]:
+    """What makes the instrument that these gauges share, for each connection anew."""
+
+    def read(now_ns: int) -> Sequence[float]:
+        return [motion.gauge_mm(name, now_ns) for name in group]
+
+    return partial(gauges.device, [gauge for name, gauge in rig.gauges if name in group], read)

@@ -1,0 +1,100 @@
+"""Captured cells, through the drivers at the times they were captured, and through the real daemon on real wires."""
+
+from __future__ import annotations
+
+import json
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+from bench import PATIENCE_S, Bench
+from recording import HERE, heard
+
+from daq.capture import Capture, Mark, Piece, read_capture
+from daq.emulators import Replay
+from daq.emulators.replay import Heard
+from rigs.errors import FileError
+from rigs.load import parse
+
+NAMES = sorted(folder.name for folder in HERE.iterdir() if (folder / "cell.log").exists())
+ON_WIRES = ("heidenhain-egm", "keyence-rtde", "mahr-rsi", "sylvac-lines")
+
+
+def _case(name: str) -> tuple[str, Capture, dict[str, Any]]:
+    folder = HERE / name
+    expected = json.loads((folder / "heard.json").read_text())
+    return (folder / "rig.yaml").read_text(), read_capture(folder / "cell.log"), expected
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_drivers_hear_what_they_heard(name: str) -> None:
+    text, capture, expected = _case(name)
+    assert not capture.cut
+    assert heard(parse(text, name), capture) == expected
+
+
+def test_the_daemon_hears_the_same_over_ptys_and_sockets(tmp_path: Path) -> None:
+    with ExitStack() as stack:
+        played = {}
+        for name in ON_WIRES:
+            text, capture, expected = _case(name)
+            replay = Replay(parse(text, name), capture)
+            (tmp_path / name).mkdir()
+            bench = stack.enter_context(Bench(tmp_path / name, text, cell=replay.cell)).start()
+            played[name] = bench, replay, expected
+        for name, (bench, replay, expected) in played.items():
+            seconds = max(piece.at_ns for piece in _case(name)[1].pieces) / 1e9
+            deadline = time.monotonic() + seconds + PATIENCE_S
+            while not replay.done and time.monotonic() < deadline:
+                time.sleep(0.05)
+            assert replay.done, name
+            assert replay.otherwise == 0, name
+            for stream, one in expected.items():
+                told = bench.until(lambda state, s=stream, n=one: _counted(state, s)["samples"] >= n["samples"])
+                counted = _counted(told, stream)
+                assert counted["samples"] == one["samples"], (name, stream)
+                assert {kind: counted.get(kind, 0) for kind in one["faults"]} == one["faults"], (name, stream)
+
+
+def _counted(state: dict[str, Any], stream: str) -> dict[str, int]:
+    counters: dict[str, int] = state["streams"][stream]["counters"]
+    return {"samples": 0} | counters
+
+
+def test_a_connection_that_is_lost_before_its_end_begins_again_and_the_next_follows_its_end() -> None:
+    first = [
+        Piece(0, "robot", Mark.SENT, b"go"),
+        Piece(5, "robot", Mark.CAME, b"1"),
+        Piece(9, "robot", Mark.CAME, b"2"),
+    ]
+    heard = Heard([first, [Piece(20, "robot", Mark.CAME, b"3")]])
+    lost = heard()
+    assert lost.connected(0).send == b"" and lost.received(b"go", 3).wake_ns == 8
+    again = heard()
+    assert again.connected(100).send == b"" and not heard.done
+    assert again.received(b"ga", 103).wake_ns == 108
+    assert again.tick(108).send == b"1" and again.tick(108).wake_ns == 112
+    assert again.tick(112).send == b"2" and again.tick(112).hang_up and heard.otherwise == 1
+    following = heard()
+    assert following.connected(200).send == b"3" and following.tick(200).hang_up
+    assert heard.done and heard.otherwise == 1 and heard().connected(300).hang_up
+
+
+def test_a_rig_of_which_the_capture_knows_nothing_is_refused() -> None:
+    text, capture, _ = _case(NAMES[0])
+    other = Capture(tuple(piece for piece in capture.pieces if piece.stream != "robot"), cut=False)
+    with pytest.raises(FileError, match="holds nothing of robot"):
+        Replay(parse(text, "x"), other)
+
+
+def test_the_command_serves_a_capture_until_all_is_said(tmp_path: Path) -> None:
+    name = "sylvac-lines"
+    with Bench(tmp_path) as bench, bench.replaying(HERE / name / "cell.log", HERE / name / "rig.yaml") as said:
+        bench.rig = tmp_path / "replayed" / "rig.yaml"
+        bench.start().until(lambda state: state["streams"]["robot"]["counters"].get("samples", 0) > 50)
+        end = said()
+    assert "0 pieces of the host came otherwise than captured" in end
+    bad = bench.fails("rig", "replay", HERE / name / "rig.yaml", HERE / name / "rig.yaml", code=3)
+    assert "is no capture of rigd" in bad
