@@ -10,6 +10,7 @@ import csv
 import hashlib
 import io
 import json
+import math
 import shutil
 import time
 import zlib
@@ -141,7 +142,7 @@ def left_by_truth(truth: Mapping[str, Any], case: Path, answer: Mapping[str, Any
             path = path_of(plain, table)
             said.append(predict(grown, table, path, setup) - predict(plain, table, path, setup))
         found[place] = left_of(laps, said)
-    return found
+    return {place: left for place, left in found.items() if math.isfinite(left)}
 
 
 def effect_of(one: Mapping[str, Any]) -> Any:

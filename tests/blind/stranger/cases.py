@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -48,7 +49,10 @@ class Lap:
 
 
 def left_of(laps: Sequence[Lap], said: Sequence[Array]) -> float:
-    """Share of the energy of what faults add that stays when `said` (m, 2) mm a lap is taken off, set-up fitted."""
+    """Share of the energy of what faults add that stays when `said` (m, 2) mm a lap is taken off, set-up fitted.
+
+    nan where they add nothing to these laps, as what shows on the hemisphere alone.
+    """
     A = np.concatenate([lap.by_setup for lap in laps])
 
     def energy(parts: Sequence[Array]) -> float:
@@ -56,7 +60,8 @@ def left_of(laps: Sequence[Lap], said: Sequence[Array]) -> float:
         return float(np.sum((x - A @ np.linalg.lstsq(A, x, rcond=None)[0]) ** 2))
 
     rest = [lap.added - one for lap, one in zip(laps, said, strict=True)]
-    return energy(rest) / energy([lap.added for lap in laps])
+    hidden = energy([lap.added for lap in laps])
+    return energy(rest) / hidden if hidden else math.nan
 
 
 @dataclass(frozen=True)
