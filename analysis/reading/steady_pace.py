@@ -36,6 +36,8 @@ def through_pace(host_ns: Array) -> Fitted:
     number = np.arange(len(host_ns), dtype=np.int64)
     for _ in range(_ROUNDS):
         period_ns = float(np.median(_periods(number, host_ns)))
+        if not period_ns > 0:
+            return as_come  # most came at once, after a stall
         number = numbered(host_ns, period_ns)
     fitted = through_clock(number.astype(float) * period_ns / 1e9, host_ns)
     steady = np.std(host_ns - fitted.ns) < np.std(np.diff(host_ns) / np.maximum(np.diff(number), 1))

@@ -14,6 +14,10 @@ from analysis.model.emulated import EmulatedRobot, truth
 from rigs.load import parse
 
 
+TRIES = 3
+"""A busy computer may hold up the emulated instruments for a part of the lap, which is then rightly refused."""
+
+
 def _quick(gauges: str) -> str:
     data = yaml.safe_load(rig_text(gauges, timeout_s=0.5))
     data["tests"]["circle"]["speed_mm_s"] = 100
@@ -30,11 +34,14 @@ def test_a_lap_is_recorded_analysed_and_agrees_with_the_truth(tmp_path: Path, ga
     (tmp_path / "truth.json").write_text(json.dumps(truth(rig, robot.traces)))
     with Bench(tmp_path, text, robot) as bench:
         bench.start().all_reading()
-        path = bench.record("lap", direction)
-        robot.start(direction)  # type: ignore[arg-type]
-        assert robot.finished.wait(30)
-        assert bench.run("rig", "record", "stop").returncode == 0
-        done = bench.run("rig", "analyse", path, "--json", "--truth", "truth.json", "--plot", "report")
+        for _ in range(TRIES):
+            path = bench.record("lap", direction)
+            robot.start(direction)  # type: ignore[arg-type]
+            assert robot.finished.wait(30)
+            assert bench.run("rig", "record", "stop").returncode == 0
+            done = bench.run("rig", "analyse", path, "--json", "--truth", "truth.json", "--plot", "report")
+            if "the lap has no data" not in done.stderr:
+                break
         assert done.returncode == 0, done.stderr
     (run,) = json.loads(done.stdout)["runs"]
     assert run["direction"] == direction and run["samples"] > 100

@@ -167,3 +167,12 @@ def test_without_a_steady_pace_the_arrivals_stay() -> None:
     found = through_pace(host_ns)
     np.testing.assert_array_equal(found.ns, host_ns)
     assert 2e-3 < np.median(found.u_s) < 5e-3, "they may be late by as much as they are uneven"
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 80), st.integers(0, 80), st.integers(0, 80), st.integers(1, 50))
+def test_messages_that_come_all_at_once_after_a_stall_are_no_pace(before: int, burst: int, after: int, ms: int) -> None:
+    steps_ns = np.concatenate([np.full(before, ms * 1e6), np.zeros(burst), np.full(after, ms * 1e6)])
+    host_ns = 1e9 + np.cumsum(steps_ns)
+    found = through_pace(host_ns)
+    assert found.ns.shape == host_ns.shape and np.isfinite(found.ns).all() and np.isfinite(found.u_s).all()
