@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from analysis.reading.lower_hull import floor, low_outliers, lower_line
@@ -102,6 +102,7 @@ def test_a_clock_whose_rate_follows_the_temperature_is_followed() -> None:
     assert error_us[1] > 150
 
 
+@example(4, 70, 4, 20)
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(0, 100), min_size=2, max_size=60), st.integers(0, 2**32 - 1))
 def test_the_line_lies_under_all_points_and_no_other_lies_closer(ys: list[float], seed: int) -> None:
@@ -169,6 +170,7 @@ def test_without_a_steady_pace_the_arrivals_stay() -> None:
     assert 2e-3 < np.median(found.u_s) < 5e-3, "they may be late by as much as they are uneven"
 
 
+@example(4, 70, 4, 20)
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 80), st.integers(0, 80), st.integers(0, 80), st.integers(1, 50))
 def test_messages_that_come_all_at_once_after_a_stall_are_no_pace(before: int, burst: int, after: int, ms: int) -> None:
