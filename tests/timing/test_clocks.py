@@ -102,7 +102,6 @@ def test_a_clock_whose_rate_follows_the_temperature_is_followed() -> None:
     assert error_us[1] > 150
 
 
-@example(4, 70, 4, 20)
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.floats(0, 100), min_size=2, max_size=60), st.integers(0, 2**32 - 1))
 def test_the_line_lies_under_all_points_and_no_other_lies_closer(ys: list[float], seed: int) -> None:
