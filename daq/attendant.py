@@ -17,8 +17,9 @@ from pathlib import Path
 
 from daq.automatic import Automat, Command, Start, Stop
 from daq.inbox import samples_of
+from daq.label import Label
 from daq.protocol.conversation import Item, Sample
-from daq.recorder import Ended, Label, Recorder
+from daq.recorder import Ended, Recorder
 from daq.store.manifest import Ending
 from rigs.automatic import Automatic, Rule
 from rigs.errors import RigError
@@ -70,11 +71,11 @@ class Attendant:
             return self._recorder.start_run(label)
 
     def stop(self) -> Ended:
-        """A person ends a recording, whoever started it. Raises CellError."""
+        """A person ends a recording, whoever started it, and waits until it is closed. Raises CellError."""
         with self._deciding:
-            ended = self._recorder.stop_run()
+            closing = self._recorder.stop_run()
             self._goes_on()
-            return ended
+        return closing.result()
 
     def state(self) -> dict[str, object] | None:
         """For people: what the automat waits for, whether it records, why it did not; None where it has no rules."""

@@ -17,12 +17,13 @@ from daq.drift import DriftWatch
 from daq.housekeeper import Housekeeper
 from daq.inbox import Inbox, samples_of
 from daq.janitor import Janitor
+from daq.label import Label
 from daq.links import Link
 from daq.metrics import metrics_text
 from daq.notify import notify, watchdog_s
 from daq.protocol.conversation import Item
 from daq.reader import Reader
-from daq.recorder import Label, Recorder
+from daq.recorder import Recorder
 from daq.revival import Revival
 from daq.store import RunWriter
 from daq.store.manifest import Ending

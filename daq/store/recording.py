@@ -2,7 +2,9 @@
 
 The recording chunk is only ever appended to, and deleted only when the Parquet file made from it is
 durable and in the manifest. After a failed write its length is put back to the last whole frame.
-Raises plain OSError; the run's writer says it to a person.
+One that is full is ended, and the next begins when the disk has all of it: so a crash leaves no hole between
+the two, and another thread makes the Parquet file while this one writes on. Until then rows stay pending,
+for as long as one sync takes. Raises plain OSError; the run's writer says it to a person.
 """
 
 from __future__ import annotations
@@ -27,6 +29,7 @@ class OpenChunk:
     """A recording chunk: whole frames up to `size`, bytes synced, whether its name is, whether it was ended."""
 
     path: Path
+    number: int
     fd: int
     size: int
     born_ns: int
@@ -35,6 +38,11 @@ class OpenChunk:
     synced: int = 0
     named: bool = False
     ended: bool = False
+
+    @property
+    def is_synced(self) -> bool:
+        """Whether all of it is on the disk, under its name."""
+        return self.named and self.synced == self.size
 
     def append(self, data: bytes) -> None:
         """Append whole frames or nothing."""
@@ -55,29 +63,29 @@ class OpenChunk:
 
 @dataclass(frozen=True)
 class Sync:
-    """A chunk's frames on their way to the disk. `wait`, once, in any thread; `done` then in the owner's."""
+    """A chunk's frames on their way to the disk. `wait`, once, in any thread."""
 
     chunk: OpenChunk
     fd: int
     size: int
 
     def wait(self) -> None:
-        """Returns when all are there. Raises OSError."""
+        """Returns when all are there, which the chunk knows then. Raises OSError."""
         try:
             durable.sync(self.fd)
         finally:
             durable.close(self.fd)
         if not self.chunk.named:
             durable.sync_directory(self.chunk.path.parent)
-
-    def done(self) -> None:
-        """Note it in the chunk."""
         self.chunk.synced, self.chunk.named = self.size, True
 
 
 @dataclass
 class Recorder:
-    """What is pending, recorded and closed of one stream of a run."""
+    """What is pending, recorded and closed of one stream of a run.
+
+    open: what is written to, or waits to be synced once it was ended. full: ended, synced and being closed.
+    """
 
     run: Path
     stream: str
@@ -86,21 +94,30 @@ class Recorder:
     rows: int = 0
     chunks: int = 0
     open: OpenChunk | None = None
+    full: OpenChunk | None = None
 
     def append(self, rows: Iterable[Row]) -> None:
         """Keep rows until the next write."""
         self.pending.extend(rows)
 
+    def unclosed(self) -> list[OpenChunk]:
+        """The chunks that are no Parquet file yet, in order."""
+        return [chunk for chunk in (self.full, self.open) if chunk]
+
     def bytes_to_close(self) -> int:
-        """Room that writing what is pending takes, and then a Parquet file beside the chunk, at the most.
+        """Room that writing what is pending takes, and then a Parquet file beside each chunk, at the most.
 
         Parquet is no larger than Arrow's frames, which hold the same columns and a head for each batch.
         """
         pending = 8 * len(self.schema) * len(self.pending)
-        return 2 * pending + (self.open.size if self.open else 0)
+        return 2 * pending + sum(chunk.size for chunk in self.unclosed())
 
     def write(self) -> None:
-        """Append what is pending as one batch, in a new chunk if none is open."""
+        """Append what is pending as one batch, in a new chunk if none is open; later, where one waits to be synced."""
+        if self.open and self.open.ended:
+            if self.full or not self.open.is_synced:
+                return
+            self.full, self.open = self.open, None
         if not self.pending:
             return
         chunk = self.open or self._begin()
@@ -112,51 +129,44 @@ class Recorder:
         self.rows += batch.num_rows
 
     def _begin(self) -> OpenChunk:
-        path = (self.run / chunk_name(self.stream, self.chunks + 1)).with_suffix(".arrow")
+        number = self.chunks + 1
+        path = (self.run / chunk_name(self.stream, number)).with_suffix(".arrow")
         start = head(self.schema)
-        self.open = OpenChunk(path, durable.create(path, start), len(start), time.monotonic_ns())
-        self.chunks += 1
+        self.open = OpenChunk(path, number, durable.create(path, start), len(start), time.monotonic_ns())
+        self.chunks = number
         return self.open
-
-    def sync(self) -> None:
-        """Make every written frame durable, and the name of the file that holds it."""
-        if sync := self.begin_sync():
-            sync.wait()
-            sync.done()
 
     def begin_sync(self) -> Sync | None:
         """What there is to sync, None for nothing."""
         chunk = self.open
-        if chunk is None or (chunk.synced == chunk.size and chunk.named):
-            return None
-        return Sync(chunk, durable.again(chunk.fd), chunk.size)
+        return None if chunk is None or chunk.is_synced else Sync(chunk, durable.again(chunk.fd), chunk.size)
 
-    def finish(self) -> Chunk:
-        """Close the open chunk, prove that it reads back, and put its Parquet file beside it."""
-        chunk = self._opened()
+    def finish(self, chunk: OpenChunk) -> Chunk:
+        """End a chunk of this stream, prove that it reads back, and put its Parquet file beside it."""
         chunk.end()
-        self.sync()
+        if not chunk.is_synced:
+            Sync(chunk, durable.again(chunk.fd), chunk.size).wait()
         found = salvage(chunk.path.read_bytes(), self.schema)
         if found.damage or found.rows != chunk.rows:
             raise OSError(errno.EIO, f"{chunk.path.name} reads back {found.damage or 'short'}")
-        return store(self.run, self.stream, self.chunks, found, self.schema)
+        return store(self.run, self.stream, chunk.number, found, self.schema)
 
-    def forget(self) -> None:
-        """Delete the recording chunk, whose rows the manifest now lists elsewhere."""
-        chunk = self._opened()
-        self.release()
+    def forget(self, chunk: OpenChunk) -> None:
+        """Delete a chunk whose rows the manifest now lists elsewhere."""
+        self._release(chunk)
         durable.remove(chunk.path)
 
     def release(self) -> None:
-        """Let go of the open file and leave it where it is."""
-        if self.open:
-            durable.close(self.open.fd)
-            self.open = None
+        """Let go of the open files and leave them where they are."""
+        for chunk in self.unclosed():
+            self._release(chunk)
 
-    def _opened(self) -> OpenChunk:
-        if self.open is None:
-            raise ValueError(f"{self.stream} has no open chunk")
-        return self.open
+    def _release(self, chunk: OpenChunk) -> None:
+        durable.close(chunk.fd)
+        if chunk is self.full:
+            self.full = None
+        else:
+            self.open = None
 
 
 def store(run: Path, stream: str, number: int, found: Salvage, schema: pa.Schema) -> Chunk:

@@ -1,7 +1,8 @@
 """The recording of a run, from its first row to its exit status.
 
-One thread owns a writer. It appends rows, and calls `sync` about once a second, then `roll`: whatever
-sync returned for survives a kill and a power cut. A disk that refuses makes a `CellError` and condemns the writer,
+One thread owns a writer. It appends rows and writes them, which a kill does not reach. What takes the disk's
+time is `Work` for another thread: to sync, which what came so far then survives a power cut by, and to close a
+chunk that is full. One piece at a time. A disk that refuses makes a `CellError` and condemns the writer,
 because after a failed fsync nobody knows what is on the disk; what was synced before stays readable,
 `close` saves what it still can, and `rig recover` does the rest. `NearlyFull` comes before that: it
 condemns nothing, and the run can be closed whole.
@@ -10,10 +11,11 @@ condemns nothing, and the run can be closed whole.
 from __future__ import annotations
 
 import re
+import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from functools import partial
 from itertools import count
@@ -25,14 +27,14 @@ from daq.protocol.conversation import Fault, Sample
 from daq.store import durable
 from daq.store.chunk import with_opening
 from daq.store.manifest import Ending, Manifest, iso_now, new_manifest, read_clocks
-from daq.store.recording import OpenChunk, Recorder, Sync
+from daq.store.recording import OpenChunk, Recorder
 from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES, require_room
 from daq.store.schema import FAULTS, schema_of
 from rigs.errors import CellError
 from rigs.vocabulary import Direction, TestName
 
 CHUNK_ROWS = 200_000
-"""Closing a chunk of this size holds the writer up for about 0.2 s (7 columns and 6 joints)."""
+"""Closing a chunk of this size takes about 0.2 s (7 columns and 6 joints)."""
 CHUNK_AGE_NS = 600 * 10**9
 """A slow gauge's rows become Parquet within ten minutes."""
 MOST_CHUNKS = 1000
@@ -41,15 +43,15 @@ _TIMED = re.compile(r"[0-9]{8}T[0-9]{6}[.0-9]*Z")
 
 
 @dataclass(frozen=True)
-class Syncing:
-    """A sync under way. rows: of each sample stream, on the disk when it is through."""
+class Work:
+    """Something to wait for the disk for. synced: rows of each sample stream, on the disk when it is through."""
 
-    syncs: list[Sync]
-    rows: dict[str, int]
+    steps: Sequence[Callable[[], None]]
+    synced: Mapping[str, int] | None = None
 
     def wait(self) -> None:
-        """Wait for the disk, once, in any thread. Raises OSError, the first of all."""
-        errors = [error for sync in self.syncs if (error := _attempt(sync.wait))]
+        """Do it, once, in any thread, and all of it. Raises OSError or ArrowException, the first of all."""
+        errors = [error for step in self.steps if (error := _attempt(step))]
         if errors:
             raise errors[0]
 
@@ -64,6 +66,8 @@ class RunWriter:
     _lock: int
     _chunk_rows: int
     _failure: CellError | None = None
+    _changing: threading.Lock = field(default_factory=threading.Lock)
+    """Held while the manifest is made anew and saved: two threads do."""
 
     @classmethod
     def create(  # noqa: PLR0913 - what a manifest needs to know
@@ -123,7 +127,7 @@ class RunWriter:
         return len(self.manifest.chunks) >= MOST_CHUNKS
 
     def stored(self) -> dict[str, int]:
-        """Rows of each sample stream handed to the operating system so far: after a `sync`, on the disk."""
+        """Rows of each sample stream handed to the operating system so far: after a sync, on the disk."""
         return {stream: self._recorders[stream].rows for stream in self.manifest.streams}
 
     def room_to_close(self) -> int:
@@ -136,7 +140,7 @@ class RunWriter:
 
     def anchor(self) -> None:
         """Keep in the manifest what time it is now: the wall clock has been set. Raises CellError."""
-        with self._guarded():
+        with self._guarded(), self._changing:
             self.manifest = self.manifest.model_copy(update={"anchors": (*self.manifest.anchors, read_clocks())})
             self.manifest.save(self.path)
 
@@ -150,44 +154,53 @@ class RunWriter:
             self._write()
 
     def sync(self) -> None:
-        """Write, and return when everything taken so far is on the disk. Raises as `write`."""
+        """Write, and return when everything written so far is on the disk. Raises as `write`."""
         self.write()
-        self.end_sync(syncing := self.begin_sync(), _attempt(syncing.wait))
+        self._do(self.begin_sync())
 
-    def begin_sync(self) -> Syncing:
-        """Everything written so far, for another thread to wait for while this one goes on writing."""
+    def begin_sync(self) -> Work:
+        """To sync everything written so far; chunks that are full or old end with it, and are synced first."""
         with self._guarded():
+            for recorder in self._recorders.values():
+                if recorder.open and not recorder.full and self._is_due(recorder.open):
+                    recorder.open.end()
             syncs = [sync for recorder in self._recorders.values() if (sync := recorder.begin_sync())]
-            return Syncing(syncs, self.stored())
-
-    def end_sync(self, syncing: Syncing, error: BaseException | None) -> None:
-        """What became of it: the error that `wait` raised, or none. Raises CellError for one."""
-        with self._guarded():
-            if error:
-                raise error
-            for sync in syncing.syncs:
-                sync.done()
+            syncs.sort(key=lambda sync: not sync.chunk.ended)  # whose next rows are held back
+            return Work([sync.wait for sync in syncs], self.stored())
 
     def roll(self) -> bool:
-        """Close the oldest chunk that is full or old; False where there is none. Raises CellError.
+        """Close a chunk that was ended; False where there is none. Raises as `write`."""
+        self.write()
+        work = self.begin_roll()
+        if work:
+            self._do(work)
+        return work is not None
+
+    def begin_roll(self) -> Work | None:
+        """To close one chunk that was ended and synced, the oldest; None where there is none.
 
         One, since it takes its time, in which nothing is synced: several streams' may be due at once.
         """
+        full = [(chunk.born_ns, name) for name, recorder in self._recorders.items() if (chunk := recorder.full)]
+        return Work([partial(self._roll, self._recorders[min(full)[1]])]) if full else None
+
+    def end_work(self, error: BaseException | None) -> None:
+        """What became of it: the error that `Work.wait` raised, or none. Raises CellError for one."""
         with self._guarded():
-            chunks = {name: recorder.open for name, recorder in self._recorders.items() if recorder.open}
-            due = [(chunk.born_ns, name) for name, chunk in chunks.items() if self._is_due(chunk)]
-            if due:
-                self._roll(self._recorders[min(due)[1]])
-        return bool(due)
+            if error:
+                raise error
+
+    def _do(self, work: Work) -> None:
+        self.end_work(_attempt(work.wait))
 
     def close(self, exit_status: Ending, reason: str, counters: Mapping[str, Mapping[str, int]]) -> None:
-        """End the run: close every chunk and say in the manifest how and why it ended.
+        """End the run: close every chunk and say in the manifest how and why it ended. In any thread, no work left.
 
         counters: faults by stream and kind; samples are set to what was stored. Does all it can, lets go
         of the run, and only then raises CellError for what it could not do.
         """
         steps = [] if self._failure else [self._write]
-        steps += [partial(self._roll, recorder) for recorder in self._recorders.values()]
+        steps += [partial(self._end, recorder) for recorder in self._recorders.values()]
         problems = [problem for step in steps if (problem := _attempt(step))]
         if problems and exit_status != "failed":
             exit_status, reason = "failed", f"{reason}; {_words(problems[0])}".lstrip("; ")
@@ -217,15 +230,22 @@ class RunWriter:
     def _is_due(self, chunk: OpenChunk) -> bool:
         return chunk.rows >= self._chunk_rows or time.monotonic_ns() - chunk.born_ns >= CHUNK_AGE_NS
 
+    def _end(self, recorder: Recorder) -> None:
+        """Close all that there is of a stream, with the rows that a sync held back."""
+        while recorder.unclosed():
+            self._roll(recorder)
+            if not self._failure:
+                recorder.write()
+
     def _roll(self, recorder: Recorder) -> None:
-        if recorder.open is None:
-            return
-        if recorder.open.rows:  # none when the disk refused the first frame
-            chunk = recorder.finish()
-            manifest = self.manifest.model_copy(update={"chunks": (*self.manifest.chunks, chunk)})
-            manifest.save(self.path)
-            self.manifest = manifest
-        recorder.forget()
+        chunk = recorder.unclosed()[0]
+        if chunk.rows:  # none when the disk refused the first frame
+            listed = recorder.finish(chunk)
+            with self._changing:
+                manifest = self.manifest.model_copy(update={"chunks": (*self.manifest.chunks, listed)})
+                manifest.save(self.path)
+                self.manifest = manifest
+        recorder.forget(chunk)
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:

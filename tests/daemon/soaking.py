@@ -20,9 +20,10 @@ from replugging import Clockwork, swallow
 
 from daq.client import Client
 from daq.inbox import Inbox
+from daq.label import Label
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.pace import Pace
-from daq.recorder import Label, Recorder
+from daq.recorder import Recorder
 from daq.store import RunWriter, verify
 from daq.streams import JOINTS
 
@@ -88,7 +89,7 @@ def accelerated(folder: Path, minutes: float, times: float, every_s: float) -> I
             told_s = time.monotonic()
             samples = sum(inbox.state().counters["samples"] for inbox in inboxes.values())
             yield held(os.getpid(), recorded_s / 60, samples)
-    ended = recorder.stop_run()
+    ended = recorder.stop_run().result()
     recorder.shut_down("complete", "")
     for name, inbox in inboxes.items():
         kept = ended.counters[name]

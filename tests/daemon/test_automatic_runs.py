@@ -14,8 +14,9 @@ from bench import OFF, Bench, rig_text
 
 from daq.attendant import Attendant
 from daq.inbox import Inbox
+from daq.label import Label
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.recorder import Label, Recorder
+from daq.recorder import Recorder
 from daq.store import Manifest, RunWriter, load_manifest, read_run, verify
 from daq.streams import streams_of
 from rigs.load import parse
@@ -73,7 +74,7 @@ def test_a_program_after_the_other_is_a_run_each(printing: Bench) -> None:
         cell.motion.program = program
         cell.until(_recording(direction))
     cell.motion.program = 0
-    cell.until(lambda state: state["recording"] is None)
+    cell.until(lambda state: state["recording"] is None and not state["closing"])
     (first, one), (second, other) = _ended(cell)
     assert [one.direction, other.direction] == ["cw", "acw"] and {one.operator, other.operator} == {"automatic"}
     assert [one.reason, other.reason] == ["the next began", "the robot stands still"]
@@ -144,6 +145,7 @@ def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
     inboxes["robot"].deliver(blink)
     attendant.hear(blink)
     attendant.round()
+    recorder._disk.rest()
     (path,) = tmp_path.iterdir()
     manifest = read_run(path).manifest
     assert manifest.exit_status == "interrupted" and manifest.reason == "the robot stands still; only 0.50 s long"

@@ -6,18 +6,21 @@ import errno
 import os
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import wait
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+import daq.disk
 import daq.inbox
+import daq.quiet_log
 import daq.recorder
+import daq.waiting
 from daq.inbox import Inbox
+from daq.label import Label
 from daq.protocol.conversation import Sample
-from daq.recorder import Label, Recorder
+from daq.recorder import Recorder
 from daq.store import RunWriter, durable, load_manifest, read_run, verify
 from rigs.errors import CellError
 
@@ -50,10 +53,9 @@ class Written:
     def round(self, count: int = 10) -> dict[str, Any]:
         """Some readings, then the writer's turn; the state after it."""
         self.deliver(count)
-        for _ in range(2):  # the second notes what became of the sync that the first began
-            if self.recorder._syncing:
-                wait([self.recorder._syncing[1]])
+        for _ in range(4):  # of a sync and of the closing of a chunk: begun, and what became of it
             self.recorder._round()
+            self.recorder._disk._thread.submit(lambda: None).result()
         return self.recorder.state()
 
     def until_it_goes_on(self) -> None:
@@ -61,7 +63,7 @@ class Written:
         while self.round()["recording"] is None:
             pass
         self.round()
-        self.recorder.stop_run()
+        self.recorder.stop_run().result()
 
     def accounted(self) -> list[Path]:
         """Both runs, after a check that each reading is in one of them or counted as dropped, each once."""
@@ -81,9 +83,9 @@ class Written:
 
 @pytest.fixture
 def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Written:
-    monkeypatch.setattr(daq.recorder, "_FIRST_PAUSE_S", 0.02)
-    monkeypatch.setattr(daq.recorder, "_SYNC_S", 0.0)
-    monkeypatch.setattr(daq.recorder, "_QUIET_S", 0.0)
+    monkeypatch.setattr(daq.waiting, "_FIRST_PAUSE_S", 0.02)
+    monkeypatch.setattr(daq.disk, "_SYNC_S", 0.0)
+    monkeypatch.setattr(daq.quiet_log, "_QUIET_S", 0.0)
     return Written(tmp_path)
 
 
@@ -117,7 +119,7 @@ def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
     assert len(read_run(written.path).streams["robot"]["q1_deg"]) == 20, "whole, the last readings too"
     assert written.round()["missed"] == {"g1": 10, "g2": 10, "robot": 10}
     monkeypatch.setattr(durable, "free_bytes", lambda _: 30_000_000)
-    written.recorder._waiting.try_at_s = 0  # type: ignore[union-attr]
+    written.recorder._waiting.hurry()  # type: ignore[union-attr]
     assert written.round()["recording"] is None, "more room is needed to begin than to go on"
     monkeypatch.undo()
     written.until_it_goes_on()
@@ -147,7 +149,7 @@ def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(
     with failing(number, *calls):
         state = written.round()
         assert state["recording"] is None and os.strerror(number) in str(state["last_end"])
-        written.recorder._waiting.try_at_s = 0  # type: ignore[union-attr]
+        written.recorder._waiting.hurry()  # type: ignore[union-attr]
         assert written.round()["waiting"] == "lap"
         with pytest.raises(CellError):
             RunWriter.create(written.runs, **_plain())
@@ -167,7 +169,7 @@ def test_nothing_is_written_below_the_mount_point_of_a_disk_that_is_away(written
     with failing(errno.EIO, "pwrite"):
         written.round()
     away = written.runs.rename(written.runs.with_name("away"))
-    written.recorder._waiting.try_at_s = 0  # type: ignore[union-attr]
+    written.recorder._waiting.hurry()  # type: ignore[union-attr]
     assert written.round()["waiting"] == "lap"
     assert not written.runs.exists()
     away.rename(written.runs)
@@ -201,7 +203,7 @@ def test_a_run_that_grows_long_is_followed_by_another_without_a_gap(
     monkeypatch.setattr("daq.store.writer.MOST_CHUNKS", 6)
     for _ in range(5):
         written.round()
-    written.recorder.stop_run()
+    written.recorder.stop_run().result()
     former, follower = sorted(written.runs.iterdir(), key=lambda path: bool(load_manifest(path).follows))
     assert load_manifest(former).exit_status == "complete" and load_manifest(follower).follows == former.name
     read = [read_run(path).streams["robot"]["q1_deg"].tolist() for path in (former, follower)]
@@ -218,7 +220,7 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
         syncing.set()
         assert done.wait(20)
 
-    monkeypatch.setattr(daq.recorder, "_SLOW_S", 0.0)
+    monkeypatch.setattr(daq.quiet_log, "_SLOW_S", 0.0)
     monkeypatch.setattr(os, "fsync", slow)
     written.deliver()
     written.recorder._round()
@@ -233,9 +235,69 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
     finally:
         done.set()
     written.round(0)
-    written.recorder.stop_run()
+    written.recorder.stop_run().result()
     assert load_manifest(written.path).counters["g1"] == {"samples": 90}
     assert "disk: slow sync: has taken" in caplog.text
+
+
+@pytest.fixture
+def stalled(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[threading.Event, threading.Event]]:
+    """A disk that takes no Parquet file: set when one comes; to be set when it may go on."""
+    begun, done = threading.Event(), threading.Event()
+
+    def slow(path: Path, data: bytes, replace: Callable[[Path, bytes], None] = durable.replace) -> None:
+        if path.suffix == ".parquet":
+            begun.set()
+            assert done.wait(20)
+        replace(path, data)
+
+    monkeypatch.setattr(durable, "replace", slow)
+    try:
+        yield begun, done
+    finally:
+        done.set()
+
+
+def test_closing_a_chunk_keeps_nothing_from_the_disk(
+    written: Written, monkeypatch: pytest.MonkeyPatch, stalled: tuple[threading.Event, threading.Event]
+) -> None:
+    monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
+    begun, done = stalled
+    while not begun.is_set():
+        written.deliver()
+        written.recorder._round()
+    for _ in range(4):  # each would wait for ever, were it to wait for the disk
+        written.deliver()
+        written.recorder._round()
+    writer = written.recorder._writer
+    assert writer is not None and writer.stored()["g1"] == written.delivered, (
+        "with the system, where no kill reaches it"
+    )
+    done.set()
+    written.round()
+    written.recorder.stop_run().result()
+    assert len([chunk for chunk in load_manifest(written.path).chunks if chunk.stream == "g1"]) > 1
+    assert verify(written.path) == []
+    assert read_run(written.path).streams["g1"]["g1_mm"].tolist() == list(range(written.delivered))
+
+
+def test_a_run_that_takes_long_to_close_keeps_neither_the_watchdog_nor_the_next_run_waiting(
+    written: Written, stalled: tuple[threading.Event, threading.Event]
+) -> None:
+    begun, done = stalled
+    written.round()
+    closing = written.recorder.stop_run()
+    assert begun.wait(20)
+    written.deliver()
+    written.recorder._round()
+    follower = written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+    written.deliver()
+    written.recorder._round()
+    assert not closing.done() and written.recorder.state()["recording"] == "next"
+    done.set()
+    assert closing.result().counters["g1"] == {"samples": 10}
+    assert written.recorder.stop_run().result().path == follower
+    assert verify(written.path) == verify(follower) == []
 
 
 def test_a_slow_write_keeps_no_reader_waiting(
@@ -249,7 +311,7 @@ def test_a_slow_write_keeps_no_reader_waiting(
         return write(fd, data, offset)
 
     monkeypatch.setattr(daq.inbox, "_ROOM", 50)
-    monkeypatch.setattr(daq.recorder, "_SLOW_S", 0.0)
+    monkeypatch.setattr(daq.quiet_log, "_SLOW_S", 0.0)
     monkeypatch.setattr(os, "pwrite", slow)
     writing = threading.Thread(target=written.round)
     writing.start()
@@ -263,7 +325,7 @@ def test_a_slow_write_keeps_no_reader_waiting(
         done.set()
         writing.join(20)
     written.round(0)
-    written.recorder.stop_run()
+    written.recorder.stop_run().result()
     assert load_manifest(written.path).counters["g1"] == {"samples": 60, "dropped": 30}
     assert read_run(written.path).streams["g1"]["g1_mm"].tolist() == list(range(60))
     assert "disk: slow write: has taken" in caplog.text

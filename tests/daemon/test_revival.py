@@ -78,8 +78,8 @@ def test_odd_directories_are_left_alone_and_told(tmp_path: Path, caplog: pytest.
 
 SMALL_DISK = 'mount -t tmpfs -o size="$0" tmpfs runs && exec "$@"'
 IMPATIENT = """
-import daq.recorder
-daq.recorder._FIRST_PAUSE_S = daq.recorder._LONGEST_PAUSE_S = 0.2
+import daq.waiting
+daq.waiting._FIRST_PAUSE_S = daq.waiting._LONGEST_PAUSE_S = 0.2
 from daq.rigd import main
 main()
 """

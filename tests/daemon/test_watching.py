@@ -10,8 +10,9 @@ from pathlib import Path
 import pytest
 
 from daq.inbox import Inbox
+from daq.label import Label
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
-from daq.recorder import Label, Recorder
+from daq.recorder import Recorder
 from daq.store import RunWriter, read_run
 from daq.watching import IN_ERROR_S, STUCK_S, TIMES_IN_ERROR, Watch
 
@@ -100,7 +101,7 @@ def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path: Path) -> None:
     while FaultKind.DOUBTFUL not in inboxes["g1"].state().counters:
         time.sleep(0.02)
     assert "in and out of error" in inboxes["g1"].state().last_fault
-    ended = recorder.stop_run()
+    ended = recorder.stop_run().result()
     recorder.shut_down("complete", "")
     assert ended.counters["g1"][FaultKind.DOUBTFUL] == 1
     assert [fault["stream"] for fault in read_run(ended.path).faults if fault["kind"] == "doubtful"] == ["g1"]

@@ -17,6 +17,7 @@ from powercut import BLOCK, Change, Disk, Mark, Watched, survivors, watched
 from store_cases import STREAMS, assert_rows, fault, samples, start
 
 from daq.store import RunWriter, load_manifest, read_run, recover, verify
+from daq.store.writer import Work
 from rigs.errors import CellError, FileError
 
 ENDED = "ended"
@@ -65,6 +66,22 @@ def recording(root: Path, seed: int, rounds: int = 12) -> Recording:
 
 
 def _one_round(writer: RunWriter, watch: Watched, random: Random) -> None:
+    _append(writer, random)
+    writer.write()
+    what = random.random()
+    if what < 0.4:
+        writer.sync()
+        watch.mark(_rows(writer))
+        writer.roll()
+    elif what < 0.7:
+        rows = _rows(writer)
+        _meanwhile(writer, writer.begin_sync(), random)
+        watch.mark(rows)
+        if rolling := writer.begin_roll():
+            _meanwhile(writer, rolling, random)
+
+
+def _append(writer: RunWriter, random: Random) -> None:
     for stream, columns in STREAMS.items():
         recorder = writer._recorders[stream]
         first = recorder.rows + len(recorder.pending)
@@ -72,12 +89,19 @@ def _one_round(writer: RunWriter, watch: Watched, random: Random) -> None:
     if random.random() < 0.7:
         recorder = writer._recorders["faults"]
         writer.append_faults("g1", [fault(recorder.rows + len(recorder.pending) + 1)])
-    if random.random() < 0.3:
+
+
+def _meanwhile(writer: RunWriter, work: Work, random: Random) -> None:
+    """Work of which a part is done when more is written, as by the daemon while another thread waits for the disk."""
+    split, error = random.randint(0, len(work.steps)), None
+    try:
+        Work(work.steps[:split]).wait()
+        _append(writer, random)
         writer.write()
-    else:
-        writer.sync()
-        watch.mark(_rows(writer))
-        writer.roll()
+        Work(work.steps[split:]).wait()
+    except OSError as refused:
+        error = refused
+    writer.end_work(error)
 
 
 def _rows(writer: RunWriter) -> dict[str, int]:

@@ -144,7 +144,8 @@ def test_damaged_parquet_beside_its_recording_chunk(tmp_path: Path) -> None:
 
 def test_whole_parquet_is_not_replaced_by_a_torn_recording_chunk(tmp_path: Path) -> None:
     writer = record(tmp_path)
-    writer._recorders["g1"].finish()
+    recorder = writer._recorders["g1"]
+    recorder.finish(recorder.unclosed()[0])
     path = crash(writer)
     (path / "g1-0001.arrow").write_bytes(b"torn")
     recover(path)

@@ -12,8 +12,9 @@ import daq.recorder
 import daq.store.writer
 from daq.clockwatch import HOST, ClockWatch, Readings, read_clocks
 from daq.inbox import Inbox
+from daq.label import Label
 from daq.protocol.conversation import Sample
-from daq.recorder import Label, Recorder
+from daq.recorder import Recorder
 from daq.store import RunWriter, read_run
 from daq.store.manifest import Clock
 
@@ -89,12 +90,12 @@ def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, 
         return writer
 
     recorder = Recorder({"g1": inbox}, create, lambda: None)
-    monkeypatch.setattr(recorder, "_require_readings", lambda test: None)
+    monkeypatch.setattr(daq.recorder, "require_readings", lambda inboxes, test: None)
     path = recorder.start_run(Label(name="a", test="radial"))
     now[0] = later(START, 10.0, stepped_s=3600.0)
     anchor = Clock(monotonic_ns=now[0].monotonic_ns, unix_ns=now[0].wall_ns, bracket_ns=0)
     inbox.deliver([Sample((1.0,), -1, now[0].monotonic_ns, now[0].monotonic_ns, 8)])
-    ended = recorder.stop_run()
+    ended = recorder.stop_run().result()
     assert ended.counters == {"g1": {"samples": 1}, HOST: {"clock": 1}}
     run = read_run(path)
     assert [(fault["stream"], fault["kind"], fault["at_ns"]) for fault in run.faults] == [

@@ -1,0 +1,72 @@
+"""Who waits for the disk: one thread, one piece of work at a time, in order.
+
+To sync, to close a chunk that is full, to end a run: on a slow disk each may take seconds. Meanwhile the
+recorder goes on emptying inboxes, writing what came to where a kill does not reach it, and feeding the watchdog.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, TypeVar
+
+from daq.quiet_log import QuietLog
+from daq.store import RunWriter
+from daq.store.writer import Work
+
+_SYNC_S = 0.5
+_Result = TypeVar("_Result")
+
+
+class Disk:
+    """The thread, and what it is at."""
+
+    def __init__(self, told: QuietLog) -> None:
+        self._told = told
+        self._thread = ThreadPoolExecutor(1, "disk")
+        self._under_way: tuple[Work, Future[None]] | None = None
+        self._closing: Future[Any] | None = None
+        self._begun_s = self._synced_s = 0.0
+        self.synced: Mapping[str, int] = {}
+        """Rows of each sample stream of the run that are known to be on the disk."""
+
+    def go_on(self, writer: RunWriter) -> None:
+        """Note what is through and begin the next: a sync twice a second, between two a chunk. Raises CellError."""
+        closed_one = False
+        if self._under_way is not None:
+            work, waiting = self._under_way
+            closed_one = work.synced is None
+            self._told.slow("closing of a chunk" if closed_one else "sync", time.monotonic() - self._begun_s)
+            if not waiting.done():
+                return
+            self._under_way = None
+            writer.end_work(waiting.exception())
+            self.synced = self.synced if work.synced is None else work.synced
+        self._begin(writer, may_close=not closed_one)
+
+    def _begin(self, writer: RunWriter, *, may_close: bool) -> None:
+        now = time.monotonic()
+        work = writer.begin_roll() if may_close else None
+        if work is None and now - self._synced_s >= _SYNC_S:
+            self._synced_s, work = now, writer.begin_sync()
+        if work is not None:
+            self._begun_s, self._under_way = now, (work, self._thread.submit(work.wait))
+
+    def last(self, closing: Callable[[], _Result]) -> Future[_Result]:
+        """To close the run, after what is under way.
+
+        What that comes to matters no more: closing does all of it again that was not done, and proves it.
+        """
+        self._under_way, self.synced = None, {}
+        self._closing = closed = self._thread.submit(closing)
+        return closed
+
+    @property
+    def is_closing(self) -> bool:
+        """Whether a run that was ended is still being closed."""
+        return self._closing is not None and not self._closing.done()
+
+    def rest(self) -> None:
+        """Returns when all is done."""
+        self._thread.shutdown()

@@ -1,0 +1,19 @@
+"""What a recording is called."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from rigs.base import Part
+from rigs.vocabulary import Direction, TestName
+
+
+class Label(Part):
+    """What a person says of a recording when it starts."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
+    test: TestName
+    direction: Direction | None = None
+    operator: str = ""
