@@ -1,0 +1,63 @@
+"""What another thread waits for the disk for, while rows go on coming."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from store_cases import assert_holds, crash, samples, start
+
+from daq.store import RunWriter, read_run, recover, verify
+from daq.store.writer import Work
+
+
+def _append(writer: RunWriter, first: int) -> None:
+    writer.append("g1", samples(4, 1, first))
+    writer.append("robot", samples(4, 2, first))
+    writer.write()
+
+
+@pytest.fixture
+def ended(tmp_path: Path) -> tuple[RunWriter, Work]:
+    """A run whose chunks are full, the sync that they ended with, and more rows that came meanwhile."""
+    writer = start(tmp_path, chunk_rows=4)
+    _append(writer, 0)
+    work = writer.begin_sync()
+    _append(writer, 4)
+    return writer, work
+
+
+def _files(writer: RunWriter, stream: str) -> list[str]:
+    return sorted(path.name for path in writer.path.glob(f"{stream}-*"))
+
+
+def test_the_next_chunk_begins_when_the_disk_has_the_one_before(ended: tuple[RunWriter, Work]) -> None:
+    writer, work = ended
+    assert _files(writer, "g1") == ["g1-0001.arrow"] and writer.stored() == work.synced == {"g1": 4, "robot": 4}
+    assert writer.begin_roll() is None
+    work.wait()
+    writer.end_work(None)
+    writer.write()
+    assert _files(writer, "g1") == ["g1-0001.arrow", "g1-0002.arrow"] and writer.stored() == {"g1": 8, "robot": 8}
+    while rolling := writer.begin_roll():
+        rolling.wait()
+        writer.end_work(None)
+    assert _files(writer, "g1") == ["g1-0001.parquet", "g1-0002.arrow"]
+
+
+def test_a_run_that_ends_meanwhile_holds_what_was_held_back(ended: tuple[RunWriter, Work]) -> None:
+    writer, work = ended
+    work.wait()
+    writer.close("complete", "", {})
+    assert verify(writer.path) == []
+    assert_holds(read_run(writer.path), 8)
+
+
+def test_a_crash_with_two_chunks_of_a_stream(ended: tuple[RunWriter, Work]) -> None:
+    writer, work = ended
+    work.wait()
+    writer.end_work(None)
+    writer.write()
+    path = crash(writer)
+    assert not recover(path).losses
+    assert_holds(read_run(path), 8)
