@@ -22,6 +22,8 @@ from rigs.errors import CellError
 ERROR, WARNING, NOTICE, INFO, DEBUG = 3, 4, 5, 6, 7
 """Severities of syslog; smaller is worse."""
 _OF_LEVEL = ((logging.CRITICAL, 2), (logging.ERROR, ERROR), (logging.WARNING, WARNING), (logging.INFO, INFO))
+_NO_UNIT = "No data available"
+"""What journalctl says of a pattern that no unit's name fits."""
 _READABLE = "%(asctime)s %(levelname)s %(message)s"
 
 
@@ -83,7 +85,7 @@ def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> 
             complaint = journal.communicate()[1].strip()
         finally:
             journal.terminate()
-    if complaint:
+    if complaint and _NO_UNIT not in complaint:
         raise CellError("journal", complaint.splitlines()[0], "see man journalctl")
     if not found:
         what = "nothing in the journal" + (f" since {since}" if since else "") + " that this user can see"

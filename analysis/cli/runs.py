@@ -28,9 +28,15 @@ def runs(
     if as_json:
         typer.echo(json.dumps(found, indent=2))
         return
+    if not found:
+        typer.echo(f"no runs in {directory}")
+        return
     from rich.console import Console  # noqa: PLC0415
 
-    Console().print(listed(found) if found else f"no runs in {directory}")
+    table = listed(found)
+    whole = Console(width=10_000).measure(table).maximum
+    # A directory in pieces cannot be copied: a line stays one, however narrow the terminal is.
+    Console(width=max(whole, Console().width)).print(table)
 
 
 @app.command()

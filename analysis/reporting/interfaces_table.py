@@ -18,9 +18,9 @@ def as_table(found: Sequence[Interface]) -> RenderableType:
     """A table, and under it how many are how sure."""
     table = Table(header_style="bold", show_lines=True)
     table.add_column("interface, line", no_wrap=True)
-    table.add_column("instruments", ratio=1)
+    table.add_column("instruments", ratio=1, overflow="fold")
     table.add_column("standing", no_wrap=True)
-    table.add_column("source; what is in doubt", ratio=2)
+    table.add_column("source; what is in doubt", ratio=2, overflow="fold")
     for one in found:
         origin = one.origin
         standing = Text(origin.standing, style=_STYLE[origin.standing])

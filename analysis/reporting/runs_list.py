@@ -10,7 +10,7 @@ from rich.text import Text
 
 from daq.store import RunInfo
 
-_HOUR_S, _DAY_S = 3600.0, 86400.0
+_MINUTE_S, _HOUR_S, _DAY_S = 60.0, 3600.0, 86400.0
 
 
 def row(run: RunInfo, now_s: float) -> dict[str, Any]:
@@ -33,8 +33,8 @@ def row(run: RunInfo, now_s: float) -> dict[str, Any]:
 
 def listed(rows: Sequence[dict[str, Any]]) -> Table:
     """A line a run, and what all of them take."""
-    table = Table(box=None, padding=(0, 2), header_style="dim", show_footer=True, footer_style="dim")
-    table.add_column("run", f"{len(rows)} runs", overflow="fold")
+    table = Table(box=None, padding=(0, 1), header_style="dim", show_footer=True, footer_style="dim")
+    table.add_column("run", f"{len(rows)} run{'s' * (len(rows) != 1)}")
     table.add_column("test")
     table.add_column("status")
     table.add_column("size", _size(sum(one["bytes"] for one in rows)), justify="right")
@@ -58,4 +58,6 @@ def _size(count: int) -> str:
 
 
 def _age(seconds: float) -> str:
-    return f"{seconds / _DAY_S:.0f} d" if seconds >= _DAY_S else f"{seconds / _HOUR_S:.1f} h"
+    if seconds >= _DAY_S:
+        return f"{seconds / _DAY_S:.0f} d"
+    return f"{seconds / _HOUR_S:.1f} h" if seconds >= _HOUR_S else f"{seconds / _MINUTE_S:.0f} min"

@@ -92,6 +92,8 @@ def _plain(text: str) -> str:
 def test_a_journal_that_says_nothing_is_one_line() -> None:
     with pytest.raises(CellError, match=r"rigd@no-such-rig.service: nothing in the journal that this user can see; "):
         list(journal.read("no-such-rig"))
+    with pytest.raises(CellError, match=r"rigd@\*.service: nothing in the journal that this user can see; "):
+        list(journal.read(None))
     with pytest.raises(CellError, match="Failed to parse timestamp"):
         list(journal.read(None, "whenever"))
 

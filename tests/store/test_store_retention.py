@@ -83,8 +83,10 @@ def test_an_export_marks_its_run_and_the_list_shows_it(run: Path) -> None:
     assert CliRunner().invoke(app, ["keep", str(run)]).stdout == f"{run}: kept\n"
     listed = CliRunner().invoke(app, ["runs", str(run.parent)], env={"COLUMNS": "200"}).stdout
     assert (
-        run.name in listed and "yaw cw" in listed and "complete" in listed and " kept" in listed and "1 runs" in listed
+        run.name in listed and "yaw cw" in listed and "complete" in listed and " kept" in listed and "1 run " in listed
     )
+    narrow = CliRunner().invoke(app, ["runs", str(run.parent)], env={"COLUMNS": "30"}).stdout
+    assert str(run) in narrow and len(narrow.splitlines()) == 3, "a directory in pieces cannot be copied"
     assert CliRunner().invoke(app, ["keep", "--not", str(run)]).stdout == f"{run}: not kept any more\n"
     assert '"kept": false' in CliRunner().invoke(app, ["runs", str(run.parent), "--json"]).stdout
 
