@@ -1,66 +1,20 @@
-"""Reading a rig file: every error at once, each with its line, its place and the nearest known name.
-
-YAML is read with the safe loader only. pydantic finds the errors; the YAML node tree, composed from the
-same text, tells the line each of them stands on.
-"""
+"""Reading a rig file: found by path or by name, read whole, every mistake told at once."""
 
 from __future__ import annotations
 
-import difflib
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
 
-import yaml
-from pydantic import BaseModel, TypeAdapter, ValidationError
-from pydantic_core import ErrorDetails
+from pydantic import TypeAdapter, ValidationError
 
 from rigs.effects import Effect
 from rigs.errors import FileError
+from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
+from rigs.yaml_text import read_yaml
 
 SHIPPED = Path(__file__).parent
 _MAX_BYTES = 1_000_000
-_MOST_PARTS = 500_000
-"""Keys and values once every alias is followed; a megabyte written out has no more."""
-_MOST_TOLD = 100
-_UNREADABLE = (RecursionError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
-"""What PyYAML raises beside its own errors: for what stands behind an explicit tag, or is nested too deeply."""
 _EFFECTS: TypeAdapter[tuple[Effect, ...]] = TypeAdapter(tuple[Effect, ...])
-_CLOSE = 0.5
-"""How alike a name and a known one must be for a person to have meant it (difflib's ratio)."""
-_BRIEF = 60
-Place = tuple[int | str, ...]
-_PLAIN = {
-    "missing": "missing; add it",
-    "model_type": "must be a mapping of keys to values",
-    "model_attributes_type": "must be a mapping of keys to values",
-}
-"""What pydantic says in the words of Python."""
-
-
-@dataclass(frozen=True)
-class Problem:
-    """One mistake in a rig file."""
-
-    line: int
-    place: str
-    message: str
-
-    def __str__(self) -> str:
-        return f"line {self.line}, {self.place}: {self.message}" if self.place else f"line {self.line}: {self.message}"
-
-
-class RigFileError(FileError):
-    """A rig file with mistakes, all of them in `problems`."""
-
-    def __init__(self, path: str, problems: list[Problem]) -> None:
-        count = "1 mistake" if len(problems) == 1 else f"{len(problems)} mistakes"
-        super().__init__(path, f"{count}: " + " | ".join(map(str, problems)), "mend the file")
-        self.problems = problems
-
-    def lines(self) -> list[str]:
-        return [f"{self.where}, {problem}" for problem in self.problems]
 
 
 def find(name: str | Path) -> Path:
@@ -117,224 +71,20 @@ _MOST_KEPT = 16
 
 
 def _parsed(text: str, where: str) -> Rig:
-    root, data = _yaml(text, where)
+    root, data = read_yaml(text, where)
     try:
         return Rig.model_validate(data)
     except ValidationError as error:
-        details = _without_consequences(_with_hidden(data, error.errors(include_url=False)))
-        problems = sorted((_problem(detail, root) for detail in details[:_MOST_TOLD]), key=lambda p: p.line)
-        if untold := len(details) - len(problems):
-            problems.append(Problem(problems[-1].line, "", f"and {untold} more mistakes; mend these first"))
-        raise RigFileError(where, problems) from None
-
-
-def _yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
-    """The nodes of a text and the data they stand for, read by the safe loader. Raises RigFileError."""
-    try:
-        loader = yaml.SafeLoader(text)
-        root = loader.get_single_node()
-        if root is None:
-            return None, None
-        _refuse_repeats(root, where)
-        if _parts(root, {}) > _MOST_PARTS:
-            what = f"aliases (*name) make more than {_MOST_PARTS} parts of it; write out what they stand for"
-            raise RigFileError(where, [Problem(1, "", what)])
-        return root, loader.construct_document(root)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        what = getattr(error, "problem", None) or str(error).splitlines()[0]
-        raise RigFileError(where, [Problem(mark.line + 1 if mark else 1, "", f"not YAML: {what}")]) from None
-    except _UNREADABLE as error:
-        raise RigFileError(where, [Problem(1, "", f"not readable as YAML: {error}")]) from None
-
-
-def _with_hidden(data: Any, details: list[ErrorDetails]) -> list[ErrorDetails]:
-    """A misspelt tag hides the mistakes of its part: they show once the nearest known tag is taken for it."""
-    misspelt = [detail for detail in details if detail["type"] == "union_tag_invalid"]
-    for detail in misspelt:
-        tag, known, key = _tag_error(detail)
-        nearest = difflib.get_close_matches(tag, known, n=1, cutoff=_CLOSE)
-        data = _with(data, detail["loc"], key, nearest[0]) if nearest else data
-    try:
-        Rig.model_validate(data)
-    except ValidationError as error:
-        seen = error.errors(include_url=False)
-        return misspelt + [detail for detail in seen if detail["type"] != "union_tag_invalid"]
-    return misspelt
-
-
-def _tag_error(detail: ErrorDetails) -> tuple[str, list[str], str]:
-    """The tag given, those known, and the key it stands under."""
-    context = detail["ctx"]
-    known = [name.strip().strip("'") for name in context["expected_tags"].split(",")]
-    return str(context["tag"]), known, context["discriminator"].strip("'")
-
-
-def _with(data: Any, loc: Place, key: str, value: str) -> Any:
-    """Data with another value under the key of the mapping at `loc`."""
-    copy = data.copy()
-    if loc:
-        copy[loc[0]] = _with(data[loc[0]], loc[1:], key, value)
-    else:
-        copy[key] = value
-    return copy
+        raise RigFileError(where, problems_of(error, data, root)) from None
 
 
 def load_effects(path: Path) -> tuple[Effect, ...]:
     """The effects of a rig file, or of a file with nothing but `effects:`. Raises FileError."""
     try:
-        _, data = _yaml(_text(path), str(path))
+        _, data = read_yaml(_text(path), str(path))
         found = data.get("effects", ()) if isinstance(data, dict) else data
         return _EFFECTS.validate_python(found or ())
     except ValidationError as error:
         detail = error.errors(include_url=False)[0]
         place = ".".join(str(step) for step in detail["loc"])
         raise FileError(str(path), f"effects.{place}: {detail['msg']}", "write them as in a rig file") from None
-
-
-def _without_consequences(details: list[ErrorDetails]) -> list[ErrorDetails]:
-    """A list is `too_short` also because one of its entries is wrong; the entry alone is the mistake."""
-    places = [detail["loc"] for detail in details]
-    return [
-        detail
-        for detail in details
-        if detail["type"] != "too_short"
-        or not any(len(place) > len(detail["loc"]) and place[: len(detail["loc"])] == detail["loc"] for place in places)
-    ]
-
-
-def _refuse_repeats(root: yaml.Node, where: str) -> None:
-    """YAML's loader keeps the last of two equal keys without a word; a rig file may not lose one."""
-    seen: set[int] = set()
-    problems: list[Problem] = []
-
-    def walk(node: yaml.Node) -> None:
-        if id(node) in seen:
-            return
-        seen.add(id(node))
-        if isinstance(node, yaml.MappingNode):
-            known: set[str] = set()
-            for key, value in node.value:
-                if isinstance(key, yaml.ScalarNode):
-                    if key.value in known:
-                        problems.append(Problem(key.start_mark.line + 1, key.value, "this key stands here twice"))
-                    known.add(key.value)
-                walk(value)
-        elif isinstance(node, yaml.SequenceNode):
-            for value in node.value:
-                walk(value)
-
-    walk(root)
-    if problems:
-        raise RigFileError(where, problems)
-
-
-def _parts(node: yaml.Node, known: dict[int, int]) -> int:
-    """Parts that a node stands for, aliases followed: a few lines of aliases of aliases make billions."""
-    if id(node) not in known:
-        known[id(node)] = _MOST_PARTS + 1  # until it is counted: what holds itself has no end
-        inner = node.value if isinstance(node, yaml.CollectionNode) else ()
-        pairs = isinstance(node, yaml.MappingNode)
-        known[id(node)] = 1 + sum(_parts(part, known) for entry in inner for part in (entry if pairs else (entry,)))
-    return known[id(node)]
-
-
-def _problem(detail: ErrorDetails, root: yaml.Node | None) -> Problem:
-    place, node = _locate(detail["loc"], root)
-    line = node.start_mark.line + 1 if node is not None else 1
-    return Problem(line, _written(place), _message(detail, place))
-
-
-def _locate(loc: Place, root: yaml.Node | None) -> tuple[Place, yaml.Node | None]:
-    """The part of pydantic's location that stands in the file, and its node.
-
-    pydantic puts a union's tag into the location; the file has no key of that name, so it is left out.
-    """
-    place: list[int | str] = []
-    node = root
-    for position, step in enumerate(loc):
-        child = _child(node, step)
-        if child is not None:
-            node = child
-            place.append(step)
-        elif position == len(loc) - 1:
-            place.append(step)
-    return tuple(place), node
-
-
-def _child(node: yaml.Node | None, step: int | str) -> yaml.Node | None:
-    if isinstance(node, yaml.MappingNode):
-        return next((value for key, value in node.value if key.value == step), None)
-    if isinstance(node, yaml.SequenceNode) and isinstance(step, int) and step < len(node.value):
-        child: yaml.Node = node.value[step]
-        return child
-    return None
-
-
-def _written(place: Place) -> str:
-    text = ""
-    for step in place:
-        text += f"[{step + 1}]" if isinstance(step, int) else f".{_name(step)}" if text else _name(step)
-    return text
-
-
-def _name(key: str) -> str:
-    """A key as a line can bear it."""
-    return key if key.isprintable() and len(key) <= _BRIEF else f"{key[:_BRIEF]!r}…"
-
-
-def _message(detail: ErrorDetails, place: Place) -> str:
-    kind, given = detail["type"], detail["input"]
-    if kind == "extra_forbidden":
-        return f"unknown key{_nearest(str(place[-1]), _keys_at(detail['loc'][:-1]))}"
-    if kind == "union_tag_invalid":
-        tag, known, _ = _tag_error(detail)
-        return f"{tag!r} is not known{_nearest(tag, known)}"
-    if kind == "literal_error":
-        known = [name.strip().strip("'") for name in detail["ctx"]["expected"].replace(" or ", ", ").split(",")]
-        tag = _short(given).strip("'")
-        return f"{tag!r} is not known{_nearest(tag, known)}"
-    message = _PLAIN.get(kind, detail["msg"]).removeprefix("Value error, ")
-    if not isinstance(given, int | float | str) or _short(given).strip("'") in message:
-        return message
-    return f"{message}, not {_short(given)}"
-
-
-def _short(given: object) -> str:
-    """What was given, as far as a message needs it."""
-    if isinstance(given, int) and given.bit_length() > 1000:
-        return "a number of hundreds of digits"
-    text = repr(given)
-    return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
-
-
-def _nearest(name: str, known: list[str]) -> str:
-    close = difflib.get_close_matches(name, known, n=1, cutoff=_CLOSE)
-    return f"; did you mean {close[0]}?" if close else f"; known here: {', '.join(sorted(known))}"
-
-
-def _keys_at(loc: Place) -> list[str]:
-    """Keys that the model at a location knows; union tags in the location choose the member."""
-    annotation: Any = Rig
-    for step in loc:
-        models = _models(annotation)
-        tagged = [model for model in models if _tag(model) == step]
-        if tagged:
-            annotation = tagged[0]
-        elif isinstance(step, str):
-            fields = [model.model_fields[step] for model in models if step in model.model_fields]
-            annotation = fields[0].annotation if fields else None
-    return sorted({key for model in _models(annotation) for key in model.model_fields})
-
-
-def _models(annotation: Any) -> list[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return [annotation]
-    return [model for argument in get_args(annotation) for model in _models(argument)]
-
-
-def _tag(model: type[BaseModel]) -> str | None:
-    for key in ("interface", "effect"):
-        if key in model.model_fields:
-            return str(get_args(model.model_fields[key].annotation)[0])
-    return None

@@ -19,7 +19,8 @@ from daq.protocol.conversation import NO_TIME, Sample
 from daq.store import RunWriter, read_run
 from rigs.automatic import Automatic
 from rigs.errors import FileError
-from rigs.load import SHIPPED, RigFileError, parse
+from rigs.load import SHIPPED, parse
+from rigs.problems import RigFileError
 
 UR10E = (SHIPPED / "ur10e.yaml").read_text()
 SIGNAL = "  rate_hz: 500\n  signal: {outputs: [0, 1]}\n"

@@ -18,7 +18,8 @@ from simulated import S, simulate
 from daq.emulators.instruments import gauge_device
 from daq.protocol.conversation import NO_TIME, Fault, Sample
 from daq.streams import streams_of
-from rigs.load import SHIPPED, RigFileError, parse
+from rigs.load import SHIPPED, parse
+from rigs.problems import RigFileError
 
 SHARED = {"keyence_dl_rs1a", "mahr_c1202", "magnescale_lt"}
 INTERFACES = sorted({*NEEDED, "sylvac_opto_rs", "keyence_dl_rs1a"})

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rigs.errors import FileError
-from rigs.load import SHIPPED, RigFileError, find, load, load_effects, parse
+from rigs.load import SHIPPED, find, load, load_effects, parse
+from rigs.problems import RigFileError
 
 TEXT = (SHIPPED / "paper-fanuc.yaml").read_text()
 FEEDBACK = TEXT[TEXT.index("interface: line_feed") : TEXT.index("\n\n", TEXT.index("interface: line_feed"))]

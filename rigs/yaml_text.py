@@ -1,0 +1,70 @@
+"""A rig file's text as YAML: by the safe loader only, no key twice, and no bomb of aliases."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+from rigs.problems import Problem, RigFileError
+
+_MOST_PARTS = 500_000
+"""Keys and values once every alias is followed; a megabyte written out has no more."""
+_UNREADABLE = (RecursionError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
+"""What PyYAML raises beside its own errors: for what stands behind an explicit tag, or is nested too deeply."""
+
+
+def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
+    """The nodes of a text and the data they stand for, read by the safe loader. Raises RigFileError."""
+    try:
+        loader = yaml.SafeLoader(text)
+        root = loader.get_single_node()
+        if root is None:
+            return None, None
+        _refuse_repeats(root, where)
+        if _parts(root, {}) > _MOST_PARTS:
+            what = f"aliases (*name) make more than {_MOST_PARTS} parts of it; write out what they stand for"
+            raise RigFileError(where, [Problem(1, "", what)])
+        return root, loader.construct_document(root)
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        what = getattr(error, "problem", None) or str(error).splitlines()[0]
+        raise RigFileError(where, [Problem(mark.line + 1 if mark else 1, "", f"not YAML: {what}")]) from None
+    except _UNREADABLE as error:
+        raise RigFileError(where, [Problem(1, "", f"not readable as YAML: {error}")]) from None
+
+
+def _refuse_repeats(root: yaml.Node, where: str) -> None:
+    """YAML's loader keeps the last of two equal keys without a word; a rig file may not lose one."""
+    seen: set[int] = set()
+    problems: list[Problem] = []
+
+    def walk(node: yaml.Node) -> None:
+        if id(node) in seen:
+            return
+        seen.add(id(node))
+        if isinstance(node, yaml.MappingNode):
+            known: set[str] = set()
+            for key, value in node.value:
+                if isinstance(key, yaml.ScalarNode):
+                    if key.value in known:
+                        problems.append(Problem(key.start_mark.line + 1, key.value, "this key stands here twice"))
+                    known.add(key.value)
+                walk(value)
+        elif isinstance(node, yaml.SequenceNode):
+            for value in node.value:
+                walk(value)
+
+    walk(root)
+    if problems:
+        raise RigFileError(where, problems)
+
+
+def _parts(node: yaml.Node, known: dict[int, int]) -> int:
+    """Parts that a node stands for, aliases followed: a few lines of aliases of aliases make billions."""
+    if id(node) not in known:
+        known[id(node)] = _MOST_PARTS + 1  # until it is counted: what holds itself has no end
+        inner = node.value if isinstance(node, yaml.CollectionNode) else ()
+        pairs = isinstance(node, yaml.MappingNode)
+        known[id(node)] = 1 + sum(_parts(part, known) for entry in inner for part in (entry if pairs else (entry,)))
+    return known[id(node)]
