@@ -6,6 +6,7 @@ pydantic finds the mistakes; the YAML node tree, composed from the same text, te
 from __future__ import annotations
 
 import difflib
+import re
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -160,10 +161,17 @@ def _message(detail: ErrorDetails, place: Place) -> str:
         known = [name.strip().strip("'") for name in detail["ctx"]["expected"].replace(" or ", ", ").split(",")]
         tag = _short(given).strip("'")
         return f"{tag!r} is not known{_nearest(tag, known)}"
-    message = _PLAIN.get(kind, detail["msg"]).removeprefix("Value error, ")
-    if not isinstance(given, int | float | str) or _short(given).strip("'") in message:
+    if kind == "too_short":
+        return f"has {detail['ctx']['actual_length']} entries, needs {detail['ctx']['min_length']} or more"
+    message = _PLAIN.get(kind, detail["msg"]).removeprefix("Value error, ").removeprefix("Input ")
+    if not isinstance(given, int | float | str) or _says(message, _short(given).strip("'")):
         return message
     return f"{message}, not {_short(given)}"
+
+
+def _says(message: str, given: str) -> bool:
+    """Whether a message names what was given; 0.001 does not say 0."""
+    return re.search(rf"(?<![\w.]){re.escape(given)}(?![\w.])", message) is not None
 
 
 def _short(given: object) -> str:

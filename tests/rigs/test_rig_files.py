@@ -72,11 +72,11 @@ def test_a_misspelt_interface_hides_no_other_mistake_of_its_gauge() -> None:
         "gauges.g1": "did you mean sylvac_opto_rs?",
         "gauges.g1.mode": "did you mean continuous?",
         "gauges.g1.acuracy_mm": "did you mean accuracy_mm?",
-        "gauges.g1.offset_mm": "Input should be a valid number, unable to parse string as a number, not 'left'",
+        "gauges.g1.offset_mm": "should be a valid number, unable to parse string as a number, not 'left'",
         "feedback": "did you mean line_feed?",
         "feedback.fields": "each of q1 … q6 must stand in the line once, in _deg or _rad",
         "effects[1]": "did you mean backlash?",
-        "effects[1].axis": "Input should be less than or equal to 6, not 9",
+        "effects[1].axis": "should be less than or equal to 6, not 9",
         "tests.circle.radius_mn": "did you mean radius_mm?",
     }
 
@@ -127,6 +127,8 @@ def test_a_key_given_twice_is_refused() -> None:
         ("radius_mm: 70", "radius_mm: .nan", "finite"),
         ("radius_mm: 70", "radius_mm: 1.0e+9", "less than or equal to 2000"),
         ("speed_mm_s: 25", "speed_mm_s: 0.00001", "greater than or equal to 0.5"),
+        ("speed_mm_s: 25", "speed_mm_s: 0", "should be greater than or equal to 0.5, not 0"),
+        ("targets: [1, 5, 14, 20]", "targets: []", "has 0 entries, needs 1 or more"),
         ("radius_mm: 70\n    speed_mm_s: 25", "radius_mm: 900\n    speed_mm_s: 1", "a lap takes 94 min"),
         ("radius_mm: 400", "step_deg: 0.001", "greater than or equal to 5"),
         ("radius_mm: 400", "orientations: 1000000", "less than or equal to 15"),
