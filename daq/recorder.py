@@ -18,7 +18,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from daq.clockwatch import HOST, ClockWatch, read_clocks
+from daq.clocks import read_clocks
+from daq.clockwatch import HOST, ClockWatch
 from daq.disk import Disk
 from daq.inbox import Inbox, faults_of, samples_of
 from daq.label import Label

@@ -10,7 +10,6 @@ import hashlib
 import platform
 import re
 import socket
-import time
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from importlib import metadata
@@ -20,6 +19,7 @@ from typing import Annotated, Literal
 import pyarrow as pa
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from daq.clocks import read_clocks
 from daq.store.durable import replace
 from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, ColumnType, schema_of, table_schema
 from rigs.errors import FileError
@@ -196,7 +196,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
             follows=follows,
             host=socket.gethostname(),
             software={"rig": _rig_version(), "python": platform.python_version(), "pyarrow": pa.__version__},
-            clock=read_clocks(),
+            clock=clock_now(),
             started=iso_now(),
             streams=dict(streams),
             table=table,
@@ -246,14 +246,10 @@ def iso_now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
-def read_clocks() -> Clock:
+def clock_now() -> Clock:
     """Both clocks now."""
-    return min((_read_once() for _ in range(10)), key=lambda clock: clock.bracket_ns)
-
-
-def _read_once() -> Clock:
-    before, wall, after = time.monotonic_ns(), time.time_ns(), time.monotonic_ns()
-    return Clock(monotonic_ns=(before + after) // 2, unix_ns=wall, bracket_ns=after - before)
+    now = read_clocks()
+    return Clock(monotonic_ns=now.monotonic_ns, unix_ns=now.wall_ns, bracket_ns=now.bracket_ns)
 
 
 def _rig_version() -> str:

@@ -26,7 +26,7 @@ import pyarrow as pa
 from daq.protocol.conversation import Fault, Sample
 from daq.store import durable
 from daq.store.chunk import with_opening
-from daq.store.manifest import Ending, Manifest, iso_now, new_manifest, read_clocks
+from daq.store.manifest import Ending, Manifest, clock_now, iso_now, new_manifest
 from daq.store.recording import OpenChunk, Recorder
 from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES, require_room
 from daq.store.schema import FAULTS, schema_of
@@ -141,7 +141,7 @@ class RunWriter:
     def anchor(self) -> None:
         """Keep in the manifest what time it is now: the wall clock has been set. Raises CellError."""
         with self._guarded(), self._changing:
-            self.manifest = self.manifest.model_copy(update={"anchors": (*self.manifest.anchors, read_clocks())})
+            self.manifest = self.manifest.model_copy(update={"anchors": (*self.manifest.anchors, clock_now())})
             self.manifest.save(self.path)
 
     def write(self) -> None:

@@ -10,7 +10,8 @@ import pytest
 
 import daq.recorder
 import daq.store.writer
-from daq.clockwatch import HOST, ClockWatch, Readings, read_clocks
+from daq.clocks import Readings, read_clocks
+from daq.clockwatch import HOST, ClockWatch
 from daq.inbox import Inbox
 from daq.label import Label
 from daq.protocol.conversation import Sample
@@ -72,7 +73,7 @@ def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, 
     now = [START]
     monkeypatch.setattr(daq.recorder, "read_clocks", lambda: now[0])
     anchor = Clock(monotonic_ns=now[0].monotonic_ns, unix_ns=now[0].wall_ns, bracket_ns=0)
-    monkeypatch.setattr(daq.store.writer, "read_clocks", lambda: anchor)
+    monkeypatch.setattr(daq.store.writer, "clock_now", lambda: anchor)
     inbox = Inbox("g1", ("g1_mm",))
 
     def create(label: Label, follows: str) -> RunWriter:
