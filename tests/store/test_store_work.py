@@ -45,9 +45,11 @@ def test_the_next_chunk_begins_when_the_disk_has_the_one_before(ended: tuple[Run
     assert _files(writer, "g1") == ["g1-0001.parquet", "g1-0002.arrow"]
 
 
-def test_a_run_that_ends_meanwhile_holds_what_was_held_back(ended: tuple[RunWriter, Work]) -> None:
+@pytest.mark.parametrize("synced", [True, False])
+def test_a_run_that_ends_meanwhile_holds_what_was_held_back(ended: tuple[RunWriter, Work], synced: bool) -> None:
     writer, work = ended
-    work.wait()
+    if synced:
+        work.wait()
     writer.close("complete", "", {})
     assert verify(writer.path) == []
     assert_holds(read_run(writer.path), 8)
