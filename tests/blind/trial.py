@@ -55,11 +55,7 @@ class Job:
 
 def run_job(job: Job) -> dict[str, Any]:
     """Generate, import and diagnose; the answer with its `seconds`, or an `error` instead. A case that is there already
-    is used again, and so is its answer where it is of the same code."""
-    with contextlib.suppress(OSError, ValueError):
-        known: dict[str, Any] = json.loads((job.case / _ANSWER).read_text(encoding="utf-8"))
-        if known.get("code") == code():
-            return known
+    is used again."""
     if not (job.case / _WHOLE).exists():
         shutil.rmtree(job.case, ignore_errors=True)
         generate(job.kind, job.seed, job.case.parent, job.truth.parent, scale=job.scale, name=job.name)
@@ -169,10 +165,19 @@ def diagnose_case(run_dirs: Sequence[Path], held_out: Sequence[Path], unseen: Se
     return answer
 
 
+def answered(job: Job) -> dict[str, Any]:
+    """The answer that is there, where it is of the same code; else a new one."""
+    with contextlib.suppress(OSError, ValueError):
+        known: dict[str, Any] = json.loads((job.case / _ANSWER).read_text(encoding="utf-8"))
+        if known.get("code") == code() and "error" not in known:
+            return known
+    return run_job(job)
+
+
 def run_all(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, dict[str, Any]]]:
     """Each job with its answer as it ends."""
     if workers <= 1:
-        yield from ((job, run_job(job)) for job in jobs)
+        yield from ((job, answered(job)) for job in jobs)
         return
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from zip(jobs, pool.map(run_job, jobs), strict=True)
+        yield from zip(jobs, pool.map(answered, jobs), strict=True)
