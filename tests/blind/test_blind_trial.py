@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+import trial
 from scoring import cases_of
 from trial import Job, run_job
 
@@ -35,3 +36,18 @@ def test_a_blind_case_is_diagnosed_as_the_scorer_has_it(kind: str, seed: int, ve
         value, sd = named.parameters[one["size"]]
         assert abs(value - one["parameters"][one["size"]]) < 5 * sd + 0.1 * abs(value)
     assert case.answer.left["held_out"] < 0.1 and case.answer.left["unseen_place"] < 0.3
+
+
+@pytest.mark.parametrize(
+    ("there", "again"),
+    [({"verdict": "named"}, False), ({"verdict": "named", "code": "old"}, True), ({"error": "x"}, True)],
+)
+def test_a_campaign_uses_an_answer_of_the_same_code_again(
+    there: dict[str, str], again: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = Job("one", 2, "limits", tmp_path)
+    job.case.mkdir(parents=True)
+    kept = {"code": trial.code()} | there
+    (job.case / "answer.json").write_text(json.dumps(kept))
+    monkeypatch.setattr(trial, "run_job", lambda _: {"verdict": "anew"})
+    assert trial.answered(job) == ({"verdict": "anew"} if again else kept)
