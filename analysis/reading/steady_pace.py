@@ -27,8 +27,9 @@ Integers = NDArray[np.int64]
 def through_pace(host_ns: Array) -> Fitted:
     """Host times (n,) ns of messages that arrived at host_ns (n,).
 
-    The arrivals themselves where there is no steady pace in them: where the times that follow are further from the
-    arrivals than the arrivals are from even. How uneven they come is then their uncertainty.
+    The arrivals themselves where there is no steady pace in them: where the least delays of each few messages are not
+    one. A host that stalls now and then delays many, but never all. How uneven the arrivals come is else their
+    uncertainty.
     """
     as_come = Fitted(host_ns, _uneven_s(host_ns))
     if len(host_ns) < 2 * _AHEAD:
@@ -40,8 +41,14 @@ def through_pace(host_ns: Array) -> Fitted:
             return as_come  # most came at once, after a stall
         number = numbered(host_ns, period_ns)
     fitted = through_clock(number.astype(float) * period_ns / 1e9, host_ns)
-    steady = np.std(host_ns - fitted.ns) < np.std(np.diff(host_ns) / np.maximum(np.diff(number), 1))
-    return fitted if steady and not fitted.restarts else as_come
+    return fitted if _steady(host_ns - fitted.ns, period_ns) and not fitted.restarts else as_come
+
+
+def _steady(late_ns: Array, period_ns: float) -> bool:
+    """Whether messages that are late by late_ns (n,) keep a pace: in most of a run the least late are equally so."""
+    blocks = len(late_ns) // _AHEAD
+    least = late_ns[: blocks * _AHEAD].reshape(blocks, _AHEAD).min(axis=1)
+    return bool(np.quantile(np.abs(least - np.median(least)), 0.9) < _EARLY * period_ns)
 
 
 def numbered(host_ns: Array, period_ns: float) -> Integers:
