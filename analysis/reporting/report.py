@@ -47,6 +47,8 @@ def lag_in_words(both: Pair | None) -> str:
     """What two directions tell of the gauges' time, and that one direction tells nothing."""
     if both is None:
         return "a lag between gauges and robot cannot be told from one direction: analyse acw and cw together"
+    if abs(both.lag.value) < 2 * both.lag.u:
+        return f"no lag of the gauges behind the robot is to be seen: {both.lag}"
     return f"gauges lag the robot by {both.lag} (not taken out)"
 
 
