@@ -6,19 +6,15 @@ Every reading is its own number, so a lost, doubled or swapped one shows in the 
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
 import sys
-import tempfile
 import time
 from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import yaml
+from daemon_on_cell import daemon_on
 
-from daq.client import Client
 from daq.emulators import emulated
 from daq.store import Run, read_run
 from rigs.load import find, parse
@@ -53,31 +49,17 @@ def rig_text() -> str:
 def main(seconds: float) -> int:
     text, motion = rig_text(), Counting()
     cell = emulated(parse(text, "pace"), motion)
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
-        (folder / "rig.yaml").write_text(cell.rig_text(text))
-        cell.start()
-        command = ["rigd", "rig.yaml", "--runs", "runs", "--socket", "rigd.sock"]
-        daemon = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, env={**os.environ}, text=True)
-        assert daemon.stderr is not None
-        try:
-            next(line for line in daemon.stderr if "serving" in line)
-            with Client(folder / "rigd.sock") as client:
-                while not all(stream["counters"].get("samples") for stream in client.ask("status")["streams"].values()):
-                    time.sleep(0.05)
-                client.ask("record_start", name="pace", test="yaw", direction="acw")
-                time.sleep(seconds)
-                end_ns = time.monotonic_ns()
-                for gauge in ("g1", "g2"):
-                    cell.silence(gauge)
-                time.sleep(_IN_TRANSIT_S)  # a pty that is closed loses what nobody has read yet
-                sent = cell.stop()  # nothing more comes, so what is recorded now is all there will be
-                time.sleep(_IN_TRANSIT_S)
-                path = Path(client.ask("record_stop")["run"])
-        finally:
-            daemon.send_signal(signal.SIGTERM)
-            daemon.communicate()
-        return report(read_run(path), sent, end_ns)
+    with daemon_on(cell, text) as client:
+        client.ask("record_start", name="pace", test="yaw", direction="acw")
+        time.sleep(seconds)
+        end_ns = time.monotonic_ns()
+        for gauge in ("g1", "g2"):
+            cell.silence(gauge)
+        time.sleep(_IN_TRANSIT_S)  # a pty that is closed loses what nobody has read yet
+        sent = cell.stop()  # nothing more comes, so what is recorded now is all there will be
+        time.sleep(_IN_TRANSIT_S)
+        run = read_run(Path(client.ask("record_stop")["run"]))
+    return report(run, sent, end_ns)
 
 
 def report(run: Run, sent: dict[str, int], end_ns: int) -> int:

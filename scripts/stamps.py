@@ -5,11 +5,7 @@ In simulated time, exact and quick; or with --wire on ptys and a local port in r
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -21,11 +17,11 @@ import yaml
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "timing"))
 
+from daemon_on_cell import daemon_on
 from stamp_cells import CELLS, DRIFT_PPM, GAUGES, JITTER_MS, LATENCIES_MS, Errors, errors_of
 from stamped import GAUGE_STEP_MM, JOINT_STEP_DEG, Latched, Stamped
 
 from analysis.reading.clocks import gauge_instants, robot_instants
-from daq.client import Client
 from daq.emulators import Adversity, emulated
 from daq.store import read_run
 from rigs.load import find, parse
@@ -83,25 +79,10 @@ def _recorded(text: str, adversity: Adversity, seconds: float) -> tuple[Errors, 
     """The errors of gauge and robot in a run that rigd recorded."""
     rig, motion = parse(text, "stamps"), _Counting()
     cell = emulated(rig, motion, adversity=adversity)
-    with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch)
-        (folder / "rig.yaml").write_text(cell.rig_text(text))
-        cell.start()
-        command = ["rigd", "rig.yaml", "--runs", "runs", "--socket", "rigd.sock"]
-        daemon = subprocess.Popen(command, cwd=folder, stderr=subprocess.PIPE, env={**os.environ}, text=True)
-        assert daemon.stderr is not None
-        try:
-            next(line for line in daemon.stderr if "serving" in line)
-            with Client(folder / "rigd.sock") as client:
-                while not all(stream["counters"].get("samples") for stream in client.ask("status")["streams"].values()):
-                    time.sleep(0.05)
-                client.ask("record_start", name="stamps", test="repeatability")
-                time.sleep(seconds)
-                run = read_run(Path(client.ask("record_stop")["run"]))
-        finally:
-            daemon.send_signal(signal.SIGTERM)
-            daemon.communicate()
-            cell.stop()
+    with daemon_on(cell, text) as client:
+        client.ask("record_start", name="stamps", test="repeatability")
+        time.sleep(seconds)
+        run = read_run(Path(client.ask("record_stop")["run"]))
     g1, robot = run.streams["g1"], run.streams["robot"]
     stamped = Stamped(g1, motion.gauge.truth_ns(g1["g1_mm"]))
     moved = Stamped(robot, motion.robot.truth_ns(robot["q1_deg"]))
