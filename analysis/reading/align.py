@@ -22,6 +22,10 @@ _GAP = 4.0
 """A gap is this many times the usual distance between samples, …"""
 _SHORT_NS = 25e6
 """… and longer than this: a quarter of a cycle of the quickest vibration an arm shows, some 10 Hz."""
+_STALLED = 5.0
+"""A row's time is doubtful where its own uncertainty is so many times the usual, …"""
+_STALLED_S = 1e-3
+"""… and more than this, in which no arm moves far enough to be seen."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +95,7 @@ def _gauge(path: Path, run: Run, rig: Rig, name: str, doubts: list[str]) -> _Tra
     _tell(name, instants, doubts)
     if doubtful := int(np.count_nonzero(stream["status"])):
         doubts.append(f"{name}: {doubtful} readings that the gauge itself calls doubtful")
-    return _track(instants, stream[f"{name}_mm"][:, None])
+    return _track(name, instants, stream[f"{name}_mm"][:, None], doubts)
 
 
 def _robot(path: Path, run: Run, doubts: list[str]) -> _Track:
@@ -100,7 +104,7 @@ def _robot(path: Path, run: Run, doubts: list[str]) -> _Track:
     stream = _stream(path, run, columns, "the robot")
     instants = robot_instants(stream)
     _tell("robot", instants, doubts)
-    return _track(instants, np.radians(np.stack([stream[column] for column in columns], axis=1)))
+    return _track("robot", instants, np.radians(np.stack([stream[column] for column in columns], axis=1)), doubts)
 
 
 def _tell(name: str, instants: Instants, doubts: list[str]) -> None:
@@ -112,9 +116,16 @@ def _tell(name: str, instants: Instants, doubts: list[str]) -> None:
         doubts.append(f"{name}: its adapter holds bytes back, which costs certainty; set its latency_timer to 1 ms")
 
 
-def _track(instants: Instants, values: Array) -> _Track:
-    """In order of time, without what is no number and without a second value for one instant."""
-    there = np.isfinite(values).all(axis=1)
+def _track(name: str, instants: Instants, values: Array, doubts: list[str]) -> _Track:
+    """In order of time, without what is no number, what nobody knows the time of, and a second value for an instant."""
+    number = np.isfinite(values).all(axis=1)
+    usual_s = float(np.median(instants.own_u_s[number]))
+    there = number & (instants.own_u_s <= max(_STALLED * usual_s, _STALLED_S))
+    if stalled := int((number & ~there).sum()):
+        doubts.append(
+            f"{name}: {stalled} rows left out, their time known far worse than the others': "
+            "a computer was held up, or a stamp was wrong"
+        )
     increasing, first = np.unique(instants.ns[there], return_index=True)
     return _Track(increasing, values[there][first], instants.u_s, instants.own_u_s[there][first])
 

@@ -26,6 +26,8 @@ _HIDDEN_S = 1e-3
 
 _HOST_S = 30e-6
 """No host tells when a byte came any better."""
+_USUAL = 0.95
+"""So many answers are held back by no more than an adapter holds."""
 _STIRRED = 5
 _STIRRED_NS = 2e6
 """From so many requests that did not follow the answer before at once, and where they are answered so unevenly, it can
@@ -66,15 +68,18 @@ def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
 
 
 def _is_held(window: Array, idle_before: Mask) -> bool:
-    """Whether answers (n,) to requests that came out of step, (n-1,) of all but the first, took less even times."""
+    """Whether answers (n,) to requests that came out of step, (n-1,) of all but the first, took less even times.
+
+    By the quarters in the middle: a busy host holds up some of either kind, an adapter most of those out of step.
+    """
     in_step, stirred = window[1:][~idle_before], window[1:][idle_before]
     if min(len(in_step), len(stirred)) < _STIRRED:
         return False
-    return _range(stirred) > 2 * _range(in_step) + _STIRRED_NS
+    return _spread(stirred) > 2 * _spread(in_step) + _STIRRED_NS
 
 
-def _range(window: Array) -> float:
-    low, high = np.quantile(window, (0.1, 0.9))
+def _spread(window: Array) -> float:
+    low, high = np.quantile(window, (0.25, 0.75))
     return float(high - low)
 
 
@@ -106,10 +111,12 @@ def _asked(went_through: Array, window: Array, held: bool) -> Instants:
     """Between the request and the answer, as the clocks of two computers are compared (NTP): in the middle.
 
     Behind an adapter that holds bytes back only the quickest answer of the run tells how long the instrument takes: the
-    time that another takes beyond that is the adapter's.
+    time that another takes beyond that is the adapter's, and what is longer than its usual hold, anyone's.
     """
     shortest = float(np.partition(window, 1)[:2].max())  # the very shortest may be a stamp that is wrong
-    window = np.minimum(window, shortest) if held else window
+    if held:
+        holds = np.maximum(np.quantile(window, _USUAL) - shortest, 0.0)
+        window = np.minimum(window, np.maximum(window - holds, shortest))
     u_s = math.hypot(_anywhere_in(shortest), _HIDDEN_S if held else _HOST_S)
     own_u_s = _anywhere_in(np.sqrt(np.maximum(window**2 - shortest**2, 0.0)))
     return Instants(went_through + window / 2, u_s, own_u_s, held=held)

@@ -134,5 +134,5 @@ def _is_covered(where: str, ahead: Array, sense: float, start: float) -> None:
         raise FileError(
             where,
             f"the lap has no data from {begin:.0f}° to {end:.0f}° ({np.degrees(gaps[widest]):.0f}° wide)",
-            "record the whole circle: start before the lead-in, stop after the lead-out",
+            "record the whole circle, from before the lead-in to after the lead-out, on a computer with time to spare",
         )
