@@ -6,6 +6,8 @@ anything else that reaches a person as a traceback is a bug.
 
 from __future__ import annotations
 
+_LONGEST = 1000
+
 
 class RigError(Exception):
     """An expected failure.
@@ -17,12 +19,19 @@ class RigError(Exception):
     exit_code = 1
 
     def __init__(self, where: str, what: str, remedy: str) -> None:
-        super().__init__(f"{where}: {what}; {remedy}")
+        super().__init__(_in_one_line(f"{where}: {what}; {remedy}"))
         self.where, self.what, self.remedy = where, what, remedy
 
     def lines(self) -> list[str]:
         """What to tell a person: one line for each thing that is wrong."""
         return [str(self)]
+
+
+def _in_one_line(text: str) -> str:
+    """A message as a line can bear it, whatever a damaged file has put into it; its end says what to do."""
+    if len(text) > _LONGEST:
+        text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
+    return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
 
 
 class FileError(RigError):

@@ -13,7 +13,7 @@ from bench import Bench, rig_text
 from analysis.model.emulated import EmulatedRobot, truth
 from rigs.load import parse
 
-TRIES = 3
+TRIES = 5
 """A busy computer may hold up the emulated instruments for a part of the lap, which is then rightly refused."""
 
 
