@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import shutil
+import tempfile
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -69,11 +70,13 @@ class Daemon:
             self._clocks = {stream.name: DriftWatch() for stream in self._streams}
             self._janitor = Janitor(runs, rig.name, rig.retention) if rig.retention else None
             self._housekeeper = Housekeeper(metrics, lambda: metrics_text(self._status()), self._janitor)
+            self._control = ControlServer(socket_path, self.answer)
+            undo.callback(self._control.close)
             self._tap = Tap(capture, self._streams) if capture else None
             self._readers = [Reader(s, self._inboxes[s.name], links[s.name], self._tap) for s in self._streams]
             undo.pop_all()
         self._revival = Revival(runs)
-        self._control = ControlServer(socket_path, self.answer)
+        _tell_where_runs_go(runs)
         threads = (*self._readers, self._recorder, self._housekeeper, self._revival)
         for thread in (*threads, *filter(None, [self._tap])):
             thread.start()
@@ -182,6 +185,15 @@ class Unreachable(CellError):
 
     def lines(self) -> list[str]:
         return [str(error) for error in self._errors]
+
+
+def _tell_where_runs_go(runs: Path) -> None:
+    """A warning at the start, where every recording would be refused; whoever mends it needs no restart."""
+    try:
+        runs.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=runs).close()
+    except OSError as error:
+        log.warning("%s: no run can be recorded: %s; let rigd write there", runs, error.strerror or error)
 
 
 def _disk(runs: Path) -> dict[str, int] | None:

@@ -79,6 +79,7 @@ class Bench:
         self.rig.write_text(self.cell.rig_text(text))
         self.cell.start()
         self.options: list[str | Path] = []
+        self.said: list[str] = []
         self.daemon: subprocess.Popen[str] | None = None
         self.env = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
         self.socket = folder / "rigd" / "bench.sock"
@@ -95,7 +96,7 @@ class Bench:
         self.cell.stop()
 
     def start(self, program: Sequence[str | Path] = (BIN / "rigd",), **options: Any) -> Bench:
-        """Start the daemon and wait until it serves."""
+        """Start the daemon and wait until it serves; `said` is what it said until then."""
         self.daemon = subprocess.Popen(
             [*program, self.rig, "--runs", "runs", *self.options],
             stderr=subprocess.PIPE,
@@ -105,12 +106,12 @@ class Bench:
             **options,
         )
         assert self.daemon.stderr is not None
-        said = []
+        self.said.clear()
         for line in self.daemon.stderr:
-            said.append(line)
+            self.said.append(line)
             if "serving" in line:
                 return self
-        raise AssertionError("".join(said))
+        raise AssertionError("".join(self.said))
 
     def run(self, *command: str | Path) -> subprocess.CompletedProcess[str]:
         """A command of ours to its end."""

@@ -283,6 +283,18 @@ def test_a_socket_left_by_a_daemon_that_was_killed_hides_no_other(bench: Bench) 
     assert "no daemon runs for bench" in bench.fails("rig", "status", "--rig", "bench", code=4)
 
 
+def test_a_socket_that_cannot_be_leaves_no_empty_capture(bench: Bench) -> None:
+    long = bench.folder / f"{'x' * 120}.sock"
+    assert str(long) in bench.fails("rigd", bench.rig, "--socket", long, "--capture", "cell.rigcap", code=4)
+    assert not (bench.folder / "cell.rigcap").exists()
+
+
+def test_a_place_where_no_run_can_go_is_told_at_the_start(bench: Bench) -> None:
+    (bench.folder / "runs").touch()
+    bench.start()
+    assert "no run can be recorded: File exists; let rigd write there" in "".join(bench.said)
+
+
 def test_a_host_name_that_cannot_be_is_told(bench: Bench) -> None:
     _edited(bench, feedback=f"tcp://{'a' * 64}:30004")
     assert "no host can have this name" in bench.fails("rigd", bench.rig, code=4)
