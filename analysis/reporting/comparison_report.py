@@ -14,6 +14,7 @@ from rich.text import Text
 
 from analysis.fitting.compare import Comparison
 from analysis.fitting.estimate import Fit
+from analysis.reporting.for_json import for_json
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.plots import distinctly_named
 from rigs.errors import FileError
@@ -47,7 +48,7 @@ def _setups(fitted: Fit) -> list[Text]:
 
 
 def as_object(comparisons: Sequence[Comparison], fitted: Fit) -> dict[str, Any]:
-    """The same for scripts."""
+    """The same for scripts; null where there is no correlation, as of a simulation without any error."""
     runs = [
         {
             "run": str(one.result.measured.path),
@@ -66,7 +67,8 @@ def as_object(comparisons: Sequence[Comparison], fitted: Fit) -> dict[str, Any]:
         name: {"ball_mm": setup.ball.tolist(), "zeros_mm": setup.zeros_mm.tolist()}
         for name, setup in fitted.setups.items()
     }
-    return {"runs": runs, "setup": setups}
+    plain: dict[str, Any] = for_json({"runs": runs, "setup": setups})
+    return plain
 
 
 def save_pictures(comparisons: Sequence[Comparison], directory: Path) -> list[Path]:

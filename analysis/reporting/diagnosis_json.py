@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -11,6 +9,7 @@ from analysis.diagnose.candidates import name_of
 from analysis.diagnose.diagnosis import Diagnosis, Gap, Named, Place, Rival
 from analysis.model.predict import SetUp
 from analysis.reporting.diagnosis_words import standing, withdrawn
+from analysis.reporting.for_json import for_json
 from analysis.reporting.parameters import PLACES, parameters_of
 
 
@@ -41,8 +40,8 @@ def as_object(found: Diagnosis) -> dict[str, Any]:
         "doubts": list(found.doubts),
         "seconds": found.seconds,
     }
-    known: dict[str, Any] = _known(answer)
-    return known
+    plain: dict[str, Any] = for_json(answer)
+    return plain
 
 
 def _named(one: Named) -> dict[str, Any]:
@@ -90,16 +89,3 @@ def _setup(name: str, setup: SetUp) -> dict[str, Any]:
             "T_tool_target": setup.T_tool_target.tolist(),
         }
     return {"ball_mm": setup.ball.tolist(), "zeros_mm": setup.zeros_mm.tolist()}
-
-
-def _known(value: Any) -> Any:
-    """The same without NaN or infinity, and in plain types."""
-    match value:
-        case Mapping():
-            return {str(key): _known(one) for key, one in value.items()}
-        case list() | tuple():
-            return [_known(one) for one in value]
-        case bool() | int() | str() | None:
-            return value
-    number = float(value)
-    return number if math.isfinite(number) else None

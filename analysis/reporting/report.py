@@ -12,6 +12,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from analysis.reporting.for_json import for_json
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.results import Result, by_test, pair_of
 from analysis.reporting.truth import Comparison, all_agree, verdict
@@ -80,7 +81,7 @@ def _cell(result: Result, name: str, truth: dict[str, Comparison]) -> str:
 
 
 def as_object(results: Sequence[Result], truths: Sequence[dict[str, Comparison]] = ()) -> dict[str, Any]:
-    """The same for scripts; angles in degrees, lengths in mm, u the standard uncertainty."""
+    """The same for scripts; angles in degrees, lengths in mm, u the standard uncertainty, null where nobody knows."""
     runs = [_run_object(result) for result in results]
     for run, truth in zip(runs, truths, strict=False):
         run["truth"] = {name: asdict(comparison) for name, comparison in truth.items()}
@@ -94,7 +95,8 @@ def as_object(results: Sequence[Result], truths: Sequence[dict[str, Comparison]]
         for group in by_test(results)
         if (both := pair_of(group))
     ]
-    return {"runs": runs, "acw_against_cw": reversing}
+    plain: dict[str, Any] = for_json({"runs": runs, "acw_against_cw": reversing})
+    return plain
 
 
 def _run_object(result: Result) -> dict[str, Any]:

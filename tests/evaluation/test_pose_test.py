@@ -1,5 +1,6 @@
 """Pose: a planted set-up, ISO 9283 by hand, and the measured UR10 of ../shared/data."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -7,10 +8,16 @@ import planted
 import pytest
 from scipy.spatial.transform import Rotation
 
-from analysis.kinematics.arm import forward
+from analysis.files.imports import import_table
+from analysis.files.write import write_csv
+from analysis.kinematics.arm import arm_of, forward
+from analysis.reading.csv_tables import columns_of
 from analysis.reading.tables import PoseTable
+from analysis.reporting.report import as_object
+from analysis.reporting.results import analyse_run
 from analysis.tests import pose
 from rigs.errors import FileError
+from rigs.load import load
 
 UR10 = Path(__file__).parents[3] / "shared" / "data" / "ipa-ur10"
 
@@ -118,3 +125,18 @@ def test_what_is_no_pose_table_is_refused() -> None:
     ):
         with pytest.raises(FileError, match=said):
             pose.evaluate(table, planted.ur10(), 0.01)
+
+
+def test_without_visits_nobody_knows_the_orientations_uncertainty_and_json_says_null(tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    q = rng.uniform(-0.3, 0.3, (12, 6))
+    T = forward(arm_of(load("ur10e")[0].robot), q)
+    table = PoseTable(q, T[:, :3, 3] + rng.normal(0, 0.1, (12, 3)), Rotation.from_matrix(T[:, :3, :3]).as_euler("xyz"))
+    with (tmp_path / "poses.csv").open("wb") as file:
+        write_csv(columns_of(table), file)
+    given = {"rig_file": "ur10e", "test": "pose", "direction": None, "operator": ""}
+    import_table(tmp_path / "poses.csv", tmp_path / "poses", **given)  # type: ignore[arg-type]
+    told = json.dumps(as_object([analyse_run(tmp_path / "poses")]), allow_nan=False)
+    figures = json.loads(told)["runs"][0]["figures"]
+    assert figures["rms_deg"]["u"] is None
+    assert figures["rms_mm"]["u"] > 0
