@@ -17,6 +17,7 @@ from analysis.reading.clocks import Columns, Instants, gauge_instants, robot_ins
 from daq.store import Run
 from rigs.errors import FileError
 from rigs.rig import Rig
+from rigs.vocabulary import CIRCLES
 
 _GAP = 4.0
 """A gap is this many times the usual distance between samples, …"""
@@ -32,9 +33,9 @@ _STALLED_S = 1e-3
 class Aligned:
     """A run as one table.
 
-    t_s (n,) since its first row; q (n, 6) rad as reported; g_mm (n, k) of g1 and g2. Of the gauges' time against the
-    robot's the standard uncertainty u_lag_s is common to all rows, and u_t_s (n,) each row's own beside it. doubts:
-    what a person should know before trusting it, in words.
+    t_s (n,) since its first row; q (n, 6) rad as reported; g_mm (n, k) of g1 and, on a circle, g2. Of the gauges' time
+    against the robot's the standard uncertainty u_lag_s is common to all rows, and u_t_s (n,) each row's own beside
+    it. doubts: what a person should know before trusting it, in words.
     """
 
     t_s: Array
@@ -57,9 +58,12 @@ class _Track:
 
 
 def align(path: Path, run: Run, rig: Rig) -> Aligned:
-    """One table of a run. Raises FileError where a stream is missing or has nothing in common with the rest."""
+    """One table of a run. Raises FileError where a stream is missing or has nothing in common with the rest.
+
+    At targets gauge 1 alone measures: whether there is a second, and how it reads, is nothing to them.
+    """
     doubts: list[str] = []
-    names = [name for name, _ in rig.gauges]
+    names = [name for name, _ in rig.gauges] if run.manifest.test in CIRCLES else ["g1"]
     gauges = [_gauge(path, run, rig, name, doubts) for name in names]
     robot = _robot(path, run, doubts)
     rows_ns = gauges[0].ns

@@ -12,9 +12,10 @@ from table_cases import JOINTS, RIG_FILE, circle_values, csv_text, plain, rig
 from analysis.files.imports import import_table
 from analysis.files.read import read_csv
 from analysis.files.write import write_csv, write_new
+from analysis.model.programs import repeatability_stops, stops
 from analysis.reading.csv_tables import columns_of
 from analysis.reading.loading import file_columns, measured_of
-from analysis.reading.tables import CircleTable
+from analysis.reading.tables import CircleTable, RepeatabilityTable
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.store import RunWriter, read_run, recover, verify
 from rigs.errors import FileError
@@ -89,6 +90,38 @@ def test_rows_left_out_are_told(tmp_path: Path) -> None:
 def test_a_recorded_circle_without_direction_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="has no direction"):
         measured_of(read_run(recorded(tmp_path, "yaw", None)))
+
+
+def stopped(runs: Path, *, share: float = 1.0) -> Path:
+    """A repeatability program with gauge 1 alone, as rigd records it where gauge 2 is not plugged in; its gauge falls
+    silent after a share of it."""
+    writer = RunWriter.create(
+        runs,
+        name="stops",
+        test="repeatability",
+        direction=None,
+        rig_name="paper-errors",
+        rig_text=load("paper-errors")[1],
+        operator="ada",
+        streams=STREAMS,
+    )
+    t_s, q = stops(repeatability_stops(load("paper-errors")[0]), dwell_s=1.0)
+    for number, at_s in enumerate(np.arange(0.0, t_s[-1], 0.05).tolist()):
+        at = 5_000_000_000 + int(at_s * 1e9)
+        if at_s < share * t_s[-1]:
+            writer.append("g1", [Sample((1e-3 * (number % 7),), NO_TIME, at, at, 7, math.nan, 0)])
+        joints = tuple(float(np.interp(at_s, t_s, np.degrees(joint))) for joint in q.T)
+        writer.append("robot", [Sample(joints, NO_TIME, at, at, 60, math.nan, 0)])
+    writer.close("complete", "told to", {})
+    return writer.path
+
+
+def test_at_targets_gauge_1_is_enough(tmp_path: Path) -> None:
+    measured = measured_of(read_run(stopped(tmp_path)))
+    assert isinstance(measured.table, RepeatabilityTable)
+    assert measured.table.target.tolist() == [target for target in (1, 14, 29, 35) for _ in range(7)]
+    assert measured.table.approach.tolist() == 4 * ["none", *3 * ["out", "in"]]
+    assert measured.doubts == ()
 
 
 def test_an_import_that_never_held_its_table(tmp_path: Path) -> None:
