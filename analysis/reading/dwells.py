@@ -52,10 +52,7 @@ def radial_table(data: Aligned, rig: Rig, where: str) -> tuple[RadialTable, list
     found = _matched(stands, program, rig, _TURNED_RAD)
     kept = [(stand, row) for stand, row in zip(stands, found, strict=True) if row >= 0]
     rows = _rows(kept, where)
-    doubts = _elsewhere(len(stands) - len(kept))
-    missing = sorted(set(program.target.tolist()) - set(program.target[rows].tolist()))
-    if missing:
-        doubts.append(f"no stand at target {', '.join(map(str, missing[:8]))}{' …' if len(missing) > 8 else ''}")
+    doubts = _elsewhere(len(stands) - len(kept)) + _missing(program, rows)
     table = RadialTable(
         program.target[rows],
         program.polar[rows],
@@ -69,7 +66,8 @@ def radial_table(data: Aligned, rig: Rig, where: str) -> tuple[RadialTable, list
 
 
 def repeatability_table(data: Aligned, rig: Rig, where: str) -> tuple[RepeatabilityTable, list[str]]:
-    """Readings at every stand with the side it was approached from. Raises FileError as above."""
+    """Readings at every stand with the side it was approached from, and what a person should know. Raises FileError
+    as above."""
     stands, program = _stands(data), repeatability_program(rig)
     frame, arm = hemisphere_frame(hemisphere_of(rig)), arm_of(rig.robot)
     limit = repeatability_of(rig).approach_mm / 2
@@ -89,7 +87,7 @@ def repeatability_table(data: Aligned, rig: Rig, where: str) -> tuple[Repeatabil
         np.array([stand.q for stand, _ in kept]),
         np.array([stand.g_mm[0] for stand, _ in kept]),
     )
-    return table, []
+    return table, _missing(program, rows)
 
 
 def _sides(stands: list[_Stand], rows: Integers, outwards: Array, limit: float) -> tuple[list[str], list[int]]:
@@ -116,6 +114,13 @@ def _rows(kept: list[tuple[_Stand, int]], where: str) -> Integers:
 
 def _elsewhere(count: int) -> list[str]:
     return [f"{count} stands are at no target and left out"] if count else []
+
+
+def _missing(program: TargetProgram, rows: Integers) -> list[str]:
+    missing = sorted(set(program.target.tolist()) - set(program.target[rows].tolist()))
+    if not missing:
+        return []
+    return [f"no stand at target {', '.join(map(str, missing[:8]))}{' …' if len(missing) > 8 else ''}"]
 
 
 def _stands(data: Aligned) -> list[_Stand]:

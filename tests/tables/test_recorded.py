@@ -124,6 +124,13 @@ def test_at_targets_gauge_1_is_enough(tmp_path: Path) -> None:
     assert measured.doubts == ()
 
 
+def test_targets_of_a_repeatability_run_at_which_nothing_was_read_are_told(tmp_path: Path) -> None:
+    measured = measured_of(read_run(stopped(tmp_path, share=0.5)))
+    assert isinstance(measured.table, RepeatabilityTable)
+    assert set(measured.table.target.tolist()) == {1, 14}
+    assert measured.doubts == ("no stand at target 29, 35",)
+
+
 def test_an_import_that_never_held_its_table(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text(csv_text(plain("pose")))
     imported = {"rig_file": RIG_FILE, "test": "pose", "direction": None, "operator": ""}
