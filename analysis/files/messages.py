@@ -2,7 +2,8 @@
 
 Log times are wall-clock: each first-byte stamp moved by the manifest's clock anchor. Every column of the
 store is in the messages, stamps as they are. JSON knows no nan: such a value is left out of its message.
-An imported table has no clock; its `t_s` counts from 1970, so that plots begin at zero.
+An imported table has no clock; its `t_s` counts from 1970, so that plots begin at zero. MCAP knows no time before
+that: where `t_s` begins below zero its first row is at zero.
 """
 
 from __future__ import annotations
@@ -34,13 +35,17 @@ class _Message(NamedTuple):
 
 
 def write_mcap(run: Run, file: BinaryIO) -> None:
-    """Write every row of every stream and every fault. Raises FileError for a table without time."""
+    """Write every row of every stream and every fault. Raises FileError for a table without time.
+
+    The whole manifest goes with it: once a run is exported it may be deleted.
+    """
     writer = Writer(file)
     writer.start(library=f"rig {run.manifest.software.get('rig', '')}")
     about = ("name", "test", "direction", "operator", "host", "started", "rig_name", "exit_status", "reason")
     writer.add_metadata("run", {key: str(getattr(run.manifest, key) or "") for key in about})
     began = run.manifest.clock.unix_ns
     writer.add_attachment(began, began, "rig.yaml", "application/yaml", run.manifest.rig_text.encode())
+    writer.add_attachment(began, began, "manifest.json", "application/json", run.manifest.to_json())
     streams = [_messages(table, _channel(writer, name, table), name, run) for name, table in _tables(run).items()]
     for message in heapq.merge(*streams):
         data = json.dumps(message.values, allow_nan=False).encode()
@@ -68,17 +73,18 @@ def _channel(writer: Writer, name: str, table: pa.Table) -> int:
 
 def _messages(table: pa.Table, channel: int, name: str, run: Run) -> Iterator[_Message]:
     """Messages of one stream in order of time."""
+    begin_s = float(table["t_s"].to_numpy().min(initial=0.0)) if name == TABLE else 0.0
     rows = zip(*(column.to_pylist() for column in table.columns), strict=True)
     messages = []
     for number, row in enumerate(rows):
         values = dict(zip(table.column_names, row, strict=True))
         there = {key: value for key, value in values.items() if not isinstance(value, float) or math.isfinite(value)}
-        messages.append(_Message(_log_ns(name, values, run), channel, number, there))
+        messages.append(_Message(_log_ns(name, values, run, begin_s), channel, number, there))
     return iter(sorted(messages))
 
 
-def _log_ns(name: str, values: dict[str, Any], run: Run) -> int:
-    """When a row was measured: ns since 1970, never negative, as MCAP wants it."""
+def _log_ns(name: str, values: dict[str, Any], run: Run, begin_s: float) -> int:
+    """When a row was measured: ns since 1970, never negative, as MCAP wants it; of a table, ns since begin_s."""
     if name == TABLE:
-        return max(0, round(float(values["t_s"]) * 1e9))
+        return round((float(values["t_s"]) - begin_s) * 1e9)
     return max(0, run.manifest.wall_ns(int(values["at_ns" if name == FAULTS else "first_byte_ns"])))

@@ -14,7 +14,7 @@ from analysis.files.imports import import_table
 from analysis.files.messages import write_mcap
 from analysis.files.write import write_new
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
-from daq.store import Run, RunWriter, read_run
+from daq.store import Manifest, Run, RunWriter, read_run
 from rigs.errors import FileError
 
 Messages = dict[str, list[tuple[int, int, dict[str, object]]]]
@@ -101,8 +101,10 @@ def test_what_a_plotter_reads_first(tmp_path: Path) -> None:
         assert times == sorted(times), "streams are merged by time as they are written"
         (about,) = reader.iter_metadata()
         assert (about.name, about.metadata["operator"], about.metadata["direction"]) == ("run", "ada", "acw")
-        (rig_file,) = reader.iter_attachments()
+        rig_file, manifest = reader.iter_attachments()
         assert (rig_file.name, rig_file.data) == ("rig.yaml", b"name: cell # \xc3\xbc\n")
+        assert manifest.name == "manifest.json"
+        assert Manifest.model_validate_json(manifest.data) == run.manifest
 
 
 def test_a_channel_without_rows_is_there(tmp_path: Path) -> None:
@@ -120,9 +122,12 @@ def test_a_channel_without_rows_is_there(tmp_path: Path) -> None:
     assert written(read_run(writer.path), tmp_path / "run.mcap") == {}
 
 
-def imported(folder: Path, test: str) -> Run:
+def imported(folder: Path, test: str, since_s: float = 0.0) -> Run:
     kind = "yaw" if test == "yaw" else "pose"
-    (folder / "t.csv").write_text(csv_text(plain(kind)))
+    rows = plain(kind)
+    if since_s:
+        rows["t_s"] = [repr(float(t_s) - since_s) for t_s in rows["t_s"]]
+    (folder / "t.csv").write_text(csv_text(rows))
     import_table(folder / "t.csv", folder / "r", rig_file=RIG_FILE, test=kind, direction=None, operator="")
     return read_run(folder / "r")
 
@@ -133,6 +138,14 @@ def test_an_imported_table_is_plotted_by_its_own_time(tmp_path: Path) -> None:
     messages = written(run, tmp_path / "run.mcap")
     assert [values for _, _, values in messages["/table"]] == run.table.to_pylist()
     assert [log_ns for log_ns, _, _ in messages["/table"]] == [round(t_s * 1e9) for t_s in run.table["t_s"].to_pylist()]
+
+
+def test_a_table_whose_time_begins_below_zero_keeps_its_steps(tmp_path: Path) -> None:
+    run = imported(tmp_path, "yaw", since_s=1.0)
+    assert run.table is not None
+    messages = written(run, tmp_path / "run.mcap")
+    times = [log_ns for log_ns, _, _ in messages["/table"]]
+    assert times == [round((t_s + 1.0) * 1e9) for t_s in run.table["t_s"].to_pylist()]
 
 
 def test_a_table_without_time_is_refused_and_leaves_no_file(tmp_path: Path) -> None:
