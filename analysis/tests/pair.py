@@ -6,7 +6,8 @@ distance, ISO 230-4:2005, clause 3: bidirectional circular deviation G(b) about 
 of both paths together, and circular hysteresis H, the largest radial difference of the two.
 
 The zeros of the gauges must not be touched between the runs. A lag between gauges and robot belongs to the
-set-up: it is drawn once for both runs and moves them apart, which is the worst it can do.
+set-up: it is drawn once for both runs, from what the less certain of them knows of it, and moves them apart, which is
+the worst it can do.
 """
 
 from __future__ import annotations
@@ -49,10 +50,11 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Pa
     angles = (acw.curve, cw.curve)
     distances = (_distance(acw), _distance(cw))
     radius = acw.lap.frame.radius
+    u_lag_s = max(acw.u_lag_s, cw.u_lag_s)
     rng = np.random.default_rng(SEED)
     draws, calm = [], []
     for _ in range(DRAWS):
-        lag_s, scale = rng.normal(0.0, acw.u_lag_s), 1.0 + rng.normal(0.0, acw.u_scale)
+        lag_s, scale = rng.normal(0.0, u_lag_s), 1.0 + rng.normal(0.0, acw.u_scale)
         state = rng.bit_generator.state
         angle = [curve.drawn(rng, lag_s, scale) for curve in angles]
         rng.bit_generator.state = state  # the rows of a run fell where they fell, for angle and distance alike

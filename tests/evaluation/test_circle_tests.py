@@ -92,6 +92,16 @@ def test_hysteresis_is_what_differs_between_directions_and_nothing_else() -> Non
         pair.pair(other, one)
 
 
+def test_the_less_certain_time_of_a_pair_counts_whichever_run_has_it() -> None:
+    g = _ball("yaw", (3.0, 2.0, 0.0)) + np.random.default_rng(0).normal(0, 5e-4, (720, 2))
+    said = []
+    for u_acw_s, u_cw_s in ((1e-2, 1e-6), (1e-6, 1e-2)):
+        acw = yaw.evaluate(_lap(g), 50.0, 0.02, u_acw_s)
+        cw = yaw.evaluate(_lap(np.roll(g[::-1], 1, axis=0), direction="cw"), 50.0, 0.02, u_cw_s)
+        said.append(pair.pair(acw, cw).figures["hysteresis_max_mm"].u)
+    assert said[0] > 0.01 and said[1] == pytest.approx(said[0])
+
+
 def test_swapped_gauges_are_told_by_the_distance() -> None:
     g = _ball("yaw", (0.6, -0.4, 0.0))
     with pytest.raises(FileError, match="g1 and g2 are swapped"):
