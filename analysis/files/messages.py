@@ -23,6 +23,8 @@ from daq.store.schema import FAULT_COLUMNS, FAULTS, TABLE
 from rigs.errors import FileError
 
 _JSON_TYPES = {"double": "number", "int64": "integer", "int32": "integer", "string": "string"}
+_END_NS = 2**64
+"""Where the times of MCAP end."""
 
 
 class _Message(NamedTuple):
@@ -35,7 +37,7 @@ class _Message(NamedTuple):
 
 
 def write_mcap(run: Run, file: BinaryIO) -> None:
-    """Write every row of every stream and every fault. Raises FileError for a table without time.
+    """Write every row of every stream and every fault. Raises FileError for a table without a time that MCAP holds.
 
     The whole manifest goes with it: once a run is exported it may be deleted.
     """
@@ -84,7 +86,14 @@ def _messages(table: pa.Table, channel: int, name: str, run: Run) -> Iterator[_M
 
 
 def _log_ns(name: str, values: dict[str, Any], run: Run, begin_s: float) -> int:
-    """When a row was measured: ns since 1970, never negative, as MCAP wants it; of a table, ns since begin_s."""
+    """When a row was measured: ns since 1970, never negative, as MCAP wants it; of a table, ns since begin_s.
+
+    Raises FileError for a time beyond what MCAP holds.
+    """
     if name == TABLE:
-        return round((float(values["t_s"]) - begin_s) * 1e9)
+        since_ns = round((float(values["t_s"]) - begin_s) * 1e9)
+        if since_ns >= _END_NS:
+            what = f"t_s of {values['t_s']:g} s lies beyond the year 2554, where MCAP's time ends"
+            raise FileError(str(run.path), what, "import it with t_s in seconds, or export it as csv or parquet")
+        return since_ns
     return max(0, run.manifest.wall_ns(int(values["at_ns" if name == FAULTS else "first_byte_ns"])))
