@@ -10,12 +10,15 @@ import math
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from analysis.kinematics.arm import Array
 from daq.store import Run
+from daq.store.manifest import first_error
 from rigs.automatic import Rule
 from rigs.errors import FileError
 from rigs.feedback import SIGNAL
+from rigs.vocabulary import CIRCLES
 
 _STILL_DEG = 0.02
 _STOOD_S = 0.3
@@ -36,9 +39,12 @@ def rule_of(run: Run) -> Rule:
     q_deg = np.column_stack([robot[f"q{axis}_deg"] for axis in range(1, 7)])
     t_s, q_deg = _thinned(t_s, q_deg)
     when = _signal(robot) or _departure(t_s, q_deg, where)
-    return Rule.model_validate(
-        {"when": when, "test": manifest.test, "direction": manifest.direction, "still_s": _patience_s(t_s, q_deg, when)}
-    )
+    direction = manifest.direction if manifest.test in CIRCLES else None  # told of another test it means nothing
+    still_s = _patience_s(t_s, q_deg, when)
+    try:
+        return Rule.model_validate({"when": when, "test": manifest.test, "direction": direction, "still_s": still_s})
+    except ValidationError as error:
+        raise FileError(where, f"makes no rule: {first_error(error)}", "record its program again") from None
 
 
 def _signal(robot: dict[str, np.ndarray[Any, Any]]) -> dict[str, Any]:

@@ -103,13 +103,13 @@ def test_a_signal_has_one_place(signal: str) -> None:
 
 
 def lap(runs: Path, q1_deg: Sequence[float], signal: Sequence[float] = (), test: str = "yaw") -> Path:
-    """A run of the robot at 100 Hz."""
+    """A run of the robot at 100 Hz, with a direction whatever the test: rigd takes one."""
     joints = [f"q{axis}_deg" for axis in range(1, 7)]
     writer = RunWriter.create(
         runs,
         name="lap",
         test=test,  # type: ignore[arg-type]
-        direction="cw" if test == "yaw" else None,
+        direction="cw",
         rig_name="ur10e",
         rig_text=UR10E,
         operator="ada",
@@ -131,6 +131,7 @@ def samples(q1_deg: Sequence[float], signal: Sequence[float] = ()) -> list[Sampl
 
 STAND = np.zeros(100)
 TURN = np.concatenate([STAND, np.linspace(0, 90, 900), np.full(300, 90.0)])
+NIGHT = np.concatenate([TURN[:1000], np.full(200_000, 90.0), np.linspace(90, 80, 100), np.full(100, 80.0)])
 STOPS = np.concatenate(
     [STAND, *(np.append(np.linspace(k, k + 10, 100), np.full(150, k + 10.0)) for k in range(0, 50, 10))]
 )
@@ -158,7 +159,13 @@ def test_the_rule_of_a_run_with_a_signal_waits_for_it(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("q1_deg", "why"), [(STAND, "stood still"), (TURN[100:], "moves already"), (STAND[:0], "stood still")]
+    ("q1_deg", "why"),
+    [
+        (STAND, "stood still"),
+        (TURN[100:], "moves already"),
+        (STAND[:0], "stood still"),
+        (NIGHT, "makes no rule: still_s "),
+    ],
 )
 def test_a_run_without_an_event_has_no_rule(tmp_path: Path, q1_deg: np.ndarray, why: str) -> None:
     with pytest.raises(FileError, match=why):
