@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from analysis.reading.lap import lap_of
 from analysis.reading.simulated_runs import write_simulated
 from analysis.reporting.report import as_object, as_tables
 from analysis.reporting.results import analyse_run
+from analysis.reporting.truth import compare, verdict
 from analysis.tests.circularity import circle_at, fit_circle
 from analysis.tests.curve import Curve, curve_of
 from analysis.tests.lag import lag_of
@@ -63,3 +65,14 @@ def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp
     alone = [str(part) for part in as_tables(results[:1]).renderables]  # type: ignore[attr-defined]
     assert "a lag between gauges and robot cannot be told from one direction: analyse acw and cw together" in alone
     assert as_object(results[:1])["acw_against_cw"] == []
+
+
+def test_a_figure_beside_the_truth_deviates_upwards_where_it_is_larger(tmp_path: Path) -> None:
+    rig, text = load("ur10e")
+    result = analyse_run(next(write_simulated(rig, text, "yaw", ("acw",), [3], (), tmp_path, csv=False)))
+    figure = result.figures["band_deg"]
+    truth = {"rig": "ur10e", "yaw": {"acw": {"band_deg": figure.value - 3 * figure.u}}}
+    (tmp_path / "truth.json").write_text(json.dumps(truth))
+    (found,) = compare([result], tmp_path / "truth.json")
+    assert found["band_deg"].deviation_u == pytest.approx(3)
+    assert verdict([found]) == "0 of 1 figures agree with the truth within 2 u"

@@ -13,6 +13,7 @@ from analysis.files.imports import import_table
 from analysis.files.read import read_csv
 from analysis.files.write import write_csv, write_new
 from analysis.model.programs import repeatability_stops, stops
+from analysis.reading.align import align
 from analysis.reading.csv_tables import columns_of
 from analysis.reading.loading import file_columns, measured_of
 from analysis.reading.tables import CircleTable, RepeatabilityTable
@@ -63,6 +64,15 @@ def test_a_recorded_circle_is_a_circle_table(tmp_path: Path, test: TestName, dir
     np.testing.assert_allclose(table.q, expected, atol=1e-7)
 
 
+def test_the_time_is_as_uncertain_as_the_slower_gauge_and_the_robots_cycle(tmp_path: Path) -> None:
+    """Unasked readings are latched within a character before they set out, a position within a cycle."""
+    slow = rig().gauges.g1.line.model_copy(update={"baud": 300})
+    pair = rig().gauges.model_copy(update={"g2": rig().gauges.g2.model_copy(update={"line": slow})})  # type: ignore[union-attr]
+    run = read_run(recorded(tmp_path, "yaw", "acw"))
+    found = align(tmp_path, run, rig().model_copy(update={"gauges": pair}))
+    assert found.u_lag_s == pytest.approx(np.hypot(slow.character_ns / 1e9, 0.1) / np.sqrt(3))
+
+
 def test_what_is_exported_goes_in_again(tmp_path: Path) -> None:
     run = read_run(recorded(tmp_path, "yaw", "cw"))
     measured = measured_of(run)
@@ -94,7 +104,7 @@ def test_a_recorded_circle_without_direction_is_refused(tmp_path: Path) -> None:
 
 def stopped(runs: Path, *, share: float = 1.0) -> Path:
     """A repeatability program with gauge 1 alone, as rigd records it where gauge 2 is not plugged in; its gauge falls
-    silent after a share of it."""
+    silent after a share of it. For the first third of each stand the arm still swings, by 1 mm."""
     writer = RunWriter.create(
         runs,
         name="stops",
@@ -106,10 +116,12 @@ def stopped(runs: Path, *, share: float = 1.0) -> Path:
         streams=STREAMS,
     )
     t_s, q = stops(repeatability_stops(load("paper-errors")[0]), dwell_s=1.0)
+    stopped_s = t_s[np.flatnonzero(np.diff(t_s) > 0.9)]
     for number, at_s in enumerate(np.arange(0.0, t_s[-1], 0.05).tolist()):
         at = 5_000_000_000 + int(at_s * 1e9)
         if at_s < share * t_s[-1]:
-            writer.append("g1", [Sample((1e-3 * (number % 7),), NO_TIME, at, at, 7, math.nan, 0)])
+            swings = at_s - stopped_s[stopped_s <= at_s].max(initial=0.0) < 0.3
+            writer.append("g1", [Sample((float(swings) + 1e-3 * (number % 2),), NO_TIME, at, at, 7, math.nan, 0)])
         joints = tuple(float(np.interp(at_s, t_s, np.degrees(joint))) for joint in q.T)
         writer.append("robot", [Sample(joints, NO_TIME, at, at, 60, math.nan, 0)])
     writer.close("complete", "told to", {})
@@ -121,6 +133,7 @@ def test_at_targets_gauge_1_is_enough(tmp_path: Path) -> None:
     assert isinstance(measured.table, RepeatabilityTable)
     assert measured.table.target.tolist() == [target for target in (1, 14, 29, 35) for _ in range(7)]
     assert measured.table.approach.tolist() == 4 * ["none", *3 * ["out", "in"]]
+    assert np.abs(measured.table.g_mm).max() < 1e-3, "what is read while the arm swings does not count"
     assert measured.doubts == ()
 
 
