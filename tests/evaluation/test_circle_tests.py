@@ -51,7 +51,7 @@ def test_roll_tells_the_balls_height_and_the_eccentricity_gives_no_sine() -> Non
     assert result.figures["offset_deg"].value == pytest.approx(np.degrees(1.2 / 70), rel=1e-3)
     # Of second order: h e / R².
     assert result.figures["amplitude_deg"].value < np.degrees(1.3 * 1.2 * 0.65 / 70**2)
-    assert "1.200 mm along n, or the gauges' zeros" in result.notes[0]
+    assert "the ball 1.200 mm along n, or the gauges' zeros" in result.notes[0]
 
 
 def test_extremes_of_roll_are_where_they_are() -> None:
@@ -88,6 +88,7 @@ def test_hysteresis_is_what_differs_between_directions_and_nothing_else() -> Non
     assert figures["hysteresis_mean_deg"].value == pytest.approx(0.1, abs=1e-4)
     assert figures["hysteresis_max_deg"].value == pytest.approx(0.1, abs=2e-3)
     assert figures["hysteresis_max_mm"].value == pytest.approx(0.004, abs=2e-4)
+    assert figures["hysteresis_mean_mm"].value == pytest.approx(-0.004, abs=2e-4)
     with pytest.raises(FileError, match="give an acw run and a cw run"):
         pair.pair(other, one)
 
