@@ -16,7 +16,6 @@ from analysis.kinematics.arm import Array
 from rigs.vocabulary import Direction, TestName
 
 Integers = NDArray[np.int64]
-Approach = Literal["none", "out", "in"]
 
 
 @dataclass(frozen=True)

@@ -80,7 +80,6 @@ class CircleResult:
     angle: Array
     residual: Array
     sine: Sine
-    noise_deg: float
     figures: dict[str, Quantity]
     samples: int
     notes: tuple[str, ...]
@@ -109,9 +108,8 @@ def evaluate_angle(
         draws.append(plain(phi, noisy, radius))
         calm.append(plain(phi, quiet, radius))
     figures = figures_of(plain(lap.phi, y, radius), stacked(draws), len(y), means(calm, RANGES))
-    noise_deg = float(np.degrees(curve.noise))
     residual = y - sine(lap.phi)
-    return CircleResult(lap, lap.phi, y, residual, sine, noise_deg, figures, len(y), lap.notes, curve, u_lag_s, u_scale)
+    return CircleResult(lap, lap.phi, y, residual, sine, figures, len(y), lap.notes, curve, u_lag_s, u_scale)
 
 
 def eccentricities(result: CircleResult) -> tuple[Array, Array]:

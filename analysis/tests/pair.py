@@ -30,16 +30,10 @@ _RANGES = ("hysteresis_max_deg", "hysteresis_max_mm", "circular_deviation_mm")
 
 @dataclass(frozen=True)
 class Pair:
-    """phi (m,) rad from 0 to 2 pi; angle (m,) rad and distance (m,) mm: acw - cw there. lag: of the gauges behind the
-    robot, ms, told and not applied."""
+    """What differs between the directions, by name; lag: of the gauges behind the robot, ms, told and not applied."""
 
-    phi: Array
-    angle: Array
-    distance_mm: Array
     figures: dict[str, Quantity]
     lag: Quantity
-    samples: int
-    notes: tuple[str, ...]
 
 
 def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Pair:
@@ -64,10 +58,8 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Pa
     plain = plain_figures([(c.phi, c.y) for c in angles], [(c.phi, c.y) for c in distances], radius)
     samples = acw.samples + cw.samples
     figures = figures_of(plain, stacked(draws), samples, means(calm, _RANGES))
-    angle_between = difference([(c.phi, c.y) for c in angles])
-    distance_between = difference([(c.phi, c.y) for c in distances])
     lag = lag_of([(angles[0], angles[1]), (distances[0], distances[1])], [radius, 1.0], samples)
-    return Pair(_GRID, angle_between, distance_between, figures, lag, samples, acw.notes + cw.notes)
+    return Pair(figures, lag)
 
 
 Run = tuple[Array, Array]

@@ -24,7 +24,7 @@ from analysis.reading.tables import Integers, RadialTable
 from analysis.reporting.quantity import Quantity, figures_of
 from analysis.tests.checks import hold_alive, hold_numbers, hold_radius, listed
 from analysis.tests.curve import DRAWS, SEED
-from analysis.tests.sphere import Sphere, conditioned, far_off, free_sphere, held_sphere
+from analysis.tests.sphere import Sphere, conditioned, far_off, free_sphere
 from analysis.tests.standards import pooled_sd, rp
 from rigs.errors import FileError
 
@@ -58,17 +58,14 @@ class Cells:
 
 @dataclass(frozen=True)
 class Radial:
-    """cells: of all targets; mean_mm, spread_mm (t,) of each; used (t,): False where left out; points (t, 3) mm from
-    the ball; free, held: the spheres through the used points."""
+    """cells: of all targets; spread_mm (t,) of each; used (t,): False where left out; points (t, 3) mm from
+    the ball; free: the sphere through the used points."""
 
     cells: Cells
-    mean_mm: Array
     spread_mm: Array
     used: NDArray[np.bool_]
     points: Array
     free: Sphere
-    held: Sphere
-    u_reading_mm: float
     figures: dict[str, Quantity]
     samples: int
     notes: tuple[str, ...]
@@ -98,7 +95,7 @@ def evaluate(
     readings = (radius_mm + cells.by_visit)[..., None] * cells.direction[:, None, :]
     far = far_off(readings)
     used = cells.only(~far)
-    free, held = free_sphere(points[~far]), held_sphere(points[~far])
+    free = free_sphere(points[~far])
     scatter, freedom = pooled_sd(used.g_mm.reshape(-1, used.g_mm.shape[-1], 1))
     u = max(u_mm, scatter)
     values, draws = _drawn(used, free, radius_mm, u, u_link_mm)
@@ -108,7 +105,7 @@ def evaluate(
     means = cells.by_orientation
     notes = _missing(cells, expected) + _left_out(cells, far, readings, free)
     spread = np.nanmax(means, axis=1) - np.nanmin(means, axis=1)
-    return Radial(cells, _mean(means), spread, ~far, points, free, held, u, figures, samples, notes)
+    return Radial(cells, spread, ~far, points, free, figures, samples, notes)
 
 
 def _drawn(

@@ -29,15 +29,10 @@ _UNEQUAL = 1e-4
 
 @dataclass(frozen=True)
 class Repeatability:
-    """targets (t,); readings_mm (t, 2, n) of the sides out and in, in order of time, NaN where there is none;
-    uni_mm (t, 2) and bi_mm (t,) the ranges; reversal_mm (t,) B of each target; sd_mm: pooled scatter of one side."""
+    """targets (t,); readings_mm (t, 2, n) of the sides out and in, in order of time, NaN where there is none."""
 
     targets: Integers
     readings_mm: Array
-    uni_mm: Array
-    bi_mm: Array
-    reversal_mm: Array
-    sd_mm: float
     figures: dict[str, Quantity]
     samples: int
     notes: tuple[str, ...]
@@ -59,9 +54,8 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     drawn = plain_figures(np.where(np.isfinite(x), np.nanmean(x, axis=-1, keepdims=True) + noise, np.nan))
     samples = int(np.isfinite(x).sum())
     figures = {name: from_draws(float(value), drawn[name], "mm", samples) for name, value in plain_figures(x).items()}
-    mean = np.nanmean(x, axis=-1)
     notes += _few(x) + _unequal(x, freedom)
-    return Repeatability(targets, x, _range(x), _range(_both(x)), mean[:, 1] - mean[:, 0], sd, figures, samples, notes)
+    return Repeatability(targets, x, figures, samples, notes)
 
 
 def plain_figures(x: Array) -> dict[str, Array]:

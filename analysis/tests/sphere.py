@@ -49,13 +49,6 @@ def free_sphere(points: Array) -> Sphere:
     return Sphere(found.x[:3], float(found.x[3]), misfit(found.x), -_design(points, found.x[:3]))
 
 
-def held_sphere(points: Array) -> Sphere:
-    """Through points (n, 3) mm, the centre held at the origin."""
-    distance = np.linalg.norm(points, axis=1)
-    radius = float(distance.mean())
-    return Sphere(np.zeros(3), radius, distance - radius, np.ones((len(points), 1)))
-
-
 def conditioned(points: Array) -> bool:
     """Whether points (n, 3) tell centre and radius apart: not all near one circle or one place."""
     values = np.linalg.svd(_design(points, np.zeros(3)), compute_uv=False)
