@@ -10,16 +10,20 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
 from analysis.reading.lower_hull import Mask, floor
 
 _LEAP_S = 1.0
-"""No network or serial line holds a message back for so long without losing its link."""
+"""No network or serial line holds a message back for so long without losing its link; a busy computer may."""
 _WRAPS_S = (2**32 * 1e-3, 2**32 * 1e-6)
 """Counters of 32 bits, in ms and in µs."""
+
+Integers = NDArray[np.int64]
 
 _AROUND = 8
 """Stamps before and after one that fell, among which the wrong ones are sought."""
@@ -46,12 +50,26 @@ def through_clock(device_s: Array, host_ns: Array) -> Fitted:
     device_s = unwrapped(device_s, host_ns)
     wrong = out_of_order(device_s)
     good = np.flatnonzero(~wrong)
-    ticks, passed = np.diff(device_s[good]), np.diff(host_ns[good]) / 1e9
-    starts = np.flatnonzero((ticks < 0) | (np.abs(ticks - passed) > _LEAP_S)) + 1
+    starts = _starts(device_s[good], host_ns[good])
     ns, low = np.empty(len(host_ns)), np.zeros(len(host_ns), dtype=bool)
     for piece in np.split(good, starts):
         ns[piece], low[piece] = _fitted(device_s[piece], host_ns[piece])
     return _by_arrival(ns, host_ns, wrong | low, len(starts))
+
+
+def _starts(device_s: Array, host_ns: Array) -> Integers:
+    """Rows at which the clock began anew: it fell, or its offset from the host's clock is another from then on.
+
+    A host that was held up reads at once what came meanwhile: offsets leap and come back, so the least of them stays.
+    """
+    offset_s = (host_ns - host_ns[0]) / 1e9 - device_s
+    leaps = np.flatnonzero((np.diff(device_s) < 0) | (np.abs(np.diff(offset_s)) > _LEAP_S)) + 1
+    starts: list[int] = []
+    for leap, after in pairwise([*leaps.tolist(), len(device_s)]):
+        least = offset_s[starts[-1] if starts else 0 : leap].min()
+        if device_s[leap] < device_s[leap - 1] or abs(offset_s[leap:after].min() - least) > _LEAP_S:
+            starts.append(leap)
+    return np.array(starts, dtype=np.int64)
 
 
 def unwrapped(device_s: Array, host_ns: Array) -> Array:

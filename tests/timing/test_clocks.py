@@ -80,6 +80,13 @@ def test_a_clock_that_began_anew_is_fitted_in_pieces() -> None:
     assert fitted.restarts == 1 and error_ms(fitted.ns, taken_s).max() < 0.1
 
 
+def test_a_host_that_was_held_up_for_seconds_is_no_clock_that_began_anew() -> None:
+    taken_s, clock_s, host_ns = run()
+    host_ns[2000:2400] = np.maximum(host_ns[2000:2400], host_ns[2400])
+    fitted = through_clock(clock_s, host_ns)
+    assert (fitted.restarts, fitted.wrong) == (0, 0) and error_ms(fitted.ns, taken_s).max() < 0.05
+
+
 @pytest.mark.parametrize("wrap_s", [2**32 * 1e-3, 2**32 * 1e-6])
 @pytest.mark.parametrize("signed", [False, True])
 def test_a_counter_of_32_bits_goes_on_where_it_wraps(wrap_s: float, signed: bool) -> None:
