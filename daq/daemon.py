@@ -32,6 +32,7 @@ from daq.streams import ROBOT, streams_of
 from daq.tap import Tap
 from rigs.errors import CellError, RigError
 from rigs.rig import Rig
+from rigs.vocabulary import CIRCLES
 
 log = logging.getLogger("rigd")
 _BRIEF = 80
@@ -220,6 +221,8 @@ def _label(request: dict[str, Any]) -> Label:
         named = key if key.isidentifier() and len(key) < _BRIEF else _short(key)
         what = f"{named} {_short(detail['input'])} will not do: {detail['msg']}"
         raise CellError("recording", what, "see rig record start --help") from None
-    if label.test in ("yaw", "roll") and label.direction is None:
+    if label.test in CIRCLES and label.direction is None:
         raise CellError(f"{label.test} test", "needs its direction", "add --direction cw or --direction acw")
+    if label.test not in CIRCLES and label.direction is not None:
+        raise CellError(f"{label.test} test", "has no direction", "leave --direction out")
     return label

@@ -69,8 +69,12 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
     rows_ns = gauges[0].ns
     keep = np.ones(len(rows_ns), dtype=bool)
     at_rows = [gauges[0].values]
-    others = [*gauges[1:], robot]
-    for name, track in zip([*names[1:], "robot"], others, strict=True):
+    for name, track in zip([*names, "robot"], [*gauges, robot], strict=True):
+        if len(track.ns) < 2:
+            raise FileError(
+                str(path), f"holds no two readings of {name} at known times", "record again: rig status tells"
+            )
+    for name, track in zip([*names[1:], "robot"], [*gauges[1:], robot], strict=True):
         spanned = (rows_ns >= track.ns[0]) & (rows_ns <= track.ns[-1])
         dense = _bracketed(rows_ns, track.ns)
         keep &= spanned & dense
@@ -123,7 +127,7 @@ def _tell(name: str, instants: Instants, doubts: list[str]) -> None:
 def _track(name: str, instants: Instants, values: Array, doubts: list[str]) -> _Track:
     """In order of time, without what is no number, what nobody knows the time of, and a second value for an instant."""
     number = np.isfinite(values).all(axis=1)
-    usual_s = float(np.median(instants.own_u_s[number]))
+    usual_s = float(np.median(instants.own_u_s[number])) if number.any() else 0.0
     there = number & (instants.own_u_s <= max(_STALLED * usual_s, _STALLED_S))
     if stalled := int((number & ~there).sum()):
         doubts.append(

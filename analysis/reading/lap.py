@@ -6,7 +6,7 @@ and the circle angle phi is taken from it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from rigs.rig import Rig
 from rigs.vocabulary import Direction
 
 _RADIUS_OFF_MM = 2.0
+_AWAY_S = 0.1
+"""The tool was away from the circle, and not a row or two of the feedback wrong, if it was so for this long."""
 _GAP_RAD = np.radians(5.0)
 _MORE_LAPS = 0.9
 """A lead-out is never so long (of a lap): what goes on further is another lap."""
@@ -53,9 +55,15 @@ def lap_of(table: CircleTable, rig: Rig, where: str) -> Lap:
     _is_motion(where, table, rig)
     frame = frame_of(circle)
     tool = forward(arm_of(rig.robot), table.q)[:, :3, 3]
-    phi = frame.angle(tool)
     sense = SENSE[direction]
-    _is_this_circle(where, frame, tool, sense * (phi[-1] - phi[0]), direction)
+    phi = frame.angle(tool)
+    stretches = _on_circle(table.t_s, tool, frame)
+    turned = [abs(float(phi[rows][-1] - phi[rows][0])) for rows in stretches]
+    if max(turned, default=0.0) < np.pi:
+        _is_this_circle(where, frame, tool, bool(stretches))
+    first = next(k for k, far in enumerate(turned) if far >= _MORE_LAPS * max(turned))
+    table, phi = _rows_of(table, stretches[first]), phi[stretches[first]]
+    _is_this_direction(where, sense * (phi[-1] - phi[0]), direction)
     start = np.radians(circle.start_deg)
     # The first row stands at the lead-in, so the start lies less than half a turn ahead of it.
     ahead = sense * (phi - start)
@@ -73,13 +81,30 @@ def lap_of(table: CircleTable, rig: Rig, where: str) -> Lap:
         start + sense * ahead[inside],
         table.q[inside],
         table.g_mm[inside],
-        _more_laps(ahead),
+        _more_laps(ahead.max() + sum(turned) - turned[first]),
         None if table.u_t_s is None else table.u_t_s[inside],
     )
 
 
-def _more_laps(ahead: Array) -> tuple[str, ...]:
-    laps = float(ahead.max()) / (2 * np.pi)
+def _on_circle(t_s: Array, tool: Array, frame: CircleFrame) -> list[slice]:
+    """Rows (n,) while the tool (n, 3) was on the circle, stretch by stretch: not on the way to it or from it, where it
+    may pass any angle. A row or two that jump off belong to their stretch, and are found there."""
+    radius, height = np.linalg.norm(tool - frame.centre, axis=1), (tool - frame.centre) @ frame.n
+    rows = np.flatnonzero(np.maximum(np.abs(radius - frame.radius), np.abs(height)) <= _RADIUS_OFF_MM)
+    if not len(rows):
+        return []
+    left = np.flatnonzero((np.diff(rows) > 1) & (np.diff(t_s[rows]) > _AWAY_S))
+    begins, ends = np.append(rows[0], rows[left + 1]), np.append(rows[left], rows[-1])
+    return [slice(begin, end + 1) for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)]
+
+
+def _rows_of(table: CircleTable, rows: slice) -> CircleTable:
+    u_t_s = None if table.u_t_s is None else table.u_t_s[rows]
+    return replace(table, t_s=table.t_s[rows], q=table.q[rows], g_mm=table.g_mm[rows], u_t_s=u_t_s)
+
+
+def _more_laps(turned: float) -> tuple[str, ...]:
+    laps = turned / (2 * np.pi)
     if laps < 1 + _MORE_LAPS:
         return ()
     return (f"the robot drove {laps:.1f} laps in one run: the first is evaluated",)
@@ -110,13 +135,16 @@ def _is_steady(where: str, t_s: Array, q: Array, rig: Rig) -> None:
         )
 
 
-def _is_this_circle(where: str, frame: CircleFrame, tool: Array, driven: float, direction: str) -> None:
+def _is_this_direction(where: str, driven: float, direction: str) -> None:
     if abs(driven) > np.radians(10) and driven < 0:
         other = "acw" if direction == "cw" else "cw"
         raise FileError(where, f"is labelled {direction}, the robot moved {other}", f"record it as {other}")
+
+
+def _is_this_circle(where: str, frame: CircleFrame, tool: Array, ever: bool) -> None:
     radius = float(np.median(np.linalg.norm(tool - frame.centre, axis=1)))
     height = float(np.median(np.abs((tool - frame.centre) @ frame.n)))
-    if abs(radius - frame.radius) > _RADIUS_OFF_MM or height > _RADIUS_OFF_MM:
+    if not ever or abs(radius - frame.radius) > _RADIUS_OFF_MM or height > _RADIUS_OFF_MM:
         raise FileError(
             where,
             f"the robot stayed {radius:.1f} mm from the centre and {height:.1f} mm out of the plane of the "

@@ -238,6 +238,7 @@ def test_a_robot_that_stood_still_is_no_lap(bench: Bench) -> None:
         (("record", "stop"), "nothing is being recorded"),
         (("record", "start", "a/b", "--test", "yaw", "--direction", "cw"), "name 'a/b'"),
         (("record", "start", "x", "--test", "yaw"), "needs its direction"),
+        (("record", "start", "x", "--test", "radial", "--direction", "cw"), "has no direction"),
         (("status", "--rig", "other"), "no daemon runs for other"),
     ],
 )

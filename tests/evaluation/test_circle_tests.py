@@ -1,6 +1,7 @@
 """Yaw, roll, circular deviation, pairs and turns: closed forms, and what they refuse."""
 
 import dataclasses
+import re
 
 import numpy as np
 import planted
@@ -19,7 +20,7 @@ from analysis.tests.curve import smoothed
 from analysis.tests.places import doubts_of
 from analysis.tests.turns import apart, beside, turns
 from rigs.errors import FileError
-from rigs.load import load
+from rigs.load import load, parse
 from rigs.rig import Rig
 
 PHI = np.linspace(0, 2 * np.pi, 720, endpoint=False)
@@ -188,6 +189,26 @@ def test_of_two_laps_the_first_is_evaluated_and_told() -> None:
     lap = lap_of(twice, rig, "t")
     assert "2.0 laps" in lap.notes[0]
     np.testing.assert_array_equal(lap.g_mm[:-1], once.g_mm[: len(lap.g_mm) - 1])
+
+
+def test_the_way_to_the_circle_and_from_it_is_no_part_of_the_lap() -> None:
+    """Without a lead-in: from the far side of the circle across it to the start, and back."""
+    rig = parse(re.sub(r"lead_deg: \S+", "lead_deg: 0", load("ur10e")[1]), "r")
+    table = simulate(rig, "yaw", "acw", 1)
+    assert isinstance(table, CircleTable)
+    share, across = np.linspace(0, 1, 200)[:, None], table.q[len(table.q) // 2]
+    there, back = across + share * (table.q[0] - across), table.q[-1] + share * (across - table.q[-1])
+    t_s = 0.01 * np.arange(200)
+    whole = CircleTable(
+        "yaw",
+        "acw",
+        np.concatenate([t_s, 2 + table.t_s, 2 + table.t_s[-1] + 0.01 + t_s]),
+        np.concatenate([there, table.q, back]),
+        np.concatenate([np.full((200, 2), 9.0), table.g_mm, np.full((200, 2), 9.0)]),
+    )
+    once, lap = lap_of(table, rig, "t"), lap_of(whole, rig, "t")
+    assert lap.notes == () and abs(len(lap.phi) - len(once.phi)) < 20
+    assert lap.g_mm[20:-20].max() < 5 and np.ptp(lap.phi) == pytest.approx(2 * np.pi, abs=0.05)
 
 
 def test_standing_jumping_and_half_a_lap_are_refused() -> None:

@@ -17,6 +17,7 @@ from analysis.reading.tables import CircleTable
 from analysis.reporting.evaluate import evaluate
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.store import RunWriter, read_run
+from rigs.errors import FileError
 from rigs.load import load
 
 WRONG = (100, 400)
@@ -84,6 +85,15 @@ def test_a_band_is_not_widened_by_readings_that_a_busy_computer_held_up(tmp_path
     bands = [evaluate(of.table, of.rig, of.u_lag_s, "lap").figures["band_deg"] for of in (calm, busy)]
     assert abs(bands[1].value - bands[0].value) < bands[0].u
     assert f"g1: {len(STALLS['busy']) + 1} rows left out" in "; ".join(busy.doubts)
+
+
+def test_a_robot_that_never_told_all_its_joints_is_refused(tmp_path: Path) -> None:
+    run = read_run(recorded(tmp_path))
+    robot = run.streams["robot"]
+    for axis in range(1, 7):
+        robot[f"q{axis}_deg"] = np.where(np.arange(len(robot["size"])) % 6 == axis - 1, np.nan, robot[f"q{axis}_deg"])
+    with pytest.raises(FileError, match="no two readings of robot"):
+        measured_of(run)
 
 
 def test_a_robot_that_is_asked_stood_there_between_request_and_answer() -> None:
