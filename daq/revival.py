@@ -45,7 +45,7 @@ class Revival(threading.Thread):
 
     def _directories(self) -> list[Path]:
         try:
-            return sorted(filter(_is_run, self._runs.iterdir()), reverse=True)
+            return sorted(filter(_may_be_run, self._runs.iterdir()), reverse=True)
         except FileNotFoundError:
             return []
         except OSError as error:
@@ -53,9 +53,13 @@ class Revival(threading.Thread):
             return []
 
 
-def _is_run(path: Path) -> bool:
+def _may_be_run(path: Path) -> bool:
     """Not so: other directories, and what is left of a start that was cut off before anything was recorded."""
-    return path.is_dir() and any(file.name == MANIFEST or parse_chunk(file.name) for file in path.iterdir())
+    try:
+        return path.is_dir() and any(file.name == MANIFEST or parse_chunk(file.name) for file in path.iterdir())
+    except OSError as error:  # as lost+found, where the runs have a disk of their own
+        log.info("%s: not looked into for a crashed run: %s", path, error.strerror)
+        return False
 
 
 def revive(path: Path) -> None:

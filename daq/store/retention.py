@@ -57,15 +57,23 @@ class Decision:
 
 
 def survey(runs: Path) -> Iterator[RunInfo]:
-    """Every run in a directory, in order of name. Raises FileError where there is no such directory."""
+    """Every run in a directory that this user may look into, in order of name.
+
+    Raises FileError where there is no such directory.
+    """
     try:
         entries = sorted(runs.iterdir())
     except OSError as error:
         raise FileError(str(runs), error.strerror or str(error), "give the directory that holds the runs") from None
     for path in entries:
-        if path.is_dir() and not path.is_symlink() and not path.name.startswith(".") and (path / MANIFEST).exists():
-            with suppress(FileNotFoundError):  # deleted or moved away meanwhile
+        # Deleted or moved away meanwhile, or not for this user: as lost+found, where the runs have a disk of their own.
+        with suppress(FileNotFoundError, PermissionError):
+            if _is_run(path):
                 yield look(path)
+
+
+def _is_run(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink() and not path.name.startswith(".") and (path / MANIFEST).exists()
 
 
 def look(run: Path) -> RunInfo:

@@ -7,14 +7,19 @@ import shutil
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from bench import PATIENCE_S, Bench, rig_text
 
+from daq.protocol.conversation import Sample
 from daq.revival import Revival
-from daq.store import load_manifest, read_run, verify
+from daq.store import RunWriter, durable, load_manifest, read_run, verify
 from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES
+
+WHO: dict[str, Any] = {"rig_name": "r", "rig_text": "", "operator": "", "streams": {"g1": ("g1_mm",)}}
 
 
 def _revived(bench: Bench, path: Path) -> None:
@@ -74,6 +79,29 @@ def test_odd_directories_are_left_alone_and_told(tmp_path: Path, caplog: pytest.
     assert sorted(tmp_path.rglob("*")) == before
     (told,) = caplog.messages
     assert "not recovered: " in told and "newer" in told and "another version" in told
+
+
+def test_a_directory_that_nobody_may_look_into_keeps_no_run_from_being_recovered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As lost+found, which belongs to root, on a disk that the runs have to themselves."""
+    (tmp_path / "lost+found").mkdir()
+    writer = RunWriter.create(tmp_path, name="lap", test="radial", direction=None, **WHO)
+    writer.append("g1", [Sample((0.5,), 1, 2, 3, 8)])
+    writer.sync()
+    for recorder in writer._recorders.values():
+        recorder.release()
+    durable.close(writer._lock)  # as the system does when it is killed
+    iterdir = Path.iterdir
+
+    def refuse(self: Path) -> Iterator[Path]:
+        if self.name == "lost+found":
+            raise PermissionError(13, "Permission denied")
+        return iterdir(self)
+
+    monkeypatch.setattr(Path, "iterdir", refuse)
+    Revival(tmp_path).run()
+    assert load_manifest(writer.path).exit_status == "recovered"
 
 
 SMALL_DISK = 'mount -t tmpfs -o size="$0" tmpfs runs && exec "$@"'

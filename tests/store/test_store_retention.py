@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -193,6 +194,24 @@ def test_runs_of_another_rig_are_nobodys_business_here(tmp_path: Path) -> None:
     (theirs / "big").write_bytes(bytes(2_000_000))
     janitor.round()
     assert theirs.exists() and janitor.state()["runs"] == 0
+
+
+def test_a_directory_that_nobody_may_look_into_stops_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As lost+found, which belongs to root: a disk of their own is what the doctor advises for the runs."""
+    (tmp_path / "lost+found").mkdir()
+    stat = Path.stat
+
+    def refuse(self: Path, *, follow_symlinks: bool = True) -> os.stat_result:
+        if self.parent.name == "lost+found":
+            raise PermissionError(13, "Permission denied")
+        return stat(self, follow_symlinks=follow_symlinks)
+
+    path = _exported(tmp_path)
+    monkeypatch.setattr(Path, "stat", refuse)
+    assert [run.path for run in survey(tmp_path)] == [path]
+    (path / "big").write_bytes(bytes(2_000_000))
+    Janitor(tmp_path, "cell", Retention(gigabytes=0.001)).round()
+    assert not path.exists()
 
 
 def test_a_deletion_that_was_cut_off_leaves_no_half_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
