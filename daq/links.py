@@ -39,6 +39,8 @@ DEAD_S = 10.0
 _QUEUE = 1 << 20
 """Bytes of datagrams that may wait for a reader held up; the system may allow fewer."""
 _TELL_S = 1.0
+_IFLAG = 0
+"""Place of the input modes in what tcgetattr gives."""
 _BITS = {7: serial.SEVENBITS, 8: serial.EIGHTBITS}
 
 
@@ -241,6 +243,8 @@ def _open_serial(name: str, port: str, line: Line) -> Link:
         if not Path(port).exists():
             raise CellError(where, "no such port", f"plug it in, or correct the port; ports here: {_ports()}")
         device = _configured(port, line)
+        if line.parity != "N":
+            _check_parity(device.fileno())
     except serial.SerialException as error:
         raise CellError(where, *_serial_trouble(error)) from None
     except (OSError, ValueError, termios.error) as error:
@@ -264,6 +268,16 @@ def _configured(port: str, line: Line) -> serial.Serial:
             raise
         # A port without a line (a pty, some adapters) takes no parity; its bytes come as they are.
         return serial.Serial(port, baudrate=line.baud, timeout=0, exclusive=True)
+
+
+def _check_parity(fd: int) -> None:
+    """Have the system pass on NUL, which no reading holds, for a character of wrong parity.
+
+    pyserial has such a one passed on as it is: a digit of which the line turned a bit would be another digit.
+    """
+    settings = termios.tcgetattr(fd)
+    settings[_IFLAG] |= termios.INPCK
+    termios.tcsetattr(fd, termios.TCSANOW, settings)
 
 
 def _serial_trouble(error: serial.SerialException) -> tuple[str, str]:

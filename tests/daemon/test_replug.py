@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import logging
+import os
+import termios
 import threading
+import tty
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +71,18 @@ def test_what_is_no_port_is_told_and_holds_nothing(port: str) -> None:
     with pytest.raises(CellError):
         open_link("g1", port, Line(baud=9600, bits=8, parity="N", stop=1))
     assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+def test_a_character_of_wrong_parity_is_no_digit() -> None:
+    """A digit of which the line turned a bit is another digit, and only its parity tells."""
+    for line, checked in (("4800 7E2", True), ("9600 8N1", False)):
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        link = open_link("g1", os.ttyname(slave), Line.model_validate(line))
+        assert bool(termios.tcgetattr(link.fileno())[0] & termios.INPCK) == checked
+        link.close()
+        os.close(master)
+        os.close(slave)
 
 
 def test_names_that_go_while_they_are_listed_end_no_reader(monkeypatch: pytest.MonkeyPatch) -> None:
