@@ -67,8 +67,9 @@ class Reader(threading.Thread):
             if left_out := link.left_out():
                 self._inbox.deliver(left_out)
 
+        conversation = self._stream.host()
         try:
-            converse(tapped, self._stream.host(), deliver, self._stop_asked.is_set, alive)
+            converse(tapped, conversation, deliver, self._stop_asked.is_set, alive)
             reason = "the conversation could not go on"
         except LinkLost as error:
             reason = str(error)
@@ -77,6 +78,7 @@ class Reader(threading.Thread):
             link.close()
             self._link = None
         self._note(Mark.LOST, reason)
+        self._inbox.deliver(conversation.lost(time.monotonic_ns()))
         if not self._stop_asked.is_set():
             self._lost_ns = self._lost_ns or time.monotonic_ns()
             self._tell(f"{self._stream.port} lost: {reason}; opening it again", 1)

@@ -8,7 +8,7 @@ from functools import partial
 
 from daq import feedback, gauges
 from daq.links import DEAD_S, Link, open_link
-from daq.protocol.conversation import Conversation
+from daq.protocol.conversation import Host
 from rigs.feedback import SIGNAL, carries_signal
 from rigs.links import Line
 from rigs.rig import Rig
@@ -32,7 +32,7 @@ class Stream:
     columns: tuple[str, ...]
     port: str
     line: Line
-    host: Callable[[], Conversation]
+    host: Callable[[], Host]
     dead_s: float = DEAD_S
     listens: bool = False
 

@@ -10,15 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
-from daq.protocol.conversation import Conversation, Device
+from daq.protocol.conversation import Device, Host
 from rigs.feedback import Feedback
 
 Read = Callable[[int], Sequence[float]]
 
 
-def host(feedback: Feedback) -> Conversation:
+def host(feedback: Feedback) -> Host:
     """Our side of the link."""
-    conversation: Conversation = import_module(f"daq.feedback.{feedback.interface}").host(feedback)
+    conversation: Host = import_module(f"daq.feedback.{feedback.interface}").host(feedback)
     return conversation
 
 

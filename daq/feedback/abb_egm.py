@@ -9,7 +9,7 @@ wraps after 49 days. A run keeps either as it came, and the analysis fits it in 
 from __future__ import annotations
 
 from daq.feedback import Read
-from daq.protocol.conversation import Conversation, Device, FaultKind, Step
+from daq.protocol.conversation import Device, FaultKind, Host, Step
 from daq.protocol.order import Order
 from daq.protocol.pace import Pace
 from daq.protocol.positions import Position, Positions, Refused
@@ -22,7 +22,7 @@ _DATA = 2
 """The type of message that a controller sends; others are what a sensor sends to one."""
 
 
-def host(feedback: ABBEGM) -> Conversation:
+def host(feedback: ABBEGM) -> Host:
     """Our side."""
     check = "check that the RAPID program streams (EGMStreamStart), and that the controller sends to this address"
     return Streamed(Positions(_decode, check, Order()), feedback.timeout_s)

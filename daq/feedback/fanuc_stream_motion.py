@@ -13,7 +13,7 @@ from __future__ import annotations
 import struct
 
 from daq.feedback import Read
-from daq.protocol.conversation import Conversation, Device, FaultKind, Step
+from daq.protocol.conversation import Device, FaultKind, Host, Step
 from daq.protocol.order import Order
 from daq.protocol.pace import Pace
 from daq.protocol.positions import Position, Positions, Refused
@@ -26,7 +26,7 @@ _STATUS = struct.Struct(">IIIBBHHHI27f")
 START, STOP = _REQUEST.pack(0, 1), _REQUEST.pack(2, 1)
 
 
-def host(feedback: FANUCStreamMotion) -> Conversation:
+def host(feedback: FANUCStreamMotion) -> Host:
     """Our side."""
     check = "check the address, the cable and that option J519 is there; another client may have the stream"
     return Streamed(Positions(_decode, check, Order(), START), feedback.timeout_s)

@@ -15,7 +15,7 @@ from __future__ import annotations
 import re
 
 from daq.feedback import Read
-from daq.protocol.conversation import Conversation, Device, Fault, FaultKind, Step
+from daq.protocol.conversation import Device, Fault, FaultKind, Host, Step
 from daq.protocol.framing import Message
 from daq.protocol.numerals import number
 from daq.protocol.order import Order
@@ -33,7 +33,7 @@ _IPOC_WRAP = 2**63
 """It counts on as long as a controller is on: no number of 18 digits comes near."""
 
 
-def host(feedback: KUKARSI) -> Conversation:
+def host(feedback: KUKARSI) -> Host:
     """Our side."""
     return Streamed(_Listening(feedback), feedback.timeout_s)
 

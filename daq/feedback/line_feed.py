@@ -16,7 +16,7 @@ import math
 from collections.abc import Mapping
 
 from daq.feedback import Read
-from daq.protocol.conversation import NO_TIME, Conversation, Device, Fault, FaultKind, Sample, Step
+from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
 from daq.protocol.framing import Lines, Message
 from daq.protocol.numerals import number
 from daq.protocol.pace import Pace
@@ -31,7 +31,7 @@ _CLOCK_S = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
 _CLOCK_FORMAT = {"t_s": ".3f", "t_ms": ".0f", "t_us": ".0f"}
 
 
-def host(feedback: LineFeed) -> Conversation:
+def host(feedback: LineFeed) -> Host:
     """Our side."""
     return Streamed(_Listening(feedback), feedback.timeout_s)
 

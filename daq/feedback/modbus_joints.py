@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 
 from daq.feedback import Read
-from daq.protocol.conversation import Conversation, Device, Fault, FaultKind, Sample
+from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
 from daq.protocol.modbus import fits, pack, unpack
 from daq.protocol.numerals import are_angles
@@ -21,7 +21,7 @@ from rigs.feedback import ModbusJoints
 _DEG_PER_UNIT = {"deg": 1.0, "rad": math.degrees(1)}
 
 
-def host(feedback: ModbusJoints) -> Conversation:
+def host(feedback: ModbusJoints) -> Host:
     """Our side."""
 
     def reading(registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:

@@ -20,7 +20,7 @@ import math
 import struct
 
 from daq.feedback import Read
-from daq.protocol.conversation import NO_TIME, Conversation, Device, Fault, FaultKind, Item, Sample, Step
+from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Item, Sample, Step
 from daq.protocol.framing import Message, Sized
 from daq.protocol.pace import Pace
 from daq.protocol.streamed import Heard, Streamed
@@ -35,7 +35,7 @@ _MAX_CLOCK_S = 1e9
 """No controller has been on for 30 years: a stamp beyond is no stamp."""
 
 
-def host(feedback: URRTDE) -> Conversation:
+def host(feedback: URRTDE) -> Host:
     """Our side."""
     return Streamed(_Client(feedback), feedback.timeout_s)
 

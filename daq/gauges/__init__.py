@@ -10,15 +10,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from importlib import import_module
 
-from daq.protocol.conversation import Conversation, Device
+from daq.protocol.conversation import Device, Host
 from rigs.gauges import Gauge
 
 Read = Callable[[int], Sequence[float]]
 
 
-def host(gauges: Sequence[Gauge]) -> Conversation:
+def host(gauges: Sequence[Gauge]) -> Host:
     """Our side of the link these gauges share."""
-    conversation: Conversation = import_module(f"daq.gauges.{gauges[0].interface}").host(gauges)
+    conversation: Host = import_module(f"daq.gauges.{gauges[0].interface}").host(gauges)
     return conversation
 
 

@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 
 from daq.gauges import Read
-from daq.protocol.conversation import Conversation, Device
+from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import Answering, Asking, Reading, Show, Trouble, garbled, in_mm
@@ -29,7 +29,7 @@ _REFUSALS = {
 _DECIMALS = {"mm": 4, "inch": 5}
 
 
-def host(gauges: Sequence[CDIIQ]) -> Conversation:
+def host(gauges: Sequence[CDIIQ]) -> Host:
     """Our side; one gauge a cable."""
     return Polled(Asking(gauges, b"R\r", Lines(_END), _read), gauges[0].timeout_s)
 

@@ -14,7 +14,7 @@ import re
 from collections.abc import Sequence
 
 from daq.gauges import Read
-from daq.protocol.conversation import Conversation, Device
+from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines, Sized
 from daq.protocol.polled import Polled
 from daq.protocol.texts import Answering, Asking, Reading, Show, Trouble, garbled, in_mm
@@ -29,7 +29,7 @@ _SIGN = {"mm": " ", "inch": '"'}
 _DECIMALS = {"mm": 4, "inch": 5}
 
 
-def host(gauges: Sequence[HeidenhainND281B]) -> Conversation:
+def host(gauges: Sequence[HeidenhainND281B]) -> Host:
     """Our side; one gauge a cable."""
     return Polled(Asking(gauges, _STX, Lines(_END), _read), gauges[0].timeout_s)
 

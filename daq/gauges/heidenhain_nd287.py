@@ -12,7 +12,7 @@ import re
 from collections.abc import Sequence
 
 from daq.gauges import Read
-from daq.protocol.conversation import Conversation, Device, Fault
+from daq.protocol.conversation import Device, Fault, Host
 from daq.protocol.framing import Lines, Message
 from daq.protocol.polled import Polled
 from daq.protocol.texts import Answering, Asking, Reading, Show, Trouble, garbled, mm, shown
@@ -25,7 +25,7 @@ _NUMBER = re.compile(rb" *[+-]? *\d+\.\d+ *")
 _DECIMALS = {"mm": 4, "inch": 5}
 
 
-def host(gauges: Sequence[HeidenhainND287]) -> Conversation:
+def host(gauges: Sequence[HeidenhainND287]) -> Host:
     """Our side; one gauge a cable."""
     return Polled(Asking(gauges, _DISPLAY + b"\r", _Replies(_END), _read), gauges[0].timeout_s)
 

@@ -19,7 +19,7 @@ import re
 from collections.abc import Sequence
 
 from daq.gauges import Read
-from daq.protocol.conversation import Conversation, Device, FaultKind
+from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled, Then
 from daq.protocol.texts import SIGNED, Answering, Asking, Reading, Show, Trouble, mm, shown
@@ -43,7 +43,7 @@ _FORMAT = {"mm": "+07.3f", "um": "+08.1f", "inch": "+08.5f"}
 _CHECK = "check the cable, that the DL-RS1A has power, and the line's settings against its switches"
 
 
-def host(gauges: Sequence[KeyenceDLRS1A]) -> Conversation:
+def host(gauges: Sequence[KeyenceDLRS1A]) -> Host:
     """Our side."""
     return Polled(Asking(gauges, b"M0" + _END, Lines(_END), _read, _CHECK), gauges[0].timeout_s)
 

@@ -14,7 +14,7 @@ import re
 from collections.abc import Sequence
 
 from daq.gauges import Read
-from daq.protocol.conversation import Conversation, Device, FaultKind
+from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import CHECK, Answering, Asking, Reading, Show, Trouble, garbled, in_mm, mm
@@ -32,7 +32,7 @@ _UNIT = {b"M": b"mm", b"I": b"inch"}
 _CHECK = f"{CHECK}, and that its delimiter is CR LF"
 
 
-def host(gauges: Sequence[MagnescaleLT]) -> Conversation:
+def host(gauges: Sequence[MagnescaleLT]) -> Host:
     """Our side."""
     return Polled(Asking(gauges, _REQUEST + _END, Lines(_END), _read, _CHECK), gauges[0].timeout_s)
 

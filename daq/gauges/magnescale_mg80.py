@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.gauges.magnescale_lt import value_of, written
-from daq.protocol.conversation import Conversation, Device, FaultKind
+from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import CHECK, Answering, Asking, Reading, Show, Trouble, garbled
@@ -22,7 +22,7 @@ _END = b"\r\n"
 _LENGTH = 13
 
 
-def host(gauges: Sequence[MagnescaleMG80]) -> Conversation:
+def host(gauges: Sequence[MagnescaleMG80]) -> Host:
     """Our side; one gauge a line."""
     request = gauges[0].request.encode() + _END
     asking = Asking(gauges, request, Lines(_END), _read, f"{CHECK}, and `request`")

@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 
 from daq.gauges import Read
-from daq.protocol.conversation import Conversation, Device, FaultKind
+from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import SIGNED, Answering, Asking, Reading, Show, Trouble, garbled, in_mm
@@ -22,7 +22,7 @@ _FEATURE = re.compile(rb"(?:([123]) )?(?:(ERR\d+)|(" + SIGNED + rb") ([A-Za-z]+)
 _FORMAT = {"mm": "+09.4f", "um": "+07.2f", "inch": "+09.5f"}
 
 
-def host(gauges: Sequence[MahrC1202]) -> Conversation:
+def host(gauges: Sequence[MahrC1202]) -> Host:
     """Our side."""
     request = b"?" if len(gauges) > 1 else b"M%d?" % gauges[0].channel
     return Polled(Asking(gauges, request + _END, Lines(_END), _read), gauges[0].timeout_s)

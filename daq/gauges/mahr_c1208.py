@@ -13,7 +13,7 @@ import re
 from collections.abc import Sequence
 
 from daq.gauges import Read
-from daq.protocol.conversation import Conversation, Device
+from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import CHECK, Answering, Asking, Reading, Show, garbled, in_mm, mm
@@ -28,7 +28,7 @@ _WORD = {"mm": "mm", "um": "um", "inch": "in"}
 _CHECK = f"close its menu and end any master measurement, during which it is silent; {CHECK}, and `protocol`"
 
 
-def host(gauges: Sequence[MahrC1208]) -> Conversation:
+def host(gauges: Sequence[MahrC1208]) -> Host:
     """Our side; one gauge a cable."""
     protocol = gauges[0].protocol
     asking = Asking(gauges, _REQUEST[protocol] + b"\r", Lines(_END[protocol]), _read, _CHECK)

@@ -17,7 +17,7 @@ import math
 from collections.abc import Sequence
 
 from daq.gauges import Read
-from daq.protocol.conversation import NO_TIME, Conversation, Device, Fault, FaultKind, Step
+from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Step
 from daq.protocol.framing import Lines, Message
 from daq.protocol.pace import Pace
 from daq.protocol.streamed import Heard, Streamed
@@ -32,7 +32,7 @@ _RATE_HZ = 1000.0
 _MORE = Trouble("the sensor sends more than the distance; select the distance alone for RS422")
 
 
-def host(gauges: Sequence[MicroEpsilonILD1420]) -> Conversation:
+def host(gauges: Sequence[MicroEpsilonILD1420]) -> Host:
     """Our side; one sensor a line."""
     (gauge,) = gauges
     return Streamed(_Listening(gauge), gauge.timeout_s)

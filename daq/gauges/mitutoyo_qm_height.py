@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from daq.gauges import Read, mitutoyo_usb
-from daq.protocol.conversation import Conversation, Device
+from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import Asking, Reading, Trouble, garbled, in_mm
@@ -19,7 +19,7 @@ _LENGTH = 12
 _UNIT = {3: b"mm", 4: b"inch", 5: b"inch"}
 
 
-def host(gauges: Sequence[MitutoyoQMHeight]) -> Conversation:
+def host(gauges: Sequence[MitutoyoQMHeight]) -> Host:
     """Our side; one gauge a cable."""
     return Polled(Asking(gauges, b"1\r", Lines(b"\r"), _read), gauges[0].timeout_s)
 

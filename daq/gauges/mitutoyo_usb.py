@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 
 from daq.gauges import Read
-from daq.protocol.conversation import Conversation, Device
+from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import SIGNED, Answering, Asking, Reading, Show, Trouble, garbled, mm, shown
@@ -23,7 +23,7 @@ _FORMAT = {"mm": "+09.3f", "inch": "+09.5f"}
 _LONGEST = 9
 
 
-def host(gauges: Sequence[Probe]) -> Conversation:
+def host(gauges: Sequence[Probe]) -> Host:
     """Our side; one gauge a cable."""
     return Polled(Asking(gauges, b"1" + _END, Lines(_END), read_reply), gauges[0].timeout_s)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from daq.gauges import Read
-from daq.protocol.conversation import Conversation, Device, Fault, FaultKind, Sample
+from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
 from daq.protocol.modbus import fits, pack, unpack
 from daq.protocol.polled import Polled
@@ -17,7 +17,7 @@ from rigs.modbus import ModbusMap
 from rigs.probe import MM_PER_UNIT
 
 
-def host(gauges: Sequence[ModbusMap]) -> Conversation:
+def host(gauges: Sequence[ModbusMap]) -> Host:
     """Our side; one gauge a link."""
     (gauge,) = gauges
     return Polled(asking(gauge), gauge.timeout_s, gauge.rate_hz)

@@ -15,7 +15,7 @@ from dataclasses import replace
 
 from daq.gauges import Read
 from daq.gauges.modbus_map import asking, held
-from daq.protocol.conversation import Conversation, Device, Fault, FaultKind, Sample
+from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
 from daq.protocol.polled import Heard, Polled, Then
 from daq.protocol.registers import Serving
@@ -31,7 +31,7 @@ _STATUS = {
 }
 
 
-def host(gauges: Sequence[SolartronOrbit]) -> Conversation:
+def host(gauges: Sequence[SolartronOrbit]) -> Host:
     """Our side; one gauge a line."""
     (gauge,) = gauges
     return Polled(_Asking(gauge), gauge.timeout_s)

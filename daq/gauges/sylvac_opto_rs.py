@@ -17,7 +17,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol import polled, streamed
-from daq.protocol.conversation import NO_TIME, Conversation, Device, Fault, Step
+from daq.protocol.conversation import NO_TIME, Device, Fault, Host, Step
 from daq.protocol.framing import Lines, Message
 from daq.protocol.texts import CHECK, Answering, Asking, Reading, Show, Trouble, garbled, items_of, mm
 from rigs.serial_gauges import SylvacOptoRS
@@ -33,7 +33,7 @@ _ERRORS = {
 _DECIMALS = {"mm": 4, "um": 1, "inch": 5}
 
 
-def host(gauges: Sequence[SylvacOptoRS]) -> Conversation:
+def host(gauges: Sequence[SylvacOptoRS]) -> Host:
     """Our side; one gauge a cable."""
     (gauge,) = gauges
     if gauge.mode == "continuous":

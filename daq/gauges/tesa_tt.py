@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 
 from daq.gauges import Read
-from daq.protocol.conversation import Conversation, Device
+from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import SIGNED, Answering, Asking, Reading, Show, Trouble, garbled, in_mm, mm
@@ -22,7 +22,7 @@ _WRITTEN = {b"mm": re.compile(rb"[+-]\d{4}\.\d\d"), b"um": re.compile(rb"[+-]\d{
 _FORMAT = {"mm": "+08.2f", "um": "+08.3f"}
 
 
-def host(gauges: Sequence[TesaTT]) -> Conversation:
+def host(gauges: Sequence[TesaTT]) -> Host:
     """Our side; one gauge a cable."""
     return Polled(Asking(gauges, b"?\r", Lines(_END), _read), gauges[0].timeout_s)
 

@@ -109,6 +109,13 @@ class Conversation(Protocol):
         """`wake_ns` has passed and no bytes came."""
 
 
+class Host(Conversation, Protocol):
+    """Our side: what it emits is all there is to know of the link."""
+
+    def lost(self, now_ns: int) -> tuple[Item, ...]:
+        """What is still to be told where the link is gone: faults counted and held back."""
+
+
 class Device(Conversation, Protocol):
     """The device's side: it sends and emits no items."""
 

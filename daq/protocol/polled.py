@@ -127,6 +127,10 @@ class Polled:
         self._dialect.frames.clear()
         return self._ask(items, now_ns)
 
+    def lost(self, now_ns: int) -> tuple[Item, ...]:
+        late = self._late(now_ns) if self._requested_ns == NO_TIME else []
+        return (*self._bursts.end(), *late)
+
     def _read(self, message: Message | Fault) -> Heard:
         if isinstance(message, Fault):
             return Heard((message,), Then.DRAIN)

@@ -74,6 +74,9 @@ class Streamed:
     def tick(self, now_ns: int) -> Step:
         return self._watch(b"", [], now_ns)
 
+    def lost(self, now_ns: int) -> tuple[Item, ...]:
+        return tuple(self._bursts.end())
+
     def _watch(self, send: bytes, items: list[Item], now_ns: int) -> Step:
         if self._over:
             return Step(hang_up=True)

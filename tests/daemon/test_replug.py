@@ -19,8 +19,8 @@ import daq.reader
 import daq.recorder
 import daq.streams
 from daq.inbox import Inbox
-from daq.links import Link, open_link
-from daq.protocol.conversation import Fault, FaultKind, Sample, Step
+from daq.links import Link, LinkLost, open_link
+from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
 from daq.reader import Reader
 from daq.store import Run, read_run
 from daq.streams import Stream, streams_of
@@ -61,6 +61,9 @@ class _OneReading:
 
     def tick(self, now_ns: int) -> Step:
         return Step()
+
+    def lost(self, now_ns: int) -> tuple[Item, ...]:
+        return ()
 
 
 @pytest.mark.parametrize(
@@ -123,6 +126,30 @@ def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch
     lost, back = (1, "the conversation could not go on"), (0, f"{stream.port} is back")
     assert told == [lost, (0, "no such port"), (0, "permission denied"), back, lost, (0, "permission denied")]
     assert inbox.state().counters["disconnected"] == 2
+
+
+class _Breaking(Link):
+    """Brings so many pieces, and is lost."""
+
+    def __init__(self, piece: bytes, count: int) -> None:
+        super().__init__("g1", -1, lambda: None)
+        self._pieces = [piece] * count
+
+    def read(self, timeout_s: float) -> bytes:
+        if not self._pieces:
+            raise LinkLost("unplugged")
+        return self._pieces.pop()
+
+    def write(self, data: bytes) -> None:
+        pass
+
+
+def test_faults_held_back_to_be_told_as_one_are_told_when_the_link_is_lost() -> None:
+    stream = streams_of(parse(rig_text("sylvac"), "bench"))[0]
+    inbox = Inbox(stream.name, stream.columns)
+    link = _Breaking(b"ERR0\r", 50)
+    Reader(stream, inbox, link)._read(link)
+    assert inbox.state().counters == {"device_error": 50, "disconnected": 1}
 
 
 def test_what_says_more_of_a_fault_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:

@@ -202,6 +202,18 @@ def test_a_burst_of_garbage_is_told_with_its_count() -> None:
     assert (first.count, rest.count) == (1, 4999)
 
 
+def test_late_answers_are_counted_also_where_the_link_is_then_lost() -> None:
+    host = daq.gauges.host([sylvac()])
+    script = asked(host)
+    script.wake()
+    _fault(script, FaultKind.SILENT)
+    script.receive(b"+1.000\r+2.00")
+    (late,) = host.lost(script.now_ns)
+    assert isinstance(late, Fault) and (late.kind, late.count) == (FaultKind.LATE, 2)
+    script.wake()
+    assert script.sent.endswith(b"?\r") and host.lost(script.now_ns) == ()
+
+
 def test_sylvac_cable() -> None:
     device = daq.gauges.device([sylvac()], lambda now_ns: [-1.5 if now_ns < 5 else math.nan])
     script = Script(device)
