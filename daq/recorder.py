@@ -13,7 +13,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, wait
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -197,11 +197,8 @@ class Recorder(threading.Thread):
             return
         closing = self._close(writer, exit_status, why)
         taken = Counter({name: counter["samples"] for name, counter in self._counters.items()})
-        self._waiting = Waiting(label, writer.path, why, closing, taken)
-        if exit_status == "complete":
-            wait([closing])  # the disk is well, and so the next run begins at once
-            self._waiting.hurry()
-        else:
+        self._waiting = Waiting(label, writer.path, why, closing, taken, at_once=exit_status == "complete")
+        if not self._waiting.at_once:
             log.error("%s: ended for now, %s: %s; goes on when the disk lets it", writer.path, exit_status, why)
 
     def _try_again(self) -> None:
@@ -211,8 +208,7 @@ class Recorder(threading.Thread):
             return
         try:
             waiting.require_former()
-            self._mend(waiting.former)
-            lost = waiting.lost()
+            lost = {} if waiting.at_once else self._lost(waiting)
             self._begin(waiting.label, waiting.former.name)
         except RigError as error:
             self._told.tell("recording", "waits", f"{error} (samples missed: {waiting.words()})")
@@ -222,11 +218,13 @@ class Recorder(threading.Thread):
             detail = f"{count} samples not recorded after {waiting.former.name}: {waiting.why}"
             self._inboxes[name].deliver([Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, count)])
 
-    def _mend(self, former: Path) -> None:
+    def _lost(self, waiting: Waiting) -> Mapping[str, int]:
+        """What is in no run, once the former is brought back."""
         try:
-            revive(former)
+            revive(waiting.former)
         except RigError as error:
             self._told.tell("recording", "former", str(error))
+        return waiting.lost()
 
     def _give_up(self) -> str:
         """Wait no longer for the disk; what that means in words, empty where nothing waited."""

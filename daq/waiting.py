@@ -27,6 +27,7 @@ class Waiting:
     """From the end of the former run to the begin of the next.
 
     closing: of the former. taken: samples of each stream that it was given; missed: those that came since.
+    at_once: nothing is wrong with the disk; the next begins while the former is being closed.
     """
 
     label: Label
@@ -34,20 +35,18 @@ class Waiting:
     why: str
     closing: Future[Any]
     taken: Counter[str]
+    at_once: bool = False
     missed: Counter[str] = field(default_factory=Counter)
     _pause_s: float = field(default_factory=lambda: _FIRST_PAUSE_S)
     _try_at_s: float = field(default_factory=lambda: time.monotonic() + _FIRST_PAUSE_S)
 
-    def hurry(self) -> None:
-        """Nothing is wrong with the disk."""
-        self._try_at_s = 0.0
-
     def is_due(self) -> bool:
         """Whether to try now."""
-        return self.closing.done() and time.monotonic() >= self._try_at_s
+        return self.at_once or (self.closing.done() and time.monotonic() >= self._try_at_s)
 
     def put_off(self) -> None:
         """It was tried in vain; pauses double up to a bound."""
+        self.at_once = False
         self._try_at_s = time.monotonic() + self._pause_s
         self._pause_s = min(2 * self._pause_s, _LONGEST_PAUSE_S)
 

@@ -119,7 +119,7 @@ def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
     assert len(read_run(written.path).streams["robot"]["q1_deg"]) == 20, "whole, the last readings too"
     assert written.round()["missed"] == {"g1": 10, "g2": 10, "robot": 10}
     monkeypatch.setattr(durable, "free_bytes", lambda _: 30_000_000)
-    written.recorder._waiting.hurry()  # type: ignore[union-attr]
+    written.recorder._waiting._try_at_s = 0.0  # type: ignore[union-attr]
     assert written.round()["recording"] is None, "more room is needed to begin than to go on"
     monkeypatch.undo()
     written.until_it_goes_on()
@@ -149,7 +149,7 @@ def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(
     with failing(number, *calls):
         state = written.round()
         assert state["recording"] is None and os.strerror(number) in str(state["last_end"])
-        written.recorder._waiting.hurry()  # type: ignore[union-attr]
+        written.recorder._waiting._try_at_s = 0.0  # type: ignore[union-attr]
         assert written.round()["waiting"] == "lap"
         with pytest.raises(CellError):
             RunWriter.create(written.runs, **_plain())
@@ -169,7 +169,7 @@ def test_nothing_is_written_below_the_mount_point_of_a_disk_that_is_away(written
     with failing(errno.EIO, "pwrite"):
         written.round()
     away = written.runs.rename(written.runs.with_name("away"))
-    written.recorder._waiting.hurry()  # type: ignore[union-attr]
+    written.recorder._waiting._try_at_s = 0.0  # type: ignore[union-attr]
     assert written.round()["waiting"] == "lap"
     assert not written.runs.exists()
     away.rename(written.runs)
@@ -238,6 +238,27 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
     written.recorder.stop_run().result()
     assert load_manifest(written.path).counters["g1"] == {"samples": 90}
     assert "disk: slow sync: has taken" in caplog.text
+
+
+def test_a_long_run_is_closed_while_the_next_one_is_recorded(
+    written: Written, stalled: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Closing takes some twenty syncs, in which the watchdog must be fed."""
+    closing, may_close = stalled
+    written.deliver()
+    with monkeypatch.context() as patch:
+        patch.setattr("daq.store.writer.MOST_CHUNKS", 0)
+        written.recorder._round()  # would wait for ever, were it to wait for the disk
+    assert closing.wait(20)
+    written.deliver()
+    written.recorder._round()
+    assert written.recorder.state()["recording"] == "lap"
+    may_close.set()
+    written.recorder.stop_run().result()
+    former, follower = sorted(written.runs.iterdir(), key=lambda path: bool(load_manifest(path).follows))
+    assert load_manifest(former).exit_status == "complete" and load_manifest(follower).follows == former.name
+    assert [len(read_run(path).streams["g1"]["g1_mm"]) for path in (former, follower)] == [10, 10]
+    assert verify(former) == verify(follower) == [] and read_run(follower).faults == []
 
 
 @pytest.fixture
