@@ -11,11 +11,10 @@ condemns nothing, and the run can be closed whole.
 from __future__ import annotations
 
 import re
-import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from itertools import count
@@ -26,7 +25,7 @@ import pyarrow as pa
 from daq.protocol.conversation import Fault, Sample
 from daq.store import durable
 from daq.store.chunk import with_opening
-from daq.store.manifest import Ending, Manifest, clock_now, iso_now, new_manifest
+from daq.store.manifest import Clock, Ending, Manifest, clock_now, iso_now, new_manifest
 from daq.store.recording import OpenChunk, Recorder
 from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES, require_room
 from daq.store.schema import FAULTS, schema_of
@@ -66,8 +65,8 @@ class RunWriter:
     _lock: int
     _chunk_rows: int
     _failure: CellError | None = None
-    _changing: threading.Lock = field(default_factory=threading.Lock)
-    """Held while the manifest is made anew and saved: two threads do."""
+    _anchors: tuple[Clock, ...] = ()
+    """For the manifest, which only `Work` and `close` make anew and save."""
 
     @classmethod
     def create(  # noqa: PLR0913 - what a manifest needs to know
@@ -139,10 +138,8 @@ class RunWriter:
         return chunks + (2 + 4 * len(self._recorders)) * len(self.manifest.to_json())
 
     def anchor(self) -> None:
-        """Keep in the manifest what time it is now: the wall clock has been set. Raises CellError."""
-        with self._guarded(), self._changing:
-            self.manifest = self.manifest.model_copy(update={"anchors": (*self.manifest.anchors, clock_now())})
-            self.manifest.save(self.path)
+        """Keep what time it is now, in the manifest with the next sync: the wall clock has been set."""
+        self._anchors = (*self._anchors, clock_now())
 
     def write(self) -> None:
         """Hand everything taken so far to the operating system: that survives a kill.
@@ -166,7 +163,8 @@ class RunWriter:
                     recorder.open.end()
             syncs = [sync for recorder in self._recorders.values() if (sync := recorder.begin_sync())]
             syncs.sort(key=lambda sync: not sync.chunk.ended)  # whose next rows are held back
-            return Work([sync.wait for sync in syncs], self.stored())
+            anchored = [self._save_anchors] if self._anchors != self.manifest.anchors else []
+            return Work([*(sync.wait for sync in syncs), *anchored], self.stored())
 
     def roll(self) -> bool:
         """Close a chunk that was ended; False where there is none. Raises as `write`."""
@@ -210,6 +208,7 @@ class RunWriter:
                 "reason": reason,
                 "ended": iso_now(),
                 "counters": {stream: self._counted(stream, counts) for stream, counts in counters.items()},
+                "anchors": self._anchors,
             }
         )
         problems += [problem] if (problem := _attempt(partial(self.manifest.save, self.path))) else []
@@ -241,11 +240,16 @@ class RunWriter:
         chunk = recorder.unclosed()[0]
         if chunk.rows:  # none when the disk refused the first frame
             listed = recorder.finish(chunk)
-            with self._changing:
-                manifest = self.manifest.model_copy(update={"chunks": (*self.manifest.chunks, listed)})
-                manifest.save(self.path)
-                self.manifest = manifest
+            self._save(chunks=(*self.manifest.chunks, listed))
         recorder.forget(chunk)
+
+    def _save_anchors(self) -> None:
+        self._save(anchors=self._anchors)
+
+    def _save(self, **changed: object) -> None:
+        manifest = self.manifest.model_copy(update=changed)
+        manifest.save(self.path)
+        self.manifest = manifest
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 from store_cases import assert_holds, crash, samples, start
 
-from daq.store import RunWriter, read_run, recover, verify
+from daq.store import RunWriter, load_manifest, read_run, recover, verify
 from daq.store.writer import Work
 
 
@@ -63,3 +64,22 @@ def test_a_crash_with_two_chunks_of_a_stream(ended: tuple[RunWriter, Work]) -> N
     path = crash(writer)
     assert not recover(path).losses
     assert_holds(read_run(path), 8)
+
+
+def test_what_time_it_is_since_the_clock_was_set_is_saved_with_the_next_sync(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever appends never waits for the disk, and the manifest is synced."""
+    writer = start(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", lambda fd: pytest.fail("waits for the disk"))
+        writer.anchor()
+        work = writer.begin_sync()
+    assert load_manifest(writer.path).anchors == ()
+    work.wait()
+    writer.end_work(None)
+    assert len(load_manifest(writer.path).anchors) == 1
+    assert not writer.begin_sync().steps, "once"
+    writer.anchor()
+    writer.close("complete", "", {})
+    assert len(load_manifest(writer.path).anchors) == 2
