@@ -8,7 +8,7 @@ import socket
 from pathlib import Path
 from typing import Any
 
-from daq.control import connect, socket_directory
+from daq.control import ANSWERS_S, connect, socket_directory
 from rigs.errors import CellError, RigError
 
 _KNOCK_S = 1.0
@@ -36,6 +36,9 @@ class Client:
             self._file.write(json.dumps({"command": command, **fields}).encode() + b"\n")
             self._file.flush()
             answer = json.loads(self._file.readline() or b"null")
+        except TimeoutError:
+            what = f"rigd has not answered for {ANSWERS_S:.0f} s"
+            raise CellError(str(self._path), what, "its disk may be slow: see rig status, and its log") from None
         except (OSError, ValueError):
             answer = None
         if not isinstance(answer, dict):
@@ -65,7 +68,7 @@ def find_socket(rig: str | None = None) -> Path:
 
 
 def _is_served(path: Path) -> bool:
-    with socket.socket(socket.AF_UNIX) as sock, contextlib.suppress(PermissionError, TimeoutError):
+    with socket.socket(socket.AF_UNIX) as sock, contextlib.suppress(PermissionError, TimeoutError, BlockingIOError):
         sock.settimeout(_KNOCK_S)
         try:
             sock.connect(str(path))

@@ -24,6 +24,8 @@ from rigs.errors import CellError, RigError
 log = logging.getLogger("rigd")
 Answer = Callable[[dict[str, Any]], dict[str, Any]]
 _LONGEST_REQUEST = 65536
+ANSWERS_S = 30.0
+"""A client waits for so long."""
 _LAST_ANSWERS_S = 15.0
 """For answers under way when the daemon ends: turning a long recording into Parquet takes seconds."""
 
@@ -53,14 +55,15 @@ class Lock:
         except OSError:
             self._file.seek(0)
             holder = self._file.read().strip() or "unknown"
+            self._file.close()
             raise CellError(
                 rig,
                 f"another rigd (process {holder}) serves this rig",
                 "stop that one, or talk to it with rig status",
             ) from None
-        self._file.truncate(0)
-        self._file.write(str(os.getpid()))
-        self._file.flush()
+        with contextlib.suppress(OSError):  # for people only: a full disk takes no number, and keeps nobody out
+            os.ftruncate(self._file.fileno(), 0)
+            os.write(self._file.fileno(), str(os.getpid()).encode())
 
     def release(self) -> None:
         """Let the next daemon in."""
@@ -72,8 +75,7 @@ class ControlServer:
 
     def __init__(self, path: Path, answer: Answer) -> None:
         self._path = path
-        with contextlib.suppress(FileNotFoundError):
-            path.unlink()  # left by a daemon that died; the lock says that none is alive
+        _clear(path)
 
         class Handler(socketserver.StreamRequestHandler):
             def handle(self) -> None:
@@ -98,6 +100,16 @@ class ControlServer:
         with contextlib.suppress(FileNotFoundError):
             self._path.unlink()
         self._server.hang_up(_LAST_ANSWERS_S)
+
+
+def _clear(path: Path) -> None:
+    """Remove the socket of a daemon that died; the lock says that none is alive. Raises CellError for anything else."""
+    try:
+        if path.exists() and not path.is_socket():
+            raise CellError(str(path), "is there already and no socket", "give another --socket")
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise CellError(str(path), error.strerror or str(error), "give another --socket") from None
 
 
 class _Server(socketserver.ThreadingUnixStreamServer):
@@ -133,27 +145,37 @@ class _Server(socketserver.ThreadingUnixStreamServer):
 def reply(line: bytes, answer: Answer) -> dict[str, Any]:
     """The answer to one request line; an error is an answer too."""
     try:
-        request = json.loads(line)
-        if not isinstance(request, dict):
-            raise CellError("control socket", "a request is a JSON object", 'send {"command": "status"}')
-        return {"ok": True, **answer(request)}
+        return {"ok": True, **answer(_request(line))}
     except RigError as error:
         parts = {"where": error.where, "what": error.what, "remedy": error.remedy}
         return {"ok": False, "exit_code": error.exit_code, **parts}
+
+
+def _request(line: bytes) -> dict[str, Any]:
+    try:
+        request = json.loads(line)
     except (ValueError, RecursionError):
-        parts = {"where": "control socket", "what": "not JSON", "remedy": 'send {"command": "status"}'}
-        return {"ok": False, "exit_code": CellError.exit_code, **parts}
+        request, what = None, "not JSON"
+    else:
+        what = "a request is a JSON object"
+    if isinstance(request, dict):
+        return request
+    raise CellError("control socket", what, 'send {"command": "status"}')
 
 
 def connect(path: Path) -> socket.socket:
     """A connection to a daemon's socket. Raises CellError."""
     sock = socket.socket(socket.AF_UNIX)
-    sock.settimeout(30)
+    sock.settimeout(ANSWERS_S)
     try:
         sock.connect(str(path))
     except PermissionError:
         sock.close()
         raise CellError(str(path), "permission denied", "join the group of rigd, or use sudo") from None
+    except BlockingIOError:
+        sock.close()
+        what, remedy = "rigd hangs: others wait already", "look at its log, start it again: rigd RIG"
+        raise CellError(str(path), what, remedy) from None
     except OSError:
         sock.close()
         raise CellError(str(path), "no rigd answers here", "start it: rigd RIG") from None
