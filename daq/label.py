@@ -6,6 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from daq.store.manifest import Text
 from rigs.base import Part
 from rigs.vocabulary import Direction, TestName
 
@@ -16,4 +17,4 @@ class Label(Part):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
     test: TestName
     direction: Direction | None = None
-    operator: str = ""
+    operator: Text = ""

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import pyarrow as pa
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from daq.clocks import read_clocks
 from daq.store.durable import replace
-from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, ColumnType, schema_of, table_schema
+from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, ColumnType, schema_of, storable, table_schema
 from rigs.errors import FileError
 from rigs.vocabulary import Direction, TestName
 
@@ -29,6 +29,7 @@ MANIFEST = "manifest.json"
 Ending = Literal["complete", "interrupted", "failed"]
 ExitStatus = Literal["recording", "complete", "interrupted", "failed", "recovered"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}$")]
+Text = Annotated[str, AfterValidator(storable)]
 Count = Annotated[int, Field(ge=0)]
 _CHUNK = re.compile(r"(?P<stream>.+)-(?P<number>[0-9]{4,})\.(?P<kind>parquet|arrow)")
 
@@ -70,7 +71,7 @@ class Chunk(_Record):
 class ImportedTable(_Record):
     """The table that a run was imported from: its file, and its columns in order."""
 
-    file: str
+    file: Text
     sha256: str
     """Of the file as it was read."""
     columns: dict[str, ColumnType]
@@ -87,7 +88,7 @@ class Manifest(_Record):
     rig_text: str
     """The rig file exactly as it was."""
     rig_sha256: str
-    operator: str
+    operator: Text
     follows: str = ""
     """Directory of the run that this one goes on from, where the disk or its length ended that one."""
     host: str

@@ -88,14 +88,14 @@ def _numbers(values: list[Any], kind: pa.DataType) -> Array:
 
 def _fault_arrays(faults: Sequence[tuple[str, Fault]]) -> list[Array]:
     at_ns = pa.array([fault.at_ns for _, fault in faults], pa.int64())
-    words = [(stream, str(fault.kind), _text(fault.detail)) for stream, fault in faults]
+    words = [(stream, str(fault.kind), storable(fault.detail)) for stream, fault in faults]
     count = pa.array([fault.count for _, fault in faults], pa.int64())
     return [at_ns, *(pa.array(list(column), pa.string()) for column in zip(*words, strict=True)), count]
 
 
-def _text(detail: str) -> str:
-    # Details quote what a device sent; a lone surrogate in one cannot be stored as UTF-8.
-    return detail.encode("utf-8", "backslashreplace").decode()
+def storable(text: str) -> str:
+    """A text as UTF-8 can hold it: what a device or a terminal of another encoding sent may have a lone surrogate."""
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def checksum(batch: pa.RecordBatch, number: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import socket
 from pathlib import Path
@@ -12,6 +13,8 @@ import daq.client
 import daq.control
 from daq.client import Client, find_socket
 from daq.control import ControlServer, Lock, reply
+from daq.label import Label
+from daq.store import RunWriter, load_manifest
 from rigs.errors import CellError
 
 
@@ -65,3 +68,13 @@ def test_a_daemon_that_hangs_is_told_from_none(tmp_path: Path, monkeypatch: pyte
             assert find_socket("hanging") == path
             with pytest.raises(CellError, match="others wait already"):
                 Client(path)
+
+
+def test_an_operator_of_another_encoding_is_recorded(tmp_path: Path) -> None:
+    """As the command line of a Latin-1 terminal gives him."""
+    operator = json.loads(json.dumps(os.fsdecode("Müller".encode("latin-1"))))
+    label = Label(name="lap", test="radial", operator=operator)
+    who = {"rig_name": "r", "rig_text": "", "streams": {"g1": ("g1_mm",)}}
+    writer = RunWriter.create(tmp_path, name="lap", test="radial", direction=None, operator=operator, **who)
+    writer.close("interrupted", f"{label.operator} started another", {})
+    assert load_manifest(writer.path).operator == label.operator == r"M\udcfcller"
