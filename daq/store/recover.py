@@ -51,7 +51,7 @@ def recover(path: Path) -> Recovery:
     """Turn what a crash left into a run that can be read, with exit status `recovered`.
 
     Raises FileError when there is nothing to recover from or a process is still recording it,
-    CellError when the disk refuses.
+    CellError when the disk refuses, also to be read.
     """
     try:
         if not path.is_dir():
@@ -70,6 +70,8 @@ def recover(path: Path) -> Recovery:
 
 def _manifest_of(path: Path) -> tuple[Manifest, Recovery]:
     done = Recovery(path)
+    with suppress(FileNotFoundError):
+        (path / MANIFEST).read_bytes()  # one that the disk does not give now is neither missing nor damaged
     try:
         return load_manifest(path), done
     except FileError as error:

@@ -170,6 +170,26 @@ def test_lost_manifest_is_rebuilt(tmp_path: Path, damage: bytes | None, end: obj
     assert (writer.path / "manifest.json.torn").exists() == (damage is not None)
 
 
+def test_a_manifest_that_the_disk_does_not_give_now_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = finished(tmp_path)
+    before = load_manifest(path)
+
+    read = Path.read_bytes
+
+    def refuse(self: Path) -> bytes:
+        if self.name == "manifest.json":
+            raise OSError(errno.EIO, "Input/output error")
+        return read(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "read_bytes", refuse)
+        with pytest.raises(CellError, match="Input/output error"):
+            recover(path)
+    assert load_manifest(path) == before and verify(path) == []
+
+
 def test_lost_manifest_without_a_chunk_says_so(tmp_path: Path) -> None:
     path = crash(record(tmp_path, batches=0))
     (path / "manifest.json").unlink()
