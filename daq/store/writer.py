@@ -38,6 +38,8 @@ CHUNK_AGE_NS = 600 * 10**9
 """A slow gauge's rows become Parquet within ten minutes."""
 MOST_CHUNKS = 1000
 """The manifest is rewritten and held in memory whole: at four streams this is a run of 40 hours or more."""
+MOST_PENDING = 100_000
+"""Rows of a stream in memory while the disk does not take the chunk before them: minutes at 500 Hz."""
 _TIMED = re.compile(r"[0-9]{8}T[0-9]{6}[.0-9]*Z")
 
 
@@ -124,6 +126,10 @@ class RunWriter:
     def is_long(self) -> bool:
         """Whether the manifest has grown so long that another run had better follow."""
         return len(self.manifest.chunks) >= MOST_CHUNKS
+
+    def is_behind(self, stream: str) -> bool:
+        """Whether so much of a stream, or of faults, waits for the disk that no more of it should be appended."""
+        return max(len(self._recorders[name].pending) for name in (stream, FAULTS)) >= MOST_PENDING
 
     def stored(self) -> dict[str, int]:
         """Rows of each sample stream handed to the operating system so far: after a sync, on the disk."""

@@ -240,6 +240,35 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
     assert "disk: slow sync: has taken" in caplog.text
 
 
+def test_a_sync_that_hangs_holds_so_much_in_memory_and_the_rest_is_counted(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the end of a chunk, when the next one waits for the disk to have all of it."""
+    syncing, done = threading.Event(), threading.Event()
+
+    def hang(fd: int) -> None:
+        syncing.set()
+        assert done.wait(20)
+
+    monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
+    monkeypatch.setattr("daq.store.writer.MOST_PENDING", 30)
+    monkeypatch.setattr(daq.inbox, "_ROOM", 40)
+    monkeypatch.setattr(os, "fsync", hang)
+    try:
+        for _ in range(12):
+            written.deliver()
+            written.recorder._round()
+        assert syncing.wait(20)
+        writer = written.recorder._writer
+        assert writer is not None and len(writer._recorders["g1"].pending) == 30
+        assert written.inboxes["g1"].state().waiting == 40
+    finally:
+        done.set()
+    ended = written.recorder.stop_run().result()
+    assert ended.counters["g1"] == {"samples": 80, "dropped": 40}
+    assert load_manifest(written.path).counters["g1"] == {"samples": 80, "dropped": 40} and verify(written.path) == []
+
+
 def test_a_long_run_is_closed_while_the_next_one_is_recorded(
     written: Written, stalled: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
