@@ -159,9 +159,9 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
 def pace(stream: Stream, trial: Trial) -> Finding | None:
     """Readings a second against what the line could carry of them."""
     samples = trial.samples
-    if len(samples) < _ENOUGH:
+    if len(samples) < _ENOUGH or not (lasted_ns := _lasted_ns(samples)):
         return None
-    reached_hz = (len(samples) - 1) * 1e9 / (samples[-1].last_byte_ns - samples[0].last_byte_ns)
+    reached_hz = (len(samples) - 1) * 1e9 / lasted_ns
     possible_hz = len(samples) * 1e9 / (trial.carried * stream.line.character_ns)
     what = f"{reached_hz:.1f} readings a second; the line could carry {possible_hz:.1f}"
     if reached_hz >= _SLOW * possible_hz:
@@ -177,7 +177,7 @@ def clock(about: str, samples: Sequence[Sample]) -> Finding | None:
     The quickest arrivals of the first and of the last quarter lie closest to the truth: a delay only ever adds.
     """
     quarter = len(samples) // 4
-    if quarter < _ENOUGH or math.isnan(samples[0].device_time_s):
+    if quarter < _ENOUGH or math.isnan(samples[0].device_time_s) or not _lasted_ns(samples):
         return None
     begin_ns, end_ns = samples[0].last_byte_ns, samples[-1].last_byte_ns
     late_ns = [sample.last_byte_ns - begin_ns - sample.device_time_s * 1e9 for sample in samples]
@@ -189,3 +189,8 @@ def clock(about: str, samples: Sequence[Sample]) -> Finding | None:
     if abs(drift_ppm) - 3 * uncertain_ppm < _POOR_PPM:
         return ok(about, what)
     return doubtful(about, what, "check `rate_hz` and the unit of its clock; a good clock is within 100 ppm")
+
+
+def _lasted_ns(samples: Sequence[Sample]) -> int:
+    """0 where all came at once, as of a link that was then lost."""
+    return samples[-1].last_byte_ns - samples[0].last_byte_ns

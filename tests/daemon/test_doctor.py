@@ -167,6 +167,14 @@ def test_a_gauge_far_below_what_its_line_carries() -> None:
     assert finding and finding.verdict is OK
 
 
+def test_readings_that_came_all_at_once_have_no_pace() -> None:
+    """The link was lost after its first piece."""
+    stream = streams_of(parse(rig_text(), "bench"))[0]
+    samples = [replace(sample, first_byte_ns=5, last_byte_ns=5) for sample in _samples(500, 0.1, 0)]
+    assert trial.pace(stream, trial.Trial(samples, 2.0, 360, 360)) is None
+    assert trial.clock("robot", samples) is None
+
+
 @pytest.mark.parametrize("text", ["4800 7E2", "9600 8N1", "19200 8O1", "115200 8E2"])
 def test_a_uart_hears_what_was_sent_only_at_the_same_settings(text: str) -> None:
     line = Line.model_validate(text)
