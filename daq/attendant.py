@@ -63,9 +63,10 @@ class Attendant:
             self._obey(self._automat.tick(time.monotonic_ns()))
 
     def start(self, label: Label) -> Path:
-        """A person starts a recording; the automat's gives way. Raises CellError."""
+        """A person starts a recording; the automat's gives way, where this one can be. Raises CellError."""
         with self._deciding:
             if self._goes_on():
+                self._recorder.require_readings(label)
                 self._end("interrupted", f"{label.operator or 'a person'} started {label.name}")
                 self._automat.forget()
             return self._recorder.start_run(label)

@@ -104,6 +104,10 @@ class Recorder(threading.Thread):
             self._told.slow("write", time.monotonic() - begun)
         self._after_round()
 
+    def require_readings(self, label: Label) -> None:
+        """Raises CellError where a recording of this label could not start, for a gauge that is silent."""
+        require_readings(self._inboxes, label.test)
+
     def start_run(self, label: Label, since_ns: int | None = None) -> Path:
         """Begin a recording, with the readings since then that are still at hand; returns its directory.
 
@@ -112,7 +116,7 @@ class Recorder(threading.Thread):
         with self._lock:
             if self._writer is not None and self._label is not None:
                 raise CellError(f"recording {self._label.name}", "already running", "stop it: rig record stop")
-            require_readings(self._inboxes, label.test)
+            self.require_readings(label)
             self._take(sync=False)
             self._give_up()
             path = self._begin(label, "")

@@ -19,6 +19,7 @@ from daq.protocol.conversation import NO_TIME, Sample
 from daq.recorder import Recorder
 from daq.store import Manifest, RunWriter, load_manifest, read_run, verify
 from daq.streams import streams_of
+from rigs.errors import CellError
 from rigs.load import parse
 
 RULES = [
@@ -125,8 +126,8 @@ def test_a_silent_gauge_is_why_nothing_started(cell: Bench) -> None:
     cell.until(lambda state: state["recording"] and state["automatic"]["why_not"] == "")
 
 
-def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
-    """The attendant and the recorder without their threads, so that the blink has its length on any machine."""
+def _by_hand(tmp_path: Path) -> tuple[Recorder, Attendant, dict[str, Inbox]]:
+    """The attendant and the recorder without their threads."""
     text = _text("ur_rtde", still_s=0.2)
     rig = parse(text, "bench")
     inboxes = {stream.name: Inbox(stream.name, stream.columns) for stream in streams_of(rig)}
@@ -137,7 +138,32 @@ def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
         return RunWriter.create(tmp_path, **label.model_dump(), **more)
 
     recorder = Recorder(inboxes, create, lambda: None)
-    attendant = Attendant(recorder, rig.automatic)
+    return recorder, Attendant(recorder, rig.automatic), inboxes
+
+
+def test_a_recording_that_cannot_be_ends_none(tmp_path: Path) -> None:
+    recorder, attendant, inboxes = _by_hand(tmp_path)
+    now_ns = time.monotonic_ns()
+    inboxes["g1_g2"].deliver([Sample((1.0, 2.0), NO_TIME, now_ns, now_ns, 60)])
+    stamps = [now_ns - 2_000_000_000 + 10_000_000 * number for number in range(200)]
+    turned_on = [Sample((0.0,) * 6 + (float(n >= 50),), NO_TIME, at, at, 60) for n, at in enumerate(stamps)]
+    inboxes["robot"].deliver(turned_on)
+    attendant.hear(turned_on)
+    attendant.round()
+    name = recorder.state()["recording"]
+    inboxes["g1_g2"]._last["g2_mm"] = (2.0, 0)
+    with pytest.raises(CellError, match="g2: no reading"):
+        attendant.start(Label(name="mine", test="yaw", direction="cw"))
+    assert name and recorder.state()["recording"] == name
+    attendant.start(Label(name="mine", test="radial"))
+    assert recorder.state()["recording"] == "mine"
+    attendant.stop()
+    recorder._disk.rest()
+
+
+def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
+    """Without threads the blink has its length on any machine."""
+    recorder, attendant, inboxes = _by_hand(tmp_path)
     now_ns = time.monotonic_ns()
     inboxes["g1_g2"].deliver([Sample((1.0, 2.0), NO_TIME, now_ns, now_ns, 60)])
     stamps = [now_ns - 2_000_000_000 + 10_000_000 * number for number in range(200)]
