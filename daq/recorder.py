@@ -276,5 +276,9 @@ class Recorder(threading.Thread):
             self.last_end = f"failed: {error}"
             log.error("recording ended, %s", self.last_end)
             raise CellError(str(path), self.last_end, f"make room, then: rig recover {path}") from error
+        except Exception:  # nobody may ask what became of the run, as of one that the robot ended
+            self.last_end = "failed: not closed, for an error in the program"
+            log.exception("%s: not closed, for an error in the program; rig recover %s", path, path)
+            raise
         log.info("recording ended, %s", self.last_end)
         return Ended(path, {name: dict(counter) for name, counter in counters.items()})

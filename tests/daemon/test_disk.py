@@ -240,6 +240,17 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
     assert "disk: slow sync: has taken" in caplog.text
 
 
+def test_a_run_that_an_error_in_the_program_keeps_open_is_told(
+    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Nobody asks what became of a run that the robot ended."""
+    monkeypatch.setattr(RunWriter, "close", lambda *_: 1 / 0)
+    written.recorder.stop_run()
+    written.recorder._disk.rest()
+    assert f"{written.path}: not closed" in caplog.text and "ZeroDivisionError" in caplog.text
+    assert str(written.recorder.state()["last_end"]).startswith("failed")
+
+
 def test_a_sync_that_hangs_holds_so_much_in_memory_and_the_rest_is_counted(
     written: Written, monkeypatch: pytest.MonkeyPatch
 ) -> None:
