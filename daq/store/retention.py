@@ -78,7 +78,7 @@ def _is_run(path: Path) -> bool:
 
 def look(run: Path) -> RunInfo:
     """One run from outside. Raises FileNotFoundError where it is gone."""
-    size = sum(file.stat().st_size for file in run.iterdir())
+    size = sum(map(_size, run.iterdir()))
     changed_s = (run / MANIFEST).stat().st_mtime
     try:
         manifest, marks = load_manifest(run), load_marks(run)
@@ -86,6 +86,12 @@ def look(run: Path) -> RunInfo:
     except (FileError, ValueError):
         return RunInfo(run, None, None, "damaged", size, changed_s)
     return RunInfo(run, manifest, marks, _status(run, manifest), size, ended_s)
+
+
+def _size(file: Path) -> int:
+    with suppress(FileNotFoundError):  # a run that is being recorded makes files and removes them
+        return file.stat().st_size
+    return 0
 
 
 def _status(run: Path, manifest: Manifest) -> str:

@@ -214,6 +214,16 @@ def test_a_directory_that_nobody_may_look_into_stops_nothing(tmp_path: Path, mon
     assert not path.exists()
 
 
+def test_a_file_that_goes_while_its_run_is_looked_at_hides_no_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a run has them that is being recorded."""
+    path, listed = finished(tmp_path), Path.iterdir
+    before = look(path).size
+    monkeypatch.setattr(Path, "iterdir", lambda self: iter([*listed(self), self / "manifest.json.tmp"]))
+    assert look(path).size == before
+
+
 def test_a_deletion_that_was_cut_off_leaves_no_half_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = _exported(tmp_path)
 
