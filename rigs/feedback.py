@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from rigs.base import Part
 from rigs.links import Port, UDPPort, tcp_address
-from rigs.modbus import RegisterBlock, StatusRegister, ValueRegister
+from rigs.modbus import SLOWEST_HZ, RegisterBlock, StatusRegister, ValueRegister
 from rigs.origin import Origin
 
 JOINT_FIELDS = {f"q{axis}_{unit}" for axis in range(1, 7) for unit in ("deg", "rad")}
@@ -159,7 +159,7 @@ class ModbusJoints(_Feedback, RegisterBlock):
     interface: Literal["modbus_joints"]
     port: Port
     function: Literal[3, 4] = 3
-    rate_hz: float = Field(default=100.0, ge=0.1)
+    rate_hz: float = Field(default=100.0, ge=SLOWEST_HZ)
     joints: tuple[ValueRegister, ValueRegister, ValueRegister, ValueRegister, ValueRegister, ValueRegister]
     """Of q1 … q6, each `raw * scale + offset` in `units`."""
     units: Literal["deg", "rad"] = "deg"

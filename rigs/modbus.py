@@ -11,6 +11,8 @@ from rigs.links import Line, tcp_address
 from rigs.origin import Origin
 from rigs.probe import Probe
 
+SLOWEST_HZ = 0.5
+"""A reading older than 3 s is none to begin a recording with, and a connection of 10 s without one is lost."""
 Number = Literal["int16", "uint16", "int32", "uint32", "float32"]
 
 
@@ -56,7 +58,7 @@ class RegisterBlock(Part):
     address: int = Field(ge=0, le=65535)
     count: int = Field(ge=1, le=125)
     word_order: Literal["big", "little"] = "big"
-    rate_hz: float = Field(default=500.0, ge=0.1)
+    rate_hz: float = Field(default=500.0, ge=SLOWEST_HZ)
     """Most requests in a second; a serial line is slower by itself, TCP is not."""
 
     def check_inside(self, **registers: Register | None) -> None:

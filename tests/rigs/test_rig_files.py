@@ -93,6 +93,12 @@ def test_keys_that_are_no_names_are_told(key: str) -> None:
     _problems(f"{TEXT}\n{key}\n")
 
 
+def test_a_rate_too_slow_to_record_with_is_refused() -> None:
+    """Two of five recordings would find no fresh reading of it."""
+    text = (SHIPPED / "ur10e.yaml").read_text().replace("count: 13", "count: 13\n    rate_hz: 0.2")
+    assert {message for _, message in _problems(text).values()} == {"should be greater than or equal to 0.5, not 0.2"}
+
+
 def test_a_number_of_thousands_of_digits_is_told_in_short() -> None:
     digits = "0x" + "f" * 10_000
     (_, message) = _problems(TEXT.replace("radius_mm: 70", f"radius_mm: {digits}"))["tests.circle.radius_mm"]
