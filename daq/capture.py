@@ -1,7 +1,7 @@
 """A capture: the raw bytes of every link, each piece with its stamp, in a file that a person can read.
 
     # rig capture 1
-    # stream g1: sylvac_opto_rs on /dev/ttyUSB0, 4800 7E2
+    # stream g1: /dev/ttyUSB0, 4800 7E2
     81273645120938 g1 + /dev/ttyUSB0
     81273645204411 g1 > ?\\r
     81273690012874 g1 < +00.12

@@ -13,6 +13,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from daq.attendant import Attendant
+from daq.clockwatch import HOST
 from daq.control import ControlServer, Lock
 from daq.drift import DriftWatch
 from daq.housekeeper import Housekeeper
@@ -153,6 +154,7 @@ class Daemon:
             "rig": self._rig.name,
             "baseline_mm": self._rig.gauges.baseline_mm,
             "streams": {name: vars(inbox.state()) for name, inbox in self._inboxes.items()},
+            HOST: dict(self._recorder.host_faults),
             "clocks": {name: vars(clock) for name, watch in self._clocks.items() if (clock := watch.state())},
             "automatic": self._attendant.state(),
             "retention": self._janitor.state() if self._janitor else None,

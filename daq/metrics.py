@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from daq.clockwatch import HOST
 from daq.prometheus import Labels, Metric, render
 from daq.protocol.conversation import FaultKind
 
@@ -37,7 +38,7 @@ def _with_rig(metric: Metric, rig: str) -> Metric:
 
 
 def _all(status: Status) -> Iterator[Metric]:
-    yield from _streams(status["streams"])
+    yield from _streams(status["streams"], status[HOST])
     yield from _clocks(status["clocks"])
     yield from _recording(status)
     yield from _automatic(status["automatic"])
@@ -48,7 +49,7 @@ def _all(status: Status) -> Iterator[Metric]:
         yield Metric(name, "counter" if kind == "counter" else "gauge", words, (({}, status["retention"][key]),))
 
 
-def _streams(streams: Mapping[str, Any]) -> Iterator[Metric]:
+def _streams(streams: Mapping[str, Any], host: Mapping[str, int]) -> Iterator[Metric]:
     def each(key: str) -> tuple[tuple[Labels, float], ...]:
         return tuple(({"stream": name}, float(stream[key])) for name, stream in streams.items())
 
@@ -61,9 +62,14 @@ def _streams(streams: Mapping[str, Any]) -> Iterator[Metric]:
         ({"stream": name, "kind": str(kind)}, stream["counters"].get(kind, 0))
         for name, stream in streams.items()
         for kind in FaultKind
+        if kind is not FaultKind.CLOCK
     )
+    faults += (({"stream": HOST, "kind": str(FaultKind.CLOCK)}, host.get(FaultKind.CLOCK, 0)),)
     yield Metric(
-        "rig_faults_total", "counter", "Faults since the daemon started, `dropped` samples among them.", faults
+        "rig_faults_total",
+        "counter",
+        "Faults since the daemon started, `dropped` samples among them.",
+        faults,
     )
     ages = tuple(
         ({"stream": name, "column": column}, age_s)

@@ -77,6 +77,8 @@ class Recorder(threading.Thread):
         self._told = QuietLog()
         self._disk = Disk(self._told)
         self._clocks = ClockWatch(read_clocks())
+        self.host_faults: Counter[str] = Counter()
+        """Of the computer itself, by kind, since the daemon started."""
         self.last_end = ""
 
     def run(self) -> None:
@@ -256,6 +258,7 @@ class Recorder(threading.Thread):
         faults = self._clocks.look(read_clocks())
         for fault in faults:
             self._told.tell(HOST, fault.kind, fault.detail, fault.count)
+        self.host_faults[FaultKind.CLOCK] += len(faults)
         if faults and self._writer is not None:
             self._counters.setdefault(HOST, Counter())[FaultKind.CLOCK] += len(faults)
             self._writer.append_faults(HOST, faults)
