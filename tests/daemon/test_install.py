@@ -122,7 +122,10 @@ def test_the_udev_rules_are_rules() -> None:
     """By the grammar of udev(7): matches first, then at least one assignment; `udevadm verify` where there is one."""
     path = ROOT / "systemd" / "99-rig.rules"
     rules = [line for line in path.read_text().splitlines() if line and line[0] != "#"]
-    assert len(rules) == 4
+    assert len(rules) == 5
+    (named,) = [number for number, rule in enumerate(rules) if "SYMLINK" in rule]
+    assert 'ATTRS{port_number}=="[1-9]*", ENV{RIG_PORT}="-$attr{port_number}"' in rules[named - 1]
+    assert rules[named].endswith('NUM}$env{RIG_PORT}"'), "no two ports of an adapter have one name"
     for rule in rules:
         found = [RULE.match(token.strip()) for token in re.split(r",\s*", rule)]
         assert all(found), rule
