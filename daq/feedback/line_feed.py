@@ -18,7 +18,7 @@ from collections.abc import Mapping
 from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
 from daq.protocol.framing import Lines, Message
-from daq.protocol.numerals import number
+from daq.protocol.numerals import are_angles, number
 from daq.protocol.pace import Pace
 from daq.protocol.streamed import Heard, Streamed
 from rigs.feedback import CLOCK_FIELDS, SIGNAL, LineFeed
@@ -70,7 +70,10 @@ class _Listening:
             if value is None:
                 return _garbled(message, f"has no number in {name} = {part[:40]!r}")
             read[name] = value
-        return Heard((_sample(read, message),))
+        sample = _sample(read, message)
+        if not are_angles(sample.values[:6]):
+            return _garbled(message, "has an angle that no axis turns to")
+        return Heard((sample,))
 
 
 def _garbled(message: Message, why: str) -> Heard:

@@ -22,6 +22,7 @@ import struct
 from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Item, Sample, Step
 from daq.protocol.framing import Message, Sized
+from daq.protocol.numerals import are_angles
 from daq.protocol.pace import Pace
 from daq.protocol.streamed import Heard, Streamed
 from rigs.feedback import URRTDE, RTDESignal
@@ -145,7 +146,7 @@ class _Client:
         angles_rad = numbers[:6]
         signal = (_signal(self._place, numbers[6]),) if self._place else ()
         angles_deg = tuple(map(math.degrees, angles_rad))
-        if not (0 <= clock_s < _MAX_CLOCK_S and all(map(math.isfinite, angles_deg))):
+        if not (0 <= clock_s < _MAX_CLOCK_S and are_angles(angles_deg)):
             detail = f"packet with time {clock_s:g} s and angles {angles_rad} rad; left out"
             return Heard((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
         sample = Sample(

@@ -92,7 +92,7 @@ def _lost(stream: Stream) -> Link:
     return Link(stream.name, -1, lambda: None)
 
 
-@pytest.mark.parametrize("joint", ["nan", "inf", "-inf", "NaN", "1e400", "", "--1", "0x10"])
+@pytest.mark.parametrize("joint", ["nan", "inf", "-inf", "NaN", "1e400", "", "--1", "0x10", "1e99", "45123456"])
 def test_a_joint_that_is_no_number_gets_through_no_line_feed(joint: str) -> None:
     host = daq.feedback.host(LineFeed(interface="line_feed", port="tcp://robot:1"))
     host.connected(0)
@@ -100,7 +100,7 @@ def test_a_joint_that_is_no_number_gets_through_no_line_feed(joint: str) -> None
     assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED
 
 
-@pytest.mark.parametrize("joint", [math.nan, math.inf, -math.inf, 1.7e308])
+@pytest.mark.parametrize("joint", [math.nan, math.inf, -math.inf, 1.7e308, 1e99])
 def test_a_joint_that_is_no_number_gets_through_no_rtde(joint: float) -> None:
     host = daq.feedback.host(URRTDE(interface="ur_rtde", port="tcp://robot:1"))
     host.connected(0)
