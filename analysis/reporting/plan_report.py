@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
@@ -33,7 +34,7 @@ def as_table(plan: Plan) -> RenderableType:
     small = sum(all(map(_small, forms)) for forms in plan.names.values())
     words = f"{len(plan.names)} names: {small} show at a healthy arm's size or less (gears at every order), "
     words += f"{len(plan.names) - small - unseen} at more, {unseen} at none; {len(plan.pairs)} pairs look alike\n"
-    return Group(head, Text(words), _axes(plan), _others(plan), _alike(plan), _hidden(plan), *_advice(plan))
+    return Group(head, Text(words), _axes(plan), Text(), _others(plan), _alike(plan), _hidden(plan), *_advice(plan))
 
 
 def _small(sight: Sight) -> bool:
@@ -42,17 +43,25 @@ def _small(sight: Sight) -> bool:
 
 
 def _axes(plan: Plan) -> Table:
-    """Smallest sizes of the effects of joints, an axis a column."""
-    table = Table(title=_title("joints and links"), title_style="bold", title_justify="left", header_style="bold")
-    table.add_column("effect", no_wrap=True)
-    table.add_column("unit")
-    table.add_column("healthy", justify="right")
+    """Smallest sizes of the effects of joints, an axis a column; 80 columns are enough for all of their digits."""
+    table = Table(
+        title=_title("joints and links"),
+        title_style="bold",
+        title_justify="left",
+        header_style="bold",
+        box=box.SIMPLE_HEAD,
+        padding=0,
+        show_edge=False,
+    )
+    table.add_column("effect", overflow="fold")
+    table.add_column("healthy", justify="right", overflow="fold")
     for axis in range(1, 7):
-        table.add_column(f"axis {axis}", justify="right")
+        table.add_column(f"axis {axis}", justify="right", overflow="fold")
     for kind, by_axis in _by_seat(plan, joints=True).items():
         first = next(iter(by_axis.values()))[0]
-        cells = [_limit(by_axis.get(str(axis), ())) for axis in range(1, 7)]
-        table.add_row(kind, _unit(first.effect), f"{healthy_size(first.effect):g}", *cells)
+        cells = [_limit(by_axis.get(str(axis), ()), "\n") for axis in range(1, 7)]
+        below = "\n  its worst order" if any("\n" in cell.plain for cell in cells) else ""
+        table.add_row(f"{kind} {_unit(first.effect)}{below}", f"{healthy_size(first.effect):g}", *cells)
     return table
 
 
@@ -86,13 +95,13 @@ def _by_seat(plan: Plan, *, joints: bool) -> dict[str, dict[str, list[Sight]]]:
     return found
 
 
-def _limit(sights: Sequence[Sight]) -> Text:
+def _limit(sights: Sequence[Sight], between: str = " … ") -> Text:
     seen = [sight.limit for sight in sights if not sight.hidden]
     if not seen:
         return Text("–" if sights else "", style="red")
     low, high = f"{min(seen):.2g}", f"{max(seen):.2g}"
     style = "green" if max(seen) <= healthy_size(sights[0].effect) else "yellow"
-    return Text(low if low == high else f"{low} … {high}", style=style)
+    return Text(low if low == high else f"{low}{between}{high}", style=style)
 
 
 def _alike(plan: Plan) -> RenderableType:

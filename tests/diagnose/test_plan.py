@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from analysis.cli import app
@@ -17,6 +19,7 @@ from analysis.fitting.estimate import fit, sizes
 from analysis.fitting.observation import observe
 from analysis.model.predict import model_of
 from analysis.model.simulate import simulate
+from analysis.reporting.plan_report import as_table
 from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError
 from rigs.errors import FileError
 from rigs.load import load
@@ -32,6 +35,17 @@ ZERO_5, A5 = JointOffset(axis=5, offset_deg=0.02), LinkGeometry(axis=6, field="a
 @pytest.fixture(scope="module")
 def circle_alone() -> Plan:
     return plan(RIG, CIRCLE)
+
+
+def test_80_columns_hold_every_size_of_the_table_of_joints_whole(circle_alone: Plan) -> None:
+    console = Console(width=80, file=io.StringIO())
+    with console.capture() as shown:
+        console.print(as_table(circle_alone))
+    joints = shown.get().partition("joints and links")[2].partition("the rest")[0]
+    assert "…" not in joints
+    for sight in circle_alone.sights:
+        if sight.name.startswith(("joint_offset", "backlash")) and not sight.hidden:
+            assert f"{sight.limit:.2g}" in joints, sight.name
 
 
 def _with_circle(**changed: object) -> Rig:
