@@ -15,19 +15,23 @@ _REFRESH_S = 0.1
 
 @app.command()
 def live(rig: RigName = None) -> None:
-    """Show gauges, angle, joints, rates, faults and recording state until Ctrl-C."""
+    """Show gauges, angle, joints, rates, faults and recording state until Ctrl-C; once where there is no terminal."""
     import time  # noqa: PLC0415
 
+    from rich.console import Console  # noqa: PLC0415
     from rich.live import Live  # noqa: PLC0415
 
     from analysis.reporting.screen import screen  # noqa: PLC0415
     from daq.client import Client, find_socket  # noqa: PLC0415
 
+    console = Console()
     with (
         contextlib.suppress(KeyboardInterrupt),
         Client(find_socket(rig)) as client,
-        Live(screen(client.ask("status")), auto_refresh=False) as display,
+        Live(screen(client.ask("status")), console=console, auto_refresh=False) as display,
     ):
-        while True:
+        # Nothing can be drawn over in a pipe: rich prints the last screen when Live ends, and never learns
+        # that the reader has gone.
+        while console.is_terminal:
             time.sleep(_REFRESH_S)
             display.update(screen(client.ask("status")), refresh=True)

@@ -8,13 +8,14 @@ import os
 import resource
 import signal
 import socket
+import subprocess
 import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from bench import OFF, Bench, rig_text
+from bench import BIN, OFF, Bench, rig_text
 
 from daq.client import Client
 from daq.store import read_run
@@ -258,6 +259,21 @@ def test_a_second_recording_is_refused_and_the_first_goes_on(bench: Bench) -> No
 
 def test_no_daemon_is_told(bench: Bench) -> None:
     assert "start it: rigd RIG" in bench.fails("rig", "status", code=4)
+
+
+def test_live_into_a_pipe_tells_the_state_once_and_ends(bench: Bench) -> None:
+    bench.start().all_reading()
+    done = bench.run("rig", "live")
+    assert done.returncode == 0
+    assert "not recording" in done.stdout
+
+
+@pytest.mark.parametrize("command", [("interfaces",), ("interfaces", "--json"), ("check", "ur10e")])
+def test_output_onto_a_full_disk_is_one_line(command: tuple[str, ...]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([BIN / "rig", *command], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 4
+    assert done.stderr == "error: output: No space left on device; make room, or send it elsewhere\n"
 
 
 def test_a_run_cut_in_the_middle_of_a_write_is_recovered_and_the_loss_told(bench: Bench) -> None:
