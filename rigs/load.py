@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, ValidationError
 
 from rigs.effects import Effect
 from rigs.errors import FileError
@@ -14,7 +14,12 @@ from rigs.yaml_text import read_yaml
 
 SHIPPED = Path(__file__).parent
 _MAX_BYTES = 1_000_000
-_EFFECTS: TypeAdapter[tuple[Effect, ...]] = TypeAdapter(tuple[Effect, ...])
+
+
+class _Effects(BaseModel):
+    """The part of a rig file that `rig simulate --effects` takes."""
+
+    effects: tuple[Effect, ...] | None = None
 
 
 def find(name: str | Path) -> Path:
@@ -79,12 +84,14 @@ def _parsed(text: str, where: str) -> Rig:
 
 
 def load_effects(path: Path) -> tuple[Effect, ...]:
-    """The effects of a rig file, or of a file with nothing but `effects:`. Raises FileError."""
+    """The effects of a rig file, or of a file with nothing but `effects:`. Raises FileError or RigFileError."""
+    root, data = read_yaml(_text(path), str(path))
+    if isinstance(data, list):
+        data = {"effects": data}
+    if not isinstance(data, dict) or not {"effects", "robot"} & data.keys():
+        # A misspelt key would else be a robot without errors, and nobody would know.
+        raise FileError(str(path), "has no key effects", "write effects: [{effect: …}], or effects: [] for none")
     try:
-        _, data = read_yaml(_text(path), str(path))
-        found = data.get("effects", ()) if isinstance(data, dict) else data
-        return _EFFECTS.validate_python(found or ())
+        return _Effects.model_validate(data).effects or ()
     except ValidationError as error:
-        detail = error.errors(include_url=False)[0]
-        place = ".".join(str(step) for step in detail["loc"])
-        raise FileError(str(path), f"effects.{place}: {detail['msg']}", "write them as in a rig file") from None
+        raise RigFileError(str(path), problems_of(error, data, root, _Effects)) from None

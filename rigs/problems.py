@@ -54,16 +54,18 @@ class RigFileError(FileError):
         return [f"{self.where}, {problem}" for problem in self.problems]
 
 
-def problems_of(error: ValidationError, data: Any, root: yaml.Node | None) -> list[Problem]:
+def problems_of(
+    error: ValidationError, data: Any, root: yaml.Node | None, model: type[BaseModel] = Rig
+) -> list[Problem]:
     """All mistakes in the data of a rig file, in order of their lines; a hundred, and how many more there are."""
-    details = _without_consequences(_with_hidden(data, error.errors(include_url=False)))
+    details = _without_consequences(_with_hidden(data, error.errors(include_url=False), model))
     problems = sorted((_problem(detail, root) for detail in details[:_MOST_TOLD]), key=lambda p: p.line)
     if untold := len(details) - len(problems):
         problems.append(Problem(problems[-1].line, "", f"and {untold} more mistakes; mend these first"))
     return problems
 
 
-def _with_hidden(data: Any, details: list[ErrorDetails]) -> list[ErrorDetails]:
+def _with_hidden(data: Any, details: list[ErrorDetails], model: type[BaseModel]) -> list[ErrorDetails]:
     """A misspelt tag hides the mistakes of its part: they show once the nearest known tag is taken for it."""
     misspelt = [detail for detail in details if detail["type"] == "union_tag_invalid"]
     for detail in misspelt:
@@ -71,7 +73,7 @@ def _with_hidden(data: Any, details: list[ErrorDetails]) -> list[ErrorDetails]:
         nearest = difflib.get_close_matches(tag, known, n=1, cutoff=_CLOSE)
         data = _with(data, detail["loc"], key, nearest[0]) if nearest else data
     try:
-        Rig.model_validate(data)
+        model.model_validate(data)
     except ValidationError as error:
         seen = error.errors(include_url=False)
         return misspelt + [detail for detail in seen if detail["type"] != "union_tag_invalid"]

@@ -217,3 +217,31 @@ def test_yaml_that_is_meant_ill_is_told_soon_and_in_short_lines(tmp_path: Path, 
     assert told in lines[-1] and all(line.isprintable() and len(line) < 1000 for line in lines)
     with contextlib.suppress(FileError):
         load_effects(file)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("efects: [{effect: backlash, axis: 1, width_deg: 0.02}]", "effects.yaml: has no key effects; write effects:"),
+        ("", "effects.yaml: has no key effects; write effects:"),
+        (
+            "effects:\n  - {effect: backlsh, axis: 1}",
+            "line 2, effects[1]: 'backlsh' is not known; did you mean backlash",
+        ),
+        ("effects:\n  - {effect: backlash, axis: 1, width: 1}", "line 2, effects[1].width: unknown key; did you mean"),
+        ("- {effect: backlash, axis: 9, width_deg: 1}", "line 1, [1].axis: should be less than or equal to 6, not 9"),
+    ],
+)
+def test_a_file_of_effects_tells_its_mistakes_as_a_rig_file_does(tmp_path: Path, text: str, told: str) -> None:
+    file = tmp_path / "effects.yaml"
+    file.write_text(text)
+    with pytest.raises(FileError) as caught:
+        load_effects(file)
+    assert any(told in line for line in caught.value.lines()), caught.value.lines()
+
+
+@pytest.mark.parametrize("text", ["effects: []", "effects:", "[]", TEXT.partition("\neffects:")[0]])
+def test_a_file_may_say_that_there_are_no_effects(tmp_path: Path, text: str) -> None:
+    file = tmp_path / "effects.yaml"
+    file.write_text(text)
+    assert load_effects(file) == ()
