@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -157,6 +158,17 @@ def test_what_spreadsheets_write_is_read(tmp_path: Path) -> None:
     assert read_csv(table, "repeatability", rig()).table.equals(plainly)
     table.write_text(text.replace(",1,", ", 1.0 ,"))
     assert read_csv(table, "repeatability", rig()).table.equals(plainly)
+
+
+def test_names_that_are_no_utf8_are_kept_as_far_as_they_can_be(tmp_path: Path) -> None:
+    latin = os.fsdecode(b"k\xf6ln")
+    source = tmp_path / f"{latin}.csv"
+    source.write_text(csv_text(plain("pose")))
+    import_table(source, tmp_path / latin, rig_file=RIG_FILE, test="pose", direction=None, operator=latin)
+    manifest = read_run(tmp_path / latin).manifest
+    assert manifest.table is not None
+    assert (manifest.table.file, manifest.operator) == ("k\\xf6ln.csv", "k\\xf6ln")
+    assert verify(tmp_path / latin) == []
 
 
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
