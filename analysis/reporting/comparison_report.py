@@ -105,4 +105,7 @@ def _figure(one: Comparison) -> Figure:
     for axes in (above, below):
         axes.grid(color="#dddddd", lw=0.5)
         axes.spines[["top", "right"]].set_visible(False)
+        if circle:
+            axes.set_xlim(0, 360)
+            axes.set_xticks(range(0, 361, 30))
     return figure

@@ -85,7 +85,8 @@ def radial_figure(result: Result, found: Radial) -> Figure:
     for ring in range(30, 91, 30):
         turn = np.linspace(0, 2 * np.pi, 181)
         around.plot(ring * np.cos(turn), ring * np.sin(turn), color="#dddddd", lw=0.6, zorder=0)
-        around.annotate(f"{ring}°", (0, -ring), fontsize=7, color=_GREY, ha="center", va="top")
+        below_the_dot = {"xytext": (0, -6), "textcoords": "offset points"}
+        around.annotate(f"{ring}°", (0, -ring), fontsize=7, color=_GREY, ha="center", va="top", **below_the_dot)
     around.set_aspect("equal")
     around.set_axis_off()
     around.set_title("seen along the axis, azimuth 0° to the right", fontsize=9)
@@ -178,7 +179,8 @@ def _panels(results: Sequence[Result], title: str) -> tuple[Figure, list[Axes]]:
     figure = Figure(figsize=(9, 1.2 + 2.6 * len(results)), layout="constrained")
     panels: list[Axes] = list(figure.subplots(len(results), 1, sharex=True, squeeze=False)[:, 0])
     figure.suptitle(f"{title} · {results[0].measured.rig.name}", fontsize=11)
-    for axes in panels:
+    for result, axes in zip(results, panels, strict=True):
+        axes.set_title(result.name, fontsize=8, color=_GREY, loc="right")
         axes.set_xlim(0, 360)
         axes.set_xticks(range(0, 361, 30))
         axes.grid(color="#dddddd", lw=0.5)
@@ -212,7 +214,7 @@ def _mark_reversals(axes: Axes, result: Result) -> None:
             _name(result, turn),
             (phi, 1.0 - 0.085 * step),
             xycoords=("data", "axes fraction"),
-            xytext=(2, -2),
+            xytext=(-3 if phi > 345 else 2, -2),
             textcoords="offset points",
             fontsize=7.5,
             color=_GREY,
