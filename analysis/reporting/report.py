@@ -4,24 +4,39 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.console import Group, RenderableType
+from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.table import Table
 from rich.text import Text
 
 from analysis.reporting.for_json import for_json
 from analysis.reporting.labels import LEADING, in_order, label
-from analysis.reporting.results import Result, by_test, pair_of
+from analysis.reporting.results import Result, by_test, pair_of, paired
 from analysis.reporting.truth import Comparison, all_agree, verdict
 from analysis.tests.circle import CircleResult
 from analysis.tests.pair import Pair
 from rigs.errors import FileError
 
-_ABREAST = 3
-"""Runs side by side that a narrow screen holds without cutting a number."""
+
+@dataclass(frozen=True)
+class _Abreast:
+    """Runs of one test side by side, as many as the screen holds without breaking a number."""
+
+    results: Sequence[Result]
+    known: dict[int, dict[str, Comparison]]
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        boundless = console.options.update(max_width=10_000)
+        rest = self.results
+        while rest:
+            tables = (_table(rest[:count], self.known) for count in range(len(rest), 0, -1))
+            fits = (table for table in tables if console.measure(table, options=boundless).maximum <= options.max_width)
+            shown = next(fits, _table(rest[:1], self.known))
+            yield shown
+            rest = rest[len(shown.columns) - 1 :]
 
 
 def as_tables(results: Sequence[Result], truths: Sequence[dict[str, Comparison]] = ()) -> RenderableType:
@@ -29,11 +44,11 @@ def as_tables(results: Sequence[Result], truths: Sequence[dict[str, Comparison]]
     known = {id(result): truth for result, truth in zip(results, truths, strict=False)}
     parts: list[RenderableType] = []
     for group in by_test(results):
-        parts += [_table(group[k : k + _ABREAST], known) for k in range(0, len(group), _ABREAST)]
+        parts.append(_Abreast(group, known))
         both = pair_of(group)
         if both:
             told = "; ".join(f"{label(name).strip()} {both.figures[name]}" for name in in_order(both.figures))
-            parts.append(Text(f"acw against cw: {told}", style="dim"))
+            parts.append(Text(f"acw against cw{which_of(group)}: {told}", style="dim"))
         if any(isinstance(result.found, CircleResult) for result in group):
             parts.append(Text(lag_in_words(both), style="dim"))
     if truths:
@@ -42,6 +57,12 @@ def as_tables(results: Sequence[Result], truths: Sequence[dict[str, Comparison]]
         Text(f"{result.title}, {result.name}: {doubt}", style="yellow") for result in results for doubt in result.doubts
     ]
     return Group(*parts)
+
+
+def which_of(group: Sequence[Result]) -> str:
+    """Which two runs are held against each other, where there are more: ` (monday-acw, monday-cw)`."""
+    both = paired(group)
+    return f" ({both[0].name}, {both[1].name})" if both and len(group) > 2 else ""
 
 
 def lag_in_words(both: Pair | None) -> str:
@@ -63,10 +84,15 @@ def _table(group: Sequence[Result], known: dict[int, dict[str, Comparison]]) -> 
         cells = [_cell(result, name, known.get(id(result), {})) for result in group]
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
     table.add_row("samples", *(str(result.found.samples) for result in group), style="dim")
-    if any(result.measured.u_lag_s for result in group):
-        lags = (f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group)
+    if lags := _lags(group):
         table.add_row("time, gauges to robot", *lags, style="dim")
     return table
+
+
+def _lags(group: Sequence[Result]) -> list[str]:
+    """How well the gauges' time is known against the robot's, where that is known of any run."""
+    known = any(result.measured.u_lag_s for result in group)
+    return [f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group] if known else []
 
 
 def _cell(result: Result, name: str, truth: dict[str, Comparison]) -> str:
@@ -89,6 +115,7 @@ def as_object(results: Sequence[Result], truths: Sequence[dict[str, Comparison]]
         {
             "rig": group[0].measured.rig.name,
             "test": group[0].test,
+            "runs": [str(result.measured.path) for result in paired(group) or ()],
             "figures": {name: asdict(figure) for name, figure in both.figures.items()},
             "lag": asdict(both.lag),
         }
@@ -131,7 +158,9 @@ def write_report(results: Sequence[Result], directory: Path) -> Path:
                 "results": group,
                 "names": in_order(name for result in group for name in result.figures),
                 "pair": (both := pair_of(group)),
-                "lag": lag_in_words(both),
+                "which": which_of(group),
+                "time": _lags(group),
+                "lag": lag_in_words(both) if isinstance(group[0].found, CircleResult) else "",
                 "pictures": [base64.b64encode(path.read_bytes()).decode() for path in save_pictures(group, directory)],
             }
             for group in by_test(results)

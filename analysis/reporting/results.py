@@ -68,13 +68,22 @@ def by_test(results: Sequence[Result]) -> list[list[Result]]:
     return list(groups.values())
 
 
-def pair_of(results: Sequence[Result]) -> Pair | None:
-    """The first acw and the first cw run of a group against each other; None without both, or of two circles."""
+def paired(results: Sequence[Result]) -> tuple[Result, Result] | None:
+    """The first acw and the first cw run of a group; None without both, or of two circles."""
     circles = {
         result.found.lap.direction: result for result in reversed(results) if isinstance(result.found, CircleResult)
     }
     acw, cw = circles.get("acw"), circles.get("cw")
     if acw is None or cw is None or acw.measured.rig.tests.circle != cw.measured.rig.tests.circle:
         return None
+    return acw, cw
+
+
+def pair_of(results: Sequence[Result]) -> Pair | None:
+    """Both of `paired` against each other."""
+    both = paired(results)
+    if both is None:
+        return None
+    acw, cw = both
     assert isinstance(acw.found, CircleResult) and isinstance(cw.found, CircleResult)  # noqa: S101 - by construction
     return pair(acw.found, cw.found)

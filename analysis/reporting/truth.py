@@ -21,20 +21,25 @@ class Comparison:
 
 
 def compare(results: Sequence[Result], path: Path) -> list[dict[str, Comparison]]:
-    """For each result, its figures by name beside the truth. Raises FileError."""
+    """For each result, its figures by name beside the truth, none for a test it tells nothing of. Raises FileError."""
     try:
         truth = json.loads(path.read_text(encoding="utf-8"))
-        return [_one(result, truth) for result in results]
+        found = [_one(result, truth) for result in results]
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "give the truth.json that rig emulate wrote") from None
     except (ValueError, KeyError, TypeError, AttributeError):
         raise FileError(str(path), "is no truth of these runs", "give the truth.json that rig emulate wrote") from None
+    if not any(found):
+        raise FileError(str(path), f"tells nothing of the {results[0].test} test", "leave --truth out")
+    return found
 
 
 def _one(result: Result, truth: dict[str, Any]) -> dict[str, Comparison]:
     manifest = result.measured.run.manifest
     if truth["rig"] != manifest.rig_name:
         raise KeyError(manifest.rig_name)
+    if manifest.test not in truth:
+        return {}
     values = truth[manifest.test][manifest.direction]
     return {
         name: Comparison(float(value), (result.figures[name].value - float(value)) / result.figures[name].u)

@@ -11,7 +11,7 @@ import pytest
 from analysis.model.simulate import simulate
 from analysis.reading.lap import lap_of
 from analysis.reading.simulated_runs import write_simulated
-from analysis.reporting.report import as_object, as_tables
+from analysis.reporting.report import as_object, as_tables, write_report
 from analysis.reporting.results import analyse_run
 from analysis.reporting.truth import compare, verdict
 from analysis.tests.circularity import circle_at, fit_circle
@@ -65,6 +65,7 @@ def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp
     alone = [str(part) for part in as_tables(results[:1]).renderables]  # type: ignore[attr-defined]
     assert "a lag between gauges and robot cannot be told from one direction: analyse acw and cw together" in alone
     assert as_object(results[:1])["acw_against_cw"] == []
+    assert "cannot be told from one direction" in write_report(results[:1], tmp_path / "report").read_text()
 
 
 def test_a_figure_beside_the_truth_deviates_upwards_where_it_is_larger(tmp_path: Path) -> None:
