@@ -35,17 +35,17 @@ def main() -> None:
 def rigd(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
     runs: Annotated[
-        Path | None, typer.Option(help="Where run directories go. [default: runs, under systemd its state]")
+        Path | None, typer.Option(help="Where run directories go; without it, runs, under systemd its state directory.")
     ] = None,
     socket: Annotated[
-        Path | None, typer.Option(help="Control socket. [default: in the user's runtime directory]")
+        Path | None, typer.Option(help="Control socket; without it, in the user's runtime directory.")
     ] = None,
     capture: Annotated[
         Path | None, typer.Option(help="Keep the raw bytes of every link in this file, for rig replay.")
     ] = None,
     metrics: Annotated[
         Path | None,
-        typer.Option(help="File for node_exporter's textfile collector. [default: none, under systemd rig.prom]"),
+        typer.Option(help="File for node_exporter's textfile collector; without it, none, under systemd rig.prom."),
     ] = None,
 ) -> None:
     """Read the gauges and the robot of RIG until stopped; record when asked by `rig record`."""

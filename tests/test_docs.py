@@ -6,14 +6,18 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 import yaml
+from typer.testing import CliRunner
 
+from analysis.cli import app
 from rigs.interfaces import NO_DEFAULT, Interface, known
 from rigs.load import SHIPPED, parse
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
 BIN = Path(sys.executable).parent
+_SOURCES = [*sorted(ROOT.glob("analysis/cli/*.py")), ROOT / "daq" / "rigd.py"]
 VALUES = {"polled", "continuous", "optorsd", "m1240", "rtu", "ascii"}
 """What a key may be set to, written in the table beside its key."""
 
@@ -42,6 +46,28 @@ def test_every_command_line_in_the_documents_exists(line: str) -> None:
     assert done.returncode == 0, done.stderr
     for option in (word.split("=")[0] for word in words if word.startswith("--")):
         assert re.search(rf"{option}\b", done.stdout), (line, option)
+
+
+def _commands() -> list[tuple[str, ...]]:
+    names = sorted(typer.main.get_command(app).commands)  # type: ignore[attr-defined]
+    return [(), *((name,) for name in names), ("record", "start"), ("record", "stop")]
+
+
+@pytest.mark.parametrize("command", _commands(), ids=" ".join)
+def test_80_columns_hold_the_help_of_every_command_whole(command: tuple[str, ...]) -> None:
+    done = CliRunner().invoke(app, [*command, "--help"], env={"COLUMNS": "80"})
+    assert done.exit_code == 0
+    assert "…" not in done.stdout.replace("RUN…", "").replace(" … ", "")
+    # typer keeps the line breaks of a docstring: one written 120 columns wide is broken there and at 80.
+    for paragraph in re.split(r"\n\s*\n", done.stdout.partition("╭")[0].strip()):
+        assert all(len(line.rstrip()) > 50 for line in paragraph.splitlines()[:-1]), paragraph
+
+
+def test_no_help_is_lost_as_markup() -> None:
+    """rich takes what stands in brackets for its own: `[default: the user]` was never seen."""
+    told = re.findall(r'help="([^"]*)"', "".join(path.read_text() for path in _SOURCES))
+    assert len(told) > 50
+    assert [one for one in told if "[" in one] == []
 
 
 @pytest.mark.parametrize("block", re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "rig-file.md").read_text(), re.S))

@@ -14,10 +14,11 @@ from analysis.cli import app
 def calibrate(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
     fit: Annotated[
-        str, typer.Option(help="Effects, e.g. joint_offset,link_geometry:3.a,backlash:1; a name alone is all axes.")
+        str,
+        typer.Option(help="Effects with commas between, as link_geometry:3.a or backlash:1; a name alone is all axes."),
     ],
     rig_file: Annotated[
-        str | None, typer.Option("--rig", help="The model to begin with. [default: the first run's rig file]")
+        str | None, typer.Option("--rig", help="The model to begin with; without it, the first run's rig file.")
     ] = None,
     hold_out: Annotated[list[Path] | None, typer.Option(help="A run to judge by, not used in the fit.")] = None,
     share: Annotated[float, typer.Option(min=0, max=0.9, help="Of each run's readings, left out to judge.")] = 0.0,

@@ -14,7 +14,7 @@ from analysis.cli import app
 def compare(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
     rig_file: Annotated[
-        str | None, typer.Option("--rig", help="The model to compare with. [default: the first run's rig file]")
+        str | None, typer.Option("--rig", help="The model to compare with; without it, the first run's rig file.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     plot: Annotated[Path | None, typer.Option(help="Write a picture of each run into this directory.")] = None,

@@ -23,9 +23,9 @@ def emulate(
 ) -> None:
     """Start the gauges and the robot of RIG on ptys and local ports, and serve until stopped.
 
-    Writes rig.yaml, the rig file with these ports in it, for rigd; and truth.json, what a perfect
-    measurement would find. Type acw, cw, roll acw, roll cw, radial or repeatability to start the robot's program, quit
-    to end.
+    Writes rig.yaml, the rig file with these ports in it, for rigd; and
+    truth.json, what a perfect measurement would find. Type acw, cw, roll acw,
+    roll cw, radial or repeatability to start the robot's program, quit to end.
     """
     import json  # noqa: PLC0415
     import signal  # noqa: PLC0415

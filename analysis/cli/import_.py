@@ -20,7 +20,7 @@ def import_(
     direction: Annotated[
         Direction | None, typer.Option(help="Of a circle whose table has no direction column.")
     ] = None,
-    operator: Annotated[str, typer.Option(help="Who measured. [default: the user]")] = "",
+    operator: Annotated[str, typer.Option(help="Who measured; without it, the user.")] = "",
 ) -> None:
     """Make a run of a table of measurements; every bad row is named with its line and the reason."""
     import getpass  # noqa: PLC0415

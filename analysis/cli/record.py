@@ -17,10 +17,10 @@ RigName = Annotated[str | None, typer.Option("--rig", help="Which daemon, where 
 
 @record.command()
 def start(
-    name: Annotated[str, typer.Argument(help="What to call the run.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="What to call the run: letters, digits, . _ and -.")],
     test: Annotated[TestName, typer.Option(help="What the robot is going to do.")],
     direction: Annotated[Direction | None, typer.Option(help="Of a circle.")] = None,
-    operator: Annotated[str, typer.Option(help="Who measures. [default: the user]")] = "",
+    operator: Annotated[str, typer.Option(help="Who measures; without it, the user.")] = "",
     rig: RigName = None,
 ) -> None:
     """Begin a recording; prints the run directory."""

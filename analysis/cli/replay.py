@@ -23,7 +23,8 @@ def replay(
 ) -> None:
     """Serve a capture's instruments on ptys and local ports, each at the pace at which it spoke, until all is said.
 
-    Writes rig.yaml, the rig file with these ports in it, for rigd. An instrument that was asked waits to be asked.
+    Writes rig.yaml, the rig file with these ports in it, for rigd. An instrument
+    that was asked waits to be asked.
     """
     import signal  # noqa: PLC0415
     from queue import SimpleQueue  # noqa: PLC0415

@@ -14,7 +14,7 @@ RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
 
 @app.command()
 def runs(
-    directory: Annotated[Path, typer.Argument(help="Directory that holds the runs.")] = Path("runs"),
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory that holds the runs.")] = Path("runs"),
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON list.")] = False,
 ) -> None:
     """List runs with size and age, whether they were exported, and whether they are kept for ever."""
