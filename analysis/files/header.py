@@ -6,11 +6,15 @@ import difflib
 import re
 from collections import Counter
 
-from analysis.files.layout import LAYOUTS, TURN, Layout
+from analysis.files.layout import LAYOUTS, TURN, WORDS, Layout
 from analysis.files.problems import Problem, TableFileError, quoted
 from rigs.errors import FileError
 from rigs.vocabulary import TestName
 
+_OF_ANY = {name for layout in LAYOUTS.values() for name in layout.known}
+"""A column that means something in another test is that, and no other one misspelt."""
+_CELL = r"[\s0-9.eE+-]*|" + "|".join(word for words in WORDS.values() for word in words)
+"""A number, or a word of a column of words: the first line of a table without a header."""
 _UNITS = {"deg": "degrees", "mm": "mm", "s": "seconds"}
 
 
@@ -28,7 +32,7 @@ def check_header(where: str, names: list[str], test: TestName, direction_given: 
         if count > 1
     ]
     missing = [name for name in layout.required if name not in names and not (direction_given and name == "direction")]
-    if len(missing) == len(layout.required) and all(re.fullmatch(r"[\s0-9.eE+-]*", name) for name in names):
+    if len(missing) == len(layout.required) and all(re.fullmatch(_CELL, name) for name in names):
         raise FileError(where, "has no header line", f"begin it with: {','.join(layout.required)}")
     problems += [Problem(1, name, _missing(name, names, layout, test)) for name in missing]
     turns = [name for name in TURN if name in names]
@@ -65,7 +69,7 @@ def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str
 
 def _nearest(name: str, names: list[str], layout: Layout) -> str | None:
     """The extra column that may be the missing one: of the same stem (g1_inch for g1_mm), or written alike."""
-    others = [other for other in names if other not in layout.known]
+    others = [other for other in names if other not in _OF_ANY]
     same = [other for other in others if _stem(other) == _stem(name)]
     taken = {_stem(known) for known in layout.known}
     alike = difflib.get_close_matches(name, [other for other in others if _stem(other) not in taken], n=1)

@@ -8,7 +8,8 @@ from analysis.files.read import read_csv
 from analysis.files.units import check_units
 from analysis.reading.csv_tables import table_from
 from analysis.reading.lap import lap_of
-from analysis.reading.tables import CircleTable, Table
+from analysis.reading.tables import CircleTable, PoseTable, Table
+from analysis.tests.checks import hold_alive
 from daq.store import write_table_run
 from rigs.errors import FileError
 from rigs.load import load
@@ -45,10 +46,12 @@ def import_table(
 
 def _doubts(table: Table, rig: Rig, where: str) -> list[str]:
     """What an evaluation will refuse: better told now."""
-    if not isinstance(table, CircleTable):
-        return []
     try:
-        lap_of(table, rig, where)
+        if isinstance(table, CircleTable):
+            lap_of(table, rig, where)
+        if not isinstance(table, PoseTable):
+            columns = table.g_mm.reshape(len(table.g_mm), -1).T
+            hold_alive(where, **{f"g{number}_mm": column for number, column in enumerate(columns, start=1)})
     except FileError as error:
         return [str(error)]
     return []

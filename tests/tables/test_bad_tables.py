@@ -241,6 +241,28 @@ def test_what_an_evaluation_will_refuse_is_told_at_once(tmp_path: Path) -> None:
     assert "has no data from" in doubts[0]
 
 
+@pytest.mark.parametrize("test", ["yaw", "radial", "repeatability"])
+def test_a_gauge_that_stood_still_is_told_at_once(tmp_path: Path, test: TestName) -> None:
+    rows = plain(test)
+    (tmp_path / "t.csv").write_text(csv_text(rows | {"g1_mm": ["0"] * len(rows["g1_mm"])}))
+    doubts = import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test=test, direction=None, operator="")
+    assert any("g1_mm reads 0 mm in all" in doubt for doubt in doubts), doubts
+
+
+def test_a_column_of_another_test_is_not_offered_for_a_missing_one(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text(csv_text(plain("yaw")))
+    with pytest.raises(TableFileError) as caught:
+        import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="pose", direction=None, operator="")
+    assert "is it" not in str(caught.value)
+
+
+@pytest.mark.parametrize("test", ["yaw", "repeatability"])
+def test_a_table_of_words_and_numbers_without_a_header_is_told(tmp_path: Path, test: TestName) -> None:
+    (tmp_path / "t.csv").write_text(csv_text(plain(test)).partition("\n")[2])
+    with pytest.raises(FileError, match="has no header line"):
+        import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test=test, direction=None, operator="")
+
+
 def mutated(draw: st.DrawFn, test: TestName) -> str:
     text = csv_text(rows_of(test)) if draw(st.booleans()) else csv_text(plain(test)).replace('"', "")
     for _ in range(draw(st.integers(1, 3))):
