@@ -19,7 +19,7 @@ from daq.drift import DriftWatch
 from daq.housekeeper import Housekeeper
 from daq.inbox import Inbox, samples_of
 from daq.janitor import Janitor
-from daq.label import Label
+from daq.label import NAME_RULE, Label
 from daq.links import Link
 from daq.metrics import metrics_text
 from daq.notify import notify, watchdog_s
@@ -221,8 +221,9 @@ def _label(request: dict[str, Any]) -> Label:
         detail = error.errors(include_url=False)[0]
         key = str(detail["loc"][0]) if detail["loc"] else "a key"
         named = key if key.isidentifier() and len(key) < _BRIEF else _short(key)
-        what = f"{named} {_short(detail['input'])} will not do: {detail['msg']}"
-        raise CellError("recording", what, "see rig record start --help") from None
+        pattern = detail["type"] == "string_pattern_mismatch"
+        what = f"{named} {_short(detail['input'])} will not do" + ("" if pattern else f": {detail['msg']}")
+        raise CellError("recording", what, NAME_RULE if pattern else "see rig record start --help") from None
     if label.test in CIRCLES and label.direction is None:
         raise CellError(f"{label.test} test", "needs its direction", "add --direction cw or --direction acw")
     if label.test not in CIRCLES and label.direction is not None:

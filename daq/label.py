@@ -10,6 +10,8 @@ from daq.store.manifest import Text
 from rigs.base import Part
 from rigs.vocabulary import Direction, TestName
 
+NAME_RULE = "use up to 64 letters, digits, . _ and -, a letter or digit first"
+
 
 class Label(Part):
     """What a person says of a recording when it starts."""

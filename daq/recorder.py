@@ -176,7 +176,8 @@ class Recorder(threading.Thread):
         self._writer, self._label, self._waiting = writer, label, None
         self._since_ns = time.monotonic_ns()
         after = f", after {follows}" if follows else ""
-        log.info("recording %s (%s %s) to %s%s", label.name, label.test, label.direction, writer.path, after)
+        what = f"{label.test} {label.direction}" if label.direction else label.test
+        log.info("recording %s (%s) to %s%s", label.name, what, writer.path, after)
         return writer.path
 
     def _take(self, *, sync: bool) -> None:

@@ -217,6 +217,8 @@ def load_manifest(run: Path) -> Manifest:
             raise FileError(str(run), "no such run directory", "check the path")
         return Manifest.model_validate_json(path.read_bytes())
     except FileNotFoundError:
+        if any(run.glob(f"*/{MANIFEST}")):
+            raise FileError(str(run), "is no run, it holds runs", f"give one of them, as {run}/NAME") from None
         raise FileError(str(run), "has no manifest.json", f"run `rig recover {run}`") from None
     except ValidationError as error:
         what = f"is damaged or of another version: {first_error(error)}"

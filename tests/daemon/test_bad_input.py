@@ -237,7 +237,10 @@ def test_a_robot_that_stood_still_is_no_lap(bench: Bench) -> None:
     ("command", "told"),
     [
         (("record", "stop"), "nothing is being recorded"),
-        (("record", "start", "a/b", "--test", "yaw", "--direction", "cw"), "name 'a/b'"),
+        (
+            ("record", "start", "a/b", "--test", "yaw", "--direction", "cw"),
+            "name 'a/b' will not do; use up to 64 letters",
+        ),
         (("record", "start", "x", "--test", "yaw"), "needs its direction"),
         (("record", "start", "x", "--test", "radial", "--direction", "cw"), "has no direction"),
         (("status", "--rig", "other"), "no daemon runs for other"),

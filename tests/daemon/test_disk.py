@@ -81,6 +81,16 @@ class Written:
         return [former, follower]
 
 
+def test_the_log_names_a_direction_where_there_is_one(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "rigd")
+    written = Written(tmp_path)
+    written.recorder.stop_run().result()
+    written.deliver()
+    written.recorder.start_run(Label(name="dome", test="radial"))
+    written.recorder.stop_run().result()
+    assert "recording lap (yaw cw) to" in caplog.text and "recording dome (radial) to" in caplog.text
+
+
 @pytest.fixture
 def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Written:
     monkeypatch.setattr(daq.waiting, "_FIRST_PAUSE_S", 0.02)

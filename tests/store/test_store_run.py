@@ -269,3 +269,12 @@ def test_reading_leaves_no_thread_behind(whole: Path) -> None:
     command, alone = [sys.executable, "-c", show, whole], os.environ | {"OPENBLAS_NUM_THREADS": "1"}
     threads = subprocess.run(command, capture_output=True, text=True, check=True, env=alone)
     assert [name for name in threads.stdout.split() if name != "jemalloc_bg_thd"] == [Path(sys.executable).name]
+
+
+def test_a_directory_that_holds_runs_is_told_from_a_run_without_manifest(tmp_path: Path) -> None:
+    path = finished(tmp_path / "runs")
+    with pytest.raises(FileError, match="is no run, it holds runs; give one of them"):
+        read_run(path.parent)
+    (path / "manifest.json").unlink()
+    with pytest.raises(FileError, match="has no manifest.json; run `rig recover"):
+        read_run(path)
