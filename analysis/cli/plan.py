@@ -8,6 +8,8 @@ import typer
 
 from analysis.cli import app
 
+_LEAST_COLUMNS = 80
+
 
 @app.command()
 def plan(
@@ -34,4 +36,5 @@ def plan(
     if as_json:
         typer.echo(json.dumps(plan_report.as_object(found), indent=2))
     else:
-        Console().print(plan_report.as_table(found))
+        # Narrower, sizes would be broken in two, and half of one reads like another.
+        Console(width=max(_LEAST_COLUMNS, Console().width)).print(plan_report.as_table(found))

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.paper.rows import Row
+from analysis.reporting.whole import whole
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
 
@@ -38,7 +39,7 @@ def as_table(rig: Rig, rows: Sequence[Row]) -> RenderableType:
         previous = section
         table.add_row(row.where, row.figure, told(row, row.paper), told(row, row.ours), _difference(row), row.note)
     effects = "Effects: " + "; ".join(in_words(rig, effect) for effect in rig.effects) + "."
-    return Group(table, *(Text(line, style="dim") for line in (effects, SLIPS, CAVEAT)))
+    return Group(whole(table), *(Text(line, style="dim") for line in (effects, SLIPS, CAVEAT)))
 
 
 def told(row: Row, value: float | str) -> str:

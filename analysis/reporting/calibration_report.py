@@ -15,6 +15,7 @@ from analysis.fitting.calibrate import Calibration, fitted_effects
 from analysis.fitting.identify import name_of
 from analysis.reporting.extended_rig import with_origin, write_extended
 from analysis.reporting.parameters import quantity_of
+from analysis.reporting.whole import whole
 
 
 def as_table(found: Calibration) -> RenderableType:
@@ -34,7 +35,7 @@ def as_table(found: Calibration) -> RenderableType:
         if not math.isnan(before):
             gap.add_row(name, f"{before * 1e3:.1f}", f"{after * 1e3:.1f}")
     held = [Text(f"held: {held}", style="yellow") for held in found.held]
-    return Group(table, gap, *held)
+    return Group(whole(table), whole(gap), *held)
 
 
 def as_object(found: Calibration) -> dict[str, Any]:

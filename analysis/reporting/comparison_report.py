@@ -17,6 +17,7 @@ from analysis.fitting.estimate import Fit
 from analysis.reporting.for_json import for_json
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.plots import distinctly_named
+from analysis.reporting.whole import whole
 from rigs.errors import FileError
 
 
@@ -36,7 +37,7 @@ def _table(one: Comparison) -> Table:
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
     table.add_row("correlation of the curves", "", f"{one.correlation:.4f}", "")
     table.add_row("unexplained, rms of the readings", "", f"{one.rms_um:.2f} µm", "")
-    return table
+    return whole(table)
 
 
 def _setups(fitted: Fit) -> list[Text]:

@@ -19,6 +19,7 @@ from analysis.correction.path import write_path
 from analysis.correction.support import Support
 from analysis.diagnose.candidates import label_of
 from analysis.reporting.parameters import quantity_of, unit_of
+from analysis.reporting.whole import whole
 from rigs.effects import size_field
 from rigs.errors import FileError
 
@@ -41,7 +42,7 @@ def as_table(found: Corrections) -> RenderableType:
     for one in found.effects:
         style = "green" if one.use != "none" else "yellow"
         effects.add_row(label_of(one.effect), _value(one), Text(_use(one), style=style), one.reason)
-    parts: list[RenderableType] = [effects]
+    parts: list[RenderableType] = [whole(effects)]
     parts += [Text(line) for line in _lines(found)]
     return Group(*parts)
 

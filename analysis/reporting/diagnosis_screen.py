@@ -25,6 +25,7 @@ from analysis.reporting.diagnosis_words import (
     told,
     withdrawn,
 )
+from analysis.reporting.whole import whole
 
 _COLOUR: dict[Verdict, str] = {
     "named": "bold green",
@@ -66,7 +67,7 @@ def _plain_table(*headings: str, right: Iterable[str] = ()) -> Table:
     for heading in headings:
         number = heading in right
         table.add_column(heading, justify="right" if number else "left", no_wrap=number)
-    return table
+    return whole(table)
 
 
 def _where(found: Diagnosis) -> list[RenderableType]:

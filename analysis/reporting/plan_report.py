@@ -18,6 +18,7 @@ from analysis.diagnose.plan import Pair, Plan
 from analysis.diagnose.sights import Sight
 from analysis.diagnose.signatures import ALIKE, parts, shows
 from analysis.reporting.parameters import quantity_of, unit_of
+from analysis.reporting.whole import whole
 from rigs.effects import Effect, healthy_size, size_field
 
 _MOST = 3
@@ -53,16 +54,16 @@ def _axes(plan: Plan) -> Table:
         padding=0,
         show_edge=False,
     )
-    table.add_column("effect", overflow="fold")
-    table.add_column("healthy", justify="right", overflow="fold")
+    table.add_column("effect")
+    table.add_column("healthy", justify="right")
     for axis in range(1, 7):
-        table.add_column(f"axis {axis}", justify="right", overflow="fold")
+        table.add_column(f"axis {axis}", justify="right")
     for kind, by_axis in _by_seat(plan, joints=True).items():
         first = next(iter(by_axis.values()))[0]
         cells = [_limit(by_axis.get(str(axis), ()), "\n") for axis in range(1, 7)]
         below = "\n  its worst order" if any("\n" in cell.plain for cell in cells) else ""
         table.add_row(f"{kind} {_unit(first.effect)}{below}", f"{healthy_size(first.effect):g}", *cells)
-    return table
+    return whole(table)
 
 
 def _others(plan: Plan) -> Table:
@@ -73,7 +74,7 @@ def _others(plan: Plan) -> Table:
         for seat, sights in seats.items():
             effect = sights[0].effect
             table.add_row(f"{kind} {seat}".rstrip(), _unit(effect), f"{healthy_size(effect):g}", _limit(sights))
-    return table
+    return whole(table)
 
 
 def _unit(effect: Effect) -> str:
@@ -121,7 +122,7 @@ def _alike(plan: Plan) -> RenderableType:
             kinds = ", ".join(group)
             table.add_row("", "", Text(f"{len(pairs) - _MOST_PAIRS} more pairs, with --json, of {kinds}", style="dim"))
         table.add_section()
-    return table
+    return whole(table)
 
 
 def _kind(name: str) -> str:
@@ -163,7 +164,7 @@ def _hidden(plan: Plan) -> RenderableType:
         names = [name if count == 1 else f"{name}, {count} forms" for name, count in orders.items()]
         told = f"{test}: {_range([one.further[0].sigma for one in sights])} σ" if test else "no test here"
         table.add_row("\n".join(names), why, told)
-    return table
+    return whole(table)
 
 
 def _range(sigmas: Sequence[float]) -> str:

@@ -16,6 +16,7 @@ from analysis.reporting.for_json import for_json
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.results import Result, by_test, pair_of, paired
 from analysis.reporting.truth import Comparison, all_agree, verdict
+from analysis.reporting.whole import whole
 from analysis.tests.circle import CircleResult
 from analysis.tests.pair import Pair
 from rigs.errors import FileError
@@ -86,7 +87,7 @@ def _table(group: Sequence[Result], known: dict[int, dict[str, Comparison]]) -> 
     table.add_row("samples", *(str(result.found.samples) for result in group), style="dim")
     if lags := _lags(group):
         table.add_row("time, gauges to robot", *lags, style="dim")
-    return table
+    return whole(table)
 
 
 def _lags(group: Sequence[Result]) -> list[str]:

@@ -72,9 +72,10 @@ def _number(value: float, age_s: float, form: str, unit: str) -> Text:
 
 
 def _links(state: dict[str, Any]) -> Table:
-    table = Table(box=None, padding=(0, 2), header_style="dim")
+    table = Table(box=None, padding=(0, 2), collapse_padding=True, header_style="dim")
     for heading in ("link", "", "rate", "samples", "faults"):
-        table.add_column(heading, justify="right" if heading in ("rate", "samples") else "left")
+        right, last = heading in ("rate", "samples"), heading == "faults"
+        table.add_column(heading, justify="right" if right else "left", no_wrap=not last, overflow="fold")
     for name, stream in state["streams"].items():
         faults = {kind: count for kind, count in stream["counters"].items() if kind != "samples"}
         told = ", ".join(f"{count} {kind}" for kind, count in faults.items())

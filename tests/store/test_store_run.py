@@ -276,5 +276,5 @@ def test_a_directory_that_holds_runs_is_told_from_a_run_without_manifest(tmp_pat
     with pytest.raises(FileError, match="is no run, it holds runs; give one of them"):
         read_run(path.parent)
     (path / "manifest.json").unlink()
-    with pytest.raises(FileError, match="has no manifest.json; run `rig recover"):
+    with pytest.raises(FileError, match=r"has no manifest\.json; run `rig recover"):
         read_run(path)
