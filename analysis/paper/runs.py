@@ -101,6 +101,12 @@ def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str
     return {name: figures[name] for name in ("uni_mm", "bi_mm")}
 
 
+def typical_seed(found: dict[str, Array]) -> int:
+    """Which of these tests lies nearest to the mean of all, each figure by its spread: the one to be shown."""
+    off = [(values - values.mean()) / (values.std() or 1.0) for values in found.values()]
+    return int(np.argmin(np.sum(np.square(off), axis=0)))
+
+
 def _by_side(table: RepeatabilityTable) -> Array:
     """Readings (targets, 2, rounds) mm of the sides out and in; the simulated table is complete and in order."""
     targets = len(np.unique(table.target))

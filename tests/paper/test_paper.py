@@ -14,7 +14,7 @@ from analysis.paper import targets
 from analysis.paper.pictures import save
 from analysis.paper.report import as_table
 from analysis.paper.rows import Row, rows_of
-from analysis.paper.runs import circle, curve_of, sphere, step
+from analysis.paper.runs import circle, curve_of, repeats, sphere, step, typical_seed
 from rigs.load import load
 from rigs.rig import Rig
 
@@ -129,6 +129,13 @@ def test_pictures(tmp_path: Path) -> None:
         n.removeprefix("paper-errors-") for n in names
     }
     assert all(path.stat().st_size > 10_000 for path in written)
+
+
+def test_the_repeatability_test_that_is_drawn_is_one_like_the_mean_of_the_table() -> None:
+    found = repeats(RIG, RIG.effects)
+    seed = typical_seed(found)
+    for values in found.values():
+        assert abs(values[seed] - values.mean()) < 0.3 * values.std()
 
 
 def test_only_gears_are_in_the_simulated_sphere() -> None:
