@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import os
 import sys
 from typing import Annotated
@@ -23,6 +24,9 @@ app = typer.Typer(
 
 def main() -> None:
     """Entry point: every expected failure is one line and an exit code."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        # A file's name may be no UTF-8, and a terminal may know no φ: neither is a reason to say nothing.
+        sys.stdout.reconfigure(errors="surrogateescape" if sys.stdout.encoding == "utf-8" else "replace")
     try:
         app()
     except RigError as error:

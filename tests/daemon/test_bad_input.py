@@ -279,6 +279,16 @@ def test_output_onto_a_full_disk_is_one_line(command: tuple[str, ...]) -> None:
     assert done.stderr == "error: output: No space left on device; make room, or send it elsewhere\n"
 
 
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8:strict"])
+def test_a_terminal_that_knows_not_every_letter_gets_the_rest(tmp_path: Path, encoding: str) -> None:
+    file = tmp_path / os.fsdecode(b"z\xf6lle.yaml")
+    file.write_text(rig_text())
+    env = os.environ | {"PYTHONIOENCODING": encoding}
+    for command in (("check", file), ("interfaces",)):
+        done = subprocess.run([BIN / "rig", *command], capture_output=True, check=False, env=env)
+        assert (done.returncode, done.stderr) == (0, b"")
+
+
 def test_a_run_cut_in_the_middle_of_a_write_is_recovered_and_the_loss_told(bench: Bench) -> None:
     bench.start().all_reading()
     path = bench.record()
