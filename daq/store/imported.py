@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from daq.store import durable
 from daq.store.chunk import to_parquet, with_opening
-from daq.store.manifest import ImportedTable, Manifest, chunk_name, in_utf8, iso_now, new_manifest
+from daq.store.manifest import ImportedTable, Manifest, chunk_name, iso_now, new_manifest
 from daq.store.recording import describe
 from daq.store.schema import TABLE
 from rigs.errors import CellError, FileError
@@ -47,7 +47,7 @@ def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
         rig_text=rig_text,
         operator=operator,
         streams={},
-        table=ImportedTable.model_validate({"file": in_utf8(source), "sha256": source_sha256, "columns": columns}),
+        table=ImportedTable.model_validate({"file": source, "sha256": source_sha256, "columns": columns}),
     )
     try:
         durable.make_directories(path.parent)

@@ -193,7 +193,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
             rig_name=rig_name,
             rig_text=rig_text,
             rig_sha256=sha256(rig_text.encode("utf-8", "surrogatepass")),
-            operator=in_utf8(operator),
+            operator=operator,
             follows=follows,
             host=socket.gethostname(),
             software={"rig": _rig_version(), "python": platform.python_version(), "pyarrow": pa.__version__},
@@ -237,11 +237,6 @@ def first_error(error: ValidationError) -> str:
     details = error.errors(include_url=False, include_context=False, include_input=False)[0]
     place = ".".join(str(part) for part in details["loc"])
     return " ".join(f"{place} {details['msg']}".split())
-
-
-def in_utf8(name: str) -> str:
-    """A name from the command line or the disk as JSON can bear it: bytes that are no UTF-8 as \\xNN."""
-    return name.encode(errors="surrogateescape").decode(errors="backslashreplace")
 
 
 def sha256(data: bytes) -> str:

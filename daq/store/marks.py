@@ -13,7 +13,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from daq.store import durable
-from daq.store.manifest import first_error, in_utf8, iso_now, load_manifest, unreadable
+from daq.store.manifest import Text, first_error, iso_now, load_manifest, unreadable
 from rigs.errors import CellError, FileError
 
 MARKS = "marks.json"
@@ -26,7 +26,7 @@ class Export(BaseModel):
 
     at: str
     format: str
-    file: str
+    file: Text
 
 
 class Marks(BaseModel):
@@ -54,7 +54,7 @@ def load_marks(run: Path) -> Marks:
 
 def mark_exported(run: Path, to: str, file: Path) -> None:
     """Note that a run was written to a file. Raises FileError, CellError where this user may not write there."""
-    export = Export(at=iso_now(), format=to, file=in_utf8(str(file.absolute())))
+    export = Export(at=iso_now(), format=to, file=str(file.absolute()))
     _change(run, lambda marks: marks.model_copy(update={"exports": (*marks.exports, export)}))
 
 

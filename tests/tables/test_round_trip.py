@@ -167,7 +167,7 @@ def test_names_that_are_no_utf8_are_kept_as_far_as_they_can_be(tmp_path: Path) -
     import_table(source, tmp_path / latin, rig_file=RIG_FILE, test="pose", direction=None, operator=latin)
     manifest = read_run(tmp_path / latin).manifest
     assert manifest.table is not None
-    assert (manifest.table.file, manifest.operator) == ("k\\xf6ln.csv", "k\\xf6ln")
+    assert (manifest.table.file, manifest.operator) == ("k\\udcf6ln.csv", "k\\udcf6ln")
     assert verify(tmp_path / latin) == []
 
 
