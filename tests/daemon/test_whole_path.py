@@ -9,12 +9,13 @@ from pathlib import Path
 import pytest
 import yaml
 from bench import Bench, rig_text
+from stalls import BAD_S, Stalls
 
 from analysis.model.emulated import EmulatedRobot, truth
 from rigs.load import parse
 
-TRIES = 5
-"""A busy computer may hold up the emulated instruments for a part of the lap, which is then rightly refused."""
+TRIES = 3
+"""A busy computer holds up the emulated instruments for a part of the lap, which is then rightly refused."""
 
 
 def _quick(gauges: str) -> str:
@@ -35,12 +36,15 @@ def test_a_lap_is_recorded_analysed_and_agrees_with_the_truth(tmp_path: Path, ga
         bench.start().all_reading()
         for _ in range(TRIES):
             path = bench.record("lap", direction)
-            robot.start(direction)  # type: ignore[arg-type]
-            assert robot.finished.wait(30)
+            with Stalls() as stalls:
+                robot.start(direction)  # type: ignore[arg-type]
+                assert robot.finished.wait(30)
             assert bench.run("rig", "record", "stop").returncode == 0
             done = bench.run("rig", "analyse", path, "--json", "--truth", "truth.json", "--plot", "report")
-            if "the lap has no data" not in done.stderr:
+            if "the lap has no data" not in done.stderr or stalls.worst_s < BAD_S:
                 break
+        else:
+            pytest.skip(f"this computer held up each of {TRIES} laps, the last for {1e3 * stalls.worst_s:.0f} ms")
         assert done.returncode == 0, done.stderr
     (run,) = json.loads(done.stdout)["runs"]
     assert run["direction"] == direction and run["samples"] > 100

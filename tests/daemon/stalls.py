@@ -1,0 +1,45 @@
+"""How long this computer holds up a byte on its way through a pty: whether a lap with a hole is the computer's fault.
+
+A kernel passes such bytes on by threads of its own, and where other programs want all of a computer they starve for up
+to seconds.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import threading
+import time
+import tty
+
+BAD_S = 0.02
+_PACE_S = 0.002
+
+
+class Stalls(threading.Thread):
+    """Sends bytes through a pty as long as it is entered; worst_s: the longest that one took."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self.worst_s = 0.0
+        self._over = threading.Event()
+
+    def __enter__(self) -> Stalls:
+        self.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self.join()
+
+    def run(self) -> None:
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        while not self._over.wait(_PACE_S):
+            begun = time.monotonic()
+            os.write(master, b"x")
+            select.select([slave], [], [], 10)
+            os.read(slave, 1)
+            self.worst_s = max(self.worst_s, time.monotonic() - begun)
+        os.close(master)
+        os.close(slave)
