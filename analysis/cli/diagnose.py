@@ -35,6 +35,7 @@ def diagnose(
     from rich.console import Console  # noqa: PLC0415
 
     from analysis.diagnose.diagnose import diagnose as diagnose_runs  # noqa: PLC0415
+    from analysis.diagnose.runs import refuse_copies  # noqa: PLC0415
     from analysis.reading.loading import load_measured  # noqa: PLC0415
     from analysis.reporting import diagnosis_report  # noqa: PLC0415
     from analysis.reporting.diagnosis_json import as_object  # noqa: PLC0415
@@ -51,6 +52,7 @@ def diagnose(
     measured, judges, elsewhere = (
         [load_measured(path) for path in _distinct(paths or ())] for paths in (used, hold_out, unseen)
     )
+    refuse_copies([*measured, *judges, *elsewhere])
     for run in (*measured, *judges, *elsewhere):
         for doubt in run.doubts:
             typer.echo(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)

@@ -34,6 +34,18 @@ def about(rig: Rig, runs: Sequence[Measured]) -> list[Seen]:
     return seen
 
 
+def refuse_copies(runs: Sequence[Measured]) -> None:
+    """Raises FileError where two runs hold the same readings.
+
+    As a repeat a copy would tell of no noise at all, and as a run left out it would judge by what was used.
+    """
+    known: dict[tuple[str, ...], Measured] = {}
+    for run in runs:
+        first = known.setdefault(tuple(chunk.sha256 for chunk in run.run.manifest.chunks), run)
+        if first is not run:
+            raise FileError(str(run.path), f"holds the same readings as {first.path}", "give each recording once")
+
+
 def _differing(one: Rig, other: Rig) -> str:
     fields = [name for name in type(one.robot).model_fields if getattr(one.robot, name) != getattr(other.robot, name)]
     return f"its {', '.join(fields)} differ{'s' * (len(fields) == 1)}"

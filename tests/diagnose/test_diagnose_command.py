@@ -142,3 +142,10 @@ def test_one_damaged_run_names_itself(cell: Cell, tmp_path: Path) -> None:
     (copy / "manifest.json").write_text("{")
     done = _rig("diagnose", copy, *cell.runs[1:])
     assert isinstance(done.exception, FileError) and str(copy) in str(done.exception)
+
+
+def test_a_copy_is_no_repeat_and_judges_nothing(cell: Cell, tmp_path: Path) -> None:
+    copy = shutil.copytree(cell.runs[0], tmp_path / "copy")
+    for words in ((cell.runs[0], copy), (cell.runs[0], cell.runs[1], "--hold-out", copy)):
+        error = _rig("diagnose", *words).exception
+        assert isinstance(error, FileError) and f"{copy.name}: holds the same readings as" in str(error)
