@@ -26,7 +26,7 @@ _SHORT_NS = 25e6
 _STALLED = 5.0
 """A row's time is doubtful where its own uncertainty is so many times the usual, …"""
 _STALLED_S = 1e-3
-"""… and more than this, in which no arm moves far enough to be seen."""
+"""… and more than this: a shorter doubt is borne by the figures' uncertainty."""
 
 
 @dataclass(frozen=True)

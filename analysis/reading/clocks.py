@@ -26,8 +26,6 @@ _HIDDEN_S = 1e-3
 
 _HOST_S = 30e-6
 """No host tells when a byte came any better."""
-_USUAL = 0.95
-"""So many answers are held back by no more than an adapter holds."""
 _STIRRED = 5
 _STIRRED_NS = 2e6
 """From so many requests that did not follow the answer before at once, and where they are answered so unevenly, it can
@@ -111,12 +109,10 @@ def _asked(went_through: Array, window: Array, held: bool) -> Instants:
     """Between the request and the answer, as the clocks of two computers are compared (NTP): in the middle.
 
     Behind an adapter that holds bytes back only the quickest answer of the run tells how long the instrument takes: the
-    time that another takes beyond that is the adapter's, and what is longer than its usual hold, anyone's.
+    time that another takes beyond that is the adapter's.
     """
     shortest = float(np.partition(window, 1)[:2].max())  # the very shortest may be a stamp that is wrong
-    if held:
-        holds = np.maximum(np.quantile(window, _USUAL) - shortest, 0.0)
-        window = np.minimum(window, np.maximum(window - holds, shortest))
+    window = np.minimum(window, shortest) if held else window
     u_s = math.hypot(_anywhere_in(shortest), _HIDDEN_S if held else _HOST_S)
     own_u_s = _anywhere_in(np.sqrt(np.maximum(window**2 - shortest**2, 0.0)))
     return Instants(went_through + window / 2, u_s, own_u_s, held=held)
