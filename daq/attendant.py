@@ -12,14 +12,16 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
+from concurrent.futures import Future
 from datetime import UTC, datetime
 from pathlib import Path
 
 from daq.automatic import Automat, Command, Start, Stop
+from daq.beginning import Ended
 from daq.inbox import samples_of
 from daq.label import Label
 from daq.protocol.conversation import Item, Sample
-from daq.recorder import Ended, Recorder
+from daq.recorder import Recorder
 from daq.store.manifest import Ending
 from rigs.automatic import Automatic, Rule
 from rigs.errors import RigError
@@ -42,6 +44,8 @@ class Attendant:
         self._heard: deque[Sample] = deque()
         self._mine: str | None = None
         """Name of the run that the automat started and that still goes on."""
+        self._starting: tuple[str, Future[Path]] | None = None
+        """Title and run of a start of which the disk has said nothing yet."""
         self._started_ns = 0
         self._started = 0
         self._refused = 0
@@ -57,6 +61,7 @@ class Attendant:
         if not self._rules:
             return
         with self._deciding:
+            self._has_begun()
             self._goes_on()
             while self._heard:
                 self._obey(self._automat.hear(self._heard.popleft()))
@@ -69,7 +74,8 @@ class Attendant:
                 self._recorder.require_readings(label)
                 self._end("interrupted", f"{label.operator or 'a person'} started {label.name}")
                 self._automat.forget()
-            return self._recorder.start_run(label)
+            beginning = self._recorder.start_run(label)
+        return beginning.result()
 
     def stop(self) -> Ended:
         """A person ends a recording, whoever started it, and waits until it is closed. Raises CellError."""
@@ -105,12 +111,22 @@ class Attendant:
             return
         label = Label(name=_name(rule), test=rule.test, direction=rule.direction, operator=OPERATOR)
         try:
-            self._recorder.start_run(label, start.at_ns - _BEFORE_NS)
+            self._starting = (rule.title, self._recorder.start_run(label, start.at_ns - _BEFORE_NS))
         except RigError as error:
             self._refuse(rule.title, str(error))
             return
-        self._mine, self._started_ns, self._why_not = label.name, start.at_ns, ""
-        self._started += 1
+        self._mine, self._started_ns = label.name, start.at_ns
+
+    def _has_begun(self) -> None:
+        """What the disk said of the start, if it has."""
+        if self._starting is None or not self._starting[1].done():
+            return
+        (title, begun), self._starting = self._starting, None
+        if error := begun.exception():
+            self._mine = None
+            self._refuse(title, str(error))
+        else:
+            self._started, self._why_not = self._started + 1, ""
 
     def _refuse(self, title: str, why: str) -> None:
         self._automat.forget()

@@ -1,7 +1,7 @@
-"""Who waits for the disk: one thread, one piece of work at a time, in order.
+"""Who waits for the disk: one thread, one piece of work at a time, in order; another for a run that is to begin.
 
-To sync, to close a chunk that is full, to end a run: on a slow disk each may take seconds. Meanwhile the
-recorder goes on emptying inboxes, writing what came to where a kill does not reach it, and feeding the watchdog.
+To sync, to close a chunk that is full, to end a run or to begin one: on a slow disk each may take seconds. Meanwhile
+the recorder goes on emptying inboxes, writing what came to where a kill does not reach it, and feeding the watchdog.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ class Disk:
     def __init__(self, told: QuietLog) -> None:
         self._told = told
         self._thread = ThreadPoolExecutor(1, "disk")
+        self._beginner = ThreadPoolExecutor(1, "begin")
         self._under_way: tuple[Work, Future[None]] | None = None
         self._closing: Future[Any] | None = None
         self._begun_s = self._synced_s = 0.0
@@ -62,6 +63,10 @@ class Disk:
         self._closing = closed = self._thread.submit(closing)
         return closed
 
+    def begin(self, making: Callable[[], None]) -> None:
+        """To make a run; the closing of the one before does not hold it up."""
+        self._beginner.submit(making)
+
     @property
     def is_closing(self) -> bool:
         """Whether a run that was ended is still being closed."""
@@ -69,4 +74,5 @@ class Disk:
 
     def rest(self) -> None:
         """Returns when all is done."""
+        self._beginner.shutdown()
         self._thread.shutdown()

@@ -1,7 +1,7 @@
 """The writer's side: drains every inbox, and while a recording runs, puts what came onto the disk.
 
 One lock guards the recording, and one thread does the periodic work; the readers never take that lock, and whoever
-holds it never waits for the disk to sync: another thread does (`daq.disk`).
+holds it never waits for the disk to sync: other threads do (`daq.disk`), also to begin a run and to bring one back.
 A disk that is nearly full or fails ends the run, not the daemon and not the recording: what was synced
 stays, what comes meanwhile is counted, and a run that names the former goes on when the disk lets it.
 """
@@ -14,10 +14,10 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from daq.beginning import Beginning, Ended, pass_on
 from daq.clocks import read_clocks
 from daq.clockwatch import HOST, ClockWatch
 from daq.disk import Disk
@@ -38,14 +38,6 @@ log = logging.getLogger("rigd")
 _ROUND_S = 0.25
 _LEAST_PAUSE_S = 0.1
 """For who waits to start or stop a recording on a slow disk."""
-
-
-@dataclass(frozen=True)
-class Ended:
-    """A recording that was stopped. counters: stream → samples, and faults of each kind."""
-
-    path: Path
-    counters: dict[str, dict[str, int]]
 
 
 class Recorder(threading.Thread):
@@ -71,6 +63,7 @@ class Recorder(threading.Thread):
         self._writer: RunWriter | None = None
         self._label: Label | None = None
         self._waiting: Waiting | None = None
+        self._beginning: Beginning | None = None
         self._watch = Watch(touching=False)
         self._since_ns = 0
         self._counters: dict[str, Counter[str]] = {}
@@ -110,23 +103,23 @@ class Recorder(threading.Thread):
         """Raises CellError where a recording of this label could not start, for a gauge that is silent."""
         require_readings(self._inboxes, label.test)
 
-    def start_run(self, label: Label, since_ns: int | None = None) -> Path:
-        """Begin a recording, with the readings since then that are still at hand; returns its directory.
+    def start_run(self, label: Label, since_ns: int | None = None) -> Future[Path]:
+        """Begin a recording, with the readings since then that are still at hand.
 
-        Raises CellError: one runs already, a gauge is silent, the disk.
+        The future has its directory as soon as the disk does, and raises CellError where it refuses.
+        Raises CellError: one runs already, a gauge is silent.
         """
         with self._lock:
-            if self._writer is not None and self._label is not None:
-                raise CellError(f"recording {self._label.name}", "already running", "stop it: rig record stop")
+            running = self._beginning.label if self._beginning is not None else self._label
+            if running is not None:
+                raise CellError(f"recording {running.name}", "already running", "stop it: rig record stop")
             self.require_readings(label)
             self._take(sync=False)
             self._give_up()
-            path = self._begin(label, "")
-            if since_ns is not None and self._writer is not None:
-                self._since_ns = since_ns
-                for name in self._inboxes:
-                    self._put(self._writer, name, self._recent.since(name, since_ns))
-            return path
+            kept = {name: [] if since_ns is None else self._recent.since(name, since_ns) for name in self._inboxes}
+            beginning = Beginning(label, None, kept)
+            beginning.since_ns = since_ns or beginning.since_ns
+            return self._begin(beginning)
 
     def stop_run(self, exit_status: Ending = "complete", reason: str = "stopped by rig record stop") -> Future[Ended]:
         """End the recording; closed when the future says so, which raises CellError where it cannot be.
@@ -134,6 +127,8 @@ class Recorder(threading.Thread):
         Raises CellError where none runs.
         """
         with self._lock:
+            if self._beginning is not None:
+                return self._beginning.end(exit_status, reason)
             if self._writer is None:
                 why = f" (the last one: {self.last_end}{self._give_up()})" if self.last_end else ""
                 raise CellError("rigd", f"nothing is being recorded{why}", "start it: rig record start NAME …")
@@ -144,9 +139,12 @@ class Recorder(threading.Thread):
         """End thread and recording; returns the directory of a recording that was cut short."""
         self._stop_asked.set()
         self.join()
-        self._give_up()
+        with self._lock:
+            runs = self._writer is not None or self._beginning is not None
+            if not runs:
+                self._give_up()
         try:
-            return self.stop_run(exit_status, why).result().path if self._writer else None
+            return self.stop_run(exit_status, why).result().path if runs else None
         except RigError as error:
             log.error("%s", error)
             return None
@@ -155,10 +153,16 @@ class Recorder(threading.Thread):
 
     def state(self) -> dict[str, object]:
         """For people: what is being recorded and since when, or how the last recording ended."""
-        label, writer, waiting = self._label, self._writer, self._waiting
+        waits = self._beginning or self._waiting  # first: what has begun since is then seen as recording
+        label, writer = self._label, self._writer
         if label is None or writer is None:
-            missed = {"waiting": waiting.label.name, "missed": dict(waiting.missed)} if waiting else {"waiting": None}
-            return {"recording": None, "closing": self._disk.is_closing, "last_end": self.last_end, **missed}
+            return {
+                "recording": None,
+                "closing": self._disk.is_closing,
+                "last_end": self.last_end,
+                "waiting": waits.label.name if waits else None,
+                "missed": dict(self._waiting.missed) if self._waiting else {},
+            }
         return {
             "recording": label.name,
             "test": label.test,
@@ -169,28 +173,66 @@ class Recorder(threading.Thread):
             "synced": {name: self._disk.synced.get(name, 0) for name in self._inboxes},
         }
 
-    def _begin(self, label: Label, follows: str) -> Path:
-        writer = self._create(label, follows)
+    def _begin(self, beginning: Beginning) -> Future[Path]:
+        self._beginning = beginning
+        self._disk.begin(partial(self._make, beginning))
+        return beginning.begun
+
+    def _make(self, beginning: Beginning) -> None:
+        """In a thread of the disk's: make the run, and take it into use."""
+        try:
+            lost = self._lost(beginning.waited) if beginning.waited else {}
+            writer = self._create(beginning.label, beginning.follows)
+        except Exception as error:  # noqa: BLE001 - whoever waits for the run is told
+            with self._lock:
+                self._refused(beginning, error)
+            return
+        with self._lock:
+            self._begun(beginning, writer, lost)
+
+    def _refused(self, beginning: Beginning, error: Exception) -> None:
+        self._beginning = None
+        beginning.refused(error)
+        if not isinstance(error, RigError):
+            log.error("recording %s: not begun, for an error in the program", beginning.label.name, exc_info=error)
+        elif beginning.waited is not None:
+            self._told.tell("recording", "waits", f"{error} (samples missed: {beginning.waited.words()})")
+
+    def _begun(self, beginning: Beginning, writer: RunWriter, lost: Mapping[str, int]) -> None:
+        label = beginning.label
         self._counters = {name: Counter() for name in self._inboxes}
         self._watch = Watch(touching=label.test in ("yaw", "roll"))
-        self._writer, self._label, self._waiting = writer, label, None
-        self._since_ns = time.monotonic_ns()
-        after = f", after {follows}" if follows else ""
+        self._writer, self._label, self._waiting, self._beginning = writer, label, None, None
+        self._since_ns = beginning.since_ns
+        after = f", after {beginning.follows}" if beginning.follows else ""
         what = f"{label.test} {label.direction}" if label.direction else label.test
         log.info("recording %s (%s) to %s%s", label.name, what, writer.path, after)
-        return writer.path
+        for name, items in beginning.kept.items():
+            self._put(writer, name, items)
+        self._put_clock(writer, beginning.clock)
+        for name, count in lost.items():
+            why = f": {beginning.waited.why}" if beginning.waited else ""
+            detail = f"{count} samples not recorded after {beginning.follows}{why}"
+            self._inboxes[name].deliver([Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, count)])
+        beginning.begun.set_result(writer.path)
+        if beginning.stop is not None:
+            self._take(sync=False)
+            pass_on(self._close(writer, *beginning.stop), beginning.ended)
 
     def _take(self, *, sync: bool) -> None:
         """Empty every inbox, into the run where there is one; at its end also those whose run is behind."""
         for name, inbox in self._inboxes.items():
-            if sync and self._writer is not None and self._writer.is_behind(name):
+            to = self._beginning or self._writer
+            if sync and to is not None and to.is_behind(name):
                 continue  # an inbox has its bound, and counts what finds no room
             items = inbox.drain()
             for fault in faults_of(items):
                 self._told.tell(name, fault.kind, fault.detail, fault.count)
             self._listen(name, items)
             self._recent.add(name, items)
-            if self._waiting is not None:
+            if self._beginning is not None:
+                self._beginning.keep(name, items)
+            elif self._waiting is not None:
                 self._waiting.missed[name] += len(samples_of(items))
             if self._writer is not None:
                 self._put(self._writer, name, items)
@@ -212,23 +254,14 @@ class Recorder(threading.Thread):
 
     def _try_again(self) -> None:
         """Go on in another run, where one is waited for and the disk lets us."""
-        waiting = self._waiting
-        if waiting is None or not waiting.is_due():
-            return
-        try:
-            waiting.require_former()
-            lost = {} if waiting.at_once else self._lost(waiting)
-            self._begin(waiting.label, waiting.former.name)
-        except RigError as error:
-            self._told.tell("recording", "waits", f"{error} (samples missed: {waiting.words()})")
-            waiting.put_off()
-            return
-        for name, count in lost.items():
-            detail = f"{count} samples not recorded after {waiting.former.name}: {waiting.why}"
-            self._inboxes[name].deliver([Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, count)])
+        if self._waiting is not None and self._beginning is None and self._waiting.is_due():
+            self._begin(Beginning(self._waiting.label, self._waiting, {name: [] for name in self._inboxes}))
 
     def _lost(self, waiting: Waiting) -> Mapping[str, int]:
-        """What is in no run, once the former is brought back."""
+        """What is in no run, once the former is brought back. Raises CellError where that is gone."""
+        waiting.require_former()
+        if waiting.at_once:
+            return {}
         try:
             revive(waiting.former)
         except RigError as error:
@@ -260,10 +293,16 @@ class Recorder(threading.Thread):
         for fault in faults:
             self._told.tell(HOST, fault.kind, fault.detail, fault.count)
         self.host_faults[FaultKind.CLOCK] += len(faults)
-        if faults and self._writer is not None:
+        if self._beginning is not None:
+            self._beginning.clock += faults
+        elif self._writer is not None:
+            self._put_clock(self._writer, faults)
+
+    def _put_clock(self, writer: RunWriter, faults: Sequence[Fault]) -> None:
+        if faults:
             self._counters.setdefault(HOST, Counter())[FaultKind.CLOCK] += len(faults)
-            self._writer.append_faults(HOST, faults)
-            self._writer.anchor()
+            writer.append_faults(HOST, faults)
+            writer.anchor()
 
     def _close(self, writer: RunWriter, exit_status: Ending, reason: str) -> Future[Ended]:
         """Let go of the run; the disk's thread closes it."""

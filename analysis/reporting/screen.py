@@ -30,7 +30,7 @@ def _head(state: dict[str, Any]) -> Text:
             text.append(f"; last: {state['last_end']}", "dim")
         if state.get("waiting"):
             missed = ", ".join(f"{count} of {stream}" for stream, count in state["missed"].items())
-            text.append(f"; {state['waiting']} waits for the disk, samples missed: {missed}", "bold red")
+            text.append(f"; {state['waiting']} waits for the disk, samples missed: {missed or 'none'}", "bold red")
     return text
 
 

@@ -78,7 +78,7 @@ def accelerated(folder: Path, minutes: float, times: float, every_s: float) -> I
     recorder = Recorder(inboxes, lambda label, _: _create(folder, label), lambda: None)
     recorder.start()
     _deliver(inboxes, {name: Pace(rate, 0) for name, rate in RATES_HZ.items()}, 0)
-    path = recorder.start_run(Label(name="soak", test="yaw", direction="acw"))
+    path = recorder.start_run(Label(name="soak", test="yaw", direction="acw")).result()
     paces = {name: Pace(rate, 0) for name, rate in RATES_HZ.items()}
     began, told_s, recorded_s = time.monotonic(), -math.inf, 0.0
     while recorded_s < minutes * 60:

@@ -17,7 +17,7 @@ from daq.inbox import Inbox
 from daq.label import Label
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.recorder import Recorder
-from daq.store import Manifest, RunWriter, load_manifest, read_run, verify
+from daq.store import Manifest, RunWriter, durable, load_manifest, read_run, verify
 from daq.streams import streams_of
 from rigs.errors import CellError
 from rigs.load import parse
@@ -150,6 +150,7 @@ def test_a_recording_that_cannot_be_ends_none(tmp_path: Path) -> None:
     inboxes["robot"].deliver(turned_on)
     attendant.hear(turned_on)
     attendant.round()
+    recorder._disk._beginner.submit(lambda: None).result()
     name = recorder.state()["recording"]
     inboxes["g1_g2"]._last["g2_mm"] = (2.0, 0)
     with pytest.raises(CellError, match="g2: no reading"):
@@ -176,3 +177,22 @@ def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
     manifest = read_run(path).manifest
     assert manifest.exit_status == "interrupted" and manifest.reason == "the robot stands still; only 0.50 s long"
     assert manifest.counters["robot"]["samples"] == 150 + 50, "all from 0.5 s on, where the recorder began, to now"
+
+
+def test_a_disk_that_refuses_is_why_nothing_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder, attendant, inboxes = _by_hand(tmp_path)
+    now_ns = time.monotonic_ns()
+    inboxes["g1_g2"].deliver([Sample((1.0, 2.0), NO_TIME, now_ns, now_ns, 60)])
+    stamps = [now_ns - 2_000_000_000 + 10_000_000 * number for number in range(200)]
+    turned_on = [Sample((0.0,) * 6 + (float(n >= 50),), NO_TIME, at, at, 60) for n, at in enumerate(stamps)]
+    inboxes["robot"].deliver(turned_on)
+    attendant.hear(turned_on)
+    monkeypatch.setattr(durable, "free_bytes", lambda _: 0)
+    attendant.round()
+    recorder._disk._beginner.submit(lambda: None).result()
+    attendant.round()
+    state = attendant.state()
+    assert state is not None and (state["refused"], state["started"], state["recording"]) == (1, 0, None)
+    assert "yaw cw" in str(state["why_not"]) and "disk nearly full" in str(state["why_not"])
+    assert recorder.state()["waiting"] is None and list(tmp_path.iterdir()) == []
+    recorder._disk.rest()

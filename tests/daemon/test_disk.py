@@ -36,7 +36,7 @@ class Written:
         self.recorder = Recorder(self.inboxes, self._create, lambda: None)
         self.delivered = 0
         self.deliver()
-        self.path = self.recorder.start_run(Label(name="lap", test="yaw", direction="cw"))
+        self.path = self.recorder.start_run(Label(name="lap", test="yaw", direction="cw")).result()
         self.delivered = 0
 
     def _create(self, label: Label, follows: str) -> RunWriter:
@@ -56,7 +56,12 @@ class Written:
         for _ in range(4):  # of a sync and of the closing of a chunk: begun, and what became of it
             self.recorder._round()
             self.recorder._disk._thread.submit(lambda: None).result()
+            self.begun()
         return self.recorder.state()
+
+    def begun(self) -> None:
+        """When the run that is to begin has begun, or was refused."""
+        self.recorder._disk._beginner.submit(lambda: None).result()
 
     def until_it_goes_on(self) -> None:
         """Rounds until another run has begun, then some more readings for it, and its end."""
@@ -86,7 +91,7 @@ def test_the_log_names_a_direction_where_there_is_one(tmp_path: Path, caplog: py
     written = Written(tmp_path)
     written.recorder.stop_run().result()
     written.deliver()
-    written.recorder.start_run(Label(name="dome", test="radial"))
+    written.recorder.start_run(Label(name="dome", test="radial")).result()
     written.recorder.stop_run().result()
     assert "recording lap (yaw cw) to" in caplog.text and "recording dome (radial) to" in caplog.text
 
@@ -188,7 +193,7 @@ def test_nothing_is_written_below_the_mount_point_of_a_disk_that_is_away(written
 
 
 @pytest.mark.parametrize(
-    "end", [Recorder.stop_run, lambda recorder: recorder.start_run(Label(name="b", test="radial"))]
+    "end", [Recorder.stop_run, lambda recorder: recorder.start_run(Label(name="b", test="radial")).result()]
 )
 def test_who_stops_or_starts_anew_ends_the_waiting(
     written: Written,
@@ -302,6 +307,7 @@ def test_a_long_run_is_closed_while_the_next_one_is_recorded(
     assert closing.wait(20)
     written.deliver()
     written.recorder._round()
+    written.begun()
     assert written.recorder.state()["recording"] == "lap"
     may_close.set()
     written.recorder.stop_run().result()
@@ -361,7 +367,7 @@ def test_a_run_that_takes_long_to_close_keeps_neither_the_watchdog_nor_the_next_
     assert begun.wait(20)
     written.deliver()
     written.recorder._round()
-    follower = written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+    follower = written.recorder.start_run(Label(name="next", test="yaw", direction="cw")).result()
     written.deliver()
     written.recorder._round()
     assert not closing.done() and written.recorder.state()["recording"] == "next"
@@ -400,3 +406,90 @@ def test_a_slow_write_keeps_no_reader_waiting(
     assert load_manifest(written.path).counters["g1"] == {"samples": 60, "dropped": 30}
     assert read_run(written.path).streams["g1"]["g1_mm"].tolist() == list(range(60))
     assert "disk: slow write: has taken" in caplog.text
+
+
+@pytest.fixture
+def making(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[threading.Event, threading.Event]]:
+    """A disk that makes no directory for a run: set when one is asked for; to be set when it may go on."""
+    asked, done = threading.Event(), threading.Event()
+
+    def slow(path: Path, make: Callable[[Path], None] = durable.make_directory) -> None:
+        asked.set()
+        assert done.wait(20)
+        make(path)
+
+    monkeypatch.setattr(durable, "make_directory", slow)
+    try:
+        yield asked, done
+    finally:
+        done.set()
+
+
+@pytest.mark.parametrize("stopped", [False, True], ids=["goes on", "stopped meanwhile"])
+def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
+    written: Written, making: tuple[threading.Event, threading.Event], stopped: bool
+) -> None:
+    asked, done = making
+    written.recorder.stop_run().result()
+    written.delivered = 0
+    beginning = written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+    assert asked.wait(20)
+    for _ in range(4):  # each would wait for ever, were it to wait for the disk
+        written.deliver()
+        written.recorder._round()
+    assert written.recorder.state()["waiting"] == "next"
+    with pytest.raises(CellError, match="recording next: already running"):
+        written.recorder.start_run(Label(name="other", test="radial"))
+    ending = written.recorder.stop_run("interrupted", "enough") if stopped else None
+    done.set()
+    path = beginning.result()
+    written.deliver()
+    ended = (ending or written.recorder.stop_run()).result()
+    count = 40 if stopped else 50
+    assert ended.path == path and ended.counters["g1"] == {"samples": count} and verify(path) == []
+    assert read_run(path).streams["robot"]["q1_deg"].tolist() == list(range(count))
+    assert load_manifest(path).reason == ("enough" if stopped else "stopped by rig record stop")
+
+
+def test_what_comes_while_a_run_begins_has_its_bound(
+    written: Written, making: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daq.beginning.MOST_PENDING", 30)
+    monkeypatch.setattr(daq.inbox, "_ROOM", 40)
+    asked, done = making
+    written.recorder.stop_run().result()
+    beginning = written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+    assert asked.wait(20)
+    for _ in range(12):
+        written.deliver()
+        written.recorder._round()
+    done.set()
+    beginning.result()
+    assert written.recorder.stop_run().result().counters["g1"] == {"samples": 70, "dropped": 50}
+
+
+def test_a_former_run_that_takes_long_to_bring_back_holds_nothing_up(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reviving, done = threading.Event(), threading.Event()
+
+    def slow(path: Path, revive: Callable[[Path], None] = daq.recorder.revive) -> None:
+        reviving.set()
+        assert done.wait(20)
+        revive(path)
+
+    monkeypatch.setattr(daq.recorder, "revive", slow)
+    written.round()
+    with failing(errno.EIO, "fsync"):
+        written.round()
+    written.recorder._waiting._try_at_s = 0.0  # type: ignore[union-attr]
+    while not reviving.is_set():
+        written.deliver()
+        written.recorder._round()
+    for _ in range(4):  # each would wait for ever, were it to wait for the disk
+        written.deliver()
+        written.recorder._round()
+    assert written.recorder.state()["waiting"] == "lap"
+    done.set()
+    written.until_it_goes_on()
+    written.accounted()

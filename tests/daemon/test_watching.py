@@ -94,7 +94,7 @@ def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path: Path) -> None:
     now_ns = time.monotonic_ns()
     inboxes["g1"].deliver([_sample([0.1], now_ns)])
     inboxes["robot"].deliver([_sample([0.0] * 6, now_ns)])
-    recorder.start_run(Label(name="x", test="radial"))
+    recorder.start_run(Label(name="x", test="radial")).result()
     for _ in range(TIMES_IN_ERROR):
         inboxes["g1"].deliver([_sample([0.1], now_ns), Fault(FaultKind.DEVICE_ERROR, now_ns, "ERR3")])
     recorder.start()

@@ -1,0 +1,81 @@
+"""A run that the disk is being asked for, which on a slow one takes seconds: what comes meanwhile belongs to it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from daq.inbox import samples_of
+from daq.label import Label
+from daq.protocol.conversation import Fault, Item
+from daq.store.manifest import Ending
+from daq.store.writer import MOST_PENDING
+from daq.waiting import Waiting
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A recording that was stopped. counters: stream → samples, and faults of each kind."""
+
+    path: Path
+    counters: dict[str, dict[str, int]]
+
+
+@dataclass
+class Beginning:
+    """From the wish for a run until the disk has it, or refuses.
+
+    waited: the recording without a run that it goes on from. kept: what came since, and before where it was wished.
+    clock: faults of the computer's clock. begun: its directory; raises what refused it. stop: it is to end at once.
+    """
+
+    label: Label
+    waited: Waiting | None
+    kept: dict[str, list[Item]]
+    clock: list[Fault] = field(default_factory=list)
+    since_ns: int = field(default_factory=time.monotonic_ns)
+    begun: Future[Path] = field(default_factory=Future)
+    stop: tuple[Ending, str] | None = None
+    ended: Future[Ended] = field(default_factory=Future)
+
+    @property
+    def follows(self) -> str:
+        """Name of the run that it goes on from, empty for none."""
+        return self.waited.former.name if self.waited else ""
+
+    def keep(self, stream: str, items: Iterable[Item]) -> None:
+        """For the run."""
+        self.kept[stream].extend(items)
+
+    def is_behind(self, stream: str) -> bool:
+        """Whether so much of a stream is kept that no more of it should be taken."""
+        return len(self.kept[stream]) >= MOST_PENDING
+
+    def end(self, exit_status: Ending, reason: str) -> Future[Ended]:
+        """As soon as it has begun."""
+        self.stop = self.stop or (exit_status, reason)
+        return self.ended
+
+    def refused(self, error: Exception) -> None:
+        """Nothing becomes of it; what was kept counts as missed where it was to go on."""
+        if self.waited is not None:
+            for name, items in self.kept.items():
+                self.waited.missed[name] += len(samples_of(items))
+            self.waited.put_off()
+        self.begun.set_exception(error)
+        self.ended.set_exception(error)
+
+
+def pass_on(of: Future[Ended], to: Future[Ended]) -> None:
+    """What becomes of the one becomes of the other."""
+
+    def through(done: Future[Ended]) -> None:
+        if error := done.exception():
+            to.set_exception(error)
+        else:
+            to.set_result(done.result())
+
+    of.add_done_callback(through)
