@@ -23,13 +23,13 @@ from daq.store.schema import batch_of, schema_of
 from rigs.feedback import carries_signal
 
 INPUTS = 20
-"""To one conversation."""
+"""To one conversation, at the most: one that has hung up hears no more."""
 HELD_MAX = 3 * LIMIT
 _CHARACTER_NS = 100_000
 _RECOVERY_NS = 30 * S
 _STARTS_NS = (0, 10**18)
 Feed = Callable[[Random], int]
-"""Feeds one conversation and returns the number of inputs; raises what goes wrong."""
+"""Feeds one conversation and returns how many inputs it took before it hung up; raises what goes wrong."""
 
 
 def wires() -> dict[str, list[Feed]]:
@@ -67,14 +67,14 @@ def _sides(host: Callable[[], Conversation], device: Callable[[], Device], width
         conversation.feed(to_host, peer)
         if not conversation.over:
             assert _works(conversation, peer), "no reading after a quiet line"
-        return INPUTS
+        return conversation.inputs
 
     def feed_device(dice: Random) -> int:
         conversation = Watched(device(), dice, width, dice.choice(_STARTS_NS))
         conversation.feed(to_device, None)
         if not conversation.over:
             assert _works(Watched(host(), dice, width, conversation.now_ns), conversation), "the device answers no more"
-        return INPUTS
+        return conversation.inputs
 
     return [feed_host, feed_device]
 
@@ -114,6 +114,7 @@ class Watched:
         self._width = width
         self.now_ns = now_ns
         self.over = False
+        self.inputs = 0
         self.said: list[bytes] = []
         """Inputs, for a report."""
         self.samples: list[Sample] = []
@@ -127,6 +128,8 @@ class Watched:
                 data = peer.received(self.step.send, self.now_ns).send + data
             self.said.append(data)
             self._pieces(data)
+            if self.over:
+                break
         if not self.over:
             self.received(self._dice.choice((b"x", b"+", b"\0", b"\xff")) * 4 * LIMIT, self.now_ns)
         assert held(self._conversation) <= HELD_MAX, f"keeps {held(self._conversation)} bytes and more"
@@ -134,12 +137,14 @@ class Watched:
             batch_of(self.samples[:20], self._schema, 0)
 
     def _pieces(self, data: bytes) -> None:
+        heard = False
         while True:
             size = self._dice.choice((1, 3, 17, len(data), len(data)))
             self.wait(self._dice.choice((0, 1000, 10**6, 10**8, 10**9)))
             if self.over:
                 return
             if data[:size]:
+                self.inputs, heard = self.inputs + (not heard), True
                 self.received(data[:size], self.now_ns)
             data = data[size:] if size else b""
             if not data:
