@@ -101,7 +101,7 @@ class Daemon:
         for thread in (*self._readers, self._revival):
             thread.join(_LEAVE_S)
         if self._tap:
-            self._tap.stop()
+            self._tap.stop(_LEAVE_S)
         self._housekeeper.join(_LEAVE_S)
         self._lock.release()
         return cut_short
@@ -153,7 +153,7 @@ class Daemon:
         return {
             "rig": self._rig.name,
             "baseline_mm": self._rig.gauges.baseline_mm,
-            "streams": {name: vars(inbox.state()) for name, inbox in self._inboxes.items()},
+            "streams": {s.name: {"port": s.port, **vars(self._inboxes[s.name].state())} for s in self._streams},
             HOST: dict(self._recorder.host_faults),
             "clocks": {name: vars(clock) for name, watch in self._clocks.items() if (clock := watch.state())},
             "automatic": self._attendant.state(),

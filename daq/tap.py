@@ -56,10 +56,12 @@ class Tap(threading.Thread):
             elif self._open:
                 self._left_out[stream] += 1
 
-    def stop(self) -> None:
-        """Write what there is and close the file."""
+    def stop(self, within_s: float) -> None:
+        """Write what there is and close the file; a disk that takes longer is left behind, and its capture is cut."""
         self._stop_asked.set()
-        self.join()
+        self.join(within_s)
+        if self.is_alive():
+            log.error("capture %s: its disk does not take the rest; it ends early", self._path)
 
     def run(self) -> None:
         """The thread's body."""

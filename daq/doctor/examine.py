@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ def examine(rig: Rig, runs: Path, unit: str | None = None, root: Path = Path("/"
         yield wrong("rigd", f"{error.where}: {error.what}", error.remedy)
         return
     if status is not None:
-        yield from told(status)
+        yield from told(status, streams_of(rig))
     for stream in streams_of(rig):
         findings = []
         if stream.port.startswith("/"):
@@ -58,10 +58,14 @@ def ask(rig: str) -> dict[str, Any] | None:
         return client.ask("status")
 
 
-def told(status: dict[str, Any]) -> Iterator[Finding]:
-    """What a daemon says of its streams; it has the ports, so nobody else speaks on them."""
+def told(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Finding]:
+    """What a daemon says of its streams; it has the ports, so nobody else speaks on them. streams: of the rig file."""
     recording = f"records {status['recording']}" if status["recording"] else "records nothing"
     yield ok("rigd", f"serves {status['rig']} and {recording}; asked in place of the ports")
+    served = {name: stream["port"] for name, stream in status["streams"].items()}
+    if served != {stream.name: stream.port for stream in streams}:
+        ports = ", ".join(f"{name} on {port}" for name, port in served.items())
+        yield wrong("rigd", f"reads {ports}: not what the rig file says", "start rigd again, or give its own file")
     for name, stream in status["streams"].items():
         yield _stream(name, stream)
 

@@ -98,7 +98,7 @@ def test_a_capture_that_grows_too_long_or_loses_its_disk_ends_and_says_so(
         if " ! 5\n" in (tmp_path / "log").read_text():
             found.note("g1", Mark.SENT, bytes(1000))
         time.sleep(0.01)
-    found.stop()
+    found.stop(20)
     capture = read_capture(tmp_path / "log")
     assert [piece.data[100:] for piece in capture.pieces[:10]] == [str(n).encode() for n in range(10)]
     assert Piece(capture.pieces[10].at_ns, "g1", Mark.LEFT_OUT, b"5") == capture.pieces[10]

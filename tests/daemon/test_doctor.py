@@ -284,7 +284,14 @@ def test_a_disk_that_this_user_may_not_use(tmp_path: Path, monkeypatch: pytest.M
     assert [finding.verdict for finding in findings[:2]] == [OK, DOUBTFUL] and "may not write there" in findings[1].what
 
 
-GOOD = {"connected": True, "rate_hz": 48.0, "age_s": {"g1_mm": 0.02}, "counters": {"samples": 900}, "last_fault": ""}
+GOOD = {
+    "port": "/dev/g1",
+    "connected": True,
+    "rate_hz": 48.0,
+    "age_s": {"g1_mm": 0.02},
+    "counters": {"samples": 900},
+    "last_fault": "",
+}
 
 
 @pytest.mark.parametrize(
@@ -300,7 +307,9 @@ GOOD = {"connected": True, "rate_hz": 48.0, "age_s": {"g1_mm": 0.02}, "counters"
 )
 def test_what_a_daemon_says_of_a_stream(stream: dict[str, Any], verdict: Verdict, says: str) -> None:
     status = {"rig": "bench", "recording": None, "streams": {"g1": GOOD | stream}}
-    rigd, finding = told(status)
+    served = replace(streams_of(parse(rig_text("keyence"), "bench"))[-1], name="g1", port="/dev/g1")
+    rigd, finding = told(status, [served])
+    assert [f.verdict for f in told(status, [replace(served, port="/dev/g2")])][:2] == [OK, WRONG]
     assert rigd.verdict is OK and (finding.about, finding.verdict) == ("g1", verdict) and says in finding.what
     assert bool(finding.remedy) == (verdict is not OK)
 
