@@ -57,7 +57,8 @@ def replay(
         sent = played.cell.stop()
     for name, count in sent.items():
         typer.echo(f"{name}: {count} pieces said")
-    typer.echo(f"{played.otherwise} pieces of the host came otherwise than captured")
+    doubt = "; was it captured with another rig file?" if played.otherwise else ""
+    typer.echo(f"{played.otherwise} pieces of the host came otherwise than captured{doubt}")
     raise typer.Exit(exit_code)
 
 
