@@ -8,13 +8,13 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli import app
-from rigs.vocabulary import Direction, TestName
+from rigs.vocabulary import CIRCLES, Direction
 
 
 @app.command()
 def simulate(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
-    test: Annotated[TestName, typer.Option(help="Which test.")],
+    test: Annotated[Literal["yaw", "roll", "radial", "repeatability"], typer.Option(help="Which test.")],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Where the runs go.")],
     direction: Annotated[Literal["cw", "acw", "both"], typer.Option(help="Of a circle.")] = "both",
     runs: Annotated[int, typer.Option(min=1, max=1000, help="Of each direction.")] = 1,
@@ -29,7 +29,9 @@ def simulate(
     rig, text = load(rig_file)
     chosen = load_effects(effects) if effects else None
     directions: tuple[Direction | None, ...] = ("acw", "cw") if direction == "both" else (direction,)
-    if test not in ("yaw", "roll"):
+    if test not in CIRCLES:
+        if direction != "both":
+            raise typer.BadParameter(f"the {test} test has none", param_hint="--direction")
         directions = (None,)
     for path in write_simulated(rig, text, test, directions, range(seed, seed + runs), chosen, directory, csv=csv):
         typer.echo(path)

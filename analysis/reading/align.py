@@ -79,7 +79,7 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
         dense = _bracketed(rows_ns, track.ns)
         keep &= spanned & dense
         if gaps := int((spanned & ~dense).sum()):
-            doubts.append(f"{name}: {gaps} rows left out for gaps")
+            doubts.append(f"{name}: rows left out for gaps: {gaps}")
         at_rows.append(np.stack([np.interp(rows_ns, track.ns, column) for column in track.values.T], axis=1))
     if keep.sum() < 2:
         raise FileError(str(path), "gauges and robot share no stretch of time", "record both through the whole test")
@@ -131,7 +131,7 @@ def _track(name: str, instants: Instants, values: Array, doubts: list[str]) -> _
     there = number & (instants.own_u_s <= max(_STALLED * usual_s, _STALLED_S))
     if stalled := int((number & ~there).sum()):
         doubts.append(
-            f"{name}: {stalled} rows left out, their time known far worse than the others': "
+            f"{name}: rows left out whose time is known far worse than the others': {stalled}; "
             "a computer was held up, or a stamp was wrong"
         )
     increasing, first = np.unique(instants.ns[there], return_index=True)

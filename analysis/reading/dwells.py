@@ -113,7 +113,7 @@ def _rows(kept: list[tuple[_Stand, int]], where: str) -> Integers:
 
 
 def _elsewhere(count: int) -> list[str]:
-    return [f"{count} stands are at no target and left out"] if count else []
+    return [f"stands left out that are at no target: {count}"] if count else []
 
 
 def _missing(program: TargetProgram, rows: Integers) -> list[str]:

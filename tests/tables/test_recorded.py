@@ -93,7 +93,7 @@ def test_what_is_exported_goes_in_again(tmp_path: Path) -> None:
 def test_rows_left_out_are_told(tmp_path: Path) -> None:
     measured = measured_of(read_run(recorded(tmp_path, "yaw", "acw", hole=True)))
     columns, notes = file_columns(measured), list(measured.doubts)
-    assert notes in (["g2: 9 rows left out for gaps"], ["g2: 10 rows left out for gaps"])
+    assert notes in (["g2: rows left out for gaps: 9"], ["g2: rows left out for gaps: 10"])
     assert columns.num_rows < len(circle_values("yaw", "acw")[0])
 
 

@@ -63,10 +63,10 @@ def test_each_row_carries_its_own_uncertainty_into_the_figures(tmp_path: Path) -
     assert isinstance(table, CircleTable) and table.u_t_s is not None
     assert len(table.u_t_s) == len(table.t_s)
     assert f"robot: {len(WRONG)} stamps of its clock make no sense; those rows go by their arrival" in measured.doubts
-    assert [doubt.split(",")[0] for doubt in measured.doubts if "far worse" in doubt] == [
-        "g1: 1 rows left out",
-        "g2: 1 rows left out",
-        f"robot: {len(WRONG)} rows left out",
+    assert [doubt.split(";")[0] for doubt in measured.doubts if "far worse" in doubt] == [
+        "g1: rows left out whose time is known far worse than the others': 1",
+        "g2: rows left out whose time is known far worse than the others': 1",
+        f"robot: rows left out whose time is known far worse than the others': {len(WRONG)}",
     ]
     uncertain = np.flatnonzero(table.u_t_s > 1e-4)
     assert 1 <= len(uncertain) <= 3, "the slower answer, and those beside it"
@@ -84,7 +84,7 @@ def test_a_band_is_not_widened_by_readings_that_a_busy_computer_held_up(tmp_path
     calm, busy = (measured_of(read_run(recorded(tmp_path / name, rows))) for name, rows in STALLS.items())
     bands = [evaluate(of.table, of.rig, of.u_lag_s, "lap").figures["band_deg"] for of in (calm, busy)]
     assert abs(bands[1].value - bands[0].value) < bands[0].u
-    assert f"g1: {len(STALLS['busy']) + 1} rows left out" in "; ".join(busy.doubts)
+    assert f"others': {len(STALLS['busy']) + 1}; a computer" in "; ".join(busy.doubts)
 
 
 def test_a_robot_that_never_told_all_its_joints_is_refused(tmp_path: Path) -> None:

@@ -1,0 +1,20 @@
+"""`rig simulate`: what it is asked for in vain."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from analysis.cli import app
+
+
+@pytest.mark.parametrize(
+    ("asked", "says"),
+    [(("--test", "pose"), "'pose' is not one of"), (("--test", "radial", "--direction", "cw"), "radial test has none")],
+)
+def test_what_cannot_be_simulated_is_refused(asked: tuple[str, ...], says: str, tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["simulate", "ur10e", *asked, "-o", str(tmp_path / "runs")])
+    assert result.exit_code == 2 and says in " ".join(result.output.replace("│", " ").split())
+    assert not (tmp_path / "runs").exists()
