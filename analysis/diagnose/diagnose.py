@@ -14,7 +14,7 @@ from analysis.diagnose.curves import curves_of, maps_of
 from analysis.diagnose.diagnosis import Diagnosis, Gap, Named, NextTest, Verdict
 from analysis.diagnose.doubts import doubts_of_rig, doubts_of_runs
 from analysis.diagnose.explain import Explained
-from analysis.diagnose.leftover import LIMIT, leftovers
+from analysis.diagnose.leftover import leftovers
 from analysis.diagnose.locate import places
 from analysis.diagnose.look import Look, looked
 from analysis.diagnose.observed import Seen
@@ -55,7 +55,7 @@ def diagnose(
         progress("which test would part the rivals")
         decided = _with_next_test(decided, rig, look.found, used)
     doubts = (*doubts_of_runs(look), *doubts_of_rig(rig, runs))
-    return _told(rig, look, decided, others, doubts, begin_s)
+    return _told(rig, runs, look, decided, others, doubts, begin_s)
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,7 @@ def _decided(look: Look, runs: Sequence[Seen], names: Sequence[str]) -> _Decided
 
 def _told(
     rig: Rig,
+    runs: Sequence[Seen],
     look: Look,
     decided: _Decided,
     others: Sequence[Gap | None],
@@ -90,7 +91,7 @@ def _told(
 ) -> Diagnosis:
     """All that was found; others: the gap on runs left out and at an unseen place."""
     linear, refined, kept = look.linear, look.found.refined, decided.kept
-    named = _named(look, decided)
+    named = _named(look, decided, runs)
     before = linear.in_mm(linear.y)
     after = linear.in_mm(refined.left) if kept else before
     return Diagnosis(
@@ -121,8 +122,9 @@ def _verdict(look: Look) -> tuple[Verdict, str]:
     found, terms = look.found, look.linear.U.shape[1]
     if not look.search.testable.any() or len(look.linear.y) < _ENOUGH * terms:
         return "not_testable_here", "these runs leave no reading free that could tell one effect from the set-up"
-    if look.unexplained > LIMIT:
-        return "outside_library", "something is there that no effect of the vocabulary explains"
+    if look.foreign is not None:
+        like = f"; it looks like {look.foreign}" if look.foreign else ""
+        return "outside_library", f"something is there that no effect of the vocabulary explains{like}"
     if not found.names and not look.swing:
         return "within_tolerance", "nothing stands out of the noise and of what a healthy arm shows anyway"
     if found.doubtful:
@@ -130,12 +132,16 @@ def _verdict(look: Look) -> tuple[Verdict, str]:
     return "named", "each name explains what no other does"
 
 
-def _named(look: Look, decided: _Decided) -> tuple[Named, ...]:
+def _named(look: Look, decided: _Decided, runs: Sequence[Seen]) -> tuple[Named, ...]:
     """The names found, also those that are withdrawn, and a swing beside them."""
-    linear, found, train = look.linear, look.found, decided.train
+    found, train = look.found, decided.train
     told = () if decided.verdict == "not_testable_here" else found.refined.effects
+    gaps_um = [
+        without(runs, decided.kept, k, found.refined.setups) if decided.kept else train.before_um
+        for k in range(len(told))
+    ]
     named = [
-        Named(effect, found.refined.sd(k), share, rivals, without(linear, found, k, train), remedy(effect))
+        Named(effect, found.refined.sd(k), share, rivals, gaps_um[k], remedy(effect))
         for k, (effect, share, rivals) in enumerate(zip(told, found.posterior, found.rivals, strict=False))
     ]
     if look.swing:

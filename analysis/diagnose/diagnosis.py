@@ -66,7 +66,8 @@ class Named:
 @dataclass(frozen=True)
 class Gap:
     """Root mean square in µm of what a model leaves of readings, set-up fitted, before and after the effects are in it;
-    runs: their names; noise_floor_um: what no model can go below."""
+    runs: their names; noise_floor_um: what noise and scatter of a
+    run give by themselves, of which a set-up fitted to it may take up a part."""
 
     runs: tuple[str, ...]
     before_um: float

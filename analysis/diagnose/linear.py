@@ -5,7 +5,7 @@ Set-up terms are projected out of columns: no name is given for what a ball or a
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -80,6 +80,25 @@ class Linear:
         do."""
         ends = np.cumsum([len(block.y) for block in self.blocks])
         return [part * block.sd_mm for part, block in zip(np.split(left, ends[:-1]), self.blocks, strict=True)]
+
+    def by_joint(self, axis: int, off: Callable[[Block], Array]) -> Array:
+        """What a joint (1 … 6) adds that is off by (n, c) rad at the samples of each block's path: (N, c), nothing
+        projected out."""
+        return np.concatenate(
+            [
+                block.whitened(slopes[:, :, axis - 1, None] * off(block)[block.one.path.rows[block.one.rows], None])
+                for block, slopes in zip(self.blocks, self._slopes, strict=True)
+            ]
+        )
+
+    def by_gauge(self, shares: Sequence[float], off: Callable[[Block], Array]) -> Array:
+        """What gauges add that are off by shares (2,) of (n, c) mm at the samples of each circle's path: (N, c),
+        nothing projected out; elsewhere nothing."""
+        parts = []
+        for block, base in zip(self.blocks, self._base, strict=True):
+            each = np.array(shares) if block.sampling else np.zeros(base.shape[1])
+            parts.append(block.whitened(each[:, None] * off(block)[block.one.path.rows[block.one.rows], None]))
+        return np.concatenate(parts)
 
     def jolt(self, k: int, axis: int, sample: int, angle_deg: float) -> Array:
         """What one joint (1 … 6), off at one sample of one block's path alone, adds: (N,), nothing projected out."""

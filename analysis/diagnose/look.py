@@ -14,6 +14,7 @@ from analysis.diagnose.blocks import blocks_of
 from analysis.diagnose.candidates import candidates_for
 from analysis.diagnose.evidence import Dictionary
 from analysis.diagnose.explain import Explained, Explainer
+from analysis.diagnose.freeforms import STRANGE, strangest
 from analysis.diagnose.leftover import LIMIT, excess, unknown, whole
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.observed import Seen
@@ -32,13 +33,14 @@ _FAR_MM = 0.3
 
 @dataclass(frozen=True)
 class Look:
-    """Runs about set-ups, and the names found there; unexplained: log evidence of what they leave; repeated: whether
-    the noise is from repeats; swing: of the link, taken out of the runs before they were looked at."""
+    """Runs about set-ups, and the names found there; foreign: what else is there in a few words, None where names leave
+    noise; repeated: whether the noise is from repeats; swing: of the link, taken out of the runs before they were
+    looked at."""
 
     linear: Linear
     search: Search
     found: Explained
-    unexplained: float
+    foreign: str | None
     repeated: bool
     swing: Swing | None = None
 
@@ -66,8 +68,8 @@ def _looked(runs: Sequence[Seen], progress: Callable[[str], None]) -> Look:
         progress("what each effect would show")
         search = Search(Dictionary(linear, candidates_for(linear)))
         progress("searching for names")
-        found, unexplained = _explained(linear, search)
-        look = Look(linear, search, found, unexplained, noise.measured)
+        found, foreign = _explained(linear, search)
+        look = Look(linear, search, found, foreign, noise.measured)
         there = found.refined.setups
         moved = max([float(np.abs(there[name].ball - setup.ball).max()) for name, setup in linear.setups.items()])
         if moved < _FAR_MM:
@@ -81,22 +83,27 @@ def _first_setups(runs: Sequence[Seen]) -> dict[str, SetUp]:
     return settled(list({run.name: run for run in reversed(runs)}.values()))[0]
 
 
-def _explained(linear: Linear, search: Search) -> tuple[Explained, float]:
-    """Names where a healthy arm shows little of everything, and log evidence of what they leave; where that is much,
-    names where it shows more, if this explains it better than anything unknown would."""
+def _explained(linear: Linear, search: Search) -> tuple[Explained, str | None]:
+    """Names where a healthy arm shows little of everything, and what is foreign beside them; where something is, names
+    where it shows more, if this explains it better than anything unknown would."""
     explainer = Explainer(linear, search)
     quiet = explainer.defended(explainer.explain(QUIET))
-    left = excess(linear.blocks, quiet.refined.left, quiet.background)
-    if left <= LIMIT:
-        return quiet, left
-    wanted = unknown(linear.blocks, quiet.refined.left) - search.price * len(quiet.names)
+    refined = quiet.refined
+    left = excess(linear.blocks, refined.left, quiet.background)
+    stranger = strangest(linear, refined, quiet.background)
+    if left <= LIMIT and stranger.gain <= STRANGE:
+        return quiet, None
+    foreign = stranger.words if stranger.gain > max(left, STRANGE) else ""
+    noise = unknown(linear.blocks, refined.left) - search.price * len(quiet.names)
+    wanted = max(noise, explainer.score(refined) + stranger.gain - search.price)
     if search.best(RICH).score + _REFINED < wanted:
-        return quiet, left
+        return quiet, foreign
     rich = explainer.explain(RICH)
     if explainer.score(rich) <= wanted:
-        return quiet, left
+        return quiet, foreign
     # An arm that shows more of everything: of its names only those count that are more than a healthy arm's.
-    return explainer.defended(explainer.beyond_healthy(rich)), whole(rich.left, explainer.background)
+    beyond = whole(rich.left, explainer.background) > LIMIT
+    return explainer.defended(explainer.beyond_healthy(rich)), "" if beyond else None
 
 
 def _counts(effect: Effect, level: float) -> bool:

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
 from analysis.diagnose.blocks import Block
 from analysis.diagnose.diagnosis import Gap
-from analysis.diagnose.explain import Explained
-from analysis.diagnose.linear import Linear
 from analysis.diagnose.observed import Seen
 from analysis.diagnose.runs import about
 from analysis.diagnose.settle import grown, settled
 from analysis.fitting.observation import rms
+from analysis.model.predict import SetUp
 from analysis.reading.loading import Measured
 from rigs.effects import Effect
 from rigs.rig import Rig
@@ -32,17 +31,13 @@ def judged(rig: Rig, runs: Sequence[Measured], effects: Sequence[Effect], blocks
     return gap(about(rig, runs), effects, blocks, [run.run.manifest.name for run in runs]) if runs else None
 
 
-def without(linear: Linear, found: Explained, k: int, train: Gap) -> float:
-    """The gap on the runs used where one effect is taken out again, set-ups fitted."""
-    column = linear.columns([found.refined.effects[k]])[:, 0]
-    left = linear.in_mm(found.refined.left)
-    back = linear.in_mm(found.refined.left + column)
-    more = float(np.mean(np.concatenate(back) ** 2) - np.mean(np.concatenate(left) ** 2))
-    return float(np.sqrt(max(0.0, train.after_um**2 + 1e6 * more)))
+def without(runs: Sequence[Seen], effects: Sequence[Effect], k: int, setups: Mapping[str, SetUp]) -> float:
+    """What all effects but one leave of runs, rms in µm, set-ups fitted; `setups`: to begin at."""
+    return 1e3 * rms(settled(grown(runs, [*effects[:k], *effects[k + 1 :]]), setups)[1])
 
 
 def _floor(blocks: Sequence[Block], names: Collection[str]) -> float:
-    """Root mean square in µm that the noise of a run gives: from repeats, else from the noise assumed."""
+    """Root mean square in µm that noise and scatter of a run give: from repeats, else from the noise assumed."""
     total = count = 0.0
     for block in blocks:
         if block.name in names or not any(one.name in names for one in blocks):

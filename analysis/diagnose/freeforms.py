@@ -1,0 +1,151 @@
+"""Forms without a name: an error of an axis that goes with its angle, its speed or a way of turning, or of a gauge that
+goes with time, in a manner that is left open.
+
+The library says how each of its effects goes, so it explains with two or three numbers what a free form needs many for.
+Where a free form still explains much of what the names leave, something is there that the library does not know, and
+the form says what it goes with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from analysis.diagnose.blocks import Block
+from analysis.diagnose.evidence import Background
+from analysis.diagnose.linear import Linear
+from analysis.diagnose.refine import Refined
+from analysis.kinematics.arm import Array, forward
+from analysis.model.circle import frame_of
+from analysis.model.programs import circle_of
+
+_WAVES = 24
+"""Half waves over the range of an angle, or over a run's time; each with a strength of one over its number, as the path
+of a random walk: what goes with an angle may bend and step."""
+_POWERS = np.array([0.5, 1.0, 2.0])
+_SLOW = np.radians(0.2)
+"""Rad/s below which a joint has no clear way of turning."""
+_UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
+STRANGE = 30.0
+"""Log evidence from which on a free form tells of something foreign. Faults of the library leave up to some 20, where a
+gear departs from its form, and mostly less than 8; foreign ones, of 20 sigma and more, 50 to 500."""
+_STRENGTHS = 4.0 ** np.arange(-4, 11)
+"""Squares of a form's strength in these units, of which the best is taken."""
+
+
+@dataclass(frozen=True)
+class FreeForm:
+    """words: what it looks like; columns (N, c): its parts, in standard deviations, set-up terms projected out."""
+
+    words: str
+    columns: Array
+
+
+@dataclass(frozen=True)
+class Stranger:
+    """What explains most of what names leave, without a name, and its log evidence."""
+
+    words: str
+    gain: float
+
+
+def strangest(linear: Linear, named: Refined, background: Background) -> Stranger:
+    """The free form that explains most of what effects leave, their sizes and shapes free beside it."""
+    basis, _ = np.linalg.qr(named.tangents)
+    found = [
+        Stranger(form.words, _gain(form.columns - basis @ (basis.T @ form.columns), named.left, background))
+        for form in free_forms(linear)
+    ]
+    return max(found, key=lambda one: one.gain)
+
+
+def free_forms(linear: Linear) -> Iterator[FreeForm]:
+    """Those that the runs could show."""
+    motion = _Motion(linear.blocks)
+    for axis in range(1, 7):
+        error = f"an error of axis {axis} that goes with"
+        if motion.span[axis - 1] > 0:
+            yield _form(linear, f"{error} its angle", linear.by_joint(axis, partial(motion.angle, axis - 1)))
+        if motion.fastest[axis - 1] > 0:
+            words = f"{error} its speed, whichever way it turns"
+            yield _form(linear, words, linear.by_joint(axis, partial(motion.speed, axis - 1)))
+        for joint in np.flatnonzero(motion.fastest).tolist():
+            words = f"{error} the way {'it' if joint == axis - 1 else f'axis {joint + 1}'} turns"
+            yield _form(linear, words, linear.by_joint(axis, partial(motion.way, joint)))
+    for where, shares in (("both gauges", (1.0, 1.0)), ("gauge 1", (1.0, 0.0)), ("gauge 2", (0.0, 1.0))):
+        yield _form(linear, f"something that changes with time in {where}", linear.by_gauge(shares, _time))
+    yield _form(linear, "something of the ball that goes with where the link is", linear.by_gauge((1.0, 1.0), _around))
+
+
+def _form(linear: Linear, words: str, raw: Array) -> FreeForm:
+    return FreeForm(words, linear.projected(raw))
+
+
+class _Motion:
+    """Of the circles; where there are none, of all runs. span (6,): rad that the joints turn through; fastest (6,)
+    rad/s."""
+
+    def __init__(self, blocks: Sequence[Block]) -> None:
+        told = [block for block in blocks if block.sampling] or list(blocks)
+        self._low = np.min([block.one.path.q.min(axis=0) for block in told], axis=0)
+        self.span = np.max([block.one.path.q.max(axis=0) for block in told], axis=0) - self._low
+        self.fastest = np.max([np.abs(_rates(block)).max(axis=0) for block in told], axis=0)
+
+    def angle(self, joint: int, block: Block) -> Array:
+        """(n, c) rad."""
+        share = (block.one.path.q[:, joint] - self._low[joint]) / self.span[joint]
+        return _waves(share, _UNIT_RAD)
+
+    def speed(self, joint: int, block: Block) -> Array:
+        """(n, c) rad."""
+        off: Array = _UNIT_RAD * np.abs(_rates(block)[:, [joint]] / self.fastest[joint]) ** _POWERS
+        return off
+
+    def way(self, joint: int, block: Block) -> Array:
+        """(n, 1) rad."""
+        off: Array = _UNIT_RAD * np.tanh(_rates(block)[:, [joint]] / _SLOW)
+        return off
+
+
+def _time(block: Block) -> Array:
+    """(n, c) mm."""
+    t = block.one.path.t_s
+    return _waves((t - t[0]) / (t[-1] - t[0]), _UNIT_MM) if block.sampling else np.zeros((len(t), _WAVES))
+
+
+def _around(block: Block) -> Array:
+    """(n, c) mm."""
+    q = block.one.path.q
+    if not block.sampling:
+        return np.zeros((len(q), 2 * _WAVES))
+    tool = forward(block.model.arm, q)[:, :3, 3]
+    turned = frame_of(circle_of(block.model.rig)).angle(tool)[:, None] * np.arange(1, _WAVES + 1)
+    waves = np.concatenate([np.cos(turned), np.sin(turned)], axis=1)
+    parts: Array = _UNIT_MM * waves / np.tile(np.arange(1, _WAVES + 1), 2)
+    return parts
+
+
+def _waves(share: Array, unit: float) -> Array:
+    number = np.arange(1, _WAVES + 1)
+    waves: Array = unit * np.cos(np.pi * number * np.clip(share, 0, 1)[:, None]) / number
+    return waves
+
+
+def _rates(block: Block) -> Array:
+    """Of the joints (n, 6) rad/s; at targets they stand."""
+    path = block.one.path
+    rates: Array = np.gradient(path.q, path.t_s, axis=0) if block.sampling else np.zeros_like(path.q)
+    return rates
+
+
+def _gain(columns: Array, left: Array, background: Background) -> float:
+    """Log evidence of columns of unknown sizes, normal about 0 and of one strength, over none."""
+    power, turn = np.linalg.eigh(background.product(columns, columns))
+    power = np.maximum(power, 0.0)
+    seen = (turn.T @ background.product(columns, left[:, None])[:, 0]) ** 2
+    strengths = _STRENGTHS[:, None]
+    gains = 0.5 * (seen / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1)
+    return max(0.0, float(gains.max()))

@@ -1,0 +1,105 @@
+"""What has no name is told by what it goes with; what has one, and noise, leave no free form much to explain."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from cells import Array, circles, found_in, healthy, measured, no_background, white
+
+from analysis.diagnose.blocks import Block
+from analysis.diagnose.freeforms import STRANGE, strangest
+from analysis.diagnose.refine import Refined
+from analysis.reading.tables import CircleTable
+
+
+def _unnamed(left: Array, tangents: Array | None = None) -> Refined:
+    """Nothing named, and what is left (N,)."""
+    free = np.empty((len(left), 0)) if tangents is None else tangents
+    return Refined((), (), np.empty(0), np.empty((0, 0)), left, free, {}, 0.0)
+
+
+def _rates(block: Block) -> Array:
+    return np.asarray(np.gradient(block.one.path.q, block.one.path.t_s, axis=0), dtype=float)
+
+
+def _slips(block: Block) -> Array:
+    q = block.one.path.q[:, 1]
+    return np.where(q > q.min() + 0.4 * np.ptp(q), 2e-5, 0.0)[:, None]
+
+
+ERRORS: dict[str, tuple[int, Callable[[Block], Array]]] = {
+    "an error of axis 2 that goes with its angle": (2, _slips),
+    "an error of axis 4 that goes with its speed, whichever way it turns": (
+        4,
+        lambda block: 3e-3 * np.abs(_rates(block)[:, [3]]),
+    ),
+    "an error of axis 1 that goes with the way axis 3 turns": (
+        1,
+        lambda block: 1e-5 * np.sign(_rates(block)[:, [2]]),
+    ),
+}
+
+
+@pytest.mark.parametrize("words", ERRORS)
+def test_an_error_that_no_effect_describes_is_told_by_what_it_goes_with(words: str) -> None:
+    linear = healthy()
+    axis, off = ERRORS[words]
+    added = linear.projected(linear.by_joint(axis, off))[:, 0]
+    left = white(linear, 1) + added * 30 / np.linalg.norm(added)
+    found = strangest(linear, _unnamed(left), no_background(linear))
+    assert found.words == words and found.gain > STRANGE
+    beside = strangest(linear, _unnamed(left, added[:, None]), no_background(linear))
+    assert beside.gain < STRANGE / 4, "what a name does is not done again"
+
+
+def test_what_changes_with_time_is_told_by_the_gauge() -> None:
+    linear = healthy()
+
+    def settles(block: Block) -> Array:
+        t = block.one.path.t_s
+        return np.where(t > 0.3 * t[-1], 1e-3, 0.0)[:, None]
+
+    added = linear.projected(linear.by_gauge((0.0, 1.0), settles))[:, 0]
+    left = white(linear, 2) + added * 30 / np.linalg.norm(added)
+    found = strangest(linear, _unnamed(left), no_background(linear))
+    assert found.words == "something that changes with time in gauge 2" and found.gain > STRANGE
+
+
+def test_a_dent_is_told_as_of_the_ball() -> None:
+    linear = healthy()
+
+    def dented(block: Block) -> Array:
+        lap = np.linspace(0, 2 * np.pi, len(block.one.path.t_s))
+        lap = lap if block.name.endswith("acw") else -lap
+        return -1e-3 * np.exp(-0.5 * ((lap % (2 * np.pi) - 2.0) / 0.1) ** 2)[:, None]
+
+    added = linear.projected(linear.by_gauge((1.0, 1.0), dented))[:, 0]
+    left = white(linear, 3) + added * 30 / np.linalg.norm(added)
+    found = strangest(linear, _unnamed(left), no_background(linear))
+    assert found.words == "something of the ball that goes with where the link is" and found.gain > STRANGE
+
+
+def test_noise_alone_has_no_form() -> None:
+    linear = healthy()
+    gains = [strangest(linear, _unnamed(white(linear, seed)), no_background(linear)).gain for seed in range(10)]
+    assert max(gains) < STRANGE / 4
+
+
+def test_a_slip_is_outside_the_library_and_told_by_its_axis() -> None:
+    """A coupling that jumps at one angle of joint 2, up on the way there and down on the way back."""
+    runs = []
+    for one in circles(seed=31):
+        table = one.table
+        assert isinstance(table, CircleTable)
+        slipped = table.q.copy()
+        q = table.q[:, 1]
+        slipped[:, 1] -= np.radians(0.004) * (q > q.min() + 0.35 * np.ptp(q))
+        runs.append(
+            measured(
+                CircleTable(table.test, table.direction, table.t_s, slipped, table.g_mm), "yaw", one.run.manifest.name
+            )
+        )
+    found = found_in(runs)
+    assert found.verdict == "outside_library" and found.why.endswith("an error of axis 2 that goes with its angle")
