@@ -46,14 +46,14 @@ def wires() -> dict[str, list[Feed]]:
 
 
 class _Readings:
-    """Readings that vary, a head off now and then."""
+    """Readings that vary within the range of every gauge, a head off now and then."""
 
     def __init__(self, count: int) -> None:
         self._count = count
 
     def __call__(self, now_ns: int) -> Sequence[float]:
         off = self._count < 6 and now_ns // 100_000_000 % 7 == 3
-        return [math.nan if off else math.sin(now_ns * 1e-9 + axis) * 10 for axis in range(self._count)]
+        return [math.nan if off else math.sin(now_ns * 1e-9 + axis) * 5 for axis in range(self._count)]
 
 
 def _sides(host: Callable[[], Conversation], device: Callable[[], Device], width: int) -> list[Feed]:
