@@ -1,5 +1,5 @@
-"""Forms without a name: an error of an axis that goes with its angle, its speed or a way of turning, or of a gauge that
-goes with time, in a manner that is left open.
+"""Forms without a name: an error of an axis that goes with its angle, its speed or a way of turning, of the gauges that
+goes with time, of the ball that goes with the place; how, is left open.
 
 The library says how each of its effects goes, so it explains with two or three numbers what a free form needs many for.
 Where a free form still explains much of what the names leave, something is there that the library does not know, and

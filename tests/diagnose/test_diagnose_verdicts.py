@@ -54,6 +54,8 @@ def test_what_is_hidden_is_named_with_its_size(case: str) -> None:
         assert abs(getattr(one.effect, field) - getattr(truth, field)) < 3 * one.sd[field]
         assert one.posterior > 0.95 and one.remedy
         assert one.gap_without_um > 1.2 * found.train.after_um
+        if len(truths) == 1:
+            assert one.gap_without_um == pytest.approx(found.train.before_um, rel=1e-3)
     assert found.where and found.held_out and found.unseen
     for gap in (found.train, found.held_out, found.unseen):
         assert gap.before_um > 1.5 * gap.noise_floor_um
