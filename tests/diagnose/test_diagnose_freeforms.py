@@ -95,7 +95,7 @@ def test_a_slip_is_outside_the_library_and_told_by_its_axis() -> None:
         assert isinstance(table, CircleTable)
         slipped = table.q.copy()
         q = table.q[:, 1]
-        slipped[:, 1] -= np.radians(0.004) * (q > q.min() + 0.35 * np.ptp(q))
+        slipped[:, 1] -= np.radians(0.002) * (q > q.min() + 0.35 * np.ptp(q))
         runs.append(
             measured(
                 CircleTable(table.test, table.direction, table.t_s, slipped, table.g_mm), "yaw", one.run.manifest.name
