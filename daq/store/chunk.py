@@ -148,13 +148,15 @@ def to_parquet(table: pa.Table) -> bytes:
 
 
 def from_parquet(data: bytes) -> pa.Table | None:
-    """The table in a Parquet file, None when the bytes are not one.
+    """The table in a Parquet file, None when the bytes are not one, or hold text that is none.
 
     On the calling thread alone: Arrow's own threads, still at work when Python ends, abort the program
     after its answer is printed (apache/arrow issue 34314).
     """
     try:
-        return pq.ParquetFile(pa.BufferReader(data), pre_buffer=False).read(use_threads=False)
+        table = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False).read(use_threads=False)
+        table.validate(full=True)
+        return table
     except _DAMAGE:
         return None
 

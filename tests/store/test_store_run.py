@@ -187,6 +187,18 @@ def test_chunk_that_is_no_parquet(run: Path) -> None:
         read_run(run)
 
 
+def test_text_that_is_none_is_damage(run: Path) -> None:
+    """Found by scripts/fuzz: Arrow reads it, and raises only where a row of it is asked for."""
+    file = run / "faults-0001.parquet"
+    old = file.read_bytes()
+    file.write_bytes(old.replace("–".encode(), b"\xff\x80\x93"))
+    manifest = (run / "manifest.json").read_text()
+    (run / "manifest.json").write_text(manifest.replace(sha256(old), sha256(file.read_bytes())))
+    with pytest.raises(FileError, match="not a Parquet file"):
+        read_run(run)
+    assert any("faults-0001.parquet" in line for line in verify(run))
+
+
 def test_rows_missing_between_chunks(run: Path) -> None:
     chunks = [c for c in json.loads((run / "manifest.json").read_text())["chunks"] if c["file"] != "g1-0002.parquet"]
     (run / "g1-0002.parquet").unlink()
