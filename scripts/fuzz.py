@@ -23,6 +23,8 @@ sys.path.extend(str(TESTS / folder) for folder in ("fuzz", "protocols", "store",
 from fuzz_files import use  # noqa: E402 - found by the line above
 from fuzzing import GROWTH_MB, Outcome, blocks, is_file, run_block, targets  # noqa: E402
 
+_WHOLE = 5
+"""Failures shown with where and with what; of the others the first line."""
 _MEMORY = Path("/dev/shm")  # noqa: S108 - files there cost no disk; each process has a directory of its own
 
 
@@ -74,8 +76,8 @@ def report(target: str, outcomes: list[Outcome]) -> int:
         flush=True,
     )
     failures = [o.failure for o in outcomes if o.failure]
-    for failure in failures[:5]:
-        print(failure)
+    for number, failure in enumerate(failures):
+        print(failure if number < _WHOLE else failure.partition("\n")[0])
     if grown_mb > GROWTH_MB:
         failures.append("growth")
         print(f"{target}: a process grew by more than {GROWTH_MB:.0f} MB")
