@@ -21,8 +21,10 @@ from rigs.vocabulary import CIRCLES
 
 _GAP = 4.0
 """A gap is this many times the usual distance between samples, …"""
-_SHORT_NS = 25e6
-"""… and longer than this: a quarter of a cycle of the quickest vibration an arm shows, some 10 Hz."""
+_MOVES_NS = 25e6
+"""… and of a robot's longer than this: a quarter of a cycle of the quickest vibration an arm shows, some 10 Hz; …"""
+_JUMPS_NS = 5e6
+"""… of a gauge's longer than this: where a joint turns back, a play is crossed in some ten milliseconds."""
 _STALLED = 5.0
 """A row's time is doubtful where its own uncertainty is so many times the usual, …"""
 _STALLED_S = 1e-3
@@ -76,7 +78,7 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
             )
     for name, track in zip([*names[1:], "robot"], [*gauges[1:], robot], strict=True):
         spanned = (rows_ns >= track.ns[0]) & (rows_ns <= track.ns[-1])
-        dense = _bracketed(rows_ns, track.ns)
+        dense = _bracketed(rows_ns, track.ns, _MOVES_NS if track is robot else _JUMPS_NS)
         keep &= spanned & dense
         if gaps := int((spanned & ~dense).sum()):
             doubts.append(f"{name}: rows left out for gaps: {gaps}")
@@ -145,9 +147,9 @@ def _stream(path: Path, run: Run, columns: Sequence[str], what: str) -> Columns:
     raise FileError(str(path), f"holds no readings of {what}", "record again with it connected: rig status tells")
 
 
-def _bracketed(rows: Array, times: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Which rows (n,) lie between two of `times` (m,) that are no further apart than usual."""
+def _bracketed(rows: Array, times: Array, short_ns: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Which rows (n,) lie between two of `times` (m,) that are no further apart than usual, or hardly."""
     after = np.clip(np.searchsorted(times, rows, side="left"), 1, len(times) - 1)
     gaps = times[after] - times[after - 1]
-    dense: np.ndarray[tuple[int], np.dtype[np.bool_]] = gaps <= max(_SHORT_NS, _GAP * np.median(np.diff(times)))
+    dense: np.ndarray[tuple[int], np.dtype[np.bool_]] = gaps <= max(short_ns, _GAP * np.median(np.diff(times)))
     return dense

@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from analysis.model.simulate import simulate
+from analysis.reading import align
 from analysis.reading.clocks import robot_instants
 from analysis.reading.loading import measured_of
 from analysis.reading.tables import CircleTable
@@ -85,6 +86,15 @@ def test_a_band_is_not_widened_by_readings_that_a_busy_computer_held_up(tmp_path
     bands = [evaluate(of.table, of.rig, of.u_lag_s, "lap").figures["band_deg"] for of in (calm, busy)]
     assert abs(bands[1].value - bands[0].value) < bands[0].u
     assert f"others': {len(STALLS['busy']) + 1}; a computer" in "; ".join(busy.doubts)
+
+
+def test_a_gauge_is_not_bridged_over_a_hole_in_which_a_play_is_crossed_a_robot_is() -> None:
+    """Of 20 ms, in readings every 2.3 ms: a computer held up there had made a band 10 u too large."""
+    at = np.arange(0.0, 200e6, 2.3e6)
+    with_hole, rows = at[(at < 80e6) | (at > 98e6)], at[:-1] + 1e6
+    inside = (rows > with_hole[with_hole < 80e6].max()) & (rows < with_hole[with_hole > 98e6].min())
+    assert np.array_equal(align._bracketed(rows, with_hole, align._JUMPS_NS), ~inside)
+    assert align._bracketed(rows, with_hole, align._MOVES_NS).all()
 
 
 def test_a_robot_that_never_told_all_its_joints_is_refused(tmp_path: Path) -> None:
