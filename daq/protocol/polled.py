@@ -9,8 +9,9 @@ nothing has come for `timeout_s`. So it is
 - after bytes that make no sense, since the real answer may be among them,
 - when more than the answer came.
 
-It also is where nothing is asked because a given `rate_hz` allows no further request yet, and before every
-`STIR`th request for up to `STIR_NS`, each time for another time. An adapter that holds bytes back (FTDI's latency
+It also is where nothing is asked because a given `rate_hz` allows no further request yet, and now and then for up to
+`STIR_NS`, each time for another time: after `STIR` requests, half a second (`STIR_EVERY_NS`) apart at the least, since
+it makes a hole in the readings of a quick instrument. An adapter that holds bytes back (FTDI's latency
 timer, 16 ms) falls into step with requests that follow each answer at once; then no answer of a run comes as
 quickly as the instrument gives it, and nobody could tell when it was latched.
 
@@ -34,6 +35,7 @@ from daq.protocol.framing import Framer, Message
 PAUSE_NS = 100_000_000
 STIR = 50
 STIR_NS = 17_000_000
+STIR_EVERY_NS = 500_000_000
 _GOLDEN = 0.6180339887498949
 """Multiples of it, less their whole part, fill the range from 0 to 1 evenly, however many there are."""
 _BABBLE = 4
@@ -94,6 +96,9 @@ class Polled:
         self._bursts = Bursts()
         self._requested_ns = NO_TIME
         self._requests = 0
+        """Since the line was stirred."""
+        self._stirs = 0
+        self._stirred_ns = 0
         self._wake_ns = 0
         self._quiet_ns = self._timeout_ns
         self._discarded = 0
@@ -101,6 +106,7 @@ class Polled:
         self._babble_ns = 0
 
     def connected(self, now_ns: int) -> Step:
+        self._stirred_ns = now_ns
         return self._drain([], now_ns, send=self._dialect.reset)
 
     def received(self, data: bytes, now_ns: int) -> Step:
@@ -143,14 +149,17 @@ class Polled:
             return self._drain(items, now_ns, discarded=surplus, telling=True)
         if then is Then.PAUSE:
             return self._drain(items, now_ns, quiet_ns=PAUSE_NS, telling=True)
-        early_ns = max(self._requested_ns + self._period_ns - now_ns, self._stirring_ns())
+        early_ns = max(self._requested_ns + self._period_ns - now_ns, self._stirring_ns(now_ns))
         if early_ns > 0:
             return self._drain(items, now_ns, quiet_ns=early_ns, telling=True)
         return self._ask(items, now_ns)
 
-    def _stirring_ns(self) -> int:
-        turns, between = divmod(self._requests, STIR)
-        return 0 if between else round(turns * _GOLDEN % 1.0 * STIR_NS)
+    def _stirring_ns(self, now_ns: int) -> int:
+        if self._requests < STIR or now_ns < self._stirred_ns + STIR_EVERY_NS:
+            return 0
+        self._requests, self._stirred_ns = 0, now_ns
+        self._stirs += 1
+        return round(self._stirs * _GOLDEN % 1.0 * STIR_NS)
 
     def _ask(self, items: Sequence[Item], now_ns: int) -> Step:
         self._requested_ns = now_ns

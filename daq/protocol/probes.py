@@ -5,7 +5,8 @@ next request's answer is its own, however late the instrument is. Until then an 
 Probes in a row ask for different lengths, which come round again after `LENGTHS` of them.
 
 Some instrument may answer nothing but its usual request. Until one probe has been answered, only `TRIES` are made,
-and one more for each reading that was answered in time.
+and one more for each reading that was answered in time. What is asked then is `doubtful`: whose its answer is nobody
+knows.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ class Probes:
         self.asked = self._count = count
         self._cycle = cycle(self.counts)
         self._owed = self._proven = False
+        self.doubtful = False
+        """Whether the request on the line is a reading's while an answer of that length is owed."""
         self._tries = TRIES
 
     @property
@@ -35,6 +38,7 @@ class Probes:
         """The length to ask for now: a reading's, or a probe's while an answer is owed."""
         probing = self._owed and (self._proven or self._tries > 0)
         self._tries -= probing
+        self.doubtful = self._owed and not probing
         self.asked = next(self._cycle) if probing else self._count
         self._owed = True
         return self.asked

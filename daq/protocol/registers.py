@@ -83,6 +83,9 @@ class Asking:
         probes.answered()
         if probes.probing:
             return Heard(())
+        if probes.doubtful:
+            detail = "an answer came of which nobody knows whether it is late, left out; make timeout_s longer"
+            return Heard((Fault(FaultKind.LATE, at_ns, detail),), Then.DRAIN)
         if pdu.isError():
             return Heard((_refusal(pdu.exception_code, at_ns),), Then.PAUSE)
         item = self._reading(pdu.registers, message, requested_ns)

@@ -14,7 +14,7 @@ from daq.inbox import samples_of
 from daq.protocol.conversation import Device, FaultKind, Step
 from daq.protocol.framing import Message
 from daq.protocol.modbus import RtuRequests
-from daq.protocol.polled import STIR, Polled
+from daq.protocol.polled import STIR_EVERY_NS, Polled
 from daq.protocol.probes import Probes
 
 CASES = polled()
@@ -85,7 +85,7 @@ def test_answers_held_back_by_a_menu_come_in_one_burst_and_shift_nothing(name: s
     items = simulate(daq.gauges.host([CASES[name]]), device, 12 * S, character_ns=500_000)
     samples = samples_of(items)
     early_ns = [s.requested_ns - instrument.took_ns(s) for s in samples]
-    stirred = len(instrument.taken_ns) // STIR
+    stirred = 12 * S // STIR_EVERY_NS
     assert sum(early > 0 for early in early_ns) <= 1 + stirred, (
         "at most the burst's first and where the line is stirred"
     )

@@ -92,7 +92,7 @@ def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, 
 
     recorder = Recorder({"g1": inbox}, create, lambda: None)
     monkeypatch.setattr(daq.recorder, "require_readings", lambda inboxes, test: None)
-    path = recorder.start_run(Label(name="a", test="radial"))
+    path = recorder.start_run(Label(name="a", test="radial")).result()
     now[0] = later(START, 10.0, stepped_s=3600.0)
     anchor = Clock(monotonic_ns=now[0].monotonic_ns, unix_ns=now[0].wall_ns, bracket_ns=0)
     inbox.deliver([Sample((1.0,), -1, now[0].monotonic_ns, now[0].monotonic_ns, 8)])
