@@ -197,6 +197,8 @@ class Recorder(threading.Thread):
             log.error("recording %s: not begun, for an error in the program", beginning.label.name, exc_info=error)
         elif beginning.waited is not None:
             self._told.tell("recording", "waits", f"{error} (samples missed: {beginning.waited.words()})")
+        if beginning.stop is not None:
+            self._give_up()
 
     def _begun(self, beginning: Beginning, writer: RunWriter, lost: Mapping[str, int]) -> None:
         label = beginning.label

@@ -493,3 +493,31 @@ def test_a_former_run_that_takes_long_to_bring_back_holds_nothing_up(
     done.set()
     written.until_it_goes_on()
     written.accounted()
+
+
+def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(
+    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    asked, done = threading.Event(), threading.Event()
+
+    def refuse(path: Path) -> None:
+        asked.set()
+        assert done.wait(20)
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    written.round()
+    with failing(errno.EIO, "fsync"):
+        written.round()
+    monkeypatch.setattr(durable, "make_directory", refuse)
+    written.recorder._waiting._try_at_s = 0.0  # type: ignore[union-attr]
+    while not asked.is_set():
+        written.recorder._round()
+    written.deliver(7)
+    written.recorder._round()
+    ending = written.recorder.stop_run()
+    done.set()
+    with pytest.raises(CellError, match="cannot be written"):
+        ending.result()
+    written.begun()
+    assert written.recorder.state()["waiting"] is None
+    assert "waits no longer, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
