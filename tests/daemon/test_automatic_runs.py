@@ -141,14 +141,19 @@ def _by_hand(tmp_path: Path) -> tuple[Recorder, Attendant, dict[str, Inbox]]:
     return recorder, Attendant(recorder, rig.automatic), inboxes
 
 
-def test_a_recording_that_cannot_be_ends_none(tmp_path: Path) -> None:
-    recorder, attendant, inboxes = _by_hand(tmp_path)
+def _signal_on(attendant: Attendant, inboxes: dict[str, Inbox], on: range) -> None:
+    """Two seconds of the robot, one of its outputs on in some of the 200 samples; the gauges read."""
     now_ns = time.monotonic_ns()
     inboxes["g1_g2"].deliver([Sample((1.0, 2.0), NO_TIME, now_ns, now_ns, 60)])
     stamps = [now_ns - 2_000_000_000 + 10_000_000 * number for number in range(200)]
-    turned_on = [Sample((0.0,) * 6 + (float(n >= 50),), NO_TIME, at, at, 60) for n, at in enumerate(stamps)]
-    inboxes["robot"].deliver(turned_on)
-    attendant.hear(turned_on)
+    samples = [Sample((0.0,) * 6 + (float(n in on),), NO_TIME, at, at, 60) for n, at in enumerate(stamps)]
+    inboxes["robot"].deliver(samples)
+    attendant.hear(samples)
+
+
+def test_a_recording_that_cannot_be_ends_none(tmp_path: Path) -> None:
+    recorder, attendant, inboxes = _by_hand(tmp_path)
+    _signal_on(attendant, inboxes, range(50, 200))
     attendant.round()
     recorder._disk._beginner.submit(lambda: None).result()
     name = recorder.state()["recording"]
@@ -165,12 +170,7 @@ def test_a_recording_that_cannot_be_ends_none(tmp_path: Path) -> None:
 def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
     """Without threads the blink has its length on any machine."""
     recorder, attendant, inboxes = _by_hand(tmp_path)
-    now_ns = time.monotonic_ns()
-    inboxes["g1_g2"].deliver([Sample((1.0, 2.0), NO_TIME, now_ns, now_ns, 60)])
-    stamps = [now_ns - 2_000_000_000 + 10_000_000 * number for number in range(200)]
-    blink = [Sample((0.0,) * 6 + (float(50 <= n < 80),), NO_TIME, at, at, 60) for n, at in enumerate(stamps)]
-    inboxes["robot"].deliver(blink)
-    attendant.hear(blink)
+    _signal_on(attendant, inboxes, range(50, 80))
     attendant.round()
     recorder._disk.rest()
     (path,) = tmp_path.iterdir()
@@ -181,12 +181,7 @@ def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
 
 def test_a_disk_that_refuses_is_why_nothing_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     recorder, attendant, inboxes = _by_hand(tmp_path)
-    now_ns = time.monotonic_ns()
-    inboxes["g1_g2"].deliver([Sample((1.0, 2.0), NO_TIME, now_ns, now_ns, 60)])
-    stamps = [now_ns - 2_000_000_000 + 10_000_000 * number for number in range(200)]
-    turned_on = [Sample((0.0,) * 6 + (float(n >= 50),), NO_TIME, at, at, 60) for n, at in enumerate(stamps)]
-    inboxes["robot"].deliver(turned_on)
-    attendant.hear(turned_on)
+    _signal_on(attendant, inboxes, range(50, 200))
     monkeypatch.setattr(durable, "free_bytes", lambda _: 0)
     attendant.round()
     recorder._disk._beginner.submit(lambda: None).result()
