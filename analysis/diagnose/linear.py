@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from analysis.diagnose.blocks import Block
 from analysis.effects import apply, module_of
-from analysis.fitting.observation import predicted
+from analysis.fitting.observation import predicted, seen
 from analysis.fitting.setups import moved_setup, terms_of
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, moved
@@ -21,6 +21,8 @@ from rigs.effects import Effect, JointOffset
 
 _STEP_DEG = 1e-4
 _STEP_MM = 0.01
+_READING = ("setup", "gauge")
+"""Stages that leave the tool where it is."""
 
 
 class Linear:
@@ -28,8 +30,11 @@ class Linear:
 
     def __init__(self, blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> None:
         self.blocks, self.setups = tuple(blocks), dict(setups)
-        self._base = [predicted(block.model, block.one, setups[block.one.setup]) for block in blocks]
         self._scenes = [moved(block.model, block.one.path) for block in blocks]
+        self._base = [
+            seen(block.model, block.one, scene, setups[block.one.setup])
+            for block, scene in zip(blocks, self._scenes, strict=True)
+        ]
         self._slopes = [self._slope(block, base) for block, base in zip(blocks, self._base, strict=True)]
         self._tables = {block.one.setup: block.one.table for block in blocks}
         counts = [terms_of(table) for table in self._tables.values()]
@@ -55,9 +60,12 @@ class Linear:
         """Columns without what set-up terms can do."""
         return columns - self._basis @ (self._basis.T @ columns)
 
-    def residual(self, effects: Sequence[Effect], setups: Mapping[str, SetUp]) -> Array:
-        """What effects, all in the simulator together, and set-ups leave: (N,), nothing projected out."""
-        return np.concatenate([self._left(k, effects, setups) for k in range(len(self.blocks))])
+    def leaving(self, effects: Sequence[Effect]) -> Callable[[Mapping[str, SetUp]], Array]:
+        """What effects, all in the simulator together, and set-ups leave: (N,) by set-ups, nothing projected out."""
+        added = [self.adding(k, effects) for k in range(len(self.blocks))]
+        return lambda setups: np.concatenate([
+            block.y - block.whitened(of(setups)) for block, of in zip(self.blocks, added, strict=True)
+        ])  # fmt: skip
 
     @property
     def stands(self) -> NDArray[np.bool_]:
@@ -70,10 +78,11 @@ class Linear:
             name: moved_setup(self.setups[name], table, moved[self.terms[name]]) for name, table in self._tables.items()
         }
 
-    def added_mm(self, k: int, effects: Sequence[Effect], setups: Mapping[str, SetUp]) -> Array:
-        """What effects, all together, and set-ups add to the readings (m, k) mm of one block."""
-        block = self.blocks[k]
-        return predicted(_with(block.model, *effects), block.one, setups[block.one.setup]) - self._base[k]
+    def adding(self, k: int, effects: Sequence[Effect]) -> Callable[[Mapping[str, SetUp]], Array]:
+        """What effects, all together, and set-ups add to the readings (m, k) mm of one block, by set-ups."""
+        one, model, base = self.blocks[k].one, _with(self.blocks[k].model, *effects), self._base[k]
+        scene = moved(model, one.path)
+        return lambda setups: seen(model, one, scene, setups[one.setup]) - base
 
     def in_mm(self, left: Array) -> list[Array]:
         """What is left (N,) in standard deviations as each block's entries in mm: less what set-up and scatter can
@@ -110,10 +119,6 @@ class Linear:
         whole[begin : begin + len(block.y)] = block.whitened(added)
         return whole
 
-    def _left(self, k: int, effects: Sequence[Effect], setups: Mapping[str, SetUp]) -> Array:
-        left: Array = self.blocks[k].y - self.blocks[k].whitened(self.added_mm(k, effects, setups))
-        return left
-
     def _added(self, k: int, effects: Sequence[Effect]) -> Array:
         block, scene, base = self.blocks[k], self._scenes[k], self._base[k]
         rows = block.one.path.rows[block.one.rows]
@@ -125,7 +130,8 @@ class Linear:
                 added[:, :, place] = self._slopes[k][:, :, axis] * turned[:, axis, None]
             else:
                 grown = _with(block.model, effect)
-                added[:, :, place] = predicted(grown, block.one, self.setups[block.one.setup]) - base
+                there = scene if module_of(effect).STAGE in _READING else moved(grown, block.one.path)
+                added[:, :, place] = seen(grown, block.one, there, self.setups[block.one.setup]) - base
         return block.whitened(added)
 
     def _slope(self, block: Block, base: Array) -> Array:
@@ -144,10 +150,11 @@ class Linear:
             rows = slice(begin, begin + len(block.y))
             begin += len(block.y)
             model, setup = _with(block.model, *effects), setups[block.one.setup]
-            base = predicted(model, block.one, setup)
+            scene = moved(model, block.one.path)
+            base = seen(model, block.one, scene, setup)
             terms = self.terms[block.one.setup]
             for k, step in enumerate(_STEP_MM * np.eye(terms.stop - terms.start), start=terms.start):
-                changed = predicted(model, block.one, moved_setup(setup, block.one.table, step))
+                changed = seen(model, block.one, scene, moved_setup(setup, block.one.table, step))
                 columns[rows, k] = block.whitened(changed - base) / _STEP_MM
         return columns
 

@@ -13,9 +13,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from analysis.fitting.observation import Observation, predicted
+from analysis.fitting.observation import Observation, predicted, seen
 from analysis.kinematics.arm import Array
-from analysis.model.predict import Model, SetUp
+from analysis.model.predict import Model, SetUp, moved
 from analysis.model.simulate import Noise as Cell
 from analysis.reading.tables import Integers, PoseTable
 from rigs.effects import JointOffset
@@ -51,14 +51,15 @@ def shaken_by(model: Model, one: Observation, setup: SetUp) -> Array:
     """What a good cell's scatter of each joint and of the ball adds to the readings, (m, k, 9) mm; for poses, whose
     instrument's place is fitted anyway, of the joints alone (m, 3, 6)."""
     good = Cell()
-    base = predicted(model, one, setup)
+    scene = moved(model, one.path)
+    base = seen(model, one, scene, setup)
     columns = []
     for axis in range(1, 7):
         offset = JointOffset(axis=axis, offset_deg=good.scatter_deg)
         columns.append(predicted(replace(model, effects=(*model.effects, offset)), one, setup) - base)
     if not isinstance(one.table, PoseTable):
         steps = good.scatter_mm * np.eye(3)
-        columns += [predicted(model, one, replace(setup, ball=setup.ball + step)) - base for step in steps]
+        columns += [seen(model, one, scene, replace(setup, ball=setup.ball + step)) - base for step in steps]
     return np.stack(columns, axis=2)
 
 

@@ -153,15 +153,16 @@ class _Problem:
     def _settled(self, effects: Sequence[Effect], moved: Array) -> tuple[Array, Array]:
         """Set-ups fitted to what effects leave, as how far (s,) mm they moved, and what is left without what they could
         still do."""
+        left = self.linear.leaving(effects)
         for _ in range(_SETTLING):
-            r = self.linear.residual(effects, self.linear.placed(moved))
+            r = left(self.linear.placed(moved))
             held = self._held * max(1.0, float(np.mean(r**2)))
             change = np.linalg.solve(self._normal + np.diag(held), self._U.T @ r - held * moved)
             if np.abs(change).max() < _SETTLED_MM:
                 break
             moved = moved + change * min(1.0, _STEP_MM / np.abs(change).max())
         else:
-            r = self.linear.residual(effects, self.linear.placed(moved))
+            r = left(self.linear.placed(moved))
         return moved, self._projected(r)
 
     def _cost(self, r: Array, x: Array) -> float:

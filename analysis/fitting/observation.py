@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.model.predict import Model, Path, SetUp, path_of, predict
+from analysis.model.predict import Model, Path, SetUp, moved, path_of, read
+from analysis.model.scene import Scene
 from analysis.reading.lap import lap_of
 from analysis.reading.tables import CircleTable, Integers, PoseTable, RadialTable, RepeatabilityTable, Table, test_of
 from analysis.tests.places import hold_targets
@@ -39,7 +40,12 @@ def observe(model: Model, table: Table, where: str) -> Observation:
 
 def predicted(model: Model, one: Observation, setup: SetUp) -> Array:
     """What a model says the observed readings are, (m, k) mm; of poses the places."""
-    values = predict(model, one.table, one.path, setup)
+    return seen(model, one, moved(model, one.path), setup)
+
+
+def seen(model: Model, one: Observation, scene: Scene, setup: SetUp) -> Array:
+    """The same from a scene that is there already: one for all set-ups."""
+    values = read(model, one.table, one.path, scene, setup)
     if isinstance(one.table, PoseTable):
         values = values[:, [3, 7, 11]]
     return values[one.rows]

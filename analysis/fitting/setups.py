@@ -11,10 +11,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.fitting.observation import Observation, predicted, residuals_of
+from analysis.fitting.observation import Observation, predicted, seen
 from analysis.fitting.rigid import best_rigid, moved_by
 from analysis.kinematics.arm import Array
-from analysis.model.predict import Model, SetUp, nominal_setup
+from analysis.model.predict import Model, SetUp, moved, nominal_setup
 from analysis.reading.tables import CircleTable, PoseTable, Table
 
 _REACH_MM = 100.0
@@ -72,24 +72,28 @@ def _begun(model: Model, one: Observation) -> SetUp:
 def _placed(parts: Sequence[tuple[Model, Observation]], start: SetUp) -> SetUp:
     table = parts[0][1].table
     poses, count = isinstance(table, PoseTable), terms_of(table)
+    scenes = [moved(model, one.path) for model, one in parts]
+
+    def left(change: Array) -> Array:
+        setup = moved_setup(start, table, change)
+        return np.concatenate([
+            (one.values - seen(model, one, scene, setup)).ravel()
+            for (model, one), scene in zip(parts, scenes, strict=True)
+        ])  # fmt: skip
+
     ball = np.arange(count) < (0 if poses else 3)
-    moved, change, J = np.zeros(count), np.zeros(count), np.empty(0)
+    so_far, change, J = np.zeros(count), np.zeros(count), np.empty(0)
     for turn in range(_ROUNDS):
-        r = _left(parts, moved_setup(start, table, moved))
+        r = left(so_far)
         if turn < 2 or np.abs(change).max() > _STRAIGHT_MM:
-            steps = moved + _STEP_MM * np.eye(count)
-            J = np.stack([(r - _left(parts, moved_setup(start, table, at))) / _STEP_MM for at in steps], axis=1)
+            steps = so_far + _STEP_MM * np.eye(count)
+            J = np.stack([(r - left(at)) / _STEP_MM for at in steps], axis=1)
         # A ball as far off as it may be costs as much as what is left now: far from the end it is held the firmer.
         held = np.where(ball, (r @ r) / BALL_MM**2, 1e-12)
-        change = np.linalg.solve(J.T @ J + np.diag(held), J.T @ r - held * moved)
+        change = np.linalg.solve(J.T @ J + np.diag(held), J.T @ r - held * so_far)
         if not poses:
             change *= min(1.0, _FURTHEST_MM / max(float(np.abs(change).max()), 1e-12))
-        moved = moved + change
+        so_far = so_far + change
         if np.abs(change).max() < _ENOUGH_MM:
             break
-    return moved_setup(start, table, moved)
-
-
-def _left(parts: Sequence[tuple[Model, Observation]], setup: SetUp) -> Array:
-    found = [residuals_of(model, [one], {one.setup: setup})[0].ravel() for model, one in parts]
-    return np.concatenate(found)
+    return moved_setup(start, table, so_far)

@@ -70,20 +70,57 @@ def transform(pose: Pose) -> Array:
 
 def link_frames(arm: Arm, q: Array) -> Array:
     """T_world_link of each joint's frame for joint angles q (n, 6): (n, 6, 4, 4)."""
-    theta = q @ arm.coupling.T + arm.offset
-    cosine, sine = np.cos(theta)[:, :, None], np.sin(theta)[:, :, None]
-    frames = np.zeros((len(q), 6, 4, 4))
-    frames[:, :, 3, 3] = 1.0
-    before: Array = np.broadcast_to(arm.T_world_base[:3], (len(q), 3, 4))
-    for axis in range(6):
-        # One product with the joint's constants for all rows of all frames; the turn mixes two columns.
-        at_zero = (before.reshape(-1, 4) @ _joint_at_zero(arm, axis)).reshape(-1, 3, 4)
-        x, y, c, s = at_zero[:, :, 0], at_zero[:, :, 1], cosine[:, axis], sine[:, axis]
-        before = frames[:, axis, :3]
-        before[:, :, 0] = c * x + s * y
-        before[:, :, 1] = c * y - s * x
-        before[:, :, 2:] = at_zero[:, :, 2:]
-    return frames
+    return np.stack([_frames(columns) for columns in _link_columns(arm, q)], axis=1)
+
+
+def forward(arm: Arm, q: Array) -> Array:
+    """T_world_tool for joint angles q (n, 6): (n, 4, 4)."""
+    return _frames(_at(_link_columns(arm, q)[5], arm.T_flange_tool))
+
+
+def forward_and_jacobian(arm: Arm, q: Array) -> tuple[Array, Array]:
+    """T_world_tool (n, 4, 4) and the geometric Jacobian of the tool's origin (n, 6, 6).
+
+    Rows: linear velocity in mm/rad, then angular velocity, both in the world; columns: joints of the
+    controller, so that couplings are in it.
+    """
+    links = _link_columns(arm, q)
+    tool = _at(links[5], arm.T_flange_tool)
+    axes = links[:, 2]
+    (ax, ay, az), (rx, ry, rz) = np.moveaxis(axes, 1, 0), np.moveaxis(tool[3] - links[:, 3], 1, 0)
+    linear = np.stack([ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx], axis=1)
+    per_theta = np.concatenate([linear, axes], axis=1)
+    J = np.tensordot(arm.coupling, per_theta, axes=(0, 0))
+    return _frames(tool), np.ascontiguousarray(J.transpose(2, 1, 0))
+
+
+def _link_columns(arm: Arm, q: Array) -> Array:
+    """The four columns x, y, z and origin of each joint's frame, (6, 4, 3, n): samples last, so that each step of the
+    chain is one operation on long rows."""
+    theta = arm.coupling @ q.T + arm.offset[:, None]
+    cosine, sine = np.cos(theta), np.sin(theta)
+    links = np.empty((6, 4, 3, len(q)))
+    before: Array = np.broadcast_to(arm.T_world_base[:3].T[:, :, None], (4, 3, len(q)))
+    for axis, (c, s) in enumerate(zip(cosine, sine, strict=True)):
+        x, y, *others = _at(before, _joint_at_zero(arm, axis))
+        before = links[axis]
+        before[0] = c * x + s * y
+        before[1] = c * y - s * x
+        before[2:] = others
+    return links
+
+
+def _at(columns: Array, T: Array) -> Array:
+    """Columns (4, 3, n) of frames, each moved by a constant T (4, 4) of its own coordinates."""
+    return (T.T @ columns.reshape(4, -1)).reshape(columns.shape)
+
+
+def _frames(columns: Array) -> Array:
+    """Frames (n, 4, 4) of their columns (4, 3, n)."""
+    T = np.zeros((columns.shape[2], 4, 4))
+    T[:, :3] = columns.transpose(2, 1, 0)
+    T[:, 3, 3] = 1.0
+    return T
 
 
 def _joint_at_zero(arm: Arm, axis: int) -> Array:
@@ -97,26 +134,6 @@ def _joint_at_zero(arm: Arm, axis: int) -> Array:
         [-ca * sb, sa, ca * cb, d * ca * cb],
         [0.0, 0.0, 0.0, 1.0],
     ])  # fmt: skip
-
-
-def forward(arm: Arm, q: Array) -> Array:
-    """T_world_tool for joint angles q (n, 6): (n, 4, 4)."""
-    T: Array = link_frames(arm, q)[:, 5] @ arm.T_flange_tool
-    return T
-
-
-def forward_and_jacobian(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """T_world_tool (n, 4, 4) and the geometric Jacobian of the tool's origin (n, 6, 6).
-
-    Rows: linear velocity in mm/rad, then angular velocity, both in the world; columns: joints of the
-    controller, so that couplings are in it.
-    """
-    frames = link_frames(arm, q)
-    T = frames[:, 5] @ arm.T_flange_tool
-    axes = frames[:, :, :3, 2]
-    arms = T[:, None, :3, 3] - frames[:, :, :3, 3]
-    per_theta = np.concatenate([np.cross(axes, arms), axes], axis=2)
-    return T, np.einsum("nik,ij->nkj", per_theta, arm.coupling)
 
 
 def pose_error(T: Array, target: Array) -> Array:

@@ -6,6 +6,7 @@ docs/geometry.md, "Circle test": P = C + R r(phi), z_T = -r, x_T = n, y_T = z_T 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -48,8 +49,9 @@ class CircleFrame:
         return np.unwrap(np.arctan2(from_centre @ self.v, from_centre @ self.u))
 
 
+@lru_cache(maxsize=16)
 def frame_of(circle: Circle) -> CircleFrame:
-    """The frame of a rig file's circle."""
+    """The frame of a rig file's circle; a fit asks for that of the same few over and over."""
     n = np.array(circle.normal) / np.linalg.norm(circle.normal)
     zero = np.array(circle.zero)
     u = zero - (zero @ n) * n

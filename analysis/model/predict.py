@@ -118,7 +118,11 @@ def _came_from(model: Model, table: RepeatabilityTable) -> Array:
 
 def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
     """Readings (m, k) of a table: gauges in mm; for poses the target's T_instrument_target, (m, 16) row by row."""
-    scene = moved(model, path)
+    return read(model, table, path, moved(model, path), setup)
+
+
+def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> Array:
+    """The same from a scene that is there already: nothing that a set-up changes moves the tool."""
     if isinstance(table, PoseTable):
         T = setup.T_instrument_world @ scene.T[path.rows] @ setup.T_tool_target
         return T.reshape(-1, 16)

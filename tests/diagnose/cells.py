@@ -126,7 +126,7 @@ def holding(linear: Linear, y: Array) -> Linear:
 def shown_by(linear: Linear, effects: Sequence[Effect]) -> Array:
     """What effects, on the simulator and all together, add to the residual (N,) in standard deviations."""
     return np.concatenate(
-        [block.whitened(linear.added_mm(k, effects, linear.setups)) for k, block in enumerate(linear.blocks)]
+        [block.whitened(linear.adding(k, effects)(linear.setups)) for k, block in enumerate(linear.blocks)]
     )
 
 

@@ -71,7 +71,7 @@ def test_what_a_ball_or_a_zero_can_do_leaves_nothing() -> None:
     assert len(linear.stands) == terms_of(linear.blocks[0].one.table) == 5
     for term, moved in enumerate(0.02 * np.eye(5)):
         there = linear.placed(moved)
-        shift = np.concatenate([block.whitened(linear.added_mm(k, (), there)) for k, block in enumerate(linear.blocks)])
+        shift = np.concatenate([block.whitened(linear.adding(k, ())(there)) for k, block in enumerate(linear.blocks)])
         assert np.linalg.norm(linear.projected(shift)) < 5e-3 * max(np.linalg.norm(shift), 1.0), term
 
 
@@ -107,16 +107,16 @@ def test_the_residual_is_exact_for_large_effects_and_moved_set_ups() -> None:
         parts.append(block.whitened(grown.g_mm[block.one.rows] - base))
     there = holding(linear, np.concatenate(parts))
     whole = np.linalg.norm(np.concatenate(parts))
-    assert np.linalg.norm(there.residual(effects, {"yaw": planted()})) < 1e-3 * whole
-    assert np.linalg.norm(there.residual(effects[:1], {"yaw": planted()})) > 1e-2 * whole
+    assert np.linalg.norm(there.leaving(effects)({"yaw": planted()})) < 1e-3 * whole
+    assert np.linalg.norm(there.leaving(effects[:1])({"yaw": planted()})) > 1e-2 * whole
     off = replace(planted(), zeros_mm=np.array([0.1, 0.0]))
-    assert np.linalg.norm(there.residual(effects, {"yaw": off})) > 10
+    assert np.linalg.norm(there.leaving(effects)({"yaw": off})) > 10
 
 
 def test_nothing_named_leaves_the_residual() -> None:
     linear = healthy()
     y = white(linear, 1)
-    np.testing.assert_allclose(holding(linear, y).residual((), linear.setups), y, atol=1e-9)
+    np.testing.assert_allclose(holding(linear, y).leaving(())(linear.setups), y, atol=1e-9)
 
 
 def test_jolts_at_every_sample_are_an_offset() -> None:

@@ -20,7 +20,7 @@ def _shown(effect: Effect) -> list[Array]:
     """The residual in mm that an effect leaves in each block, with noise."""
     linear = healthy()
     return [
-        NOISE[k] + entries(linear.added_mm(k, [effect], linear.setups), block.sampling)
+        NOISE[k] + entries(linear.adding(k, [effect])(linear.setups), block.sampling)
         for k, block in enumerate(linear.blocks)
     ]
 
