@@ -199,12 +199,14 @@ def sized(found: Refined) -> list[tuple[str, float, float, str]]:
 def plays(found: Diagnosed) -> str:
     """The width that each joint's play would have beside the names, and the most evidence that any has."""
     search = found.search.beside(found.refined.left, found.refined.tangents)
+    basis, _ = np.linalg.qr(found.refined.tangents)
     gains = search.table(found.level).gains(())
     best = max(float(gains[k]) for k, name in enumerate(search.names) if name.startswith("backlash"))
     widths = []
     for axis in range(1, 7):
         k = search.names.index(f"backlash {axis}")
         column = search.dictionary.G[:, search.dictionary.main[k][0]]
+        column = column - basis @ (basis.T @ column)
         energy = float(column @ column)
         healthy = healthy_size(Backlash(axis=axis))
         if energy > 1.0:

@@ -58,13 +58,6 @@ class Dictionary:
         self.sigma = np.array([own[cols].max() for cols in self.main])
         self.own = np.array([(own[cols] / np.maximum(size[cols], 1e-9)).max() for cols in self.main])
 
-    def beside(self, free: Array) -> Dictionary:
-        """The same columns without what the columns `free` (N, q) can do."""
-        other = copy(self)
-        basis, _ = np.linalg.qr(free)
-        other.G = self.G - basis @ (basis.T @ self.G)
-        return other
-
     def background(self, level: float) -> Array:
         """Standard deviation (p,) of each column in a healthy arm, where each effect is at most healthy and has
         `level` of its detection limit."""
@@ -114,7 +107,14 @@ class Background:
 
     def product(self, left: Array, right: Array) -> Array:
         """left' C⁻¹ right."""
-        return left.T @ right - self.halved(left).T @ self.halved(right)
+        half = self.halved(left)
+        found: Array = left.T @ right - half.T @ (half if right is left else self.halved(right))
+        return found
+
+    def chi2(self, left: Array) -> float:
+        """left' C⁻¹ left of (N,)."""
+        half = self.halved(left)
+        return float(left @ left - half @ half)
 
     def weighted(self, columns: Array) -> Array:
         """C⁻¹ columns, (N, …)."""

@@ -68,7 +68,7 @@ def unknown(blocks: Sequence[Block], left: Array) -> float:
 
 def whole(left: Array, background: Background) -> float:
     """Log evidence for more noise than that of the repeats and a strong background together, over all readings."""
-    chi2, n = float(background.product(left[:, None], left[:, None])[0, 0]), len(left)
+    chi2, n = background.chi2(left), len(left)
     return 0.5 * (chi2 - n - n * float(np.log(chi2 / n))) if chi2 > n else 0.0
 
 

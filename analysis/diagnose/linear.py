@@ -126,8 +126,7 @@ class Linear:
         for place, effect in enumerate(effects):
             if module_of(effect).STAGE == "joint":
                 turned = apply([effect], "joint", scene).link_q[rows] - scene.link_q[rows]
-                axis = int(np.argmax(np.abs(turned).max(axis=0)))
-                added[:, :, place] = self._slopes[k][:, :, axis] * turned[:, axis, None]
+                added[:, :, place] = np.einsum("mkj,mj->mk", self._slopes[k], turned)
             else:
                 grown = _with(block.model, effect)
                 there = scene if module_of(effect).STAGE in _READING else moved(grown, block.one.path)

@@ -111,7 +111,7 @@ class _Problem:
         """Fitted from where effects are; large ones turn what set-ups can do, so that is found anew on the way."""
         now: list[Any] = list(effects)
         _, plain = self._settled([], np.zeros(len(self._held)))
-        whole = float(self._plain.product(plain[:, None], plain[:, None])[0, 0])
+        whole = self._plain.chi2(plain)
         large = bool(now) and float(np.mean(plain**2)) > _LARGE
         moved = np.zeros(len(self._held))
         for _ in range(_TURNS if large else 0):
@@ -166,7 +166,7 @@ class _Problem:
         return moved, self._projected(r)
 
     def _cost(self, r: Array, x: Array) -> float:
-        chi2 = float(self.background.product(r[:, None], r[:, None])[0, 0])
+        chi2 = self.background.chi2(r)
         return chi2 + float((((x - self.expected) / self.spread) ** 2).sum())
 
     def _slopes(self, effects: Sequence[Any]) -> Array:

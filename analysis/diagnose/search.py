@@ -6,6 +6,7 @@ Effects are linear here, shapes with them; `refine` follows on the simulator.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,25 +45,25 @@ class Found:
 
 
 class Search:
-    """The names that explain y (N,), on one dictionary; y: of its own linearisation where none is given."""
+    """The names that explain y (N,), on one dictionary; y: of its own linearisation where none is given.
 
-    def __init__(
-        self,
-        dictionary: Dictionary,
-        y: Array | None = None,
-        testable: NDArray[np.bool_] | None = None,
-        depth: int = DEPTH,
-    ) -> None:
+    Products of columns are what evidence is made of: h (p,) with y, yy of y with itself, Kb (b, p) of the background's
+    with all, `own` of each group's within a candidate. Where columns are free beside the names, `off` (q, p) is what
+    they take: off_i'off_j of the product of columns i and j.
+    """
+
+    def __init__(self, dictionary: Dictionary, y: Array | None = None, depth: int = DEPTH) -> None:
         y = dictionary.y if y is None else y
         self.dictionary, self.y, self.depth = dictionary, y, depth
-        seen = (dictionary.own >= _OWN_SHARE) & (LARGEST * dictionary.sigma >= DETECTABLE)
-        self.testable = seen if testable is None else testable
+        self.testable: NDArray[np.bool_] = (dictionary.own >= _OWN_SHARE) & (LARGEST * dictionary.sigma >= DETECTABLE)
         self.names = [candidate.name for candidate in dictionary.candidates]
         self.price = PRICE + float(np.log(len(set(self.names))))
         G = dictionary.G
         self.behind = self._background_columns()
+        self.groups = _groups(dictionary)
         self.Kb = G[:, self.behind].T @ G
-        """Products of the background's columns with all columns."""
+        self.own = [_within(G, cols) for _, cols, _, _ in self.groups]
+        self.off = np.empty((0, G.shape[1]))
         self.h = G.T @ y
         self.yy = float(y @ y)
 
@@ -92,7 +93,14 @@ class Search:
 
     def beside(self, left: Array, free: Array) -> Search:
         """The same search for what is left (N,) of the residual, where the columns `free` (N, q) are free too."""
-        return Search(self.dictionary.beside(free), left, self.testable, self.depth)
+        other = copy(self)
+        basis, _ = np.linalg.qr(free)
+        G = self.dictionary.G
+        other.y, other.off = left, basis.T @ G
+        other.Kb = self.Kb - other.off[:, self.behind].T @ other.off
+        other.h = G.T @ left - other.off.T @ (basis.T @ left)
+        other.yy = float(left @ left)
+        return other
 
     def table(self, level: float) -> Table:
         """Products under one background level."""
@@ -127,13 +135,15 @@ class Table:
         share = search.shares(level)
         gram = search.Kb[:, behind] * np.outer(share, share)
         L = np.linalg.cholesky(np.eye(len(share)) + gram)
-        self._W = solve_triangular(L, share[:, None] * search.Kb, lower=True, check_finite=False)
+        W = solve_triangular(L, share[:, None] * search.Kb, lower=True, check_finite=False)
         w = solve_triangular(L, share * search.h[behind], lower=True, check_finite=False)
-        self.h = search.h - self._W.T @ w
+        self.h = search.h - W.T @ w
+        self._off = np.concatenate([search.off, W])
         self.null = -0.5 * (search.yy - float(w @ w)) - float(np.log(np.diag(L)).sum()) - _doubt(level)
         self._with: dict[int, Array] = {}
-        self._groups = _groups(search.dictionary)
-        self._blocks = [self._block(cols) for _, cols, _, _ in self._groups]
+        self._blocks = [
+            own - _within(self._off, cols) for own, (_, cols, _, _) in zip(search.own, search.groups, strict=True)
+        ]
 
     def explained(self) -> Found:
         """Names added while one pays, each time dropped and swapped where that is better."""
@@ -169,7 +179,7 @@ class Table:
         search = self.search
         gains = np.full(len(search.names), -np.inf)
         h, drop = self._without(chosen)
-        for (members, cols, mains, shares), block in zip(self._groups, self._blocks, strict=True):
+        for (members, cols, mains, shares), block in zip(search.groups, self._blocks, strict=True):
             A = block if drop is None else block - drop(cols)
             b = h[cols]
             precision, x = _precision(A, b, mains, shares)
@@ -211,23 +221,8 @@ class Table:
         """Products of one column with all."""
         if column not in self._with:
             G = self.search.dictionary.G
-            self._with[column] = G.T @ G[:, column] - self._W.T @ self._W[:, column]
+            self._with[column] = G.T @ G[:, column] - self._off.T @ self._off[:, column]
         return self._with[column]
-
-    def _block(self, cols: Array) -> Array:
-        """Products within each candidate of a group: (n, q, q)."""
-        G = self.search.dictionary.G
-        q = cols.shape[1]
-        block = np.empty((len(cols), q, q))
-        for i in range(q):
-            for j in range(i, q):
-                a, b = cols[:, i], cols[:, j]
-                block[:, i, j] = block[:, j, i] = self._products(G, a, b)
-        return block
-
-    def _products(self, G: Array, a: Array, b: Array) -> Array:
-        found: Array = np.einsum("nk,nk->k", G[:, a], G[:, b]) - np.einsum("nk,nk->k", self._W[:, a], self._W[:, b])
-        return found
 
     def _without(self, chosen: Sequence[int]) -> tuple[Array, Callable[[Array], Array] | None]:
         """h, and what to take off a group's products, where the sizes of what is chosen are free."""
@@ -297,6 +292,16 @@ def _groups(dictionary: Dictionary) -> list[tuple[Array, Array, int, Array]]:
         )
         for (mains, shapes), members in forms.items()
     ]
+
+
+def _within(G: Array, cols: Array) -> Array:
+    """Products of columns of G (N, p) within each candidate of a group, cols (n, q): (n, q, q)."""
+    q = cols.shape[1]
+    block = np.empty((len(cols), q, q))
+    for i in range(q):
+        for j in range(i, q):
+            block[:, i, j] = block[:, j, i] = np.einsum("nk,nk->k", G[:, cols[:, i]], G[:, cols[:, j]])
+    return block
 
 
 def _precision(A: Array, b: Array, mains: int, shares: Array) -> tuple[Array, Array]:

@@ -50,18 +50,6 @@ def test_own_is_the_share_that_no_set_up_does() -> None:
     assert own[0] < 0.02 < own[1] <= 1
 
 
-def test_beside_free_columns_nothing_of_them_is_left() -> None:
-    linear = healthy()
-    effects = [Backlash(axis=1, width_deg=0.01), JointOffset(axis=3, offset_deg=0.02)]
-    found = Dictionary(linear, [Candidate("b", (effects[0],)), Candidate("j", (effects[1],))])
-    free = np.random.default_rng(1).normal(size=(len(linear.y), 2))
-    other = found.beside(free)
-    np.testing.assert_allclose(free.T @ other.G, 0.0, atol=1e-6 * np.linalg.norm(found.G))
-    none = found.beside(found.G[:, [0]])
-    assert np.linalg.norm(none.G[:, 0]) < 1e-9 * np.linalg.norm(found.G[:, 0])
-    assert np.linalg.norm(none.G[:, 1]) > 0.1 * np.linalg.norm(found.G[:, 1])
-
-
 def test_a_healthy_arm_has_a_level_of_every_limit_and_never_more_than_is_healthy() -> None:
     linear = healthy()
     effects = [Backlash(axis=1, width_deg=0.01), JointOffset(axis=3, offset_deg=0.02)]

@@ -105,6 +105,27 @@ def test_several_names_score_together_and_gain_beside_each_other() -> None:
     assert table.gains((2,))[WAVE_AT] == pytest.approx(gained, abs=1e-4)
 
 
+def test_beside_free_columns_a_name_gains_what_they_leave() -> None:
+    """As if the columns themselves had nothing of what is free."""
+    search = _search((2, 0.8), (5, 1.5))
+    free = np.random.default_rng(1).normal(size=(N, 3))
+    basis, _ = np.linalg.qr(free)
+    bare = _dictionary(search.y - basis @ (basis.T @ search.y))
+    bare.G = bare.G - basis @ (basis.T @ bare.G)
+    bare.sigma = search.dictionary.sigma
+    beside, expected = search.beside(bare.y, free).table(LEVEL), Search(bare).table(LEVEL)
+    np.testing.assert_allclose(beside.gains(()), expected.gains(()), atol=1e-8)
+    np.testing.assert_allclose(beside.gains((GAP_AT,)), expected.gains((GAP_AT,)), atol=1e-8)
+    assert beside.score((2, WAVE_AT)) == pytest.approx(expected.score((2, WAVE_AT)))
+
+
+def test_what_is_free_already_is_no_name() -> None:
+    search = _search((2, 5.0))
+    free = search.dictionary.G[:, [2]]
+    gains = search.beside(search.y, free).table(LEVEL).gains(())
+    assert gains[2] == -np.inf and search.table(LEVEL).gains(())[2] > 100
+
+
 def test_noise_draws_no_name() -> None:
     for seed in range(20):
         assert _search(seed=100 + seed).at(LEVEL).chosen == ()
