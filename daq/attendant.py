@@ -44,8 +44,8 @@ class Attendant:
         self._heard: deque[Sample] = deque()
         self._mine: str | None = None
         """Name of the run that the automat started and that still goes on."""
-        self._starting: tuple[str, Future[Path]] | None = None
-        """Title and run of a start of which the disk has said nothing yet."""
+        self._starting: deque[tuple[str, str, Future[Path]]] = deque()
+        """Title, name and run of each start of which the disk has said nothing yet."""
         self._started_ns = 0
         self._started = 0
         self._refused = 0
@@ -107,29 +107,33 @@ class Attendant:
     def _begin(self, start: Start) -> None:
         rule, recording = start.rule, self._recording()
         if recording:
+            self._automat.forget()
             self._refuse(rule.title, f"{recording} is being recorded by hand")
             return
         label = Label(name=_name(rule), test=rule.test, direction=rule.direction, operator=OPERATOR)
         try:
-            self._starting = (rule.title, self._recorder.start_run(label, start.at_ns - _BEFORE_NS))
+            begun = self._recorder.start_run(label, start.at_ns - _BEFORE_NS)
         except RigError as error:
+            self._automat.forget()
             self._refuse(rule.title, str(error))
             return
+        self._starting.append((rule.title, label.name, begun))
         self._mine, self._started_ns = label.name, start.at_ns
 
     def _has_begun(self) -> None:
-        """What the disk said of the start, if it has."""
-        if self._starting is None or not self._starting[1].done():
-            return
-        (title, begun), self._starting = self._starting, None
-        if error := begun.exception():
-            self._mine = None
+        """What the disk has said of starts."""
+        while self._starting and self._starting[0][2].done():
+            title, name, begun = self._starting.popleft()
+            error = begun.exception()
+            if error is None:
+                self._started, self._why_not = self._started + 1, ""
+                continue
+            if name == self._mine:
+                self._mine = None
+                self._automat.forget()
             self._refuse(title, str(error))
-        else:
-            self._started, self._why_not = self._started + 1, ""
 
     def _refuse(self, title: str, why: str) -> None:
-        self._automat.forget()
         self._refused += 1
         self._why_not = f"{title} at {datetime.now():%H:%M:%S}: {why}"
         log.warning("no automatic recording of %s: %s", title, why)
@@ -149,9 +153,9 @@ class Attendant:
             log.error("%s", error)
 
     def _recording(self) -> object:
-        """Name of the recording that goes on, also while it waits for the disk; None for none."""
+        """Name of the recording that goes on, also while it begins or waits for the disk; None for none."""
         state = self._recorder.state()
-        return state["recording"] or state.get("waiting")
+        return state["recording"] or state["beginning"] or state["waiting"]
 
     def _goes_on(self) -> bool:
         """Whether the automat's run is still being recorded: a full disk or a person may have ended it."""

@@ -24,7 +24,7 @@ class Ended:
     counters: dict[str, dict[str, int]]
 
 
-@dataclass
+@dataclass(eq=False)
 class Beginning:
     """From the wish for a run until the disk has it, or refuses.
 
@@ -42,6 +42,11 @@ class Beginning:
     ended: Future[Ended] = field(default_factory=Future)
 
     @property
+    def is_after_failure(self) -> bool:
+        """Whether it goes on from a run that the disk ended, so that another recording may take its place."""
+        return self.waited is not None and not self.waited.at_once
+
+    @property
     def follows(self) -> str:
         """Name of the run that it goes on from, empty for none."""
         return self.waited.former.name if self.waited else ""
@@ -56,7 +61,7 @@ class Beginning:
 
     def end(self, exit_status: Ending, reason: str) -> Future[Ended]:
         """As soon as it has begun."""
-        self.stop = self.stop or (exit_status, reason)
+        self.stop = (exit_status, reason)
         return self.ended
 
     def refused(self, error: Exception) -> None:
@@ -65,6 +70,10 @@ class Beginning:
             for name, items in self.kept.items():
                 self.waited.missed[name] += len(samples_of(items))
             self.waited.put_off()
+        self.failed(error)
+
+    def failed(self, error: Exception) -> None:
+        """For whoever waits."""
         self.begun.set_exception(error)
         self.ended.set_exception(error)
 

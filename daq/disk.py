@@ -6,6 +6,7 @@ the recorder goes on emptying inboxes, writing what came to where a kill does no
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -64,8 +65,9 @@ class Disk:
         return closed
 
     def begin(self, making: Callable[[], None]) -> None:
-        """To make a run; the closing of the one before does not hold it up."""
-        self._beginner.submit(making)
+        """To make a run; the closing of the one before does not hold it up. What it raises is an error in the program
+        and ends that, as in any thread."""
+        self._beginner.submit(making).add_done_callback(_fail)
 
     @property
     def is_closing(self) -> bool:
@@ -76,3 +78,9 @@ class Disk:
         """Returns when all is done."""
         self._beginner.shutdown()
         self._thread.shutdown()
+
+
+def _fail(done: Future[None]) -> None:
+    if error := done.exception():
+        thread = threading.current_thread()
+        threading.excepthook(threading.ExceptHookArgs((type(error), error, error.__traceback__, thread)))

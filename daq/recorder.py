@@ -27,11 +27,11 @@ from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.quiet_log import QuietLog
 from daq.readiness import require_readings
 from daq.recent import Recent
+from daq.recording import Recording
 from daq.revival import revive
 from daq.store import NearlyFull, RunWriter
 from daq.store.manifest import Ending
 from daq.waiting import Waiting
-from daq.watching import Watch
 from rigs.errors import CellError, RigError
 
 log = logging.getLogger("rigd")
@@ -60,13 +60,11 @@ class Recorder(threading.Thread):
         self._recent = Recent(inboxes)
         self._lock = threading.Lock()
         self._stop_asked = threading.Event()
-        self._writer: RunWriter | None = None
-        self._label: Label | None = None
+        self._recording: Recording | None = None
         self._waiting: Waiting | None = None
         self._beginning: Beginning | None = None
-        self._watch = Watch(touching=False)
-        self._since_ns = 0
-        self._counters: dict[str, Counter[str]] = {}
+        self._leaving: list[Beginning] = []
+        """Stopped before the disk had made their runs."""
         self._told = QuietLog()
         self._disk = Disk(self._told)
         self._clocks = ClockWatch(read_clocks())
@@ -93,7 +91,7 @@ class Recorder(threading.Thread):
                 self._end_for_now("interrupted", error.what)
             except CellError as error:
                 self._end_for_now("failed", str(error))
-            if self._writer is not None and self._writer.is_long:
+            if self._recording is not None and self._recording.writer.is_long:
                 self._end_for_now("complete", "long enough: another run follows")
             self._try_again()
             self._told.slow("write", time.monotonic() - begun)
@@ -110,11 +108,13 @@ class Recorder(threading.Thread):
         Raises CellError: one runs already, a gauge is silent.
         """
         with self._lock:
-            running = self._beginning.label if self._beginning is not None else self._label
-            if running is not None:
-                raise CellError(f"recording {running.name}", "already running", "stop it: rig record stop")
+            runs = self._recording or self._beginning
+            if runs is not None and not (isinstance(runs, Beginning) and runs.is_after_failure):
+                raise CellError(f"recording {runs.label.name}", "already running", "stop it: rig record stop")
             self.require_readings(label)
             self._take(sync=False)
+            if self._beginning is not None:
+                self._leave(self._beginning, "interrupted", f"{label.name} was started")
             self._give_up()
             kept = {name: [] if since_ns is None else self._recent.since(name, since_ns) for name in self._inboxes}
             beginning = Beginning(label, None, kept)
@@ -127,20 +127,20 @@ class Recorder(threading.Thread):
         Raises CellError where none runs.
         """
         with self._lock:
+            self._take(sync=False)
             if self._beginning is not None:
-                return self._beginning.end(exit_status, reason)
-            if self._writer is None:
+                return self._leave(self._beginning, exit_status, reason)
+            if self._recording is None:
                 why = f" (the last one: {self.last_end}{self._give_up()})" if self.last_end else ""
                 raise CellError("rigd", f"nothing is being recorded{why}", "start it: rig record start NAME …")
-            self._take(sync=False)
-            return self._close(self._writer, exit_status, reason)
+            return self._close(self._recording, exit_status, reason)
 
     def shut_down(self, exit_status: Ending, why: str) -> Path | None:
         """End thread and recording; returns the directory of a recording that was cut short."""
         self._stop_asked.set()
         self.join()
         with self._lock:
-            runs = self._writer is not None or self._beginning is not None
+            runs = self._recording is not None or self._beginning is not None
             if not runs:
                 self._give_up()
         try:
@@ -153,23 +153,25 @@ class Recorder(threading.Thread):
 
     def state(self) -> dict[str, object]:
         """For people: what is being recorded and since when, or how the last recording ended."""
-        waits = self._beginning or self._waiting  # first: what has begun since is then seen as recording
-        label, writer = self._label, self._writer
-        if label is None or writer is None:
+        beginning, waiting = self._beginning, self._waiting  # first: what has begun since is then seen as recording
+        recording = self._recording
+        if recording is None:
+            waits = waiting if waiting is not None and not waiting.at_once else None
             return {
                 "recording": None,
-                "closing": self._disk.is_closing,
+                "beginning": beginning.label.name if beginning else None,
+                "closing": self._disk.is_closing or bool(self._leaving),
                 "last_end": self.last_end,
                 "waiting": waits.label.name if waits else None,
-                "missed": dict(self._waiting.missed) if self._waiting else {},
+                "missed": dict(waits.missed) if waits else {},
             }
         return {
-            "recording": label.name,
-            "test": label.test,
-            "direction": label.direction,
-            "run": str(writer.path),
-            "seconds": round((time.monotonic_ns() - self._since_ns) / 1e9, 1),
-            "samples": {name: self._counters[name]["samples"] for name in self._inboxes},
+            "recording": recording.label.name,
+            "test": recording.label.test,
+            "direction": recording.label.direction,
+            "run": str(recording.writer.path),
+            "seconds": round((time.monotonic_ns() - recording.since_ns) / 1e9, 1),
+            "samples": {name: recording.counters[name]["samples"] for name in self._inboxes},
             "synced": {name: self._disk.synced.get(name, 0) for name in self._inboxes},
         }
 
@@ -188,71 +190,95 @@ class Recorder(threading.Thread):
                 self._refused(beginning, error)
             return
         with self._lock:
-            self._begun(beginning, writer, lost)
+            try:
+                self._begun(beginning, writer, lost)
+            except Exception as error:
+                self._forget(beginning)
+                beginning.failed(error)
+                raise
 
     def _refused(self, beginning: Beginning, error: Exception) -> None:
-        self._beginning = None
+        self._forget(beginning)
         beginning.refused(error)
         if not isinstance(error, RigError):
             log.error("recording %s: not begun, for an error in the program", beginning.label.name, exc_info=error)
-        elif beginning.waited is not None:
-            self._told.tell("recording", "waits", f"{error} (samples missed: {beginning.waited.words()})")
         if beginning.stop is not None:
-            self._give_up()
+            _given_up(beginning.waited)
+        elif beginning.waited is not None and isinstance(error, RigError):
+            self._told.tell("recording", "waits", f"{error} (samples missed: {beginning.waited.words()})")
+
+    def _forget(self, beginning: Beginning) -> None:
+        if beginning.stop is None:
+            self._beginning = None
+        elif beginning in self._leaving:
+            self._leaving.remove(beginning)
 
     def _begun(self, beginning: Beginning, writer: RunWriter, lost: Mapping[str, int]) -> None:
         label = beginning.label
-        self._counters = {name: Counter() for name in self._inboxes}
-        self._watch = Watch(touching=label.test in ("yaw", "roll"))
-        self._writer, self._label, self._waiting, self._beginning = writer, label, None, None
-        self._since_ns = beginning.since_ns
+        columns = {name: inbox.columns for name, inbox in self._inboxes.items()}
+        recording = Recording(label, writer, beginning.since_ns, columns)
         after = f", after {beginning.follows}" if beginning.follows else ""
         what = f"{label.test} {label.direction}" if label.direction else label.test
         log.info("recording %s (%s) to %s%s", label.name, what, writer.path, after)
-        for name, items in beginning.kept.items():
-            self._put(writer, name, items)
-        self._put_clock(writer, beginning.clock)
+        told = {name: recording.put(name, items) for name, items in beginning.kept.items()}
+        recording.put_clock(beginning.clock)
         for name, count in lost.items():
             why = f": {beginning.waited.why}" if beginning.waited else ""
             detail = f"{count} samples not recorded after {beginning.follows}{why}"
-            self._inboxes[name].deliver([Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, count)])
+            told[name].append(Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, count))
+        self._forget(beginning)
+        if beginning.stop is None:
+            self._recording, self._waiting = recording, None
+            for name, faults in told.items():
+                self._inboxes[name].deliver(faults)
+        else:
+            for name, faults in told.items():
+                self._tell(name, faults)
+                recording.put(name, faults)
+            pass_on(self._close(recording, *beginning.stop), beginning.ended)
         beginning.begun.set_result(writer.path)
-        if beginning.stop is not None:
-            self._take(sync=False)
-            pass_on(self._close(writer, *beginning.stop), beginning.ended)
+
+    def _leave(self, beginning: Beginning, exit_status: Ending, reason: str) -> Future[Ended]:
+        """The run that begins is to end as soon as it is there: what comes from now on is not for it."""
+        self._beginning = self._waiting = None
+        self._leaving.append(beginning)
+        self.last_end = f"{exit_status}: {reason}"
+        return beginning.end(exit_status, reason)
 
     def _take(self, *, sync: bool) -> None:
         """Empty every inbox, into the run where there is one; at its end also those whose run is behind."""
         for name, inbox in self._inboxes.items():
-            to = self._beginning or self._writer
+            to = self._beginning or (self._recording.writer if self._recording is not None else None)
             if sync and to is not None and to.is_behind(name):
                 continue  # an inbox has its bound, and counts what finds no room
             items = inbox.drain()
-            for fault in faults_of(items):
-                self._told.tell(name, fault.kind, fault.detail, fault.count)
+            self._tell(name, faults_of(items))
             self._listen(name, items)
             self._recent.add(name, items)
             if self._beginning is not None:
                 self._beginning.keep(name, items)
             elif self._waiting is not None:
                 self._waiting.missed[name] += len(samples_of(items))
-            if self._writer is not None:
-                self._put(self._writer, name, items)
+            if self._recording is not None:
+                inbox.deliver(self._recording.put(name, items))
         self._watch_clocks()
-        if sync and self._writer is not None:
-            self._writer.write()
-            self._disk.go_on(self._writer)
+        if sync and self._recording is not None:
+            self._recording.writer.write()
+            self._disk.go_on(self._recording.writer)
 
     def _end_for_now(self, exit_status: Ending, why: str) -> None:
         """End the run and not the recording: what was taken and not stored counts as missed."""
-        label, writer = self._label, self._writer
-        if label is None or writer is None:
+        recording = self._recording
+        if recording is None:
             return
-        closing = self._close(writer, exit_status, why)
-        taken = Counter({name: counter["samples"] for name, counter in self._counters.items()})
-        self._waiting = Waiting(label, writer.path, why, closing, taken, at_once=exit_status == "complete")
-        if not self._waiting.at_once:
-            log.error("%s: ended for now, %s: %s; goes on when the disk lets it", writer.path, exit_status, why)
+        closing, at_once, path = (
+            self._close(recording, exit_status, why),
+            exit_status == "complete",
+            recording.writer.path,
+        )
+        self._waiting = Waiting(recording.label, path, why, closing, recording.taken, at_once=at_once)
+        if not at_once:
+            log.error("%s: ended for now, %s: %s; goes on when the disk lets it", path, exit_status, why)
 
     def _try_again(self) -> None:
         """Go on in another run, where one is waited for and the disk lets us."""
@@ -273,50 +299,33 @@ class Recorder(threading.Thread):
     def _give_up(self) -> str:
         """Wait no longer for the disk; what that means in words, empty where nothing waited."""
         waiting, self._waiting = self._waiting, None
-        if waiting is None:
-            return ""
-        told = f"; it waited for the disk and waits no longer, samples missed: {waiting.words()}"
-        log.warning("recording %s: ended%s", waiting.label.name, told)
-        return told
+        return _given_up(waiting)
 
-    def _put(self, writer: RunWriter, name: str, items: Sequence[Item]) -> None:
-        samples, faults = samples_of(items), faults_of(items)
-        self._counters[name]["samples"] += len(samples)
+    def _tell(self, name: str, faults: Sequence[Fault]) -> None:
         for fault in faults:
-            if fault.count:
-                self._counters[name][fault.kind] += fault.count
-        self._inboxes[name].deliver(self._watch.see(name, self._inboxes[name].columns, items))
-        writer.append(name, samples)
-        writer.append_faults(name, faults)
+            self._told.tell(name, fault.kind, fault.detail, fault.count)
 
     def _watch_clocks(self) -> None:
         """Tell where the wall clock was set or the computer slept, and keep what time it is since."""
         faults = self._clocks.look(read_clocks())
-        for fault in faults:
-            self._told.tell(HOST, fault.kind, fault.detail, fault.count)
+        self._tell(HOST, faults)
         self.host_faults[FaultKind.CLOCK] += len(faults)
         if self._beginning is not None:
             self._beginning.clock += faults
-        elif self._writer is not None:
-            self._put_clock(self._writer, faults)
+        elif self._recording is not None:
+            self._recording.put_clock(faults)
 
-    def _put_clock(self, writer: RunWriter, faults: Sequence[Fault]) -> None:
-        if faults:
-            self._counters.setdefault(HOST, Counter())[FaultKind.CLOCK] += len(faults)
-            writer.append_faults(HOST, faults)
-            writer.anchor()
-
-    def _close(self, writer: RunWriter, exit_status: Ending, reason: str) -> Future[Ended]:
+    def _close(self, recording: Recording, exit_status: Ending, reason: str) -> Future[Ended]:
         """Let go of the run; the disk's thread closes it."""
-        self._writer = self._label = None
+        self._recording = None
         self.last_end = f"{exit_status}: {reason}"
-        return self._disk.last(partial(self._end, writer, exit_status, reason, self._counters))
+        return self._disk.last(partial(self._end, recording, exit_status, reason))
 
-    def _end(self, writer: RunWriter, exit_status: Ending, reason: str, counters: dict[str, Counter[str]]) -> Ended:
+    def _end(self, recording: Recording, exit_status: Ending, reason: str) -> Ended:
         """In the disk's thread. Raises CellError where the end cannot be written."""
-        path = writer.path
+        path, counters = recording.writer.path, recording.counters
         try:
-            writer.close(exit_status, reason, counters)
+            recording.writer.close(exit_status, reason, counters)
         except CellError as error:
             self.last_end = f"failed: {error}"
             log.error("recording ended, %s", self.last_end)
@@ -327,3 +336,12 @@ class Recorder(threading.Thread):
             raise
         log.info("recording ended, %s", self.last_end)
         return Ended(path, {name: dict(counter) for name, counter in counters.items()})
+
+
+def _given_up(waiting: Waiting | None) -> str:
+    """What it means that nobody waits for the disk any more, in words; empty where nothing waited."""
+    if waiting is None:
+        return ""
+    told = f"; it waited for the disk and waits no longer, samples missed: {waiting.words()}"
+    log.warning("recording %s: ended%s", waiting.label.name, told)
+    return told

@@ -31,6 +31,8 @@ def _head(state: dict[str, Any]) -> Text:
         if state.get("waiting"):
             missed = ", ".join(f"{count} of {stream}" for stream, count in state["missed"].items())
             text.append(f"; {state['waiting']} waits for the disk, samples missed: {missed or 'none'}", "bold red")
+        elif state.get("beginning"):
+            text.append(f"; {state['beginning']} begins", "yellow")
     return text
 
 

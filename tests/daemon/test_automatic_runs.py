@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -191,3 +192,51 @@ def test_a_disk_that_refuses_is_why_nothing_started(tmp_path: Path, monkeypatch:
     assert "yaw cw" in str(state["why_not"]) and "disk nearly full" in str(state["why_not"])
     assert recorder.state()["waiting"] is None and list(tmp_path.iterdir()) == []
     recorder._disk.rest()
+
+
+def test_people_come_first_while_the_disk_is_still_asked_for_the_automats_run(
+    tmp_path: Path, making: tuple[threading.Event, threading.Event]
+) -> None:
+    asked, done = making
+    recorder, attendant, inboxes = _by_hand(tmp_path)
+    _signal_on(attendant, inboxes, range(50, 200))
+    attendant.round()
+    assert asked.wait(20)
+    mine: list[Path] = []
+    person = threading.Thread(target=lambda: mine.append(attendant.start(Label(name="mine", test="radial"))))
+    person.start()
+    while recorder.state()["beginning"] != "mine":
+        person.join(0.01)
+    done.set()
+    person.join(20)
+    attendant.round()
+    state = attendant.state()
+    assert recorder.state()["recording"] == "mine"
+    assert state is not None and (state["started"], state["refused"], state["recording"]) == (1, 0, None)
+    attendant.stop()
+    recorder._disk.rest()
+    (theirs,) = [path for path in tmp_path.iterdir() if path not in mine]
+    manifest = load_manifest(theirs)
+    assert (manifest.exit_status, manifest.reason) == ("interrupted", "a person started mine")
+    assert manifest.counters["robot"] == {"samples": 200}, "from a second before the signal"
+
+
+def test_a_lap_that_begins_before_the_disk_has_the_one_before_is_kept_as_that_is(
+    tmp_path: Path, making: tuple[threading.Event, threading.Event]
+) -> None:
+    asked, done = making
+    recorder, attendant, inboxes = _by_hand(tmp_path)
+    _signal_on(attendant, inboxes, range(50, 80))
+    attendant.round()
+    assert asked.wait(20)
+    _signal_on(attendant, inboxes, range(50, 200))
+    attendant.round()
+    done.set()
+    recorder._disk._beginner.submit(lambda: None).result()
+    attendant.round()
+    state = attendant.state()
+    assert state is not None and (state["started"], state["refused"]) == (2, 0)
+    assert recorder.state()["recording"] == state["recording"]
+    attendant.stop()
+    recorder._disk.rest()
+    assert len(list(tmp_path.iterdir())) == 2 and all(verify(path) == [] for path in tmp_path.iterdir())

@@ -16,6 +16,7 @@ import daq.disk
 import daq.inbox
 import daq.quiet_log
 import daq.recorder
+import daq.recording
 import daq.waiting
 from daq.inbox import Inbox
 from daq.label import Label
@@ -246,7 +247,9 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
             written.recorder._round()
         state = written.recorder.state()
         assert (state["samples"]["g1"], state["synced"]["g1"]) == (90, 0)  # type: ignore[index]
-        assert written.recorder._writer.stored()["g1"] == 90, "with the system, where a kill does not reach it"  # type: ignore[union-attr]
+        assert written.recorder._recording.writer.stored()["g1"] == 90, (
+            "with the system, where a kill does not reach it"
+        )  # type: ignore[union-attr]
     finally:
         done.set()
     written.round(0)
@@ -285,8 +288,9 @@ def test_a_sync_that_hangs_holds_so_much_in_memory_and_the_rest_is_counted(
             written.deliver()
             written.recorder._round()
         assert syncing.wait(20)
-        writer = written.recorder._writer
-        assert writer is not None and len(writer._recorders["g1"].pending) == 30
+        assert written.recorder._recording is not None
+        writer = written.recorder._recording.writer
+        assert len(writer._recorders["g1"].pending) == 30
         assert written.inboxes["g1"].state().waiting == 40
     finally:
         done.set()
@@ -346,8 +350,8 @@ def test_closing_a_chunk_keeps_nothing_from_the_disk(
     for _ in range(4):  # each would wait for ever, were it to wait for the disk
         written.deliver()
         written.recorder._round()
-    writer = written.recorder._writer
-    assert writer is not None and writer.stored()["g1"] == written.delivered, (
+    assert written.recorder._recording is not None
+    assert written.recorder._recording.writer.stored()["g1"] == written.delivered, (
         "with the system, where no kill reaches it"
     )
     done.set()
@@ -408,23 +412,6 @@ def test_a_slow_write_keeps_no_reader_waiting(
     assert "disk: slow write: has taken" in caplog.text
 
 
-@pytest.fixture
-def making(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[threading.Event, threading.Event]]:
-    """A disk that makes no directory for a run: set when one is asked for; to be set when it may go on."""
-    asked, done = threading.Event(), threading.Event()
-
-    def slow(path: Path, make: Callable[[Path], None] = durable.make_directory) -> None:
-        asked.set()
-        assert done.wait(20)
-        make(path)
-
-    monkeypatch.setattr(durable, "make_directory", slow)
-    try:
-        yield asked, done
-    finally:
-        done.set()
-
-
 @pytest.mark.parametrize("stopped", [False, True], ids=["goes on", "stopped meanwhile"])
 def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
     written: Written, making: tuple[threading.Event, threading.Event], stopped: bool
@@ -437,10 +424,12 @@ def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
     for _ in range(4):  # each would wait for ever, were it to wait for the disk
         written.deliver()
         written.recorder._round()
-    assert written.recorder.state()["waiting"] == "next"
+    state = written.recorder.state()
+    assert (state["beginning"], state["waiting"], state["recording"]) == ("next", None, None)
     with pytest.raises(CellError, match="recording next: already running"):
         written.recorder.start_run(Label(name="other", test="radial"))
     ending = written.recorder.stop_run("interrupted", "enough") if stopped else None
+    assert written.recorder.state().get("closing", False) == stopped
     done.set()
     path = beginning.result()
     written.deliver()
@@ -521,3 +510,45 @@ def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(
     written.begun()
     assert written.recorder.state()["waiting"] is None
     assert "waits no longer, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
+
+
+def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_first(
+    written: Written, making: tuple[threading.Event, threading.Event]
+) -> None:
+    """What it missed stands in the run that nobody wanted any more, and nothing of it in the next."""
+    asked, done = making
+    written.round()
+    with failing(errno.EIO, "fsync"):
+        written.round()
+    written.deliver(7)
+    written.recorder._round()
+    written.recorder._waiting._try_at_s = 0.0  # type: ignore[union-attr]
+    while not asked.is_set():
+        written.recorder._round()
+    beginning = written.recorder.start_run(Label(name="next", test="radial"))
+    written.deliver(5)
+    written.recorder._round()
+    done.set()
+    assert beginning.result().name.endswith("next")
+    written.recorder.stop_run().result()
+    manifests = {manifest.name + manifest.follows: manifest for manifest in map(load_manifest, written.runs.iterdir())}
+    follower = manifests[f"lap{written.path.name}"]
+    assert (follower.exit_status, follower.reason) == ("interrupted", "next was started")
+    assert follower.counters["g1"] == {"samples": 0, "dropped": 7}
+    assert manifests["next"].counters["g1"] == {"samples": 5}
+    assert all(verify(path) == [] for path in written.runs.iterdir())
+
+
+def test_an_error_in_the_program_while_a_run_begins_is_told_and_ends_the_daemon(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written.recorder.stop_run().result()
+    written.deliver()
+    ended: list[type[BaseException]] = []
+    monkeypatch.setattr(threading, "excepthook", lambda args: ended.append(args.exc_type))
+    monkeypatch.setattr(daq.recording.Watch, "see", lambda *_: 1 / 0)
+    beginning = written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+    with pytest.raises(ZeroDivisionError):
+        beginning.result(20)
+    written.recorder._disk.rest()
+    assert ended == [ZeroDivisionError] and written.recorder.state()["beginning"] is None

@@ -109,7 +109,7 @@ BROKEN_WRITER = """
 from daq.recorder import Recorder
 take, rounds = Recorder._take, []
 def break_down(self, *, sync):
-    rounds.append(self._writer)
+    rounds.append(self._recording)
     if sync and len(list(filter(None, rounds))) == 4:
         raise TypeError("no such thing")
     return take(self, sync=sync)
