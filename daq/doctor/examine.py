@@ -62,8 +62,10 @@ def told(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Finding]
     """What a daemon says of its streams; it has the ports, so nobody else speaks on them. streams: of the rig file."""
     recording = f"records {status['recording']}" if status["recording"] else "records nothing"
     yield ok("rigd", f"serves {status['rig']} and {recording}; asked in place of the ports")
-    served = {name: stream["port"] for name, stream in status["streams"].items()}
-    if served != {stream.name: stream.port for stream in streams}:
+    served = {name: stream.get("port") for name, stream in status["streams"].items()}
+    if None in served.values():
+        yield doubtful("rigd", "is of a version before this one", "start it again, between two recordings")
+    elif served != {stream.name: stream.port for stream in streams}:
         ports = ", ".join(f"{name} on {port}" for name, port in served.items())
         yield wrong("rigd", f"reads {ports}: not what the rig file says", "start rigd again, or give its own file")
     for name, stream in status["streams"].items():

@@ -312,6 +312,13 @@ def test_what_a_daemon_says_of_a_stream(stream: dict[str, Any], verdict: Verdict
     assert [f.verdict for f in told(status, [replace(served, port="/dev/g2")])][:2] == [OK, WRONG]
     assert rigd.verdict is OK and (finding.about, finding.verdict) == ("g1", verdict) and says in finding.what
     assert bool(finding.remedy) == (verdict is not OK)
+    del status["streams"]["g1"]["port"]  # type: ignore[index]
+    older = list(told(status, [served]))
+    assert (older[1].verdict, older[1].what, older[2].what) == (
+        DOUBTFUL,
+        "is of a version before this one",
+        finding.what,
+    )
 
 
 def test_a_daemon_is_asked_in_place_of_the_ports(bench: Bench) -> None:
