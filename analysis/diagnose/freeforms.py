@@ -54,12 +54,19 @@ class Stranger:
 
 def strangest(linear: Linear, named: Refined, background: Background) -> Stranger:
     """The free form that explains most of what effects leave, their sizes and shapes free beside it."""
-    basis, _ = np.linalg.qr(named.tangents)
-    found = [
-        Stranger(form.words, _gain(form.columns - basis @ (basis.T @ form.columns), named.left, background))
-        for form in free_forms(linear)
-    ]
-    return max(found, key=lambda one: one.gain)
+    from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+
+    free = named.tangents
+    prior = np.diag([unknown.spread**-2 for unknown in named.unknowns])
+    L = np.linalg.cholesky(background.product(free, free) + prior)
+    weighted, weighted_left = background.weighted(free), background.weighted(named.left)
+
+    def gain(columns: Array) -> float:
+        # What is left has no slope along what is free: that was fitted.
+        taken = solve_triangular(L, weighted.T @ columns, lower=True, check_finite=False)
+        return _gain(background.product(columns, columns) - taken.T @ taken, columns.T @ weighted_left)
+
+    return max((Stranger(form.words, gain(form.columns)) for form in free_forms(linear)), key=lambda one: one.gain)
 
 
 def free_forms(linear: Linear) -> Iterator[FreeForm]:
@@ -141,11 +148,12 @@ def _rates(block: Block) -> Array:
     return rates
 
 
-def _gain(columns: Array, left: Array, background: Background) -> float:
-    """Log evidence of columns of unknown sizes, normal about 0 and of one strength, over none."""
-    power, turn = np.linalg.eigh(background.product(columns, columns))
+def _gain(products: Array, slope: Array) -> float:
+    """Log evidence of columns of unknown sizes, normal about 0 and of one strength, over none: by their products with
+    each other (c, c) and with what is left (c,)."""
+    power, turn = np.linalg.eigh(products)
     power = np.maximum(power, 0.0)
-    seen = (turn.T @ background.product(columns, left[:, None])[:, 0]) ** 2
+    seen = (turn.T @ slope) ** 2
     strengths = _STRENGTHS[:, None]
     gains = 0.5 * (seen / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1)
     return max(0.0, float(gains.max()))

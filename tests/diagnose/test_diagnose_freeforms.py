@@ -9,15 +9,18 @@ import pytest
 from cells import Array, circles, found_in, healthy, measured, no_background, white
 
 from analysis.diagnose.blocks import Block
-from analysis.diagnose.freeforms import STRANGE, strangest
-from analysis.diagnose.refine import Refined
+from analysis.diagnose.evidence import Background
+from analysis.diagnose.freeforms import STRANGE, free_forms, strangest
+from analysis.diagnose.refine import Refined, Unknown
 from analysis.reading.tables import CircleTable
+from rigs.effects import Backlash, JointOffset
 
 
 def _unnamed(left: Array, tangents: Array | None = None) -> Refined:
-    """Nothing named, and what is left (N,)."""
+    """Nothing named, and what is left (N,); tangents: of what is free beside."""
     free = np.empty((len(left), 0)) if tangents is None else tangents
-    return Refined((), (), np.empty(0), np.empty((0, 0)), left, free, {}, 0.0)
+    unknowns = tuple(Unknown(k, "size", 0.0, 1e3) for k in range(free.shape[1]))
+    return Refined((), unknowns, np.empty(0), np.empty((0, 0)), left, free, {}, 0.0)
 
 
 def _rates(block: Block) -> Array:
@@ -50,8 +53,33 @@ def test_an_error_that_no_effect_describes_is_told_by_what_it_goes_with(words: s
     left = white(linear, 1) + added * 30 / np.linalg.norm(added)
     found = strangest(linear, _unnamed(left), no_background(linear))
     assert found.words == words and found.gain > STRANGE
-    beside = strangest(linear, _unnamed(left, added[:, None]), no_background(linear))
+    fitted = left - added * (added @ left) / (added @ added)
+    beside = strangest(linear, _unnamed(fitted, added[:, None]), no_background(linear))
     assert beside.gain < STRANGE / 4, "what a name does is not done again"
+
+
+def test_beside_names_and_a_background_a_form_gains_what_the_density_gains() -> None:
+    """By brute force: a form of any size on top of noise, background and names of any size, over none."""
+    linear = healthy()
+    rng = np.random.default_rng(5)
+    background = Background(linear.columns([JointOffset(axis=axis, offset_deg=2e-3) for axis in (2, 3, 4, 5)]))
+    free = linear.columns([Backlash(axis=axis, width_deg=1e-3) for axis in (1, 2)])
+    C = np.eye(len(free)) + background._B @ background._B.T + 1e6 * free @ free.T
+    added = linear.projected(
+        linear.by_joint(4, ERRORS["an error of axis 4 that goes with its speed, whichever way it turns"][1])
+    )
+    y = rng.normal(size=len(free)) + added[:, 0] * 20 / np.linalg.norm(added)
+    weighted = background.weighted(free)
+    left = y - free @ np.linalg.solve(weighted.T @ free + 1e-6 * np.eye(2), weighted.T @ y)
+    found = strangest(linear, _unnamed(left, free), background)
+    form = next(form for form in free_forms(linear) if form.words == found.words).columns
+    densities = [_log_density(y, C + s * form @ form.T) for s in 4.0 ** np.arange(-4, 11)]
+    assert found.gain == pytest.approx(max(densities) - _log_density(y, C), rel=1e-3) and found.gain > STRANGE
+
+
+def _log_density(y: Array, C: Array) -> float:
+    """Of a Gaussian, the constant left out."""
+    return float(-0.5 * (y @ np.linalg.solve(C, y) + np.linalg.slogdet(C)[1]))
 
 
 def test_what_changes_with_time_is_told_by_the_gauge() -> None:
