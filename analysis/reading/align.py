@@ -25,6 +25,9 @@ _MOVES_NS = 25e6
 """… and of a robot's longer than this: a quarter of a cycle of the quickest vibration an arm shows, some 10 Hz; …"""
 _JUMPS_NS = 5e6
 """… of a gauge's longer than this: where a joint turns back, a play is crossed in some ten milliseconds."""
+_OFTEN = 0.05
+"""Rows left out for gaps of a gauge are told where they are a larger share than this, or a gap is as long as a robot's:
+rigd itself makes each polled gauge wait now and then (daq.protocol.polled), for less."""
 _STALLED = 5.0
 """A row's time is doubtful where its own uncertainty is so many times the usual, …"""
 _STALLED_S = 1e-3
@@ -78,10 +81,11 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
             )
     for name, track in zip([*names[1:], "robot"], [*gauges[1:], robot], strict=True):
         spanned = (rows_ns >= track.ns[0]) & (rows_ns <= track.ns[-1])
-        dense = _bracketed(rows_ns, track.ns, _MOVES_NS if track is robot else _JUMPS_NS)
-        keep &= spanned & dense
-        if gaps := int((spanned & ~dense).sum()):
-            doubts.append(f"{name}: rows left out for gaps: {gaps}")
+        gaps_ns = _gaps_ns(rows_ns, track.ns, _MOVES_NS if track is robot else _JUMPS_NS)
+        keep &= spanned & (gaps_ns == 0)
+        gaps_ns = gaps_ns[spanned & (gaps_ns > 0)]
+        if _are_many(gaps_ns, len(rows_ns)):
+            doubts.append(f"{name}: rows left out for gaps: {len(gaps_ns)}")
         at_rows.append(np.stack([np.interp(rows_ns, track.ns, column) for column in track.values.T], axis=1))
     if keep.sum() < 2:
         raise FileError(str(path), "gauges and robot share no stretch of time", "record both through the whole test")
@@ -89,6 +93,11 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
     g_mm = np.concatenate(at_rows[:-1], axis=1)[keep]
     u_lag_s = float(np.hypot(max(gauge.u_s for gauge in gauges), robot.u_s))
     return Aligned(t_s, at_rows[-1][keep], g_mm, u_lag_s, _own_u_s(gauges, robot)[keep], tuple(doubts))
+
+
+def _are_many(gaps_ns: Array, rows: int) -> bool:
+    """Whether gaps (n,) of the rows left out are more than what rigd itself makes a gauge wait."""
+    return len(gaps_ns) > 0 and bool(gaps_ns.max() > _MOVES_NS or len(gaps_ns) > _OFTEN * rows)
 
 
 def _own_u_s(gauges: Sequence[_Track], robot: _Track) -> Array:
@@ -147,9 +156,10 @@ def _stream(path: Path, run: Run, columns: Sequence[str], what: str) -> Columns:
     raise FileError(str(path), f"holds no readings of {what}", "record again with it connected: rig status tells")
 
 
-def _bracketed(rows: Array, times: Array, short_ns: float) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Which rows (n,) lie between two of `times` (m,) that are no further apart than usual, or hardly."""
+def _gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:
+    """How far apart the two of `times` (m,) are that rows (n,) lie between: 0 where no further than usual, or hardly,
+    and where a row is of one of those times."""
     after = np.clip(np.searchsorted(times, rows, side="left"), 1, len(times) - 1)
-    gaps = times[after] - times[after - 1]
-    dense: np.ndarray[tuple[int], np.dtype[np.bool_]] = gaps <= max(short_ns, _GAP * np.median(np.diff(times)))
-    return dense
+    gaps: Array = times[after] - times[after - 1]
+    short = (gaps <= max(short_ns, _GAP * np.median(np.diff(times)))) | (times[after] == rows)
+    return np.where(short, 0.0, gaps)

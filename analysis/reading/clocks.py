@@ -24,6 +24,8 @@ from rigs.links import tcp_address
 _HIDDEN_S = 1e-3
 """How much an instrument's own time to answer may vary unseen behind an adapter that holds bytes back."""
 
+_HOLDS_NS = 25e6
+"""No adapter holds bytes back for longer: 16 ms as FTDI's come, and some for the way."""
 _HOST_S = 30e-6
 """No host tells when a byte came any better."""
 _STIRRED = 5
@@ -112,10 +114,13 @@ def _asked(went_through: Array, window: Array, held: bool) -> Instants:
     time that another takes beyond that is the adapter's.
     """
     shortest = float(np.partition(window, 1)[:2].max())  # the very shortest may be a stamp that is wrong
-    window = np.minimum(window, shortest) if held else window
-    u_s = math.hypot(_anywhere_in(shortest), _HIDDEN_S if held else _HOST_S)
+    if held:
+        # Longer than any adapter holds: a computer was held up, and nobody knows before or after the reading.
+        own_u_s = _anywhere_in(np.maximum(window - shortest - _HOLDS_NS, 0.0))
+        window = np.minimum(window, shortest)
+        return Instants(went_through + window / 2, math.hypot(_anywhere_in(shortest), _HIDDEN_S), own_u_s, held=held)
     own_u_s = _anywhere_in(np.sqrt(np.maximum(window**2 - shortest**2, 0.0)))
-    return Instants(went_through + window / 2, u_s, own_u_s, held=held)
+    return Instants(went_through + window / 2, math.hypot(_anywhere_in(shortest), _HOST_S), own_u_s)
 
 
 def _asked_with_clock(device_s: Array, went_through: Array, set_out: Array, held: bool) -> Instants:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from analysis.reading import clocks
 from analysis.reading.lower_hull import floor, low_outliers, lower_line
 from analysis.reading.own_clock import through_clock
 from analysis.reading.steady_pace import numbered, through_pace
@@ -140,6 +141,15 @@ def paced(rng: np.random.Generator, number: Array, held_ms: float = 16.0) -> Arr
     """Arrivals (n,) ns of these messages of a steady instrument, held until the next tick of an adapter's timer."""
     sent = 1e9 + number * PERIOD_NS + rng.exponential(0.1e6, len(number))
     return np.asarray(np.ceil(sent / (held_ms * 1e6)) * held_ms * 1e6 if held_ms else sent)
+
+
+def test_behind_an_adapter_that_holds_bytes_back_only_a_computer_held_up_makes_a_row_uncertain() -> None:
+    window = 3e6 + np.random.default_rng(1).uniform(0.0, 16e6, 400)
+    window[:2] = 3e6
+    window[200] = 300e6
+    found = clocks._asked(np.arange(400) * 20e6, window, held=True)
+    assert np.count_nonzero(found.own_u_s) == 1 and found.own_u_s[200] == pytest.approx(0.272 / np.sqrt(12), rel=1e-3)
+    assert found.ns[100] == 100 * 20e6 + 1.5e6 and found.held
 
 
 @pytest.mark.parametrize("held_ms", [0.0, 1.0, 16.0, 50.0])
