@@ -271,11 +271,8 @@ class Recorder(threading.Thread):
         recording = self._recording
         if recording is None:
             return
-        closing, at_once, path = (
-            self._close(recording, exit_status, why),
-            exit_status == "complete",
-            recording.writer.path,
-        )
+        path, at_once = recording.writer.path, exit_status == "complete"
+        closing = self._close(recording, exit_status, why)
         self._waiting = Waiting(recording.label, path, why, closing, recording.taken, at_once=at_once)
         if not at_once:
             log.error("%s: ended for now, %s: %s; goes on when the disk lets it", path, exit_status, why)
