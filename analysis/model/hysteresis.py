@@ -36,7 +36,7 @@ def play(x: Array, half: float) -> Array:
 
 
 def turns(t_s: Array, x: Array) -> list[tuple[float, float]]:
-    """When x (n,) rad turns back, and the direction (±1) it takes then."""
+    """When x (n,) rad turns back, and the direction (±1) it takes then. One that stands does so as it leaves."""
     follower = play(x, _TURN_RAD / 2)
     moving = np.flatnonzero(np.diff(follower))
     direction = np.sign(np.diff(follower)[moving])
@@ -45,7 +45,9 @@ def turns(t_s: Array, x: Array) -> list[tuple[float, float]]:
         # The follower moves again only after the play; the turn itself was at the extreme before that.
         between = slice(moving[k], moving[k + 1] + 1)
         extreme = moving[k] + int(np.argmin(direction[k + 1] * x[between]))
-        found.append((_vertex(t_s, x, int(extreme)), float(direction[k + 1])))
+        end = extreme + int(np.argmax(np.append(x[extreme:] != x[extreme], True))) - 1
+        stands = t_s[end] - t_s[extreme] > _NEAR_S
+        found.append((float(t_s[end]) if stands else _vertex(t_s, x, extreme), float(direction[k + 1])))
     return found
 
 

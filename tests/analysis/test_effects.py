@@ -142,6 +142,12 @@ def test_turns_are_reversals_and_not_noise() -> None:
     assert when == pytest.approx(2.0, abs=0.1) and direction == -1
 
 
+def test_a_joint_that_stands_turns_back_as_it_leaves() -> None:
+    t_s, x = np.arange(9.0), np.array([0.0, 1, 2, 2, 2, 2, 1, 0, 0])
+    assert turns(t_s, x) == [(5.0, -1.0)]
+    assert turns(t_s, -x) == [(5.0, 1.0)]
+
+
 def test_a_spike_hangs_back_against_the_new_direction_and_relaxes() -> None:
     spike = _link_side_deg(ReversalSpike(axis=2, amplitude_deg=0.01, decay_s=0.1))
     assert np.abs(spike[:198]).max() == 0

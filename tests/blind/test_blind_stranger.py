@@ -114,6 +114,12 @@ def test_reversals_are_found_with_their_direction() -> None:
     assert [when for when, _ in found] == pytest.approx([np.pi / 2, 3 * np.pi / 2, 5 * np.pi / 2], abs=0.05)
 
 
+def test_a_joint_that_stands_turns_back_as_it_leaves() -> None:
+    """Nothing can hang back against a way that is not gone yet: at a target nobody sees the turn that follows it."""
+    t, x = np.arange(9.0), np.array([0.0, 1, 2, 2, 2, 2, 1, 0, 0])
+    assert reversals(t, x) == [(5.0, -1.0)]
+
+
 def test_the_papers_eccentricity() -> None:
     """measurement.md: e = 14.142 mm at R = 70 mm turns the disk by asin(e/R) = 11.65°."""
     cell = read_cell("paper-fanuc")

@@ -55,11 +55,11 @@ def _dahl(x: Array, half: float, begin: float) -> Array:
 
 
 def reversals(t: Array, x: Array, swing: float = np.radians(0.02)) -> list[tuple[float, float]]:
-    """When x (n,) turns back for more than a swing, and the direction (±1) it takes."""
+    """When x (n,) turns back for more than a swing, and the direction (±1) it takes; where it stands, as it leaves."""
     extreme, direction, at, found = x[0], 0.0, t[0], []
     for now, value in zip(t.tolist(), x.tolist(), strict=True):
         if direction * (value - extreme) >= 0 and (direction or abs(value - extreme) < swing):
-            if direction and value != extreme:
+            if direction:
                 extreme, at = value, now
             continue
         if abs(value - extreme) >= swing:
