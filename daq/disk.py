@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from daq.quiet_log import QuietLog
 from daq.store import RunWriter
+from daq.store.memory import keep_large_blocks_apart
 from daq.store.writer import Work
 
 _SYNC_S = 0.5
@@ -24,6 +25,7 @@ class Disk:
     """The thread, and what it is at."""
 
     def __init__(self, told: QuietLog) -> None:
+        keep_large_blocks_apart()
         self._told = told
         self._thread = ThreadPoolExecutor(1, "disk")
         self._beginner = ThreadPoolExecutor(1, "begin")

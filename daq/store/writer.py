@@ -26,6 +26,7 @@ from daq.protocol.conversation import Fault, Sample
 from daq.store import durable
 from daq.store.chunk import with_opening
 from daq.store.manifest import Clock, Ending, Manifest, clock_now, iso_now, new_manifest
+from daq.store.memory import give_back
 from daq.store.recording import OpenChunk, Recorder
 from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES, require_room
 from daq.store.schema import FAULTS, schema_of
@@ -186,7 +187,7 @@ class RunWriter:
         One, since it takes its time, in which nothing is synced: several streams' may be due at once.
         """
         full = [(chunk.born_ns, name) for name, recorder in self._recorders.items() if (chunk := recorder.full)]
-        return Work([partial(self._roll, self._recorders[min(full)[1]])]) if full else None
+        return Work([partial(self._roll, self._recorders[min(full)[1]]), give_back]) if full else None
 
     def end_work(self, error: BaseException | None) -> None:
         """What became of it: the error that `Work.wait` raised, or none. Raises CellError for one."""
@@ -205,7 +206,7 @@ class RunWriter:
         """
         steps = [] if self._failure else [self._write]
         steps += [partial(self._end, recorder) for recorder in self._recorders.values()]
-        problems = [problem for step in steps if (problem := _attempt(step))]
+        problems = [problem for step in [*steps, give_back] if (problem := _attempt(step))]
         if problems and exit_status != "failed":
             exit_status, reason = "failed", f"{reason}; {_words(problems[0])}".lstrip("; ")
         self.manifest = self.manifest.model_copy(
