@@ -1,0 +1,34 @@
+"""What a chunk took goes back to the system: what glibc has mapped for single blocks, in a process of its own."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import sys
+
+import pytest
+
+MAPPED = """
+import ctypes
+from daq.store.memory import keep_large_blocks_apart
+
+class Info(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_size_t) for name in "arena ordblks smblks hblks hblkhd usmblks fsmblks".split()]
+    _fields_ += [(name, ctypes.c_size_t) for name in "uordblks fordblks keepcost".split()]
+
+libc = ctypes.CDLL(None)
+libc.mallinfo2.restype = Info
+{}
+chunk = bytes(20 << 20)
+del chunk
+before = libc.mallinfo2().hblkhd
+block = bytes(4 << 20)
+print(libc.mallinfo2().hblkhd - before >> 20)
+"""
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallinfo2"), reason="no glibc of 2.33 or newer")
+@pytest.mark.parametrize(("called", "mapped_mib"), [("", "0"), ("keep_large_blocks_apart()", "4")])
+def test_after_a_chunk_large_blocks_are_still_mapped_by_themselves(called: str, mapped_mib: str) -> None:
+    done = subprocess.run([sys.executable, "-c", MAPPED.format(called)], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == mapped_mib
