@@ -64,6 +64,12 @@ class Inbox:
                     self._dropped += 1
                     self._counters[FaultKind.DROPPED] += 1
 
+    def count(self, faults: Sequence[Fault]) -> None:
+        """From the writer: these are in a run that has ended, and not for the one that goes on."""
+        with self._lock:
+            for fault in faults:
+                self._note(fault)
+
     def drain(self) -> list[Item]:
         """For the writer: everything since the last call, in order, each once."""
         with self._lock:

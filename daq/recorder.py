@@ -36,6 +36,8 @@ from rigs.errors import CellError, RigError
 
 log = logging.getLogger("rigd")
 _ROUND_S = 0.25
+_MOST_LEAVING = 2
+"""Runs stopped before the disk had made them, which it may owe us: what each has kept is in memory."""
 _LEAST_PAUSE_S = 0.1
 """For who waits to start or stop a recording on a slow disk."""
 
@@ -111,6 +113,8 @@ class Recorder(threading.Thread):
             runs = self._recording or self._beginning
             if runs is not None and not (isinstance(runs, Beginning) and runs.is_after_failure):
                 raise CellError(f"recording {runs.label.name}", "already running", "stop it: rig record stop")
+            if len(self._leaving) >= _MOST_LEAVING:
+                raise CellError("the disk", f"has not made the last {_MOST_LEAVING} runs yet", "wait, or mend it")
             self.require_readings(label)
             self._take(sync=False)
             if self._beginning is not None:
@@ -226,7 +230,6 @@ class Recorder(threading.Thread):
             why = f": {beginning.waited.why}" if beginning.waited else ""
             detail = f"{count} samples not recorded after {beginning.follows}{why}"
             told[name].append(Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, count))
-        self._forget(beginning)
         if beginning.stop is None:
             self._recording, self._waiting = recording, None
             for name, faults in told.items():
@@ -234,8 +237,10 @@ class Recorder(threading.Thread):
         else:
             for name, faults in told.items():
                 self._tell(name, faults)
+                self._inboxes[name].count(faults)
                 recording.put(name, faults)
             pass_on(self._close(recording, *beginning.stop), beginning.ended)
+        self._forget(beginning)  # only now: `state` sees no moment with neither
         beginning.begun.set_result(writer.path)
 
     def _leave(self, beginning: Beginning, exit_status: Ending, reason: str) -> Future[Ended]:

@@ -53,16 +53,17 @@ class Stranger:
 
 
 def strangest(linear: Linear, named: Refined, background: Background) -> Stranger:
-    """The free form that explains most of what effects leave, their sizes and shapes free beside it."""
+    """The free form that explains most of what effects leave, their sizes and shapes free beside it but where these
+    stand at a bound."""
     from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
-    free = named.tangents
-    prior = np.diag([unknown.spread**-2 for unknown in named.unknowns])
+    free = named.tangents[:, named.free]
+    prior = np.diag(np.array([unknown.spread**-2 for unknown in named.unknowns])[named.free])
     L = np.linalg.cholesky(background.product(free, free) + prior)
     weighted, weighted_left = background.weighted(free), background.weighted(named.left)
 
     def gain(columns: Array) -> float:
-        # What is left has no slope along what is free: that was fitted.
+        # What is left has no slope along what is free: that was fitted, its prior with it.
         taken = solve_triangular(L, weighted.T @ columns, lower=True, check_finite=False)
         return _gain(background.product(columns, columns) - taken.T @ taken, columns.T @ weighted_left)
 

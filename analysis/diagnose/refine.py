@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.diagnose.evidence import WIDE, Background
 from analysis.diagnose.forms import form_columns
@@ -64,15 +65,16 @@ class Unknown:
 class Refined:
     """Effects with fitted sizes and shapes.
 
-    unknowns, their values (q,) and covariance (q, q); left (N,): what stays of the residual, in standard deviations;
-    tangents (N, q): what a little more of each unknown would add; setups; evidence: log of it by Laplace, over nothing
-    named, no prices paid.
+    unknowns, their values (q,) and covariance (q, q), and which of them (q,) are free: not at a bound of what they may
+    be; left (N,): what stays of the residual, in standard deviations; tangents (N, q): what a little more of each
+    unknown would add; setups; evidence: log of it by Laplace, over nothing named, no prices paid.
     """
 
     effects: tuple[Effect, ...]
     unknowns: tuple[Unknown, ...]
     values: Array
     covariance: Array
+    free: NDArray[np.bool_]
     left: Array
     tangents: Array
     setups: dict[str, SetUp]
@@ -148,7 +150,9 @@ class _Problem:
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
         evidence = 0.5 * (whole - cost) - 0.5 * float(occam)
         r = r - self._forms @ (self._forms.T @ self.background.weighted(r))
-        return Refined(tuple(now), tuple(self.unknowns), x, covariance, r, J, self.linear.placed(moved), evidence)
+        limits = np.array([self._limits(now, unknown) for unknown in self.unknowns]).reshape(-1, 2)
+        free = (x > limits[:, 0]) & (x < limits[:, 1])
+        return Refined(tuple(now), tuple(self.unknowns), x, covariance, free, r, J, self.linear.placed(moved), evidence)
 
     def _settled(self, effects: Sequence[Effect], moved: Array) -> tuple[Array, Array]:
         """Set-ups fitted to what effects leave, as how far (s,) mm they moved, and what is left without what they could
@@ -184,14 +188,20 @@ class _Problem:
         for k, unknown in enumerate(self.unknowns):
             if unknown.field == "phase_deg":
                 held[k] = (held[k] + 180) % 360 - 180
-                continue
-            low, high = bounds(effects[unknown.effect], unknown.field)
-            if unknown.field != size_field(effects[unknown.effect]):
-                # A shape stays near what is plausible, wherever a first step would throw it.
-                reach = _FURTHEST * unknown.spread
-                low, high = max(low, unknown.expected - reach), min(high, unknown.expected + reach)
-            held[k] = np.clip(held[k], low, high)
+            else:
+                held[k] = np.clip(held[k], *self._limits(effects, unknown))
         return held
+
+    def _limits(self, effects: Sequence[Any], unknown: Unknown) -> tuple[float, float]:
+        """What an unknown may be; a phase anything."""
+        if unknown.field == "phase_deg":
+            return -np.inf, np.inf
+        low, high = bounds(effects[unknown.effect], unknown.field)
+        if unknown.field == size_field(effects[unknown.effect]):
+            return low, high
+        # A shape stays near what is plausible, wherever a first step would throw it.
+        reach = _FURTHEST * unknown.spread
+        return max(low, unknown.expected - reach), min(high, unknown.expected + reach)
 
     def _with(self, effects: Sequence[Any], x: Array) -> list[Any]:
         made = list(effects)

@@ -36,7 +36,7 @@ def play(x: Array, half: float) -> Array:
 
 
 def turns(t_s: Array, x: Array) -> list[tuple[float, float]]:
-    """When x (n,) rad turns back, and the direction (±1) it takes then. One that stands does so as it leaves."""
+    """When x (n,) rad turns back, and the direction (±1) it takes then."""
     follower = play(x, _TURN_RAD / 2)
     moving = np.flatnonzero(np.diff(follower))
     direction = np.sign(np.diff(follower)[moving])
@@ -45,20 +45,22 @@ def turns(t_s: Array, x: Array) -> list[tuple[float, float]]:
         # The follower moves again only after the play; the turn itself was at the extreme before that.
         between = slice(moving[k], moving[k + 1] + 1)
         extreme = moving[k] + int(np.argmin(direction[k + 1] * x[between]))
-        end = extreme + int(np.argmax(np.append(x[extreme:] != x[extreme], True))) - 1
-        stands = t_s[end] - t_s[extreme] > _NEAR_S
-        found.append((float(t_s[end]) if stands else _vertex(t_s, x, extreme), float(direction[k + 1])))
+        found.append((_vertex(t_s, x, extreme), float(direction[k + 1])))
     return found
 
 
 def _vertex(t_s: Array, x: Array, extreme: int) -> float:
     """When x (n,) turned, between samples: the vertex of a parabola through those about its extreme."""
-    near = np.flatnonzero(np.abs(t_s - t_s[extreme]) <= _NEAR_S)
-    if len(near) < _LEAST:
-        return float(t_s[extreme])
-    since = t_s[near] - t_s[extreme]
-    bend, slope, _ = np.polyfit(since, x[near] - x[extreme], 2)
+    last = extreme + int(np.argmax(np.append(x[extreme:] != x[extreme], True))) - 1
+    if np.count_nonzero(np.abs(t_s - t_s[extreme]) <= _NEAR_S) < _LEAST:
+        # Of a program's stops: it stands there, and turns back as it leaves.
+        return float(t_s[last])
+    # Rounded angles stand about their turn.
+    middle = (extreme + last) // 2
+    near = np.flatnonzero(np.abs(t_s - t_s[middle]) <= _NEAR_S)
+    since = t_s[near] - t_s[middle]
+    bend, slope, _ = np.polyfit(since, x[near] - x[middle], 2)
     shift = -slope / (2 * bend) if bend else np.inf
     step = float(np.max(np.diff(since)))
     # Where the samples make no parabola, as about a stop, the extreme itself is as good as anything.
-    return float(t_s[extreme] + shift) if abs(shift) <= 2 * step else float(t_s[extreme])
+    return float(t_s[middle] + shift) if abs(shift) <= 2 * step else float(t_s[middle])

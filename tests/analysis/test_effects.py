@@ -146,6 +146,10 @@ def test_a_joint_that_stands_turns_back_as_it_leaves() -> None:
     t_s, x = np.arange(9.0), np.array([0.0, 1, 2, 2, 2, 2, 1, 0, 0])
     assert turns(t_s, x) == [(5.0, -1.0)]
     assert turns(t_s, -x) == [(5.0, 1.0)]
+    # Rounded angles of a lap stand as well, about their turn.
+    t_s = np.arange(0.0, 20.0, 0.02)
+    ((when, _),) = turns(t_s, np.radians(np.round(2 * np.cos(2 * np.pi * (t_s - 10) / 60), 2)))
+    assert when == pytest.approx(10.0, abs=0.3)
 
 
 def test_a_spike_hangs_back_against_the_new_direction_and_relaxes() -> None:

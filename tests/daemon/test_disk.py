@@ -513,9 +513,10 @@ def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(
 
 
 def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_first(
-    written: Written, making: tuple[threading.Event, threading.Event]
+    written: Written, making: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What it missed stands in the run that nobody wanted any more, and nothing of it in the next."""
+    monkeypatch.setattr(daq.waiting, "_FIRST_PAUSE_S", 60.0)  # tried again when this says so
     asked, done = making
     written.round()
     with failing(errno.EIO, "fsync"):
@@ -534,9 +535,33 @@ def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_fir
     manifests = {manifest.name + manifest.follows: manifest for manifest in map(load_manifest, written.runs.iterdir())}
     follower = manifests[f"lap{written.path.name}"]
     assert (follower.exit_status, follower.reason) == ("interrupted", "next was started")
-    assert follower.counters["g1"] == {"samples": 0, "dropped": 7}
+    assert (
+        follower.counters["g1"] == {"samples": 0, "dropped": 7}
+        and written.inboxes["g1"].state().counters["dropped"] == 7
+    )
     assert manifests["next"].counters["g1"] == {"samples": 5}
     assert all(verify(path) == [] for path in written.runs.iterdir())
+
+
+def test_a_disk_that_makes_no_run_is_given_no_more_to_make(
+    written: Written, making: tuple[threading.Event, threading.Event]
+) -> None:
+    """What each has kept is in memory."""
+    _, done = making
+    written.recorder.stop_run().result()
+    ending = []
+    for _ in range(2):
+        written.deliver()
+        written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+        ending.append(written.recorder.stop_run())
+    written.deliver()
+    with pytest.raises(CellError, match="the disk: has not made the last 2 runs yet"):
+        written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+    done.set()
+    assert len({end.result().path for end in ending}) == 2
+    written.begun()
+    written.recorder.start_run(Label(name="next", test="yaw", direction="cw")).result()
+    written.recorder.stop_run().result()
 
 
 def test_an_error_in_the_program_while_a_run_begins_is_told_and_ends_the_daemon(

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from cells import Array, circles, found_in, healthy, measured, no_background, white
+from cells import Array, circles, found_in, healthy, holding, measured, no_background, white
 
 from analysis.diagnose.blocks import Block
 from analysis.diagnose.evidence import Background
 from analysis.diagnose.freeforms import STRANGE, free_forms, strangest
-from analysis.diagnose.refine import Refined, Unknown
+from analysis.diagnose.refine import Refined, Unknown, refine
 from analysis.reading.tables import CircleTable
 from rigs.effects import Backlash, JointOffset
 
@@ -20,7 +21,7 @@ def _unnamed(left: Array, tangents: Array | None = None) -> Refined:
     """Nothing named, and what is left (N,); tangents: of what is free beside."""
     free = np.empty((len(left), 0)) if tangents is None else tangents
     unknowns = tuple(Unknown(k, "size", 0.0, 1e3) for k in range(free.shape[1]))
-    return Refined((), unknowns, np.empty(0), np.empty((0, 0)), left, free, {}, 0.0)
+    return Refined((), unknowns, np.empty(0), np.empty((0, 0)), np.ones(len(unknowns), bool), left, free, {}, 0.0)
 
 
 def _rates(block: Block) -> Array:
@@ -75,6 +76,20 @@ def test_beside_names_and_a_background_a_form_gains_what_the_density_gains() -> 
     form = next(form for form in free_forms(linear) if form.words == found.words).columns
     densities = [_log_density(y, C + s * form @ form.T) for s in 4.0 ** np.arange(-4, 11)]
     assert found.gain == pytest.approx(max(densities) - _log_density(y, C), rel=1e-3) and found.gain > STRANGE
+
+
+def test_a_shape_at_its_bound_takes_nothing_off_a_form() -> None:
+    """A play whose flanks lean the other way than any preload leans them: fitted to 0, which is its least."""
+    linear = healthy()
+    play = Backlash(axis=2, width_deg=0.02, preload=0.2)
+    plain = play.model_copy(update={"preload": 0.0})
+    leaning = linear.columns([plain])[:, 0] - (linear.columns([play]) - linear.columns([plain]))[:, 0]
+    found = refine(holding(linear, white(linear, 3) + leaning), no_background(linear), [plain])
+    shapes = [unknown.field for unknown, free in zip(found.unknowns, found.free, strict=True) if not free]
+    assert shapes == ["preload"]
+    gain = strangest(linear, found, no_background(linear)).gain
+    freed = strangest(linear, replace(found, free=np.ones(len(found.free), bool)), no_background(linear)).gain
+    assert gain < freed
 
 
 def _log_density(y: Array, C: Array) -> float:
