@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from analysis.noise.cell import NoiseSource
 
 _SIGNS = {"deg": "°", "deg/Nm": "°/Nm", "hz": "Hz"}
 _EXCESS_SHARE = 0.2
@@ -18,13 +19,14 @@ _EXCESS_SHARE = 0.2
 class Quantity:
     """value ± u, u the standard uncertainty (JCGM 100); unit as in the names of files and flags: mm, deg.
 
-    samples: how many readings are behind it, 0 where nobody counted.
+    samples: how many readings are behind it, 0 where nobody counted; noise: where the noise in u comes from.
     """
 
     value: float
     u: float
     unit: str
     samples: int = 0
+    noise: NoiseSource = "measured"
 
     def __str__(self) -> str:
         """Rounded to two digits of the uncertainty: `0.33022 ± 0.00092 °`."""
