@@ -49,6 +49,8 @@ class Circle(_AboutTheBall):
 
     radius_mm: float = Field(default=70.0, ge=1, le=2000)
     speed_mm_s: float = Field(default=25.0, ge=0.5, le=2000)
+    laps: int = Field(default=2, ge=1, le=50)
+    """Driven in each direction, with a way back between them: one lap says nothing about its own slow noise."""
     start_deg: Angle = 0.0
     lead_deg: float = Field(default=10.0, ge=0, le=90)
     """Arc driven before the lap to come to speed, and after it to stop; not analysed."""

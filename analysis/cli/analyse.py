@@ -15,16 +15,17 @@ def analyse(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     plot: Annotated[Path | None, typer.Option(help="Write pictures and report.html into this directory.")] = None,
+    each: Annotated[bool, typer.Option("--each", help="Show every run beside the mean of repeated ones.")] = False,
     truth: Annotated[
         Path | None, typer.Option(help="truth.json of an emulated cell, to set beside the figures.")
     ] = None,
 ) -> None:
     """Evaluate runs of every test: yaw, roll, radial, repeatability, pose; each figure with its uncertainty."""
     from analysis.reporting.report import as_object, as_tables, write_report  # noqa: PLC0415
-    from analysis.reporting.results import analyse_run  # noqa: PLC0415
+    from analysis.reporting.results import analyse_runs  # noqa: PLC0415
     from analysis.reporting.truth import compare  # noqa: PLC0415
 
-    results = [analyse_run(path) for path in runs]
+    results = analyse_runs(runs)
     truths = compare(results, truth) if truth else []
     if plot:
         report = write_report(results, plot)
@@ -36,4 +37,4 @@ def analyse(
         return
     from rich.console import Console  # noqa: PLC0415
 
-    Console().print(as_tables(results, truths))
+    Console().print(as_tables(results, truths, each=each))

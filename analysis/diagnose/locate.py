@@ -14,7 +14,7 @@ from analysis.diagnose.blocks import Block
 from analysis.diagnose.diagnosis import Place
 from analysis.diagnose.observed import GRID, ORDER_OF, curve
 from analysis.kinematics.arm import Array
-from analysis.reading.lap import lap_of
+from analysis.reading.laps import laps_of
 from analysis.reading.tables import CircleTable, PoseTable, test_of
 from analysis.tests.turns import turns
 
@@ -41,7 +41,7 @@ def turns_of(block: Block) -> tuple[tuple[float, int], ...]:
     """Circle angles in degrees at which joints turn back, each with its joint."""
     if not isinstance(block.one.table, CircleTable):
         return ()
-    lap = lap_of(block.one.table, block.model.rig, block.name)
+    lap = laps_of(block.one.table, block.model.rig, block.name)
     return tuple((float(np.degrees(turn.phi)), turn.axis) for turn in turns(lap))
 
 

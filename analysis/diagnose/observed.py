@@ -10,7 +10,7 @@ from analysis.diagnose.rounding import smooth
 from analysis.fitting.observation import Observation, observe
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model
-from analysis.reading.lap import lap_of
+from analysis.reading.laps import laps_of
 from analysis.reading.tables import CircleTable, Integers, Table
 
 GRID = 512
@@ -29,10 +29,9 @@ _LEAST_STAND = 3
 class Sampling:
     """How a circle's rows become a vector.
 
-    before, after (GRID,): the rows beside each grid angle, share (GRID,) of the latter; phi (n,) rad of the lap's rows,
-    which come first; stands: rows of standing before the lap and after it; stand_share (len(stands),): how long a
-    stand is in steps of the grid.
-    """
+    before, after (L, GRID): in each lap the rows beside each grid angle, share (L, GRID) of the latter; phi (n,) rad of
+    the laps' rows, which come first; stands: rows of standing before the lap and after it; stand_share (len(stands),):
+    how long a stand is in steps of the grid."""
 
     before: Integers
     after: Integers
@@ -42,9 +41,9 @@ class Sampling:
     stand_share: Array
 
     def gridded(self, values: Array) -> Array:
-        """(m, …) at the rows to (GRID, …) at the grid."""
-        share = self.share.reshape(-1, *[1] * (values.ndim - 1))
-        found: Array = values[self.before] * (1 - share) + values[self.after] * share
+        """(m, …) at the rows to (GRID, …) at the grid, the mean of the laps."""
+        share = self.share.reshape(*self.share.shape, *[1] * (values.ndim - 1))
+        found: Array = (values[self.before] * (1 - share) + values[self.after] * share).mean(axis=0)
         return found
 
     def vector(self, values: Array) -> Array:
@@ -62,7 +61,7 @@ class Sampling:
     @property
     def averaged(self) -> float:
         """What is left of the power of white noise between two rows."""
-        return float(np.mean((1 - self.share) ** 2 + self.share**2))
+        return float(np.mean((1 - self.share) ** 2 + self.share**2)) / len(self.share)
 
     def without_stands(self) -> Sampling:
         """The same for the lap alone."""
@@ -122,7 +121,10 @@ def see(model: Model, table: Table, where: str) -> Seen:
 
 def thinned(run: Seen) -> Seen:
     """A circle with no more rows of its lap than the grid needs: what effects add is smooth, and asked for often."""
-    if run.sampling is None or (step := int(len(run.sampling.phi) / (_ROWS * GRID))) < 2:
+    if run.sampling is None:
+        return run
+    laps = len(run.sampling.share)
+    if (step := int(len(run.sampling.phi) / (_ROWS * GRID * laps))) < 2:
         return run
     one, path = run.one, run.one.path
     lap = one.rows[: len(run.sampling.phi)]
@@ -139,25 +141,39 @@ def thinned(run: Seen) -> Seen:
 
 
 def _sampled(table: CircleTable, model: Model, one: Observation, where: str) -> tuple[Sampling, Integers]:
-    phi = lap_of(table, model.rig, where).phi
+    phi = laps_of(table, model.rig, where).phi
     stands = _stands(one)
     begins = len(one.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
     places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
-    per_step = len(one.rows) / GRID
+    per_step = len(one.rows) / (GRID * _laps(phi))
     shares = np.array([len(rows) / per_step for rows in stands])
     return _sampling(phi, places, shares), np.concatenate([one.rows, *stands]).astype(np.intp)
 
 
-def _sampling(lap: Array, stands: tuple[Integers, ...], stand_share: Array) -> Sampling:
-    """Of a lap's circle angles (n,) rad, in order of time."""
-    order = np.argsort(lap % (2 * np.pi))
-    phi = (lap % (2 * np.pi))[order]
+def _laps(phi: Array) -> int:
+    """How many laps circle angles (n,) rad, in order of time, go on for."""
+    return max(1, round(float(np.ptp(phi)) / (2 * np.pi)))
+
+
+def _sampling(phi: Array, stands: tuple[Integers, ...], stand_share: Array) -> Sampling:
+    """Of the circle angles (n,) rad of some laps, in order of time."""
+    laps = _laps(phi)
+    number = np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1)
+    sides = [_beside(np.flatnonzero(number == lap), phi) for lap in range(laps)]
+    before, after, share = (np.array(side) for side in zip(*sides, strict=True))
+    return Sampling(before, after, share, phi, stands, stand_share)
+
+
+def _beside(rows: Integers, phi: Array) -> tuple[Integers, Integers, Array]:
+    """The rows of one lap before and after each grid angle, (GRID,) each, and the share of the latter."""
+    order = rows[np.argsort(phi[rows] % (2 * np.pi))]
+    angle = phi[order] % (2 * np.pi)
     grid = np.arange(GRID) * 2 * np.pi / GRID
-    after = np.searchsorted(phi, grid) % len(phi)
+    after = np.searchsorted(angle, grid) % len(angle)
     before = after - 1
-    step = (phi[after] - phi[before]) % (2 * np.pi)
-    share = ((grid - phi[before]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
-    return Sampling(order[before], order[after], np.clip(share, 0, 1), lap, stands, stand_share)
+    step = (angle[after] - angle[before]) % (2 * np.pi)
+    share = ((grid - angle[before]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
+    return order[before], order[after], np.clip(share, 0, 1)
 
 
 def _stands(one: Observation) -> list[Integers]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from analysis.files.read import read_csv
 from analysis.files.units import check_units
 from analysis.reading.csv_tables import table_from
-from analysis.reading.lap import lap_of
+from analysis.reading.laps import laps_of
 from analysis.reading.tables import CircleTable, PoseTable, Table
 from analysis.tests.checks import hold_alive
 from daq.store import write_table_run
@@ -48,7 +48,7 @@ def _doubts(table: Table, rig: Rig, where: str) -> list[str]:
     """What an evaluation will refuse: better told now."""
     try:
         if isinstance(table, CircleTable):
-            lap_of(table, rig, where)
+            laps_of(table, rig, where)
         if not isinstance(table, PoseTable):
             columns = table.g_mm.reshape(len(table.g_mm), -1).T
             hold_alive(where, **{f"g{number}_mm": column for number, column in enumerate(columns, start=1)})

@@ -17,6 +17,7 @@ from analysis.reading.tables import PoseTable
 from analysis.reporting.evaluate import Evaluated, evaluate
 from analysis.reporting.results import Result, result_of
 from analysis.tests.circle import CircleResult
+from analysis.tests.curve import PHI
 from analysis.tests.places import hold_targets
 from analysis.tests.radial import Radial
 from analysis.tests.repeatability import Repeatability
@@ -70,7 +71,7 @@ def curve(found: Evaluated) -> tuple[Array, Array, str]:
     """What is compared of a result: where (n,), values (n,), and their unit."""
     match found:
         case CircleResult():
-            return np.degrees(found.phi), np.degrees(found.residual), "deg"
+            return np.degrees(PHI), np.degrees(found.residual), "deg"
         case Radial():
             deviation = np.linalg.norm(found.points - found.free.centre, axis=1) - found.free.radius
             return found.cells.target.astype(float), deviation, "mm"

@@ -10,7 +10,7 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, Path, SetUp, moved, path_of, read
 from analysis.model.scene import Scene
-from analysis.reading.lap import lap_of
+from analysis.reading.laps import laps_of
 from analysis.reading.tables import CircleTable, Integers, PoseTable, RadialTable, RepeatabilityTable, Table, test_of
 from analysis.tests.places import hold_targets
 
@@ -29,7 +29,7 @@ class Observation:
 def observe(model: Model, table: Table, where: str) -> Observation:
     """A table with its path, and its lap where it is a circle. Raises FileError for a circle that is none."""
     if isinstance(table, CircleTable):
-        rows = np.searchsorted(table.t_s, lap_of(table, model.rig, where).t_s)
+        rows = np.searchsorted(table.t_s, laps_of(table, model.rig, where).t_s)
         return Observation(table, path_of(model, table), rows, table.g_mm[rows], test_of(table))
     rows = np.arange(len(table.q))
     if isinstance(table, RadialTable | RepeatabilityTable):

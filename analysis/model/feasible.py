@@ -16,6 +16,7 @@ def feasible_tests(rig: Rig) -> list[str]:
     if circle is None:
         return ["no circle test"]
     seconds = circle_program(rig, "acw").t_s[-1]
+    laps = "1 lap" if circle.laps == 1 else f"{circle.laps} laps and the ways back"
     posture = np.radians(circle.posture_deg)
     turns = reversals(frame_of(circle), arm_of(rig.robot), posture, f"{rig.name}, tests.circle")
     by_axis: dict[int, list[str]] = {}
@@ -23,6 +24,6 @@ def feasible_tests(rig: Rig) -> list[str]:
         by_axis.setdefault(turn.axis, []).append(f"{np.degrees(turn.phi):.0f}°")
     listed = "; ".join(f"{rig.robot.axes[axis - 1].name} {' '.join(marks)}" for axis, marks in by_axis.items())
     return [
-        f"circle of {circle.radius_mm:g} mm: reachable, {seconds:.0f} s a lap",
+        f"circle of {circle.radius_mm:g} mm: reachable, {seconds:.0f} s for {laps} in one direction",
         f"joint reversals: {listed}",
     ]

@@ -25,6 +25,10 @@ from rigs.vocabulary import Direction
 _ACCELERATION_MM_S2 = 200.0
 """Of a controller that moves a calibration circle: gentle."""
 _CONTROL_PERIOD_S = 0.004
+_BACK = 2.0
+"""Times the speed of a lap at which a program drives back to the start of the next."""
+_PAUSE_S = 0.5
+"""Standing where a program turns back."""
 _JOINT_SPEED = np.radians(30.0)
 _SHORTEST_MOVE_S = 0.6
 
@@ -45,7 +49,8 @@ def hemisphere_of(rig: Rig) -> Hemisphere:
 
 @dataclass(frozen=True)
 class CircleProgram:
-    """A lap with lead-in and lead-out at the controller's period. t_s (n,); phi (n,) rad; q (n, 6) rad."""
+    """Laps with lead-in and lead-out, and the ways back between them, at the controller's period. t_s (n,); phi (n,)
+    rad; q (n, 6) rad."""
 
     t_s: Array
     phi: Array
@@ -53,14 +58,25 @@ class CircleProgram:
 
 
 def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
-    """The circle of a rig, from rest to rest. Raises FileError where the robot cannot drive it."""
+    """The circle of a rig, all its laps, from rest to rest. Raises FileError where the robot cannot drive it.
+
+    Between two laps the robot drives back along the circle, since few arms have two turns of the wrist to give; twice
+    as fast where its joints can."""
     circle = circle_of(rig)
     arm, frame = arm_of(rig.robot), frame_of(circle)
     t_s, phi = lap(circle, direction)
     where = f"{rig.name}, tests.circle"
     q = drive(arm, frame, phi, np.radians(circle.posture_deg), where)
-    _hold_speeds(arm, t_s, q, where)
-    return CircleProgram(t_s, phi, q)
+    fastest = _fastest(t_s, q)
+    _hold_speeds(arm, fastest, where)
+    back_s = t_s / (_BACK if (_BACK * fastest < arm.speed).all() else 1.0)
+    round_s = t_s[-1] + back_s[-1] + 2 * _PAUSE_S
+    times, rows = [t_s], [np.arange(len(t_s))]
+    for done in range(1, circle.laps):
+        times += [t_s[-1] + _PAUSE_S + back_s + (done - 1) * round_s, t_s + done * round_s]
+        rows += [rows[0][::-1], rows[0]]
+    order = np.concatenate(rows)
+    return CircleProgram(np.concatenate(times), phi[order], q[order])
 
 
 def drive(arm: Arm, frame: CircleFrame, phi: Array, posture: Array, where: str) -> Array:
@@ -94,8 +110,13 @@ def _ramp(t: Array, begin: float, end: float) -> Array:
     return distance
 
 
-def _hold_speeds(arm: Arm, t_s: Array, q: Array, where: str) -> None:
-    fastest = np.abs(np.diff(q, axis=0) / np.diff(t_s)[:, None]).max(axis=0)
+def _fastest(t_s: Array, q: Array) -> Array:
+    """Greatest speed (6,) rad/s of each joint."""
+    fastest: Array = np.abs(np.diff(q, axis=0) / np.diff(t_s)[:, None]).max(axis=0)
+    return fastest
+
+
+def _hold_speeds(arm: Arm, fastest: Array, where: str) -> None:
     for axis in np.flatnonzero(fastest > arm.speed):
         raise FileError(
             where,

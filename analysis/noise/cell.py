@@ -1,10 +1,9 @@
 """The noise of real robot cells, as ranges: what is assumed where a measurement does not show its own.
 
-A width is a `Between`: the standard deviation of some noise, equally likely anywhere between two bounds on a logarithmic
-scale. Robots: data-sheet repeatability after ISO 9283 (RP ± 10 µm of small arms, ± 20 to 50 µm of others; RT of paths
-20 to 130 µm); two visits of a UR10 22 to 49 µm apart (Landgraf et al., CASE 2021); an ABB IRB 1600 up to 37 µm (Slamani,
-Nubiola and Bonev, Robotica 2012); 0.261 mm of range in Oh 2019. Gauges: makers' data sheets.
-"""
+A width is a `Between`: the standard deviation of some noise, equally likely anywhere between two bounds on a
+logarithmic scale. Robots: data-sheet repeatability after ISO 9283 (RP ± 10 µm of small arms, ± 20 to 50 µm of others;
+RT of paths 20 to 130 µm); two visits of a UR10 22 to 49 µm apart (Landgraf et al., CASE 2021); an ABB IRB 1600 up to 37
+µm (Slamani, Nubiola and Bonev, Robotica 2012); 0.261 mm of range in Oh 2019. Gauges: makers' data sheets."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from analysis.kinematics.arm import Array
 from analysis.model.ball_link import angle
 from analysis.model.programs import hemisphere_of
 from analysis.model.simulate import Noise, simulate
-from analysis.reading.lap import lap_of
+from analysis.reading.laps import laps_of
 from analysis.reading.tables import CircleTable, RadialTable, RepeatabilityTable
 from analysis.tests import radial, repeatability, roll, yaw
 from analysis.tests.circle import fit_sine
@@ -66,7 +66,7 @@ def circle(rig: Rig, test: str, direction: Direction, effects: Sequence[Effect])
 
 def curve_of(table: CircleTable, rig: Rig) -> Curve:
     """The curve of a circle table."""
-    lap = lap_of(table, rig, rig.name)
+    lap = laps_of(table, rig, rig.name).first
     phi = lap.phi % (2 * np.pi)
     order = np.argsort(phi)
     y = angle(lap.g_mm[:, 0], lap.g_mm[:, 1], rig.gauges.baseline_mm)[order]

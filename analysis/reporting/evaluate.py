@@ -5,7 +5,8 @@ from __future__ import annotations
 from analysis.kinematics.arm import arm_of
 from analysis.model.programs import hemisphere_of
 from analysis.model.targets import target_angles
-from analysis.reading.lap import lap_of
+from analysis.noise.spectrum import LapNoise
+from analysis.reading.laps import laps_of
 from analysis.reading.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from analysis.tests import pose, radial, repeatability, roll, yaw
 from analysis.tests.circle import CircleResult
@@ -22,8 +23,16 @@ TRACKER_U_MM = 0.02
 """Standard uncertainty of one coordinate of a laser tracker at some metres, where a table says nothing of it."""
 
 
-def evaluate(table: Table, rig: Rig, u_lag_s: float, where: str, u_gauge_mm: float | None = None) -> Evaluated:
-    """The figures of a table. u_gauge_mm: standard uncertainty of one reading, the rig file's where not given.
+def evaluate(
+    table: Table,
+    rig: Rig,
+    u_lag_s: float,
+    where: str,
+    u_gauge_mm: float | None = None,
+    like: tuple[LapNoise, LapNoise] | None = None,
+) -> Evaluated:
+    """The figures of a table. u_gauge_mm: standard uncertainty of one reading, the rig file's where not given; like:
+    noise of the angle and of the distance in another run, for a circle of a single lap.
 
     Raises FileError where it is no good measurement of its test.
     """
@@ -35,7 +44,8 @@ def evaluate(table: Table, rig: Rig, u_lag_s: float, where: str, u_gauge_mm: flo
                 raise FileError(where, "has one gauge, and an angle takes two", "add gauges.g2 to the rig file")
             of_test = yaw.evaluate if table.test == "yaw" else roll.evaluate
             gauges = rig.gauges
-            return of_test(lap_of(table, rig, where), gauges.baseline_mm, gauges.baseline_u_mm, u_lag_s, where)
+            laps = laps_of(table, rig, where)
+            return of_test(laps, gauges.baseline_mm, gauges.baseline_u_mm, u_lag_s, where, like)
         case RadialTable():
             hemisphere = hemisphere_of(rig)
             expected = range(1, len(target_angles(hemisphere)[0]) + 1)

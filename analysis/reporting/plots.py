@@ -15,6 +15,7 @@ from analysis.model.circle import Reversal, frame_of, reversals
 from analysis.model.programs import circle_of
 from analysis.reporting.results import Result
 from analysis.tests.circle import CircleResult
+from analysis.tests.curve import PHI, at_resolution
 from analysis.tests.pose import PoseResult
 from analysis.tests.radial import Radial
 from analysis.tests.repeatability import Repeatability
@@ -148,12 +149,13 @@ def raw_figure(results: Sequence[Result]) -> Figure:
     test = results[0].test
     figure, panels = _panels(results, f"{test.capitalize()} angle and least-squares sine")
     for found, axes in zip(_circles(results), panels, strict=True):
-        phi = np.degrees(found.phi) % 360
-        axes.plot(phi, np.degrees(found.angle), ".", ms=2, color=_INK[found.lap.direction], label="readings")
+        for lap in found.curve.laps:
+            axes.plot(np.degrees(PHI), np.degrees(lap), ".", ms=2, color=_INK[found.laps.direction])
+        axes.plot([], [], ".", ms=2, color=_INK[found.laps.direction], label=f"readings, {_laps(found)}")
         whole = np.linspace(0, 2 * np.pi, 361)
         sine = f"sine, amplitude {found.figures['amplitude_deg']}"
         axes.plot(np.degrees(whole), np.degrees(found.sine(whole)), "-", lw=1, color="black", label=sine)
-        axes.set_ylabel(f"{found.lap.direction}: {test} / °")
+        axes.set_ylabel(f"{found.laps.direction}: {test} / °")
         axes.legend(loc="upper left", fontsize=8, framealpha=0.9)
     return figure
 
@@ -163,16 +165,22 @@ def error_figure(results: Sequence[Result]) -> Figure:
     figure, panels = _panels(results, f"Orientation error in {results[0].test}")
     low, high = _common_range(_circles(results))
     for result, found, axes in zip(results, _circles(results), panels, strict=True):
-        order = np.argsort(np.degrees(found.phi) % 360)
         error = np.degrees(found.residual)
-        axes.plot((np.degrees(found.phi) % 360)[order], error[order], "-", lw=1, color=_INK[found.lap.direction])
-        axes.axhspan(error.min(), error.max(), color=_INK[found.lap.direction], alpha=0.08, lw=0)
+        for lap in found.curve.laps if found.laps.count > 1 else ():
+            own = np.degrees(at_resolution(lap - found.sine(PHI)))
+            axes.plot(np.degrees(PHI), own, "-", lw=0.5, color=_INK[found.laps.direction], alpha=0.4)
+        axes.plot(np.degrees(PHI), error, "-", lw=1, color=_INK[found.laps.direction])
+        axes.axhspan(error.min(), error.max(), color=_INK[found.laps.direction], alpha=0.08, lw=0)
         axes.set_ylim(low, high)
-        axes.set_ylabel(f"{found.lap.direction}: error / °")
+        axes.set_ylabel(f"{found.laps.direction}: error / °")
         band = f"error band {found.figures['band_deg']}"
         axes.text(0.01, 0.04, band, transform=axes.transAxes, fontsize=9, va="bottom")
         _mark_reversals(axes, result)
     return figure
+
+
+def _laps(found: CircleResult) -> str:
+    return "1 lap" if found.laps.count == 1 else f"{found.laps.count} laps"
 
 
 def _panels(results: Sequence[Result], title: str) -> tuple[Figure, list[Axes]]:

@@ -12,7 +12,6 @@ from analysis.kinematics.arm import Array
 from analysis.noise.cell import NoiseSource
 
 _SIGNS = {"deg": "°", "deg/Nm": "°/Nm", "hz": "Hz"}
-_EXCESS_SHARE = 0.2
 
 
 @dataclass(frozen=True)
@@ -43,36 +42,39 @@ class Quantity:
         return f"{value:.{digits}f}"
 
 
-def from_draws(value: float, draws: Array, unit: str, samples: int = 0) -> Quantity:
-    """A figure whose uncertainty is the spread of Monte Carlo draws (m,) of it (JCGM 101)."""
-    u = float(np.std(draws, ddof=1))
-    return Quantity(float(value), 0.0 if u <= 1e-12 * abs(value) else u, unit, samples)
+def from_draws(value: float, draws: Array, unit: str, samples: int = 0, noise: NoiseSource = "measured") -> Quantity:
+    """A figure whose uncertainty is the spread of Monte Carlo draws (m,) of it (JCGM 101).
+
+    It is half of what reaches 95.45 % of them to either side, so that 2 u does what it says for tails heavier than the
+    normal law's too.
+    """
+    low, high = np.quantile(draws, (0.02275, 0.97725))
+    u = float(high - low) / 4
+    return Quantity(float(value), 0.0 if u <= 1e-12 * abs(value) else u, unit, samples, noise)
 
 
 def figures_of(
     values: Mapping[str, float | Array],
     draws: Mapping[str, Array],
     samples: int,
-    noisy: Mapping[str, float] | None = None,
+    excess: Mapping[str, float] | None = None,
+    excess_u: float = 0.0,
+    noise: NoiseSource = "measured",
 ) -> dict[str, Quantity]:
     """Figures by name, which ends in the unit, from their values and Monte Carlo draws (m,).
 
-    noisy: for a maximum or a range, which noise makes too large, its mean over the same draws without their noise.
-    By how much the draws lie above it on average, the value is lowered; that correction is taken as known
-    to a fifth of itself, since the noise-free curve that it starts from is not known either. Names in `_at_deg` are
-    places on a circle: 359° lies 2° from 1°.
+    excess: by how much noise makes a range or a maximum too large on average; the value is lowered by it, never below
+    zero, and the correction counts as known to excess_u of itself. Names in `_at_deg` are places on a circle: 359° lies
+    2° from 1°.
     """
     figures = {}
     for name, plain in values.items():
-        value = float(plain)
-        spread = draws[name]
+        value, spread = float(plain), draws[name]
         if name.endswith("_at_deg"):
-            spread = (spread - value + 180.0) % 360.0 - 180.0
-            u = float(np.std(spread, ddof=1))
-            figures[name] = Quantity(value, u, "deg", samples)
-            continue
-        excess = float(spread.mean()) - noisy[name] if noisy and name in noisy else 0.0
-        figure = from_draws(value - excess, spread, name.rsplit("_", 1)[1], samples)
-        u = float(np.hypot(figure.u, _EXCESS_SHARE * excess))
-        figures[name] = dataclasses.replace(figure, u=u)
+            spread = value + (spread - value + 180.0) % 360.0 - 180.0
+        figure = from_draws(value, spread, name.rsplit("_", 1)[1], samples, noise)
+        if excess and name in excess:
+            u = float(np.hypot(figure.u, excess_u * excess[name]))
+            figure = dataclasses.replace(figure, value=max(value - excess[name], 0.0), u=u)
+        figures[name] = figure
     return figures

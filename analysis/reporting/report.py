@@ -14,11 +14,12 @@ from rich.text import Text
 
 from analysis.reporting.for_json import for_json
 from analysis.reporting.labels import LEADING, in_order, label
-from analysis.reporting.results import Result, by_test, pair_of, paired
+from analysis.reporting.pooled import ONE_RUN, Between, Pairs, Pooled, pairs_of, pooled
+from analysis.reporting.quantity import Quantity
+from analysis.reporting.results import Result, by_test
 from analysis.reporting.truth import Comparison, all_agree, verdict
 from analysis.reporting.whole import whole
 from analysis.tests.circle import CircleResult
-from analysis.tests.pair import Pair
 from rigs.errors import FileError
 
 
@@ -40,39 +41,73 @@ class _Abreast:
             rest = rest[len(shown.columns) - 1 :]
 
 
-def as_tables(results: Sequence[Result], truths: Sequence[dict[str, Comparison]] = ()) -> RenderableType:
-    """A rich table for each test, a column for each run, the truth below a figure where it is known, doubts last."""
+def as_tables(
+    results: Sequence[Result], truths: Sequence[dict[str, Comparison]] = (), *, each: bool = False
+) -> RenderableType:
+    """A rich table for each test, the truth below a figure where it is known, doubts last.
+
+    A column for each direction, the mean of its runs; for each run where it is asked for or the truth is known, or
+    where nothing was repeated."""
     known = {id(result): truth for result, truth in zip(results, truths, strict=False)}
     parts: list[RenderableType] = []
+    doubts = [(result, doubt) for result in results for doubt in result.doubts]
     for group in by_test(results):
-        parts.append(_Abreast(group, known))
-        both = pair_of(group)
-        if both:
-            told = "; ".join(f"{label(name).strip()} {both.figures[name]}" for name in in_order(both.figures))
-            parts.append(Text(f"acw against cw{which_of(group)}: {told}", style="dim"))
-        if any(isinstance(result.found, CircleResult) for result in group):
-            parts.append(Text(lag_in_words(both), style="dim"))
+        together = pooled(group)
+        repeated = [one for one in together if one.figures]
+        if repeated and not truths:
+            parts.append(_means(repeated))
+        if each or truths or len(repeated) < len({result.title for result in group}):
+            parts.append(_Abreast(group, known))
+        parts.append(Text(_what_u_is(group, repeated), style="dim"))
+        parts += [Text(line, style="dim") for line in in_words(pairs_of(group), group)]
+        doubts += [(result, why) for one in together for result, why in one.left_out]
     if truths:
         parts.append(Text(verdict(truths), style="green" if all_agree(truths) else "bold red"))
-    parts += [
-        Text(f"{result.title}, {result.name}: {doubt}", style="yellow") for result in results for doubt in result.doubts
-    ]
+    parts += [Text(f"{result.title}, {result.name}: {doubt}", style="yellow") for result, doubt in doubts]
     return Group(*parts)
 
 
-def which_of(group: Sequence[Result]) -> str:
-    """Which two runs are held against each other, where there are more: ` (monday-acw, monday-cw)`."""
-    both = paired(group)
-    return f" ({both[0].name}, {both[1].name})" if both and len(group) > 2 else ""
+def _what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
+    """What the uncertainties of a group mean."""
+    if not repeated:
+        return ONE_RUN
+    runs = " and ".join(f"{len(one.runs)} runs {one.title}" for one in repeated)
+    return f"{runs}: mean ± standard uncertainty of the mean, sd between the runs; ± of single runs with --each"
 
 
-def lag_in_words(both: Pair | None) -> str:
-    """What two directions tell of the gauges' time, and that one direction tells nothing."""
+def _means(repeated: Sequence[Pooled]) -> Table:
+    """Means over runs, a column for each direction."""
+    rig = repeated[0].runs[0].measured.rig.name
+    table = Table(
+        title=f"{rig} · mean over runs ± standard uncertainty of the mean", title_style="dim", header_style="bold"
+    )
+    table.add_column("")
+    for one in repeated:
+        table.add_column(f"{one.title}\n[dim]{len(one.runs)} runs[/dim]", justify="right")
+    for name in in_order(name for one in repeated for name in one.figures):
+        cells = [str(one.figures[name]) if name in one.figures else "" for one in repeated]
+        table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
+    return whole(table)
+
+
+def in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
+    """acw against cw, the lag of the gauges, and which runs are no pair, a line each."""
+    if not isinstance(group[0].found, CircleResult):
+        return []
     if both is None:
-        return "a lag between gauges and robot cannot be told from one direction: analyse acw and cw together"
-    if abs(both.lag.value) < 2 * both.lag.u:
-        return f"no lag of the gauges behind the robot is to be seen: {both.lag}"
-    return f"gauges lag the robot by {both.lag} (not taken out)"
+        return ["a lag between gauges and robot cannot be seen in one direction: analyse acw and cw together"]
+    lines = list(both.refused)
+    if both.lag is not None:
+        figures = "; ".join(f"{label(name).strip()} {both.figures[name]}" for name in in_order(both.figures))
+        count = f" ({len(both.runs)} pairs)" if len(both.runs) > 1 else ""
+        lines += [f"acw against cw{count}: {figures}", _of_lag(both.lag)]
+    return lines
+
+
+def _of_lag(lag: Quantity) -> str:
+    if abs(lag.value) < 2 * lag.u:
+        return f"no lag of the gauges behind the robot is seen: {lag}"
+    return f"the gauges lag the robot by {lag}, which is not taken out of the figures"
 
 
 def _table(group: Sequence[Result], known: dict[int, dict[str, Comparison]]) -> Table:
@@ -112,19 +147,45 @@ def as_object(results: Sequence[Result], truths: Sequence[dict[str, Comparison]]
     runs = [_run_object(result) for result in results]
     for run, truth in zip(runs, truths, strict=False):
         run["truth"] = {name: asdict(comparison) for name, comparison in truth.items()}
-    reversing = [
+    groups = by_test(results)
+    plain: dict[str, Any] = for_json(
         {
-            "rig": group[0].measured.rig.name,
-            "test": group[0].test,
-            "runs": [str(result.measured.path) for result in paired(group) or ()],
-            "figures": {name: asdict(figure) for name, figure in both.figures.items()},
-            "lag": asdict(both.lag),
+            "runs": runs,
+            "between_runs": [_pooled_object(one) for group in groups for one in pooled(group)],
+            "acw_against_cw": [_pairs_object(both, group) for group in groups if (both := pairs_of(group))],
         }
-        for group in by_test(results)
-        if (both := pair_of(group))
-    ]
-    plain: dict[str, Any] = for_json({"runs": runs, "acw_against_cw": reversing})
+    )
     return plain
+
+
+def _pooled_object(one: Pooled) -> dict[str, Any]:
+    """u of the mean, sd between the runs: what no single run can show."""
+    every = one.runs or tuple(result for result, _ in one.left_out)
+    return {
+        "rig": every[0].measured.rig.name,
+        "test": every[0].test,
+        "direction": every[0].measured.run.manifest.direction,
+        "runs": [str(result.measured.path) for result in one.runs],
+        "left_out": {str(result.measured.path): why for result, why in one.left_out},
+        "figures": {name: _between_object(figure) for name, figure in one.figures.items()},
+    }
+
+
+def _between_object(figure: Between | Quantity) -> dict[str, Any]:
+    if isinstance(figure, Quantity):
+        return asdict(figure)
+    return asdict(figure.mean) | {"sd_between_runs": figure.sd, "runs": figure.runs}
+
+
+def _pairs_object(both: Pairs, group: Sequence[Result]) -> dict[str, Any]:
+    return {
+        "rig": group[0].measured.rig.name,
+        "test": group[0].test,
+        "runs": [str(result.measured.path) for acw_and_cw in both.runs for result in acw_and_cw],
+        "figures": {name: _between_object(figure) for name, figure in both.figures.items()},
+        "lag": None if both.lag is None else asdict(both.lag),
+        "refused": list(both.refused),
+    }
 
 
 def _run_object(result: Result) -> dict[str, Any]:
@@ -158,10 +219,12 @@ def write_report(results: Sequence[Result], directory: Path) -> Path:
             {
                 "results": group,
                 "names": in_order(name for result in group for name in result.figures),
-                "pair": (both := pair_of(group)),
-                "which": which_of(group),
+                "means": [one for one in pooled(group) if one.figures],
+                "left_out": [(result, why) for one in pooled(group) for result, why in one.left_out],
+                "pair": (both := pairs_of(group)),
                 "time": _lags(group),
-                "lag": lag_in_words(both) if isinstance(group[0].found, CircleResult) else "",
+                "what_u_is": _what_u_is(group, [one for one in pooled(group) if one.figures]),
+                "remarks": [line for line in in_words(both, group) if not line.startswith("acw against cw")],
                 "pictures": [base64.b64encode(path.read_bytes()).decode() for path in save_pictures(group, directory)],
             }
             for group in by_test(results)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from analysis.noise.spectrum import LapNoise
 from analysis.reading.loading import Measured, load_measured
 from analysis.reporting.evaluate import Evaluated, evaluate
 from analysis.reporting.quantity import Quantity
-from analysis.tests import circularity
 from analysis.tests.circle import CircleResult
-from analysis.tests.pair import Pair, pair
 from analysis.tests.places import doubts_of
 
 
@@ -44,46 +43,69 @@ class Result:
         return (*self.measured.doubts, *doubts_of(self.measured.table, self.measured.rig), *self.found.notes)
 
 
+def analyse_runs(paths: Sequence[Path]) -> list[Result]:
+    """Read, align and evaluate runs; one of a single lap borrows the noise of another run of its test. Raises
+    FileError."""
+    results = [analyse_run(path) for path in paths]
+    for place, result in enumerate(results):
+        if like := _lender(result, results):
+            results[place] = result_of(result.measured, like)
+    return results
+
+
 def analyse_run(path: Path) -> Result:
     """Read, align and evaluate a run. Raises FileError."""
     return result_of(load_measured(path))
 
 
-def result_of(measured: Measured) -> Result:
-    """Evaluate a run that has been read. Raises FileError."""
-    found = evaluate(measured.table, measured.rig, measured.u_lag_s, str(measured.path))
+def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None) -> Result:
+    """Evaluate a run that has been read; like: noise of angle and distance in another run, for one of a single lap.
+
+    Raises FileError.
+    """
+    found = evaluate(measured.table, measured.rig, measured.u_lag_s, str(measured.path), like=like)
     figures = dict(found.figures)
     if isinstance(found, CircleResult):
-        distance = circularity.evaluate(found.lap, measured.u_lag_s, str(measured.path)).figures
         # The angle and the distance both tell where the ball is; robot errors make them differ.
+        distance = found.distance.figures
         figures |= {f"distance_{name}" if name in figures else name: figure for name, figure in distance.items()}
     return Result(measured, found, figures)
 
 
+def _lender(result: Result, results: Sequence[Result]) -> tuple[LapNoise, LapNoise] | None:
+    """Noise of angle and distance for a run of a single lap, from the first of its test that has more."""
+    if not isinstance(result.found, CircleResult) or result.found.laps.count > 1:
+        return None
+    for other in by_test(results)[_group_of(result, results)]:
+        if isinstance(other.found, CircleResult) and other.found.laps.count > 1:
+            return other.found.curve.noise, other.found.distance.curve.noise
+    return None
+
+
+def _group_of(result: Result, results: Sequence[Result]) -> int:
+    return next(k for k, group in enumerate(by_test(results)) if any(one is result for one in group))
+
+
 def by_test(results: Sequence[Result]) -> list[list[Result]]:
-    """Results in groups of one test on one rig, in the order in which they first come."""
-    groups: dict[tuple[str, str], list[Result]] = {}
+    """Results in groups of one test of one robot at one place, in the order in which they first come."""
+    groups: list[list[Result]] = []
     for result in results:
-        groups.setdefault((result.measured.rig.name, result.test), []).append(result)
-    return list(groups.values())
+        for group in groups:
+            if _same_cell(group[0], result):
+                group.append(result)
+                break
+        else:
+            groups.append([result])
+    return groups
 
 
-def paired(results: Sequence[Result]) -> tuple[Result, Result] | None:
-    """The first acw and the first cw run of a group; None without both, or of two circles."""
-    circles = {
-        result.found.lap.direction: result for result in reversed(results) if isinstance(result.found, CircleResult)
-    }
-    acw, cw = circles.get("acw"), circles.get("cw")
-    if acw is None or cw is None or acw.measured.rig.tests.circle != cw.measured.rig.tests.circle:
-        return None
-    return acw, cw
+def _same_cell(one: Result, other: Result) -> bool:
+    rig, its = one.measured.rig, other.measured.rig
+    place = "circle" if isinstance(one.found, CircleResult) else "hemisphere"
+    alike = rig.name == its.name and rig.robot == its.robot
+    return one.test == other.test and alike and getattr(rig.tests, place) == getattr(its.tests, place)
 
 
-def pair_of(results: Sequence[Result]) -> Pair | None:
-    """Both of `paired` against each other."""
-    both = paired(results)
-    if both is None:
-        return None
-    acw, cw = both
-    assert isinstance(acw.found, CircleResult) and isinstance(cw.found, CircleResult)  # noqa: S101 - by construction
-    return pair(acw.found, cw.found)
+def with_doubt(result: Result, doubt: str) -> Result:
+    """The same with one more doubt."""
+    return replace(result, measured=replace(result.measured, doubts=(*result.measured.doubts, doubt)))

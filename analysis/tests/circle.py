@@ -6,22 +6,24 @@ maximum less its minimum the error band. Which figures are taken besides, yaw an
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.model.ball_link import angle
-from analysis.reading.lap import Lap
-from analysis.reporting.quantity import Quantity, figures_of
+from analysis.noise.spectrum import DRAWS, NODES, LapNoise
+from analysis.reading.laps import Laps
+from analysis.reporting.quantity import Quantity
 from analysis.tests.checks import hold_alive, hold_numbers, hold_radius
-from analysis.tests.circularity import fit_circle
-from analysis.tests.curve import DRAWS, SEED, Curve, curve_of, means, stacked
+from analysis.tests.circularity import Circularity
+from analysis.tests.circularity import evaluate as evaluate_distance
+from analysis.tests.curve import PHI, SEED, Curve, at_resolution, curve_of, figures, nodes_of, reduced
 from rigs.errors import FileError
 
-Plain = Callable[[Array, Array, float], dict[str, float]]
-"""The plain figures of an angle (n,) rad over phi (n,) rad on a circle of a radius in mm, by name."""
+Plain = Callable[[Array, float], Mapping[str, Array]]
+"""The plain figures (...,) by name of angles (..., NODES) rad on a circle of a radius in mm."""
 RANGES = frozenset({"band_deg", "range_deg"})
 """Figures that noise makes too large."""
 
@@ -51,32 +53,28 @@ class Sine:
         return float(np.arctan2(self.b, self.a))
 
 
-def fit_sine(phi: Array, y: Array) -> Sine:
-    """The least-squares sine of eq. (2) through y (n,) rad at phi (n,) rad of one lap, in order of either direction.
+def sine_of(y: Array) -> tuple[Array, Array, Array]:
+    """A, a and b (...,) of the least-squares sine of eq. (2) through curves (..., NODES).
 
-    Each row counts by the arc that it stands for: the paper's plain sums where rows are evenly spaced, and no pull
-    towards where they are dense.
+    Nodes lie evenly around the circle, so that the paper's sums are the orders 0 and 1 of the spectrum.
     """
-    design = np.stack([np.ones_like(phi), np.sin(phi), np.cos(phi)], axis=1)
-    weight = np.sqrt(_arcs(phi))
-    A, a, b = np.linalg.lstsq(design * weight[:, None], y * weight, rcond=None)[0]
+    spectrum = np.fft.rfft(y) / NODES
+    return spectrum[..., 0].real, -2 * spectrum[..., 1].imag, 2 * spectrum[..., 1].real
+
+
+def fit_sine(phi: Array, y: Array) -> Sine:
+    """The sine of a noise-free curve y (n,) rad at phi (n,) rad of one lap."""
+    A, a, b = sine_of(nodes_of(phi, y))
     return Sine(float(A), float(a), float(b))
-
-
-def _arcs(phi: Array) -> Array:
-    """Half the way from the neighbour before to the one behind, (n,) rad, around the circle."""
-    around = np.concatenate([phi[-1:], phi, phi[:1]])
-    steps = np.abs((np.diff(around) + np.pi) % (2 * np.pi) - np.pi)
-    return (steps[1:] + steps[:-1]) / 2
 
 
 @dataclass(frozen=True)
 class CircleResult:
-    """Result of one direction. phi, angle, residual: (n,) rad in order of time; curve: the angle and its noise;
-    u_lag_s, u_scale: what was assumed of the gauges' time and of the baseline (relative)."""
+    """Result of one direction. angle, residual: (NODES,) rad over PHI, the residual at the stated resolution; curve:
+    the angle with its noise; distance: what the mean of the gauges shows; u_lag_s, u_scale: what was assumed of the
+    gauges' time and of the baseline (relative)."""
 
-    lap: Lap
-    phi: Array
+    laps: Laps
     angle: Array
     residual: Array
     sine: Sine
@@ -84,57 +82,93 @@ class CircleResult:
     samples: int
     notes: tuple[str, ...]
     curve: Curve
+    distance: Circularity
     u_lag_s: float
     u_scale: float
 
 
 def evaluate_angle(
-    lap: Lap, baseline_mm: float, baseline_u_mm: float, u_lag_s: float, plain: Plain, where: str
+    laps: Laps,
+    baseline_mm: float,
+    baseline_u_mm: float,
+    u_lag_s: float,
+    plain: Plain,
+    where: str,
+    like: tuple[LapNoise, LapNoise] | None = None,
 ) -> CircleResult:
-    """The figures of one lap by `plain`, ranges corrected for noise, each with its uncertainty.
+    """The figures of a run's laps by `plain`, ranges corrected for noise, each with its uncertainty.
 
-    Raises FileError for readings that no ball link gives.
+    like: noise of the angle and of the distance in another run of the cell, for a run of one lap. Raises FileError for
+    readings that no ball link gives.
     """
-    _hold(lap, baseline_mm, where)
-    y = angle(lap.g_mm[:, 0], lap.g_mm[:, 1], baseline_mm)
-    sine = fit_sine(lap.phi, y)
-    curve = curve_of(lap, y, sine(lap.phi))
-    radius, u_scale = lap.frame.radius, baseline_u_mm / abs(baseline_mm)
+    _hold(laps, baseline_mm, where)
+    run = reduced(laps)
+
+    def angle_of(g_mm: Array) -> Array:
+        return angle(g_mm[..., 0], g_mm[..., 1], baseline_mm)
+
+    curve = curve_of(run, angle_of, np.sqrt(2) / abs(baseline_mm), like and like[0])
+    radius, u_scale = laps.frame.radius, baseline_u_mm / abs(baseline_mm)
     rng = np.random.default_rng(SEED)
-    draws, calm = [], []
-    for _ in range(DRAWS):
-        lag, scale = rng.normal(0.0, u_lag_s), 1.0 + rng.normal(0.0, u_scale)
-        phi, noisy, quiet = curve.drawn(rng, lag, scale)
-        draws.append(plain(phi, noisy, radius))
-        calm.append(plain(phi, quiet, radius))
-    figures = figures_of(plain(lap.phi, y, radius), stacked(draws), len(y), means(calm, RANGES))
-    residual = y - sine(lap.phi)
-    return CircleResult(lap, lap.phi, y, residual, sine, figures, len(y), lap.notes, curve, u_lag_s, u_scale)
+    lag_s, scale = rng.normal(0.0, u_lag_s, DRAWS), 1.0 + rng.normal(0.0, u_scale, DRAWS)
+
+    def drawn(curves: Sequence[Array]) -> list[Array]:
+        return [curve.drawn(curves[0], lag_s, scale)]
+
+    found = figures(lambda y: plain(y[0], radius), [curve], drawn, len(laps.phi), RANGES)
+    sine = Sine(*(float(part) for part in sine_of(curve.y)))
+    residual = at_resolution(curve.y - sine(PHI))
+    distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
+    notes = (*laps.notes, *run.notes, *_about_noise(curve))
+    return CircleResult(laps, curve.y, residual, sine, found, len(laps.phi), notes, curve, distance, u_lag_s, u_scale)
+
+
+def _about_noise(curve: Curve) -> tuple[str, ...]:
+    """Where the noise is not from laps of this run, in words."""
+    match curve.noise.source:
+        case "borrowed":
+            return ("one lap: its slow noise is borrowed from another run of this cell, at an unknown level",)
+        case "assumed":
+            return ("one lap: its slow noise cannot be seen and is assumed as real cells have it; drive two laps",)
+    return ()
 
 
 def eccentricities(result: CircleResult) -> tuple[Array, Array]:
     """Where the ball lies from the centre along u and v, (2,) mm each: by the angle of a yaw, and by the distance."""
-    radius = result.lap.frame.radius
+    radius = result.laps.frame.radius
     by_angle = radius * np.array([-result.sine.a, result.sine.b])
-    return by_angle, fit_circle(result.phi, result.lap.g_mm.mean(axis=1), radius)[:2]
+    return by_angle, result.distance.ball_mm
 
 
-def sine_figures(phi: Array, y: Array) -> dict[str, float]:
-    """Band, amplitude, shift and offset: the paper's section 2.1."""
-    sine = fit_sine(phi, y)
+def sine_figures(y: Array) -> dict[str, Array]:
+    """Band, amplitude, shift and offset (...,) of curves (..., NODES): the paper's section 2.1."""
+    A, a, b = sine_of(y)
+    error = at_resolution(y - _sines(A, a, b))
     return {
-        "band_deg": float(np.degrees(np.ptp(y - sine(phi)))),
-        "amplitude_deg": float(np.degrees(sine.amplitude)),
-        "shift_deg": float(np.degrees(sine.shift)),
-        "offset_deg": float(np.degrees(sine.A)),
+        "band_deg": np.degrees(np.ptp(error, axis=-1)),
+        "amplitude_deg": np.degrees(np.hypot(a, b)),
+        "shift_deg": np.degrees(np.arctan2(b, a)),
+        "offset_deg": np.degrees(A),
     }
 
 
-def _hold(lap: Lap, baseline_mm: float, where: str) -> None:
-    if lap.g_mm.ndim != 2 or lap.g_mm.shape[1] != 2:
+def error_of(y: Array) -> tuple[Array, Array]:
+    """Orientation errors (..., NODES) of curves, and these with their sine, at the stated resolution."""
+    sine = _sines(*sine_of(y))
+    error = at_resolution(y - sine)
+    return error, error + sine
+
+
+def _sines(A: Array, a: Array, b: Array) -> Array:
+    values: Array = A[..., None] + a[..., None] * np.sin(PHI) + b[..., None] * np.cos(PHI)
+    return values
+
+
+def _hold(laps: Laps, baseline_mm: float, where: str) -> None:
+    if laps.g_mm.ndim != 2 or laps.g_mm.shape[1] != 2:
         raise FileError(where, "has not two gauges, and an angle takes two", "give g1_mm and g2_mm")
     if baseline_mm == 0:
         raise FileError(where, "the gauges stand at the same place", "correct offset_mm of g1 and g2 in the rig file")
-    hold_radius(where, lap.frame.radius)
-    hold_numbers(where, t_s=lap.t_s, q=lap.q, g1_mm=lap.g_mm[:, 0], g2_mm=lap.g_mm[:, 1])
-    hold_alive(where, g1_mm=lap.g_mm[:, 0], g2_mm=lap.g_mm[:, 1])
+    hold_radius(where, laps.frame.radius)
+    hold_numbers(where, t_s=laps.t_s, q=laps.q, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
+    hold_alive(where, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])

@@ -12,85 +12,93 @@ within 5 mm of their zero.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.reading.lap import Lap
-from analysis.reporting.quantity import Quantity, figures_of
-from analysis.tests.checks import hold_alive, hold_numbers, hold_radius
-from analysis.tests.curve import DRAWS, SEED, Curve, curve_of, means, stacked
+from analysis.noise.spectrum import DRAWS, NODES, LapNoise
+from analysis.reading.laps import Laps
+from analysis.reporting.quantity import Quantity
+from analysis.tests.checks import hold_alive, hold_radius
+from analysis.tests.curve import PHI, SEED, Curve, Reduced, at_resolution, curve_of, figures, nodes_of
+
+RANGES = frozenset({"circular_deviation_mm"})
+_ROUNDS = 4
+"""Of Gauss-Newton; an eccentricity of a tenth of the radius takes three to 1 nm."""
 
 
 @dataclass(frozen=True)
 class Circularity:
-    """Result of one direction. phi (n,) rad, deviation (n,) mm outwards, in order of time; curve: the distance."""
+    """Result of one direction. deviation_mm (NODES,) outwards over PHI, at the stated resolution; curve: the distance;
+    ball_mm (2,): of the least-squares circle, along u and v."""
 
-    lap: Lap
-    phi: Array
     deviation_mm: Array
     curve: Curve
-    u_lag_s: float
+    ball_mm: Array
     figures: dict[str, Quantity]
-    samples: int
-    notes: tuple[str, ...]
 
 
-def evaluate(lap: Lap, u_lag_s: float, where: str = "the circle run") -> Circularity:
+def evaluate(
+    run: Reduced, laps: Laps, u_lag_s: float, where: str = "the circle run", like: LapNoise | None = None
+) -> Circularity:
     """figures: circular_deviation_mm G of one direction, noise-corrected; eccentricity_u_mm, _v_mm and _mm of
     the ball by the distance, which the robot's orientation errors do not touch. Raises FileError."""
-    hold_radius(where, lap.frame.radius)
-    hold_numbers(where, t_s=lap.t_s, g_mm=lap.g_mm)
-    distance = lap.g_mm.mean(axis=1)
-    hold_alive(where, g_mm=distance)
-    radius = lap.frame.radius
-    fit = fit_circle(lap.phi, distance, radius)
-    curve = curve_of(lap, distance, circle_at(lap.phi, fit, radius))
-    rng = np.random.default_rng(SEED)
-    draws, calm = [], []
-    for _ in range(DRAWS):
-        phi, noisy, quiet = curve.drawn(rng, rng.normal(0.0, u_lag_s))
-        draws.append(plain_figures(phi, noisy, radius))
-        calm.append(plain_figures(phi, quiet, radius))
-    still = means(calm, ("circular_deviation_mm",))
-    figures = figures_of(plain_figures(lap.phi, distance, radius), stacked(draws), len(distance), still)
-    deviation = distance - circle_at(lap.phi, fit, radius)
-    return Circularity(lap, lap.phi, deviation, curve, u_lag_s, figures, len(distance), lap.notes)
+    radius = laps.frame.radius
+    hold_radius(where, radius)
+    hold_alive(where, g_mm=laps.g_mm.mean(axis=1))
+    curve = curve_of(run, lambda g_mm: g_mm.mean(axis=-1), np.sqrt(0.5), like)
+    lag_s = np.random.default_rng(SEED).normal(0.0, u_lag_s, DRAWS)
+
+    def drawn(curves: Sequence[Array]) -> list[Array]:
+        return [curve.drawn(curves[0], lag_s, np.ones(DRAWS))]
+
+    found = figures(lambda d: figures_at(d[0], radius), [curve], drawn, len(laps.phi), RANGES)
+    fit = fit_circle(curve.y, radius)
+    return Circularity(at_resolution(curve.y - circle_at(fit, radius)), curve, fit[:2], found)
 
 
 def plain_figures(phi: Array, distance: Array, radius_mm: float) -> dict[str, float]:
-    """The plain figures of distances (n,) mm, from any zero, over phi (n,) rad."""
-    fit = fit_circle(phi, distance, radius_mm)
+    """The plain figures of noise-free distances (n,) mm, from any zero, over phi (n,) rad."""
+    return {name: float(value) for name, value in figures_at(nodes_of(phi, distance), radius_mm).items()}
+
+
+def figures_at(distance: Array, radius_mm: float) -> dict[str, Array]:
+    """The plain figures (...,) of distances (..., NODES) mm over PHI."""
+    fit = fit_circle(distance, radius_mm)
+    deviation = at_resolution(distance - circle_at(fit, radius_mm))
     return {
-        "circular_deviation_mm": float(np.ptp(distance - circle_at(phi, fit, radius_mm))),
-        "eccentricity_u_mm": float(fit[0]),
-        "eccentricity_v_mm": float(fit[1]),
-        "eccentricity_mm": float(np.hypot(fit[0], fit[1])),
+        "circular_deviation_mm": np.ptp(deviation, axis=-1),
+        "eccentricity_u_mm": fit[..., 0],
+        "eccentricity_v_mm": fit[..., 1],
+        "eccentricity_mm": np.hypot(fit[..., 0], fit[..., 1]),
     }
 
 
-def fit_circle(phi: Array, distance: Array, radius_mm: float) -> Array:
-    """Least-squares e_u, e_v and constant c, (3,) mm, of |R r(phi) - e| + c through distances (n,) mm."""
+def fit_circle(distance: Array, radius_mm: float) -> Array:
+    """Least-squares e_u, e_v and constant c, (..., 3) mm, of |R r(phi) - e| + c through distances (..., NODES).
+
+    The slopes by e_u and e_v are close to -cos and -sin, so that each round takes the orders 0 and 1 of what is left.
+    """
+    # Draws lie within micrometres of their mean: a round or two from its fit is enough for each.
     fit = np.zeros(3)
-    for _ in range(4):
-        design = np.stack([*_slopes(phi, fit, radius_mm), np.ones_like(phi)], axis=1)
-        misfit = distance - circle_at(phi, fit, radius_mm)
-        step: Array = np.linalg.solve(design.T @ design, design.T @ misfit)
-        fit = fit + step
-        if np.abs(step).max() < 1e-9:
-            break
-    return fit
+    mean = distance.reshape(-1, NODES).mean(axis=0)
+    for _ in range(_ROUNDS):
+        fit = _closer(mean, fit, radius_mm)
+    fits = np.broadcast_to(fit, (*distance.shape[:-1], 3))
+    return _closer(distance, _closer(distance, fits, radius_mm), radius_mm)
 
 
-def circle_at(phi: Array, fit: Array, radius_mm: float) -> Array:
-    """|R r(phi) - e| + c (n,) mm."""
-    x, y = radius_mm * np.cos(phi) - fit[0], radius_mm * np.sin(phi) - fit[1]
-    values: Array = np.hypot(x, y) + fit[2]
+def _closer(distance: Array, fit: Array, radius_mm: float) -> Array:
+    """The next round (..., 3) of a fit."""
+    left = np.fft.rfft(distance - circle_at(fit, radius_mm)) / NODES
+    closer: Array = fit + np.stack([-2 * left[..., 1].real, 2 * left[..., 1].imag, left[..., 0].real], axis=-1)
+    return closer
+
+
+def circle_at(fit: Array, radius_mm: float) -> Array:
+    """|R r(phi) - e| + c (..., NODES) mm over PHI, of fits (..., 3)."""
+    x, y = radius_mm * np.cos(PHI) - fit[..., 0, None], radius_mm * np.sin(PHI) - fit[..., 1, None]
+    values: Array = np.hypot(x, y) + fit[..., 2, None]
     return values
-
-
-def _slopes(phi: Array, fit: Array, radius_mm: float) -> tuple[Array, Array]:
-    x, y = radius_mm * np.cos(phi) - fit[0], radius_mm * np.sin(phi) - fit[1]
-    distance = np.hypot(x, y)
-    return -x / distance, -y / distance

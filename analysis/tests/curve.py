@@ -1,109 +1,276 @@
-"""A curve sampled along a lap: its noise, and what its noise and its time do to figures taken from it.
+"""A closed curve over circle angle: the mean of the laps that were driven, with what noise may have added to it.
 
-Uncertainties are by Monte Carlo (JCGM 101): reading noise as the data show it, where the samples happened
-to fall, and the gauges' time against the robot's. The largest less the smallest of noisy values is too large
-on average; the same draws tell by how much, and ranges are corrected for it.
+    rows of a run  →  readings at 720 circle angles, lap by lap  →  slips, bursts and drift taken out  →  their mean
+
+Cost grows with the rows once, for the least-squares broken line through them; every figure and every Monte Carlo draw
+(JCGM 101) is then of 720 numbers. Figures are those of the curve at a stated angular resolution, as in the roundness of
+ISO 12181-2: a Gaussian filter that passes half of 80 undulations per revolution (a wavelength of 4.5°). The range of a
+noisy curve without one has no true value.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.reading.lap import Lap
+from analysis.model.circle import SENSE
+from analysis.noise.laps import power_of_ramp, without_bursts, without_drift, without_slips
+from analysis.noise.readings import Mask, is_wild, noise_beneath, rounding_error, step_of
+from analysis.noise.spectrum import DRAWS, NODES, ORDERS, Integers, LapNoise, node_response, noise_of
+from analysis.reading.laps import Laps
+from analysis.reporting.quantity import Quantity, figures_of
 
-DRAWS = 400
 SEED = 0
 """Fixed, so that the same run gives the same report."""
-_WINDOWS = (7, 13, 25, 49, 97)
-_AGREE = 4.0
+PHI = 2 * np.pi * np.arange(NODES) / NODES
+"""The circle angles (NODES,) rad of a curve."""
+UNDULATIONS = 80.0
+"""Per revolution, of which half pass: ISO 12181-2 has 15, 50, 150 and 500 for roundness; robots' gears have orders up
+to some 60, and their reversals transits of a degree and more."""
+_PASSES = 0.5 ** ((ORDERS / UNDULATIONS) ** 2)
+_COARSE = 0.5 ** ((ORDERS / 20.0) ** 2)
+"""Smooths away the stairs that rounding makes, so that other stairs can be tried."""
+_STIFF = 1e-3
+"""Of the rows at a node: weight of second differences, which bridge nodes without rows."""
+_SOLVED = 1e-9
+"""Relative: a picometre in a millimetre."""
+_BASE_ROWS = 20_000
+_BLOCK = 1 << 17
+"""Rows at a time, so that a long run needs no memory for all of them."""
+_RANGE_U = 0.5
+"""Share of the correction for noise by which a range is uncertain: the curve without noise is itself an estimate."""
+
+Plain = Callable[[Array], Mapping[str, Array]]
+"""The plain figures (...,) by name of curves (..., NODES)."""
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A run's laps at NODES circle angles. g_mm (L, NODES, k) in order of time; order (NODES,): which circle angle each
+    is; rows: in a lap; rate: rad/s of phi; step_mm, noise_mm (k,): rounding of each gauge and the noise beneath it."""
+
+    g_mm: Array
+    order: Integers
+    rows: float
+    lap_s: float
+    apart_s: float
+    rate: float
+    step_mm: tuple[float, ...]
+    noise_mm: tuple[float, ...]
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Curve:
-    """Values y over circle angle phi, in order of time: (n,) each; smooth: y with its noise reduced;
-    rate: (n,) rad/s of phi; noise: standard deviation of the white part of y; u_t_s: (n,) of each row's time."""
+    """A curve y (NODES,) over PHI, and errors (DRAWS, NODES) that noise may have put into it; calm (NODES,): y with its
+    noise reduced; laps (L, NODES) that y is the mean of; drift: of a lap; rate: rad/s of phi."""
 
-    phi: Array
     y: Array
-    smooth: Array
-    rate: Array
-    noise: float
-    u_t_s: Array
+    calm: Array
+    errors: Array
+    laps: Array
+    noise: LapNoise
+    drift: float
+    rate: float
 
-    def drawn(self, rng: np.random.Generator, lag_s: float, scale: float = 1.0) -> tuple[Array, Array, Array]:
-        """phi and y (n,) as another run might have shown them, and that y without its noise: each row might as well
-        have fallen half way to its neighbours, the gauges' clock be off by lag_s and each row by its own, the readings
-        be noisy and be `scale` times too large."""
-        rows = np.arange(len(self.y))
-        fallen = rows + rng.uniform(-0.5, 0.5, len(rows))
-        calm = np.interp(fallen, rows, self.smooth) / scale
-        y: Array = calm + rng.normal(0.0, self.noise, len(rows)) / scale
-        off_s = lag_s + rng.normal(0.0, 1.0, len(rows)) * self.u_t_s if self.u_t_s.any() else lag_s
-        return np.interp(fallen, rows, self.phi) + self.rate * off_s, y, calm
+    def drawn(self, curve: Array, lag_s: Array, scale: Array) -> Array:
+        """A curve (NODES,), this one or its calm, as runs with other noise, lag_s (DRAWS,) and relative scale (DRAWS,)
+        might have shown it: (DRAWS, NODES)."""
+        turned = np.exp(-1j * ORDERS * self.rate * lag_s[:, None])
+        return np.fft.irfft(np.fft.rfft(curve) * turned, NODES, axis=1) / scale[:, None] + self.errors
 
 
-def curve_of(lap: Lap, y: Array, base: Array | None = None) -> Curve:
-    """The curve y (n,) of a lap. base (n,): its smooth bulk, known by a fit, which smoothing need not touch."""
-    base = np.zeros_like(y) if base is None else base
-    rate = np.gradient(lap.phi, lap.t_s) if len(lap.phi) > 2 else np.zeros_like(lap.phi)
-    noise = noise_sd(y - base)
-    u_t_s = np.zeros(len(y)) if lap.u_t_s is None else lap.u_t_s
-    return Curve(lap.phi, y, smoothed(y - base, noise) + base, rate, noise, u_t_s)
+def reduced(laps: Laps) -> Reduced:
+    """The readings of a run at NODES circle angles, lap by lap; wild readings are left out and counted."""
+    some = slice(None, None, max(1, len(laps.phi) // _BASE_ROWS))
+    base = np.asarray(np.linalg.lstsq(_waves(laps.phi[some]), laps.g_mm[some], rcond=None)[0], dtype=np.float64)
+    wild = np.array([is_wild(_less_base(laps.phi, g_mm, one)) for g_mm, one in zip(laps.g_mm.T, base.T, strict=True)])
+    keep: Mask = ~np.any(wild, axis=0)
+    lap = np.minimum(np.abs(laps.phi - laps.start) // (2 * np.pi), laps.count - 1).astype(np.int64)
+    nodes = _broken_lines(laps.phi, laps.g_mm, lap, keep, base) + _waves(PHI) @ base
+    order = _driven(laps)
+    nodes, notes = _steady(nodes[:, order])
+    steps = tuple(step_of(g_mm) for g_mm in laps.g_mm.T)
+    beneath = tuple(noise_beneath(g_mm, step) for g_mm, step in zip(laps.g_mm.T, steps, strict=True))
+    if wild.any():
+        notes = (f"wild readings left out: {', '.join(map(str, wild.sum(axis=1)))} of {len(keep)} (g1, g2)", *notes)
+    rate = SENSE[laps.direction] * 2 * np.pi / laps.lap_s
+    rows = float(keep.sum()) / laps.count
+    return Reduced(nodes, order, rows, laps.lap_s, laps.apart_s, rate, steps, beneath, notes)
 
 
-def noise_sd(y: Array) -> float:
-    """Standard deviation of the white part of a curve (n,) sampled in order.
+def nodes_of(phi: Array, y: Array) -> Array:
+    """A noise-free curve y (n,) over phi (n,) rad, of one lap, at PHI (NODES,)."""
+    once, all_rows = np.zeros(len(phi), dtype=np.int64), np.ones(len(phi), dtype=bool)
+    base = np.asarray(np.linalg.lstsq(_waves(phi), y[:, None], rcond=None)[0], dtype=np.float64)
+    nodes: Array = (_broken_lines(phi, y[:, None], once, all_rows, base)[0] + _waves(PHI) @ base)[:, 0]
+    return nodes
 
-    By third differences, which a smooth curve barely passes (Gasser, Sroka and Jennen-Steinmetz 1986),
-    and by their median, so that a jump or two do not count.
+
+def curve_of(run: Reduced, values: Callable[[Array], Array], per_mm: float, like: LapNoise | None = None) -> Curve:
+    """The curve of `values`, which makes (...,) of readings (..., k) mm, and per_mm of a gauge's noise; like: the noise
+    of another run of the cell, where this one has a single lap."""
+    rng = np.random.default_rng(SEED)
+    laps = values(run.g_mm)
+    borrowed = like is not None and len(laps) == 1
+    noise = like.elsewhere(rng) if borrowed and like else noise_of(laps, run.rows, run.lap_s, per_mm, rng)
+    level = float(noise.power(1, run.rows, run.lap_s)[:, 0].mean())
+    laps, drift, variance = without_drift(laps, level, (run.lap_s, run.apart_s), per_mm)
+    power = noise.power(len(laps), run.rows, run.lap_s) + power_of_ramp(variance)
+    power[:, 0] += (
+        drift * len(laps) * run.apart_s / run.lap_s
+    ) ** 2 / 12  # where the level belongs to is anywhere along the drift
+    parts = rng.standard_normal((2, *power.shape)) * np.sqrt(power / 2)
+    spectra = parts[0] + 1j * parts[1]
+    spectra[:, 0] = np.sqrt(2) * parts[0][:, 0]
+    mean = run.g_mm.mean(axis=0)
+    errors: Array = np.fft.irfft(spectra, NODES, axis=1) * NODES + values(mean + _stairs(run, rng)) - values(mean)
+    y = laps.mean(axis=0)
+    place = np.argsort(run.order)
+    calm = _calmed(y, np.exp(np.log(power).mean(axis=0)))
+    return Curve(y[place], calm[place], errors[:, place], laps[:, place], noise, drift, run.rate)
+
+
+def at_resolution(y: Array) -> Array:
+    """Curves (..., NODES) at the stated angular resolution."""
+    filtered: Array = np.fft.irfft(np.fft.rfft(y) * _PASSES, NODES)
+    return filtered
+
+
+def figures(
+    plain: Plain,
+    curves: Sequence[Curve],
+    drawn: Callable[[Sequence[Array]], Sequence[Array]],
+    samples: int,
+    ranges: frozenset[str],
+) -> dict[str, Quantity]:
+    """Figures by name of some curves together: `plain` takes them stacked, (curves, ..., NODES).
+
+    drawn: the draws (DRAWS, NODES) of each about the curves that it is given. A range is lowered by as much as noise
+    makes the calm curve's larger, never below zero.
     """
-    third = np.diff(y, 3)
-    return float(np.median(np.abs(third)) / 0.6745 / np.sqrt(20.0))
+    values = plain(np.stack([curve.y for curve in curves]))
+    calm = [curve.calm for curve in curves]
+    still, moved = plain(np.stack(calm)), plain(np.stack(drawn(calm)))
+    excess = {name: max(float(np.mean(moved[name]) - still[name]), 0.0) for name in ranges & values.keys()}
+    draws = plain(np.stack(drawn([curve.y for curve in curves])))
+    source = max((curve.noise.source for curve in curves), key=("measured", "borrowed", "assumed").index)
+    return figures_of(values, draws, samples, excess, _RANGE_U, source)
 
 
-def smoothed(y: Array, noise: float) -> Array:
-    """A curve (n,) sampled in order, its noise (standard deviation) reduced, by quadratics over some rows.
+def _waves(phi: Array) -> Array:
+    """Level and the first two orders (n, 5) at phi (n,)."""
+    return np.stack([np.ones_like(phi), np.sin(phi), np.cos(phi), np.sin(2 * phi), np.cos(2 * phi)], axis=1)
 
-    At each row the widest window is taken that agrees, within its noise, with all narrower ones (Savitzky and Golay
-    1964; Lepski 1991): wide where the curve is smooth, narrow at jumps.
+
+def _less_base(phi: Array, values: Array, base: Array) -> Array:
+    """Values (n,) without level and first two orders (5,), in blocks."""
+    left = np.empty(len(values))
+    for begin in range(0, len(values), _BLOCK):
+        rows = slice(begin, begin + _BLOCK)
+        left[rows] = values[rows] - _waves(phi[rows]) @ base
+    return left
+
+
+def _broken_lines(phi: Array, values: Array, lap: Integers, keep: Mask, base: Array) -> Array:
+    """The closed broken lines (L, NODES, k) through NODES that fit values (n, k) less their base best, lap by lap, as
+    smooth curves. The normal equations of hat functions are summed over blocks of rows."""
+    count = int(lap.max()) + 1
+    beyond, between, before = (np.zeros(count * NODES) for _ in range(3))
+    pull_left, pull_right = (np.zeros((values.shape[1], count * NODES)) for _ in range(2))
+    for begin in range(0, len(phi), _BLOCK):
+        rows = begin + np.flatnonzero(keep[begin : begin + _BLOCK])
+        place = phi[rows] % (2 * np.pi) * (NODES / (2 * np.pi))
+        left = np.floor(place)
+        share = place - left
+        at = lap[rows] * NODES + left.astype(np.int64) % NODES
+        left_over = values[rows] - _waves(phi[rows]) @ base
+        before += np.bincount(at, (1 - share) ** 2, len(before))
+        between += np.bincount(at, share * (1 - share), len(before))
+        beyond += np.bincount(at, share**2, len(before))
+        for k, column in enumerate(left_over.T):
+            pull_left[k] += np.bincount(at, (1 - share) * column, len(before))
+            pull_right[k] += np.bincount(at, share * column, len(before))
+    shape = (values.shape[1], count, NODES)
+    pull = pull_left.reshape(shape) + np.roll(pull_right.reshape(shape), 1, axis=2)
+    diagonals = before.reshape(count, NODES) + np.roll(beyond.reshape(count, NODES), 1, axis=1)
+    lines = _solved(diagonals, between.reshape(count, NODES), pull)
+    smooth = np.fft.irfft(np.fft.rfft(lines, axis=2) / node_response(), NODES, axis=2)
+    nodes: Array = np.moveaxis(smooth, 0, 2)
+    return nodes
+
+
+def _solved(diagonal: Array, beside: Array, pull: Array) -> Array:
+    """The broken lines (k, L, NODES) of cyclic normal equations, a little stiff, so that a node without rows is
+    bridged.
+
+    By conjugate gradients (Hestenes and Stiefel 1952): some thirty steps where every node has rows.
     """
-    best: Array = y
-    reach = _WINDOWS[-1] // 2
-    padded = np.pad(y, reach, mode="reflect")
-    agreed = np.ones(len(y), dtype=bool)
-    narrower: list[tuple[Array, float]] = []
-    for window in _WINDOWS:
-        if window > len(y) // 4 and narrower:
+    stiff = _STIFF * diagonal.mean(axis=1, keepdims=True)
+    scale = 1 / (diagonal + 6 * stiff)
+
+    def normal(x: Array) -> Array:
+        bend = 2 * x - np.roll(x, 1, axis=-1) - np.roll(x, -1, axis=-1)
+        bend = 2 * bend - np.roll(bend, 1, axis=-1) - np.roll(bend, -1, axis=-1)
+        moved: Array = diagonal * x + beside * np.roll(x, -1, axis=-1) + np.roll(beside * x, 1, axis=-1) + stiff * bend
+        return moved
+
+    line: Array = scale * pull
+    left = pull - normal(line)
+    way = scale * left
+    size = (left * way).sum(axis=-1, keepdims=True)
+    enough = _SOLVED**2 * np.maximum((pull * scale * pull).sum(axis=-1, keepdims=True), 1e-300)
+    for _ in range(2 * NODES):
+        if (size <= enough).all():
             break
-        kernel = _kernel(window)
-        aside = reach - window // 2
-        wide = np.convolve(padded[aside : len(padded) - aside], kernel, mode="valid")
-        share = float(kernel @ kernel)  # what such a window leaves of the noise's variance
-        for other, its_share in narrower:
-            agreed &= np.abs(wide - other) <= _AGREE * noise * np.sqrt(its_share - share)
-        best = np.where(agreed, wide, best)
-        narrower.append((wide, share))
-    return best
+        moved = normal(way)
+        step = size / np.maximum((way * moved).sum(axis=-1, keepdims=True), 1e-300)
+        line, left = line + step * way, left - step * moved
+        before, size = size, (left * scale * left).sum(axis=-1, keepdims=True)
+        way = scale * left + size / np.maximum(before, 1e-300) * way
+    return line
 
 
-@cache
-def _kernel(window: int) -> Array:
-    """Weights (window,) of the quadratic's value in the middle."""
-    x = np.arange(window) - window // 2
-    weights: Array = np.linalg.pinv(np.vander(x, 3))[2]
-    return weights
+def _driven(laps: Laps) -> Integers:
+    """Circle angles (NODES,) by number, in the order in which a lap comes to them."""
+    sense = int(SENSE[laps.direction])
+    first = int(np.ceil(sense * laps.start / (2 * np.pi) * NODES - 1e-6)) * sense
+    order: Integers = (first + sense * np.arange(NODES)) % NODES
+    return order
 
 
-def means(draws: list[dict[str, float]], names: Collection[str]) -> dict[str, float]:
-    """The mean of some figures over draws."""
-    return {name: float(np.mean([draw[name] for draw in draws])) for name in draws[0] if name in names}
+def _steady(nodes: Array) -> tuple[Array, tuple[str, ...]]:
+    """Laps (L, NODES, k) mm of the gauges without slips and bursts, and what was found, in words."""
+    mended, notes = [], []
+    for name, laps in zip(("g1", "g2"), np.moveaxis(nodes, 2, 0), strict=False):
+        whole, slips = without_slips(laps)
+        whole, bursts = without_bursts(whole)
+        mended.append(whole)
+        if slips:
+            sizes = ", ".join(f"{1e3 * slip:+.1f}" for slip in slips)
+            notes.append(f"{name} slipped between its laps by {sizes} µm, which was taken out: check its clamp")
+        if bursts:
+            notes.append(f"{name}: {bursts} of {laps.size} half degrees of a lap leave the other laps and follow them")
+    return np.stack(mended, axis=2), tuple(notes)
 
 
-def stacked(draws: list[dict[str, float]]) -> dict[str, Array]:
-    """Draws of figures as arrays (m,) by name."""
-    return {name: np.array([draw[name] for draw in draws]) for name in draws[0]}
+def _stairs(run: Reduced, rng: np.random.Generator) -> Array:
+    """Errors (DRAWS, NODES, k) mm that rounding may have made, wherever the steps lie."""
+    mean = np.fft.irfft(np.fft.rfft(run.g_mm.mean(axis=0), axis=0) * _COARSE[:, None], NODES, axis=0)
+    columns = [
+        rounding_error(g_mm, step, noise, rng.uniform(0, step, DRAWS)) if step else np.zeros((DRAWS, NODES))
+        for g_mm, step, noise in zip(mean.T, run.step_mm, run.noise_mm, strict=True)
+    ]
+    return np.stack(columns, axis=2)
+
+
+def _calmed(y: Array, power: Array) -> Array:
+    """A curve (NODES,) with each order shrunk by the share that its noise, of this power, is likely to have in it
+    (Wiener)."""
+    spectrum = np.fft.rfft(y)
+    seen = np.maximum(np.abs(spectrum / NODES) ** 2, 1e-30)
+    calm: Array = np.fft.irfft(spectrum * np.clip(1 - power / seen, 0.0, 1.0), NODES)
+    return calm

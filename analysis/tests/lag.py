@@ -18,14 +18,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
+from analysis.noise.cell import BALL_MM, JOINT_DEG
+from analysis.noise.spectrum import NODES
 from analysis.reporting.quantity import Quantity
 from analysis.tests.curve import Curve
 
 Complex = NDArray[np.complex128]
 _HARMONICS = np.arange(1, 9)
 _ROUNDS = 10
-_MOVED_MM = 0.007
-"""By how much a good robot's circle lies elsewhere in another run: its joints come back to some 0.0002°."""
+_MOVED_MM = float(np.hypot(BALL_MM.middle, 1000.0 * np.radians(JOINT_DEG.middle)))
+"""By how much a circle lies elsewhere in another run: its ball, and a joint at the end of an arm of a metre."""
 
 
 @dataclass(frozen=True)
@@ -58,19 +60,15 @@ def lag_of(pairs: Sequence[tuple[Curve, Curve]], radii_mm: Sequence[float], samp
 
 
 def _evidence(acw: Curve, cw: Curve, moved: float) -> _Evidence:
-    there, back = _harmonics(acw), _harmonics(cw)
-    speed = sum(float(np.median(np.abs(curve.rate))) for curve in (acw, cw))
-    noise = (moved / _HARMONICS) ** 2 + sum(2 * curve.noise**2 / len(curve.y) for curve in (acw, cw))
+    there, back = _harmonics(acw.y), _harmonics(cw.y)
+    speed = abs(acw.rate) + abs(cw.rate)
+    noise = (moved / _HARMONICS) ** 2 + sum(np.mean(np.abs(_harmonics(c.errors)) ** 2, axis=0) / 2 for c in (acw, cw))
     return _Evidence(there - back, -speed * 1j * _HARMONICS * (there + back) / 2, noise)
 
 
-def _harmonics(curve: Curve) -> Complex:
-    """(h,) complex: y = sum of their real parts, each times exp(i h phi)."""
-    powers = np.exp(1j * np.outer(curve.phi, np.concatenate([[0], _HARMONICS])))
-    design = np.concatenate([powers.real, -powers.imag[:, 1:]], axis=1)
-    found = np.linalg.lstsq(design, curve.y, rcond=None)[0]
-    count = len(_HARMONICS)
-    both: Complex = found[1 : count + 1] + 1j * found[count + 1 :]
+def _harmonics(y: Array) -> Complex:
+    """(..., h) complex of curves (..., NODES): y = sum of their real parts, each times exp(i h phi)."""
+    both: Complex = 2 * np.fft.rfft(y)[..., _HARMONICS] / NODES
     return both
 
 

@@ -5,27 +5,33 @@ only what depends on direction and history: backlash above all (Oh 2019, figure 
 distance, ISO 230-4:2005, clause 3: bidirectional circular deviation G(b) about the least-squares circle
 of both paths together, and circular hysteresis H, the largest radial difference of the two.
 
-The zeros of the gauges must not be touched between the runs. A lag between gauges and robot belongs to the
-set-up: it is drawn once for both runs, from what the less certain of them knows of it, and moves them apart, which is
-the worst it can do.
-"""
+Ball and zeros of the gauges must not be touched between the runs. A ball that sits elsewhere makes a difference of
+order one and nothing else, in the distance and, of a yaw, in the angle alike: such runs are no pair. A lag between
+gauges and robot belongs to the set-up: it is drawn once for both runs, from what the less certain of them knows of it,
+and moves them apart, which is the worst it can do."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.reporting.quantity import Quantity, figures_of
+from analysis.noise.spectrum import DRAWS, NODES
+from analysis.reporting.quantity import Quantity
 from analysis.tests.circle import CircleResult
 from analysis.tests.circularity import circle_at, fit_circle
-from analysis.tests.curve import DRAWS, SEED, Curve, curve_of, means, noise_sd, smoothed, stacked
+from analysis.tests.curve import PHI, SEED, at_resolution, figures, nodes_of
 from analysis.tests.lag import lag_of
 from rigs.errors import FileError
 
-_GRID = np.radians(np.arange(0.0, 360.0, 0.5))
-_RANGES = ("hysteresis_max_deg", "hysteresis_max_mm", "circular_deviation_mm")
+RANGES = frozenset({"hysteresis_max_deg", "hysteresis_max_mm", "circular_deviation_mm"})
+_ELSEWHERE_MM = 0.06
+"""A ball that moved by more than this was touched: three times what clamping and temperature do in a cell."""
+_ALONE = 0.9
+"""Share of acw - cw, as energy, that a ball elsewhere explains; a play, which changes its side at each reversal of a
+joint, leaves much of itself in the higher orders."""
 
 
 @dataclass(frozen=True)
@@ -41,25 +47,20 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Pa
     hysteresis_max_at_deg where; of the distance hysteresis_mean_mm, hysteresis_max_mm (H) and
     circular_deviation_mm (G(b)). Maxima are noise-corrected. Raises FileError where it is no pair."""
     _hold(acw, cw, where)
-    angles = (acw.curve, cw.curve)
-    distances = (_distance(acw), _distance(cw))
-    radius = acw.lap.frame.radius
-    u_lag_s = max(acw.u_lag_s, cw.u_lag_s)
+    curves = [acw.curve, cw.curve, acw.distance.curve, cw.distance.curve]
+    radius = acw.laps.frame.radius
     rng = np.random.default_rng(SEED)
-    draws, calm = [], []
-    for _ in range(DRAWS):
-        lag_s, scale = rng.normal(0.0, u_lag_s), 1.0 + rng.normal(0.0, acw.u_scale)
-        state = rng.bit_generator.state
-        angle = [curve.drawn(rng, lag_s, scale) for curve in angles]
-        rng.bit_generator.state = state  # the rows of a run fell where they fell, for angle and distance alike
-        distance = [curve.drawn(rng, lag_s) for curve in distances]
-        draws.append(plain_figures([(p, y) for p, y, _ in angle], [(p, y) for p, y, _ in distance], radius))
-        calm.append(plain_figures([(p, y) for p, _, y in angle], [(p, y) for p, _, y in distance], radius))
-    plain = plain_figures([(c.phi, c.y) for c in angles], [(c.phi, c.y) for c in distances], radius)
+    lag_s = rng.normal(0.0, max(acw.u_lag_s, cw.u_lag_s), DRAWS)
+    scale, unscaled = 1.0 + rng.normal(0.0, acw.u_scale, DRAWS), np.ones(DRAWS)
+
+    def drawn(about: Sequence[Array]) -> list[Array]:
+        scales = (scale, scale, unscaled, unscaled)
+        return [curve.drawn(y, lag_s, one) for curve, y, one in zip(curves, about, scales, strict=True)]
+
     samples = acw.samples + cw.samples
-    figures = figures_of(plain, stacked(draws), samples, means(calm, _RANGES))
-    lag = lag_of([(angles[0], angles[1]), (distances[0], distances[1])], [radius, 1.0], samples)
-    return Pair(figures, lag)
+    found = figures(lambda y: figures_at(y, radius), curves, drawn, samples, RANGES)
+    lag = lag_of([(curves[0], curves[1]), (curves[2], curves[3])], [radius, 1.0], samples)
+    return Pair(found, lag)
 
 
 Run = tuple[Array, Array]
@@ -67,50 +68,52 @@ Run = tuple[Array, Array]
 
 
 def plain_figures(angle: list[Run], distance: list[Run], radius_mm: float) -> dict[str, float]:
-    """The plain figures of an acw and a cw run, in this order: angle in rad, distance in mm. Differences are smoothed:
-    a play shows over some degrees, and a flat curve's noise would otherwise be all that its maximum tells."""
-    turned, moved = _quiet(np.degrees(difference(angle))), _quiet(difference(distance))
-    phi, both = np.concatenate([run[0] for run in distance]), np.concatenate([run[1] for run in distance])
-    deviation = both - circle_at(phi, fit_circle(phi, both, radius_mm), radius_mm)
+    """The plain figures of a noise-free acw and cw run, in this order: angle in rad, distance in mm."""
+    nodes = np.stack([nodes_of(phi, y) for phi, y in (*angle, *distance)])
+    return {name: float(value) for name, value in figures_at(nodes, radius_mm).items()}
+
+
+def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
+    """The plain figures (...,) of curves (4, ..., NODES): angle acw and cw, distance acw and cw."""
+    turned, moved = at_resolution(np.degrees(y[0] - y[1])), at_resolution(y[2] - y[3])
+    fit = (fit_circle(y[2], radius_mm) + fit_circle(y[3], radius_mm)) / 2
+    deviation = at_resolution(y[2:] - circle_at(fit, radius_mm))
     return {
-        "hysteresis_mean_deg": float(turned.mean()),
-        "hysteresis_max_deg": float(np.abs(turned).max()),
-        "hysteresis_max_at_deg": float(np.degrees(_GRID[np.argmax(np.abs(turned))])),
-        "hysteresis_mean_mm": float(moved.mean()),
-        "hysteresis_max_mm": float(np.abs(moved).max()),
-        "circular_deviation_mm": float(np.ptp(deviation)),
+        "hysteresis_mean_deg": turned.mean(axis=-1),
+        "hysteresis_max_deg": np.abs(turned).max(axis=-1),
+        "hysteresis_max_at_deg": np.degrees(PHI)[np.argmax(np.abs(turned), axis=-1)],
+        "hysteresis_mean_mm": moved.mean(axis=-1),
+        "hysteresis_max_mm": np.abs(moved).max(axis=-1),
+        "circular_deviation_mm": deviation.max(axis=(0, -1)) - deviation.min(axis=(0, -1)),
     }
 
 
-def difference(runs: list[Run]) -> Array:
-    """First less second run (m,) on the grid."""
-    first, second = (np.interp(_GRID, *_in_order(phi, y), period=2 * np.pi) for phi, y in runs)
-    between: Array = first - second
-    return between
-
-
-def _quiet(y: Array) -> Array:
-    return smoothed(y, noise_sd(y))
-
-
-def _in_order(phi: Array, y: Array) -> Run:
-    turned = phi % (2 * np.pi)
-    order = np.argsort(turned)
-    return turned[order], y[order]
-
-
-def _distance(result: CircleResult) -> Curve:
-    distance = result.lap.g_mm.mean(axis=1)
-    radius = result.lap.frame.radius
-    return curve_of(result.lap, distance, circle_at(result.phi, fit_circle(result.phi, distance, radius), radius))
+def ball_moved_mm(acw: CircleResult, cw: CircleResult) -> float:
+    """By how much the ball sits elsewhere in the second run, mm; 0 where a robot may have done what differs."""
+    moved = acw.distance.ball_mm - cw.distance.ball_mm
+    size = float(np.linalg.norm(moved))
+    between = acw.distance.curve.y - cw.distance.curve.y
+    power = np.abs(np.fft.rfft(between) / NODES)[1:] ** 2
+    if size < _ELSEWHERE_MM or power[0] < _ALONE * power.sum():
+        return 0.0
+    by_angle = acw.laps.frame.radius * np.array([-(acw.sine.a - cw.sine.a), acw.sine.b - cw.sine.b])
+    as_much = bool(np.linalg.norm(by_angle - moved) < 0.5 * size)
+    # In roll the ball's place does not show in the angle's sine.
+    return size if as_much or np.linalg.norm(by_angle) < 0.1 * size else 0.0
 
 
 def _hold(acw: CircleResult, cw: CircleResult, where: str) -> None:
-    directions = (acw.lap.direction, cw.lap.direction)
+    directions = (acw.laps.direction, cw.laps.direction)
     if directions != ("acw", "cw"):
         raise FileError(
             where, f"are {directions[0]} and {directions[1]}", "give an acw run and a cw run, in this order"
         )
-    one, other = acw.lap.frame, cw.lap.frame
+    one, other = acw.laps.frame, cw.laps.frame
     if abs(one.radius - other.radius) > 1e-6 or np.linalg.norm(one.centre - other.centre) > 1e-6:
         raise FileError(where, "were driven on different circles", "compare runs of one rig file")
+    if moved_mm := ball_moved_mm(acw, cw):
+        raise FileError(
+            where,
+            f"have their balls {moved_mm:.2f} mm apart: it was mounted anew, and acw - cw is no hysteresis",
+            "record acw and cw without touching ball and gauges between them",
+        )

@@ -23,10 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Arm, Array, forward
+from analysis.noise.spectrum import DRAWS
 from analysis.reading.tables import PoseTable
 from analysis.reporting.quantity import Quantity, figures_of
 from analysis.tests.checks import hold_numbers
-from analysis.tests.curve import DRAWS, SEED
+from analysis.tests.curve import SEED
 from analysis.tests.standards import RP_VISITS, pooled_sd, rp
 from rigs.errors import FileError
 

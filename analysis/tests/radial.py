@@ -20,10 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
+from analysis.noise.spectrum import DRAWS
 from analysis.reading.tables import Integers, RadialTable
 from analysis.reporting.quantity import Quantity, figures_of
 from analysis.tests.checks import hold_alive, hold_numbers, hold_radius, listed
-from analysis.tests.curve import DRAWS, SEED
+from analysis.tests.curve import SEED
 from analysis.tests.sphere import Sphere, conditioned, far_off, free_sphere
 from analysis.tests.standards import pooled_sd, rp
 from rigs.errors import FileError

@@ -15,10 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from analysis.noise.spectrum import DRAWS
 from analysis.reading.tables import Integers, RepeatabilityTable
 from analysis.reporting.quantity import Quantity, from_draws
 from analysis.tests.checks import hold_alive, hold_numbers, listed
-from analysis.tests.curve import DRAWS, SEED
+from analysis.tests.curve import SEED
 from analysis.tests.standards import RANGE_VISITS, RP_VISITS, pooled_sd, reversal, rp
 from rigs.errors import FileError
 

@@ -14,9 +14,10 @@ import dataclasses
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.reading.lap import Lap
-from analysis.tests.circle import CircleResult, eccentricities, evaluate_angle, fit_sine, sine_figures
-from analysis.tests.curve import noise_sd, smoothed
+from analysis.noise.spectrum import LapNoise
+from analysis.reading.laps import Laps
+from analysis.tests.circle import CircleResult, eccentricities, error_of, evaluate_angle, sine_figures
+from analysis.tests.curve import PHI, nodes_of
 
 _CLEAR_MM = 0.2
 _ALIKE = 0.3
@@ -24,17 +25,21 @@ _ALIKE = 0.3
 
 
 def evaluate(
-    lap: Lap, baseline_mm: float, baseline_u_mm: float, u_lag_s: float, where: str = "the roll run"
+    laps: Laps,
+    baseline_mm: float,
+    baseline_u_mm: float,
+    u_lag_s: float,
+    where: str = "the roll run",
+    like: tuple[LapNoise, LapNoise] | None = None,
 ) -> CircleResult:
-    """The roll figures of one lap.
+    """The roll figures of a run's laps.
 
     figures: band_deg and where the orientation error is largest and smallest, max_at_deg and min_at_deg;
     range_deg of the whole angle, range_max_at_deg and range_min_at_deg; amplitude_deg, shift_deg and offset_deg
-    of the sine. Band and range are noise-corrected. The places are those of the curve after smoothing; phi from
-    0 to 360. Raises FileError.
+    of the sine. Band and range are noise-corrected; phi from 0 to 360. Raises FileError.
     """
-    result = evaluate_angle(lap, baseline_mm, baseline_u_mm, u_lag_s, plain_figures, where)
-    height = lap.frame.radius * np.tan(result.sine.A)
+    result = evaluate_angle(laps, baseline_mm, baseline_u_mm, u_lag_s, figures_at, where, like)
+    height = laps.frame.radius * np.tan(result.sine.A)
     note = f"the offset is the ball {height:.3f} mm along n, or the gauges' zeros, or both: roll cannot tell"
     return dataclasses.replace(result, notes=(*result.notes, note, *_like_yaw(result)))
 
@@ -49,15 +54,18 @@ def _like_yaw(result: CircleResult) -> tuple[str, ...]:
 
 
 def plain_figures(phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
-    """The plain figures of a curve y (n,) rad over phi (n,) rad, in order of phi."""
-    sine = fit_sine(phi, y)(phi)
-    error = smoothed(y - sine, noise_sd(y - sine))
-    whole = error + sine
-    at = np.degrees(phi) % 360.0
-    return sine_figures(phi, y) | {
-        "max_at_deg": float(at[np.argmax(error)]),
-        "min_at_deg": float(at[np.argmin(error)]),
-        "range_deg": float(np.degrees(np.ptp(y))),
-        "range_max_at_deg": float(at[np.argmax(whole)]),
-        "range_min_at_deg": float(at[np.argmin(whole)]),
+    """The plain figures of a noise-free curve y (n,) rad over phi (n,) rad."""
+    return {name: float(value) for name, value in figures_at(nodes_of(phi, y), radius_mm).items()}
+
+
+def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
+    """The plain figures (...,) of angles (..., NODES) rad."""
+    error, whole = error_of(y)
+    at = np.degrees(PHI)
+    return sine_figures(y) | {
+        "max_at_deg": at[np.argmax(error, axis=-1)],
+        "min_at_deg": at[np.argmin(error, axis=-1)],
+        "range_deg": np.degrees(np.ptp(whole, axis=-1)),
+        "range_max_at_deg": at[np.argmax(whole, axis=-1)],
+        "range_min_at_deg": at[np.argmin(whole, axis=-1)],
     }

@@ -14,8 +14,8 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.model.circle import Reversal
-from analysis.reading.lap import Lap
-from analysis.tests.curve import noise_sd
+from analysis.noise.readings import noise_beneath
+from analysis.reading.laps import Laps
 
 _PROMINENCE_RAD = np.radians(0.05)
 _NOISES = 10.0
@@ -35,9 +35,9 @@ class Turn:
     row: int
 
 
-def turns(lap: Lap) -> list[Turn]:
-    """The turns of all joints of a lap, by axis and phi."""
-    phi, q, rows = _extended(lap)
+def turns(laps: Laps) -> list[Turn]:
+    """The turns of all joints of the first lap, by axis and phi."""
+    phi, q, rows = _extended(laps.first)
     found = [turn for axis in range(q.shape[1]) for turn in _of_joint(axis, phi, q[:, axis], rows)]
     return sorted(found, key=lambda turn: (turn.axis, turn.phi))
 
@@ -58,7 +58,7 @@ def apart(phi: float, other: float) -> float:
     return float((phi - other + np.pi) % (2 * np.pi) - np.pi)
 
 
-def _extended(lap: Lap) -> tuple[Array, Array, Array]:
+def _extended(lap: Laps) -> tuple[Array, Array, Array]:
     """phi (m,) growing, q (m, 6) and rows (m,) of the lap, with a piece of it again at both ends: the lap is closed,
     and a turn near its start has both its flanks. A joint that makes full turns goes on by its full turns."""
     order = np.argsort(lap.phi, kind="stable")
@@ -75,7 +75,7 @@ def _extended(lap: Lap) -> tuple[Array, Array, Array]:
 def _of_joint(axis: int, phi: Array, joint: Array, rows: Array) -> list[Turn]:
     from scipy.signal import find_peaks  # noqa: PLC0415 - slow to import, needed here only
 
-    prominence = max(_PROMINENCE_RAD, _NOISES * noise_sd(joint))
+    prominence = max(_PROMINENCE_RAD, _NOISES * noise_beneath(joint, 0.0))
     first = float(phi[0] + _BEYOND)  # the lap's own start
     found = []
     for sign in (1.0, -1.0):

@@ -13,14 +13,12 @@ import dataclasses
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.reading.lap import Lap
-from analysis.tests.circle import CircleResult, Sine, eccentricities, evaluate_angle, fit_sine, sine_figures
-from analysis.tests.curve import noise_sd
+from analysis.noise.spectrum import LapNoise
+from analysis.reading.laps import Laps
+from analysis.tests.circle import CircleResult, eccentricities, evaluate_angle, sine_figures, sine_of
+from analysis.tests.curve import nodes_of
 from rigs.errors import FileError
 
-__all__ = ["Sine", "Yaw", "evaluate", "fit_sine", "noise_sd", "plain_figures"]
-
-Yaw = CircleResult
 _CLEAR_MM = 0.1
 """An eccentricity from here on tells which gauge is which; below it the robot's own errors might."""
 _APART_MM = 0.2
@@ -29,27 +27,37 @@ _APART = 0.5
 
 
 def evaluate(
-    lap: Lap, baseline_mm: float, baseline_u_mm: float, u_lag_s: float, where: str = "the yaw run"
+    laps: Laps,
+    baseline_mm: float,
+    baseline_u_mm: float,
+    u_lag_s: float,
+    where: str = "the yaw run",
+    like: tuple[LapNoise, LapNoise] | None = None,
 ) -> CircleResult:
-    """The yaw figures of one lap.
+    """The yaw figures of a run's laps.
 
     figures: band_deg (noise-corrected), amplitude_deg, shift_deg, offset_deg of the sine; eccentricity_u_mm
     and _v_mm of the base-ball from the circle's centre along u and v = n × u, eccentricity_mm its length.
     Raises FileError, for swapped gauges too.
     """
-    result = evaluate_angle(lap, baseline_mm, baseline_u_mm, u_lag_s, plain_figures, where)
+    result = evaluate_angle(laps, baseline_mm, baseline_u_mm, u_lag_s, figures_at, where, like)
     by_angle, by_distance = eccentricities(result)
     _hold_order(by_angle, by_distance, where)
     return dataclasses.replace(result, notes=result.notes + _disagree(by_angle, by_distance))
 
 
 def plain_figures(phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
-    """The plain figures of a curve y (n,) rad over phi (n,) rad, by the definitions of docs/geometry.md."""
-    sine = fit_sine(phi, y)
-    return sine_figures(phi, y) | {
-        "eccentricity_u_mm": -radius_mm * sine.a,
-        "eccentricity_v_mm": radius_mm * sine.b,
-        "eccentricity_mm": radius_mm * sine.amplitude,
+    """The plain figures of a noise-free curve y (n,) rad over phi (n,) rad, by the definitions of docs/geometry.md."""
+    return {name: float(value) for name, value in figures_at(nodes_of(phi, y), radius_mm).items()}
+
+
+def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
+    """The plain figures (...,) of angles (..., NODES) rad."""
+    _, a, b = sine_of(y)
+    return sine_figures(y) | {
+        "eccentricity_u_mm": -radius_mm * a,
+        "eccentricity_v_mm": radius_mm * b,
+        "eccentricity_mm": radius_mm * np.hypot(a, b),
     }
 
 

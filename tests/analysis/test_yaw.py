@@ -7,7 +7,7 @@ from analysis.model.ball_link import angle, readings
 from analysis.model.circle import CircleFrame, frame_of
 from analysis.model.emulated import trace
 from analysis.model.programs import circle_of
-from analysis.reading.lap import Lap
+from analysis.reading.laps import Laps
 from analysis.tests.yaw import evaluate, fit_sine, noise_sd, plain_figures
 from rigs.load import load
 

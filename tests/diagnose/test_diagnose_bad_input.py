@@ -10,7 +10,7 @@ from cells import RIG, circles, found_in, measured, poses, table_of
 
 from analysis.diagnose.candidates import name_of
 from analysis.diagnose.diagnosis import Diagnosis
-from analysis.reading.lap import lap_of
+from analysis.reading.laps import laps_of
 from analysis.reading.loading import Measured
 from analysis.reading.tables import CircleTable, RadialTable
 from rigs.effects import Backlash, Effect, JointOffset
@@ -64,8 +64,8 @@ def test_runs_of_different_robots_are_refused_in_one_line() -> None:
 def _cut(run: Measured, begin_deg: float, end_deg: float) -> Measured:
     table = run.table
     assert isinstance(table, CircleTable)
-    phi = np.degrees(lap_of(table, RIG, "run").phi)
-    lap = np.searchsorted(table.t_s, lap_of(table, RIG, "run").t_s)
+    phi = np.degrees(laps_of(table, RIG, "run").phi)
+    lap = np.searchsorted(table.t_s, laps_of(table, RIG, "run").t_s)
     kept = np.ones(len(table.t_s), dtype=bool)
     kept[lap[(phi % 360 > begin_deg) & (phi % 360 < end_deg)]] = False
     part = replace(table, t_s=table.t_s[kept], q=table.q[kept], g_mm=table.g_mm[kept])

@@ -12,7 +12,7 @@ from analysis.model.ball_link import readings
 from analysis.model.circle import Reversal, frame_of, reversals
 from analysis.model.programs import circle_of, circle_program
 from analysis.model.simulate import simulate
-from analysis.reading.lap import Lap, lap_of
+from analysis.reading.laps import Laps, laps_of
 from analysis.reading.tables import CircleTable
 from analysis.reporting.evaluate import evaluate
 from analysis.tests import circularity, pair, roll, yaw
@@ -173,7 +173,7 @@ def _table() -> tuple[CircleTable, Rig]:
 
 def test_of_two_laps_the_first_is_evaluated_and_told() -> None:
     table, rig = _table()
-    once = lap_of(table, rig, "t")
+    once = laps_of(table, rig, "t")
     assert once.notes == ()
     # The lap again at its end: lead-out and lead-in overlap, so cut both.
     k = slice(int(np.argmin(np.abs(table.t_s - once.t_s[0]))), int(np.argmin(np.abs(table.t_s - once.t_s[-1]))) + 1)
@@ -186,7 +186,7 @@ def test_of_two_laps_the_first_is_evaluated_and_told() -> None:
         np.concatenate([table.q[:end], table.q[k] + whole]),
         np.concatenate([table.g_mm[:end], table.g_mm[k] + 1.0]),
     )
-    lap = lap_of(twice, rig, "t")
+    lap = laps_of(twice, rig, "t")
     assert "2.0 laps" in lap.notes[0]
     np.testing.assert_array_equal(lap.g_mm[:-1], once.g_mm[: len(lap.g_mm) - 1])
 
@@ -206,7 +206,7 @@ def test_the_way_to_the_circle_and_from_it_is_no_part_of_the_lap() -> None:
         np.concatenate([there, table.q, back]),
         np.concatenate([np.full((200, 2), 9.0), table.g_mm, np.full((200, 2), 9.0)]),
     )
-    once, lap = lap_of(table, rig, "t"), lap_of(whole, rig, "t")
+    once, lap = laps_of(table, rig, "t"), laps_of(whole, rig, "t")
     assert lap.notes == () and abs(len(lap.phi) - len(once.phi)) < 20
     assert lap.g_mm[20:-20].max() < 5 and np.ptp(lap.phi) == pytest.approx(2 * np.pi, abs=0.05)
 
@@ -223,7 +223,7 @@ def test_standing_jumping_and_half_a_lap_are_refused() -> None:
         (CircleTable("yaw", "acw", table.t_s[:1], table.q[:1], table.g_mm[:1]), "1 rows, which is no circle"),
     ):
         with pytest.raises(FileError, match=said):
-            lap_of(wrong, rig, "t")
+            laps_of(wrong, rig, "t")
 
 
 def test_turns_are_found_through_encoder_noise_and_set_beside_the_nominal() -> None:
@@ -255,7 +255,7 @@ def test_turns_of_the_simulated_lap_are_those_of_the_nominal_path() -> None:
     table, rig = _table()
     circle = circle_of(rig)
     nominal = reversals(frame_of(circle), arm_of(rig.robot), np.radians(circle.posture_deg), "t")
-    both = beside(turns(lap_of(table, rig, "t")), nominal)
+    both = beside(turns(laps_of(table, rig, "t")), nominal)
     assert len(both) == 10
     for reversal, turn in both:
         assert turn is not None, reversal

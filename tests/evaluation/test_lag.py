@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from analysis.model.simulate import simulate
-from analysis.reading.lap import lap_of
+from analysis.reading.laps import laps_of
 from analysis.reading.simulated_runs import write_simulated
 from analysis.reporting.report import as_object, as_tables, write_report
 from analysis.reporting.results import analyse_run
@@ -26,7 +26,7 @@ LAGGING = TimeLag(effect="time_lag", lag_s=0.005)
 
 
 def distance(rig: Rig, direction: Direction, seed: int | None, effects: list[Effect]) -> Curve:
-    lap = lap_of(simulate(rig, "yaw", direction, seed, effects), rig, direction)
+    lap = laps_of(simulate(rig, "yaw", direction, seed, effects), rig, direction)
     mean, radius = lap.g_mm.mean(axis=1), lap.frame.radius
     return curve_of(lap, mean, circle_at(lap.phi, fit_circle(lap.phi, mean, radius), radius))
 

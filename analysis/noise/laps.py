@@ -1,0 +1,121 @@
+"""What happens between laps of one run: a slow drift, which makes a ramp along each lap, and a slip of the clamp.
+
+A drift goes on all the time and a slip happens once: the difference of two laps is the same all around after the one,
+and steps after the other. Both are taken out, as far as the laps show them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.noise.cell import DRIFT_MM_PER_S
+from analysis.noise.readings import beyond_neighbours
+from analysis.noise.spectrum import NODES, ORDERS
+
+_WIDE = (24, 8)
+"""Nodes on either side of a step by which it is seen: 12°, and 4° near the ends of a lap."""
+_CLEAR = 8.0
+"""A step of so many robust standard deviations of all such differences is a slip: 700 places are tried."""
+_LEVEL = 120
+_NEAR = 41
+"""Nodes about one node among which a burst of wild readings stands out."""
+
+
+def without_slips(laps: Array) -> tuple[Array, list[float]]:
+    """Laps (L, NODES) of one gauge, in order of time, without the steps that its clamp made; and those steps."""
+    slips: list[float] = []
+    while len(slips) < len(laps) and (found := _clearest(laps)):
+        lap, node, step = found
+        between = laps[lap + 1] - laps[lap]
+        before = float(np.median(between[max(0, node - _LEVEL) : node]))
+        after = float(np.median(between[node : node + _LEVEL]))
+        laps = laps.copy()
+        if abs(before) < abs(after):  # the laps agreed up to here: the later one slipped
+            lap, by = lap + 1, step
+        else:
+            by = -step
+        laps[lap, node:] -= by
+        laps[lap + 1 :] -= by
+        slips.append(by)
+    return laps, slips
+
+
+def _clearest(laps: Array) -> tuple[int, int, float] | None:
+    """Lap, node and size of the clearest step between a lap and the next; None where none is clear."""
+    best: tuple[float, tuple[int, int, float]] | None = None
+    for lap, between in enumerate(np.diff(laps, axis=0)):
+        for width in _WIDE:
+            level = np.median(np.lib.stride_tricks.sliding_window_view(between, width), axis=1)
+            steps = level[width:] - level[:-width]
+            spread = 1.4826 * float(np.median(np.abs(steps - np.median(steps)))) or 1e-12
+            place = int(np.argmax(np.abs(steps)))
+            clear = abs(float(steps[place])) / spread
+            if clear > _CLEAR and (best is None or clear > best[0]):
+                best = clear, (lap, place + width, float(steps[place]))
+    return None if best is None else best[1]
+
+
+def without_bursts(laps: Array) -> tuple[Array, int]:
+    """Laps (L, NODES) in which nodes that leave their own lap's neighbours and the other laps follow these; how
+    many."""
+    if len(laps) < 2:
+        return laps, 0
+    mended, count = laps.copy(), 0
+    for lap in range(len(laps)):
+        others = np.delete(laps, lap, axis=0).mean(axis=0)
+        apart = laps[lap] - others
+        leaves = np.abs(apart - _around(apart))
+        # Where the curve jumps, rows that fall a little elsewhere make laps differ, too.
+        bad = beyond_neighbours(leaves) & (leaves > _changes(others))
+        bad &= np.abs(laps[lap] - _around(laps[lap])) > np.abs(others - _around(others))
+        bad = bad | np.roll(bad, 1) | np.roll(bad, -1) if bad.any() else bad
+        if bad.any() and bad.sum() < NODES // 4:
+            good = np.flatnonzero(~bad)
+            mended[lap, bad] = others[bad] + np.interp(np.flatnonzero(bad), good, apart[good], period=NODES)
+            count += int(bad.sum())
+    return mended, count
+
+
+def _changes(lap: Array) -> Array:
+    """How far (NODES,) a lap goes within two nodes, its sine and second order left away."""
+    spectrum = np.fft.rfft(lap)
+    spectrum[:3] = 0.0
+    rough = np.fft.irfft(spectrum, NODES)
+    changes: Array = np.max([np.abs(np.roll(rough, reach) - rough) for reach in (-2, -1, 1, 2)], axis=0)
+    return changes
+
+
+def _around(values: Array) -> Array:
+    """Median (NODES,) of the nodes about each, around the lap."""
+    half = _NEAR // 2
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, half, mode="wrap"), _NEAR)
+    median: Array = np.median(windows, axis=1)
+    return median
+
+
+def without_drift(
+    laps: Array, level_variance: float, times_s: tuple[float, float], per_mm: float
+) -> tuple[Array, float, float]:
+    """Laps (L, NODES) without the ramp that their means show; the drift in a lap, and its variance.
+
+    times_s: of a lap, and from one to the next. The ramp is shrunk to what cells drift at the most: with noisy levels
+    (`level_variance`, of a lap's mean) and with one lap it is not to be seen, and all of it is uncertainty.
+    """
+    lap_s, apart_s = times_s
+    plausible = (DRIFT_MM_PER_S * lap_s * per_mm) ** 2 / 3
+    if len(laps) == 1:
+        return laps, 0.0, plausible
+    number = np.arange(len(laps)) - (len(laps) - 1) / 2
+    leverage = float(number @ number) * (apart_s / lap_s) ** 2
+    seen = float(number @ laps.mean(axis=1)) * (apart_s / lap_s) / leverage
+    noise = level_variance / leverage
+    drift = seen * plausible / (plausible + noise)
+    since = np.arange(NODES) / NODES - 0.5 + number[:, None] * (apart_s / lap_s)
+    return laps - drift * since, drift, plausible * noise / (plausible + noise)
+
+
+def power_of_ramp(variance: float) -> Array:
+    """Mean square (NODES // 2 + 1,) of the Fourier coefficients of a ramp along each lap, of this variance a lap."""
+    power = np.zeros(len(ORDERS))
+    power[1:] = variance / (2 * np.pi * ORDERS[1:]) ** 2
+    return power
