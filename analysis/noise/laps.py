@@ -48,6 +48,8 @@ def _clearest(laps: Array) -> tuple[int, int, float] | None:
             level = np.median(np.lib.stride_tricks.sliding_window_view(between, width), axis=1)
             steps = level[width:] - level[:-width]
             spread = 1.4826 * float(np.median(np.abs(steps - np.median(steps)))) or 1e-12
+            if width < _WIDE[0]:
+                steps[_WIDE[0] - width : width - _WIDE[0]] = 0.0
             place = int(np.argmax(np.abs(steps)))
             clear = abs(float(steps[place])) / spread
             if clear > _CLEAR and (best is None or clear > best[0]):

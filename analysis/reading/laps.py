@@ -93,6 +93,7 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
     start, lead = np.radians(circle.start_deg), np.radians(circle.lead_deg)
     ways: list[tuple[slice, Array]] = []
     for rows in stretches:
+        _is_steady(where, table.t_s[rows], table.q[rows], rig)
         ahead = sense * (phi[rows] - start)
         # A way begins at the lead-in, so the start lies less than half a turn ahead of it.
         ways += [(slice(rows.start + a, rows.start + b), ahead[a:b]) for a, b in _ways(ahead)]
@@ -102,8 +103,7 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
     if not laps:
         rows, ahead = max(ways, key=lambda way: float(way[1][-1] - way[1][0]))
         laps = [_lap_from(rows, ahead, _turns_before(ahead, lead))]
-    for rows, ahead in laps:
-        _is_steady(where, table.t_s[rows], table.q[rows], rig)
+    for _, ahead in laps:
         _is_covered(where, ahead, sense, start)
     inside = np.concatenate([np.arange(rows.start, rows.stop) for rows, _ in laps])
     begins = np.array([table.t_s[rows.start] for rows, _ in laps])

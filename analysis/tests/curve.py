@@ -246,8 +246,8 @@ def _steady(nodes: Array) -> tuple[Array, tuple[str, ...]]:
     """Laps (L, NODES, k) mm of the gauges without slips and bursts, and what was found, in words."""
     mended, notes = [], []
     for name, laps in zip(("g1", "g2"), np.moveaxis(nodes, 2, 0), strict=False):
-        whole, slips = without_slips(laps)
-        whole, bursts = without_bursts(whole)
+        whole, bursts = without_bursts(laps)
+        whole, slips = without_slips(whole)
         mended.append(whole)
         if slips:
             sizes = ", ".join(f"{1e3 * slip:+.1f}" for slip in slips)

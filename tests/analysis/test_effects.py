@@ -223,4 +223,5 @@ def test_roll_sees_what_yaw_does_not() -> None:
     raised = replace(setup, ball=setup.ball + 2.0 * normal)
     g = predict(model, table, path_of(model, table), raised)
     roll = np.degrees(np.arctan((g[:, 1] - g[:, 0]) / 50.0))
-    np.testing.assert_allclose(roll, np.degrees(np.arctan(2.0 / 70.0)), atol=1e-9)
+    # Between two samples of the controller the path is a chord, on the quick way back a longer one.
+    np.testing.assert_allclose(roll, np.degrees(np.arctan(2.0 / 70.0)), atol=2e-4)

@@ -4,19 +4,19 @@ import dataclasses
 import re
 
 import numpy as np
-import planted
 import pytest
 
 from analysis.kinematics.arm import arm_of, forward
 from analysis.model.ball_link import readings
-from analysis.model.circle import Reversal, frame_of, reversals
-from analysis.model.programs import circle_of, circle_program
+from analysis.model.circle import CircleFrame, Reversal, frame_of, reversals
+from analysis.model.programs import circle_of, circle_program, drive
 from analysis.model.simulate import simulate
 from analysis.reading.laps import Laps, laps_of
 from analysis.reading.tables import CircleTable
 from analysis.reporting.evaluate import evaluate
 from analysis.tests import circularity, pair, roll, yaw
-from analysis.tests.curve import smoothed
+from analysis.tests.circle import CircleResult
+from analysis.tests.curve import reduced
 from analysis.tests.places import doubts_of
 from analysis.tests.turns import apart, beside, turns
 from rigs.errors import FileError
@@ -24,27 +24,28 @@ from rigs.load import load, parse
 from rigs.rig import Rig
 
 PHI = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+FRAME = CircleFrame(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, 1.0]), 70.0)
+BALL = np.array([0.8, -0.5, 0.3])
 OFFSETS = np.array([25.0, -25.0])
 
 
-def _lap(g_mm: np.ndarray, q: np.ndarray | None = None, direction: str = "acw") -> Lap:
+def _lap(g_mm: np.ndarray, q: np.ndarray | None = None, direction: str = "acw") -> Laps:
     sense = 1 if direction == "acw" else -1
-    return Lap(direction, planted.FRAME, PHI / 0.35, sense * PHI, np.zeros((720, 6)) if q is None else q, g_mm)
+    q = np.zeros((720, 6)) if q is None else q
+    return Laps(direction, FRAME, PHI / 0.35, sense * PHI, q, g_mm, 2 * np.pi / 0.35, 2 * np.pi / 0.35)
+
+
+def _distance(g_mm: np.ndarray) -> circularity.Circularity:
+    return circularity.evaluate(reduced(_lap(g_mm)), _lap(g_mm), 1e-3)
+
+
+def _said(result: CircleResult) -> tuple[str, ...]:
+    """Its notes, but for that a single lap makes."""
+    return tuple(note for note in result.notes if not note.startswith("one lap"))
 
 
 def _ball(test: str, ball: tuple[float, float, float]) -> np.ndarray:
-    return readings(planted.FRAME.poses(PHI), np.array(ball), OFFSETS, test, 70.0)
-
-
-def test_planted_readings_are_those_of_the_ball_link() -> None:
-    """The generator's closed form agrees with measurement.md's gauge formula where the robot makes no error."""
-    phi = planted.FINE[::100]
-    for test in ("yaw", "roll"):
-        wrong = planted.wrong_angle(phi, 1.0)
-        g = planted.circle_readings(phi, 1.0, test)
-        measured = np.arctan((g[:, 1] - g[:, 0]) / 50) - wrong
-        link = readings(planted.FRAME.poses(phi), planted.BALL, OFFSETS, test, 70.0)
-        np.testing.assert_allclose(measured, np.arctan((link[:, 1] - link[:, 0]) / 50), atol=1e-12)
+    return readings(FRAME.poses(PHI), np.array(ball), OFFSETS, test, 70.0)
 
 
 def test_roll_tells_the_balls_height_and_the_eccentricity_gives_no_sine() -> None:
@@ -52,7 +53,7 @@ def test_roll_tells_the_balls_height_and_the_eccentricity_gives_no_sine() -> Non
     assert result.figures["offset_deg"].value == pytest.approx(np.degrees(1.2 / 70), rel=1e-3)
     # Of second order: h e / R².
     assert result.figures["amplitude_deg"].value < np.degrees(1.3 * 1.2 * 0.65 / 70**2)
-    assert "the ball 1.200 mm along n, or the gauges' zeros" in result.notes[0]
+    assert "the ball 1.200 mm along n, or the gauges' zeros" in _said(result)[0]
 
 
 def test_extremes_of_roll_are_where_they_are() -> None:
@@ -68,7 +69,7 @@ def test_extremes_of_roll_are_where_they_are() -> None:
 
 def test_an_eccentricity_alone_is_no_circular_deviation() -> None:
     """The second harmonic e²/4R of an eccentric ball is no error: 16 µm here, of which nothing is left."""
-    result = circularity.evaluate(_lap(_ball("yaw", (1.5, -1.5, 0.0))), 1e-3)
+    result = _distance(_ball("yaw", (1.5, -1.5, 0.0)))
     assert result.figures["eccentricity_u_mm"].value == pytest.approx(1.5, abs=2e-3)
     assert result.figures["eccentricity_v_mm"].value == pytest.approx(-1.5, abs=2e-3)
     assert np.ptp(result.deviation_mm) < 1e-3
@@ -76,7 +77,7 @@ def test_an_eccentricity_alone_is_no_circular_deviation() -> None:
 
 def test_circular_deviation_is_the_range_of_what_is_planted() -> None:
     g = _ball("yaw", (0.3, 0.2, 0.0)) + 0.02 * np.sin(3 * PHI)[:, None]
-    assert circularity.evaluate(_lap(g), 1e-3).figures["circular_deviation_mm"].value == pytest.approx(0.04, abs=2e-4)
+    assert _distance(g).figures["circular_deviation_mm"].value == pytest.approx(0.04, abs=2e-4)
 
 
 def test_hysteresis_is_what_differs_between_directions_and_nothing_else() -> None:
@@ -113,16 +114,16 @@ def test_swapped_gauges_are_told_by_the_distance() -> None:
 
 def test_eccentricities_that_disagree_are_told() -> None:
     good = _ball("yaw", (0.6, -0.4, 0.0))
-    assert yaw.evaluate(_lap(good), 50.0, 0.02, 1e-3).notes == ()
+    assert _said(yaw.evaluate(_lap(good), 50.0, 0.02, 1e-3)) == ()
     for wrong in (good * [1, -1], good * [1, 0.2], 1.0 + _ball("roll", (0.6, -0.4, 0.3))):
-        (note,) = yaw.evaluate(_lap(wrong), 50.0, 0.02, 1e-3).notes
+        (note,) = _said(yaw.evaluate(_lap(wrong), 50.0, 0.02, 1e-3))
         assert "mm apart: a gauge's sign, scale or order may be wrong" in note
 
 
 def test_a_yaw_run_labelled_roll_is_told() -> None:
     notes = roll.evaluate(_lap(_ball("yaw", (0.6, -0.4, 0.0))), 50.0, 0.02, 1e-3).notes
     assert "this looks like a yaw run" in notes[-1]
-    assert len(roll.evaluate(_lap(_ball("roll", (0.6, -0.4, 0.3))), 50.0, 0.02, 1e-3).notes) == 1
+    assert len(_said(roll.evaluate(_lap(_ball("roll", (0.6, -0.4, 0.3))), 50.0, 0.02, 1e-3))) == 1
 
 
 @pytest.mark.parametrize("name", ["paper-fanuc", "ur10e", "paper-errors"])
@@ -144,7 +145,7 @@ def test_a_good_run_is_not_doubted(name: str, test: str) -> None:
             "row 5 is no number",
         ),
         ({"g_mm": _ball("yaw", (1, 0, 0))[:, :1]}, "not two gauges"),
-        ({"frame": dataclasses.replace(planted.FRAME, radius=0.0)}, "a radius of 0 mm is none"),
+        ({"frame": dataclasses.replace(FRAME, radius=0.0)}, "a radius of 0 mm is none"),
     ],
 )
 def test_what_is_no_circle_run_is_refused(wrong: dict, said: str) -> None:
@@ -153,42 +154,53 @@ def test_what_is_no_circle_run_is_refused(wrong: dict, said: str) -> None:
         yaw.evaluate(lap, 50.0, 0.02, 1e-3)
 
 
-def test_smoothing_keeps_a_jump_and_quiets_the_rest() -> None:
-    clean = np.where(PHI > 2, 1.0, 0.0) + 0.2 * np.sin(PHI)
-    noise = np.random.default_rng(2).normal(0, 0.02, 720)
-    left = smoothed(clean + noise, 0.02) - clean
-    away = np.abs(PHI - 2) > np.radians(5)
-    assert np.std(left[away]) < 0.4 * 0.02
-    assert np.abs(left[np.abs(PHI - 2) > np.radians(2.5)]).max() < 0.1
-
-
 def _table() -> tuple[CircleTable, Rig]:
     """The acw program of the paper's rig, and what the gauges read of a robot without errors."""
     rig, _ = load("paper-fanuc")
     program = circle_program(rig, "acw")
     poses = forward(arm_of(rig.robot), program.q)
-    ball = frame_of(circle_of(rig)).centre + planted.BALL
+    ball = frame_of(circle_of(rig)).centre + BALL
     return CircleTable("yaw", "acw", program.t_s, program.q, readings(poses, ball, OFFSETS, "yaw", 70.0)), rig
 
 
-def test_of_two_laps_the_first_is_evaluated_and_told() -> None:
+def test_every_lap_is_used_and_the_way_back_between_them_is_not() -> None:
     table, rig = _table()
-    once = laps_of(table, rig, "t")
-    assert once.notes == ()
-    # The lap again at its end: lead-out and lead-in overlap, so cut both.
-    k = slice(int(np.argmin(np.abs(table.t_s - once.t_s[0]))), int(np.argmin(np.abs(table.t_s - once.t_s[-1]))) + 1)
-    end = k.stop
-    whole = np.round((table.q[end - 1] - table.q[k.start]) / (2 * np.pi)) * 2 * np.pi
-    twice = CircleTable(
-        "yaw",
-        "acw",
-        np.concatenate([table.t_s[:end], table.t_s[k] + table.t_s[end] - table.t_s[k.start]]),
-        np.concatenate([table.q[:end], table.q[k] + whole]),
-        np.concatenate([table.g_mm[:end], table.g_mm[k] + 1.0]),
-    )
-    lap = laps_of(twice, rig, "t")
-    assert "2.0 laps" in lap.notes[0]
-    np.testing.assert_array_equal(lap.g_mm[:-1], once.g_mm[: len(lap.g_mm) - 1])
+    laps = laps_of(table, rig, "t")
+    assert (laps.count, laps.notes) == (2, ())
+    assert np.ptp(laps.phi) == pytest.approx(4 * np.pi, abs=0.02)
+    one, other = (laps.g_mm[np.abs(laps.phi) // (2 * np.pi) == lap] for lap in (0, 1))
+    np.testing.assert_allclose(one, other[: len(one)], atol=1e-9)
+    assert laps.apart_s > 1.4 * laps.lap_s
+
+
+def test_laps_that_follow_each_other_are_all_used() -> None:
+    """On an arm whose wrist turns without end."""
+    rig = parse(re.sub(r"limits_deg: \[[^]]*\]", "limits_deg: [-1440, 1440]", load("ur10e")[1]), "r")
+    circle = circle_of(rig)
+    t_s = np.arange(0.0, 3 * 17.6 + 1.0, 0.02)
+    phi = np.radians(-5) + 2 * np.pi * t_s / 17.6
+    q = drive(arm_of(rig.robot), frame_of(circle), phi, np.radians(circle.posture_deg), "t")
+    laps = laps_of(CircleTable("yaw", "acw", t_s, q, np.zeros((len(t_s), 2))), rig, "t")
+    assert (laps.count, laps.apart_s) == (3, pytest.approx(laps.lap_s, rel=0.01))
+
+
+def test_a_lap_under_the_wrong_label_is_refused_however_the_robot_drove_back() -> None:
+    table, rig = _table()
+    with pytest.raises(FileError, match="is labelled cw, the robot moved acw; correct it: rig relabel RUN --direction acw"):
+        laps_of(dataclasses.replace(table, direction="cw"), rig, "t")
+
+
+def test_a_ball_mounted_anew_makes_no_pair_and_a_play_does() -> None:
+    def back(g: np.ndarray) -> np.ndarray:
+        return np.stack([np.interp(-PHI % (2 * np.pi), PHI, column, period=2 * np.pi) for column in g.T], axis=1)
+
+    acw = yaw.evaluate(_lap(_ball("yaw", (0.3, 0.2, 0.0))), 50.0, 0.02, 1e-6)
+    elsewhere = yaw.evaluate(_lap(back(_ball("yaw", (0.6, -0.05, 0.0))), direction="cw"), 50.0, 0.02, 1e-6)
+    with pytest.raises(FileError, match="have their balls 0.39 mm apart"):
+        pair.pair(acw, elsewhere)
+    play = np.where(np.sin(PHI - np.radians(105)) > 0, 0.4, -0.4)[:, None]
+    played = yaw.evaluate(_lap(back(_ball("yaw", (0.3, 0.2, 0.0)) + play), direction="cw"), 50.0, 0.02, 1e-6)
+    assert pair.pair(acw, played).figures["hysteresis_max_mm"].value > 0.35
 
 
 def test_the_way_to_the_circle_and_from_it_is_no_part_of_the_lap() -> None:
@@ -208,7 +220,7 @@ def test_the_way_to_the_circle_and_from_it_is_no_part_of_the_lap() -> None:
     )
     once, lap = laps_of(table, rig, "t"), laps_of(whole, rig, "t")
     assert lap.notes == () and abs(len(lap.phi) - len(once.phi)) < 20
-    assert lap.g_mm[20:-20].max() < 5 and np.ptp(lap.phi) == pytest.approx(2 * np.pi, abs=0.05)
+    assert lap.g_mm[20:-20].max() < 5 and np.ptp(lap.phi) == pytest.approx(4 * np.pi, abs=0.05)
 
 
 def test_standing_jumping_and_half_a_lap_are_refused() -> None:

@@ -14,8 +14,7 @@ from analysis.reading.simulated_runs import write_simulated
 from analysis.reporting.report import as_object, as_tables, write_report
 from analysis.reporting.results import analyse_run
 from analysis.reporting.truth import compare, verdict
-from analysis.tests.circularity import circle_at, fit_circle
-from analysis.tests.curve import Curve, curve_of
+from analysis.tests.curve import Curve, curve_of, reduced
 from analysis.tests.lag import lag_of
 from rigs.effects import Effect, TimeLag
 from rigs.load import load
@@ -26,9 +25,8 @@ LAGGING = TimeLag(effect="time_lag", lag_s=0.005)
 
 
 def distance(rig: Rig, direction: Direction, seed: int | None, effects: list[Effect]) -> Curve:
-    lap = laps_of(simulate(rig, "yaw", direction, seed, effects), rig, direction)
-    mean, radius = lap.g_mm.mean(axis=1), lap.frame.radius
-    return curve_of(lap, mean, circle_at(lap.phi, fit_circle(lap.phi, mean, radius), radius))
+    laps = laps_of(simulate(rig, "yaw", direction, seed, effects), rig, direction)
+    return curve_of(reduced(laps), lambda g_mm: g_mm.mean(axis=-1), 1.0)
 
 
 @pytest.mark.parametrize("lag_s", [0.005, -0.02, 0.0])
@@ -38,7 +36,7 @@ def test_a_lag_is_found_where_nothing_else_reverses(lag_s: float) -> None:
     acw, cw = (distance(rig, direction, None, effects) for direction in ("acw", "cw"))
     found = lag_of([(acw, cw)], [1.0], 100)
     assert found.value == pytest.approx(1e3 * lag_s, abs=0.2)
-    assert 1 < found.u < 20, "another run never meets the ball at quite the same place"
+    assert 1 < found.u < 60, "another run never meets the ball at quite the same place"
 
 
 def test_play_widens_the_uncertainty_that_covers_the_lag() -> None:
@@ -61,11 +59,11 @@ def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp
     (told,) = as_object(results)["acw_against_cw"]
     assert abs(told["lag"]["value"] - 5) <= 2 * told["lag"]["u"] and told["lag"]["unit"] == "ms"
     words = [str(part) for part in as_tables(results).renderables]  # type: ignore[attr-defined]
-    assert any(line.startswith(("gauges lag the robot by ", "no lag of the gauges behind")) for line in words)
+    assert any(line.startswith(("the gauges lag the robot by ", "no lag of the gauges behind")) for line in words)
     alone = [str(part) for part in as_tables(results[:1]).renderables]  # type: ignore[attr-defined]
-    assert "a lag between gauges and robot cannot be told from one direction: analyse acw and cw together" in alone
+    assert "a lag between gauges and robot cannot be seen in one direction: analyse acw and cw together" in alone
     assert as_object(results[:1])["acw_against_cw"] == []
-    assert "cannot be told from one direction" in write_report(results[:1], tmp_path / "report").read_text()
+    assert "cannot be seen in one direction" in write_report(results[:1], tmp_path / "report").read_text()
 
 
 def test_a_figure_beside_the_truth_deviates_upwards_where_it_is_larger(tmp_path: Path) -> None:

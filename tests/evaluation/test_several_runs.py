@@ -11,7 +11,7 @@ from rich.console import Console
 
 from analysis.reading.simulated_runs import write_simulated
 from analysis.reporting.report import as_object, as_tables
-from analysis.reporting.results import Result, analyse_run
+from analysis.reporting.results import Result, analyse_run, analyse_runs
 from analysis.reporting.truth import compare
 from rigs.errors import FileError
 from rigs.load import load
@@ -23,7 +23,7 @@ RIG, TEXT = load("ur10e")
 def laps(tmp_path_factory: pytest.TempPathFactory) -> list[Result]:
     folder = tmp_path_factory.mktemp("laps")
     runs = write_simulated(RIG, TEXT, "yaw", ("acw", "cw"), [1, 2], None, folder, csv=False)
-    return [analyse_run(path) for path in runs]
+    return analyse_runs(list(runs))
 
 
 @pytest.mark.parametrize(("width", "abreast"), [(80, 2), (200, 4)])
