@@ -30,10 +30,10 @@ def smooth(one: Observation) -> Smooth:
     """A circle with its path smoothed; anything else as it is."""
     if not isinstance(one.table, CircleTable):
         return Smooth(one, np.zeros(6))
-    # Where the robot starts and stops a parabola would swing over, and turn joints back that do not.
-    lap = slice(int(one.rows[0]), int(one.rows[-1]) + 1)
+    # Where the robot starts and stops a parabola would swing over, and turn joints back that do not: laps alone.
+    laps = one.path.rows[one.rows]
     q = one.path.q.copy()
-    q[lap] = _parabolas(one.path.t_s, one.path.q)[lap]
+    q[laps] = _parabolas(one.path.t_s, one.path.q)[laps]
     off = np.degrees(np.std((one.path.q - q)[one.path.rows[one.rows]], axis=0))
     return Smooth(replace(one, path=replace(one.path, q=q)), np.asarray(off))
 
