@@ -13,7 +13,7 @@ import numpy as np
 
 from analysis.fitting.observation import Observation, residuals_of, rms
 from analysis.fitting.setups import BALL_MM, moved_setup, settled, terms_of
-from analysis.fitting.uncertainty import covariance
+from analysis.fitting.uncertainty import Scatter, covariance
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp
 from analysis.reading.tables import PoseTable, Table
@@ -44,7 +44,8 @@ class Fit:
     """A fitted model.
 
     model: with the fitted effects; setups: fitted, by name; residuals: per observation (m, k) mm; values (p,) of the
-    free parameters in file units; covariance (p, p) of them; rms_mm over all residuals.
+    free parameters in file units; covariance (p, p) of them; scatter from run to run that is in it, None without
+    parameters; rms_mm over all residuals.
     """
 
     model: Model
@@ -53,6 +54,7 @@ class Fit:
     free: tuple[Free, ...]
     values: Array
     covariance: Array
+    scatter: Scatter | None = None
 
     @property
     def sd(self) -> Array:
@@ -93,8 +95,9 @@ def fit(
         return Fit(fitted, placed, residuals, (), values, np.empty((0, 0)))
     count = sum(r.size for r in residuals)
     shrink = count / max(1, count - len(start))
-    whole = covariance(np.asarray(found.jac), fitted, observations, placed, shrink)
-    return Fit(fitted, placed, residuals, problem.free, values, whole[first:, first:] * np.outer(scale, scale))
+    whole, scatter = covariance(np.asarray(found.jac), fitted, observations, placed, shrink)
+    known = whole[first:, first:] * np.outer(scale, scale)
+    return Fit(fitted, placed, residuals, problem.free, values, known, scatter)
 
 
 def signatures(

@@ -1,35 +1,51 @@
 """How well fitted parameters are known, when the residuals are not white and no two runs are quite alike.
 
 Readings of one lap are correlated over some time: the covariance of the least-squares solution is the sandwich of
-Newey and West (1987), lag by lag within each run. And from run to run every joint and the ball sit a little
-elsewhere: that scatter, of the size a good cell shows, goes through the same solution.
+Newey and West (1987), lag by lag within each run. And from run to run every joint and the ball sit a little elsewhere:
+that scatter, as repeated runs show it or as real cells have it, goes through the same solution.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from analysis.fitting.observation import Observation, residuals_of
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp
-from analysis.model.simulate import Noise
+from analysis.noise.cell import BALL_MM, JOINT_DEG, NoiseSource
 from analysis.reading.tables import CircleTable, PoseTable
 from rigs.effects import JointOffset
 
 _LAG_S = 2.5
 """Residuals further apart in time have forgotten each other."""
+_STEP_DEG, _STEP_MM = 1e-3, 5e-3
+"""Steps of the derivatives by a joint and by the ball: readings are straight in so little."""
+_BINS = 180
+"""Places of a lap, 2° apart, at which repeated runs are laid over each other."""
+_JOINTS_DEG = np.array([0.0, *np.geomspace(0.1 * JOINT_DEG.low, 2 * JOINT_DEG.high, 16)])
+_BALLS_MM = np.array([0.0, *np.geomspace(0.1 * BALL_MM.low, 2 * BALL_MM.high, 16)])
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """How far each joint and the ball lie elsewhere from run to run, standard deviations, and where that is from."""
+
+    joint_deg: float
+    ball_mm: float
+    source: NoiseSource
 
 
 def covariance(
     J: Array, model: Model, observations: Sequence[Observation], setups: dict[str, SetUp], shrink: float
-) -> Array:
-    """Covariance (p, p) of all unknowns of a fit.
+) -> tuple[Array, Scatter]:
+    """Covariance (p, p) of all unknowns of a fit, and the scatter from run to run that is in it.
 
     J (N, p): derivatives of all residuals, run after run, the rows of the prior last; shrink: N / (N - p).
     """
+    scatter = scatter_between(model, observations, setups)
     inverse = np.linalg.pinv(J.T @ J, rcond=1e-14)
     residuals = residuals_of(model, observations, setups)
     meat = np.zeros((J.shape[1], J.shape[1]))
@@ -38,10 +54,60 @@ def covariance(
         rows = slice(begin, begin + residual.size)
         begin += residual.size
         meat += shrink * _newey_west(J[rows] * residual.ravel()[:, None], one, residual.shape[1])
-        meat += _scatter(J[rows], model, one, setups)
+        for shaken in _shaken(model, one, setups, scatter):
+            score = J[rows].T @ shaken.ravel()
+            meat += np.outer(score, score)
     prior = J[begin:]
     meat += prior.T @ prior * float(np.mean(np.concatenate([r.ravel() for r in residuals]) ** 2))
-    return inverse @ meat @ inverse
+    return inverse @ meat @ inverse, scatter
+
+
+def scatter_between(model: Model, observations: Sequence[Observation], setups: Mapping[str, SetUp]) -> Scatter:
+    """The most likely scatter of joints and ball, from what repeated runs of one set-up and direction differ by.
+
+    What no scatter can have done (outside the span of its derivatives) is the noise that it is weighed against.
+    """
+    groups: dict[tuple[object, ...], list[Observation]] = {}
+    for one in observations:
+        if not isinstance(one.table, PoseTable):
+            way = one.table.direction if isinstance(one.table, CircleTable) else len(one.rows)
+            groups.setdefault((one.setup, type(one.table), way), []).append(one)
+    unit = Scatter(1.0, 1.0, "assumed")
+    seen = []
+    for repeats in groups.values():
+        if len(repeats) < 2:
+            continue
+        left = [_laid_over(one, *residuals_of(model, [one], setups)) for one in repeats]
+        columns = np.array([_laid_over(repeats[0], shaken) for shaken in _shaken(model, repeats[0], setups, unit)]).T
+        span, size, _ = np.linalg.svd(columns, full_matrices=False)
+        span = span[:, size > 1e-3 * size[0]]
+        apart = np.array(left) - np.mean(left, axis=0)
+        inside = apart @ span
+        freedom = (len(left) - 1) * (apart.shape[1] - span.shape[1])
+        noise = float(((apart - inside @ span.T) ** 2).sum() / freedom)
+        by = span.T @ columns
+        seen.append((len(left) - 1, inside, noise, by[:, :6] @ by[:, :6].T, by[:, 6:] @ by[:, 6:].T))
+    if not seen:
+        return Scatter(JOINT_DEG.middle, BALL_MM.middle, "assumed")
+
+    def likelihood(joint: float, ball: float) -> float:
+        total = 0.0
+        for freedom, inside, noise, joints, balls in seen:
+            C = noise * np.eye(len(joints)) + joint**2 * joints + ball**2 * balls
+            total -= 0.5 * float(freedom * np.linalg.slogdet(C)[1] + np.sum(inside * np.linalg.solve(C, inside.T).T))
+        return total
+
+    joint, ball = max(((joint, ball) for joint in _JOINTS_DEG for ball in _BALLS_MM), key=lambda two: likelihood(*two))
+    return Scatter(float(joint), float(ball), "measured")
+
+
+def _laid_over(one: Observation, values: Array) -> Array:
+    """Values (m, k) of a run where repeats have theirs too: (BINS · k,) means around a lap; at targets as they are."""
+    if not isinstance(one.table, CircleTable):
+        return values.ravel()
+    turned = np.linspace(0, _BINS, len(values), endpoint=False).astype(np.int64)
+    counts = np.maximum(np.bincount(turned, minlength=_BINS), 1)
+    return np.concatenate([np.bincount(turned, column, _BINS) / counts for column in values.T])
 
 
 def _newey_west(scores: Array, one: Observation, channels: int) -> Array:
@@ -59,25 +125,22 @@ def _newey_west(scores: Array, one: Observation, channels: int) -> Array:
     return total
 
 
-def _scatter(J: Array, model: Model, one: Observation, setups: dict[str, SetUp]) -> Array:
-    """What the scatter of joints and ball from run to run adds, as scores of one run."""
+def _shaken(model: Model, one: Observation, setups: Mapping[str, SetUp], scatter: Scatter) -> list[Array]:
+    """What the scatter of each joint and of the ball along each axis adds to the readings (m, k) of one run."""
     if isinstance(one.table, PoseTable):
-        return np.zeros((J.shape[1], J.shape[1]))
-    good = Noise()
+        return []
     (base,) = residuals_of(model, [one], setups)
 
-    def score(change: Callable[[], list[Array]]) -> Array:
-        (changed,) = change()
-        return J.T @ (changed - base).ravel()
+    def change(moved: Model, placed: Mapping[str, SetUp]) -> Array:
+        (changed,) = residuals_of(moved, [one], placed)
+        return changed - base
 
-    scores = []
+    setup, found = setups[one.setup], []
     for axis in range(1, 7):
-        moved = replace(model, effects=(*model.effects, JointOffset(axis=axis, offset_deg=good.scatter_deg)))
-        scores.append(score(lambda moved=moved: residuals_of(moved, [one], setups)))  # type: ignore[misc]
-    setup = setups[one.setup]
-    for step in good.scatter_mm * np.eye(3):
-        placed = setups | {one.setup: replace(setup, ball=setup.ball + step)}
-        scores.append(score(lambda placed=placed: residuals_of(model, [one], placed)))  # type: ignore[misc]
-    stacked = np.array(scores)
-    total: Array = stacked.T @ stacked
-    return total
+        offset = JointOffset(axis=axis, offset_deg=_STEP_DEG)
+        moved = replace(model, effects=(*model.effects, offset))
+        found.append(change(moved, setups) * scatter.joint_deg / _STEP_DEG)
+    for step in _STEP_MM * np.eye(3):
+        placed = {**setups, one.setup: replace(setup, ball=setup.ball + step)}
+        found.append(change(model, placed) * scatter.ball_mm / _STEP_MM)
+    return found

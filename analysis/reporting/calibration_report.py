@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,18 @@ def as_table(found: Calibration) -> RenderableType:
         if not math.isnan(before):
             gap.add_row(name, f"{before * 1e3:.1f}", f"{after * 1e3:.1f}")
     held = [Text(f"held: {held}", style="yellow") for held in found.held]
-    return Group(whole(table), whole(gap), *held)
+    return Group(whole(table), whole(gap), *held, *_of_scatter(found))
+
+
+def _of_scatter(found: Calibration) -> list[Text]:
+    """What was taken for the scatter from run to run, and where it is from."""
+    scatter = found.after.scatter
+    if scatter is None:
+        return []
+    size = f"joints {scatter.joint_deg:.2g}°, ball {1e3 * scatter.ball_mm:.2g} µm"
+    if scatter.source == "measured":
+        return [Text(f"scatter from run to run, from the repeated runs: {size}", style="dim")]
+    return [Text(f"scatter from run to run is assumed ({size}), since no run was repeated: repeat one", style="yellow")]
 
 
 def as_object(found: Calibration) -> dict[str, Any]:
@@ -45,6 +57,7 @@ def as_object(found: Calibration) -> dict[str, Any]:
             {**one.effect.model_dump(mode="json", exclude={"found"}), "sd": one.sd} for one in fitted_effects(found)
         ],
         "covariance": found.after.covariance.tolist(),
+        "scatter": None if found.after.scatter is None else asdict(found.after.scatter),
         "held": [{"what": held.what, "like": list(held.like)} for held in found.held],
         "rms_mm": {
             "used": {"before": found.before_mm[0], "after": found.after_mm[0]},

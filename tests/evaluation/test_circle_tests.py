@@ -186,7 +186,9 @@ def test_laps_that_follow_each_other_are_all_used() -> None:
 
 def test_a_lap_under_the_wrong_label_is_refused_however_the_robot_drove_back() -> None:
     table, rig = _table()
-    with pytest.raises(FileError, match="is labelled cw, the robot moved acw; correct it: rig relabel RUN --direction acw"):
+    with pytest.raises(
+        FileError, match="is labelled cw, the robot moved acw; .*rig relabel RUN --direction acw"
+    ):
         laps_of(dataclasses.replace(table, direction="cw"), rig, "t")
 
 
@@ -196,7 +198,7 @@ def test_a_ball_mounted_anew_makes_no_pair_and_a_play_does() -> None:
 
     acw = yaw.evaluate(_lap(_ball("yaw", (0.3, 0.2, 0.0))), 50.0, 0.02, 1e-6)
     elsewhere = yaw.evaluate(_lap(back(_ball("yaw", (0.6, -0.05, 0.0))), direction="cw"), 50.0, 0.02, 1e-6)
-    with pytest.raises(FileError, match="have their balls 0.39 mm apart"):
+    with pytest.raises(FileError, match=r"have their balls 0\.39 mm apart"):
         pair.pair(acw, elsewhere)
     play = np.where(np.sin(PHI - np.radians(105)) > 0, 0.4, -0.4)[:, None]
     played = yaw.evaluate(_lap(back(_ball("yaw", (0.3, 0.2, 0.0)) + play), direction="cw"), 50.0, 0.02, 1e-6)
