@@ -45,7 +45,7 @@ class Figure:
 
 
 def main(
-    count: Annotated[int, typer.Argument(metavar="COUNT", help="How many demos, one after the other.")],
+    count: Annotated[int, typer.Argument(metavar="COUNT", min=1, help="How many demos, one after the other.")],
     busy: Annotated[int, typer.Option(min=0, help="Busy loops beside each of them.")] = 0,
 ) -> None:
     """Exit code 1 where fewer than 90 % of the figures lie within 2 u, one beyond 4, or a demo has none."""

@@ -135,31 +135,46 @@ class Exchange:
         return (Piece(first.at_ns, first.stream, first.mark, bytes(said)), *further)
 
 
-def exchanges(pieces: Sequence[Piece]) -> list[Exchange]:
-    """The exchanges of a stream; what came before the first question answers none."""
-    found: list[Exchange] = []
-    for piece in pieces:
-        if piece.mark is Mark.SENT:
-            found.append(Exchange(piece.at_ns, piece.data, ()))
-        elif piece.mark is Mark.CAME and found:
-            last = found[-1]
-            found[-1] = Exchange(last.asked_ns, last.question, (*last.answers, piece))
-    return found
+@dataclass(frozen=True, slots=True)
+class Exchanges:
+    """Those of a connection, at their times asked_ns; end_ns: when it ended.
+
+    period_ns: usual time from one to the next; longest: bytes of the longest question.
+    """
+
+    all: Sequence[Exchange]
+    asked_ns: Sequence[int]
+    begin_ns: int
+    end_ns: int
+    period_ns: float
+    longest: int
+
+    @classmethod
+    def of(cls, pieces: Sequence[Piece]) -> Exchanges:
+        """From its pieces; what came before the first question answers none."""
+        questions = [number for number, piece in enumerate(pieces) if piece.mark is Mark.SENT]
+        found = [
+            Exchange(
+                pieces[begin].at_ns,
+                pieces[begin].data,
+                tuple(piece for piece in pieces[begin:end] if piece.mark is Mark.CAME),
+            )
+            for begin, end in pairwise([*questions, len(pieces)])
+        ]
+        asked_ns = [exchange.asked_ns for exchange in found]
+        period_ns = median([after - before for before, after in pairwise(asked_ns)] or [0])
+        longest = max((len(exchange.question) for exchange in found), default=0)
+        return cls(found, asked_ns, pieces[0].at_ns, pieces[-1].at_ns, period_ns, longest)
 
 
 class Answering:
     """An instrument that is asked: each question gets what was said to the one nearest in time."""
 
-    def __init__(self, pieces: Sequence[Piece], time: Timebase, steps: Steps, *, hangs_up: bool) -> None:
+    def __init__(self, exchanges: Exchanges, time: Timebase, steps: Steps, *, hangs_up: bool) -> None:
         self.sent = 0
-        self._pieces = pieces
+        self._exchanges = exchanges
         self._time, self._steps = time, steps
         self._hangs_up = hangs_up
-        self._exchanges = exchanges(pieces)
-        self._asked_ns = [exchange.asked_ns for exchange in self._exchanges]
-        self._period_ns = median([after - before for before, after in pairwise(self._asked_ns)] or [0])
-        self._longest = max((len(exchange.question) for exchange in self._exchanges), default=0)
-        self._end_ns = pieces[-1].at_ns if pieces else 0
         self._begin()
 
     @property
@@ -168,13 +183,13 @@ class Answering:
         return self._last >= 0
 
     def connected(self, now_ns: int) -> Step:
-        if self._hangs_up and self._pieces:
-            self._time.begin(now_ns, self._pieces[0].at_ns)
+        if self._hangs_up:
+            self._time.begin(now_ns, self._exchanges.begin_ns)
         return self._play(now_ns)
 
     def received(self, data: bytes, now_ns: int) -> Step:
-        if self._exchanges:
-            self._time.begin(now_ns, self._asked_ns[0])
+        if self._exchanges.all:
+            self._time.begin(now_ns, self._exchanges.asked_ns[0])
         self._heard += data
         return self._play(now_ns, asked=True)
 
@@ -183,7 +198,7 @@ class Answering:
 
     def _begin(self) -> None:
         self._turn = self._time.turn
-        self.done = not self._exchanges
+        self.done = not self._exchanges.all
         self._heard = bytearray()
         self._last = -1
         """The exchange that was played last."""
@@ -197,47 +212,50 @@ class Answering:
         if self._turn != self._time.turn:
             self._begin()
         shift_ns = self._time.shift_ns
-        if shift_ns is None and self._exchanges:
+        if shift_ns is None:
             return Step(wake_ns=now_ns + _LOOK_NS)
-        at_ns = now_ns - (shift_ns or 0)
+        at_ns = now_ns - shift_ns
         if asked:
             self._hear(at_ns)
         if self._saying and at_ns >= self._saying[0].at_ns:
             return self._say(at_ns, now_ns)
-        self.done = self.done or at_ns >= self._end_ns
+        self.done = self.done or at_ns >= self._exchanges.end_ns
         if self._hangs_up and self.done and not self._saying:
             return Step(hang_up=True)
-        next_ns = self._saying[0].at_ns if self._saying else self._end_ns
-        return Step() if at_ns >= next_ns else Step(wake_ns=next_ns + (shift_ns or 0))
+        next_ns = self._saying[0].at_ns if self._saying else self._exchanges.end_ns
+        return Step() if at_ns >= next_ns else Step(wake_ns=next_ns + shift_ns)
 
     def _say(self, at_ns: int, now_ns: int) -> Step:
         if self._middle_ns is not None:
             self._steps.said(at_ns, (self._question_ns + at_ns) / 2 - self._middle_ns)
             self._middle_ns = None
         self.sent += 1
-        return Step(self._saying.popleft().data, wake_ns=now_ns)
+        said = bytearray()
+        while self._saying and at_ns >= self._saying[0].at_ns:
+            said += self._saying.popleft().data
+        return Step(bytes(said), wake_ns=now_ns)
 
     def _hear(self, at_ns: int) -> None:
         """Choose what to say, once a question is complete."""
-        if at_ns >= self._end_ns:
+        if at_ns >= self._exchanges.end_ns:
             return
         found = self._nearest(at_ns, bytes(self._heard))
         if found is None:
-            if len(self._heard) >= self._longest:
+            if len(self._heard) >= self._exchanges.longest:
                 self._steps.otherwise += 1
                 self._heard.clear()
             return
         number, answers = found
         self._heard.clear()
-        self._steps.skipped += sum(bool(one.answers) for one in self._exchanges[self._last + 1 : number])
+        self._steps.skipped += sum(bool(one.answers) for one in self._exchanges.all[self._last + 1 : number])
         self._steps.repeated += number <= self._last
         self._last = max(self._last, number)
-        late_ns = at_ns - self._asked_ns[number]
-        wait_ns = answers[0].at_ns - self._asked_ns[number] if answers else 0
+        late_ns = at_ns - self._exchanges.asked_ns[number]
+        wait_ns = answers[0].at_ns - self._exchanges.asked_ns[number] if answers else 0
         slip_ns = late_ns if late_ns > wait_ns else 0
         self._saying = deque(Piece(one.at_ns + slip_ns, one.stream, one.mark, one.data) for one in answers)
         self._question_ns = at_ns
-        self._middle_ns = self._asked_ns[number] + wait_ns / 2 if answers else None
+        self._middle_ns = self._exchanges.asked_ns[number] + wait_ns / 2 if answers else None
 
     def _nearest(self, at_ns: int, question: bytes) -> tuple[int, tuple[Piece, ...]] | None:
         """Number and answers of the exchange with this question that was nearest.
@@ -246,22 +264,22 @@ class Answering:
         one that comes as much too late. So is that of a late one whose answer was still to come, which keeps the host
         in step; it is answered then where the figures bear the error.
         """
-        after = bisect_right(self._asked_ns, at_ns)
+        after = bisect_right(self._exchanges.asked_ns, at_ns)
         before = self._first_with(question, range(after - 1, max(after - 1 - _AROUND, -1), -1))
-        following = self._first_with(question, range(after, min(after + _AROUND, len(self._exchanges))))
+        following = self._first_with(question, range(after, min(after + _AROUND, len(self._exchanges.all))))
         if before is None:
             return following
         if following is None:
             return before
         number, answers = before
-        late_ns, early_ns = at_ns - self._asked_ns[number], self._asked_ns[following[0]] - at_ns
+        late_ns, early_ns = at_ns - self._exchanges.asked_ns[number], self._exchanges.asked_ns[following[0]] - at_ns
         if answers and number > self._last and at_ns < answers[0].at_ns and late_ns / 2 <= self._steps.bearable_ns:
             return before
-        return before if late_ns <= min(early_ns, self._period_ns) / 2 else following
+        return before if late_ns <= min(early_ns, self._exchanges.period_ns) / 2 else following
 
     def _first_with(self, question: bytes, numbers: range) -> tuple[int, tuple[Piece, ...]] | None:
         for number in numbers:
-            answers = self._exchanges[number].answers_to(question)
+            answers = self._exchanges.all[number].answers_to(question)
             if answers is not None:
                 return number, answers
         return None

@@ -8,6 +8,7 @@ When a stream's pieces are played the instrument falls silent (serial) or hangs 
 
 from __future__ import annotations
 
+import gc
 import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
@@ -17,7 +18,7 @@ import yaml
 
 from daq.capture import Capture, Mark, Piece
 from daq.emulators.cell import Cell
-from daq.emulators.played import Answering, Speaking
+from daq.emulators.played import Answering, Exchanges, Speaking
 from daq.emulators.timebase import Steps, Timebase, bearable_ns, u_asked_ns, u_cycle_ns
 from daq.protocol.polled import Polled
 from daq.replayed import out_of_step_line
@@ -55,18 +56,17 @@ class Replay:
         }
         """How each stream keeps its time."""
         self._heard = {
-            stream.name: Heard(
-                _connections(stream, heard[stream.name]),
-                _player(stream, self._time, self.steps[stream.name]),
-                self._time,
-            )
-            for stream in streams
+            stream.name: _heard(stream, heard[stream.name], self._time, self.steps[stream.name]) for stream in streams
         }
         self.cell = Cell(rig, self._heard, paced=False)
         self.unmarked = ""
         """Why a mark could not be written: the replay is then over, since nobody would know what is out of step."""
         if self._marks:
             self._marks.write_text("", encoding="utf-8")
+        # A long capture is a million objects that stay: looking for garbage among them would stop every instrument for
+        # a tenth of a second now and then.
+        gc.collect()
+        gc.freeze()
 
     @property
     def done(self) -> bool:
@@ -102,14 +102,12 @@ class Heard:
     out of step with them.
     """
 
-    def __init__(
-        self, connections: Iterable[Sequence[Piece]], play: Callable[[Sequence[Piece]], Player], time: Timebase
-    ) -> None:
-        self._connections = list(connections)
-        self._play, self._time = play, time
+    def __init__(self, connections: Sequence[Callable[[], Player]], over: Callable[[], Player], time: Timebase) -> None:
+        """What makes the player of each connection, and of those that come when all is played."""
+        self._connections, self._over, self._time = connections, over, time
         self._turn = -1
         self._number = 0
-        self._playing = play(())
+        self._playing = over()
 
     @property
     def done(self) -> bool:
@@ -125,22 +123,22 @@ class Heard:
                 self._time.restart(self._turn)
         if self._turn != self._time.turn:
             self._turn, self._number = self._time.turn, 0
-        left = self._connections[self._number : self._number + 1]
-        self._playing = self._play(left[0] if left else ())
+        left = self._number < len(self._connections)
+        self._playing = self._connections[self._number]() if left else self._over()
         return self._playing
 
 
-def _player(stream: Stream, time: Timebase, steps: Steps) -> Callable[[Sequence[Piece]], Player]:
-    """What plays a connection of this stream."""
+def _heard(stream: Stream, pieces: Sequence[Piece], time: Timebase, steps: Steps) -> Heard:
+    """What plays a stream."""
     hangs_up = tcp_address(stream.port) is not None
-
-    def play(pieces: Sequence[Piece]) -> Player:
-        if _is_asked(stream):
-            return Answering(pieces, time, steps, hangs_up=hangs_up)
-        calls = udp_address(stream.port) is not None and stream.listens
-        return Speaking(pieces, time, steps, hangs_up=hangs_up, calls=calls)
-
-    return play
+    calls = udp_address(stream.port) is not None and stream.listens
+    connections: list[Callable[[], Player]] = [
+        partial(Answering, Exchanges.of(one), time, steps, hangs_up=hangs_up)
+        if _is_asked(stream)
+        else partial(Speaking, one, time, steps, hangs_up=hangs_up, calls=calls)
+        for one in _connections(stream, pieces)
+    ]
+    return Heard(connections, partial(Speaking, (), time, steps, hangs_up=hangs_up, calls=False), time)
 
 
 def _is_asked(stream: Stream) -> bool:

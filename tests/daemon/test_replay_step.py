@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import pytest
 
 from daq.capture import Mark, Piece
-from daq.emulators.played import Answering, Speaking
+from daq.emulators.played import Answering, Exchanges, Speaking
 from daq.emulators.replay import Heard
 from daq.emulators.timebase import Steps, Timebase
 from daq.protocol.conversation import FaultKind
@@ -44,7 +45,7 @@ def answering(pieces: Sequence[Piece], kept: Steps) -> Answering:
     """Of a replay whose capture began at 0."""
     time = Timebase()
     time.begin(-HEAD, 0)
-    return Answering(pieces, time, kept, hangs_up=False)
+    return Answering(Exchanges.of(pieces), time, kept, hangs_up=False)
 
 
 ROUNDS = [piece for k in range(5) for piece in (asked(10 * k, b"?\r"), came(10 * k + 8, b"%d\r" % k))]
@@ -143,7 +144,8 @@ def test_a_host_that_leaves_before_the_end_begins_everything_anew() -> None:
         return Speaking(pieces, time, kept, hangs_up=True, calls=False)
 
     gauge = speaking([asked(0, b"go"), came(3, b"a"), came(90, b"b")], time, steps(of_asked=False))
-    heard = Heard([[came(0, b"1"), came(50, b"2"), lost(60)], [came(80, b"3"), lost(99)]], play, time)
+    connections = [came(0, b"1"), came(50, b"2"), lost(60)], [came(80, b"3"), lost(99)]
+    heard = Heard([partial(play, one) for one in connections], partial(play, ()), time)
     gauge.received(b"go", -HEAD)
     assert heard().connected(0).send == b"1"
     assert gauge.tick(3 * MS).send == b"a"
