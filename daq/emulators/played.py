@@ -93,6 +93,7 @@ class Speaking:
             self._left.popleft()
             self._steps.otherwise += self._heard[: len(piece.data)] != piece.data
             del self._heard[: len(piece.data)]
+        self._steps.judge()
         if not self._hangs_up:
             return Step()
         over_ns = self._end_ns + (shift_ns or 0)
@@ -220,10 +221,11 @@ class Answering:
         if self._saying and at_ns >= self._saying[0].at_ns:
             return self._say(at_ns, now_ns)
         self.done = self.done or at_ns >= self._exchanges.end_ns
-        if self._hangs_up and self.done and not self._saying:
-            return Step(hang_up=True)
+        if self.done and not self._saying:
+            self._steps.judge()
+            return Step(hang_up=self._hangs_up)
         next_ns = self._saying[0].at_ns if self._saying else self._exchanges.end_ns
-        return Step() if at_ns >= next_ns else Step(wake_ns=next_ns + shift_ns)
+        return Step(wake_ns=next_ns + shift_ns)
 
     def _say(self, at_ns: int, now_ns: int) -> Step:
         if self._middle_ns is not None:
