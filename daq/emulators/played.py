@@ -220,7 +220,9 @@ class Answering:
             self._hear(at_ns)
         if self._saying and at_ns >= self._saying[0].at_ns:
             return self._say(at_ns, now_ns)
-        self.done = self.done or at_ns >= self._exchanges.end_ns
+        if not self.done and at_ns >= self._exchanges.end_ns:
+            self.done = True
+            self._skip_to(len(self._exchanges.all))
         if self.done and not self._saying:
             self._steps.judge()
             return Step(hang_up=self._hangs_up)
@@ -249,7 +251,7 @@ class Answering:
             return
         number, answers = found
         self._heard.clear()
-        self._steps.skipped += sum(bool(one.answers) for one in self._exchanges.all[self._last + 1 : number])
+        self._skip_to(number)
         self._steps.repeated += number <= self._last
         self._last = max(self._last, number)
         late_ns = at_ns - self._exchanges.asked_ns[number]
@@ -258,6 +260,9 @@ class Answering:
         self._saying = deque(Piece(one.at_ns + slip_ns, one.stream, one.mark, one.data) for one in answers)
         self._question_ns = at_ns
         self._middle_ns = self._exchanges.asked_ns[number] + wait_ns / 2 if answers else None
+
+    def _skip_to(self, number: int) -> None:
+        self._steps.skipped += sum(bool(one.answers) for one in self._exchanges.all[self._last + 1 : number])
 
     def _nearest(self, at_ns: int, question: bytes) -> tuple[int, tuple[Piece, ...]] | None:
         """Number and answers of the exchange with this question that was nearest.

@@ -102,6 +102,15 @@ def test_a_question_that_was_never_captured_is_counted() -> None:
     assert not answering(ROUNDS, kept).received(b"!\r", 5 * MS).send and kept.otherwise == 1
 
 
+def test_answers_that_nobody_asked_for_until_the_end_are_skipped() -> None:
+    kept = steps()
+    device = answering(ROUNDS, kept)
+    asked_last = device.received(b"?\r", 10 * MS)
+    assert asked_last.wake_ns == 18 * MS and device.tick(18 * MS).send == b"1\r"
+    device.tick(60 * MS)
+    assert device.done and kept.skipped == 4
+
+
 def test_two_streams_share_the_time_that_begins_with_the_first_word() -> None:
     time, kept = Timebase(), steps(of_asked=False)
     gauge = speaking([asked(5, b"go"), came(20, b"a"), came(30, b"b")], time, kept)
