@@ -26,6 +26,7 @@ from daq.notify import notify, watchdog_s
 from daq.protocol.conversation import Item
 from daq.reader import Reader
 from daq.recorder import Recorder
+from daq.replayed import ReplayWatch
 from daq.revival import Revival
 from daq.store import RunWriter
 from daq.store.manifest import Ending
@@ -72,6 +73,7 @@ class Daemon:
             self._clocks = {stream.name: DriftWatch() for stream in self._streams}
             self._janitor = Janitor(runs, rig.name, rig.retention) if rig.retention else None
             self._housekeeper = Housekeeper(metrics, lambda: metrics_text(self._status()), self._janitor)
+            self._replay = ReplayWatch(Path(rig.replay)) if rig.replay else None
             self._control = ControlServer(socket_path, self.answer)
             undo.callback(self._control.close)
             self._tap = Tap(capture, self._streams) if capture else None
@@ -169,7 +171,14 @@ class Daemon:
 
     def _after_round(self) -> None:
         self._attendant.round()
+        self._mark_replay()
         self._feed_watchdog()
+
+    def _mark_replay(self) -> None:
+        """What a replay could not keep in step is a fault of its stream, in the run that is being recorded."""
+        for stream, fault in self._replay.news() if self._replay else ():
+            if stream in self._inboxes:
+                self._inboxes[stream].deliver([fault])
 
     def _feed_watchdog(self) -> None:
         """After each round of the recorder: alive only while every reader goes round as well."""

@@ -28,6 +28,8 @@ class Rig(Part):
     effects: tuple[Effect, ...] = ()
     automatic: Automatic | None = None
     retention: Retention | None = None
+    replay: str = ""
+    """Of a cell that `rig replay` serves: the file where it says what is out of step."""
 
     @field_validator("automatic")
     @classmethod

@@ -21,10 +21,11 @@ def replay(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="The rig file that it was captured with.")],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Where rig.yaml goes.")] = Path("replayed"),
 ) -> None:
-    """Serve a capture's instruments on ptys and local ports, each at the pace at which it spoke, until all is said.
+    """Serve a capture's instruments on ptys and local ports, each when it spoke, until all is said.
 
-    Writes rig.yaml, the rig file with these ports in it, for rigd. An instrument
-    that was asked waits to be asked.
+    Writes rig.yaml, the rig file with these ports in it, for rigd. The time
+    of all of them begins with the daemon's first word. A run that is
+    recorded while one is out of step is marked, and rig analyse refuses it.
     """
     import signal  # noqa: PLC0415
     from queue import SimpleQueue  # noqa: PLC0415
@@ -36,10 +37,10 @@ def replay(
 
     rig, text = load(rig_file)
     capture = read_capture(log)
-    played = Replay(rig, capture)
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        (directory / "rig.yaml").write_text(played.cell.rig_text(text), encoding="utf-8")
+        played = Replay(rig, capture, directory / "out-of-step.txt")
+        (directory / "rig.yaml").write_text(played.rig_text(text), encoding="utf-8")
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
     ends: SimpleQueue[int] = SimpleQueue()
@@ -56,7 +57,9 @@ def replay(
     finally:
         sent = played.cell.stop()
     for name, count in sent.items():
-        typer.echo(f"{name}: {count} pieces said")
+        typer.echo(f"{name}: {count} pieces said, {played.steps[name].words()}")
+    if played.unmarked:
+        raise FileError(str(directory), f"cannot mark what is out of step: {played.unmarked}", "give another --output")
     doubt = "; was it captured with another rig file?" if played.otherwise else ""
     typer.echo(f"{played.otherwise} pieces of the host came otherwise than captured{doubt}")
     raise typer.Exit(exit_code)

@@ -45,6 +45,7 @@ def load_measured(path: Path) -> Measured:
 def measured_of(run: Run) -> Measured:
     """A run that has been read, with its rig and its table. Raises FileError."""
     path = run.path
+    _is_in_step(run)
     rig = parse(run.manifest.rig_text, f"{path}, rig file")
     doubts = _doubts(run)
     if run.table is not None:
@@ -52,6 +53,16 @@ def measured_of(run: Run) -> Measured:
         return Measured(path, run, rig, table, 0.0, tuple(doubts))
     table, u_lag_s, more = _recorded(path, run, rig)
     return Measured(path, run, rig, table, u_lag_s, (*doubts, *more))
+
+
+def _is_in_step(run: Run) -> None:
+    """Raises FileError for a run that was made from a replay whose instruments were out of step with one another."""
+    seconds = {stream: counted.get("out_of_step", 0) for stream, counted in run.manifest.counters.items()}
+    if told := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
+        what = f"was made from a replay out of step ({told}), and has no figures of the cell"
+        raise FileError(
+            str(run.path), what, "replay the capture again on a computer that is less busy, and record that"
+        )
 
 
 def file_columns(measured: Measured) -> pa.Table:

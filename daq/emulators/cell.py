@@ -69,7 +69,10 @@ class Cell:
         devices: Mapping[str, Callable[[], Device]],
         adversity: Adversity = NONE,
         names: Path | None = None,
+        *,
+        paced: bool = True,
     ) -> None:
+        """paced: see `PtyLine`."""
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
         self._devices: dict[str, list[Device]] = {}
@@ -87,7 +90,9 @@ class Cell:
             elif tcp_address(stream.port):
                 port = self._serve(name, TcpPort(make, late_ms if name == ROBOT else 0.0))
             else:
-                port = self._serve_pty(name, make, PtyLine(stream.line, adversity.latency_ms, names and names / name))
+                port = self._serve_pty(
+                    name, make, PtyLine(stream.line, adversity.latency_ms, names and names / name, paced=paced)
+                )
             called = ["feedback"] if name == ROBOT else name.split("_")
             self.ports.update(dict.fromkeys(called, port))
 

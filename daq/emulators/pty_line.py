@@ -32,10 +32,11 @@ _ISPEED, _OSPEED = 4, 5
 class PtyLine:
     """A pty whose far end, `port`, a program opens as its serial port, by its `name` where it has one."""
 
-    def __init__(self, line: Line, latency_ms: float = 0.0, name: Path | None = None) -> None:
+    def __init__(self, line: Line, latency_ms: float = 0.0, name: Path | None = None, *, paced: bool = True) -> None:
+        """paced: not where what is sent comes at the pace of the line already, as from a capture."""
         self._line = line
         self._adapter = LatencyTimer(latency_ms, time.monotonic_ns())
-        self._character_ns = line.character_ns
+        self._character_ns = line.character_ns if paced else 0
         self._name = name
         self._free_ns = 0
         self._master, self._slave = os.openpty()
@@ -79,6 +80,10 @@ class PtyLine:
         if far := self._far_line():
             data = heard(data, self._line, far)
         self._free_ns = max(self._free_ns, time.monotonic_ns())
+        if not self._character_ns:
+            self._adapter.add(data, self._free_ns)
+            self._release()
+            return
         sent = 0
         while sent < len(data):
             self._free_ns += self._character_ns

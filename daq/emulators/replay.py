@@ -1,131 +1,171 @@
 """A captured cell: every instrument of a capture on a pty or a local port again, for the real daemon.
 
-An instrument says what it said then, at the pace at which it said it. Where the host had spoken first it waits until as
-many bytes have come, since an answer belongs to its question and not to a time of day; whether they are the same bytes
-is counted. When a stream's pieces are played the instrument falls silent (serial) or hangs up (TCP).
+All instruments share one timebase (`daq.emulators.timebase`), so that gauges and robot are to each other as they were.
+What cannot be kept in step is counted, and told to whoever records it in a file that the rig file names: the run is
+marked.
+When a stream's pieces are played the instrument falls silent (serial) or hangs up (TCP).
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable, Sequence
+import gc
+import time
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from pathlib import Path
+
+import yaml
 
 from daq.capture import Capture, Mark, Piece
 from daq.emulators.cell import Cell
-from daq.protocol.conversation import Device, Step
-from daq.streams import Stream, streams_of
+from daq.emulators.played import Answering, Exchanges, Speaking
+from daq.emulators.timebase import Steps, Timebase, bearable_ns, u_asked_ns, u_cycle_ns
+from daq.protocol.polled import Polled
+from daq.replayed import out_of_step_line
+from daq.streams import ROBOT, Stream, streams_of
 from rigs.errors import FileError
-from rigs.links import tcp_address
+from rigs.links import tcp_address, udp_address
 from rigs.rig import Rig
+
+_OVER_NS = 5_000_000_000
+"""So long after the end nobody comes any more for what is left."""
+
+Player = Speaking | Answering
 
 
 class Replay:
     """The instruments of a rig as a capture heard them, in a `cell` to start and to stop.
 
-    Raises FileError where the capture holds nothing of a stream of the rig.
+    marks: the file that is told what is out of step; none where nobody records. Raises FileError where the capture
+    holds nothing of a stream of the rig, OSError where the file cannot be made.
     """
 
-    def __init__(self, rig: Rig, capture: Capture) -> None:
-        self._heard = {stream.name: _heard(rig, stream, capture) for stream in streams_of(rig)}
-        self.cell = Cell(rig, self._heard)
+    def __init__(self, rig: Rig, capture: Capture, marks: Path | None = None) -> None:
+        streams = streams_of(rig)
+        self._time = Timebase()
+        self._end_ns = max((piece.at_ns for piece in capture.pieces), default=0)
+        heard = {stream.name: _pieces(rig, stream, capture) for stream in streams}
+        may_ns = bearable_ns(
+            [_u_ns(stream, heard[stream.name]) for stream in streams if stream.name != ROBOT],
+            *(_u_ns(stream, heard[stream.name]) for stream in streams if stream.name == ROBOT),
+        )
+        self._marks = marks.absolute() if marks else None
+        self.steps = {
+            stream.name: Steps(may_ns, asked=_is_asked(stream), out_of_step=partial(self._mark, stream.name))
+            for stream in streams
+        }
+        """How each stream keeps its time."""
+        self._heard = {
+            stream.name: _heard(stream, heard[stream.name], self._time, self.steps[stream.name]) for stream in streams
+        }
+        self.cell = Cell(rig, self._heard, paced=False)
+        self.unmarked = ""
+        """Why a mark could not be written: the replay is then over, since nobody would know what is out of step."""
+        if self._marks:
+            self._marks.write_text("", encoding="utf-8")
+        # A long capture is a million objects that stay: looking for garbage among them would stop every instrument for
+        # a tenth of a second now and then.
+        gc.collect()
+        gc.freeze()
 
     @property
     def done(self) -> bool:
         """Whether everything is played."""
-        return all(heard.done for heard in self._heard.values())
+        over = self._time.is_past(time.monotonic_ns(), self._end_ns + _OVER_NS)
+        return over or bool(self.unmarked) or all(heard.done for heard in self._heard.values())
 
     @property
     def otherwise(self) -> int:
         """Pieces that the host sent otherwise than it was captured."""
-        return sum(heard.otherwise for heard in self._heard.values())
+        return sum(steps.otherwise for steps in self.steps.values())
+
+    def rig_text(self, text: str) -> str:
+        """The rig file's text with the ports of this cell, and with the file that says what is out of step."""
+        data = yaml.safe_load(self.cell.rig_text(text)) | ({"replay": str(self._marks)} if self._marks else {})
+        written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
+        return written
+
+    def _mark(self, stream: str, off_ns: float) -> None:
+        if self._marks is None:
+            return
+        try:
+            with self._marks.open("a", encoding="utf-8") as file:
+                file.write(out_of_step_line(stream, off_ns))
+        except OSError as error:
+            self.unmarked = error.strerror or str(error)
 
 
 class Heard:
-    """What one stream was heard to say, a connection after the other; called for the device of the next one."""
+    """What one stream was heard to say, a connection after the other; called for the device of the next one.
 
-    def __init__(self, connections: Iterable[Sequence[Piece]]) -> None:
-        self._waiting = deque(connections)
-        self._ended = 0
-        self._playing = Played(())
+    When the host leaves a connection before its end, everything begins anew for all streams: else this one would be
+    out of step with them.
+    """
+
+    def __init__(self, connections: Sequence[Callable[[], Player]], over: Callable[[], Player], time: Timebase) -> None:
+        """What makes the player of each connection, and of those that come when all is played."""
+        self._connections, self._over, self._time = connections, over, time
+        self._turn = -1
+        self._number = 0
+        self._playing = over()
 
     @property
     def done(self) -> bool:
         """Whether the last of them is played."""
-        return self._playing.done and not self._waiting
+        return self._turn == self._time.turn and self._playing.done and self._number >= len(self._connections) - 1
 
-    @property
-    def otherwise(self) -> int:
-        """See `Replay`."""
-        return self._ended + self._playing.otherwise
-
-    def __call__(self) -> Device:
-        """A connection that was lost before its end, as where the daemon was not there yet, begins again."""
-        if not self._playing.done:
-            self._playing = Played(self._playing.pieces)
-        elif self._waiting:
-            self._ended += self._playing.otherwise
-            self._playing = Played(self._waiting.popleft())
+    def __call__(self) -> Player:
+        """A connection that the host leaves before its first word, as where it came too early, is kept for later."""
+        if self._turn == self._time.turn:
+            if self._playing.done:
+                self._number += 1
+            elif self._playing.begun:
+                self._time.restart(self._turn)
+        if self._turn != self._time.turn:
+            self._turn, self._number = self._time.turn, 0
+        left = self._number < len(self._connections)
+        self._playing = self._connections[self._number]() if left else self._over()
         return self._playing
 
 
-class Played:
-    """The device's side of one connection, from its pieces."""
-
-    def __init__(self, pieces: Sequence[Piece]) -> None:
-        self.pieces = pieces
-        self.sent = 0
-        self.otherwise = 0
-        self.done = not pieces
-        self._pieces = deque(piece for piece in pieces if piece.mark in (Mark.SENT, Mark.CAME))
-        self._at_ns = pieces[0].at_ns if pieces else 0
-        self._now_ns = 0
-        """When the piece before this was played; `_at_ns` in the capture."""
-        self._heard = bytearray()
-
-    def connected(self, now_ns: int) -> Step:
-        self._now_ns = now_ns
-        return self._play(now_ns)
-
-    def received(self, data: bytes, now_ns: int) -> Step:
-        if self._pieces:
-            self._heard += data
-        return self._play(now_ns)
-
-    def tick(self, now_ns: int) -> Step:
-        return self._play(now_ns)
-
-    def _play(self, now_ns: int) -> Step:
-        """At most one piece that came: over UDP each is a datagram of its own."""
-        while self._pieces:
-            piece = self._pieces[0]
-            due_ns = self._now_ns + piece.at_ns - self._at_ns
-            if piece.mark is Mark.SENT and len(self._heard) < len(piece.data):
-                return Step()
-            if piece.mark is Mark.CAME and now_ns < due_ns:
-                return Step(wake_ns=due_ns)
-            self._pieces.popleft()
-            self._at_ns = piece.at_ns
-            if piece.mark is Mark.CAME:
-                self._now_ns = due_ns
-                self.sent += 1
-                return Step(piece.data, wake_ns=now_ns)
-            self._now_ns = now_ns
-            self.otherwise += self._heard[: len(piece.data)] != piece.data
-            del self._heard[: len(piece.data)]
-        self.done = True
-        return Step(hang_up=True)
+def _heard(stream: Stream, pieces: Sequence[Piece], time: Timebase, steps: Steps) -> Heard:
+    """What plays a stream."""
+    hangs_up = tcp_address(stream.port) is not None
+    calls = udp_address(stream.port) is not None and stream.listens
+    connections: list[Callable[[], Player]] = [
+        partial(Answering, Exchanges.of(one), time, steps, hangs_up=hangs_up)
+        if _is_asked(stream)
+        else partial(Speaking, one, time, steps, hangs_up=hangs_up, calls=calls)
+        for one in _connections(stream, pieces)
+    ]
+    return Heard(connections, partial(Speaking, (), time, steps, hangs_up=hangs_up, calls=False), time)
 
 
-def _heard(rig: Rig, stream: Stream, capture: Capture) -> Heard:
+def _is_asked(stream: Stream) -> bool:
+    return isinstance(stream.host(), Polled)
+
+
+def _u_ns(stream: Stream, pieces: Sequence[Piece]) -> float:
+    """Standard uncertainty of the time of what a captured stream says, as the analysis has it."""
+    if _is_asked(stream):
+        return u_asked_ns(pieces)
+    if stream.name == ROBOT or not stream.port.startswith("/"):
+        return u_cycle_ns(pieces)
+    return stream.line.character_ns / 3**0.5
+
+
+def _pieces(rig: Rig, stream: Stream, capture: Capture) -> tuple[Piece, ...]:
     pieces = capture.of(stream.name)
     if not any(piece.mark is Mark.CAME for piece in pieces):
         what = f"the capture holds nothing of {stream.name} (it has {', '.join(capture.streams) or 'nothing'})"
         raise FileError(rig.name, what, "give the rig file that it was captured with")
-    return Heard(connections(pieces) if tcp_address(stream.port) else [pieces])
+    return pieces
 
 
-def connections(pieces: Sequence[Piece]) -> list[list[Piece]]:
-    """The pieces of each time that the link was open and something came."""
+def _connections(stream: Stream, pieces: Sequence[Piece]) -> Iterable[Sequence[Piece]]:
+    """The pieces of each time that the link was open and something came; over TCP alone they are told apart."""
+    if not tcp_address(stream.port):
+        return [pieces]
     found: list[list[Piece]] = []
     for piece in pieces:
         if piece.mark is Mark.OPENED or not found:

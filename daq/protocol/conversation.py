@@ -44,6 +44,8 @@ class FaultKind(StrEnum):
     """Readings that are well-formed, kept, and hard to believe."""
     DROPPED = "dropped"
     """Samples lost on the host for want of room."""
+    OUT_OF_STEP = "out_of_step"
+    """A replay could not say it when it was said; counted in seconds."""
     CLOCK = "clock"
     """The host's wall clock was set, or the host slept; told on no link but on the host itself."""
 
