@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
@@ -12,7 +13,7 @@ from analysis.reading.align import align
 from analysis.reading.csv_tables import columns_of, table_from
 from analysis.reading.dwells import radial_table, repeatability_table
 from analysis.reading.tables import CircleTable, Table
-from daq.store import Run, read_run
+from daq.store import Relabelling, Run, read_run
 from rigs.errors import FileError
 from rigs.load import parse
 from rigs.rig import Rig
@@ -88,6 +89,15 @@ def _doubts(run: Run) -> list[str]:
     ]
     if manifest.exit_status != "complete":
         found.append(f"the recording ended {manifest.exit_status}: {manifest.reason}")
+    if manifest.relabelled:
+        found.append(_relabelled(manifest.relabelled))
     if sha256(manifest.rig_text.encode()).hexdigest() != manifest.rig_sha256:
         found.append("the rig file in its manifest has been changed since (SHA-256)")
     return found
+
+
+def _relabelled(history: Sequence[Relabelling]) -> str:
+    """What a relabelled run was recorded as, in one line."""
+    first, last = {change.field: change for change in reversed(history)}, {change.field: change for change in history}
+    changes = (f"{field} {first[field].old or 'none'} to {last[field].new or 'none'}" for field in last)
+    return f"relabelled on {history[-1].at[:10]} after it was recorded: {', '.join(changes)}"
