@@ -51,7 +51,7 @@ def analyse_run(path: Path) -> Result:
 
 def result_of(measured: Measured) -> Result:
     """Evaluate a run that has been read. Raises FileError."""
-    found = evaluate(measured.table, measured.rig, measured.u_lag_s, str(measured.path))
+    found = evaluate(measured.table, measured.rig, measured.u_lag_s, str(measured.path), systematic=measured.systematic)
     figures = dict(found.figures)
     if isinstance(found, CircleResult):
         distance = circularity.evaluate(found.lap, measured.u_lag_s, str(measured.path)).figures

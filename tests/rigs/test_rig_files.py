@@ -1,6 +1,8 @@
 """Rig files: the shipped ones are good; mistakes are told all at once, each with its place and remedy."""
 
 import contextlib
+import datetime as dt
+import re
 from pathlib import Path
 
 import pytest
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from analysis.cli import app
+from rigs.certificate import Certificate
 from rigs.errors import FileError
 from rigs.load import SHIPPED, find, load, load_hidden, parse, shipped, shipped_effects
 from rigs.problems import RigFileError
@@ -292,3 +295,59 @@ def test_a_file_may_say_that_there_are_no_effects(tmp_path: Path, text: str) -> 
     file = tmp_path / "effects.yaml"
     file.write_text(text)
     assert not load_hidden(file).effects
+
+
+CERTIFICATE = "number: A-1, date: 2025-03-01, u_mm: 0.001, k: 2"
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ("correction_mm: [[0, 0], [2, 0.001], [1, 0.002]]", "readings must rise, and 1 mm follows 2 mm; sort them"),
+        ("correction_mm: [[0, 0], [0, 0.001]]", "readings must rise, and 0 mm follows 0 mm"),
+        ("correction_mm: [[0, 0.5], [0.1, -0.5]]", "corrected readings fall between 0 and 0.1 mm; correct the table"),
+        ("correction_mm: [[0, 0]]", "a table needs two or more"),
+        ("correction_mm: [[0, 0], [10, 3.5]]", "should be less than or equal to 1, not 3.5"),
+        ("correction_mm: [[0, .nan], [10, 0]]", "finite"),
+        ("polynomial_mm: [0, -1.1], range_mm: [0, 10]", "corrected readings fall between"),
+        ("polynomial_mm: [0, 0.001]", "belong together"),
+        ("range_mm: [0, 10]", "belong together"),
+        ("polynomial_mm: [0, 0.001], range_mm: [10, 0]", "give the smaller end first"),
+        ("polynomial_mm: [0], range_mm: [0, 1], correction_mm: [[0, 0], [1, 0]]", "leave one out"),
+        ("date: 2925-03-01", "2925-03-01 lies in the future"),
+        ("date: soon", "date"),
+        ("u_mm: -0.001", "should be greater than or equal to 0, not -0.001"),
+        ("k: 0", "should be greater than 0"),
+        ("valid_until: 2024-01-01", "valid_until 2024-01-01 is not after its date 2025-03-01"),
+        ("valid_until: 2026-03-01, interval_months: 12", "leave one out"),
+        ("correcton_mm: [[0, 0], [1, 0]]", "unknown key; did you mean correction_mm?"),
+    ],
+)
+def test_a_certificate_that_cannot_be_is_one_line(changed: str, told: str) -> None:
+    keys = {part.partition(":")[0]: part for part in [*CERTIFICATE.split(", "), *re.split(r", (?=[a-z_]+:)", changed)]}
+    text = TEXT.replace("accuracy_mm: 0.0005", f"certificate: {{{', '.join(keys.values())}}}", 1)
+    ((place, (line, message)),) = _problems(text).items()
+    assert told in message and place.startswith("gauges.g1.certificate") and line == _line(text, "certificate:")
+
+
+def test_ball_link_and_temperature_are_held_to_what_can_be() -> None:
+    parts = [f"ball: {{{CERTIFICATE}, form_mm: -1}}", f"link: {{{CERTIFICATE}, length_mm: 200}}", "temperature: {}"]
+    problems = {place: message for place, (_, message) in _problems("\n".join([TEXT, *parts])).items()}
+    assert problems.keys() == {"ball.form_mm", "temperature.mean_c", "temperature.u_c", "tests"}
+    assert problems["tests"] == (
+        "the link is 200 mm long and the hemisphere's radius_mm 400, more than 10 mm apart; correct one of them"
+    )
+
+
+def test_the_day_that_a_certificate_is_due() -> None:
+    def due(**more: object) -> dt.date | None:
+        return Certificate.model_validate({"number": "1", "u_mm": 1e-3, "k": 2, "date": "2024-01-31", **more}).due
+
+    assert due() is None and due(valid_until="2025-01-31") == dt.date(2025, 1, 31)
+    assert due(interval_months=12) == dt.date(2025, 1, 31)
+    assert (due(interval_months=1), due(interval_months=11)) == (dt.date(2024, 2, 29), dt.date(2024, 12, 31))
+
+
+def test_a_file_that_says_calibrated_still_reads() -> None:
+    old = TEXT.replace("accuracy_mm: 0.0005", "accuracy_mm: 0.0005\n    calibrated: 2026-05-11", 1)
+    assert parse(old, "cell.yaml").gauges.g1.certificate is None
