@@ -68,11 +68,11 @@ def as_shown(certificate: GaugeCertificate, length_mm: Array, temperature: Tempe
 
 def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array, list[str]]:
     """Readings (n, k) of the gauges `names`, corrected, and what a person should know of it."""
-    g_mm, gauges, doubts = g_mm.copy(), dict(rig.gauges), []
-    for column, name in enumerate(names):
-        certificate = gauges[name].certificate
-        if certificate is None:
-            continue
+    gauges, doubts = dict(rig.gauges), []
+    certified = [(column, name, one) for column, name in enumerate(names) if (one := gauges[name].certificate)]
+    if certified:
+        g_mm = g_mm.copy()
+    for column, name, certificate in certified:
         if certificate.valid_mm is not None:
             low, high = certificate.valid_mm
             beyond = int(np.count_nonzero((g_mm[:, column] < low) | (g_mm[:, column] > high)))
@@ -98,7 +98,9 @@ def systematic(rig: Rig, g_mm: Array) -> Systematic:
     # Peak to valley of a wave that nobody knows the place of: its standard deviation is 1 / (2 √2) of that.
     form_mm = rig.ball.form_mm / (2 * math.sqrt(2)) if rig.ball else 0.0
     return Systematic(
-        tuple(_u_mm(one, float(np.abs(column).max()), rig) for one, column in zip(gauges, g_mm.T, strict=True)),
+        tuple(
+            _u_mm(one, _furthest_mm(column), rig) if one else 0.0 for one, column in zip(gauges, g_mm.T, strict=True)
+        ),
         math.hypot(form_mm, _u_mm(rig.ball, 0.0, rig)),
         _u_mm(rig.link, rig.link.length_mm if rig.link else 0.0, rig),
     )
@@ -115,6 +117,10 @@ def doubts_of(rig: Rig, names: Sequence[str], on: dt.date) -> list[str]:
     if rig.temperature is None and any(one.coefficient_per_c for _, one in held):
         overdue.append("the rig file does not say how warm the cell is: 20 ± 5 °C is assumed; give temperature")
     return overdue
+
+
+def _furthest_mm(reading_mm: Array) -> float:
+    return max(abs(float(reading_mm.min())), abs(float(reading_mm.max())))
 
 
 def _certificates(rig: Rig) -> Iterator[tuple[str, Certificate]]:
