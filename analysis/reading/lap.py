@@ -138,7 +138,11 @@ def _is_steady(where: str, t_s: Array, q: Array, rig: Rig) -> None:
 def _is_this_direction(where: str, driven: float, direction: str) -> None:
     if abs(driven) > np.radians(10) and driven < 0:
         other = "acw" if direction == "cw" else "cw"
-        raise FileError(where, f"is labelled {direction}, the robot moved {other}", f"record it as {other}")
+        raise FileError(
+            where,
+            f"is labelled {direction}, the robot moved {other}",
+            f"correct it: rig relabel RUN --direction {other}",
+        )
 
 
 def _is_this_circle(where: str, frame: CircleFrame, tool: Array, ever: bool) -> None:

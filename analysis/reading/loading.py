@@ -76,7 +76,11 @@ def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:
     match test:
         case "yaw" | "roll":
             if direction is None:
-                raise FileError(str(path), "has no direction, which a circle needs", "record it with --direction")
+                raise FileError(
+                    str(path),
+                    "has no direction, which a circle needs",
+                    "give it one: rig relabel RUN --direction acw or cw",
+                )
             circle = CircleTable(test, direction, data.t_s, data.q, data.g_mm, data.u_t_s)
             return circle, data.u_lag_s, doubts
         case "radial":
@@ -117,15 +121,18 @@ def _doubts(run: Run) -> list[str]:
     ]
     if manifest.exit_status != "complete":
         found.append(f"the recording ended {manifest.exit_status}: {manifest.reason}")
-    if manifest.relabelled:
-        found.append(_relabelled(manifest.relabelled))
+    found += _relabelled(manifest.relabelled)
     if sha256(manifest.rig_text.encode()).hexdigest() != manifest.rig_sha256:
         found.append("the rig file in its manifest has been changed since (SHA-256)")
     return found
 
 
-def _relabelled(history: Sequence[Relabelling]) -> str:
-    """What a relabelled run was recorded as, in one line."""
+def _relabelled(history: Sequence[Relabelling]) -> list[str]:
+    """What a run was recorded as, in one line; nothing where it has its old words again."""
     first, last = {change.field: change for change in reversed(history)}, {change.field: change for change in history}
-    changes = (f"{field} {first[field].old or 'none'} to {last[field].new or 'none'}" for field in last)
-    return f"relabelled on {history[-1].at[:10]} after it was recorded: {', '.join(changes)}"
+    changes = [
+        f"{field} {first[field].old or 'none'} to {last[field].new or 'none'}"
+        for field in last
+        if first[field].old != last[field].new
+    ]
+    return [f"relabelled on {history[-1].at[:10]} after it was recorded: {', '.join(changes)}"] if changes else []

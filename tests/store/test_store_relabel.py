@@ -110,6 +110,9 @@ def test_the_command_takes_several_runs_and_analyse_says_so_once(tmp_path: Path)
     told = [doubt for doubt in load_measured(runs[0]).doubts if "relabelled" in doubt]
     assert len(told) == 1
     assert told[0].endswith("after it was recorded: test yaw to roll, operator rig simulate to bob")
+    relabel(runs[0], operator="rig simulate", test="yaw")
+    assert not any("relabelled" in doubt for doubt in load_measured(runs[0]).doubts), "it is what it was"
+    relabel(runs[0], operator="bob", test="roll")
     listed = json.loads(CliRunner().invoke(app, ["runs", str(tmp_path), "--json"]).stdout)
     assert [(one["test"], one["operator"], one["relabelled"]) for one in listed] == [("roll", "bob", True)] * 2
     assert CliRunner().invoke(app, ["relabel", str(runs[0])]).exit_code == 2
