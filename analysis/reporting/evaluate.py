@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 from analysis.kinematics.arm import arm_of
 from analysis.model.programs import hemisphere_of
 from analysis.model.targets import target_angles
-from analysis.noise.certificate import NO_CERTIFICATE, Systematic
 from analysis.reading.lap import lap_of
 from analysis.reading.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from analysis.tests import pose, radial, repeatability, roll, yaw
@@ -25,16 +22,8 @@ TRACKER_U_MM = 0.02
 """Standard uncertainty of one coordinate of a laser tracker at some metres, where a table says nothing of it."""
 
 
-def evaluate(
-    table: Table,
-    rig: Rig,
-    u_lag_s: float,
-    where: str,
-    u_gauge_mm: float | None = None,
-    systematic: Systematic = NO_CERTIFICATE,
-) -> Evaluated:
-    """The figures of a table. u_gauge_mm: standard uncertainty of one reading, the rig file's where not given;
-    systematic: what calibration certificates leave uncertain.
+def evaluate(table: Table, rig: Rig, u_lag_s: float, where: str, u_gauge_mm: float | None = None) -> Evaluated:
+    """The figures of a table. u_gauge_mm: standard uncertainty of one reading, the rig file's where not given.
 
     Raises FileError where it is no good measurement of its test.
     """
@@ -50,9 +39,7 @@ def evaluate(
         case RadialTable():
             hemisphere = hemisphere_of(rig)
             expected = range(1, len(target_angles(hemisphere)[0]) + 1)
-            # The gauge's error and the link's length move the readings of all targets alike.
-            u_length_mm = math.hypot(systematic.link_mm, *systematic.gauge_mm)
-            return radial.evaluate(table, hemisphere.radius_mm, u_mm, where, expected, u_length_mm)
+            return radial.evaluate(table, hemisphere.radius_mm, u_mm, where, expected)
         case RepeatabilityTable():
             return repeatability.evaluate(table, u_mm, where)
         case PoseTable():

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.reading.loading import Measured, load_measured
+from analysis.reporting.certified import with_certificates
 from analysis.reporting.evaluate import Evaluated, evaluate
 from analysis.reporting.quantity import Quantity
 from analysis.tests import circularity
@@ -51,12 +52,13 @@ def analyse_run(path: Path) -> Result:
 
 def result_of(measured: Measured) -> Result:
     """Evaluate a run that has been read. Raises FileError."""
-    found = evaluate(measured.table, measured.rig, measured.u_lag_s, str(measured.path), systematic=measured.systematic)
+    found = evaluate(measured.table, measured.rig, measured.u_lag_s, str(measured.path))
     figures = dict(found.figures)
     if isinstance(found, CircleResult):
         distance = circularity.evaluate(found.lap, measured.u_lag_s, str(measured.path)).figures
         # The angle and the distance both tell where the ball is; robot errors make them differ.
         figures |= {f"distance_{name}" if name in figures else name: figure for name, figure in distance.items()}
+    figures = with_certificates(figures, measured.systematic, measured.rig, measured.run.manifest.test)
     return Result(measured, found, figures)
 
 
