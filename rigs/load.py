@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
+from rigs.base import Part, Vector
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.problems import RigFileError, problems_of
@@ -13,27 +14,52 @@ from rigs.rig import Rig
 from rigs.yaml_text import read_yaml
 
 SHIPPED = Path(__file__).parent
+_EFFECTS = ".effects.yaml"
+"""Ending of what a shipped rig's simulated and emulated cell hides: no part of the rig file, which people copy."""
 _MAX_BYTES = 1_000_000
 
 
-class _Effects(BaseModel):
-    """The part of a rig file that `rig simulate --effects` takes."""
+class Hidden(Part):
+    """What a simulated or emulated cell hides: a file of its own, or the effects of a rig file."""
 
     effects: tuple[Effect, ...] | None = None
+    eccentricity_mm: Vector | None = None
+    """Base-ball less circle centre, in the world; None leaves it where the rig file has it."""
+
+    def within(self, rig: Rig) -> Rig:
+        """A rig with these effects instead of its own, and the ball of its circle where this says."""
+        tests = rig.tests
+        if tests.circle and self.eccentricity_mm:
+            circle = tests.circle.model_copy(update={"eccentricity_mm": self.eccentricity_mm})
+            tests = tests.model_copy(update={"circle": circle})
+        return rig.model_copy(update={"effects": self.effects or (), "tests": tests})
+
+
+def shipped() -> dict[str, Path]:
+    """The shipped rig files by name."""
+    return {file.stem: file for file in sorted(SHIPPED.glob("*.yaml")) if not file.name.endswith(_EFFECTS)}
+
+
+def shipped_effects() -> dict[str, Path]:
+    """The shipped files of effects by the name of the rig that they belong to."""
+    return {file.name.removesuffix(_EFFECTS): file for file in sorted(SHIPPED.glob(f"*{_EFFECTS}"))}
 
 
 def find(name: str | Path) -> Path:
     """A rig file by path, or a shipped one by name (`paper-fanuc`). Raises FileError with what is shipped."""
+    return _found(name, shipped(), "rig file", "rig")
+
+
+def _found(name: str | Path, known: dict[str, Path], what: str, short: str) -> Path:
     path = Path(name)
     try:
         if path.exists() and not path.is_dir():
             return path
     except OSError as error:
         raise _unreadable(path, error) from None
-    shipped = {file.stem: file for file in sorted(SHIPPED.glob("*.yaml"))}
-    if str(name) in shipped:
-        return shipped[str(name)]
-    raise FileError(str(name), "no such rig file", f"give a path, or a shipped rig: {', '.join(shipped)}")
+    if str(name) in known:
+        return known[str(name)]
+    raise FileError(str(name), f"no such {what}", f"give a path, or a shipped {short}: {', '.join(known)}")
 
 
 def load(name: str | Path) -> tuple[Rig, str]:
@@ -83,15 +109,22 @@ def _parsed(text: str, where: str) -> Rig:
         raise RigFileError(where, problems_of(error, data, root)) from None
 
 
-def load_effects(path: Path) -> tuple[Effect, ...]:
-    """The effects of a rig file, or of a file with nothing but `effects:`. Raises FileError or RigFileError."""
+def load_hidden(name: str | Path) -> Hidden:
+    """What a cell hides, of a file by path, or of a shipped one by name (`paper-fanuc`).
+
+    The file has `effects`, `eccentricity_mm` or both, or is a rig file, of which the effects are taken.
+    Raises FileError or RigFileError.
+    """
+    path = _found(name, shipped_effects(), "file of effects", "one")
     root, data = read_yaml(_text(path), str(path))
     if isinstance(data, list):
         data = {"effects": data}
-    if not isinstance(data, dict) or not {"effects", "robot"} & data.keys():
+    if not isinstance(data, dict) or not {"effects", "eccentricity_mm", "robot"} & data.keys():
         # A misspelt key would else be a robot without errors, and nobody would know.
         raise FileError(str(path), "has no key effects", "write effects: [{effect: …}], or effects: [] for none")
+    if "robot" in data:
+        data = {"effects": data.get("effects")}
     try:
-        return _Effects.model_validate(data).effects or ()
+        return Hidden.model_validate(data)
     except ValidationError as error:
-        raise RigFileError(str(path), problems_of(error, data, root, _Effects)) from None
+        raise RigFileError(str(path), problems_of(error, data, root, Hidden)) from None

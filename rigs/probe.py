@@ -8,6 +8,7 @@ from typing import ClassVar, Literal
 from pydantic import Field
 
 from rigs.base import Length, Part
+from rigs.certificate import GaugeCertificate
 from rigs.links import Port
 from rigs.origin import Origin
 
@@ -30,7 +31,9 @@ class Probe(Part):
     offset_mm: Length
     """Place on the baseline, along y_T (yaw) or x_T (roll): +25 for gauge 1, -25 for gauge 2."""
     accuracy_mm: float = Field(default=0.0005, gt=0, le=10)
-    """Standard uncertainty of one reading, from its certificate."""
+    """Standard uncertainty of one reading beside what all readings share, which the certificate has."""
+    certificate: GaugeCertificate | None = None
     calibrated: dt.date | None = None
+    """When it was calibrated, in files older than `certificate`; nothing follows from it."""
     timeout_s: float = Field(default=0.5, ge=0.01, le=60)
     """Without an answer for so long it counts as silent."""

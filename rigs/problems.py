@@ -59,7 +59,7 @@ def problems_of(
 ) -> list[Problem]:
     """All mistakes in the data of a rig file, in order of their lines; a hundred, and how many more there are."""
     details = _without_consequences(_with_hidden(data, error.errors(include_url=False), model))
-    problems = sorted((_problem(detail, root) for detail in details[:_MOST_TOLD]), key=lambda p: p.line)
+    problems = sorted((_problem(detail, root, model) for detail in details[:_MOST_TOLD]), key=lambda p: p.line)
     if untold := len(details) - len(problems):
         problems.append(Problem(problems[-1].line, "", f"and {untold} more mistakes; mend these first"))
     return problems
@@ -108,10 +108,10 @@ def _without_consequences(details: list[ErrorDetails]) -> list[ErrorDetails]:
     ]
 
 
-def _problem(detail: ErrorDetails, root: yaml.Node | None) -> Problem:
+def _problem(detail: ErrorDetails, root: yaml.Node | None, model: type[BaseModel]) -> Problem:
     place, node = _locate(detail["loc"], root)
     line = node.start_mark.line + 1 if node is not None else 1
-    return Problem(line, _written(place), _message(detail, place))
+    return Problem(line, _written(place), _message(detail, place, model))
 
 
 def _locate(loc: Place, root: yaml.Node | None) -> tuple[Place, yaml.Node | None]:
@@ -152,10 +152,10 @@ def _name(key: str) -> str:
     return key if key.isprintable() and len(key) <= _BRIEF else f"{key[:_BRIEF]!r}…"
 
 
-def _message(detail: ErrorDetails, place: Place) -> str:
+def _message(detail: ErrorDetails, place: Place, model: type[BaseModel]) -> str:
     kind, given = detail["type"], detail["input"]
     if kind == "extra_forbidden":
-        return f"unknown key{_nearest(str(place[-1]), _keys_at(detail['loc'][:-1]))}"
+        return f"unknown key{_nearest(str(place[-1]), _keys_at(detail['loc'][:-1], model))}"
     if kind == "union_tag_invalid":
         tag, known, _ = _tag_error(detail)
         return f"{tag!r} is not known{_nearest(tag, known)}"
@@ -189,9 +189,9 @@ def _nearest(name: str, known: list[str]) -> str:
     return f"; did you mean {close[0]}?" if close else f"; known here: {', '.join(sorted(known))}"
 
 
-def _keys_at(loc: Place) -> list[str]:
+def _keys_at(loc: Place, model: type[BaseModel]) -> list[str]:
     """Keys that the model at a location knows; union tags in the location choose the member."""
-    annotation: Any = Rig
+    annotation: Any = model
     for step in loc:
         models = _models(annotation)
         tagged = [model for model in models if _tag(model) == step]

@@ -1,4 +1,4 @@
-"""A rig: robot, gauges, feedback, tests, known effects, what its daemon does by itself. One YAML file, one object."""
+"""A rig: all that is known of a cell, and what its daemon does by itself. One YAML file, one object."""
 
 from __future__ import annotations
 
@@ -8,11 +8,15 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from rigs.automatic import Automatic, Retention
 from rigs.base import Part
+from rigs.certificate import Ball, Link, Temperature
 from rigs.effects import Effect
 from rigs.feedback import Feedback, carries_signal
 from rigs.gauges import Gauges
 from rigs.robot import Robot
 from rigs.tests import Tests
+
+_LINK_OFF_MM = 10.0
+"""A link is set to the radius within a gauge's range; what is further off is another link."""
 
 
 class Rig(Part):
@@ -24,12 +28,26 @@ class Rig(Part):
     robot: Robot
     gauges: Gauges
     feedback: Feedback
+    ball: Ball | None = None
+    link: Link | None = None
+    temperature: Temperature | None = None
     tests: Tests = Tests()
     effects: tuple[Effect, ...] = ()
     automatic: Automatic | None = None
     retention: Retention | None = None
     replay: str = ""
     """Of a cell that `rig replay` serves: the file where it says what is out of step."""
+
+    @field_validator("tests")
+    @classmethod
+    def _of_one_length(cls, tests: Tests, info: ValidationInfo) -> Tests:
+        link = info.data.get("link")
+        if link and tests.hemisphere and abs(link.length_mm - tests.hemisphere.radius_mm) > _LINK_OFF_MM:
+            lengths = (
+                f"the link is {link.length_mm:g} mm long and the hemisphere's radius_mm {tests.hemisphere.radius_mm:g}"
+            )
+            raise ValueError(f"{lengths}, more than {_LINK_OFF_MM:g} mm apart; correct one of them")
+        return tests
 
     @field_validator("automatic")
     @classmethod

@@ -79,6 +79,7 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     paper,  # noqa: F401
     plan,  # noqa: F401
     record,  # noqa: F401
+    relabel,  # noqa: F401
     replay,  # noqa: F401
     runs,  # noqa: F401
     simulate,  # noqa: F401

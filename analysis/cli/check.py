@@ -14,15 +14,22 @@ def check(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
 ) -> None:
     """Say whether a rig file is good: every mistake with its line, and whether the robot can drive its circle."""
+    import datetime as dt  # noqa: PLC0415
+
     from analysis.model.feasible import feasible_tests  # noqa: PLC0415
+    from analysis.noise.certificate import doubts_of  # noqa: PLC0415
+    from analysis.reporting.origins import begins_with  # noqa: PLC0415
     from rigs.load import find, load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
     tests = feasible_tests(rig)
     gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges)
     typer.echo(f"{find(rig_file)}: good")
-    typer.echo(f"  {rig.robot.name}; {gauges}; robot by {rig.feedback.interface}; {len(rig.effects)} known effects")
-    for line in tests:
+    typer.echo(f"  {rig.robot.name}; {gauges}; robot by {rig.feedback.interface}")
+    if rig.effects:
+        typer.echo(f"  the model begins with {begins_with(rig.effects)}")
+    parts = [*(name for name, _ in rig.gauges), "ball", "link"]
+    for line in (*doubts_of(rig, parts, dt.datetime.now(dt.UTC).date()), *tests):
         typer.echo(f"  {line}")
     if rig.automatic:
         typer.echo(f"  recorded by themselves: {', '.join(rule.event for rule in rig.automatic.rules)}")

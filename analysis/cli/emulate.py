@@ -14,11 +14,21 @@ if TYPE_CHECKING:
 
     from analysis.model.emulated import EmulatedRobot
 
+HiddenEffects = Annotated[
+    str | None,
+    typer.Option(
+        "--effects",
+        metavar="FILE",
+        help="What the cell hides instead of the rig file's effects: a YAML file, or the name of a shipped rig.",
+    ),
+]
+
 
 @app.command()
 def emulate(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Where rig.yaml and truth.json go.")] = Path("cell"),
+    effects: HiddenEffects = None,
     seed: Annotated[int, typer.Option(help="Of the gauges' noise.")] = 1,
 ) -> None:
     """Start the gauges and the robot of RIG on ptys and local ports, and serve until stopped.
@@ -35,9 +45,10 @@ def emulate(
     from analysis.model.emulated import PROGRAMS, EmulatedRobot, truth  # noqa: PLC0415
     from daq.emulators import emulated  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
+    from rigs.load import load, load_hidden  # noqa: PLC0415
 
     rig, text = load(rig_file)
+    rig = load_hidden(effects).within(rig) if effects else rig
     robot = EmulatedRobot(rig, seed)
     cell = emulated(rig, robot, robot.signal)
     try:

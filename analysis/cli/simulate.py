@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli import app
+from analysis.cli.emulate import HiddenEffects
 from rigs.vocabulary import CIRCLES, Direction
 
 
@@ -19,19 +20,19 @@ def simulate(
     direction: Annotated[Literal["cw", "acw", "both"], typer.Option(help="Of a circle.")] = "both",
     runs: Annotated[int, typer.Option(min=1, max=1000, help="Of each direction.")] = 1,
     seed: Annotated[int, typer.Option(min=0, help="Of the noise; each run has its own.")] = 0,
-    effects: Annotated[Path | None, typer.Option(help="Effects of this YAML file instead of the rig file's.")] = None,
+    effects: HiddenEffects = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write CSV tables instead of runs.")] = False,
 ) -> None:
     """Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to run."""
     from analysis.reading.simulated_runs import write_simulated  # noqa: PLC0415
-    from rigs.load import load, load_effects  # noqa: PLC0415
+    from rigs.load import load, load_hidden  # noqa: PLC0415
 
     rig, text = load(rig_file)
-    chosen = load_effects(effects) if effects else None
+    robot = load_hidden(effects).within(rig) if effects else rig
     directions: tuple[Direction | None, ...] = ("acw", "cw") if direction == "both" else (direction,)
     if test not in CIRCLES:
         if direction != "both":
             raise typer.BadParameter(f"the {test} test has none", param_hint="--direction")
         directions = (None,)
-    for path in write_simulated(rig, text, test, directions, range(seed, seed + runs), chosen, directory, csv=csv):
+    for path in write_simulated(robot, text, test, directions, range(seed, seed + runs), None, directory, csv=csv):
         typer.echo(path)

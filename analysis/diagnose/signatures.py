@@ -60,6 +60,11 @@ class View:
         return self._repeats * own, self._repeats * whole
 
 
+_SET_BY_HAND_MM = (0.6, -0.4, 0.1)
+"""Off the circle's centre, where the rig file does not say: no ball is set exactly, and what scales the readings shows
+only where they move."""
+
+
 def _tables(rig: Rig, tests: Sequence[TestName]) -> list[Table]:
     """The tests as driven; their readings do not matter, nothing is measured yet. Yaw and roll are one motion, and a cw
     program drives the joint angles of the acw one back."""
@@ -76,7 +81,8 @@ def _tables(rig: Rig, tests: Sequence[TestName]) -> list[Table]:
 def _setup(rig: Rig, table: Table) -> SetUp:
     setup = nominal_setup(rig, table)
     if isinstance(table, CircleTable) and rig.tests.circle:
-        return replace(setup, ball=setup.ball + np.array(rig.tests.circle.eccentricity_mm))
+        off_mm = rig.tests.circle.eccentricity_mm
+        return replace(setup, ball=setup.ball + np.array(off_mm if any(off_mm) else _SET_BY_HAND_MM))
     return setup
 
 

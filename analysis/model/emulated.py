@@ -18,6 +18,7 @@ from analysis.model.ball_link import angle
 from analysis.model.circle import frame_of
 from analysis.model.programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
 from analysis.model.simulate import readings_along
+from analysis.noise.certificate import as_shown, link_excess_mm
 from analysis.tests.yaw import plain_figures
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -48,7 +49,7 @@ def trace(rig: Rig, direction: Direction, test: Literal["yaw", "roll"] = "yaw") 
 def target_trace(rig: Rig, test: Literal["radial", "repeatability"]) -> Trace:
     """A program that stops at the targets of the rig's hemisphere. Raises FileError where one is out of reach."""
     t_s, q = stops(radial_stops(rig) if test == "radial" else repeatability_stops(rig), dwell_s=_DWELL_S)
-    g_mm = np.repeat(readings_along(rig, test, t_s, q), len(list(rig.gauges)), axis=1)
+    g_mm = np.repeat(readings_along(rig, test, t_s, q), len(list(rig.gauges)), axis=1) - link_excess_mm(rig)
     return Trace(t_s, np.empty(0), q, g_mm)
 
 
@@ -63,7 +64,7 @@ class EmulatedRobot:
         """Simulates the programs of both directions, noise-free. Raises FileError where the circle cannot be driven."""
         self._rig = rig
         self.traces: dict[Direction, Trace] = {"acw": trace(rig, "acw"), "cw": trace(rig, "cw")}
-        self._gauges = {name: (place, gauge.accuracy_mm) for place, (name, gauge) in enumerate(rig.gauges)}
+        self._gauges = {name: (place, gauge) for place, (name, gauge) in enumerate(rig.gauges)}
         self._random = np.random.default_rng(seed)
         self._lock = threading.Lock()
         self._trace = self.traces["acw"]
@@ -74,10 +75,13 @@ class EmulatedRobot:
         self.finished.set()
 
     def gauge_mm(self, name: str, now_ns: int) -> float:
-        """A reading with noise of the gauge's stated accuracy."""
-        place, noise_mm = self._gauges[name]
+        """A reading with noise of the gauge's stated accuracy, and wrong by what its certificate says."""
+        place, gauge = self._gauges[name]
         with self._lock:
-            return float(self._at(now_ns, self._trace.g_mm[:, place]) + self._random.normal(0.0, noise_mm))
+            length_mm = self._at(now_ns, self._trace.g_mm[:, place]) + self._random.normal(0.0, gauge.accuracy_mm)
+        if gauge.certificate is None:
+            return float(length_mm)
+        return float(as_shown(gauge.certificate, np.asarray(length_mm), self._rig.temperature))
 
     def joints_deg(self, now_ns: int) -> Sequence[float]:
         """Joint angles as the controller reports them."""

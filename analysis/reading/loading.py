@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import datetime as dt
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
 import pyarrow as pa
 
+from analysis.noise.certificate import NO_CERTIFICATE, Systematic, corrected_gauges, link_excess_mm, systematic
+from analysis.noise.certificate import doubts_of as certificate_doubts
 from analysis.reading.align import align
 from analysis.reading.csv_tables import columns_of, table_from
 from analysis.reading.dwells import radial_table, repeatability_table
-from analysis.reading.tables import CircleTable, Table
-from daq.store import Run, read_run
+from analysis.reading.tables import CircleTable, PoseTable, Table
+from daq.store import Relabelling, Run, read_run
 from rigs.errors import FileError
 from rigs.load import parse
 from rigs.rig import Rig
+from rigs.vocabulary import CIRCLES
 
 
 @dataclass(frozen=True)
 class Measured:
     """A run, its rig and its table; u_lag_s: standard uncertainty of the gauges' time against the robot's, 0 where a
-    table came with its own time; doubts in words."""
+    table came with its own time; doubts in words; systematic: what calibration certificates leave uncertain."""
 
     path: Path
     run: Run
@@ -29,6 +34,7 @@ class Measured:
     table: Table
     u_lag_s: float
     doubts: tuple[str, ...]
+    systematic: Systematic = NO_CERTIFICATE
 
     @property
     def title(self) -> str:
@@ -47,12 +53,13 @@ def measured_of(run: Run) -> Measured:
     path = run.path
     _is_in_step(run)
     rig = parse(run.manifest.rig_text, f"{path}, rig file")
-    doubts = _doubts(run)
+    doubts = [*_doubts(run), *_certificates(run, rig)]
     if run.table is not None:
+        # Imported readings are taken as corrected: nothing says whether they are, and simulated ones need it not.
         table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
-        return Measured(path, run, rig, table, 0.0, tuple(doubts))
+        return Measured(path, run, rig, table, 0.0, tuple(doubts), _systematic(rig, table))
     table, u_lag_s, more = _recorded(path, run, rig)
-    return Measured(path, run, rig, table, u_lag_s, (*doubts, *more))
+    return Measured(path, run, rig, table, u_lag_s, (*doubts, *more), _systematic(rig, table))
 
 
 def _is_in_step(run: Run) -> None:
@@ -73,20 +80,46 @@ def file_columns(measured: Measured) -> pa.Table:
 def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:
     data = align(path, run, rig)
     test, direction = run.manifest.test, run.manifest.direction
-    doubts = list(data.doubts)
+    names = [name for name, _ in rig.gauges][: data.g_mm.shape[1]]
+    g_mm, beyond = corrected_gauges(rig, names, data.g_mm)
+    data = replace(data, g_mm=g_mm)
+    doubts = [*data.doubts, *beyond]
     match test:
         case "yaw" | "roll":
             if direction is None:
-                raise FileError(str(path), "has no direction, which a circle needs", "record it with --direction")
+                raise FileError(
+                    str(path),
+                    "has no direction, which a circle needs",
+                    "give it one: rig relabel RUN --direction acw or cw",
+                )
             circle = CircleTable(test, direction, data.t_s, data.q, data.g_mm, data.u_t_s)
             return circle, data.u_lag_s, doubts
         case "radial":
             table, more = radial_table(data, rig, str(path))
+            table = replace(table, g_mm=table.g_mm + link_excess_mm(rig))
             return table, data.u_lag_s, doubts + more
         case "repeatability":
             visits, more = repeatability_table(data, rig, str(path))
             return visits, data.u_lag_s, doubts + more
     raise FileError(str(path), f"a recorded {test} run has no instrument to read", "import its table: rig import")
+
+
+def _systematic(rig: Rig, table: Table) -> Systematic:
+    if isinstance(table, PoseTable):
+        return NO_CERTIFICATE
+    return systematic(rig, table.g_mm if table.g_mm.ndim == 2 else table.g_mm[:, None])
+
+
+def _certificates(run: Run, rig: Rig) -> list[str]:
+    """Doubts about the certificates of what the test measures with."""
+    test = run.manifest.test
+    if test == "pose":
+        return []
+    parts = ["g1", "g2", "ball"] if test in CIRCLES else ["g1", "ball", *["link"] * (test == "radial")]
+    try:
+        return certificate_doubts(rig, parts, dt.date.fromisoformat(run.manifest.started[:10]))
+    except ValueError:
+        return [f"its manifest does not say on which day it was recorded, but {run.manifest.started[:30]!r}"]
 
 
 def _doubts(run: Run) -> list[str]:
@@ -99,6 +132,18 @@ def _doubts(run: Run) -> list[str]:
     ]
     if manifest.exit_status != "complete":
         found.append(f"the recording ended {manifest.exit_status}: {manifest.reason}")
+    found += _relabelled(manifest.relabelled)
     if sha256(manifest.rig_text.encode()).hexdigest() != manifest.rig_sha256:
         found.append("the rig file in its manifest has been changed since (SHA-256)")
     return found
+
+
+def _relabelled(history: Sequence[Relabelling]) -> list[str]:
+    """What a run was recorded as, in one line; nothing where it has its old words again."""
+    first, last = {change.field: change for change in reversed(history)}, {change.field: change for change in history}
+    changes = [
+        f"{field} {first[field].old or 'none'} to {last[field].new or 'none'}"
+        for field in last
+        if first[field].old != last[field].new
+    ]
+    return [f"relabelled on {history[-1].at[:10]} after it was recorded: {', '.join(changes)}"] if changes else []

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from analysis.noise.spectrum import LapNoise
 from analysis.reading.loading import Measured, load_measured
+from analysis.reporting.certified import with_certificates
 from analysis.reporting.evaluate import Evaluated, evaluate
 from analysis.reporting.quantity import Quantity
 from analysis.tests.circle import CircleResult
@@ -69,6 +70,7 @@ def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None)
         # The angle and the distance both tell where the ball is; robot errors make them differ.
         distance = found.distance.figures
         figures |= {f"distance_{name}" if name in figures else name: figure for name, figure in distance.items()}
+    figures = with_certificates(figures, measured.systematic, measured.rig, measured.run.manifest.test)
     return Result(measured, found, figures)
 
 

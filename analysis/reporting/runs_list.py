@@ -23,6 +23,7 @@ def row(run: RunInfo, now_s: float) -> dict[str, Any]:
         "direction": manifest and manifest.direction,
         "rig": manifest and manifest.rig_name,
         "operator": manifest and manifest.operator,
+        "relabelled": manifest and bool(manifest.relabelled),
         "status": run.status,
         "bytes": run.size,
         "age_s": round(now_s - run.ended_s),

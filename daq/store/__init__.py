@@ -7,9 +7,10 @@ has one chunk, `table-0001.parquet`. `marks.json` says whether the run was expor
 """
 
 from daq.store.imported import write_table_run
-from daq.store.manifest import Chunk, Manifest, load_manifest
+from daq.store.manifest import Chunk, Manifest, Relabelling, load_manifest
 from daq.store.marks import mark_exported, mark_kept
 from daq.store.recover import Recovery, recover
+from daq.store.relabel import relabel
 from daq.store.retention import RunInfo, survey
 from daq.store.room import NearlyFull
 from daq.store.run import Run, is_unclosed, read_run
@@ -21,6 +22,7 @@ __all__ = [
     "Manifest",
     "NearlyFull",
     "Recovery",
+    "Relabelling",
     "Run",
     "RunInfo",
     "RunWriter",
@@ -30,6 +32,7 @@ __all__ = [
     "mark_kept",
     "read_run",
     "recover",
+    "relabel",
     "survey",
     "verify",
     "write_table_run",

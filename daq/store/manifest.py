@@ -77,6 +77,15 @@ class ImportedTable(_Record):
     columns: dict[str, ColumnType]
 
 
+class Relabelling(_Record):
+    """One word of a run's label that a person corrected after its end, and when."""
+
+    at: str
+    field: Literal["test", "direction", "operator"]
+    old: Text | None
+    new: Text | None
+
+
 class Manifest(_Record):
     """Everything that a run says about itself beside its rows."""
 
@@ -107,6 +116,8 @@ class Manifest(_Record):
     """For each stream its samples and its faults of each kind."""
     exit_status: ExitStatus = "recording"
     reason: str = ""
+    relabelled: tuple[Relabelling, ...] = Field(default=(), exclude_if=lambda history: not history)
+    """What the label said before, in order of the changes; `test`, `direction` and `operator` say what holds now."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Manifest:

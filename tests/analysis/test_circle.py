@@ -8,9 +8,9 @@ from analysis.model.circle import frame_of, reversals
 from analysis.model.emulated import trace
 from analysis.model.programs import circle_of, lap
 from rigs.errors import FileError
-from rigs.load import SHIPPED, load
+from rigs.load import load, shipped
 
-RIGS = sorted(path.stem for path in SHIPPED.glob("*.yaml"))
+RIGS = list(shipped())
 
 
 @pytest.mark.parametrize("name", RIGS)

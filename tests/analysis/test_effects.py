@@ -31,9 +31,9 @@ from rigs.effects import (
     healthy_size,
     size_field,
 )
-from rigs.load import load
+from rigs.load import load, load_hidden
 
-RIG = load("paper-fanuc")[0]
+RIG = load_hidden("paper-fanuc").within(load("paper-fanuc")[0])
 UP_AND_DOWN = np.radians(np.concatenate([np.linspace(0, 2, 200), np.linspace(2, 0, 201)]))
 
 EXAMPLES: list[Effect] = [

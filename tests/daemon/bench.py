@@ -128,11 +128,15 @@ class Bench:
 
     @contextlib.contextmanager
     def emulating(
-        self, rig: str, end: signal.Signals = signal.SIGTERM, code: int = 0
+        self, rig: str, *options: str, end: signal.Signals = signal.SIGTERM, code: int = 0
     ) -> Iterator[Callable[[str], str]]:
         """`rig emulate` with a keyboard: type a line, get the line it answers; ended by a signal, with an exit code."""
         process = subprocess.Popen(
-            [BIN / "rig", "emulate", rig], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=self.folder, text=True
+            [BIN / "rig", "emulate", rig, *options],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            cwd=self.folder,
+            text=True,
         )
         assert process.stdin and process.stdout
 

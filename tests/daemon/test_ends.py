@@ -115,5 +115,5 @@ def _packet(kind: bytes, payload: bytes) -> bytes:
 
 
 def test_ctrl_c_ends_an_emulated_cell_with_130(bench: Bench) -> None:
-    with bench.emulating("paper-fanuc", signal.SIGINT, 130):
+    with bench.emulating("paper-fanuc", end=signal.SIGINT, code=130):
         pass

@@ -12,7 +12,7 @@ from bench import Bench, rig_text
 from stalls import BAD_S, Stalls
 
 from analysis.model.emulated import EmulatedRobot, truth
-from rigs.load import parse
+from rigs.load import load, load_hidden, parse
 
 TRIES = 3
 """A busy computer holds up the emulated instruments for a part of the lap, which is then rightly refused."""
@@ -29,7 +29,7 @@ def _quick(gauges: str) -> str:
 )
 def test_a_lap_is_recorded_analysed_and_agrees_with_the_truth(tmp_path: Path, gauges: str, direction: str) -> None:
     text = _quick(gauges)
-    rig = parse(text, "quick")
+    rig = load_hidden("ur10e").within(parse(text, "quick"))
     robot = EmulatedRobot(rig, seed=7)
     (tmp_path / "truth.json").write_text(json.dumps(truth(rig, robot.traces)))
     with Bench(tmp_path, text, robot) as bench:
@@ -55,7 +55,7 @@ def test_a_lap_is_recorded_analysed_and_agrees_with_the_truth(tmp_path: Path, ga
 
 
 def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path: Path) -> None:
-    with Bench(tmp_path) as bench, bench.emulating("paper-fanuc") as keyboard:
+    with Bench(tmp_path) as bench, bench.emulating("paper-fanuc", "--effects", "paper-fanuc") as keyboard:
         bench.rig = tmp_path / "cell" / "rig.yaml"
         bench.socket = bench.socket.with_name("paper-fanuc.sock")
         bench.start().all_reading()
@@ -67,7 +67,9 @@ def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path: Path) -> No
         assert keyboard("acw").startswith("acw: driving, ")
         bench.until(lambda state: abs(state["streams"]["robot"]["last"]["q1_deg"] - before) > 0.5)
     planted = json.loads((tmp_path / "cell" / "truth.json").read_text())["planted"]
-    assert planted["eccentricity_mm"] == [0.6, -0.4, 0.1]
+    assert planted["eccentricity_mm"] == [0.6, -0.4, 0.1] and len(planted["effects"]) == 4
+    served, _ = load(bench.rig)
+    assert served.effects == () and not any(served.tests.circle.eccentricity_mm), "rigd's rig file gives nothing away"
 
 
 @pytest.mark.parametrize("test", ["radial", "repeatability"])

@@ -26,13 +26,13 @@ from analysis.reading.tables import CircleTable, PoseTable, Table
 from daq.store import Run
 from daq.store.manifest import Manifest
 from rigs.effects import Effect, JointOffset
-from rigs.load import load
+from rigs.load import load, load_hidden
 from rigs.rig import Rig
 from rigs.vocabulary import Direction, TestName
 
 Array = NDArray[np.float64]
 RIG, TEXT = load("paper-fanuc")
-RIG = RIG.model_copy(update={"effects": ()})
+RIG = load_hidden("paper-fanuc").within(RIG).model_copy(update={"effects": ()})
 WAYS: tuple[Direction, ...] = ("cw", "acw")
 
 

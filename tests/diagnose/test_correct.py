@@ -164,7 +164,7 @@ def test_an_effect_that_nobody_measured_is_not_corrected() -> None:
 
 
 def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = load("paper-fanuc")[1].partition("\neffects:")[0]
+    text = load("paper-fanuc")[1]
     cell = tmp_path / "cell.yaml"
     soft = Compliance(axis=2, deg_per_Nm=2e-4, found=_found(deg_per_Nm=1e-5))
     cell.write_text(extended(text, [ZERO_3, A2, soft, PLAY_1], "cell"))

@@ -15,10 +15,9 @@ from analysis.cli import app
 from rigs.errors import FileError
 from rigs.load import load
 
-TEXT = load("paper-fanuc")[1]
-CELL = TEXT[: TEXT.index("\neffects:")] + "\n"
+CELL = load("paper-fanuc")[1]
 CENTRE = "centre_mm: [930.766, -87.820, 273.2]"
-HIDDEN = "effects:\n  - {effect: backlash, axis: 1, width_deg: 0.02}\n"
+HIDDEN = "eccentricity_mm: [0.6, -0.4, 0.1]\neffects:\n  - {effect: backlash, axis: 1, width_deg: 0.02}\n"
 
 
 def _rig(*words: object) -> Result:

@@ -29,7 +29,6 @@ from rigs.load import load
 
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 TEXT = load("paper-fanuc")[1]
-WITHOUT = TEXT[: TEXT.index("\neffects:")] + "\n"
 KEYS = {"verdict", "effects", "where", "gap", "setup", "not_testable", "next_test"}
 """Those of docs/diagnosis.md that scripts rely on."""
 
@@ -157,9 +156,9 @@ def test_a_circle_is_shown_in_the_part_that_disagrees_most() -> None:
 
 def test_the_files_of_a_named_effect(tmp_path: Path) -> None:
     found, directory = diagnosis("named"), tmp_path / "new" / "found"
-    answer, sheet, extended = write(found, WITHOUT, directory)
+    answer, sheet, extended = write(found, TEXT, directory)
     assert json.loads(answer.read_text()) == as_object(found) and sheet.name == "diagnosis.png"
-    assert extended.read_text().startswith(WITHOUT)
+    assert extended.read_text().startswith(TEXT)
     (effect,) = load(extended)[0].effects
     assert (effect.effect, effect.width_deg, effect.transit) == ("backlash", 0.05213, 0.31)  # type: ignore[union-attr]
     origin = effect.found
@@ -170,7 +169,7 @@ def test_the_files_of_a_named_effect(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("verdict", "files"), [("ambiguous", 3), ("outside_library", 2), ("within_tolerance", 2)])
 def test_a_rig_file_is_written_only_where_a_name_stands(verdict: Verdict, files: int, tmp_path: Path) -> None:
-    written = write(diagnosis(verdict), WITHOUT, tmp_path)
+    written = write(diagnosis(verdict), TEXT, tmp_path)
     assert len(written) == files == len(list(tmp_path.iterdir()))
     if verdict == "ambiguous":
         assert [effect.effect for effect in load(written[-1])[0].effects] == ["joint_offset"]
@@ -184,7 +183,7 @@ def test_a_directory_in_use_is_refused(tmp_path: Path) -> None:
         with pytest.raises(FileError, match="not empty"):
             hold_empty(taken)
     with pytest.raises(FileError, match="file"):
-        write(diagnosis(), WITHOUT, tmp_path / "file" / "below")
+        write(diagnosis(), TEXT, tmp_path / "file" / "below")
 
 
 @pytest.mark.parametrize("name", VOCABULARY)

@@ -22,11 +22,11 @@ from analysis.model.simulate import simulate
 from analysis.reporting.plan_report import as_table
 from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, TransmissionError
 from rigs.errors import FileError
-from rigs.load import load
+from rigs.load import load, load_hidden
 from rigs.rig import Rig
 from rigs.vocabulary import TestName
 
-RIG = load("paper-fanuc")[0].model_copy(update={"effects": ()})
+RIG = load_hidden("paper-fanuc").within(load("paper-fanuc")[0]).model_copy(update={"effects": ()})
 NO_CIRCLE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": None})})
 CIRCLE: tuple[TestName, ...] = ("yaw", "roll")
 ZERO_5, A5 = JointOffset(axis=5, offset_deg=0.02), LinkGeometry(axis=6, field="a", delta=0.2)

@@ -17,7 +17,7 @@ from analysis.reporting.truth import compare, verdict
 from analysis.tests.curve import Curve, curve_of, reduced
 from analysis.tests.lag import lag_of
 from rigs.effects import Effect, TimeLag
-from rigs.load import load
+from rigs.load import load, load_hidden
 from rigs.rig import Rig
 from rigs.vocabulary import Direction
 
@@ -31,7 +31,7 @@ def distance(rig: Rig, direction: Direction, seed: int | None, effects: list[Eff
 
 @pytest.mark.parametrize("lag_s", [0.005, -0.02, 0.0])
 def test_a_lag_is_found_where_nothing_else_reverses(lag_s: float) -> None:
-    rig, _ = load("ur10e")
+    rig = load_hidden("ur10e").within(load("ur10e")[0])
     effects: list[Effect] = [TimeLag(effect="time_lag", lag_s=lag_s)] if lag_s else []
     acw, cw = (distance(rig, direction, None, effects) for direction in ("acw", "cw"))
     found = lag_of([(acw, cw)], [1.0], 100)
@@ -41,7 +41,7 @@ def test_a_lag_is_found_where_nothing_else_reverses(lag_s: float) -> None:
 
 def test_play_widens_the_uncertainty_that_covers_the_lag() -> None:
     """With the robot's own plays, and with noise and scatter of four pairs of runs."""
-    rig, _ = load("ur10e")
+    rig = load_hidden("ur10e").within(load("ur10e")[0])
     for effects, least_ms in (([LAGGING], 1.0), ([LAGGING, *rig.effects], 20.0)):
         off = []
         for seed in range(4):
@@ -54,6 +54,7 @@ def test_play_widens_the_uncertainty_that_covers_the_lag() -> None:
 
 def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp_path: Path) -> None:
     rig, text = load("ur10e")
+    rig = load_hidden("ur10e").within(rig)
     runs = list(write_simulated(rig, text, "yaw", ("acw", "cw"), [3], [LAGGING], tmp_path, csv=False))
     results = [analyse_run(path) for path in runs]
     (told,) = as_object(results)["acw_against_cw"]
@@ -68,6 +69,7 @@ def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp
 
 def test_a_figure_beside_the_truth_deviates_upwards_where_it_is_larger(tmp_path: Path) -> None:
     rig, text = load("ur10e")
+    rig = load_hidden("ur10e").within(rig)
     result = analyse_run(next(write_simulated(rig, text, "yaw", ("acw",), [3], (), tmp_path, csv=False)))
     figure = result.figures["band_deg"]
     truth = {"rig": "ur10e", "yaw": {"acw": {"band_deg": figure.value - 3 * figure.u}}}

@@ -14,9 +14,10 @@ from analysis.reporting.report import as_object, as_tables
 from analysis.reporting.results import Result, analyse_run, analyse_runs
 from analysis.reporting.truth import compare
 from rigs.errors import FileError
-from rigs.load import load
+from rigs.load import load, load_hidden
 
 RIG, TEXT = load("ur10e")
+RIG = load_hidden("ur10e").within(RIG)
 
 
 @pytest.fixture(scope="module")

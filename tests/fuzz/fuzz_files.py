@@ -21,7 +21,7 @@ from analysis.files.read import read_csv
 from daq.store import read_run, recover, verify
 from daq.store.manifest import sha256
 from rigs.errors import RigError
-from rigs.load import SHIPPED, load, load_effects
+from rigs.load import SHIPPED, load, load_hidden
 
 LONGEST_FILE = 20_000
 
@@ -112,7 +112,7 @@ def _rig_file(dice: Random) -> int:
         load(file)
     if dice.random() < 0.2:  # reads it as the other does
         with _only_lines():
-            load_effects(file)
+            load_hidden(file)
     return 1
 
 

@@ -15,7 +15,7 @@ from analysis.paper.pictures import save
 from analysis.paper.report import as_table
 from analysis.paper.rows import Row, rows_of
 from analysis.paper.runs import circle, curve_of, repeats, sphere, step, typical_seed
-from rigs.load import load
+from rigs.load import load, load_hidden
 from rigs.rig import Rig
 
 RIG, TEXT = load("paper-errors")
@@ -82,7 +82,7 @@ def test_theta_jumps_at_237_in_both_directions(rows: dict[tuple[str, str], Row])
 
 
 def test_same_arm_and_circle_as_the_set_up_that_explains_table_1() -> None:
-    plain, _ = load("paper-fanuc")
+    plain = load_hidden("paper-fanuc").within(load("paper-fanuc")[0])
     assert RIG.robot == plain.robot
     assert RIG.tests.circle == plain.tests.circle
 

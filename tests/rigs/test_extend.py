@@ -12,14 +12,14 @@ NEW = (
     Backlash(axis=2, width_deg=0.031, found=Found(date=dt.date(2026, 5, 1), runs=("a", "b"), sd={"width_deg": 0.001})),
     LinkGeometry(axis=3, field="a", delta=-1.2),
 )
-TEXT = (SHIPPED / "paper-fanuc.yaml").read_text()
-WITHOUT = TEXT[: TEXT.index("\neffects:")] + "\n"
+WITHOUT = (SHIPPED / "paper-fanuc.yaml").read_text()
+TEXT = (SHIPPED / "paper-errors.yaml").read_text()
 
 
 @pytest.mark.parametrize(
     ("text", "before"),
     [
-        (TEXT, 4),
+        (TEXT, 7),
         (WITHOUT, 0),
         (WITHOUT + "effects: []\n", 0),
         (WITHOUT + "effects: [{effect: backlash, axis: 1, width_deg: 0.02}]\n", 1),

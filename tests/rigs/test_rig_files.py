@@ -1,17 +1,29 @@
 """Rig files: the shipped ones are good; mistakes are told all at once, each with its place and remedy."""
 
 import contextlib
+import datetime as dt
+import re
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
+from analysis.cli import app
+from rigs.certificate import Certificate
 from rigs.errors import FileError
-from rigs.load import SHIPPED, find, load, load_effects, parse
+from rigs.load import SHIPPED, find, load, load_hidden, parse, shipped, shipped_effects
 from rigs.problems import RigFileError
 
-TEXT = (SHIPPED / "paper-fanuc.yaml").read_text()
+TEXT = (
+    (SHIPPED / "paper-fanuc.yaml").read_text()
+    + """
+effects:
+  - {effect: backlash, axis: 1, width_deg: 0.02}
+  - {effect: backlash, axis: 5, width_deg: 0.015}
+"""
+)
 FEEDBACK = TEXT[TEXT.index("interface: line_feed") : TEXT.index("\n\n", TEXT.index("interface: line_feed"))]
 JOINTS = (
     "interface: modbus_joints\n  port: tcp://robot:502\n  address: 0\n  count: 12\n  joints: ["
@@ -20,11 +32,47 @@ JOINTS = (
 )
 
 
-@pytest.mark.parametrize("path", sorted(SHIPPED.glob("*.yaml")), ids=lambda path: path.stem)
-def test_shipped_rigs_are_good_and_found_by_name(path: Path) -> None:
-    rig, text = load(path.stem)
-    assert rig.name == path.stem
+@pytest.mark.parametrize(("name", "path"), shipped().items())
+def test_shipped_rigs_are_good_and_found_by_name(name: str, path: Path) -> None:
+    rig, text = load(name)
+    assert rig.name == name
     assert text == path.read_text()
+
+
+def test_what_people_copy_has_no_faults_and_what_a_cell_hides_lies_beside_it() -> None:
+    """paper-errors is no template: its effects are what it is for."""
+    for name in shipped().keys() - {"paper-errors"}:
+        rig, _ = load(name)
+        assert rig.effects == () and rig.tests.circle and rig.tests.circle.eccentricity_mm == (0, 0, 0), name
+    assert list(shipped_effects()) == ["paper-fanuc", "ur10e"]
+    for name in shipped_effects():
+        grown = load_hidden(name).within(load(name)[0])
+        assert grown.effects and grown.tests.circle and any(grown.tests.circle.eccentricity_mm), name
+        assert grown.robot == load(name)[0].robot
+
+
+def test_a_cell_hides_what_the_file_says_instead_of_what_the_rig_has(tmp_path: Path) -> None:
+    file = tmp_path / "hidden.yaml"
+    file.write_text("effects: [{effect: time_lag, lag_s: 0.01}]")
+    rig = load("paper-errors")[0]
+    grown = load_hidden(file).within(rig)
+    assert [effect.effect for effect in grown.effects] == ["time_lag"] and grown.tests == rig.tests
+    file.write_text("eccentricity_mm: [1, 2, 3]")
+    grown = load_hidden(file).within(rig)
+    assert grown.effects == () and grown.tests.circle and grown.tests.circle.eccentricity_mm == (1, 2, 3)
+    assert load_hidden(SHIPPED / "paper-errors.yaml").effects == rig.effects
+    with pytest.raises(FileError, match="no such file of effects; give a path, or a shipped one: paper-fanuc, ur10e"):
+        load_hidden("ur10")
+
+
+def test_check_says_that_the_model_begins_with_effects_and_where_from(tmp_path: Path) -> None:
+    file = tmp_path / "cell.yaml"
+    found = "found: {date: 2026-05-01, runs: [mon, tue]}"
+    file.write_text(TEXT + f"  - {{effect: joint_offset, axis: 2, offset_deg: 0.01, {found}}}\n")
+    told = CliRunner().invoke(app, ["check", str(file)]).stdout
+    said = "3 effects, written by hand: backlash 1, backlash 5; found on 2026-05-01 in mon, tue: joint_offset 2"
+    assert told.count(f"  the model begins with {said}\n") == 1
+    assert "begins with" not in CliRunner().invoke(app, ["check", "paper-fanuc"]).stdout
 
 
 def _problems(text: str) -> dict[str, tuple[int, str]]:
@@ -216,7 +264,7 @@ def test_yaml_that_is_meant_ill_is_told_soon_and_in_short_lines(tmp_path: Path, 
     lines = caught.value.lines()
     assert told in lines[-1] and all(line.isprintable() and len(line) < 1000 for line in lines)
     with contextlib.suppress(FileError):
-        load_effects(file)
+        load_hidden(file)
 
 
 @pytest.mark.parametrize(
@@ -229,6 +277,8 @@ def test_yaml_that_is_meant_ill_is_told_soon_and_in_short_lines(tmp_path: Path, 
             "line 2, effects[1]: 'backlsh' is not known; did you mean backlash",
         ),
         ("effects:\n  - {effect: backlash, axis: 1, width: 1}", "line 2, effects[1].width: unknown key; did you mean"),
+        ("effects: []\neccentrity_mm: [1, 0, 0]", "line 2, eccentrity_mm: unknown key; did you mean eccentricity_mm?"),
+        ("eccentricity_mm: [1, 0]", "line 1, eccentricity_mm[3]: missing"),
         ("- {effect: backlash, axis: 9, width_deg: 1}", "line 1, [1].axis: should be less than or equal to 6, not 9"),
     ],
 )
@@ -236,7 +286,7 @@ def test_a_file_of_effects_tells_its_mistakes_as_a_rig_file_does(tmp_path: Path,
     file = tmp_path / "effects.yaml"
     file.write_text(text)
     with pytest.raises(FileError) as caught:
-        load_effects(file)
+        load_hidden(file)
     assert any(told in line for line in caught.value.lines()), caught.value.lines()
 
 
@@ -244,4 +294,60 @@ def test_a_file_of_effects_tells_its_mistakes_as_a_rig_file_does(tmp_path: Path,
 def test_a_file_may_say_that_there_are_no_effects(tmp_path: Path, text: str) -> None:
     file = tmp_path / "effects.yaml"
     file.write_text(text)
-    assert load_effects(file) == ()
+    assert not load_hidden(file).effects
+
+
+CERTIFICATE = "number: A-1, date: 2025-03-01, u_mm: 0.001, k: 2"
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        ("correction_mm: [[0, 0], [2, 0.001], [1, 0.002]]", "readings must rise, and 1 mm follows 2 mm; sort them"),
+        ("correction_mm: [[0, 0], [0, 0.001]]", "readings must rise, and 0 mm follows 0 mm"),
+        ("correction_mm: [[0, 0.5], [0.1, -0.5]]", "corrected readings fall between 0 and 0.1 mm; correct the table"),
+        ("correction_mm: [[0, 0]]", "a table needs two or more"),
+        ("correction_mm: [[0, 0], [10, 3.5]]", "should be less than or equal to 1, not 3.5"),
+        ("correction_mm: [[0, .nan], [10, 0]]", "finite"),
+        ("polynomial_mm: [0, -1.1], range_mm: [0, 10]", "corrected readings fall between"),
+        ("polynomial_mm: [0, 0.001]", "belong together"),
+        ("range_mm: [0, 10]", "belong together"),
+        ("polynomial_mm: [0, 0.001], range_mm: [10, 0]", "give the smaller end first"),
+        ("polynomial_mm: [0], range_mm: [0, 1], correction_mm: [[0, 0], [1, 0]]", "leave one out"),
+        ("date: 2925-03-01", "2925-03-01 lies in the future"),
+        ("date: soon", "date"),
+        ("u_mm: -0.001", "should be greater than or equal to 0, not -0.001"),
+        ("k: 0", "should be greater than 0"),
+        ("valid_until: 2024-01-01", "valid_until 2024-01-01 is not after its date 2025-03-01"),
+        ("valid_until: 2026-03-01, interval_months: 12", "leave one out"),
+        ("correcton_mm: [[0, 0], [1, 0]]", "unknown key; did you mean correction_mm?"),
+    ],
+)
+def test_a_certificate_that_cannot_be_is_one_line(changed: str, told: str) -> None:
+    keys = {part.partition(":")[0]: part for part in [*CERTIFICATE.split(", "), *re.split(r", (?=[a-z_]+:)", changed)]}
+    text = TEXT.replace("accuracy_mm: 0.0005", f"certificate: {{{', '.join(keys.values())}}}", 1)
+    ((place, (line, message)),) = _problems(text).items()
+    assert told in message and place.startswith("gauges.g1.certificate") and line == _line(text, "certificate:")
+
+
+def test_ball_link_and_temperature_are_held_to_what_can_be() -> None:
+    parts = [f"ball: {{{CERTIFICATE}, form_mm: -1}}", f"link: {{{CERTIFICATE}, length_mm: 200}}", "temperature: {}"]
+    problems = {place: message for place, (_, message) in _problems("\n".join([TEXT, *parts])).items()}
+    assert problems.keys() == {"ball.form_mm", "temperature.mean_c", "temperature.u_c", "tests"}
+    assert problems["tests"] == (
+        "the link is 200 mm long and the hemisphere's radius_mm 400, more than 10 mm apart; correct one of them"
+    )
+
+
+def test_the_day_that_a_certificate_is_due() -> None:
+    def due(**more: object) -> dt.date | None:
+        return Certificate.model_validate({"number": "1", "u_mm": 1e-3, "k": 2, "date": "2024-01-31", **more}).due
+
+    assert due() is None and due(valid_until="2025-01-31") == dt.date(2025, 1, 31)
+    assert due(interval_months=12) == dt.date(2025, 1, 31)
+    assert (due(interval_months=1), due(interval_months=11)) == (dt.date(2024, 2, 29), dt.date(2024, 12, 31))
+
+
+def test_a_file_that_says_calibrated_still_reads() -> None:
+    old = TEXT.replace("accuracy_mm: 0.0005", "accuracy_mm: 0.0005\n    calibrated: 2026-05-11", 1)
+    assert parse(old, "cell.yaml").gauges.g1.certificate is None

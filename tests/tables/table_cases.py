@@ -11,7 +11,7 @@ from analysis.kinematics.follow import follow
 from analysis.model.ball_link import readings
 from analysis.model.circle import SENSE, frame_of
 from analysis.model.programs import radial_program
-from rigs.load import load
+from rigs.load import load, load_hidden
 from rigs.rig import Rig
 from rigs.vocabulary import Direction, TestName
 
@@ -25,7 +25,7 @@ Rows = dict[str, list[str]]
 
 @cache
 def rig() -> Rig:
-    return load(RIG_FILE)[0]
+    return load_hidden(RIG_FILE).within(load(RIG_FILE)[0])
 
 
 @cache

@@ -19,7 +19,7 @@ from analysis.reporting.evaluate import evaluate
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.store import RunWriter, read_run
 from rigs.errors import FileError
-from rigs.load import load
+from rigs.load import load, load_hidden
 
 WRONG = (100, 400)
 STALLS = {"calm": (), "busy": range(40, 900, 50)}
@@ -29,7 +29,7 @@ def recorded(runs: Path, stalls: Collection[int] = ()) -> Path:
     """A yaw lap by Baumer gauges over TCP that answer within 1 ms, once take 3 and once 20; two stamps of the robot are
     odd. Stalls: readings of g1 taken 100 ms after they were asked for, at the end of that time."""
     rig, text = load("ur10e")
-    table = simulate(rig, "yaw", "acw", 1)
+    table = simulate(load_hidden("ur10e").within(rig), "yaw", "acw", 1)
     assert isinstance(table, CircleTable)
     data = yaml.safe_load(text)
     for number, gauge in enumerate(data["gauges"].values()):

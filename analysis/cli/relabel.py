@@ -1,0 +1,31 @@
+"""`rig relabel RUN`: a run that was recorded under the wrong label."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from analysis.cli import app
+from rigs.vocabulary import Direction
+
+
+@app.command()
+def relabel(
+    paths: Annotated[list[Path], typer.Argument(metavar="RUN", help="Run directories.")],
+    test: Annotated[
+        Literal["yaw", "roll", "radial", "repeatability"] | None, typer.Option(help="What the robot did.")
+    ] = None,
+    direction: Annotated[Direction | None, typer.Option(help="Of a circle.")] = None,
+    operator: Annotated[str | None, typer.Option(help="Who measured.")] = None,
+) -> None:
+    """Correct the label of runs that were recorded under the wrong one; their manifests keep the old words."""
+    from daq.store import relabel as relabel_run  # noqa: PLC0415
+
+    if test is None and direction is None and operator is None:
+        raise typer.BadParameter("give --test, --direction or --operator")
+    for path in paths:
+        manifest = relabel_run(path, test=test, direction=direction, operator=operator)
+        words = " ".join(filter(None, (manifest.test, manifest.direction)))
+        typer.echo(f"{path}: {words}, measured by {manifest.operator or 'nobody named'}")

@@ -1,0 +1,141 @@
+"""What calibration certificates make of readings: corrected ones, and an uncertainty that a run does not average out.
+
+A gauge at temperature T shows r for the length (r + correction(r)) (1 + coefficient (T - reference)). Where the rig
+file does not say how warm the cell is, 20 ± 5 °C is assumed, rectangular, as halls without air conditioning have it.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from rigs.certificate import Certificate, GaugeCertificate, Temperature
+from rigs.rig import Rig
+
+_ASSUMED = Temperature(mean_c=20.0, u_c=5.0 / math.sqrt(3))
+
+
+@dataclass(frozen=True)
+class Systematic:
+    """Standard uncertainties, mm, that no number of readings makes smaller.
+
+    gauge_mm: of each gauge in order, an error of its own that varies slowly over its range; ball_mm: of the ball's
+    radius in the direction in which the link touches it; link_mm: of the link's length, common to all targets.
+    """
+
+    gauge_mm: tuple[float, ...] = ()
+    ball_mm: float = 0.0
+    link_mm: float = 0.0
+
+
+NO_CERTIFICATE = Systematic()
+
+
+def correction_mm(certificate: GaugeCertificate, reading_mm: Array) -> Array:
+    """What is to be added to readings (...,); beyond the range of the certificate that at its end."""
+    if certificate.valid_mm is None:
+        return np.zeros_like(reading_mm)
+    within = np.clip(reading_mm, *certificate.valid_mm)
+    if certificate.polynomial_mm:
+        of_polynomial: Array = np.polynomial.polynomial.polyval(within, np.array(certificate.polynomial_mm))
+        return of_polynomial
+    readings, corrections = np.array(certificate.correction_mm).T
+    of_table: Array = np.interp(within, readings, corrections)
+    return of_table
+
+
+def corrected(certificate: GaugeCertificate, reading_mm: Array, temperature: Temperature | None) -> Array:
+    """Lengths (...,) that a gauge with this certificate showed as readings (...,)."""
+    return (reading_mm + correction_mm(certificate, reading_mm)) * _growth(certificate, temperature)
+
+
+def as_shown(certificate: GaugeCertificate, length_mm: Array, temperature: Temperature | None) -> Array:
+    """Readings (...,) by which a gauge with this certificate shows lengths (...,): the other way round."""
+    at_reference = length_mm / _growth(certificate, temperature)
+    if certificate.valid_mm is None:
+        return at_reference
+    low, high = certificate.valid_mm
+    knots = [reading for reading, _ in certificate.correction_mm] or np.linspace(low, high, 1001)
+    added = correction_mm(certificate, np.asarray(knots))
+    shown: Array = at_reference - np.interp(at_reference, np.asarray(knots) + added, added)
+    return shown
+
+
+def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array, list[str]]:
+    """Readings (n, k) of the gauges `names`, corrected, and what a person should know of it."""
+    gauges, doubts = dict(rig.gauges), []
+    certified = [(column, name, one) for column, name in enumerate(names) if (one := gauges[name].certificate)]
+    if certified:
+        g_mm = g_mm.copy()
+    for column, name, certificate in certified:
+        if certificate.valid_mm is not None:
+            low, high = certificate.valid_mm
+            beyond = int(np.count_nonzero((g_mm[:, column] < low) | (g_mm[:, column] > high)))
+            if beyond:
+                doubts.append(
+                    f"{name}: {beyond} of {len(g_mm)} readings lie beyond the {low:g} to {high:g} mm of its "
+                    f"certificate {certificate.number}; they are corrected as at its end"
+                )
+        g_mm[:, column] = corrected(certificate, g_mm[:, column], rig.temperature)
+    return g_mm, doubts
+
+
+def link_excess_mm(rig: Rig) -> float:
+    """Length of the link by its certificate, as warm as the cell is, less the hemisphere's radius."""
+    if rig.link is None or rig.tests.hemisphere is None:
+        return 0.0
+    return rig.link.length_mm * _growth(rig.link, rig.temperature) - rig.tests.hemisphere.radius_mm
+
+
+def systematic(rig: Rig, g_mm: Array) -> Systematic:
+    """What certificates leave uncertain in a run with readings (n, k) mm of the first k gauges."""
+    gauges = [gauge.certificate for _, gauge in rig.gauges][: g_mm.shape[1]]
+    # Peak to valley of a wave that nobody knows the place of: its standard deviation is 1 / (2 √2) of that.
+    form_mm = rig.ball.form_mm / (2 * math.sqrt(2)) if rig.ball else 0.0
+    return Systematic(
+        tuple(
+            _u_mm(one, _furthest_mm(column), rig) if one else 0.0 for one, column in zip(gauges, g_mm.T, strict=True)
+        ),
+        math.hypot(form_mm, _u_mm(rig.ball, 0.0, rig)),
+        _u_mm(rig.link, rig.link.length_mm if rig.link else 0.0, rig),
+    )
+
+
+def doubts_of(rig: Rig, names: Sequence[str], on: dt.date) -> list[str]:
+    """What is to be doubted about the certificates of the parts `names` on the day of a measurement."""
+    held = [(name, one) for name, one in _certificates(rig) if name in names]
+    overdue = [
+        f"{name}: certificate {one.number} was valid until {one.due}, and this is of {on}; have it calibrated"
+        for name, one in held
+        if one.due is not None and one.due < on
+    ]
+    if rig.temperature is None and any(one.coefficient_per_c for _, one in held):
+        overdue.append("the rig file does not say how warm the cell is: 20 ± 5 °C is assumed; give temperature")
+    return overdue
+
+
+def _furthest_mm(reading_mm: Array) -> float:
+    return max(abs(float(reading_mm.min())), abs(float(reading_mm.max())))
+
+
+def _certificates(rig: Rig) -> Iterator[tuple[str, Certificate]]:
+    named = [*((name, gauge.certificate) for name, gauge in rig.gauges), ("ball", rig.ball), ("link", rig.link)]
+    yield from ((name, one) for name, one in named if one is not None)
+
+
+def _growth(certificate: Certificate, temperature: Temperature | None) -> float:
+    warmer_c = (temperature or _ASSUMED).mean_c - certificate.reference_c
+    return 1.0 + certificate.coefficient_per_c * warmer_c
+
+
+def _u_mm(certificate: Certificate | None, length_mm: float, rig: Rig) -> float:
+    """Standard uncertainty of a length by its certificate and by temperature."""
+    if certificate is None:
+        return 0.0
+    by_warmth = certificate.coefficient_per_c * length_mm * (rig.temperature or _ASSUMED).u_c
+    return math.hypot(certificate.u_mm / certificate.k, by_warmth)

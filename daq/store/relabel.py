@@ -1,0 +1,91 @@
+"""Correcting the label of a run that has ended: test, direction, operator. The old words stay in its manifest.
+
+Nothing else of the run changes: chunks and their checksums, stamps, the rig file and the name are as they were.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from daq.store import durable
+from daq.store.manifest import Manifest, iso_now, load_manifest
+from rigs.errors import CellError, FileError
+from rigs.vocabulary import CIRCLES, Direction, TestName
+
+_GAUGED = ("yaw", "roll", "radial", "repeatability")
+"""Tests whose recorded streams are alike, so that one may have been taken for another."""
+
+
+def relabel(
+    run: Path, *, test: TestName | None = None, direction: Direction | None = None, operator: str | None = None
+) -> Manifest:
+    """Give a run another test, direction or operator, durably and all at once; None leaves the word as it is.
+
+    A run that becomes one without a circle loses its direction. Returns the manifest as it is now. Raises FileError
+    where the run is being recorded, was not closed, or cannot be what the words say; CellError when the disk refuses.
+    """
+    load_manifest(run)
+    try:
+        held = durable.try_lock(run)
+        if held is None:
+            raise FileError(str(run), "is being recorded or changed by another program", "try again when it has ended")
+        try:
+            manifest = load_manifest(run)
+            if manifest.exit_status == "recording" or any(run.glob("*.arrow")):
+                raise FileError(str(run), "was not closed: the recording crashed", f"run `rig recover {run}`")
+            changed = _relabelled(run, manifest, test, direction, operator)
+            if changed != manifest:
+                changed.save(run)
+        finally:
+            durable.close(held)
+    except OSError as error:
+        what = f"cannot be relabelled: {error.strerror or error}"
+        raise CellError(str(run), what, "do it as the owner of the run, where there is room") from None
+    return changed
+
+
+def _relabelled(
+    run: Path, manifest: Manifest, test: TestName | None, direction: Direction | None, operator: str | None
+) -> Manifest:
+    words: dict[str, str | None] = {}
+    if test is not None or direction is not None:
+        words = _test_and_direction(run, manifest, test or manifest.test, direction)
+    if operator is not None:
+        words["operator"] = operator
+    at = iso_now()
+    changes = [
+        {"at": at, "field": field, "old": old, "new": new}
+        for field, new in words.items()
+        if new != (old := getattr(manifest, field))
+    ]
+    history = [change.model_dump() for change in manifest.relabelled]
+    if not changes:
+        return manifest
+    return Manifest.model_validate(manifest.model_dump() | words | {"relabelled": [*history, *changes]})
+
+
+def _test_and_direction(
+    run: Path, manifest: Manifest, test: TestName, direction: Direction | None
+) -> dict[str, str | None]:
+    """What both become. Raises FileError where the run cannot be that."""
+    if test != manifest.test and not _alike(manifest, test):
+        what = f"holds data of a {manifest.test} test, which cannot be of a {test} test"
+        raise FileError(str(run), what, f"import them again with --test {test}")
+    if test not in CIRCLES:
+        if direction is not None:
+            raise FileError(str(run), f"a {test} test has no direction", "leave --direction out")
+        return {"test": test, "direction": None}
+    if (direction or manifest.direction) is None:
+        raise FileError(str(run), f"a {test} test has a direction, and the run has none", "add --direction acw or cw")
+    if manifest.table is not None and direction not in (None, manifest.direction):
+        # Each row of the table says it too, and tables are never changed.
+        what = f"holds an imported table whose rows say {manifest.direction}"
+        raise FileError(str(run), what, "correct its direction there and import it again")
+    return {"test": test, "direction": direction or manifest.direction}
+
+
+def _alike(manifest: Manifest, test: TestName) -> bool:
+    """Whether data may be of another test: recorded streams of any with gauges, a table of either circle."""
+    if manifest.table is not None:
+        return manifest.test in CIRCLES and test in CIRCLES
+    return manifest.test in _GAUGED and test in _GAUGED
