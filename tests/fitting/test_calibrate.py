@@ -78,12 +78,21 @@ def test_a_gear_error_of_any_phase_is_one_wave(phase: float) -> None:
 
 
 def test_uncertainties_cover_the_wander_and_the_scatter_of_runs() -> None:
-    """Nothing planted: over many runs the fitted offset lies about as far from zero as its uncertainty says."""
+    """Nothing planted: over many pairs of runs the fitted offset lies about as far from zero as its uncertainty says."""
     away = []
     for seed in range(12):
-        (fitted,) = fitted_effects(calibrate(RIG, _observed((), 100 + seed), [], "joint_offset:3"))
+        found = calibrate(RIG, [*_observed((), 100 + seed), *_observed((), 200 + seed)], [], "joint_offset:3")
+        assert found.after.scatter is not None and found.after.scatter.source == "measured"
+        (fitted,) = fitted_effects(found)
         away.append(fitted.effect.offset_deg / fitted.sd["offset_deg"])  # type: ignore[union-attr]
     assert 0.3 < np.sqrt(np.mean(np.square(away))) < 1.8, away
+
+
+def test_the_scatter_of_a_run_that_nobody_repeated_is_assumed_wide_and_said_to_be() -> None:
+    known = calibrate(RIG, [*_observed((), 100), *_observed((), 200)], [], "joint_offset:3").after
+    assumed = calibrate(RIG, _observed((), 100), [], "joint_offset:3").after
+    assert known.scatter and assumed.scatter and assumed.scatter.source == "assumed"
+    assert assumed.sd[0] > 2 * known.sd[0]
 
 
 def test_a_run_of_another_test_judges_with_its_own_set_up() -> None:
