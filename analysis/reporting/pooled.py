@@ -39,7 +39,12 @@ class Between:
     runs: int
 
     def __str__(self) -> str:
-        return f"{self.mean}, sd {self.mean.rounded(self.sd)}"
+        return f"{self.mean}, sd {self.in_sd}"
+
+    @property
+    def in_sd(self) -> str:
+        """The standard deviation between the runs, as people read it."""
+        return self.mean.rounded(self.sd)
 
 
 @dataclass(frozen=True)
@@ -91,7 +96,10 @@ def _between(name: str, figures: Sequence[Quantity]) -> Between:
     factor = _STUDENT[freedom - 1] if freedom <= len(_STUDENT) else 1 + 1.25 / freedom
     u = max(factor * sd / np.sqrt(count), min(figure.u for figure in figures))
     first = figures[0]
-    mean = Quantity(float(values.mean()), float(u), first.unit, sum(figure.samples for figure in figures), first.noise)
+    middle = float(values.mean())
+    if name.endswith("_at_deg"):
+        middle %= 360.0
+    mean = Quantity(middle, float(u), first.unit, sum(figure.samples for figure in figures), first.noise)
     return Between(mean, sd, count)
 
 

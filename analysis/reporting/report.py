@@ -85,9 +85,13 @@ def _means(repeated: Sequence[Pooled]) -> Table:
     for one in repeated:
         table.add_column(f"{one.title}\n[dim]{len(one.runs)} runs[/dim]", justify="right")
     for name in in_order(name for one in repeated for name in one.figures):
-        cells = [str(one.figures[name]) if name in one.figures else "" for one in repeated]
+        cells = [_mean_cell(one.figures[name]) if name in one.figures else "" for one in repeated]
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
     return whole(table)
+
+
+def _mean_cell(figure: Between) -> str:
+    return f"{figure.mean}\n[dim]sd {figure.in_sd} {figure.mean.sign}[/dim]"
 
 
 def in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
