@@ -40,6 +40,8 @@ _FOLLOWED = 0.5
 """A run follows the program's order where at least this share of its stands at targets fits it."""
 _OUTLYING = 6.0
 """Scaled median deviations beyond which a sample of a stand is an outlier: Hampel's usual three, twice as wary."""
+_MOST_OUTLYING = 0.1
+"""More of a stand than this share is no outlier: the arm or the gauge really moved."""
 
 
 @dataclass(frozen=True)
@@ -203,6 +205,7 @@ def _averaged(g_mm: Array) -> tuple[Array, int]:
     limit = _OUTLYING * 1.4826 * np.median(away, axis=0)
     # Readings of a coarse gauge that mostly agree have no median deviation: nothing is called wild there.
     sound = (away <= limit) | (limit == 0)
+    sound |= sound.mean(axis=0) < 1 - _MOST_OUTLYING
     mean: Array = np.where(sound, g_mm, 0.0).sum(axis=0) / sound.sum(axis=0)
     return mean, int((~sound).sum())
 

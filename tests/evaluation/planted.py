@@ -208,12 +208,12 @@ def repeatability_case() -> Case:
     B = np.random.default_rng(8).uniform(0.2, 1.4, 12)
     sd = np.exp(np.random.default_rng(10).uniform(np.log(0.003), np.log(0.06), 12))[:, None, None]
     mean = np.stack([-B / 2, B / 2], axis=1)[:, None, :]
-    many = np.swapaxes(mean + np.random.default_rng(9).normal(0, sd, (8000, 12, 3, 2)), -1, -2)
+    many = np.swapaxes(mean + sd * np.random.default_rng(9).standard_t(4, (8000, 12, 3, 2)), -1, -2)
     truth = {name: float(values.mean()) for name, values in repeatability.plain_figures(many).items()}
     truth["reversal_mean_mm"] = float(B.mean())
 
     def measure(rng: np.random.Generator) -> Figures:
-        return repeatability.evaluate(repeatability_table(mean + rng.normal(0, sd, (12, 3, 2))), 0.0005).figures
+        return repeatability.evaluate(repeatability_table(mean + sd * rng.standard_t(4, (12, 3, 2))), 0.0005).figures
 
     return truth, measure
 
@@ -265,7 +265,7 @@ def pose_case() -> Case:
     turns = np.degrees(clean.rotation[:, None] + np.random.default_rng(13).normal(0, u_rad, (3000, 60, 3, 3)))
     truth = {name: figure.value for name, figure in clean.figures.items()} | {"repeat_mm": scatter}
     for plain, x in ((pose._place_figures, groups), (pose._turn_figures, turns)):
-        truth |= {name: float(values.mean()) for name, values in plain(x).items()}
+        truth |= {name: float(values.mean()) for name, values in plain(np.swapaxes(x, -1, -2)).items()}
     # The scatter of the visits is an error of the poses too: it adds to the rms of so many lengths.
     lengths = pose._lengths(groups.reshape(3000, -1, 3))
     truth |= {name: float(values.mean()) for name, values in lengths.items()}

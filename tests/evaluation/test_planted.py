@@ -7,8 +7,8 @@ SEEDS = {"pair": 16}
 """Fewer where one takes long; `scripts/planted` does more of all."""
 
 
-ASSUMED = {"radial, one visit"}
-"""Where the noise is not measured, the range of real cells makes u wide."""
+WIDE = {"radial, one visit", "repeatability"}
+"""Where the noise is assumed, and where a few rounds cannot exclude tails that are not planted."""
 
 
 @pytest.mark.timeout(600)
@@ -20,6 +20,6 @@ def test_planted_is_recovered_within_2u(name: str) -> None:
     print(counts)
     low = {figure: count for figure, count in counts.items() if count < 0.85 * seeds}
     assert not low, low
-    assert name in ASSUMED or sum(counts.values()) / len(counts) < 0.99 * seeds, (
+    assert name in WIDE or sum(counts.values()) / len(counts) < 0.99 * seeds, (
         "uncertainties that cover everything say nothing"
     )
