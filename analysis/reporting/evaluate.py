@@ -39,7 +39,8 @@ def evaluate(table: Table, rig: Rig, u_lag_s: float, where: str, u_gauge_mm: flo
         case RadialTable():
             hemisphere = hemisphere_of(rig)
             expected = range(1, len(target_angles(hemisphere)[0]) + 1)
-            return radial.evaluate(table, hemisphere.radius_mm, u_mm, where, expected)
+            orientations = hemisphere.orientations
+            return radial.evaluate(table, hemisphere.radius_mm, u_mm, where, expected, orientations=orientations)
         case RepeatabilityTable():
             return repeatability.evaluate(table, u_mm, where)
         case PoseTable():

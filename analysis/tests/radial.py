@@ -95,9 +95,11 @@ def evaluate(
     where: str = "the radial run",
     expected: Collection[int] = (),
     u_link_mm: float = 0.0,
+    orientations: int = 1,
 ) -> Radial:
     """radius_mm: nominal; u_mm: standard uncertainty of one gauge reading, 0 for readings that are exact (simulated
-    ones); u_link_mm of the link's set length; expected: numbers of the targets that were to be measured.
+    ones); u_link_mm of the link's set length; expected: numbers of the targets that were to be measured;
+    orientations: how many there were to be of each.
 
     figures: radius_mm and centre_x_mm, _y, _z (from the ball) of the least-squares sphere, without those that the
     targets do not determine, band_mm about it; held_radius_mm and held_band_mm with the centre held at the ball;
@@ -123,7 +125,12 @@ def evaluate(
     points = (radius_mm + _mean(measured))[:, None] * cells.direction
     free = free_sphere(points[~far])
     figures = _figures(used, measured[~far], free, scatter, radius_mm, u_link_mm)
-    notes = _missing(cells, expected) + _left_out(cells, far, readings, free) + _unknown(free) + assumed(scatter)
+    notes = (
+        _missing(cells, expected, orientations)
+        + _left_out(cells, far, readings, free)
+        + _unknown(free)
+        + assumed(scatter)
+    )
     spread = np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1)
     samples = int(np.isfinite(used.g_mm).sum())
     return Radial(cells, spread, ~far, points, free, scatter, figures, samples, notes)
@@ -228,7 +235,7 @@ def _mean(x: Array) -> Array:
     return values
 
 
-def _missing(cells: Cells, expected: Collection[int]) -> tuple[str, ...]:
+def _missing(cells: Cells, expected: Collection[int], orientations: int) -> tuple[str, ...]:
     notes = []
     wanted = set(expected) or set(range(1, int(cells.target.max()) + 1))
     missing = sorted(wanted - set(cells.target.tolist()))
@@ -237,6 +244,9 @@ def _missing(cells: Cells, expected: Collection[int]) -> tuple[str, ...]:
     partial = cells.target[np.isnan(cells.by_orientation).any(axis=1)].tolist()
     if partial:
         notes.append(f"target {listed(partial)} without all {cells.g_mm.shape[1]} orientations")
+    have = cells.g_mm.shape[1]
+    if have < orientations:
+        notes.append(f"{have} of {orientations} orientations measured{': no range over them' if have == 1 else ''}")
     return tuple(notes)
 
 

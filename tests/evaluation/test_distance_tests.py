@@ -74,9 +74,13 @@ def test_one_orientation_has_no_range_over_orientations() -> None:
         name: getattr(TABLE, name)[TABLE.orientation == 1]
         for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")
     }
-    figures = _radial(planted.true_radial(TABLE)[TABLE.orientation == 1], **part).figures
-    assert "band_mm" in figures
-    assert not {"spread_mm", "spread_mean_mm"} & figures.keys()
+    table = dataclasses.replace(
+        planted.with_readings(TABLE, planted.true_radial(TABLE)[TABLE.orientation == 1]), **part
+    )
+    result = radial.evaluate(table, 400.0, 0.0005, orientations=3)
+    assert "band_mm" in result.figures
+    assert not {"spread_mm", "spread_mean_mm"} & result.figures.keys()
+    assert "1 of 3 orientations measured: no range over them" in result.notes
 
 
 def test_a_target_that_the_hemisphere_does_not_have_is_refused() -> None:
