@@ -26,7 +26,9 @@ from analysis.noise.cell import DRIFT_MM_PER_S, TARGET_MM, NoiseSource
 
 _SEED = 0
 """Fixed, so that the same run gives the same report."""
-_CHAINS = 64
+_CHAINS, _FEWEST_CHAINS = 64, 16
+_ELEMENTS = 2_000_000
+"""Readings times chains: tables of many thousand readings take fewer chains, and need fewer."""
 _SWEEPS, _KEPT, _EVERY = 16, 4, 2
 """Sweeps of every chain, and how many of its last states are kept, so many sweeps apart."""
 _TAILS = np.array([2.2, 3.0, 5.0, 10.0, 50.0])
@@ -129,15 +131,16 @@ class _Sampler:
     def __post_init__(self) -> None:
         self.there = np.isfinite(self.readings_mm)
         self.y = np.where(self.there, self.readings_mm, 0.0)
+        self.chains = int(np.clip(_ELEMENTS // self.y.size, _FEWEST_CHAINS, _CHAINS))
         self.counts = self.there.sum(axis=(1, 2))
         self.shapes, self.first = np.zeros((*self.y.shape, _DRIFT_DEGREE)), np.unravel_index(0, self.y.shape)
         if self.t_s is not None:
             self.shapes = _drift_shapes(self.t_s)
             self.first = np.unravel_index(int(np.nanargmin(self.t_s)), self.y.shape)
-        self.drift = np.zeros((_CHAINS, _DRIFT_DEGREE))
-        self.d0 = self.rng.choice(_AGREEMENT, _CHAINS)
-        self.tail = self.rng.choice(_TAILS, _CHAINS)
-        self.share = np.broadcast_to(1.0 * self.there, (_CHAINS, *self.y.shape))
+        self.drift = np.zeros((self.chains, _DRIFT_DEGREE))
+        self.d0 = self.rng.choice(_AGREEMENT, self.chains)
+        self.tail = self.rng.choice(_TAILS, self.chains)
+        self.share = np.broadcast_to(1.0 * self.there, (self.chains, *self.y.shape))
         self._begin(self._within(self.y[..., None])[..., 0])
 
     def _within(self, values: Array) -> Array:
@@ -154,12 +157,12 @@ class _Sampler:
         typical = _typical(away[again], self.least_mm)
         normal = shapes.T @ shapes + typical**2 * np.eye(_DRIFT_DEGREE)
         away = away - (shapes @ np.linalg.solve(normal, shapes.T @ away.ravel())).reshape(away.shape)
-        level = np.log(_typical(away[again], self.least_mm)) + self.rng.normal(0.0, 0.25, _CHAINS)
+        level = np.log(_typical(away[again], self.least_mm)) + self.rng.normal(0.0, 0.25, self.chains)
         if not self.measured:
-            level = self.rng.uniform(np.log(TARGET_MM.low), np.log(TARGET_MM.high), _CHAINS)
+            level = self.rng.uniform(np.log(TARGET_MM.low), np.log(TARGET_MM.high), self.chains)
         self.s0_sq = np.exp(2 * level)
         freedom = (self.there.sum(axis=-1) - 1).clip(min=0).sum(axis=1)
-        chi2 = self.rng.chisquare(_FIRST_D0 + freedom, (_CHAINS, len(self.y)))
+        chi2 = self.rng.chisquare(_FIRST_D0 + freedom, (self.chains, len(self.y)))
         self.variance = (_FIRST_D0 * self.s0_sq[:, None] + (away**2).sum(axis=(1, 2))) / chi2
 
     def sweep(self, level: Level) -> tuple[Array, Array]:
@@ -178,15 +181,15 @@ class _Sampler:
             return np.broadcast_to(self.y, weight.shape)
         d = self.shapes.shape[-1]
         flat = self.shapes.reshape(-1, d)
-        w = weight.reshape(_CHAINS, -1)
-        sums = np.einsum("mtkn,tknd->mtkd", weight, self.shapes).reshape(_CHAINS, -1, d)
-        means = sums / np.maximum(total, 1e-300).reshape(_CHAINS, -1, 1)
-        seen = (w @ (flat[:, :, None] * flat[:, None, :]).reshape(-1, d * d)).reshape(_CHAINS, d, d)
+        w = weight.reshape(self.chains, -1)
+        sums = np.einsum("mtkn,tknd->mtkd", weight, self.shapes).reshape(self.chains, -1, d)
+        means = sums / np.maximum(total, 1e-300).reshape(self.chains, -1, 1)
+        seen = (w @ (flat[:, :, None] * flat[:, None, :]).reshape(-1, d * d)).reshape(self.chains, d, d)
         normal = seen - np.swapaxes(sums, 1, 2) @ means + np.eye(d)
-        wy = (weight * self.y).sum(axis=-1).reshape(_CHAINS, -1, 1)
+        wy = (weight * self.y).sum(axis=-1).reshape(self.chains, -1, 1)
         right = w @ (flat * self.y.reshape(-1, 1)) - (means * wy).sum(axis=1)
         root = np.linalg.cholesky(np.linalg.inv(normal))
-        kick = self.rng.standard_normal((_CHAINS, d, 1))
+        kick = self.rng.standard_normal((self.chains, d, 1))
         self.drift = (np.linalg.solve(normal, right[..., None]) + root @ kick)[..., 0]
         return np.asarray(self.y - (self.drift @ flat.T).reshape(weight.shape))
 

@@ -63,9 +63,11 @@ class Cells:
     @property
     def rounds(self) -> bool:
         """Whether the visits of a target lie apart, as where the whole program was driven again."""
-        length = np.nanmax(self.t_s) - np.nanmin(self.t_s)
-        apart = np.nanmax(self.t_s, axis=-1) - np.nanmin(self.t_s, axis=-1)
-        return bool(np.nanmedian(apart) > _APART * length)
+        there = np.isfinite(self.t_s)
+        first = np.where(there, self.t_s, np.inf).min(axis=-1)
+        last = np.where(there, self.t_s, -np.inf).max(axis=-1)
+        apart = (last - first)[there.any(axis=-1)]
+        return bool(np.median(apart) > _APART * (last.max() - first.min()))
 
     def only(self, rows: NDArray[np.bool_]) -> Cells:
         """Without the other targets."""

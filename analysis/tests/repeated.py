@@ -31,7 +31,9 @@ def of_scatter(plain: Plain, readings: Array, scatter: Scatter) -> dict[str, Qua
     the scatter a few such tests are made; they lie too near to their own mean, by a known factor.
     """
     rng = np.random.default_rng(_SEED)
-    middle = np.where(np.isfinite(readings), np.nanmean(readings, axis=-1, keepdims=True), np.nan)
+    there = np.isfinite(readings)
+    mean = np.where(there, readings, 0.0).sum(axis=-1, keepdims=True) / np.maximum(there.sum(axis=-1, keepdims=True), 1)
+    middle = np.where(there, mean, np.nan)
     few = replace(scatter, sd_mm=scatter.sd_mm[::2], tail=scatter.tail[::2])
     tests = [plain(middle + few.again(rng, readings.shape[1:])) for _ in range(_TESTS)]
     samples = int(np.isfinite(readings).sum())

@@ -175,6 +175,21 @@ def test_one_wild_reading_moves_figures_less_than_two_u() -> None:
         assert wild[name].u < 4 * sound[name].u, name
 
 
+@pytest.mark.parametrize("visits", [1, 2, 3])
+def test_a_table_with_holes_is_evaluated(visits: int) -> None:
+    whole = planted.hemisphere(visits)
+    for keep in (
+        (whole.target < 10) & ~((whole.target == 3) & (whole.orientation > 1)),
+        np.arange(len(whole.target)) % 5 != 0,
+        np.isin(whole.target, [1, 2, 5, 8, 14, 20]) & (whole.orientation == 1),
+    ):
+        names = ("target", "polar", "azimuth", "orientation", "t_s", "q")
+        part = {name: getattr(whole, name)[keep] for name in names}
+        g = planted.true_radial(whole)[keep] + np.random.default_rng(8).normal(0, 0.01, keep.sum())
+        figures = radial.evaluate(dataclasses.replace(whole, **part, g_mm=g), 400.0, 0.0005).figures
+        assert all(0 < figure.u < 0.5 and np.isfinite(figure.value) for figure in figures.values()), figures
+
+
 def test_what_targets_near_one_plane_do_not_determine_is_left_out_with_the_reason() -> None:
     rows = np.degrees(TABLE.polar).round() == 60
     part = {name: getattr(TABLE, name)[rows] for name in ("target", "polar", "azimuth", "orientation", "t_s", "q")}
