@@ -78,6 +78,8 @@ class Hemisphere(_AboutTheBall):
     polar_max_deg: float = Field(default=90.0, gt=0, le=180)
     """Where the outermost ring lies."""
     orientations: int = Field(default=3, ge=1, le=15)
+    visits: int = Field(default=2, ge=1, le=20)
+    """How often the program goes through all targets and orientations: what differs between visits is the scatter."""
 
 
 class Repeatability(Part):

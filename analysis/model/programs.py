@@ -138,7 +138,9 @@ class TargetProgram:
 
 
 def radial_program(rig: Rig) -> TargetProgram:
-    """Every target of the rig's hemisphere in each of its orientations. Raises FileError where one is out of reach."""
+    """Every target of the rig's hemisphere in each of its orientations, and all of that `visits` times, so that the
+    visits of one target lie minutes apart. Raises FileError where one is out of reach.
+    """
     hemisphere = hemisphere_of(rig)
     polar, azimuth = target_angles(hemisphere)
     count = hemisphere.orientations
@@ -147,7 +149,9 @@ def radial_program(rig: Rig) -> TargetProgram:
     polar, azimuth = np.repeat(polar, count), np.repeat(azimuth, count)
     poses = target_poses(hemisphere_frame(hemisphere), polar, azimuth, orientation, count)
     names = [f"target {t}, orientation {o}" for t, o in zip(target, orientation, strict=True)]
-    return TargetProgram(target, polar, azimuth, orientation, _reach(rig, hemisphere, poses, names))
+    q = _reach(rig, hemisphere, poses, names)
+    rows = np.tile(np.arange(len(target)), hemisphere.visits)
+    return TargetProgram(target[rows], polar[rows], azimuth[rows], orientation[rows], q[rows])
 
 
 def repeatability_program(rig: Rig) -> TargetProgram:

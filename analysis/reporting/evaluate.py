@@ -49,7 +49,8 @@ def evaluate(
         case RadialTable():
             hemisphere = hemisphere_of(rig)
             expected = range(1, len(target_angles(hemisphere)[0]) + 1)
-            return radial.evaluate(table, hemisphere.radius_mm, u_mm, where, expected)
+            orientations = hemisphere.orientations
+            return radial.evaluate(table, hemisphere.radius_mm, u_mm, where, expected, orientations=orientations)
         case RepeatabilityTable():
             return repeatability.evaluate(table, u_mm, where)
         case PoseTable():

@@ -8,27 +8,29 @@ Rows that visit the same joint angles are a group: ISO 9283:1998, 7.2.1 AP, the 
 what is fitted (not from a command in a frame known beforehand: the set-up is fitted away), and 7.2.2 RP, mean + 3 S of
 the distances from that mean; of each rotation, largest |mean| and 3 S.
 
-Uncertainties: of the errors, the instrument's, through the fit, for these poses as they stood. Of RP, how much it would
-vary were the visits made again: Monte Carlo on the normal model with the pooled scatter. Nothing is corrected
-for noise here: the standards' figures are what their formulas give.
+Uncertainties: the scatter of one row is what poses visited again show, each its own, with tails
+(`analysis.noise.targets`); where none was, the instrument's is assumed. Of the errors, that scatter through the fit,
+for these poses as they stood; of AP and RP, how far they may lie from their expectation, were the visits made again.
+Nothing is corrected for noise here: the standards' figures are what their formulas give.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Arm, Array, forward
-from analysis.noise.spectrum import DRAWS
+from analysis.noise.targets import Scatter, scatter_of
 from analysis.reading.tables import PoseTable
 from analysis.reporting.quantity import Quantity, figures_of
 from analysis.tests.checks import hold_numbers
+from analysis.noise.spectrum import DRAWS
 from analysis.tests.curve import SEED
-from analysis.tests.standards import RP_VISITS, pooled_sd, rp
+from analysis.tests.repeated import of_scatter
+from analysis.tests.standards import RP_VISITS, rp
 from rigs.errors import FileError
 
 SAME_RAD = float(np.radians(0.1))
@@ -36,10 +38,6 @@ SAME_RAD = float(np.radians(0.1))
 _FEWEST = 6
 _BLIND = 1e-3
 """A singular value below this share of the largest (lengths and turns scaled alike): not told by these poses."""
-
-
-Plain = Callable[[Array], dict[str, Array]]
-"""Figures (...,) by name of groups of visits (..., g, n, 3), NaN where there is none."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +73,8 @@ def evaluate(
     same_rad: float = SAME_RAD,
 ) -> PoseResult:
     """arm: nominal; its base and tool are replaced by the fitted. u_mm, u_rad: standard uncertainty of one coordinate
-    and of one rotation of the instrument; without u_rad the scatter of poses visited again stands for it, and
-    where there are none the orientation's uncertainty is nan.
+    and of one rotation of the instrument, assumed where no pose was visited again; without u_rad the orientation's
+    uncertainty is nan there.
 
     figures: rms_mm, mean_mm, max_mm of the position error; rms_deg, max_deg of the orientation error where measured;
     where poses were visited again repeat_mm (pooled scatter of one coordinate), ap_mm and ap_mean_mm and, from
@@ -92,11 +90,24 @@ def evaluate(
     if table.rpy is not None:
         setup, rotation = _orientation(T, table.rpy, setup)
     group = groups(table.q, same_rad)
-    if u_rad is None:
-        u_rad = np.nan if rotation is None else _scatter(rotation, group)
-    figures = _errors(position, rotation, setup, u_mm, u_rad)
-    repeated, notes = _repeated(position, rotation, group, u_mm)
-    return PoseResult(setup, position, rotation, group, figures | repeated, len(T), _blind(setup) + notes)
+    again = np.flatnonzero(np.bincount(group) >= 2)
+    figures, notes = {}, ["no pose was visited twice: no repeatability; the instrument's uncertainty is assumed"]
+    place = turn = None
+    if len(again):
+        seen = _padded(position, group, again)
+        place = scatter_of(seen, 0.0)
+        figures, notes = of_scatter(_place_figures, seen, place), _few(group, again)
+        if rotation is not None:
+            turned = np.degrees(_padded(rotation, group, again))
+            turn = scatter_of(turned, 0.0)
+            figures |= of_scatter(_turn_figures, turned, turn)
+    figures = _position_figures(position, setup, _noise(place, group, again, u_mm)) | figures
+    if rotation is not None:
+        of_turn = _noise(turn, group, again, np.nan if u_rad is None else float(np.degrees(u_rad)))
+        figures |= _rotation_figures(rotation, np.radians(of_turn))
+    if place is None:
+        figures = {name: dataclasses.replace(figure, noise="assumed") for name, figure in figures.items()}
+    return PoseResult(setup, position, rotation, group, figures, len(T), _blind(setup) + tuple(notes))
 
 
 def fit_setup(T: Array, xyz_mm: Array) -> Setup:
@@ -133,17 +144,27 @@ def groups(q: Array, same_rad: float) -> NDArray[np.int64]:
     return number
 
 
-def _errors(position: Array, rotation: Array | None, setup: Setup, u_mm: float, u_rad: float) -> dict[str, Quantity]:
+def _noise(scatter: Scatter | None, group: NDArray[np.int64], again: NDArray[np.int64], u: float) -> Array:
+    """Draws (m, n, 3) of the noise of all rows: of their own group's scatter, of any group's where it has none, of u
+    where no group shows any."""
     rng = np.random.default_rng(SEED)
+    if scatter is None:
+        return u * rng.standard_normal((DRAWS, len(group), 3))
+    place = np.searchsorted(again, group).clip(max=len(again) - 1)
+    place = np.where(again[place] == group, place, rng.integers(len(again), size=len(group)))
+    return dataclasses.replace(scatter, sd_mm=scatter.sd_mm[:, place]).again(rng, (3,))
+
+
+def _position_figures(position: Array, setup: Setup, noise_mm: Array) -> dict[str, Quantity]:
     basis, s, _ = np.linalg.svd(setup.design, full_matrices=False)
     basis = basis[:, s > 1e-9 * s[0]]
-    noise = rng.normal(0.0, u_mm, (DRAWS, position.size))
-    drawn = position + (noise - noise @ basis @ basis.T).reshape(DRAWS, -1, 3)
-    figures = figures_of(_lengths(position), _lengths(drawn), len(position))
-    if rotation is not None:
-        turned = rotation + u_rad * rng.standard_normal((DRAWS, *rotation.shape))
-        figures |= figures_of(_angles(rotation), _angles(turned), len(rotation))
-    return figures
+    noise = noise_mm.reshape(len(noise_mm), -1)
+    drawn = position + (noise - noise @ basis @ basis.T).reshape(noise_mm.shape)
+    return figures_of(_lengths(position), _lengths(drawn), len(position))
+
+
+def _rotation_figures(rotation: Array, noise: Array) -> dict[str, Quantity]:
+    return figures_of(_angles(rotation), _angles(rotation + noise), len(rotation))
 
 
 def _lengths(vectors: Array) -> dict[str, Array]:
@@ -160,36 +181,19 @@ def _angles(vectors: Array) -> dict[str, Array]:
     return {"rms_deg": np.sqrt((length**2).mean(axis=-1)), "max_deg": length.max(axis=-1)}
 
 
-def _repeated(
-    position: Array, rotation: Array | None, group: NDArray[np.int64], u_mm: float
-) -> tuple[dict[str, Quantity], tuple[str, ...]]:
-    sizes = np.bincount(group)
-    again = np.flatnonzero(sizes >= 2)
-    if len(again) == 0:
-        return {}, ("no pose was visited twice: no repeatability",)
-    x = _padded(position, group, again)
-    samples = int(sizes[again].sum())
-    sd, freedom = pooled_sd(x)
-    figures = {"repeat_mm": Quantity(sd, sd / np.sqrt(2 * 3 * freedom), "mm", samples)}
-    figures |= _with_noise(x, max(sd, u_mm), _place_figures, samples)
-    if rotation is not None:
-        turned = np.degrees(_padded(rotation, group, again))
-        figures |= _with_noise(turned, pooled_sd(turned)[0], _turn_figures, samples)
-    most = int(sizes.max())
+def _few(group: NDArray[np.int64], again: NDArray[np.int64]) -> list[str]:
+    most = int(np.bincount(group).max())
     few = f"{len(again)} poses visited again, at most {most} times; ISO 9283 asks {RP_VISITS}"
-    return figures, (few,) if most < RP_VISITS else ()
-
-
-def _with_noise(x: Array, sd: float, plain: Plain, samples: int) -> dict[str, Quantity]:
-    """Figures of groups x (g, n, 3) and their spread over repetitions on the normal model."""
-    noise = sd * np.random.default_rng(SEED).standard_normal((DRAWS, *x.shape))
-    drawn = np.where(np.isfinite(x), np.nanmean(x, axis=-2, keepdims=True) + noise, np.nan)
-    return figures_of(plain(x), plain(drawn), samples)
+    return [few] if most < RP_VISITS else []
 
 
 def _place_figures(x: Array) -> dict[str, Array]:
-    away = np.linalg.norm(np.nanmean(x, axis=-2), axis=-1)
-    figures = {"ap_mm": away.max(axis=-1), "ap_mean_mm": away.mean(axis=-1)}
+    x = np.swapaxes(x, -1, -2)
+    mean = np.nanmean(x, axis=-2, keepdims=True)
+    away = np.linalg.norm(mean[..., 0, :], axis=-1)
+    freedom = (np.isfinite(x).sum(axis=-2) - 1).sum(axis=(-2, -1))
+    pooled = np.sqrt(np.nansum((x - mean) ** 2, axis=(-3, -2, -1)) / freedom)
+    figures = {"repeat_mm": pooled, "ap_mm": away.max(axis=-1), "ap_mean_mm": away.mean(axis=-1)}
     thrice = _thrice(x)
     if thrice.any():
         repeat = rp(x[..., thrice, :, :])
@@ -198,6 +202,7 @@ def _place_figures(x: Array) -> dict[str, Array]:
 
 
 def _turn_figures(x: Array) -> dict[str, Array]:
+    x = np.swapaxes(x, -1, -2)
     figures = {}
     mean, thrice = np.abs(np.nanmean(x, axis=-2)), _thrice(x)
     for column, name in enumerate("abc"):
@@ -215,17 +220,12 @@ def _thrice(x: Array) -> NDArray[np.bool_]:
     return thrice
 
 
-def _scatter(rotation: Array, group: NDArray[np.int64]) -> float:
-    again = np.flatnonzero(np.bincount(group) >= 2)
-    return pooled_sd(_padded(rotation, group, again))[0] if len(again) else np.nan
-
-
 def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -> Array:
-    """(groups, visits, 3), NaN where there is none."""
+    """(groups, 3, visits), NaN where there is none."""
     visits = [values[group == number] for number in again]
-    x = np.full((len(again), max(map(len, visits)), 3), np.nan)
+    x = np.full((len(again), 3, max(map(len, visits))), np.nan)
     for row, found in enumerate(visits):
-        x[row, : len(found)] = found
+        x[row, :, : len(found)] = found.T
     return x
 
 

@@ -4,43 +4,51 @@ A reading g at a target puts the tool's ball at B + (R + g) × the target's dire
 to its middle (polar 0), x to azimuth 0. Per target, the mean and the range over the tool's orientations; the
 means make the sphere.
 
-That targets and orientations differ is the robot's error, and no noise. The uncertainty of a figure is that of
-the measurement, for these targets as they stood: how much it would vary if the gauge read the same positions
-again. One reading has the gauge's uncertainty or, where targets were visited again in the same orientation and that
-scatter is larger, the pooled scatter of the visits. It says nothing of other targets, and on its own nothing of
-the robot's repeatability where nothing was visited twice. Ranges are corrected for what noise adds to them.
+That targets and orientations differ is the robot's error; that it does not come back to the same place is noise. How
+large that is at each target, visits of the same target and orientation show (`analysis.noise.targets`); where nothing
+was visited twice it is assumed. Every figure is of where the targets lie on average: its value is the expected one over
+draws of those places, its uncertainty such that value ± 2 u holds 95 % of them. So no range is below zero, and none is
+too large by the noise. A drift that the visits show is taken out. A length is then that of the middle of the run, and
+may be asked for at its start: what it drifted by between is in its uncertainty, as of a law with its weight at both
+ends (JCGM 101, 6.4.6).
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
-from analysis.noise.spectrum import DRAWS
+from analysis.noise.sphere_level import SphereLevel
+from analysis.noise.targets import Scatter, scatter_of
 from analysis.reading.tables import Integers, RadialTable
-from analysis.reporting.quantity import Quantity, figures_of
+from analysis.reporting.quantity import Quantity
 from analysis.tests.checks import hold_alive, hold_numbers, hold_radius, listed
 from analysis.tests.curve import SEED
-from analysis.tests.sphere import Sphere, conditioned, far_off, free_sphere
-from analysis.tests.standards import pooled_sd, rp
+from analysis.tests.repeated import assumed, half_width, of_scatter
+from analysis.tests.sphere import PARAMETERS, Sphere, far_off, free_sphere
+from analysis.tests.standards import rp
 from rigs.errors import FileError
 
 _FEWEST = 6
 _RANGES = frozenset({"band_mm", "held_band_mm", "spread_mm", "spread_mean_mm", "ap_mm"})
+_RP_VISITS = 3
+_APART = 0.2
+"""Visits that lie this share of the run apart are rounds."""
 
 
 @dataclass(frozen=True)
 class Cells:
     """Readings by target and orientation. target (t,); direction (t, 3) unit vectors in the hemisphere's frame;
-    g_mm (t, o, r) mm of r visits, NaN where there is none."""
+    g_mm (t, o, r) mm of r visits and t_s of their times, NaN where there is none."""
 
     target: Integers
     direction: Array
     g_mm: Array
+    t_s: Array
 
     @property
     def by_orientation(self) -> Array:
@@ -52,21 +60,31 @@ class Cells:
         """Every reading (t, o·r) of a target, NaN where there is none."""
         return self.g_mm.reshape(len(self.g_mm), -1)
 
+    @property
+    def rounds(self) -> bool:
+        """Whether the visits of a target lie apart, as where the whole program was driven again."""
+        there = np.isfinite(self.t_s)
+        first = np.where(there, self.t_s, np.inf).min(axis=-1)
+        last = np.where(there, self.t_s, -np.inf).max(axis=-1)
+        apart = (last - first)[there.any(axis=-1)]
+        return bool(np.median(apart) > _APART * (last.max() - first.min()))
+
     def only(self, rows: NDArray[np.bool_]) -> Cells:
         """Without the other targets."""
-        return Cells(self.target[rows], self.direction[rows], self.g_mm[rows])
+        return Cells(self.target[rows], self.direction[rows], self.g_mm[rows], self.t_s[rows])
 
 
 @dataclass(frozen=True)
 class Radial:
     """cells: of all targets; spread_mm (t,) of each; used (t,): False where left out; points (t, 3) mm from
-    the ball; free: the sphere through the used points."""
+    the ball; free: the sphere through the used points; scatter: of the visits, None where the readings are exact."""
 
     cells: Cells
     spread_mm: Array
     used: NDArray[np.bool_]
     points: Array
     free: Sphere
+    scatter: Scatter | None
     figures: dict[str, Quantity]
     samples: int
     notes: tuple[str, ...]
@@ -79,78 +97,102 @@ def evaluate(
     where: str = "the radial run",
     expected: Collection[int] = (),
     u_link_mm: float = 0.0,
+    orientations: int = 1,
 ) -> Radial:
-    """radius_mm: nominal; u_mm: standard uncertainty of one reading, u_link_mm of the link's set length, which all
-    readings share; expected: numbers of the targets that were to be measured.
+    """radius_mm: nominal; u_mm: standard uncertainty of one gauge reading, 0 for readings that are exact (simulated
+    ones); u_link_mm of the link's set length; expected: numbers of the targets that were to be measured;
+    orientations: how many there were to be of each.
 
-    figures: radius_mm and centre_x_mm, _y, _z (from the ball) of the least-squares sphere, band_mm about it;
-    held_radius_mm and held_band_mm with the centre held at the ball; spread_mm and spread_mean_mm, largest and mean
-    range over orientations where there are several; ap_mm, largest |mean g| of a target (ISO 9283 AP along the
-    radius); where targets were visited three times, rp_mm and rp_mean_mm. Raises FileError.
+    figures: radius_mm and centre_x_mm, _y, _z (from the ball) of the least-squares sphere, without those that the
+    targets do not determine, band_mm about it; held_radius_mm and held_band_mm with the centre held at the ball;
+    spread_mm and spread_mean_mm, largest and mean range over orientations where there are several; ap_mm, largest
+    |mean g| of a target (ISO 9283 AP along the radius); where targets were visited three times, rp_mm and rp_mean_mm.
+    Raises FileError.
     """
     hold_radius(where, radius_mm)
     _hold(table, radius_mm, where)
     cells = _cells(table, where)
-    points = (radius_mm + _mean(cells.by_orientation))[:, None] * cells.direction
-    _hold_sphere(points, where)
+    measured = cells.by_orientation
+    if len(measured) < _FEWEST:
+        what = f"has {len(measured)} targets, too few for a sphere"
+        raise FileError(where, what, f"measure at least {_FEWEST}, well apart")
     readings = (radius_mm + cells.by_visit)[..., None] * cells.direction[:, None, :]
     far = far_off(readings)
     used = cells.only(~far)
+    scatter = None
+    if u_mm > 0:
+        level = SphereLevel(used.direction, measured.shape[1])
+        scatter = scatter_of(used.g_mm, u_mm, used.t_s if _has_time(table.t_s) or used.rounds else None, level)
+        measured[~far] = np.where(np.isfinite(measured[~far]), scatter.best_mm, np.nan)
+    points = (radius_mm + _mean(measured))[:, None] * cells.direction
     free = free_sphere(points[~far])
-    scatter, freedom = pooled_sd(used.g_mm.reshape(-1, used.g_mm.shape[-1], 1))
-    u = max(u_mm, scatter)
-    values, draws = _drawn(used, free, radius_mm, u, u_link_mm)
+    figures = _figures(used, measured[~far], free, scatter, radius_mm, u_link_mm)
+    notes = (
+        _missing(cells, expected, orientations)
+        + _left_out(cells, far, readings, free)
+        + _unknown(free)
+        + assumed(scatter)
+    )
+    spread = np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1)
     samples = int(np.isfinite(used.g_mm).sum())
-    figures = figures_of(values, draws, samples, {name: values[name] for name in _RANGES & values.keys()})
-    figures |= _repeatability(used, scatter, freedom)
-    means = cells.by_orientation
-    notes = _missing(cells, expected) + _left_out(cells, far, readings, free)
-    spread = np.nanmax(means, axis=1) - np.nanmin(means, axis=1)
-    return Radial(cells, spread, ~far, points, free, figures, samples, notes)
+    return Radial(cells, spread, ~far, points, free, scatter, figures, samples, notes)
 
 
-def _drawn(
-    cells: Cells, free: Sphere, radius_mm: float, u: float, u_link_mm: float
-) -> tuple[dict[str, float], dict[str, Array]]:
-    """The figures, and m draws (m,) of each about the readings. The sphere answers to noise by its slopes."""
+def _figures(
+    cells: Cells, best: Array, free: Sphere, scatter: Scatter | None, radius_mm: float, u_link_mm: float
+) -> dict[str, Quantity]:
+    samples = int(np.isfinite(cells.g_mm).sum())
+    plain = {name: float(value[0]) for name, value in _plain(best[None], best, free, radius_mm).items()}
+    if scatter is None:
+        return {name: Quantity(value, 0.0, "mm", samples) for name, value in plain.items()}
     rng = np.random.default_rng(SEED)
-    visits = np.isfinite(cells.g_mm).sum(axis=-1)
-    there = visits > 0
-    u_cell = np.where(there, u / np.sqrt(np.maximum(visits, 1)), np.nan)
-    noise = np.concatenate([np.zeros((1, *u_cell.shape)), rng.standard_normal((DRAWS, *u_cell.shape))]) * u_cell
-    link = np.append(0.0, rng.normal(0.0, u_link_mm, DRAWS))
-    by_orientation = cells.by_orientation + noise
-    shift = _mean(noise)  # (m + 1, t) of each target's mean
-    answer = shift @ np.linalg.pinv(free.design).T
-    residual = free.residual + shift - answer @ free.design.T
-    distance = radius_mm + _mean(by_orientation)
-    every = {
-        "radius_mm": free.radius + answer[:, 3] + link,
-        "centre_x_mm": free.centre[0] + answer[:, 0],
-        "centre_y_mm": free.centre[1] + answer[:, 1],
-        "centre_z_mm": free.centre[2] + answer[:, 2],
+    u_length = np.hypot(scatter.drifted_mm / np.sqrt(2.0), u_link_mm)
+    length = rng.normal(0.0, u_length, len(scatter.cell_mm))
+    drawn = _plain(np.where(np.isfinite(best), scatter.cell_mm, np.nan), best, free, radius_mm, length)
+    values = {name: float(drawn[name].mean()) if name in _RANGES else value for name, value in plain.items()}
+    figures = {name: Quantity(value, half_width(drawn[name] - value), "mm", samples) for name, value in values.items()}
+    figures = {name: replace(figure, noise=scatter.noise) for name, figure in figures.items()}
+    return figures | _repeatability(cells, scatter)
+
+
+def _plain(
+    cell_mm: Array, best: Array, free: Sphere, radius_mm: float, length_mm: Array | float = 0.0
+) -> dict[str, Array]:
+    """The figures (m,) of draws cell_mm (m, t, o) of the readings about those of the sphere, best (t, o); length_mm
+    (m,) is added to every distance. The sphere answers to what the draws differ by with its slopes."""
+    length = np.broadcast_to(length_mm, len(cell_mm))
+    mean = _mean(cell_mm)
+    moved = mean - _mean(best)
+    answer = moved @ free.slopes.T
+    residual = free.residual + moved - answer @ free.design.T
+    sphere = np.append(free.centre, free.radius) + answer
+    sphere[:, 3] += length
+    figures = {name: sphere[:, column] for column, name in enumerate(PARAMETERS) if name not in free.unknown}
+    figures |= {
         "band_mm": np.ptp(residual, axis=1),
-        "held_radius_mm": distance.mean(axis=1) + link,
-        "held_band_mm": np.ptp(distance, axis=1),
-        "ap_mm": np.abs(distance + link[:, None] - radius_mm).max(axis=1),
+        "held_radius_mm": radius_mm + mean.mean(axis=1) + length,
+        "held_band_mm": np.ptp(mean, axis=1),
+        "ap_mm": np.abs(mean + length[:, None]).max(axis=1),
     }
-    if cells.g_mm.shape[1] > 1:
-        spread = np.nanmax(by_orientation, axis=-1) - np.nanmin(by_orientation, axis=-1)
-        every |= {"spread_mm": spread.max(axis=1), "spread_mean_mm": spread.mean(axis=1)}
-    return {name: float(draws[0]) for name, draws in every.items()}, {name: draws[1:] for name, draws in every.items()}
+    several = np.isfinite(best).sum(axis=1) > 1
+    if several.any():
+        spread = np.nanmax(cell_mm[:, several], axis=2) - np.nanmin(cell_mm[:, several], axis=2)
+        figures |= {"spread_mm": spread.max(axis=1), "spread_mean_mm": spread.mean(axis=1)}
+    return figures
 
 
-def _repeatability(cells: Cells, scatter: float, freedom: int) -> dict[str, Quantity]:
+def _repeatability(cells: Cells, scatter: Scatter) -> dict[str, Quantity]:
     """RP along the radius where there are three visits or more; its uncertainty as in the repeatability test."""
-    x = cells.g_mm.reshape(-1, cells.g_mm.shape[-1])
-    x = x[np.isfinite(x).sum(axis=1) >= 3]
-    if len(x) == 0 or freedom == 0:
+    often = np.isfinite(cells.g_mm).sum(axis=-1) >= _RP_VISITS
+    if not often.any():
         return {}
-    noise = scatter * np.random.default_rng(SEED).standard_normal((DRAWS, *x.shape))
-    drawn, found = rp(np.where(np.isfinite(x), noise, np.nan)[..., None]), rp(x[..., None])
-    values = {"rp_mm": float(found.max()), "rp_mean_mm": float(found.mean())}
-    draws = {"rp_mm": drawn.max(axis=1), "rp_mean_mm": drawn.mean(axis=1)}
-    return figures_of(values, draws, int(np.isfinite(x).sum()))
+    x = np.where(often[..., None], cells.g_mm - scatter.drift_mm, np.nan)
+
+    def largest_and_mean(readings: Array) -> dict[str, Array]:
+        found = rp(readings[..., often, :, None])
+        return {"rp_mm": found.max(axis=-1), "rp_mean_mm": found.mean(axis=-1)}
+
+    return of_scatter(largest_and_mean, x, scatter)
 
 
 def _cells(table: RadialTable, where: str) -> Cells:
@@ -162,13 +204,24 @@ def _cells(table: RadialTable, where: str) -> Cells:
     if moved.any():
         target = int(table.target[np.argmax(moved)])
         raise FileError(where, f"target {target} has two directions", "give each target one polar and one azimuth")
-    visits: dict[tuple[int, int], list[float]] = {}
-    for place, g in zip(zip(row.tolist(), column.tolist(), strict=True), table.g_mm.tolist(), strict=True):
-        visits.setdefault(place, []).append(g)
+    visits: dict[tuple[int, int], list[int]] = {}
+    for k, place in enumerate(zip(row.tolist(), column.tolist(), strict=True)):
+        visits.setdefault(place, []).append(k)
     g_mm = np.full((len(targets), len(orientations), max(map(len, visits.values()))), np.nan)
-    for (target, orientation), readings in visits.items():
-        g_mm[target, orientation, : len(readings)] = readings
-    return Cells(targets, first, g_mm)
+    t_s, times = g_mm.copy(), _times(table.t_s)
+    for (target, orientation), rows in visits.items():
+        g_mm[target, orientation, : len(rows)] = table.g_mm[rows]
+        t_s[target, orientation, : len(rows)] = times[rows]
+    return Cells(targets, first, g_mm, t_s)
+
+
+def _times(t_s: Array) -> Array:
+    """Times (n,) of the rows; of a table without time, their numbers."""
+    return t_s if _has_time(t_s) else np.arange(len(t_s), dtype=float)
+
+
+def _has_time(t_s: Array) -> bool:
+    return bool(np.ptp(t_s) > 0)
 
 
 def _direction(polar: Array, azimuth: Array) -> Array:
@@ -184,7 +237,7 @@ def _mean(x: Array) -> Array:
     return values
 
 
-def _missing(cells: Cells, expected: Collection[int]) -> tuple[str, ...]:
+def _missing(cells: Cells, expected: Collection[int], orientations: int) -> tuple[str, ...]:
     notes = []
     wanted = set(expected) or set(range(1, int(cells.target.max()) + 1))
     missing = sorted(wanted - set(cells.target.tolist()))
@@ -193,6 +246,9 @@ def _missing(cells: Cells, expected: Collection[int]) -> tuple[str, ...]:
     partial = cells.target[np.isnan(cells.by_orientation).any(axis=1)].tolist()
     if partial:
         notes.append(f"target {listed(partial)} without all {cells.g_mm.shape[1]} orientations")
+    have = cells.g_mm.shape[1]
+    if have < orientations:
+        notes.append(f"{have} of {orientations} orientations measured{': no range over them' if have == 1 else ''}")
     return tuple(notes)
 
 
@@ -207,6 +263,13 @@ def _left_out(cells: Cells, far: NDArray[np.bool_], readings: Array, free: Spher
     )
 
 
+def _unknown(free: Sphere) -> tuple[str, ...]:
+    if not free.unknown:
+        return ()
+    what = f"{', '.join(free.unknown)} left out: these targets, near one plane or place, do not determine them"
+    return (f"{what}; measure at more polar angles",)
+
+
 def _hold(table: RadialTable, radius_mm: float, where: str) -> None:
     if len(table.g_mm) == 0:
         raise FileError(where, "has no rows", "give a table with readings")
@@ -219,17 +282,4 @@ def _hold(table: RadialTable, radius_mm: float, where: str) -> None:
             where,
             f"a reading of {table.g_mm[np.argmax(np.abs(table.g_mm))]:g} mm is no deviation from {radius_mm:g} mm",
             "give g1_mm as the distance less the link's set length",
-        )
-
-
-def _hold_sphere(points: Array, where: str) -> None:
-    if len(points) < _FEWEST:
-        raise FileError(
-            where, f"has {len(points)} targets, too few for a sphere", f"measure at least {_FEWEST}, well apart"
-        )
-    if not conditioned(points):
-        raise FileError(
-            where,
-            "the targets lie near one circle or place, which tells no sphere",
-            "measure targets at different polar angles too",
         )

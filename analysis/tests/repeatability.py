@@ -1,11 +1,10 @@
 """Repeatability test: how the distance scatters where a target is approached again, from one side and from both.
 
 After Oh 2019, section 2.3 and figure 15 (ranges), ISO 9283 (RP) and ISO 230-2 (R, B). The scatter is what is
-measured, and a few readings a side show it badly: the uncertainty of a figure is how much it would vary if
-the whole test were done again on the same robot. It is the spread of the same figure over Monte Carlo draws from
-the normal model: each side of each target about its mean, with the standard deviation pooled over all of them
-(at least the gauge's own). So a figure is compared with its expectation for this number of readings and
-targets. The largest of ranges grows with both; 4 s does not.
+measured, and a few readings a side show it badly: the uncertainty of a figure is how far it may lie from its
+expectation, were the whole test done again and again on the same robot. Each target scatters in its own way, with tails
+(`analysis.noise.targets`); 2 u holds 95 % of such tests. So a figure is compared with its expectation for this
+number of readings and targets. The largest of ranges grows with both; 4 s does not.
 """
 
 from __future__ import annotations
@@ -15,17 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.noise.spectrum import DRAWS
+from analysis.noise.targets import scatter_of
 from analysis.reading.tables import Integers, RepeatabilityTable
-from analysis.reporting.quantity import Quantity, from_draws
+from analysis.reporting.quantity import Quantity
 from analysis.tests.checks import hold_alive, hold_numbers, listed
-from analysis.tests.curve import SEED
-from analysis.tests.standards import RANGE_VISITS, RP_VISITS, pooled_sd, reversal, rp
+from analysis.tests.repeated import assumed, exact, of_scatter
+from analysis.tests.standards import RANGE_VISITS, RP_VISITS, reversal, rp
 from rigs.errors import FileError
 
 SIDES = ("out", "in")
-_UNEQUAL = 1e-4
-"""Below this probability (Bartlett) the scatter is told to differ between targets."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,7 @@ class Repeatability:
 
 
 def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatability run") -> Repeatability:
-    """u_mm: standard uncertainty of one gauge reading.
+    """u_mm: standard uncertainty of one gauge reading, 0 for readings that are exact (simulated ones).
 
     figures: uni_mm and bi_mm, the largest range within one side and over both; uni_mean_mm, bi_mean_mm over the
     targets; rp_mm and rp_mean_mm (ISO 9283, within one side); r_out_mm (↓), r_in_mm (↑), r_mm, reversal_mm (largest
@@ -48,15 +45,9 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     """
     _hold(table, where)
     targets, x, notes = _sides(table, where)
-    sd, freedom = pooled_sd(x[..., None])
-    sd = max(sd, u_mm)
-    rng = np.random.default_rng(SEED)
-    noise = sd * rng.standard_normal((DRAWS, *x.shape))
-    drawn = plain_figures(np.where(np.isfinite(x), np.nanmean(x, axis=-1, keepdims=True) + noise, np.nan))
-    samples = int(np.isfinite(x).sum())
-    figures = {name: from_draws(float(value), drawn[name], "mm", samples) for name, value in plain_figures(x).items()}
-    notes += _few(x) + _unequal(x, freedom)
-    return Repeatability(targets, x, figures, samples, notes)
+    scatter = scatter_of(x, u_mm) if u_mm > 0 else None
+    figures = of_scatter(plain_figures, x, scatter) if scatter else exact(plain_figures, x)
+    return Repeatability(targets, x, figures, int(np.isfinite(x).sum()), notes + _few(x) + assumed(scatter))
 
 
 def plain_figures(x: Array) -> dict[str, Array]:
@@ -114,17 +105,6 @@ def _few(x: Array) -> tuple[str, ...]:
         if least < count
     ]
     return (f"{least} readings a side; {', '.join(asked)}",) if asked else ()
-
-
-def _unequal(x: Array, freedom: int) -> tuple[str, ...]:
-    from scipy.stats import bartlett  # noqa: PLC0415 - slow to import, needed here only
-
-    sides = [side[np.isfinite(side)] for side in x.reshape(-1, x.shape[-1])]
-    if len(sides) < 2 or freedom < 4 or min(np.ptp(side) for side in sides) == 0:
-        return ()
-    if bartlett(*sides).pvalue > _UNEQUAL:
-        return ()
-    return ("the scatter differs between targets or sides: the uncertainties, which pool it, are too small",)
 
 
 def _hold(table: RepeatabilityTable, where: str) -> None:

@@ -17,42 +17,45 @@ from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
 
+PARAMETERS = ("centre_x_mm", "centre_y_mm", "centre_z_mm", "radius_mm")
+"""Of a sphere, in the order of the columns of its design."""
 _GROSS_MM = 2.0
 """More than the largest play that the paper reports (Oh 2019, figure 15: 1.567 mm)."""
 _SPREADS = 10.0
 _MOST = 0.1
 _FEWEST = 6
+_WEAK = 0.01
+"""Directions of the parameters whose singular value is below this share of the largest are not determined."""
+_STEPS, _ROBUST_STEPS = 6, 30
+"""Gauss-Newton on a sphere whose points lie within a hundredth of it converges in three; reweighting takes longer."""
 
 
 @dataclass(frozen=True)
 class Sphere:
     """centre (3,) mm; radius mm; residual (n,) mm: distance of each point from the centre less the radius;
-    design (n, k): slope of each distance by the k fitted parameters, the radius last."""
+    slopes (4, n): what each of `PARAMETERS` answers to each distance; design (n, 4): the reverse; unknown: names of
+    those parameters that these points do not determine, which stay near their start."""
 
     centre: Array
     radius: float
     residual: Array
+    slopes: Array
     design: Array
+    unknown: tuple[str, ...]
 
 
 def free_sphere(points: Array) -> Sphere:
     """Through points (n, 3) mm, centre and radius free (geometric distance, Gauss-Newton)."""
-    from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, needed here only
-
-    def misfit(x: Array) -> Array:
-        return _off(points, x)
-
-    def slope(x: Array) -> Array:
-        return _design(points, x[:3])
-
-    found = least_squares(misfit, _start(points), jac=slope, method="lm")
-    return Sphere(found.x[:3], float(found.x[3]), misfit(found.x), -_design(points, found.x[:3]))
+    x = _start(points)
+    for _ in range(_STEPS):
+        x = x + _slopes(_design(points, x[:3])) @ _off(points, x)
+    design = _design(points, x[:3])
+    return Sphere(x[:3], float(x[3]), _off(points, x), _slopes(design), design, _unknown(design))
 
 
 def conditioned(points: Array) -> bool:
     """Whether points (n, 3) tell centre and radius apart: not all near one circle or one place."""
-    values = np.linalg.svd(_design(points, np.zeros(3)), compute_uv=False)
-    return bool(values[-1] > 0.01 * values[0])
+    return not _unknown(_design(points, np.zeros(3)))
 
 
 def far_off(points: Array) -> NDArray[np.bool_]:
@@ -67,19 +70,14 @@ def far_off(points: Array) -> NDArray[np.bool_]:
 
 
 def _off_robust(points: Array) -> Array:
-    """Distance (t, o) mm of each reading from a sphere that a few bad ones barely move."""
-    from scipy.optimize import least_squares  # noqa: PLC0415
-
+    """Distance (t, o) mm of each reading from a sphere that a few bad ones barely move: soft_l1 by reweighting."""
     there = points[np.isfinite(points).all(axis=-1)]
-
-    def misfit(x: Array) -> Array:
-        return _off(there, x)
-
-    robust = np.append(np.zeros(3), np.median(np.linalg.norm(there, axis=1)))
-    for _ in range(3):
-        scale = max(_spread(misfit(robust)), 1e-6)
-        robust = least_squares(misfit, robust, loss="soft_l1", f_scale=scale, x_scale=[1.0, 1.0, 1.0, 1.0]).x
-    return _off(points, np.asarray(robust))
+    x = np.append(np.zeros(3), np.median(np.linalg.norm(there, axis=1)))
+    for _ in range(_ROBUST_STEPS):
+        off, design = _off(there, x), _design(there, x[:3])
+        root = (1 + (off / max(_spread(off), 1e-6)) ** 2) ** -0.25
+        x = x + _slopes(design * root[:, None]) @ (off * root)
+    return _off(points, x)
 
 
 def _off(points: Array, x: Array) -> Array:
@@ -89,10 +87,20 @@ def _off(points: Array, x: Array) -> Array:
 
 
 def _design(points: Array, centre: Array) -> Array:
-    """Slope (n, 4) of distance less radius by centre and radius."""
+    """Slope (n, 4) of each point's distance from a sphere's surface by its centre and radius, as it moves outwards."""
     line = points - centre
     unit = line / np.linalg.norm(line, axis=1)[:, None]
-    return np.concatenate([-unit, -np.ones((len(points), 1))], axis=1)
+    return np.concatenate([unit, np.ones((len(points), 1))], axis=1)
+
+
+def _slopes(design: Array) -> Array:
+    return np.asarray(np.linalg.pinv(design, rcond=_WEAK), dtype=float)
+
+
+def _unknown(design: Array) -> tuple[str, ...]:
+    _, s, V = np.linalg.svd(design, full_matrices=False)
+    share = (V[s < _WEAK * s[0]] ** 2).sum(axis=0)
+    return tuple(name for name, hidden in zip(PARAMETERS, share, strict=True) if hidden > _WEAK)
 
 
 def _start(points: Array) -> Array:

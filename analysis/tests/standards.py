@@ -20,17 +20,6 @@ def rp(x: Array) -> Array:
     return value
 
 
-def pooled_sd(x: Array) -> tuple[float, int]:
-    """Standard deviation within groups x (..., n, d), NaN where there is none, for one coordinate; and its
-    degrees of freedom in n (0 where no group has two)."""
-    counts = np.isfinite(x[..., 0]).sum(axis=-1)
-    freedom = int((counts - 1).clip(min=0).sum())
-    if freedom == 0:
-        return 0.0, 0
-    away = x - np.nanmean(x, axis=-2, keepdims=True)
-    return float(np.sqrt(np.nansum(away**2) / (freedom * x.shape[-1]))), freedom
-
-
 def reversal(x: Array) -> dict[str, Array]:
     """ISO 230-2 figures (...,) of readings x (..., targets, 2, n), the sides ↓ (from outside) and ↑ (from inside),
     NaN where there is none: R↓, R↑, R, largest B without sign, mean B = mean of x̄↑ - x̄↓."""

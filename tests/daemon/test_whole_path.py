@@ -75,7 +75,7 @@ def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path: Path) -> No
 @pytest.mark.parametrize("test", ["radial", "repeatability"])
 def test_a_program_that_stops_at_targets_becomes_its_table(tmp_path: Path, test: str) -> None:
     data = yaml.safe_load(rig_text("keyence"))
-    data["tests"]["hemisphere"] |= {"step_deg": 90, "orientations": 1}
+    data["tests"]["hemisphere"] |= {"step_deg": 90, "orientations": 1, "visits": 1}
     data["tests"]["repeatability"] = {"targets": [1, 3], "rounds": 1}
     data["effects"] = [{"effect": "backlash", "axis": 1, "width_deg": 0.05}]
     text = yaml.safe_dump(data)

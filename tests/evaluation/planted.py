@@ -162,8 +162,7 @@ def true_radial(table: RadialTable) -> np.ndarray:
 
 def radial_case() -> Case:
     once = hemisphere()
-    # The largest accuracy there is: noise-free readings, whose figures need no correction.
-    nothing = radial.evaluate(with_readings(once, true_radial(once)), 400.0, 1e-9)
+    nothing = radial.evaluate(with_readings(once, true_radial(once)), 400.0, 0.0)
     truth = {name: figure.value for name, figure in nothing.figures.items()}
     scatter, many = 0.005, hemisphere(visits=3)
     x = scatter * np.random.default_rng(3).standard_normal((4000, 37 * 3, 3))
@@ -177,14 +176,16 @@ def radial_case() -> Case:
     return truth, measure
 
 
-def radial_gauge_only_case() -> Case:
+def radial_one_visit_case() -> Case:
+    """Each target with a scatter of its own from the table of real cells, and nothing that shows it."""
     once = hemisphere()
-    nothing = radial.evaluate(with_readings(once, true_radial(once)), 400.0, 1e-9)
+    nothing = radial.evaluate(with_readings(once, true_radial(once)), 400.0, 0.0)
     truth = {name: figure.value for name, figure in nothing.figures.items()}
 
     def measure(rng: np.random.Generator) -> Figures:
-        g = true_radial(once) + rng.normal(0, 0.002, len(once.g_mm)) + rng.normal(0, 0.001)
-        return radial.evaluate(with_readings(once, g), 400.0, 0.002, u_link_mm=0.001).figures
+        sd = np.exp(rng.uniform(np.log(0.003), np.log(0.06), 38))[once.target]
+        g = true_radial(once) + sd * rng.standard_normal(len(sd)) + rng.normal(0, 0.01)
+        return radial.evaluate(with_readings(once, g), 400.0, 0.002, u_link_mm=0.01).figures
 
     return truth, measure
 
@@ -204,14 +205,15 @@ def repeatability_table(g: np.ndarray) -> RepeatabilityTable:
 
 
 def repeatability_case() -> Case:
-    B, sd = np.random.default_rng(8).uniform(0.2, 1.4, 12), 0.06
+    B = np.random.default_rng(8).uniform(0.2, 1.4, 12)
+    sd = np.exp(np.random.default_rng(10).uniform(np.log(0.003), np.log(0.06), 12))[:, None, None]
     mean = np.stack([-B / 2, B / 2], axis=1)[:, None, :]
-    many = np.swapaxes(mean + np.random.default_rng(9).normal(0, sd, (8000, 12, 3, 2)), -1, -2)
+    many = np.swapaxes(mean + sd * np.random.default_rng(9).standard_t(4, (8000, 12, 3, 2)), -1, -2)
     truth = {name: float(values.mean()) for name, values in repeatability.plain_figures(many).items()}
     truth["reversal_mean_mm"] = float(B.mean())
 
     def measure(rng: np.random.Generator) -> Figures:
-        return repeatability.evaluate(repeatability_table(mean + rng.normal(0, sd, (12, 3, 2))), 0.0005).figures
+        return repeatability.evaluate(repeatability_table(mean + sd * rng.standard_t(4, (12, 3, 2))), 0.0005).figures
 
     return truth, measure
 
@@ -263,7 +265,7 @@ def pose_case() -> Case:
     turns = np.degrees(clean.rotation[:, None] + np.random.default_rng(13).normal(0, u_rad, (3000, 60, 3, 3)))
     truth = {name: figure.value for name, figure in clean.figures.items()} | {"repeat_mm": scatter}
     for plain, x in ((pose._place_figures, groups), (pose._turn_figures, turns)):
-        truth |= {name: float(values.mean()) for name, values in plain(x).items()}
+        truth |= {name: float(values.mean()) for name, values in plain(np.swapaxes(x, -1, -2)).items()}
     # The scatter of the visits is an error of the poses too: it adds to the rms of so many lengths.
     lengths = pose._lengths(groups.reshape(3000, -1, 3))
     truth |= {name: float(values.mean()) for name, values in lengths.items()}
@@ -279,7 +281,7 @@ CASES: dict[str, Callable[[], Case]] = {
     "circularity": circularity_case,
     "pair": pair_case,
     "radial, three visits": radial_case,
-    "radial, one visit": radial_gauge_only_case,
+    "radial, one visit": radial_one_visit_case,
     "repeatability": repeatability_case,
     "pose": pose_case,
 }

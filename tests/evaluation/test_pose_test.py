@@ -50,7 +50,8 @@ def test_a_planted_set_up_is_found_and_leaves_nothing() -> None:
     np.testing.assert_allclose(result.setup.T_flange_tool, tool, atol=1e-6)
     assert result.figures["rms_mm"].value < 1e-6
     assert result.figures["rms_deg"].value < 1e-6
-    assert result.notes == ("no pose was visited twice: no repeatability",)
+    assert result.notes == ("no pose was visited twice: no repeatability; the instrument's uncertainty is assumed",)
+    assert {figure.noise for figure in result.figures.values()} == {"assumed"}
 
 
 def test_an_error_is_measured_less_fitted_in_the_arms_base() -> None:
@@ -107,7 +108,7 @@ def test_a_tool_that_never_turns_is_told_to_hide_the_base() -> None:
 
 
 def test_visits_are_grouped_and_judged_by_iso_9283() -> None:
-    x = np.array([[[0.0, 0, 1], [0, 0, 2], [0, 0, 3]]])
+    x = np.array([[[0.0, 0, 0], [0, 0, 0], [1, 2, 3]]])
     figures = pose._place_figures(x)
     assert figures["ap_mm"] == pytest.approx(2.0)
     assert figures["rp_mm"] == pytest.approx(2 / 3 + 3 * np.std([1, 0, 1], ddof=1))
@@ -122,7 +123,7 @@ def test_visits_are_grouped_and_judged_by_iso_9283() -> None:
 def test_stacked_groups_give_what_each_gives() -> None:
     """Monte Carlo stacks groups along a leading axis; figures must not mix the draws."""
     x = np.random.default_rng(1).normal(0, 1, (7, 5, 3, 3))
-    x[:, 2, 2] = np.nan
+    x[:, 2, :, 2] = np.nan
     for plain in (pose._place_figures, pose._turn_figures):
         for name, values in plain(x).items():
             np.testing.assert_allclose(values, [plain(one)[name] for one in x], err_msg=name)

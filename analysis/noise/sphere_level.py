@@ -1,0 +1,97 @@
+"""How the readings of a hemisphere hang together: sphere + tilt + error of the target + error of the orientation.
+
+A tilt of the tool shifts all targets alike (a wrong TCP does); errors of targets and of single orientations are the
+robot's and have widths of their own, found with everything else. What a cell (target, orientation) is worth is then
+drawn from its readings and from its neighbours in the model, which is what keeps ranges over noisy cells from being too
+large: a `Level` of `analysis.noise.targets`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+
+_LEAST_MM2 = 1e-12
+"""Variance of errors that are as good as nothing: (1 nm)²."""
+
+
+class SphereLevel:
+    """Per chain: tilt (m, o), target (m, t) less the sphere and tilt, variances of both kinds of error (m,)."""
+
+    def __init__(self, direction: Array, orientations: int) -> None:
+        """direction (t, 3): unit vectors to the targets; orientations: how many there are of each."""
+        design = np.column_stack([direction, np.ones(len(direction))])
+        basis, s, _ = np.linalg.svd(design, full_matrices=False)
+        self._basis = basis[:, s > 1e-6 * s[0]] * np.sqrt(len(direction))
+        self._alone = orientations == 1
+        self._begun = False
+        self._tilt: Array
+        self._target: Array
+        self._target_mm2: Array
+        self._orientation_mm2: Array
+
+    def __call__(self, rng: np.random.Generator, weight: Array, mean: Array) -> tuple[Array, Array]:
+        """Expected values and draws (m, t, o) of the cells, from their weights and weighted means (m, t, o)."""
+        if not self._begun:
+            self._begin(weight, mean)
+        across, along = self._orientation_mm2[:, None, None], self._target_mm2[:, None]
+        precision = weight / (1 + weight * across)
+        self._tilt_from(rng, precision, mean)
+        level = mean - self._tilt[:, None, :]
+        of_target = precision.sum(axis=2)
+        seen = (precision * level).sum(axis=2) / np.maximum(of_target, 1e-300)
+        sphere, moved = self._sphere(rng, of_target / (1 + of_target * along), seen)
+        held = 1 / along
+        total = of_target + held
+        target = (of_target * seen + held * sphere) / total
+        shifted = held * moved / total + rng.standard_normal(target.shape) / np.sqrt(total)
+        held = 1 / across
+        total = weight + held
+        best = (weight * mean + held * (target[..., None] + self._tilt[:, None, :])) / total
+        cell = best + held * shifted[..., None] / total + rng.standard_normal(best.shape) / np.sqrt(total)
+        self._target = target + shifted
+        own = cell - self._target[..., None] - self._tilt[:, None, :]
+        self._widths(rng, self._target - sphere - moved, own * (weight > 0), weight)
+        return best, cell
+
+    def _begin(self, weight: Array, mean: Array) -> None:
+        """From plain means, the noise that is in them taken off as far as it is known yet."""
+        there = weight > 0
+        self._target = (weight * mean).sum(axis=2) / weight.sum(axis=2)
+        self._tilt = np.zeros((len(weight), weight.shape[2]))
+        away = mean - self._target[..., None]
+        self._orientation_mm2 = np.full(len(weight), _LEAST_MM2)
+        if not self._alone:
+            excess = (weight * away**2).sum(axis=(1, 2)) - (there.sum(axis=2) - 1).clip(min=0).sum(axis=1)
+            self._orientation_mm2 = np.maximum(excess / weight.sum(axis=(1, 2)), _LEAST_MM2)
+        left = self._target - self._target @ self._basis @ self._basis.T / len(self._basis)
+        self._target_mm2 = np.maximum((left**2).mean(axis=1), _LEAST_MM2)
+        self._begun = True
+
+    def _tilt_from(self, rng: np.random.Generator, precision: Array, mean: Array) -> None:
+        """Zero in the mean over the orientations; what they share is the targets'."""
+        if self._alone:
+            return
+        total = precision.sum(axis=1)
+        best = (precision * (mean - self._target[..., None])).sum(axis=1) / total
+        tilt = best + rng.standard_normal(best.shape) / np.sqrt(total)
+        self._tilt = tilt - tilt.mean(axis=1, keepdims=True)
+
+    def _sphere(self, rng: np.random.Generator, precision: Array, seen: Array) -> tuple[Array, Array]:
+        """The sphere's distance (m, t) at the targets, and by how much a draw of it differs."""
+        size = self._basis.shape[1]
+        pairs = (self._basis[:, :, None] * self._basis[:, None, :]).reshape(-1, size * size)
+        normal = (precision @ pairs).reshape(-1, size, size)
+        best = np.linalg.solve(normal, ((precision * seen) @ self._basis)[..., None])
+        kick = np.linalg.cholesky(np.linalg.inv(normal)) @ rng.standard_normal(best.shape)
+        return best[..., 0] @ self._basis.T, kick[..., 0] @ self._basis.T
+
+    def _widths(self, rng: np.random.Generator, target: Array, orientation: Array, weight: Array) -> None:
+        """Variances from errors (m, t) and (m, t, o), their roots equally likely anywhere beforehand."""
+        count = target.shape[1]
+        chi2 = rng.chisquare(max(count - 1, 1), len(target))
+        self._target_mm2 = np.maximum((target**2).sum(axis=1) / chi2, _LEAST_MM2)
+        if not self._alone:
+            chi2 = rng.chisquare(max(int((weight[0] > 0).sum()) - 1, 1), len(target))
+            self._orientation_mm2 = np.maximum((orientation**2).sum(axis=(1, 2)) / chi2, _LEAST_MM2)

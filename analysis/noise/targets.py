@@ -1,0 +1,231 @@
+"""Scatter at targets: what readings of the same targets say of their noise, each target its own, with tails.
+
+The model. Reading r of cell c (an orientation, a side of approach, a coordinate) of target t is
+
+    g = m_tc + drift(time) + e,   e ~ sigma_t × Student t with nu degrees of freedom,
+    sigma_t² ~ d0 s0² / χ²(d0).
+
+The last line moderates the variances (Smyth, Stat. Appl. Genet. Mol. Biol. 3, 2004): a target read twice borrows from
+the others as much as those agree (d0). nu lets heavy tails and outliers be what they are. All of it is drawn together
+by Gibbs sampling, many short chains side by side, so that what is not known of the noise is in every uncertainty.
+How the cells of a target are related is the test's: a test gives a `Level`, which draws them.
+
+Where nothing is read twice, s0 stays in the range of real cells (`cell.TARGET_MM`): the scatter is assumed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.noise.cell import DRIFT_MM_PER_S, TARGET_MM, NoiseSource
+
+_SEED = 0
+"""Fixed, so that the same run gives the same report."""
+_CHAINS, _FEWEST_CHAINS = 64, 16
+_ELEMENTS = 2_000_000
+"""Readings times chains: tables of many thousand readings take fewer chains, and need fewer."""
+_SWEEPS, _KEPT, _EVERY = 16, 4, 2
+"""Sweeps of every chain, and how many of its last states are kept, so many sweeps apart."""
+_TAILS = np.array([2.2, 3.0, 5.0, 10.0, 50.0])
+"""Degrees of freedom of Student's t that are possible, equally likely beforehand; 50 is a normal law."""
+_AGREEMENT = np.array([1.0, 1.5, 2.5, 4.0, 8.0, 16.0, 64.0])
+"""Possible d0. 1.5 is a log-uniform spread of factor 20, as in `TARGET_MM`; 64 is the same scatter at all targets."""
+_MEASURED_FREEDOM = 3
+"""Below so many degrees of freedom a scatter is as good as not measured."""
+_LEAST_MM = 1e-6
+_FIRST_D0 = 2.0
+"""For the variances at which the chains start."""
+_DRIFT_DEGREE = 3
+
+Level = Callable[[np.random.Generator, Array, Array], tuple[Array, Array]]
+"""From weights and weighted means (m, t, k) of the cells: their expected values and a draw of them, (m, t, k) both."""
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """m draws. sd_mm (m, t) of the scatter of one reading; tail (m,) its degrees of freedom; best_mm (t, k): expected
+    values of the cells, cell_mm (m, t, k): draws of them, at the middle of the run; drift_mm (t, k, n): expected drift
+    of each reading since then; drifted_mm: root mean square of the drift between the start and then."""
+
+    sd_mm: Array
+    tail: Array
+    best_mm: Array
+    cell_mm: Array
+    drift_mm: Array
+    drifted_mm: float
+    noise: NoiseSource
+
+    def again(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+        """Scatter (m, t, *shape) mm of further readings of the same targets."""
+        wide = (len(self.tail), 1) + (1,) * len(shape)
+        size = self.sd_mm.shape + shape
+        chi2 = 2.0 * rng.standard_gamma(np.broadcast_to(self.tail.reshape(wide) / 2, size))
+        t = rng.standard_normal(size) / np.sqrt(chi2 / self.tail.reshape(wide))
+        sd = self.sd_mm.reshape(self.sd_mm.shape + (1,) * len(shape))
+        values: Array = sd * t
+        return values
+
+
+def separate(rng: np.random.Generator, weight: Array, mean: Array) -> tuple[Array, Array]:
+    """A `Level` for cells that have nothing to do with each other."""
+    return mean, mean + rng.standard_normal(mean.shape) / np.sqrt(np.maximum(weight, 1e-12))
+
+
+def freedom_of(readings_mm: Array) -> int:
+    """Degrees of freedom within the cells of readings (t, k, n), NaN where there is none."""
+    return int((np.isfinite(readings_mm).sum(axis=-1) - 1).clip(min=0).sum())
+
+
+def scatter_of(readings_mm: Array, u_mm: float, t_s: Array | None = None, level: Level = separate) -> Scatter:
+    """Scatter of readings (t, k, n) mm of k cells at each of t targets, NaN where there is none.
+
+    u_mm: standard uncertainty of one gauge reading, below which no scatter is believed; t_s like the readings: their
+    times, where drift is to be told from scatter.
+    """
+    measured = freedom_of(readings_mm) >= _MEASURED_FREEDOM
+    sampler = _Sampler(readings_mm, max(u_mm, _LEAST_MM), measured, t_s)
+    kept = []
+    for sweep in range(_SWEEPS):
+        best, cell = sampler.sweep(level)
+        if (_SWEEPS - 1 - sweep) % _EVERY == 0 and _SWEEPS - 1 - sweep < _KEPT * _EVERY:
+            kept.append((np.sqrt(sampler.variance), sampler.tail, best, cell, sampler.drift))
+    sd, tail, best, cell, drift = (np.concatenate(part) for part in zip(*kept, strict=True))
+    at_start, expected = drift @ sampler.shapes[sampler.first], sampler.shapes @ drift.mean(axis=0)
+    drifted = float(np.sqrt((at_start**2).mean()))
+    return Scatter(sd, tail, best.mean(axis=0), cell, expected, drifted, "measured" if measured else "assumed")
+
+
+def _typical(away_mm: Array, least_mm: float) -> float:
+    """Standard deviation of readings by their median distance from the mean of two or three."""
+    return max(2.0 * float(np.median(np.abs(away_mm))), least_mm) if len(away_mm) else least_mm
+
+
+def _drift_shapes(t_s: Array) -> Array:
+    """Polynomials (t, k, n, d) of the time of each reading, zero in the mean, of -1 to 1 over the run, in mm of the
+    drift that a real cell may have over it."""
+    there = np.isfinite(t_s)
+    begin, end = float(t_s[there].min()), float(t_s[there].max())
+    x = np.where(there, 2 * (t_s - begin) / max(end - begin, 1e-9) - 1, 0.0)
+    shapes = np.polynomial.legendre.legvander(x, _DRIFT_DEGREE)[..., 1:]
+    shapes = np.where(there[..., None], shapes - shapes[there].mean(axis=0), 0.0)
+    values: Array = shapes * DRIFT_MM_PER_S * (end - begin) / 2 / np.arange(1, _DRIFT_DEGREE + 1)
+    return values
+
+
+@dataclass
+class _Sampler:
+    """All chains: variance (m, t) mm² of the scatter, share (m, t, k, n) of a reading's weight in it, tail, s0² and d0
+    (m,), drift (m, d) in units of its shapes."""
+
+    readings_mm: Array
+    least_mm: float
+    measured: bool
+    t_s: Array | None
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(_SEED))
+
+    def __post_init__(self) -> None:
+        self.there = np.isfinite(self.readings_mm)
+        self.y = np.where(self.there, self.readings_mm, 0.0)
+        self.chains = int(np.clip(_ELEMENTS // self.y.size, _FEWEST_CHAINS, _CHAINS))
+        self.counts = self.there.sum(axis=(1, 2))
+        self.shapes, self.first = np.zeros((*self.y.shape, _DRIFT_DEGREE)), np.unravel_index(0, self.y.shape)
+        if self.t_s is not None:
+            self.shapes = _drift_shapes(self.t_s)
+            self.first = np.unravel_index(int(np.nanargmin(self.t_s)), self.y.shape)
+        self.drift = np.zeros((self.chains, _DRIFT_DEGREE))
+        self.d0 = self.rng.choice(_AGREEMENT, self.chains)
+        self.tail = self.rng.choice(_TAILS, self.chains)
+        self.share = np.broadcast_to(1.0 * self.there, (self.chains, *self.y.shape))
+        self._begin(self._within(self.y[..., None])[..., 0])
+
+    def _within(self, values: Array) -> Array:
+        """Values (t, k, n, d) less their mean over the readings of a cell."""
+        there = self.there[..., None]
+        mean = np.where(there, values, 0.0).sum(axis=2, keepdims=True) / np.maximum(there.sum(axis=2, keepdims=True), 1)
+        away: Array = np.where(there, values - mean, 0.0)
+        return away
+
+    def _begin(self, away: Array) -> None:
+        """Where the chains start: s0² and the variances, from what repeats differ by (t, k, n) without their drift."""
+        shapes = self._within(self.shapes).reshape(-1, _DRIFT_DEGREE)
+        again = np.broadcast_to(self.there.sum(axis=-1, keepdims=True) > 1, away.shape) & self.there
+        typical = _typical(away[again], self.least_mm)
+        normal = shapes.T @ shapes + typical**2 * np.eye(_DRIFT_DEGREE)
+        away = away - (shapes @ np.linalg.solve(normal, shapes.T @ away.ravel())).reshape(away.shape)
+        level = np.log(_typical(away[again], self.least_mm)) + self.rng.normal(0.0, 0.25, self.chains)
+        if not self.measured:
+            level = self.rng.uniform(np.log(TARGET_MM.low), np.log(TARGET_MM.high), self.chains)
+        self.s0_sq = np.exp(2 * level)
+        freedom = (self.there.sum(axis=-1) - 1).clip(min=0).sum(axis=1)
+        chi2 = self.rng.chisquare(_FIRST_D0 + freedom, (self.chains, len(self.y)))
+        self.variance = (_FIRST_D0 * self.s0_sq[:, None] + (away**2).sum(axis=(1, 2))) / chi2
+
+    def sweep(self, level: Level) -> tuple[Array, Array]:
+        """One round over everything that is unknown; the cells' expected values and draws (m, t, k)."""
+        weight = self.share / self.variance[:, :, None, None]
+        total = weight.sum(axis=-1)
+        y = self._without_drift(weight, total)
+        mean = (weight * y).sum(axis=-1) / np.maximum(total, 1e-300)
+        best, cell = level(self.rng, total, mean)
+        self._noise_from(np.where(self.there, y - cell[..., None], 0.0))
+        return best, cell
+
+    def _without_drift(self, weight: Array, total: Array) -> Array:
+        """The readings less a drift drawn from what repeats of the same cell differ by, never from their values."""
+        if self.t_s is None:
+            return np.broadcast_to(self.y, weight.shape)
+        d = self.shapes.shape[-1]
+        flat = self.shapes.reshape(-1, d)
+        w = weight.reshape(self.chains, -1)
+        sums = np.einsum("mtkn,tknd->mtkd", weight, self.shapes).reshape(self.chains, -1, d)
+        means = sums / np.maximum(total, 1e-300).reshape(self.chains, -1, 1)
+        seen = (w @ (flat[:, :, None] * flat[:, None, :]).reshape(-1, d * d)).reshape(self.chains, d, d)
+        normal = seen - np.swapaxes(sums, 1, 2) @ means + np.eye(d)
+        wy = (weight * self.y).sum(axis=-1).reshape(self.chains, -1, 1)
+        right = w @ (flat * self.y.reshape(-1, 1)) - (means * wy).sum(axis=1)
+        root = np.linalg.cholesky(np.linalg.inv(normal))
+        kick = self.rng.standard_normal((self.chains, d, 1))
+        self.drift = (np.linalg.solve(normal, right[..., None]) + root @ kick)[..., 0]
+        return np.asarray(self.y - (self.drift @ flat.T).reshape(weight.shape))
+
+    def _noise_from(self, error: Array) -> None:
+        """Tail, shares, variances, s0 and d0, in this order, from errors (m, t, k, n)."""
+        squares = error**2 / self.variance[:, :, None, None]
+        fit = [self._tail_fit(squares, nu) for nu in _TAILS]
+        self.tail = self._chosen(_TAILS, np.stack(fit, axis=1))
+        nu = self.tail[:, None, None, None]
+        self.share = self.rng.standard_gamma(np.broadcast_to((nu + 1) / 2, squares.shape)) * 2 / (nu + squares)
+        self.share *= self.there
+        spread = (self.share * error**2).sum(axis=(2, 3))
+        chi2 = self.rng.chisquare(self.d0[:, None] + self.counts)
+        self.variance = ((self.d0 * self.s0_sq)[:, None] + spread) / chi2
+        self.variance = np.maximum(self.variance, self.least_mm**2)
+        self._common()
+
+    def _tail_fit(self, squares: Array, nu: float) -> Array:
+        """Log-likelihood (m,) of Student's t with nu."""
+        each = math.lgamma((nu + 1) / 2) - math.lgamma(nu / 2) - 0.5 * math.log(nu)
+        logs: Array = np.log1p(squares / nu).sum(axis=(1, 2, 3))
+        return float(self.counts.sum()) * each - (nu + 1) / 2 * logs
+
+    def _common(self) -> None:
+        """s0², log-uniform beforehand, and d0, from the variances."""
+        count, inverse, logs = len(self.y), (1 / self.variance).sum(axis=1), np.log(self.variance).sum(axis=1)
+        self.s0_sq = self.rng.standard_gamma(count * self.d0 / 2) * 2 / (self.d0 * inverse)
+        if not self.measured:
+            self.s0_sq = self.s0_sq.clip(TARGET_MM.low**2, TARGET_MM.high**2)
+        half = _AGREEMENT / 2
+        gammas = np.array([math.lgamma(value) for value in half])
+        fit = count * (half * np.log(half * self.s0_sq[:, None]) - gammas)
+        fit -= half * (logs + self.s0_sq * inverse)[:, None]
+        self.d0 = self._chosen(_AGREEMENT, fit)
+
+    def _chosen(self, values: Array, fit: Array) -> Array:
+        """One of the values for each chain, as likely as fit (m, values) has it (Gumbel)."""
+        chosen: Array = values[np.argmax(fit + self.rng.gumbel(size=fit.shape), axis=1)]
+        return chosen
