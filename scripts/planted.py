@@ -69,7 +69,10 @@ def main() -> None:
             scores = scores_of(_points(jobs, given.jobs))
             seconds = time.monotonic() - begin
             print(f"\n{laps} laps or visits, {rows} rows a lap: {len(jobs)} cases in {seconds:.0f} s,", end=" ")
-            print(f"seeds {seeds.start} to {seeds[-1]} {whose}")
+            chance = 100 * (0.95 * 0.05 / given.count) ** 0.5
+            print(
+                f"seeds {seeds.start} to {seeds[-1]} {whose}; shares of {given.count} near 95 % vary by {chance:.1f} %"
+            )
             print(report(scores, repeated=laps > 1), flush=True)
             found += as_json(scores, laps, rows)
     if given.json:

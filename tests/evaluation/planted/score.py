@@ -103,9 +103,9 @@ class Score:
     assumed: float
 
     def faults(self, repeated: bool) -> list[str]:
-        """What the rules find wrong; repeated: laps or visits were."""
+        """What the rules find wrong; repeated: laps or visits were. A figure may be left out, so that is no fault."""
         if not self.count:
-            return [f"{self.kind}: never reported"]
+            return []
         least = LEAST if self.kind == TABLE else LEAST_OF_KIND
         found = [f"{self.kind}: {100 * self.within:.0f} % within 2 u"] if self.within < least else []
         if self.kind != TABLE:
@@ -143,26 +143,31 @@ def _score(test: str, figure: str, kind: str, points: Sequence[Point]) -> Score:
 
 
 def report(scores: Sequence[Score], repeated: bool) -> str:
-    """A table for each test: per cent within 2 u by kind of noise, then width, bias and missing of the first kind; and
-    the verdict."""
-    lines, faults, figures = [], [], 0
+    """A table for each test: per cent within 2 u by kind of noise, then width, bias and source of the first kind, and
+    how often the figure was missing; and the verdict."""
+    lines, faults, unscored, figures = [], [], [], 0
     for test in dict.fromkeys(score.test for score in scores):
         kinds = list(dict.fromkeys(score.kind for score in scores if score.test == test))
         lines += ["", f"| {test} | {' | '.join(kinds)} | u/rms | bias | assumed | missing |"]
         lines.append("| --- " * (len(kinds) + 5) + "|")
         for figure in dict.fromkeys(score.figure for score in scores if score.test == test):
             of_figure = {score.kind: score for score in scores if (score.test, score.figure) == (test, figure)}
+            if not any(score.count for score in of_figure.values()):
+                unscored.append(f"{test} {figure}")
+                continue
             lines.append(_line(figure, kinds, of_figure))
             wrong = [fault for score in of_figure.values() for fault in score.faults(repeated)]
             faults += [f"  {test} {figure}: {'; '.join(wrong)}"] if wrong else []
             figures += 1
-    verdict = f"{figures - len(faults)} of {figures} figures keep the rules"
-    return "\n".join([*lines, "", *faults, verdict])
+    verdict = [f"{figures - len(faults)} of {figures} figures keep the rules"]
+    verdict += [f"without a value, a u or a planted truth in every cell: {', '.join(unscored)}"] if unscored else []
+    return "\n".join([*lines, "", *faults, *verdict])
 
 
 def _line(figure: str, kinds: Sequence[str], of_figure: dict[str, Score]) -> str:
-    within = [f"{100 * of_figure[kind].within:.0f}" if kind in of_figure else "-" for kind in kinds]
-    first = of_figure[next(kind for kind in kinds if kind in of_figure)]
+    scored = {kind: score for kind, score in of_figure.items() if score.count}
+    within = [f"{100 * scored[kind].within:.0f}" if kind in scored else "-" for kind in kinds]
+    first = next(iter(scored.values()))
     missing = sum(score.missing for score in of_figure.values())
     rest = f"{first.width:.2f} | {first.bias:+.2f} | {100 * first.assumed:.0f} % | {missing}"
     return f"| {figure} | {' | '.join(within)} | {rest} |"

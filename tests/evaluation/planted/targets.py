@@ -76,14 +76,15 @@ def sigmas(rng: np.random.Generator, stops: Stops, count: int) -> np.ndarray:
 
 def scattered(rng: np.random.Generator, stops: Stops, true_mm: np.ndarray, sigma_mm: np.ndarray) -> np.ndarray:
     """Readings (..., n) mm of stops whose expectations true_mm and standard deviations broadcast to that, last axis
-    in order of time. Drift and slip have mean zero: the level where the gauge stood is the run's own."""
+    in order of time. Drift and slip begin with the run, before which the gauge was set to zero: they are errors of an
+    absolute length such as the sphere's radius."""
     shape = np.broadcast_shapes(true_mm.shape, sigma_mm.shape)
     law = rng.normal(size=shape)
     if np.isfinite(stops.freedom):
         law = rng.standard_t(stops.freedom, shape) / np.sqrt(stops.freedom / (stops.freedom - 2))
     time_s = STOP_S * np.arange(shape[-1])
     creep = stops.drift_mm_per_s * time_s + stops.slip_mm * (time_s > rng.uniform(0.2, 0.8) * time_s[-1])
-    return true_mm + sigma_mm * law + creep - creep.mean() + rng.normal(0, stops.white_mm, shape)
+    return true_mm + sigma_mm * law + creep + rng.normal(0, stops.white_mm, shape)
 
 
 def read(rng: np.random.Generator, stops: Stops, g_mm: np.ndarray) -> np.ndarray:
@@ -171,7 +172,7 @@ def radial_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
     g = scattered(rng, stops, np.tile(expected, size.laps), np.tile(sigma, size.laps))
     table = visited(size.laps, read(rng, stops, g))
     truth = true_radial(expected)
-    if size.laps >= 3:
+    if size.laps >= 2:
         again = done_again(rng, stops, np.tile(expected, size.laps), np.tile(sigma, size.laps))
         each = rp(again.reshape(AGAIN, size.laps, -1).swapaxes(1, 2)[..., None])
         truth |= {"rp_mm": float(each.max(axis=1).mean()), "rp_mean_mm": float(each.mean())}
