@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from importlib.util import find_spec
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "evaluation"))
@@ -49,9 +48,6 @@ def _chosen(parser: argparse.ArgumentParser, given: str | None, known: Collectio
 
 def main() -> None:
     given = arguments()
-    if "repeated" in given.test and find_spec("analysis.reporting.pooled") is None:
-        print("no repeated runs: there is no analysis.reporting.pooled to score")
-        given.test.remove("repeated")
     seeds = range(given.seed, given.seed + given.count)
     whose = "for a report" if given.seed >= REPORTED else "for development"
     found: list[dict[str, object]] = []

@@ -44,7 +44,8 @@ def _sound(points: tuple[Point, ...]) -> bool:
     """Few cells, so all figures together: of errors that are normal with u as their standard deviation 95 % lie within
     2 u and half within 0.67 u."""
     there = [point for point in points if np.isfinite(point.error) and point.noise != "assumed"]
-    off = np.abs([point.error / point.u for point in there])
+    with np.errstate(divide="ignore", invalid="ignore"):  # a place on a grid may be known exactly
+        off = np.nan_to_num(np.abs([point.error for point in there]) / [point.u for point in there], posinf=np.inf)
     return bool(np.mean(off <= 2) >= 0.85 and 0.27 < np.median(off) < 0.95)
 
 

@@ -14,11 +14,14 @@ from analysis.model.circle import SENSE, frame_of
 from analysis.model.programs import circle_of, drive
 from analysis.reading.loading import Measured
 from analysis.reading.tables import CircleTable
+from analysis.reporting.pooled import pooled
 from analysis.reporting.quantity import Quantity
-from analysis.reporting.results import Result, pair_of, result_of
+from analysis.reporting.results import Result, result_of
 from analysis.tests import circularity, pair, roll, yaw
+from analysis.tests.circle import CircleResult
 from planted.cells import LAP_S, Noise, between, disturbed, draw_cell, draw_run, gauge_times, noise_of, rows
 from planted.closed_forms import BASELINE_MM, RADIUS_MM, link_readings
+from rigs.errors import FileError
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.vocabulary import Direction
@@ -188,11 +191,11 @@ def yaw_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
     """An acw and a cw run of yaw: angle and distance of one of them, and the pair."""
     set_up, cell = draw_set_up(rng), draw_cell(rng, kind)
     tables = [circle_table(rng, set_up, draw_run(rng, cell, kind), "yaw", way, size) for way in SENSE]
-    results = [circle_result(table, cell.u_lag_s) for table in tables]
+    results = acw, cw = [circle_result(table, cell.u_lag_s) for table in tables]
     one = results[int(rng.integers(2))]
     angle, distance = true_figures(set_up, SENSE[one.measured.table.direction], "yaw")  # type: ignore[union-attr]
-    both = pair_of(results)
-    assert both is not None
+    assert isinstance(acw.found, CircleResult) and isinstance(cw.found, CircleResult)
+    both = pair.pair(acw.found, cw.found)
     return {
         "yaw": ({name: figure for name, figure in one.figures.items() if name not in distance}, angle),
         "circularity": ({name: figure for name, figure in one.figures.items() if name in distance}, distance),
@@ -268,11 +271,8 @@ def repeated_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
     """Two, three or five runs pooled: mean ± standard uncertainty of the mean."""
     count = int(rng.choice([2, 3, 5]))
     tables, cell, set_up, differs = repeated_runs(rng, kind, size, count)
-    figures = _pooled([circle_result(table, cell.u_lag_s) for table in tables])
+    (together,) = pooled([circle_result(table, cell.u_lag_s) for table in tables])
+    if len(together.runs) < count:
+        raise FileError("planted", "runs of one set-up were left out of their mean", "see why")
+    figures = {name: figure.mean for name, figure in together.figures.items()}
     return {f"{count} runs": (figures, mean_figures(rng, set_up, differs))}
-
-
-def _pooled(results: list[Result]) -> Figures:
-    from analysis.reporting.pooled import pooled  # noqa: PLC0415
-
-    return dict(pooled(results))
