@@ -106,7 +106,9 @@ def test_a_case_becomes_points(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (shift.error, shift.u) == (-1.0, 1.0)
     scores = scores_of([shift, rms, band])
     assert [score.missing for score in scores] == [0, 1, 1]
-    assert "without a value, a u or a planted truth in every cell: yaw rms_deg, yaw band_deg" in report(scores, True)
+    assert "without a value, a u or a planted truth in every cell: yaw rms_deg (cells: 1), yaw band_deg" in report(
+        scores, True
+    )
 
     def refuse(*_: object) -> Outcome:
         raise FileError("run", "is refused", "do not")
