@@ -123,14 +123,14 @@ def gauge_times(rng: np.random.Generator, noise: Noise, t_s: np.ndarray) -> tupl
 
 
 def noise_of(rng: np.random.Generator, noise: Noise, t_s: np.ndarray) -> np.ndarray:
-    """White and slow noise, drift and slip (n, 2) mm at times (n,) s. Drift and slip have mean zero over the run: the
-    level where the gauges stood is the run's own."""
+    """White and slow noise, drift and slip (n, 2) mm at times (n,) s. Drift and slip begin with the run: the level
+    of the gauges is that of its first row."""
     count = len(t_s)
     slow = _slow(rng, noise.slow_s, count, float(np.ptp(t_s)) / max(count - 1, 1)) * np.array(noise.slow_mm)[:, None]
-    creep = np.array(noise.drift_mm_per_s)[:, None] * (t_s - t_s.mean())
+    creep = np.array(noise.drift_mm_per_s)[:, None] * (t_s - t_s[0])
     both, own = (slow + creep)[0], (slow + creep)[1:].T
     slipped = noise.slip_mm * (t_s > rng.uniform(*np.quantile(t_s, [0.2, 0.8])))
-    moved = np.stack([slipped - slipped.mean(), np.zeros(count)], axis=1)
+    moved = np.stack([slipped, np.zeros(count)], axis=1)
     return both[:, None] + own + moved + rng.normal(0, 1, (count, 2)) * noise.white_mm
 
 
