@@ -71,7 +71,9 @@ def figures_of(
     for name, plain in values.items():
         value, spread = float(plain), draws[name]
         if name.endswith("_at_deg"):
-            spread = value + (spread - value + 180.0) % 360.0 - 180.0
+            away = np.abs((spread - value + 180.0) % 360.0 - 180.0)
+            figures[name] = Quantity(value, float(np.quantile(away, 0.9545)) / 2, "deg", samples, noise)
+            continue
         figure = from_draws(value, spread, name.rsplit("_", 1)[1], samples, noise)
         if excess and name in excess:
             u = float(np.hypot(figure.u, excess_u * excess[name]))

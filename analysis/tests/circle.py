@@ -107,7 +107,7 @@ def evaluate_angle(
     def angle_of(g_mm: Array) -> Array:
         return angle(g_mm[..., 0], g_mm[..., 1], baseline_mm)
 
-    curve = curve_of(run, angle_of, np.sqrt(2) / abs(baseline_mm), like and like[0])
+    curve = curve_of(run, angle_of, np.sqrt(2) / abs(baseline_mm), 0, like and like[0])
     radius, u_scale = laps.frame.radius, baseline_u_mm / abs(baseline_mm)
     rng = np.random.default_rng(SEED)
     lag_s, scale = rng.normal(0.0, u_lag_s, DRAWS), 1.0 + rng.normal(0.0, u_scale, DRAWS)

@@ -48,7 +48,7 @@ def evaluate(
     radius = laps.frame.radius
     hold_radius(where, radius)
     hold_alive(where, g_mm=laps.g_mm.mean(axis=1))
-    curve = curve_of(run, lambda g_mm: g_mm.mean(axis=-1), np.sqrt(0.5), like)
+    curve = curve_of(run, lambda g_mm: g_mm.mean(axis=-1), np.sqrt(0.5), 1, like)
     lag_s = np.random.default_rng(SEED).normal(0.0, u_lag_s, DRAWS)
 
     def drawn(curves: Sequence[Array]) -> list[Array]:

@@ -110,10 +110,13 @@ def nodes_of(phi: Array, y: Array) -> Array:
     return nodes
 
 
-def curve_of(run: Reduced, values: Callable[[Array], Array], per_mm: float, like: LapNoise | None = None) -> Curve:
+def curve_of(
+    run: Reduced, values: Callable[[Array], Array], per_mm: float, channel: int = 0, like: LapNoise | None = None
+) -> Curve:
     """The curve of `values`, which makes (...,) of readings (..., k) mm, and per_mm of a gauge's noise; like: the noise
     of another run of the cell, where this one has a single lap."""
-    rng = np.random.default_rng(SEED)
+    # The draws of two directions, and of angle and distance, have nothing to do with each other.
+    rng = np.random.default_rng((SEED, channel, int(run.rate > 0)))
     laps = values(run.g_mm)
     borrowed = like is not None and len(laps) == 1
     noise = like.elsewhere(rng) if borrowed and like else noise_of(laps, run.rows, run.lap_s, per_mm, rng)
@@ -157,6 +160,8 @@ def figures(
     still, moved = plain(np.stack(calm)), plain(np.stack(drawn(calm)))
     excess = {name: max(float(np.mean(moved[name]) - still[name]), 0.0) for name in ranges & values.keys()}
     draws = plain(np.stack(drawn([curve.y for curve in curves])))
+    # The place of an extreme was chosen by the noise that is there: about the noisy curve it would be chosen again.
+    draws = {name: moved[name] if name.endswith("_at_deg") else draw for name, draw in draws.items()}
     source = max((curve.noise.source for curve in curves), key=("measured", "borrowed", "assumed").index)
     return figures_of(values, draws, samples, excess, _RANGE_U, source)
 

@@ -23,11 +23,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Arm, Array, forward
+from analysis.noise.spectrum import DRAWS
 from analysis.noise.targets import Scatter, scatter_of
 from analysis.reading.tables import PoseTable
 from analysis.reporting.quantity import Quantity, figures_of
 from analysis.tests.checks import hold_numbers
-from analysis.noise.spectrum import DRAWS
 from analysis.tests.curve import SEED
 from analysis.tests.repeated import of_scatter
 from analysis.tests.standards import RP_VISITS, rp
