@@ -78,7 +78,7 @@ def test_a_gear_error_of_any_phase_is_one_wave(phase: float) -> None:
 
 
 def test_uncertainties_cover_the_wander_and_the_scatter_of_runs() -> None:
-    """Nothing planted: over many pairs of runs the fitted offset lies about as far from zero as its uncertainty says."""
+    """Nothing planted: over many pairs of runs the fitted offset is about as far from zero as its uncertainty says."""
     away = []
     for seed in range(12):
         found = calibrate(RIG, [*_observed((), 100 + seed), *_observed((), 200 + seed)], [], "joint_offset:3")
