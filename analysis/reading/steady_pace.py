@@ -8,6 +8,7 @@ bytes for 16 ms is seen through that way.
 from __future__ import annotations
 
 import math
+from collections import deque
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,9 @@ def through_pace(host_ns: Array) -> Fitted:
         period_ns = float(np.median(_periods(number, host_ns)))
         if not period_ns > 0:
             return as_come  # most came at once, after a stall
-        number = numbered(host_ns, period_ns)
+        former, number = number, numbered(host_ns, period_ns)
+        if np.array_equal(number, former):
+            break
     fitted = through_clock(number.astype(float) * period_ns / 1e9, host_ns)
     return fitted if _steady(host_ns - fitted.ns, period_ns) and not fitted.restarts else as_come
 
@@ -55,19 +58,59 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
     """Which message of the series each arrival (n,) is, (n,): where one is missing all that follow are a period late.
 
     Any may be late for its own reasons, but hardly all of the next `_AHEAD`. Among the last of a run nothing missing
-    can be told.
+    can be seen. There are at least `_AHEAD` arrivals.
     """
     along = np.arange(len(host_ns), dtype=np.int64)
-    late = host_ns - along * period_ns
-    least = np.lib.stride_tricks.sliding_window_view(late, _AHEAD).min(axis=1)
-    missing = np.zeros(len(host_ns), dtype=np.int64)
-    before = np.full(_AHEAD, least[0])
-    for k, ahead in enumerate(least.tolist()):
-        missing[k] = math.floor((ahead - before.min()) / period_ns + _EARLY)
-        before[k % _AHEAD] = ahead - missing[k] * period_ns
-    missing[len(least) :] = missing[len(least) - 1]
+    missing = _missing(_least_of_next(host_ns - along * period_ns), period_ns)
+    missing = np.pad(missing, (0, _AHEAD - 1), mode="edge")
     # What is missing stays so: a stall longer than the look ahead was none.
     return along + np.minimum.accumulate(missing[::-1])[::-1]
+
+
+def _missing(least: Array, period_ns: float) -> Integers:
+    """By how many periods each least delay (n,) lies behind those of the `_AHEAD` rows before it, as these are counted.
+
+    Where those rows are counted alike, the count of the next one changes by what its delay rises, whatever their count
+    is: such changes are found for all rows at once. Only the rows after a change are counted one by one.
+    """
+    before = np.concatenate([np.full(_AHEAD, least[0]), least[:-1]])
+    rises = np.floor((least - _least_of_next(before)) / period_ns + _EARLY)
+    missing, done, count = np.zeros(len(least), dtype=np.int64), 0, 0
+    for change in np.flatnonzero(rises).tolist():
+        if change >= done:
+            missing[done:change] = count
+            behind = before[change : change + _AHEAD] - count * period_ns
+            counts = _counted(least[change:], behind, period_ns)
+            done, count = change + len(counts), counts[-1]
+            missing[change:done] = counts
+    missing[done:] = count
+    return missing
+
+
+def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
+    """Counts of the first rows of least (n,), until `_AHEAD` of them in turn are alike.
+
+    behind (_AHEAD,): the least delays of the rows before, without the periods that were missing until then.
+    """
+    known, counts, alike = deque(behind.tolist(), maxlen=_AHEAD), list[int](), 0
+    for row in range(len(least)):
+        ahead = float(least[row])
+        count = math.floor((ahead - min(known)) / period_ns + _EARLY)
+        known.append(ahead - count * period_ns)
+        alike = alike + 1 if counts and count == counts[-1] else 1
+        counts.append(count)
+        if alike == _AHEAD:
+            break
+    return counts
+
+
+def _least_of_next(values: Array) -> Array:
+    """The least of each `_AHEAD` values in turn, (n - _AHEAD + 1,)."""
+    width = 1
+    while width < _AHEAD:  # a power of two
+        values = np.minimum(values[:-width], values[width:])
+        width *= 2
+    return values
 
 
 def _uneven_s(host_ns: Array) -> Array:
