@@ -71,14 +71,13 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
     names = [name for name, _ in rig.gauges] if run.manifest.test in CIRCLES else ["g1"]
     gauges = [_gauge(path, run, rig, name, doubts) for name in names]
     robot = _robot(path, run, doubts)
-    rows_ns = gauges[0].ns
-    keep = np.ones(len(rows_ns), dtype=bool)
-    at_rows = [gauges[0].values]
     for name, track in zip([*names, "robot"], [*gauges, robot], strict=True):
         if len(track.ns) < 2:
             raise FileError(
                 str(path), f"holds no two readings of {name} at known times", "record again: rig status tells"
             )
+    rows_ns = gauges[0].ns
+    keep = np.ones(len(rows_ns), dtype=bool)
     for name, track in zip([*names[1:], "robot"], [*gauges[1:], robot], strict=True):
         spanned = (rows_ns >= track.ns[0]) & (rows_ns <= track.ns[-1])
         gaps_ns = _gaps_ns(rows_ns, track.ns, _MOVES_NS if track is robot else _JUMPS_NS)
@@ -86,13 +85,22 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
         gaps_ns = gaps_ns[spanned & (gaps_ns > 0)]
         if _are_many(gaps_ns, len(rows_ns)):
             doubts.append(f"{name}: rows left out for gaps: {len(gaps_ns)}")
-        at_rows.append(np.stack([np.interp(rows_ns, track.ns, column) for column in track.values.T], axis=1))
     if keep.sum() < 2:
         raise FileError(str(path), "gauges and robot share no stretch of time", "record both through the whole test")
-    t_s = (rows_ns - rows_ns[keep][0])[keep] / 1e9
-    g_mm = np.concatenate(at_rows[:-1], axis=1)[keep]
+    rows_ns = rows_ns[keep]
     u_lag_s = float(np.hypot(max(gauge.u_s for gauge in gauges), robot.u_s))
-    return Aligned(t_s, at_rows[-1][keep], g_mm, u_lag_s, _own_u_s(gauges, robot)[keep], tuple(doubts))
+    own_u_s = _own_u_s(rows_ns, gauges, robot)
+    g_mm = _columns_at(rows_ns, gauges)
+    return Aligned((rows_ns - rows_ns[0]) / 1e9, _columns_at(rows_ns, [robot]), g_mm, u_lag_s, own_u_s, tuple(doubts))
+
+
+def _columns_at(rows_ns: Array, tracks: Sequence[_Track]) -> Array:
+    """Values (n, k) of all tracks side by side at the times of the rows (n,), column by column."""
+    columns = [(track.ns, column) for track in tracks for column in track.values.T]
+    at_rows = np.empty((len(rows_ns), len(columns)))
+    for k, (ns, column) in enumerate(columns):
+        at_rows[:, k] = np.interp(rows_ns, ns, column)
+    return at_rows
 
 
 def _are_many(gaps_ns: Array, rows: int) -> bool:
@@ -100,11 +108,13 @@ def _are_many(gaps_ns: Array, rows: int) -> bool:
     return len(gaps_ns) > 0 and bool(gaps_ns.max() > _MOVES_NS or len(gaps_ns) > _OFTEN * rows)
 
 
-def _own_u_s(gauges: Sequence[_Track], robot: _Track) -> Array:
-    """Of each row (n,) of the first gauge: the less certain gauge's and the robot's together."""
-    at = [np.interp(gauges[0].ns, track.ns, track.own_u_s) for track in (*gauges, robot)]
-    together: Array = np.hypot(np.max(at[:-1], axis=0), at[-1])
-    return together
+def _own_u_s(rows_ns: Array, gauges: Sequence[_Track], robot: _Track) -> Array:
+    """Of each row (n,): the less certain gauge's and the robot's together."""
+    own_u_s = np.zeros(len(rows_ns))
+    for track, together in [*((gauge, np.maximum) for gauge in gauges), (robot, np.hypot)]:
+        if track.own_u_s.any():
+            own_u_s = together(own_u_s, np.interp(rows_ns, track.ns, track.own_u_s))
+    return own_u_s
 
 
 def _gauge(path: Path, run: Run, rig: Rig, name: str, doubts: list[str]) -> _Track:
@@ -145,8 +155,13 @@ def _track(name: str, instants: Instants, values: Array, doubts: list[str]) -> _
             f"{name}: rows left out whose time is known far worse than the others': {stalled}; "
             "a computer was held up, or a stamp was wrong"
         )
-    increasing, first = np.unique(instants.ns[there], return_index=True)
-    return _Track(increasing, values[there][first], instants.u_s, instants.own_u_s[there][first])
+    ns, own_u_s = instants.ns, instants.own_u_s
+    if not there.all():
+        ns, values, own_u_s = ns[there], values[there], own_u_s[there]
+    if not (np.diff(ns) > 0).all():
+        ns, first = np.unique(ns, return_index=True)
+        values, own_u_s = values[first], own_u_s[first]
+    return _Track(ns, values, instants.u_s, own_u_s)
 
 
 def _stream(path: Path, run: Run, columns: Sequence[str], what: str) -> Columns:
@@ -158,8 +173,11 @@ def _stream(path: Path, run: Run, columns: Sequence[str], what: str) -> Columns:
 
 def _gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:
     """How far apart the two of `times` (m,) are that rows (n,) lie between: 0 where no further than usual, or hardly,
-    and where a row is of one of those times."""
-    after = np.clip(np.searchsorted(times, rows, side="left"), 1, len(times) - 1)
-    gaps: Array = times[after] - times[after - 1]
-    short = (gaps <= max(short_ns, _GAP * np.median(np.diff(times)))) | (times[after] == rows)
-    return np.where(short, 0.0, gaps)
+    and where a row is of one of those times. Both increase."""
+    apart = np.diff(times)
+    wide = np.flatnonzero(apart > max(short_ns, _GAP * np.median(apart)))
+    begins, ends = np.searchsorted(rows, times[wide], side="right"), np.searchsorted(rows, times[wide + 1], side="left")
+    gaps = np.zeros(len(rows))
+    for begin, end, gap in zip(begins.tolist(), ends.tolist(), apart[wide].tolist(), strict=True):
+        gaps[begin:end] = gap
+    return gaps
