@@ -33,6 +33,9 @@ _STALLED = 5.0
 _STALLED_S = 1e-3
 """… and more than this: a shorter doubt is borne by the figures' uncertainty."""
 
+_WANDERS_S = 1e-3
+"""What a pace is left by and not told: the figures' uncertainty bears it."""
+
 
 @dataclass(frozen=True)
 class Aligned:
@@ -141,6 +144,11 @@ def _tell(name: str, instants: Instants, doubts: list[str]) -> None:
         doubts.append(f"{name}: its clock began anew {instants.restarts} times; fitted in pieces")
     if instants.wrong:
         doubts.append(f"{name}: {instants.wrong} stamps of its clock make no sense; those rows go by their arrival")
+    if instants.wanders_s > _WANDERS_S:
+        doubts.append(
+            f"{name}: its messages leave their steady pace by {1e3 * instants.wanders_s:.1f} ms: it waited, or they "
+            "came later for good; the uncertainty covers both; record again with a computer that has time to spare"
+        )
     if instants.held:
         doubts.append(f"{name}: its adapter holds bytes back, which costs certainty; set its latency_timer to 1 ms")
 

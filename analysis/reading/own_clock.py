@@ -34,13 +34,16 @@ _AROUND = 8
 class Fitted:
     """Host times (n,) ns of an instrument's stamps; u_s (n,): of those alone that its clock does not tell.
 
-    restarts: how often the clock began anew; wrong: how many stamps were left out.
+    restarts: how often the clock began anew; wrong: how many stamps were left out. wanders_s: by how much the lateness
+    of an instrument's pace changed for good, and shared_u_s, what that makes uncertain in all of them.
     """
 
     ns: Array
     u_s: Array
     restarts: int = 0
     wrong: int = 0
+    wanders_s: float = 0.0
+    shared_u_s: float = 0.0
 
 
 def through_clock(device_s: Array, host_ns: Array) -> Fitted:
