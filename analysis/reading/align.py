@@ -14,6 +14,8 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.reading.clocks import Columns, Instants, gauge_instants, robot_instants
+from analysis.reading.lower_hull import Mask
+from analysis.reading.sound import LARGEST_DEG, LONGEST_MM, is_reading, require_sound
 from daq.store import Run
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -122,21 +124,27 @@ def _own_u_s(rows_ns: Array, gauges: Sequence[_Track], robot: _Track) -> Array:
 
 def _gauge(path: Path, run: Run, rig: Rig, name: str, doubts: list[str]) -> _Track:
     """Readings (n, 1) mm of one gauge."""
-    stream = _stream(path, run, [f"{name}_mm"], f"gauge {name}")
+    stream = _stream(path, run, [f"{name}_mm"], f"gauge {name}", LONGEST_MM)
     instants = gauge_instants(stream, dict(rig.gauges)[name])
     _tell(name, instants, doubts)
     if doubtful := int(np.count_nonzero(stream["status"])):
         doubts.append(f"{name}: {doubtful} readings that the gauge itself calls doubtful")
-    return _track(name, instants, stream[f"{name}_mm"][:, None], doubts)
+    values = stream[f"{name}_mm"][:, None]
+    sound = is_reading(values, LONGEST_MM)
+    if run.manifest.test in CIRCLES and rig.tests.circle:
+        # With the ball inside the circle no link is ever longer than twice its radius.
+        sound &= is_reading(values - np.median(values[sound]), 2 * rig.tests.circle.radius_mm)
+    return _track(name, instants, values, sound, doubts)
 
 
 def _robot(path: Path, run: Run, doubts: list[str]) -> _Track:
     """Joint angles (n, 6) rad as reported."""
     columns = [f"q{axis}_deg" for axis in range(1, 7)]
-    stream = _stream(path, run, columns, "the robot")
+    stream = _stream(path, run, columns, "the robot", LARGEST_DEG)
     instants = robot_instants(stream)
     _tell("robot", instants, doubts)
-    return _track("robot", instants, np.radians(np.stack([stream[column] for column in columns], axis=1)), doubts)
+    q_deg = np.stack([stream[column] for column in columns], axis=1)
+    return _track("robot", instants, np.radians(q_deg), is_reading(q_deg, LARGEST_DEG), doubts)
 
 
 def _tell(name: str, instants: Instants, doubts: list[str]) -> None:
@@ -153,12 +161,13 @@ def _tell(name: str, instants: Instants, doubts: list[str]) -> None:
         doubts.append(f"{name}: its adapter holds bytes back, which costs certainty; set its latency_timer to 1 ms")
 
 
-def _track(name: str, instants: Instants, values: Array, doubts: list[str]) -> _Track:
-    """In order of time, without what is no number, what nobody knows the time of, and a second value for an instant."""
-    number = np.isfinite(values).all(axis=1)
-    usual_s = float(np.median(instants.own_u_s[number])) if number.any() else 0.0
-    there = number & (instants.own_u_s <= max(_STALLED * usual_s, _STALLED_S))
-    if stalled := int((number & ~there).sum()):
+def _track(name: str, instants: Instants, values: Array, sound: Mask, doubts: list[str]) -> _Track:
+    """In order of time, without what holds no reading, whose time nobody knows, and second values of an instant."""
+    if odd := int((~sound).sum()):
+        doubts.append(f"{name}: rows left out that hold no reading: {odd}; check it and its connection")
+    usual_s = float(np.median(instants.own_u_s[sound])) if sound.any() else 0.0
+    there = sound & (instants.own_u_s <= max(_STALLED * usual_s, _STALLED_S))
+    if stalled := int((sound & ~there).sum()):
         doubts.append(
             f"{name}: rows left out whose time is known far worse than the others': {stalled}; "
             "a computer was held up, or a stamp was wrong"
@@ -172,9 +181,10 @@ def _track(name: str, instants: Instants, values: Array, doubts: list[str]) -> _
     return _Track(ns, values, instants.u_s, own_u_s)
 
 
-def _stream(path: Path, run: Run, columns: Sequence[str], what: str) -> Columns:
+def _stream(path: Path, run: Run, columns: Sequence[str], what: str, largest: float) -> Columns:
     for stream in run.streams.values():
-        if all(column in stream and np.isfinite(stream[column]).sum() > 1 for column in columns):
+        if all(column in stream and is_reading(stream[column][:, None], largest).sum() > 1 for column in columns):
+            require_sound(path, what, stream)
             return stream
     raise FileError(str(path), f"holds no readings of {what}", "record again with it connected: rig status tells")
 

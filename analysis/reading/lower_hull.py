@@ -33,7 +33,7 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
     """
     low = low_outliers(x, y)
     under = (x[~low], y[~low]) if low.any() else (x, y)
-    windows = max(1, int((x[-1] - x[0]) // window))
+    windows = int(np.clip((x[-1] - x[0]) // window, 1, max(1, len(x) // _BLOCK)))
     if windows == 1:
         offset, rate = lower_line(*under)
         return offset + rate * x, low
@@ -104,26 +104,22 @@ def _broken(x: Array, y: Array, knots: Array) -> Array:
     A line lies under the points of its window where it lies under the corners of their hull: a small linear program.
     """
     from scipy.optimize import linprog  # noqa: PLC0415 - slow to import, needed for long runs only
+    from scipy.sparse import csr_array  # noqa: PLC0415
 
     edges = np.searchsorted(x, knots[1:-1], side="left")
-    rows, heights = [], []
+    corners = []
     for inside_x, inside_y in zip(np.split(x, edges), np.split(y, edges), strict=True):
         if len(inside_x):
-            corner_x, corner_y = lower_hull(inside_x, inside_y)
-            rows.append(_hats(corner_x, knots))
-            heights.append(corner_y)
+            corners.append(lower_hull(inside_x, inside_y))
+    corner_x, corner_y = (np.concatenate(of) for of in zip(*corners, strict=True))
+    right, share = _between(corner_x, knots)
+    # The line is as high at a corner as the knots left and right of it, each by its share.
+    knot, weight = np.stack([right - 1, right], axis=1), np.stack([1 - share, share], axis=1)
+    at_corners = csr_array((weight.ravel(), knot.ravel(), 2 * np.arange(len(right) + 1)), (len(right), len(knots)))
     right, share = _between(x, knots)
     pull = np.bincount(right, share, len(knots)) + np.bincount(right - 1, 1 - share, len(knots))
-    found = linprog(-pull, np.concatenate(rows), np.concatenate(heights), bounds=(None, None), method="highs")
+    found = linprog(-pull, at_corners, corner_y, bounds=(None, None), method="highs")  # type: ignore[call-overload]
     return np.asarray(found.x) if found.success else np.polyval(lower_line(x, y)[::-1], knots)
-
-
-def _hats(x: Array, knots: Array) -> Array:
-    """Each knot's share (n, k) in the broken line at x (n,)."""
-    right, share = _between(x, knots)
-    hats = np.zeros((len(x), len(knots)))
-    hats[np.arange(len(x)), right - 1], hats[np.arange(len(x)), right] = 1 - share, share
-    return hats
 
 
 def _between(x: Array, knots: Array) -> tuple[Integers, Array]:

@@ -24,6 +24,9 @@ _LEAP_S = 1.0
 _WRAPS_S = (2**32 * 1e-3, 2**32 * 1e-6)
 """Counters of 32 bits, in ms and in µs."""
 
+_LATEST_S = 1e11
+"""No clock shows so much, since whatever year: what has a stamp beyond has no clock."""
+
 Integers = NDArray[np.int64]
 
 _AROUND = 8
@@ -49,7 +52,7 @@ class Fitted:
 def through_clock(device_s: Array, host_ns: Array) -> Fitted:
     """When the host's clock showed what the instrument's showed, device_s (n,); host_ns (n,), the arrivals or any other
     bound that is never too early. The host's own where the instrument has no clock."""
-    if len(device_s) < 3 or not np.isfinite(device_s).all():
+    if len(device_s) < 3 or not (np.abs(device_s) < _LATEST_S).all():
         return Fitted(host_ns, np.zeros(len(host_ns)))
     device_s = unwrapped(device_s, host_ns)
     wrong = out_of_order(device_s)
