@@ -44,6 +44,7 @@ class Instants:
 
     u_s: the standard uncertainty that all share; own_u_s (n,): what each has beside it. restarts: how often the
     instrument's own clock began anew; wrong: how many of its stamps were left out. held: an adapter holds bytes back.
+    wanders_s: by how much the lateness of its pace changed for good.
     """
 
     ns: Array
@@ -52,6 +53,7 @@ class Instants:
     restarts: int = 0
     wrong: int = 0
     held: bool = False
+    wanders_s: float = 0.0
 
 
 def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
@@ -95,14 +97,18 @@ def robot_instants(stream: Columns) -> Instants:
         asked_ns = stream["requested_ns"].astype(float)
         return _asked(asked_ns, np.maximum(stream["first_byte_ns"] - asked_ns, 0.0), held=False)
     fitted = _by_any_clock(stream["device_time_s"], stream["first_byte_ns"].astype(float))
-    u_s = float(np.median(np.diff(fitted.ns))) / math.sqrt(3) / 1e9
-    return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarts, fitted.wrong)
+    return _listened(fitted, float(np.median(np.diff(fitted.ns))))
 
 
 def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
     """A reading that nobody asked for was latched as its answer set out, or up to a character before."""
-    fitted = _by_any_clock(device_s, set_out)
-    return Instants(fitted.ns, character_ns / math.sqrt(3) / 1e9, fitted.u_s, fitted.restarts, fitted.wrong)
+    return _listened(_by_any_clock(device_s, set_out), character_ns)
+
+
+def _listened(fitted: Fitted, before_ns: float) -> Instants:
+    """What is latched at some time in so many ns before the times fitted."""
+    u_s = math.hypot(before_ns / math.sqrt(3) / 1e9, fitted.shared_u_s)
+    return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarts, fitted.wrong, wanders_s=fitted.wanders_s)
 
 
 def _by_any_clock(device_s: Array, host_ns: Array) -> Fitted:

@@ -26,7 +26,8 @@ from rigs.vocabulary import CIRCLES
 @dataclass(frozen=True)
 class Measured:
     """A run, its rig and its table; u_lag_s: standard uncertainty of the gauges' time against the robot's, 0 where a
-    table came with its own time; doubts in words; systematic: what calibration certificates leave uncertain."""
+    table came with its own time; doubts in words; systematic: what calibration certificates leave uncertain. The run is
+    without its streams: the table is made of them, and of a long run they take as much memory."""
 
     path: Path
     run: Run
@@ -59,7 +60,7 @@ def measured_of(run: Run) -> Measured:
         table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
         return Measured(path, run, rig, table, 0.0, tuple(doubts), _systematic(rig, table))
     table, u_lag_s, more = _recorded(path, run, rig)
-    return Measured(path, run, rig, table, u_lag_s, (*doubts, *more), _systematic(rig, table))
+    return Measured(path, replace(run, streams={}), rig, table, u_lag_s, (*doubts, *more), _systematic(rig, table))
 
 
 def _is_in_step(run: Run) -> None:

@@ -8,6 +8,7 @@ Passive Solution to the Sensor Synchronization Problem, IROS 2010, for the strai
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
 
@@ -21,6 +22,7 @@ _SHORT_S = 50e-6
 _FEW = 0.002
 """Points below the line of their neighbours are wrong while they are fewer than this; more of them are the line."""
 
+Integers = NDArray[np.int64]
 Mask = np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 
@@ -30,12 +32,13 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
     At least two points. Raises nothing: where points are few none is taken for wrong.
     """
     low = low_outliers(x, y)
-    windows = max(1, int((x[-1] - x[0]) // window))
+    under = (x[~low], y[~low]) if low.any() else (x, y)
+    windows = int(np.clip((x[-1] - x[0]) // window, 1, max(1, len(x) // _BLOCK)))
     if windows == 1:
-        offset, rate = lower_line(x[~low], y[~low])
+        offset, rate = lower_line(*under)
         return offset + rate * x, low
     knots = np.linspace(x[0], x[-1], windows + 1)
-    return np.interp(x, knots, _broken(x[~low], y[~low], knots)), low
+    return np.interp(x, knots, _broken(*under, knots)), low
 
 
 def low_outliers(x: Array, y: Array) -> Mask:
@@ -49,7 +52,6 @@ def low_outliers(x: Array, y: Array) -> Mask:
     blocks = len(x) // size
     if blocks < _NEIGHBOURS:
         return none
-    of_row = np.minimum(np.arange(len(x)) // size, blocks - 1)
     least = np.minimum.reduceat(y, np.arange(blocks) * size)
     at = x[np.arange(blocks) * size]
     half = blocks // 2
@@ -57,7 +59,8 @@ def low_outliers(x: Array, y: Array) -> Mask:
     level = least - slope * at
     around = np.median(np.lib.stride_tricks.sliding_window_view(_mirrored(level), _NEIGHBOURS), axis=1)
     spread = float(np.quantile(np.abs(level - around), 0.95))
-    low: Mask = y - slope * x < around[of_row] - _SPREADS * spread - _SHORT_S
+    level = around - _SPREADS * spread - _SHORT_S
+    low: Mask = y - slope * x < np.concatenate([np.repeat(level, size), np.full(len(x) - blocks * size, level[-1])])
     return low if low.sum() <= max(3, _FEW * len(x)) else none
 
 
@@ -80,10 +83,11 @@ def lower_line(x: Array, y: Array) -> tuple[float, float]:
 
 def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
     """The corners (m,) of the lower convex hull of points (n,), x increasing."""
-    order = np.lexsort((y, x))
-    x, y = x[order], y[order]
-    once = np.concatenate([[True], np.diff(x) > 0])
-    x, y = x[once], y[once]
+    if not (np.diff(x) > 0).all():
+        order = np.lexsort((y, x))
+        x, y = x[order], y[order]
+        once = np.concatenate([[True], np.diff(x) > 0])
+        x, y = x[once], y[once]
     while len(x) > 2:
         # A point on or above the line between two others is no corner, whatever else is taken away with it.
         turn = (x[1:-1] - x[:-2]) * (y[2:] - y[:-2]) - (y[1:-1] - y[:-2]) * (x[2:] - x[:-2])
@@ -100,23 +104,25 @@ def _broken(x: Array, y: Array, knots: Array) -> Array:
     A line lies under the points of its window where it lies under the corners of their hull: a small linear program.
     """
     from scipy.optimize import linprog  # noqa: PLC0415 - slow to import, needed for long runs only
+    from scipy.sparse import csr_array  # noqa: PLC0415
 
-    window = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
-    rows, heights = [], []
-    for k in np.unique(window):
-        inside = window == k
-        corner_x, corner_y = lower_hull(x[inside], y[inside])
-        rows.append(_hats(corner_x, knots))
-        heights.append(corner_y)
-    pull = _hats(x, knots).sum(axis=0)
-    found = linprog(-pull, np.concatenate(rows), np.concatenate(heights), bounds=(None, None), method="highs")
+    edges = np.searchsorted(x, knots[1:-1], side="left")
+    corners = []
+    for inside_x, inside_y in zip(np.split(x, edges), np.split(y, edges), strict=True):
+        if len(inside_x):
+            corners.append(lower_hull(inside_x, inside_y))
+    corner_x, corner_y = (np.concatenate(of) for of in zip(*corners, strict=True))
+    right, share = _between(corner_x, knots)
+    # The line is as high at a corner as the knots left and right of it, each by its share.
+    knot, weight = np.stack([right - 1, right], axis=1), np.stack([1 - share, share], axis=1)
+    at_corners = csr_array((weight.ravel(), knot.ravel(), 2 * np.arange(len(right) + 1)), (len(right), len(knots)))
+    right, share = _between(x, knots)
+    pull = np.bincount(right, share, len(knots)) + np.bincount(right - 1, 1 - share, len(knots))
+    found = linprog(-pull, at_corners, corner_y, bounds=(None, None), method="highs")  # type: ignore[call-overload]
     return np.asarray(found.x) if found.success else np.polyval(lower_line(x, y)[::-1], knots)
 
 
-def _hats(x: Array, knots: Array) -> Array:
-    """Each knot's share (n, k) in the broken line at x (n,)."""
+def _between(x: Array, knots: Array) -> tuple[Integers, Array]:
+    """The knot right of each x (n,), and its share in the broken line there."""
     right = np.clip(np.searchsorted(knots, x), 1, len(knots) - 1)
-    share = (x - knots[right - 1]) / (knots[right] - knots[right - 1])
-    hats = np.zeros((len(x), len(knots)))
-    hats[np.arange(len(x)), right - 1], hats[np.arange(len(x)), right] = 1 - share, share
-    return hats
+    return right, (x - knots[right - 1]) / (knots[right] - knots[right - 1])

@@ -11,6 +11,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,9 @@ _LEAP_S = 1.0
 _WRAPS_S = (2**32 * 1e-3, 2**32 * 1e-6)
 """Counters of 32 bits, in ms and in µs."""
 
+_LATEST_S = 1e11
+"""No clock shows so much, since whatever year: what has a stamp beyond has no clock."""
+
 Integers = NDArray[np.int64]
 
 _AROUND = 8
@@ -33,28 +37,39 @@ _AROUND = 8
 class Fitted:
     """Host times (n,) ns of an instrument's stamps; u_s (n,): of those alone that its clock does not tell.
 
-    restarts: how often the clock began anew; wrong: how many stamps were left out.
+    restarts: how often the clock began anew; wrong: how many stamps were left out. wanders_s: by how much the lateness
+    of an instrument's pace changed for good, and shared_u_s, what that makes uncertain in all of them.
     """
 
     ns: Array
     u_s: Array
     restarts: int = 0
     wrong: int = 0
+    wanders_s: float = 0.0
+    shared_u_s: float = 0.0
 
 
 def through_clock(device_s: Array, host_ns: Array) -> Fitted:
     """When the host's clock showed what the instrument's showed, device_s (n,); host_ns (n,), the arrivals or any other
     bound that is never too early. The host's own where the instrument has no clock."""
-    if len(device_s) < 3 or not np.isfinite(device_s).all():
+    if len(device_s) < 3 or not (np.abs(device_s) < _LATEST_S).all():
         return Fitted(host_ns, np.zeros(len(host_ns)))
     device_s = unwrapped(device_s, host_ns)
     wrong = out_of_order(device_s)
-    good = np.flatnonzero(~wrong)
-    starts = _starts(device_s[good], host_ns[good])
-    ns, low = np.empty(len(host_ns)), np.zeros(len(host_ns), dtype=bool)
-    for piece in np.split(good, starts):
-        ns[piece], low[piece] = _fitted(device_s[piece], host_ns[piece])
-    return _by_arrival(ns, host_ns, wrong | low, len(starts))
+    in_order_s, came_ns = (device_s[~wrong], host_ns[~wrong]) if wrong.any() else (device_s, host_ns)
+    starts = _starts(in_order_s, came_ns)
+    pieces = [_fitted(*piece) for piece in zip(np.split(in_order_s, starts), np.split(came_ns, starts), strict=True)]
+    ns, low = (of[0] if len(of) == 1 else np.concatenate(of) for of in zip(*pieces, strict=True))
+    if wrong.any():
+        ns, low = _among(wrong, ns, 0.0), _among(wrong, low, True)
+    return _by_arrival(ns, host_ns, low, len(starts))
+
+
+def _among(wrong: Mask, kept: NDArray[Any], filler: float) -> NDArray[Any]:
+    """Values for all rows (n,): those kept, and a filler where the stamp is wrong."""
+    values = np.full(len(wrong), filler, dtype=kept.dtype)
+    values[~wrong] = kept
+    return values
 
 
 def _starts(device_s: Array, host_ns: Array) -> Integers:
@@ -65,22 +80,28 @@ def _starts(device_s: Array, host_ns: Array) -> Integers:
     offset_s = (host_ns - host_ns[0]) / 1e9 - device_s
     leaps = np.flatnonzero((np.diff(device_s) < 0) | (np.abs(np.diff(offset_s)) > _LEAP_S)) + 1
     starts: list[int] = []
+    least = offset_s[: leaps[0]].min() if len(leaps) else 0.0
     for leap, after in pairwise([*leaps.tolist(), len(device_s)]):
-        least = offset_s[starts[-1] if starts else 0 : leap].min()
-        if device_s[leap] < device_s[leap - 1] or abs(offset_s[leap:after].min() - least) > _LEAP_S:
+        least_after = offset_s[leap:after].min()
+        if device_s[leap] < device_s[leap - 1] or abs(least_after - least) > _LEAP_S:
             starts.append(leap)
+            least = least_after
+        least = min(least, least_after)
     return np.array(starts, dtype=np.int64)
 
 
 def unwrapped(device_s: Array, host_ns: Array) -> Array:
     """Stamps (n,) s of a counter, going on where it wrapped: where it fell by just what it can count to."""
     ticks, passed = np.diff(device_s), np.diff(host_ns) / 1e9
-    added = np.zeros(len(ticks))
+    leaps = np.flatnonzero(np.abs(ticks - passed) > min(_WRAPS_S) - _LEAP_S)
+    if not len(leaps):
+        return device_s
+    added, ticks, passed = np.zeros(len(device_s)), ticks[leaps], passed[leaps]
     for wrap_s in _WRAPS_S:
-        added[(ticks < 0) & (np.abs(ticks + wrap_s - passed) < _LEAP_S)] = wrap_s
-        added[(ticks > 0) & (np.abs(ticks - wrap_s - passed) < _LEAP_S)] = -wrap_s  # one message of before, come late
-    going_on: Array = device_s + np.concatenate([[0.0], np.cumsum(added)])
-    return going_on
+        added[leaps[(ticks < 0) & (np.abs(ticks + wrap_s - passed) < _LEAP_S)] + 1] = wrap_s
+        # One message of before, come late.
+        added[leaps[(ticks > 0) & (np.abs(ticks - wrap_s - passed) < _LEAP_S)] + 1] = -wrap_s
+    return np.asarray(device_s + np.cumsum(added))
 
 
 def out_of_order(device_s: Array) -> Mask:

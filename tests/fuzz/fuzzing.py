@@ -19,11 +19,12 @@ from types import FrameType
 
 import fuzz_control
 import fuzz_files
+import fuzz_values
 import fuzz_wires
 
 HANG_S = 10.0
 GROWTH_MB = 48.0
-BLOCK = {"rig_files": 200, "runs": 500, "tables": 1000}
+BLOCK = {"rig_files": 200, "runs": 500, "tables": 1000, "chunk_values": 200}
 WIRE_BLOCK = 20_000
 
 
@@ -57,7 +58,8 @@ class Hang(BaseException):
 @cache
 def targets() -> dict[str, list[Callable[[Random], int]]]:
     """Feeds by target: the interfaces, the control socket, the files."""
-    return {**fuzz_wires.wires(), **fuzz_control.control(), **fuzz_files.files()}
+    files = {**fuzz_files.files(), "chunk_values": [fuzz_values.crafted]}
+    return {**fuzz_wires.wires(), **fuzz_control.control(), **files}
 
 
 def is_file(target: str) -> bool:

@@ -14,7 +14,7 @@ from daq.daemon import _label
 from daq.gauges.sylvac_opto_rs import _Continuous
 from daq.protocol.framing import Lines
 
-SAMPLE = {"rig_files": 12, "runs": 20, "tables": 60}
+SAMPLE = {"rig_files": 12, "runs": 20, "tables": 60, "chunk_values": 30}
 
 
 @pytest.mark.parametrize("target", targets())

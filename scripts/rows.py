@@ -1,0 +1,74 @@
+"""CPU and peak memory of `rig analyse` by rows, each step a process of its own, beside pandas on the same Parquet.
+
+Read: the run becomes a table. Analyse: the whole command. pandas: two gauges and robot into frames and a least-squares
+sine, the least that anybody would do by hand. Ratios are of CPU, imports and all. Nothing heavy is imported here, for
+a child's peak memory begins with its parent's.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass
+
+LEAST = 10_000
+"""A lap of fewer rows at 4 kHz is quicker than its robot."""
+SIZES = (10_000, 100_000, 1_000_000, 10_000_000)
+READ = "import sys, pathlib, analysis.reading.loading as it; it.load_measured(pathlib.Path(sys.argv[1]))"
+PANDAS = """
+import sys, pathlib
+import numpy as np, pandas as pd
+run = pathlib.Path(sys.argv[1])
+def stream(name):
+    return pd.concat([pd.read_parquet(file) for file in sorted(run.glob(f"{name}-*.parquet"))], ignore_index=True)
+g1, g2, robot = stream("g1"), stream("g2"), stream("robot")
+angle = np.arctan((g2["g2_mm"] - g1["g1_mm"]).to_numpy() / 50)
+phi = np.linspace(0, 2 * np.pi, len(angle))
+print(np.linalg.lstsq(np.column_stack([np.ones_like(phi), np.sin(phi), np.cos(phi)]), angle, rcond=None)[0])
+"""
+
+
+@dataclass(frozen=True)
+class Cost:
+    """CPU of a process, its own and the system's for it, and its peak memory."""
+
+    cpu_s: float
+    peak_mb: float
+
+    def __str__(self) -> str:
+        return f"{self.cpu_s:8.2f} {self.peak_mb:7.0f}"
+
+
+def cost(*command: str) -> Cost:
+    """Of a command. Raises CalledProcessError where it fails."""
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise subprocess.CalledProcessError(process.returncode, command)
+    return Cost(used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3)
+
+
+def main(peer: str, sizes: list[int]) -> None:
+    """Prints a line for each size; peer: the python that has pandas, empty for none."""
+    print("             read             analyse          pandas           CPU ratio to pandas")
+    print("rows         CPU s   MB       CPU s   MB       CPU s   MB       read  analyse")
+    for rows in sizes:
+        with tempfile.TemporaryDirectory() as runs:
+            written = subprocess.run(
+                [sys.executable, "scripts/rows_run.py", runs, str(rows)], check=True, capture_output=True, text=True
+            )
+            run = written.stdout.strip()
+            cost(sys.executable, "-c", READ, run)  # from the disk once, and everything compiled
+            read, analyse = cost(sys.executable, "-c", READ, run), cost("rig", "analyse", run, "--json")
+            pandas = cost(peer, "-c", PANDAS, run) if peer else None
+        ratios = f"{read.cpu_s / pandas.cpu_s:4.1f}  {analyse.cpu_s / pandas.cpu_s:4.1f}" if pandas else ""
+        print(f"{rows:<9} {read} {analyse} {pandas or '       -       -'}       {ratios}", flush=True)
+    if not peer:
+        print("no pandas: it could not be installed (no network?)")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], [max(LEAST, int(float(size))) for size in sys.argv[2:]] or list(SIZES))
