@@ -40,9 +40,8 @@ _JUMP_SPEEDS = 3.0
 @dataclass(frozen=True)
 class Laps:
     """Whole laps in order of time. t_s (n,), q (n, 6) rad, g_mm (n, k); phi (n,) rad, going on from lap to lap,
-    whatever the robot did between them; notes: what a person should know of how they were cut out; u_t_s (n,) as in the
-    table; count: how many laps these are; lap_s: mean time of a lap; apart_s: of the beginning of one to that of the
-    next."""
+    whatever the robot did between them; notes: what a person should know of how they were cut out; count: how many
+    laps these are; lap_s: mean time of a lap; apart_s: of the beginning of one to that of the next."""
 
     direction: Direction
     frame: CircleFrame
@@ -52,7 +51,6 @@ class Laps:
     g_mm: Array
     lap_s: float
     apart_s: float
-    u_t_s: Array | None = None
     count: int = 1
     notes: tuple[str, ...] = ()
 
@@ -67,7 +65,6 @@ class Laps:
             phi=self.phi[own],
             q=self.q[own],
             g_mm=self.g_mm[own],
-            u_t_s=None if self.u_t_s is None else self.u_t_s[own],
         )
 
     @property
@@ -117,7 +114,6 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
         table.g_mm[inside],
         lap_s,
         float(np.diff(begins).mean()) if len(laps) > 1 else lap_s,
-        None if table.u_t_s is None else table.u_t_s[inside],
         len(laps),
     )
 

@@ -91,7 +91,8 @@ def test_what_the_set_up_takes_up_and_what_does_nothing_is_listed_with_the_reaso
     hidden = {sight.name: sight for sight in circle_alone.hidden}
     assert "set-up takes it up" in hidden["joint_offset 1"].hidden
     assert hidden["compliance 1"].hidden == "gravity does not load axis 1"
-    assert hidden["reversal_spike 4"].hidden == "axis 4 does not turn back"
+    # Along the lap axis 4 never turns back, but on the way back to the next lap it does.
+    assert "reversal_spike 4" not in hidden
     assert "axis 6" in hidden["compliance 6"].hidden
     # The gauges' zeros hold the tool's length on a circle; a hemisphere has it in its radius and its ball.
     assert hidden["link_geometry 6.d"].further[0].test == "hemisphere (radial)"

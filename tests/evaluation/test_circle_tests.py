@@ -88,8 +88,9 @@ def test_hysteresis_is_what_differs_between_directions_and_nothing_else() -> Non
     other = yaw.evaluate(_lap(back + 0.004, direction="cw"), 50.0, 0.02, 1e-6)
     figures = pair.pair(one, other).figures
     assert figures["hysteresis_mean_deg"].value == pytest.approx(0.1, abs=1e-4)
+    # Of single laps the slow noise is assumed, and a maximum is lowered by what it adds.
     assert figures["hysteresis_max_deg"].value == pytest.approx(0.1, abs=2e-3)
-    assert figures["hysteresis_max_mm"].value == pytest.approx(0.004, abs=2e-4)
+    assert figures["hysteresis_max_mm"].value == pytest.approx(0.004, abs=5e-4)
     assert figures["hysteresis_mean_mm"].value == pytest.approx(-0.004, abs=2e-4)
     with pytest.raises(FileError, match="give an acw run and a cw run"):
         pair.pair(other, one)
@@ -145,7 +146,7 @@ def test_a_good_run_is_not_doubted(name: str, test: str) -> None:
             "row 5 is no number",
         ),
         ({"g_mm": _ball("yaw", (1, 0, 0))[:, :1]}, "not two gauges"),
-        ({"frame": dataclasses.replace(FRAME, radius=0.0)}, "a radius of 0 mm is none"),
+        ({"frame": dataclasses.replace(FRAME, radius=0.0)}, "a radius of 0 mm cannot be"),
     ],
 )
 def test_what_is_no_circle_run_is_refused(wrong: dict, said: str) -> None:

@@ -6,6 +6,7 @@ import io
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -15,6 +16,8 @@ from analysis.reporting.results import Result, analyse_run, analyse_runs
 from analysis.reporting.truth import compare
 from rigs.errors import FileError
 from rigs.load import load, load_hidden
+from rigs.rig import Rig
+from rigs.tests import Tests
 
 RIG, TEXT = load("ur10e")
 RIG = load_hidden("ur10e").within(RIG)
@@ -31,19 +34,49 @@ def laps(tmp_path_factory: pytest.TempPathFactory) -> list[Result]:
 def test_as_many_runs_abreast_as_the_screen_holds_whole(laps: list[Result], width: int, abreast: int) -> None:
     console = Console(width=width, file=io.StringIO())
     with console.capture() as shown:
-        console.print(as_tables(laps))
+        console.print(as_tables(laps, each=True))
     for result in laps:
         assert all(str(figure) in shown.get() for figure in result.figures.values())
-    assert max(line.count("yaw acw") + line.count("yaw cw") for line in shown.get().splitlines()) == abreast
+    heads = [line for line in shown.get().splitlines() if "┃" in line]
+    assert max(line.count("yaw acw") + line.count("yaw cw") for line in heads) == abreast
 
 
-def test_the_two_runs_held_against_each_other_are_named_where_there_are_more(laps: list[Result]) -> None:
+def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps: list[Result]) -> None:
     words = [str(part) for part in as_tables(laps).renderables]  # type: ignore[attr-defined]
-    assert any(line.startswith("acw against cw (yaw-acw-001, yaw-cw-001): ") for line in words)
-    words = [str(part) for part in as_tables(laps[:2]).renderables]  # type: ignore[attr-defined]
-    assert any(line.startswith("acw against cw: ") for line in words)
-    (both,) = as_object(laps)["acw_against_cw"]
-    assert [Path(run).name for run in both["runs"]] == ["yaw-acw-001", "yaw-cw-001"]
+    assert any(line.startswith("acw against cw (2 pairs): ") for line in words)
+    assert "2 runs yaw acw and 2 runs yaw cw: mean ± standard uncertainty of the mean" in " ".join(words)
+    answer = as_object(laps)
+    (both,) = answer["acw_against_cw"]
+    assert [Path(run).name for run in both["runs"]] == ["yaw-acw-001", "yaw-cw-001", "yaw-acw-002", "yaw-cw-002"]
+    acw = next(one for one in answer["between_runs"] if one["direction"] == "acw")
+    singles = [run["figures"]["band_deg"]["value"] for run in answer["runs"] if run["direction"] == "acw"]
+    band = acw["figures"]["band_deg"]
+    assert band["value"] == pytest.approx(np.mean(singles)) and band["runs"] == 2
+    assert band["sd_between_runs"] == pytest.approx(np.std(singles, ddof=1))
+    # Student's law with one degree of freedom.
+    assert band["u"] >= 0.99 * 6.98 * band["sd_between_runs"] / np.sqrt(2)
+
+
+def test_one_run_says_what_is_not_in_its_uncertainty(laps: list[Result]) -> None:
+    words = [str(part) for part in as_tables(laps[:1]).renderables]  # type: ignore[attr-defined]
+    assert any(line.startswith("one run only: what differs between runs is not in u; expect ") for line in words)
+    assert as_object(laps[:1])["between_runs"] == []
+
+
+def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps: list[Result], tmp_path: Path) -> None:
+    elsewhere = RIG.model_copy(update={"tests": _with_ball_at(RIG, (1.4, -0.4, 0.1))})
+    (path,) = write_simulated(elsewhere, TEXT, "yaw", ("acw",), [9], None, tmp_path, csv=False)
+    three = [*(result for result in laps if result.title == "yaw acw"), analyse_run(path)]
+    (one,) = as_object(three)["between_runs"]
+    assert len(one["runs"]) == 2
+    (why,) = one["left_out"].values()
+    assert "another set-up, left out of the mean" in why
+
+
+def _with_ball_at(rig: Rig, ball_mm: tuple[float, float, float]) -> Tests:
+    assert rig.tests.circle is not None
+    circle = rig.tests.circle.model_copy(update={"eccentricity_mm": ball_mm})
+    return rig.tests.model_copy(update={"circle": circle})
 
 
 def test_a_truth_that_tells_nothing_of_a_test_is_told(laps: list[Result], tmp_path: Path) -> None:
