@@ -56,6 +56,7 @@ def _rig_text(interface: str, *, shared: bool) -> str:
 def test_an_emulated_cell_with_this_gauge_is_read(interface: str, shared: bool) -> None:
     rig = parse(_rig_text(interface, shared=shared), "cell")
     motion = Swinging()
+    age_ns = (rig.gauges.g1.timing.cycle_ms or 0.0) * 1e6
     streams = streams_of(rig)[:-1]
     assert [stream.columns for stream in streams] == ([("g1_mm", "g2_mm")] if shared else [("g1_mm",), ("g2_mm",)])
     for stream in streams:
@@ -69,7 +70,7 @@ def test_an_emulated_cell_with_this_gauge_is_read(interface: str, shared: bool) 
         for sample in samples:
             taken_ns = sample.first_byte_ns if sample.requested_ns == NO_TIME else sample.requested_ns
             wire_ns = sample.size * stream.line.character_ns if sample.requested_ns == NO_TIME else 0
-            drift_mm = 0.8 * 4 * math.pi * wire_ns / S
+            drift_mm = 0.8 * 4 * math.pi * (wire_ns + age_ns) / S
             expected = [motion.gauge_mm(name, taken_ns) for name in names]
             assert sample.values == pytest.approx(expected, abs=COARSE_MM.get(interface, 0.001) + drift_mm)
 
