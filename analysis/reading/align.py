@@ -133,6 +133,7 @@ def _tell(name: str, instants: Instants, doubts: list[str]) -> None:
         doubts.append(f"{name}: {instants.wrong} stamps of its clock make no sense; those rows go by their arrival")
     if instants.held:
         doubts.append(f"{name}: its adapter holds bytes back, which costs certainty; set its latency_timer to 1 ms")
+    doubts.extend(f"{name}: {words}" for words in instants.doubts)
 
 
 def _track(name: str, instants: Instants, values: Array, doubts: list[str]) -> _Track:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,9 +17,11 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.reading.lower_hull import Mask
 from analysis.reading.own_clock import Fitted, through_clock
+from analysis.reading.own_cycle import anywhere_in_a_cycle, changes, through_cycle
 from analysis.reading.steady_pace import through_pace
 from rigs.gauges import Gauge
 from rigs.links import tcp_address
+from rigs.timing import Timing
 
 _HIDDEN_S = 1e-3
 """How much an instrument's own time to answer may vary unseen behind an adapter that holds bytes back."""
@@ -30,10 +32,31 @@ _HOLDS = 1.5
 """… or for so many times what nine of ten answers took; what takes longer, a computer held up."""
 _HOST_S = 30e-6
 """No host tells when a byte came any better."""
+_HELD_NS = 1.5e6
+"""First and last byte come as evenly as this of themselves, …"""
+_EVEN = (0.02, 0.98)
+"""… but for the few that a busy computer was late for."""
+_IN_STEP = 0.9
+"""Mean cosine of arrivals that a timer of whole milliseconds releases, as all adapters have it."""
 _STIRRED = 5
 _STIRRED_NS = 2e6
 """From so many requests that did not follow the answer before at once, and where they are answered so unevenly, it can
 be seen that an adapter holds bytes back (`daq.protocol.polled` says why)."""
+
+_LONGER = 1.2
+"""Times a stated cycle: readings that stay the same for longer contradict it."""
+_FOUND = (
+    "its readings repeat as those of a cycle of its own do, of {:.2f} ms by the readings themselves; each is taken at "
+    "its tick; state the cycle as timing.cycle_ms in the rig file"
+)
+_UNEVEN = (
+    "its readings repeat while it moves, in an uneven cycle of some {:.0f} ms; each is taken where it first showed, "
+    "which costs certainty; see timing in the rig file and the instrument's manual"
+)
+_NOT_SEEN = (
+    "its readings repeat while it moves, so they may be up to {:.0f} ms old, which is in u; state the cycle as "
+    "timing.cycle_ms in the rig file, or read the gauge more often"
+)
 
 Columns = Mapping[str, np.ndarray[Any, Any]]
 
@@ -44,6 +67,7 @@ class Instants:
 
     u_s: the standard uncertainty that all share; own_u_s (n,): what each has beside it. restarts: how often the
     instrument's own clock began anew; wrong: how many of its stamps were left out. held: an adapter holds bytes back.
+    doubts: what else a person should know of these times, in words.
     """
 
     ns: Array
@@ -52,21 +76,59 @@ class Instants:
     restarts: int = 0
     wrong: int = 0
     held: bool = False
+    doubts: tuple[str, ...] = ()
 
 
 def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
-    """When each reading of a gauge was taken."""
+    """When each reading of a gauge was taken, in the middle of what its filter averages."""
+    found, timing = _answered(stream, gauge), gauge.timing
+    u_s = math.hypot(found.u_s, timing.filter_uncertainty_ms / 1e3)
+    return replace(found, ns=found.ns - timing.filter_ms * 1e6, u_s=u_s)
+
+
+def _answered(stream: Columns, gauge: Gauge) -> Instants:
+    """When each reading was latched."""
+    timing = gauge.timing
     character_ns = 0 if tcp_address(gauge.port) else gauge.line.character_ns
     first, last, size = stream["first_byte_ns"], stream["last_byte_ns"], stream["size"]
     set_out = np.minimum(first - character_ns, last - size * character_ns).astype(float)
     if (stream["requested_ns"] < 0).any():
-        return _streamed(stream["device_time_s"], set_out, character_ns)
+        return _streamed(stream["device_time_s"], first - character_ns, last - size * character_ns, character_ns)
     went_through = stream["requested_ns"] + float(gauge.request_bytes * character_ns)
+    set_out -= timing.answer_delay_ms * 1e6
     window = np.maximum(set_out - went_through, 0.0)
+    if timing.latched_within_ms is not None:
+        window = np.minimum(window, timing.latched_within_ms * 1e6)
     held = _is_held(window, stream["requested_ns"][1:] > last[:-1])
     if np.isfinite(stream["device_time_s"]).all():
         return _asked_with_clock(stream["device_time_s"], went_through, set_out, held)
-    return _asked(went_through, window, held)
+    asked = _asked(went_through, window, held)
+    values = np.stack([column for name, column in stream.items() if name.endswith("_mm")], axis=1)
+    return asked if timing.latch == "on_request" else _of_own_cycle(asked, values, timing)
+
+
+def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
+    """Of answers that were given when they were asked for, with readings (n, k) of a cycle that runs by itself."""
+    cycle_ns = None if timing.cycle_ms is None else timing.cycle_ms * 1e6
+    doubts: tuple[str, ...] = ()
+    if ticks := through_cycle(asked.ns, values, cycle_ns):
+        if cycle_ns is None or not ticks.steady:
+            doubts = ((_FOUND if ticks.steady else _UNEVEN).format(ticks.period_ns / 1e6),)
+        u_s = math.hypot(asked.u_s, ticks.u_s)
+        return replace(asked, ns=ticks.ns, u_s=u_s, own_u_s=ticks.own_u_s, doubts=doubts)
+    seen = changes(asked.ns, values)
+    if seen.repeating and (cycle_ns is None or seen.usual_ns > _LONGER * cycle_ns):
+        cycle_ns, doubts = seen.usual_ns, (_NOT_SEEN.format(seen.usual_ns / 1e6),)
+    if cycle_ns is None:
+        return asked
+    own_u_s, shared_u_s = anywhere_in_a_cycle(asked.ns, cycle_ns)
+    return replace(
+        asked,
+        ns=asked.ns - cycle_ns / 2,
+        u_s=math.hypot(asked.u_s, shared_u_s),
+        own_u_s=np.hypot(asked.own_u_s, own_u_s),
+        doubts=doubts,
+    )
 
 
 def _is_held(window: Array, idle_before: Mask) -> bool:
@@ -99,10 +161,35 @@ def robot_instants(stream: Columns) -> Instants:
     return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarts, fitted.wrong)
 
 
-def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
-    """A reading that nobody asked for was latched as its answer set out, or up to a character before."""
+def _streamed(device_s: Array, by_first: Array, by_last: Array, character_ns: int) -> Instants:
+    """A reading that nobody asked for was latched as its answer set out, or up to a character before.
+
+    by_first, by_last (n,): when it set out at the latest, by the first byte and by the last. Without a clock or a
+    steady pace they are all there is.
+    """
+    set_out = np.minimum(by_first, by_last).astype(float)
     fitted = _by_any_clock(device_s, set_out)
-    return Instants(fitted.ns, character_ns / math.sqrt(3) / 1e9, fitted.u_s, fitted.restarts, fitted.wrong)
+    u_s = character_ns / math.sqrt(3) / 1e9
+    if not np.array_equal(fitted.ns, set_out) or not (timer_ns := _timer_ns(by_first, by_last)):
+        return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarts, fitted.wrong)
+    # No byte is held for longer than the timer runs, and both bound the answer.
+    window = np.maximum(timer_ns - np.abs(by_last - by_first), 0.0)
+    return Instants(set_out - window / 2, math.hypot(u_s, _HOST_S), _anywhere_in(window), held=True)
+
+
+def _timer_ns(by_first: Array, by_last: Array) -> float:
+    """How long an adapter holds the bytes back of answers that come unasked and unevenly; 0 where it does not.
+
+    First and last byte then differ unevenly, by the timer at the most; or all arrivals are multiples of it apart.
+    """
+    least, most = np.quantile(by_last - by_first, _EVEN)
+    if most - least > _HELD_NS:
+        return float(most - least)
+    steps = np.diff(by_first)
+    timers = np.arange(_HOLDS_NS, 2 * _HELD_NS, -1e6)
+    in_step = np.abs(np.exp(2j * np.pi * steps / timers[:, None]).mean(axis=1)) > _IN_STEP
+    uneven = np.ptp(np.quantile(steps, (0.1, 0.9))) > timers
+    return float(timers[in_step & uneven].max(initial=0.0))
 
 
 def _by_any_clock(device_s: Array, host_ns: Array) -> Fitted:
