@@ -45,6 +45,13 @@ be seen that an adapter holds bytes back (`daq.protocol.polled` says why)."""
 
 _LONGER = 1.2
 """Times a stated cycle: readings that stay the same for longer contradict it."""
+_SPARSE_NS = 50e6
+"""Where a joint turns back, a play is crossed in some ten milliseconds: five times that tells one gauge of it long
+before the other."""
+_SPARSE = (
+    "its readings are {:.0f} ms apart, too far to follow a joint that turns back: a band may be too large by what the "
+    "other gauge shows earlier; drive the circle slower"
+)
 _FOUND = (
     "its readings repeat as those of a cycle of its own do, of {:.2f} ms by the readings themselves; each is taken at "
     "its tick; state the cycle as timing.cycle_ms in the rig file"
@@ -114,6 +121,8 @@ def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
     if ticks := through_cycle(asked.ns, values, cycle_ns):
         if cycle_ns is None or not ticks.steady:
             doubts = ((_FOUND if ticks.steady else _UNEVEN).format(ticks.period_ns / 1e6),)
+        if ticks.period_ns > _SPARSE_NS:
+            doubts = (*doubts, _SPARSE.format(ticks.period_ns / 1e6))
         u_s = math.hypot(asked.u_s, ticks.u_s)
         return replace(asked, ns=ticks.ns, u_s=u_s, own_u_s=ticks.own_u_s, doubts=doubts)
     seen = changes(asked.ns, values)

@@ -88,15 +88,20 @@ def _stamped(items: Sequence[Item], latched: Latched) -> Stamped:
 
 
 def serial(
-    rng: np.random.Generator, character_ns: int, latency_ms: float, answer_ms: float = 3.0, slow: float = 1.003
+    rng: np.random.Generator,
+    character_ns: int,
+    latency_ms: float,
+    answer_ms: float = 3.0,
+    slow: float = 1.003,
+    latched_ms: float | None = None,
 ) -> Wire:
     """A serial line as it may be: the instrument's baud off by 0.3 %, its answer begun within `answer_ms`, the reading
-    latched anywhere before, the host late by some 0.1 ms."""
+    latched anywhere before, or within `latched_ms`; the host late by some 0.1 ms."""
     thinking: list[float] = []
 
     def latch_ns() -> int:
         thinking.append(float(rng.uniform(0, answer_ms * 1e6)))
-        return round(float(rng.uniform(0, thinking[-1])))
+        return round(float(rng.uniform(0, thinking[-1] if latched_ms is None else latched_ms * 1e6)))
 
     return Wire(
         round(character_ns * slow),
