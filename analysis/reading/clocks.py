@@ -17,8 +17,9 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.reading.lower_hull import Mask
 from analysis.reading.own_clock import Fitted, through_clock
-from analysis.reading.own_cycle import anywhere_in_a_cycle, changes, through_cycle
+from analysis.reading.own_cycle import anywhere_in_a_cycle, through_cycle
 from analysis.reading.steady_pace import through_pace
+from analysis.reading.value_changes import changes, repeats
 from rigs.gauges import Gauge
 from rigs.links import tcp_address
 from rigs.timing import Timing
@@ -117,6 +118,8 @@ def _answered(stream: Columns, gauge: Gauge) -> Instants:
 def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
     """Of answers that were given when they were asked for, with readings (n, k) of a cycle that runs by itself."""
     cycle_ns = None if timing.cycle_ms is None else timing.cycle_ms * 1e6
+    if cycle_ns is None and not repeats(values):
+        return asked
     doubts: tuple[str, ...] = ()
     if ticks := through_cycle(asked.ns, values, cycle_ns):
         if cycle_ns is None or not ticks.steady:

@@ -2,9 +2,9 @@
 
 Such a gauge answers with the last reading of its cycle, however old. Its value can change only at a tick, so two
 answers that differ have a tick between them. Each such change bounds one tick; a steady cycle, numbered and fitted
-through all of them, tells each far better than its own bounds (interval-censored least squares by the EM algorithm,
-Dempster, Laird, Rubin 1977). In an uneven cycle the bounds alone hold. Where answers come hardly oftener than ticks
-nothing is seen of them, and the age of a reading is anything up to a cycle.
+through all of them, tells each far better than its own bounds (`cycle_line`). In an uneven cycle the bounds alone
+hold. Where answers come hardly oftener than ticks nothing is seen of them, and the age of a reading is anything up to
+a cycle.
 """
 
 from __future__ import annotations
@@ -13,45 +13,23 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
+from analysis.reading.cycle_line import CycleLine, fitted, numbered, period_of
+from analysis.reading.value_changes import FEW, Bounds, Mask, changes
 
-_FEW = 16
-"""Ticks from which a period, a phase and a scatter can be told."""
 _WIDE = 0.7
 """Of a cycle: changes seen no closer than this bound no tick, …"""
 _STATED = 0.02
 """… a stated cycle is true to this share (a crystal to far less, a maker's round figure to this), …"""
 _SOUGHT = 0.3
 """… and one that is not stated lies so near to the usual distance of changes."""
-_LAGS = (8, 32, 128)
-"""Over so many changes distances are compared with the cycle: each step makes it as many times better known."""
-_BLOCK = 32
-"""Changes that share a phase while they are being numbered: half a cycle of drift over these would lose count."""
-_KNOT = 50
-"""Ticks from knot to knot of the cycle's drift: some seconds, in which a crystal's rate hardly changes."""
-_ROUNDS = 8
-_STEPS = 5
-_WRONG = 0.01
-"""Share of the changes that may be no tick, as where a line garbles a digit, …"""
 _AGREE = 0.8
-"""… and share that must agree with the cycle before it is believed."""
-_JUMP = 4.0
-"""Steps of the resolution by which a gauge on the move changes from tick to tick: by chance it repeats itself …"""
-_REPEATS = 0.85
-"""… in less than the rest of this share of its answers."""
+"""Share of the changes that must agree with a cycle before it is believed."""
 _STEADY = 0.15
 """Of a cycle: ticks that scatter by more keep no time."""
-_SHIFTS = 81
-_SCATTERS = 60
-_LOG_LIKELY = 2.0
-"""The largest scatter is taken whose log likelihood falls short of the best by this: two standard deviations."""
 _SAMPLE = 2000
-"""Ticks that tell the common phase: more of them say the same."""
-
-Integers = NDArray[np.int64]
-Mask = NDArray[np.bool_]
+"""Requests that tell whether they keep step with the cycle: more of them say the same."""
 
 
 @dataclass(frozen=True)
@@ -66,41 +44,6 @@ class Ticks:
     steady: bool
 
 
-@dataclass(frozen=True)
-class Bounds:
-    """Changes of the value: tick in (low_ns, high_ns] (m,), shown from answer `row` (m,) on; jumps (m,): whether the
-    gauge was on the move there."""
-
-    low_ns: Array
-    high_ns: Array
-    row: Integers
-    jumps: Mask
-    answers: int
-    """Of which these are the changes."""
-
-    def of(self, chosen: Mask) -> Bounds:
-        return Bounds(self.low_ns[chosen], self.high_ns[chosen], self.row[chosen], self.jumps[chosen], self.answers)
-
-    @property
-    def middle_ns(self) -> Array:
-        return (self.low_ns + self.high_ns) / 2
-
-    @property
-    def width_ns(self) -> Array:
-        return self.high_ns - self.low_ns
-
-    @property
-    def usual_ns(self) -> float:
-        """Distance of neighbouring ticks, of those on the move."""
-        lag = min(_LAGS[0], len(self.row) // 2)
-        return float(np.quantile(self.middle_ns[lag:] - self.middle_ns[:-lag], 0.3)) / lag
-
-    @property
-    def repeating(self) -> bool:
-        """Whether a gauge showed values more than once though it moved, oftener than its resolution explains."""
-        return bool(len(self.row) >= _FEW and len(self.row) < _REPEATS * self.answers and self.jumps.mean() > 0.5)
-
-
 def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Ticks | None:
     """Ticks of the answers given at asked_ns (n,) with values (n, k); None where they are not to be seen.
 
@@ -110,16 +53,19 @@ def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Tic
     start_ns = float(asked_ns[0])
     asked_ns = asked_ns - start_ns
     bounds = changes(asked_ns, values)
-    if len(bounds.row) < _FEW or (cycle_ns is None and not bounds.repeating):
+    if len(bounds.row) < FEW or (cycle_ns is None and not bounds.repeating):
         return None
     usual_ns = bounds.usual_ns if cycle_ns is None else cycle_ns
     close = bounds.width_ns < _WIDE * usual_ns
-    if close.sum() < max(_FEW, len(close) / 2):
+    if close.sum() < max(FEW, len(close) / 2):
         return None
     narrow = bounds.of(close)
-    period_ns = _period_ns(narrow.middle_ns, usual_ns, _SOUGHT if cycle_ns is None else _STATED)
-    line = _fit(narrow, _numbers(narrow.middle_ns, period_ns), period_ns)
-    if line.agreeing >= _AGREE and line.scatter_ns < _STEADY * line.period_ns:
+    period_ns = period_of(narrow.middle_ns, usual_ns, _SOUGHT if cycle_ns is None else _STATED)
+    number = numbered(narrow.middle_ns, period_ns)
+    if np.ptp(number) < FEW:
+        return None
+    line = fitted(narrow, number, period_ns)
+    if line.agreeing.mean() >= _AGREE and line.scatter_ns < _STEADY * line.period_ns:
         found = _at_ticks(asked_ns, bounds, close, line)
     elif bounds.repeating:
         found = _at_changes(asked_ns, bounds)
@@ -128,167 +74,18 @@ def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Tic
     return replace(found, ns=start_ns + found.ns)
 
 
-def changes(asked_ns: Array, values: Array) -> Bounds:
-    """Where answers at asked_ns (n,) show another value (n, k) than the one before; no number equals no number."""
-    before, after = values[:-1], values[1:]
-    row = np.flatnonzero(((before != after) & ~(np.isnan(before) & np.isnan(after))).any(axis=1)) + 1
-    steps = np.nan_to_num(np.abs(values[row] - values[row - 1])).max(axis=1, initial=0.0)
-    resolution = steps[steps > 0].min(initial=np.inf)
-    near = np.lib.stride_tricks.sliding_window_view(np.pad(steps, 2, mode="edge"), 5) if len(steps) else steps[:, None]
-    jumps = np.median(near, axis=1) >= _JUMP * resolution
-    return Bounds(asked_ns[row - 1], asked_ns[row], row, jumps, len(asked_ns))
-
-
-def _period_ns(middle_ns: Array, usual_ns: float, within: float) -> float:
-    """The period of which all distances of changes at middle_ns (m,) are multiples, within a share of the usual."""
-    period_ns = usual_ns
-    for lag in _LAGS:
-        if 2 * lag > len(middle_ns):
-            break
-        lags = range(1, lag + 1) if lag == _LAGS[0] else (lag,)
-        within = min(within, 1.0 if lag == _LAGS[0] else 0.25 / lag)
-        trial = 1 / (1 + np.linspace(-within, within, max(41, 2 * math.ceil(8 * within * lag) + 1)))
-        whole = np.zeros(len(trial))
-        for k in lags:
-            apart = middle_ns[k:] - middle_ns[:-k]
-            turns = apart[apart < 2 * k * usual_ns][:_SAMPLE] / period_ns
-            whole += np.cos(2 * np.pi * trial[:, None] * turns).sum(axis=1)
-        period_ns /= float(trial[np.argmax(whole)])
-    return period_ns
-
-
-def _numbers(middle_ns: Array, period_ns: float) -> Integers:
-    """Which tick each change (m,) is: the phase is followed from block to block, since a cycle drifts."""
-    turns = middle_ns / period_ns
-    starts = np.arange(0, max(len(turns) - _BLOCK // 2, 1), _BLOCK)
-    count = np.diff(np.append(starts, len(turns)))
-    phase = np.unwrap(np.angle(np.add.reduceat(np.exp(2j * np.pi * turns), starts))) / (2 * np.pi)
-    at = np.add.reduceat(turns, starts) / count
-    return np.round(turns - np.interp(turns, at, phase)).astype(np.int64)
-
-
-@dataclass(frozen=True)
-class _Line:
-    """A cycle: at_ns (k,) of its knots by their number (k,), its period and scatter, what its phase is uncertain by,
-    the share of changes that agree with it; and of those changes the likeliest tick, ns (m,), by number (m,), and its
-    own uncertainty u_ns (m,)."""
-
-    knots: Array
-    at_ns: Array
-    period_ns: float
-    scatter_ns: float
-    u_phase_ns: float
-    agreeing: float
-    number: Integers
-    ns: Array
-    u_ns: Array
-
-    def tick_ns(self, number: Array) -> Array:
-        """Time of ticks by their number (n,); beyond the ends the cycle goes on."""
-        inside = np.clip(number, self.knots[0], self.knots[-1])
-        return np.asarray(np.interp(inside, self.knots, self.at_ns) + (number - inside) * self.period_ns)
-
-    def number_at(self, at_ns: Array) -> Array:
-        """Numbers of ticks (n,), with their fraction, at times (n,)."""
-        inside = np.clip(at_ns, self.at_ns[0], self.at_ns[-1])
-        return np.asarray(np.interp(inside, self.at_ns, self.knots) + (at_ns - inside) / self.period_ns)
-
-
-def _fit(bounds: Bounds, number: Integers, period_ns: float) -> _Line:
-    """The broken line through ticks that lie within bounds, and how they scatter about it."""
-    knots = np.linspace(number[0], number[-1], max(2, len(number) // _KNOT + 1))
-    width_ns = bounds.width_ns
-    ticks, weight = bounds.middle_ns, np.ones(len(number))
-    scatter_ns = float(np.median(width_ns)) / 2
-    at_ns = knots * period_ns
-    for _ in range(_ROUNDS):
-        for _ in range(_STEPS):
-            at_ns = _broken(number.astype(float), ticks, weight, knots)
-            line_ns = np.interp(number, knots, at_ns)
-            ticks, _, inside = _expected(bounds.low_ns - line_ns, bounds.high_ns - line_ns, scatter_ns)
-            ticks, weight = ticks + line_ns, _likely(inside, width_ns / period_ns)
-        scatter_ns = _scatter(bounds, np.interp(number, knots, at_ns), period_ns)
-    shift_ns, u_phase_ns = _phase(bounds, np.interp(number, knots, at_ns), scatter_ns, period_ns)
-    line_ns = np.interp(number, knots, at_ns) + shift_ns
-    ticks, u_ns, inside = _expected(bounds.low_ns - line_ns, bounds.high_ns - line_ns, scatter_ns)
-    weight = _likely(inside, width_ns / period_ns)
-    alone = weight < 0.5
-    ticks, u_ns = np.where(alone, bounds.middle_ns, ticks + line_ns), np.where(alone, width_ns / math.sqrt(12), u_ns)
-    mean_ns = float((at_ns[-1] - at_ns[0]) / (knots[-1] - knots[0]))
-    agreeing = 1.0 - float(alone.mean())
-    return _Line(knots, at_ns + shift_ns, mean_ns, scatter_ns, u_phase_ns, agreeing, number, ticks, u_ns)
-
-
-def _broken(x: Array, y: Array, weight: Array, knots: Array) -> Array:
-    """Heights (k,) at the knots of the broken line closest to y (n,) at increasing x (n,)."""
-    from scipy.interpolate import make_lsq_spline  # noqa: PLC0415 - slow to import, needed for such gauges only
-
-    padded = np.concatenate([knots[:1], knots, knots[-1:]])
-    return np.asarray(make_lsq_spline(x, y, padded, k=1, w=np.sqrt(weight + 1e-6)).c)
-
-
-def _expected(low: Array, high: Array, scatter: float) -> tuple[Array, Array, Array]:
-    """Mean (n,) and standard deviation (n,) of a normal variable within bounds (n,), and the chance to lie there."""
-    from scipy.special import ndtr  # noqa: PLC0415 - as above
-
-    a, b = low / scatter, high / scatter
-    inside = np.maximum(np.where(a > 0, ndtr(-a) - ndtr(-b), ndtr(b) - ndtr(a)), 1e-12)
-    at_a, at_b = (np.exp(-(edge**2) / 2) / math.sqrt(2 * math.pi) for edge in (a, b))
-    mean = np.clip((at_a - at_b) / inside, a, b)
-    variance = 1 + (a * at_a - b * at_b) / inside - mean**2
-    return scatter * mean, scatter * np.sqrt(np.clip(variance, 0.0, (b - a) ** 2 / 12)), inside
-
-
-def _likely(inside: Array, by_chance: Array) -> Array:
-    """Chance (n,) that a change is a tick of the cycle and not anything else."""
-    tick = (1 - _WRONG) * inside
-    return np.asarray(tick / (tick + _WRONG * by_chance))
-
-
-def _sampled(bounds: Bounds, line_ns: Array) -> tuple[Array, Array]:
-    """Bounds (m,) against the line, of no more changes than are needed."""
-    each = np.linspace(0, len(line_ns) - 1, min(len(line_ns), _SAMPLE)).astype(int)
-    return bounds.low_ns[each] - line_ns[each], bounds.high_ns[each] - line_ns[each]
-
-
-def _log_likelihood(low: Array, high: Array, scatter_ns: float, period_ns: float) -> float:
-    inside = _expected(low, high, scatter_ns)[2]
-    return float(np.log((1 - _WRONG) * inside + _WRONG * (high - low) / period_ns).sum())
-
-
-def _scatter(bounds: Bounds, line_ns: Array, period_ns: float) -> float:
-    """How far ticks lie from the line: the largest that the bounds allow, since wide ones tell little of it."""
-    low, high = _sampled(bounds, line_ns)
-    scatters = np.geomspace(1e-4, 0.5, _SCATTERS) * period_ns
-    log = np.array([_log_likelihood(low, high, scatter, period_ns) for scatter in scatters])
-    return float(scatters[log >= log.max() - _LOG_LIKELY][-1])
-
-
-def _phase(bounds: Bounds, line_ns: Array, scatter_ns: float, period_ns: float) -> tuple[float, float]:
-    """Mean and standard deviation of the shift that all ticks of the line share.
-
-    Where requests keep step with the cycle every change has the same bounds, and the phase may lie anywhere in them.
-    """
-    low, high = _sampled(bounds, line_ns)
-    reach, mean, sd = float(np.median(high - low)) + 2 * scatter_ns, 0.0, 0.0
-    for _ in range(2):
-        shifts = np.linspace(mean - reach, mean + reach, _SHIFTS)
-        log = np.array([_log_likelihood(low - shift, high - shift, scatter_ns, period_ns) for shift in shifts])
-        chance = np.exp((log - log.max()) * len(line_ns) / len(low))
-        mean = float(np.average(shifts, weights=chance))
-        sd = math.sqrt(float(np.average((shifts - mean) ** 2, weights=chance)) + (2 * reach / _SHIFTS) ** 2 / 12)
-        reach = min(reach, 6 * sd)
-    return mean, sd
-
-
-def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: _Line) -> Ticks:
+def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> Ticks:
     """The tick of every answer at asked_ns (n,): of the change before it, or a later one at which nothing changed."""
+    # What agrees with no tick is none: a garbled reading, and the next one, which is right again.
+    true = ~close
+    true[close] = line.agreeing
+    bounds, close = bounds.of(true), close[true]
     number = np.empty(len(bounds.row), dtype=np.int64)
-    number[close] = line.number
+    number[close] = line.number[line.agreeing]
     exact = line.number_at(bounds.high_ns[~close])
     number[~close] = np.floor(exact)
     tick_ns, u_ns = line.tick_ns(number.astype(float)), np.full(len(number), line.scatter_ns)
-    tick_ns[close], u_ns[close] = line.ns, line.u_ns
+    tick_ns[close], u_ns[close] = line.ns[line.agreeing], line.u_ns[line.agreeing]
     # A change across a gap that ends close to a tick may show that tick or the one before.
     unclear = np.abs(exact - np.round(exact)) * line.period_ns < 2 * line.scatter_ns
     u_ns[~close] = np.where(unclear, line.period_ns / math.sqrt(12), u_ns[~close])

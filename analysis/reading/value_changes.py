@@ -1,0 +1,81 @@
+"""Where the value of a gauge changes from answer to answer: between two that differ it was read anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.kinematics.arm import Array
+
+FEW = 16
+"""Changes from which a period, a phase and a scatter can be told."""
+_JUMP = 4.0
+"""Steps of the resolution by which a gauge on the move changes from tick to tick: by chance it repeats itself …"""
+_REPEATS = 0.85
+"""… in less than the rest of this share of its answers."""
+_NEAR = 8
+
+Integers = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Changes of the value: tick in (low_ns, high_ns] (m,), shown from answer `row` (m,) on; jumps (m,): whether the
+    gauge was on the move there."""
+
+    low_ns: Array
+    high_ns: Array
+    row: Integers
+    jumps: Mask
+    answers: int
+    """Of which these are the changes."""
+
+    def of(self, chosen: Mask) -> Bounds:
+        return Bounds(self.low_ns[chosen], self.high_ns[chosen], self.row[chosen], self.jumps[chosen], self.answers)
+
+    @property
+    def middle_ns(self) -> Array:
+        return (self.low_ns + self.high_ns) / 2
+
+    @property
+    def width_ns(self) -> Array:
+        return self.high_ns - self.low_ns
+
+    @property
+    def usual_ns(self) -> float:
+        """Distance of neighbouring ticks, of those on the move."""
+        lag = min(_NEAR, len(self.row) // 2)
+        return float(np.quantile(self.middle_ns[lag:] - self.middle_ns[:-lag], 0.3)) / lag
+
+    @property
+    def repeating(self) -> bool:
+        """Whether a gauge showed values more than once though it moved, oftener than its resolution explains."""
+        return bool(
+            len(self.row) >= FEW
+            and len(self.row) < _REPEATS * self.answers
+            and self.jumps.mean() > 0.5
+            and self.usual_ns > 0
+        )
+
+
+def changes(asked_ns: Array, values: Array) -> Bounds:
+    """Where answers at asked_ns (n,) show another value (n, k) than the one before; no number equals no number."""
+    row = np.flatnonzero(_changed(values)) + 1
+    steps = np.nan_to_num(np.abs(values[row] - values[row - 1])).max(axis=1, initial=0.0)
+    resolution = steps[steps > 0].min(initial=np.inf)
+    near = np.lib.stride_tricks.sliding_window_view(np.pad(steps, 2, mode="edge"), 5) if len(steps) else steps[:, None]
+    jumps = np.median(near, axis=1) >= _JUMP * resolution
+    return Bounds(asked_ns[row - 1], asked_ns[row], row, jumps, len(asked_ns))
+
+
+def repeats(values: Array) -> bool:
+    """Whether readings (n, k) stay the same so often that a cycle of their own is worth looking for."""
+    return bool(np.count_nonzero(_changed(values)) < _REPEATS * len(values))
+
+
+def _changed(values: Array) -> Mask:
+    before, after = values[:-1], values[1:]
+    return np.asarray(((before != after) & ~(np.isnan(before) & np.isnan(after))).any(axis=1))
