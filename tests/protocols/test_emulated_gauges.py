@@ -92,3 +92,19 @@ def test_a_line_that_nobody_knows_must_be_given(interface: str) -> None:
     assert LINE["line"] == data["gauges"]["g2"]["line"]
     with pytest.raises(RigFileError, match=r"gauges\.g1\.line: missing; add it"):
         parse(yaml.safe_dump(data), "cell")
+
+
+def test_an_emulated_gauge_does_what_the_rig_file_says_of_its_timing() -> None:
+    """A cycle of 200 ms and an answer 30 ms after the request."""
+    data = yaml.safe_load(_rig_text("tesa_tt", shared=False))
+    for gauge in data["gauges"].values():
+        gauge["timing"] = {"latch": "own_cycle", "cycle_ms": 200, "answer_delay_ms": 30}
+    rig = parse(yaml.safe_dump(data), "cell")
+    stream = streams_of(rig)[0]
+    items = simulate(
+        stream.host(), gauge_device(rig, Swinging(), ["g1"])(), 4 * S, character_ns=stream.line.character_ns
+    )
+    samples = [item for item in items if isinstance(item, Sample)]
+    assert min(sample.first_byte_ns - sample.requested_ns for sample in samples) > 0.03 * S
+    changed = [b for a, b in pairwise(samples) if a.values != b.values]
+    assert len(changed) == pytest.approx((samples[-1].requested_ns - samples[0].requested_ns) / (0.2 * S), abs=2)
