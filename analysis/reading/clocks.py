@@ -33,10 +33,8 @@ _HOLDS = 1.5
 """… or for so many times what nine of ten answers took; what takes longer, a computer held up."""
 _HOST_S = 30e-6
 """No host tells when a byte came any better."""
-_HELD_NS = 1.5e6
-"""First and last byte come as evenly as this of themselves, …"""
-_EVEN = (0.02, 0.98)
-"""… but for the few that a busy computer was late for."""
+_TIMER_NS = 3e6
+"""What a quicker timer hides, unevenness covers."""
 _IN_STEP = 0.9
 """Mean cosine of arrivals that a timer of whole milliseconds releases, as all adapters have it."""
 _STIRRED = 5
@@ -101,7 +99,7 @@ def _answered(stream: Columns, gauge: Gauge) -> Instants:
     first, last, size = stream["first_byte_ns"], stream["last_byte_ns"], stream["size"]
     set_out = np.minimum(first - character_ns, last - size * character_ns).astype(float)
     if (stream["requested_ns"] < 0).any():
-        return _streamed(stream["device_time_s"], first - character_ns, last - size * character_ns, character_ns)
+        return _streamed(stream["device_time_s"], set_out, character_ns)
     went_through = stream["requested_ns"] + float(gauge.request_bytes * character_ns)
     set_out -= timing.answer_delay_ms * 1e6
     window = np.maximum(set_out - went_through, 0.0)
@@ -173,34 +171,27 @@ def robot_instants(stream: Columns) -> Instants:
     return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarts, fitted.wrong)
 
 
-def _streamed(device_s: Array, by_first: Array, by_last: Array, character_ns: int) -> Instants:
-    """A reading that nobody asked for was latched as its answer set out, or up to a character before.
-
-    by_first, by_last (n,): when it set out at the latest, by the first byte and by the last. Without a clock or a
-    steady pace they are all there is.
-    """
-    set_out = np.minimum(by_first, by_last).astype(float)
+def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
+    """A reading that nobody asked for was latched as its answer set out, or up to a character before."""
     fitted = _by_any_clock(device_s, set_out)
     u_s = character_ns / math.sqrt(3) / 1e9
-    if not np.array_equal(fitted.ns, set_out) or not (timer_ns := _timer_ns(by_first, by_last)):
+    timer_ns = _timer_ns(set_out) if np.array_equal(fitted.ns, set_out) else 0.0
+    if not timer_ns:
         return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarts, fitted.wrong)
-    # No byte is held for longer than the timer runs, and both bound the answer.
-    window = np.maximum(timer_ns - np.abs(by_last - by_first), 0.0)
-    return Instants(set_out - window / 2, math.hypot(u_s, _HOST_S), _anywhere_in(window), held=True)
+    # Without a clock and a steady pace nothing tells when in the timer's run it came.
+    own_u_s = np.full(len(set_out), _anywhere_in(timer_ns))
+    return Instants(set_out - timer_ns / 2, math.hypot(u_s, _HOST_S), own_u_s, held=True)
 
 
-def _timer_ns(by_first: Array, by_last: Array) -> float:
-    """How long an adapter holds the bytes back of answers that come unasked and unevenly; 0 where it does not.
-
-    First and last byte then differ unevenly, by the timer at the most; or all arrivals are multiples of it apart.
-    """
-    least, most = np.quantile(by_last - by_first, _EVEN)
-    if most - least > _HELD_NS:
-        return float(most - least)
-    steps = np.diff(by_first)
-    timers = np.arange(_HOLDS_NS, 2 * _HELD_NS, -1e6)
+def _timer_ns(arrived_ns: Array) -> float:
+    """Of an adapter that holds back bytes which come unasked and unevenly (n,): all arrive multiples of it apart; 0
+    where none does."""
+    steps = np.diff(arrived_ns)
+    if len(steps) < 2 * _STIRRED:
+        return 0.0
+    timers = np.arange(_HOLDS_NS, _TIMER_NS, -1e6)
     in_step = np.abs(np.exp(2j * np.pi * steps / timers[:, None]).mean(axis=1)) > _IN_STEP
-    uneven = np.ptp(np.quantile(steps, (0.1, 0.9))) > timers
+    uneven = np.ptp(np.quantile(steps, (0.05, 0.95))) > timers / 2
     return float(timers[in_step & uneven].max(initial=0.0))
 
 

@@ -15,6 +15,8 @@ _JUMP = 4.0
 """Steps of the resolution by which a gauge on the move changes from tick to tick: by chance it repeats itself …"""
 _REPEATS = 0.85
 """… in less than the rest of this share of its answers."""
+_STAND = 4.0
+"""Times as many answers of one value as usual: the gauge stood still meanwhile."""
 _NEAR = 8
 
 Integers = NDArray[np.int64]
@@ -30,11 +32,9 @@ class Bounds:
     high_ns: Array
     row: Integers
     jumps: Mask
-    answers: int
-    """Of which these are the changes."""
 
     def of(self, chosen: Mask) -> Bounds:
-        return Bounds(self.low_ns[chosen], self.high_ns[chosen], self.row[chosen], self.jumps[chosen], self.answers)
+        return Bounds(self.low_ns[chosen], self.high_ns[chosen], self.row[chosen], self.jumps[chosen])
 
     @property
     def middle_ns(self) -> Array:
@@ -52,13 +52,12 @@ class Bounds:
 
     @property
     def repeating(self) -> bool:
-        """Whether a gauge showed values more than once though it moved, oftener than its resolution explains."""
-        return bool(
-            len(self.row) >= FEW
-            and len(self.row) < _REPEATS * self.answers
-            and self.jumps.mean() > 0.5
-            and self.usual_ns > 0
-        )
+        """Whether a gauge showed values more than once while it moved, oftener than its resolution explains."""
+        runs = np.diff(self.row)[self.jumps[1:]]
+        if len(runs) < FEW or self.jumps.mean() < 0.5 or self.usual_ns <= 0:
+            return False
+        on_the_move = runs[runs <= _STAND * np.median(runs)]
+        return bool(on_the_move.mean() > 1 / _REPEATS)
 
 
 def changes(asked_ns: Array, values: Array) -> Bounds:
@@ -68,7 +67,7 @@ def changes(asked_ns: Array, values: Array) -> Bounds:
     resolution = steps[steps > 0].min(initial=np.inf)
     near = np.lib.stride_tricks.sliding_window_view(np.pad(steps, 2, mode="edge"), 5) if len(steps) else steps[:, None]
     jumps = np.median(near, axis=1) >= _JUMP * resolution
-    return Bounds(asked_ns[row - 1], asked_ns[row], row, jumps, len(asked_ns))
+    return Bounds(asked_ns[row - 1], asked_ns[row], row, jumps)
 
 
 def repeats(values: Array) -> bool:

@@ -13,6 +13,7 @@ from stamped import network, serial
 from analysis.model.emulated import truth
 from analysis.reading.loading import measured_of
 from analysis.reading.own_cycle import anywhere_in_a_cycle, through_cycle
+from analysis.reading.value_changes import changes
 from analysis.reporting.evaluate import evaluate
 from daq.store import read_run
 from rigs.timing import Timing
@@ -99,6 +100,14 @@ def test_a_ramp_in_steps_is_no_cycle() -> None:
     """0.1 mm/s in steps of 10 µm changes every 100 ms, as a cycle would."""
     asked = requests()
     assert through_cycle(asked, np.round(asked * 1e-10 / 0.01)[:, None] * 0.01, None) is None
+
+
+def test_a_gauge_that_stops_and_goes_has_no_cycle() -> None:
+    """Still to its resolution for a second, then on the move for another, as between targets."""
+    asked = requests()
+    moved = np.cumsum(np.where(asked // 1e9 % 2, 0.02, 0.0))
+    values = np.round(moved[:, None] / 1e-3) * 1e-3
+    assert through_cycle(asked, values, None) is None and not changes(asked, values).repeating
 
 
 def test_a_stated_cycle_that_is_not_that_of_the_readings_is_not_believed() -> None:
