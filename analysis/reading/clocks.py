@@ -35,6 +35,9 @@ _HOST_S = 30e-6
 """No host tells when a byte came any better."""
 _TIMER_NS = 3e6
 """What a quicker timer hides, unevenness covers."""
+_MOST = (0.05, 0.95)
+_DRIFTING = 0.7
+"""Of how far messages lie about a pace: what one does from the last, 1.2 to 1.4 where each is late for itself."""
 _IN_STEP = 0.9
 """Mean cosine of arrivals that a timer of whole milliseconds releases, as all adapters have it."""
 _STIRRED = 5
@@ -175,12 +178,29 @@ def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
     """A reading that nobody asked for was latched as its answer set out, or up to a character before."""
     fitted = _by_any_clock(device_s, set_out)
     u_s = character_ns / math.sqrt(3) / 1e9
-    timer_ns = _timer_ns(set_out) if np.array_equal(fitted.ns, set_out) else 0.0
-    if not timer_ns:
+    late, timer_ns = set_out - fitted.ns, _timer_ns(set_out)
+    if np.isfinite(device_s).all() or _keeps_pace(late, timer_ns):
         return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarts, fitted.wrong)
-    # Without a clock and a steady pace nothing tells when in the timer's run it came.
-    own_u_s = np.full(len(set_out), _anywhere_in(timer_ns))
-    return Instants(set_out - timer_ns / 2, math.hypot(u_s, _HOST_S), own_u_s, held=True)
+    # Nothing tells when in the timer's run it came, or how much of the unevenness is the way's.
+    open_ns = timer_ns or float(np.ptp(np.quantile(np.diff(set_out), _MOST)))
+    own_u_s = np.full(len(set_out), _anywhere_in(open_ns))
+    return Instants(set_out - timer_ns / 2, math.hypot(u_s, _HOST_S), own_u_s, held=timer_ns > 0)
+
+
+def _keeps_pace(late: Array, timer_ns: float) -> bool:
+    """Whether messages late (n,) ns against a pace are late by the way: each for itself, or by a timer.
+
+    Those of an uneven pace drift away from any line through them, by little from one to the next; and where no pace
+    was found they are not late at all.
+    """
+    if len(late) < 2 or not late.any():
+        return len(late) < 2
+    spread = float(np.ptp(np.quantile(late, _MOST)))
+    if timer_ns:
+        return spread < timer_ns
+    from_one_to_next = float(np.median(np.abs(np.diff(late))))
+    about = float(np.median(np.abs(late - np.median(late))))
+    return spread < _TIMER_NS or from_one_to_next > _DRIFTING * about
 
 
 def _timer_ns(arrived_ns: Array) -> float:
@@ -191,7 +211,7 @@ def _timer_ns(arrived_ns: Array) -> float:
         return 0.0
     timers = np.arange(_HOLDS_NS, _TIMER_NS, -1e6)
     in_step = np.abs(np.exp(2j * np.pi * steps / timers[:, None]).mean(axis=1)) > _IN_STEP
-    uneven = np.ptp(np.quantile(steps, (0.05, 0.95))) > timers / 2
+    uneven = np.ptp(np.quantile(steps, _MOST)) > timers / 2
     return float(timers[in_step & uneven].max(initial=0.0))
 
 

@@ -33,6 +33,14 @@ def test_times_of_gauges_that_latch_by_themselves_are_true_within_what_is_said_o
     assert aligned < arrival and found.within_2u > 0.9
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "name", ["Sylvac continuous, 60 ± 20 ms, FTDI 16 ms", "Sylvac continuous, 60 ± 20 ms, no FTDI"]
+)
+def test_a_few_messages_of_an_uneven_pace_are_not_taken_for_a_steady_one(name: str, seed: int) -> None:
+    assert TIMED[name].errors(seconds=8.0, seed=seed).within_2u > 0.9
+
+
 @pytest.mark.parametrize("name", [name for name in GAUGES if "continuous" not in name])
 @pytest.mark.parametrize("latency_ms", [16.0, 0.0])
 def test_an_adapter_that_holds_bytes_back_is_told(name: str, latency_ms: float) -> None:
