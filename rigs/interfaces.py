@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 from pydantic import BaseModel
@@ -19,13 +19,18 @@ NO_DEFAULT = "line to be given"
 
 @dataclass(frozen=True)
 class Interface:
-    """One interface. line: settings of its serial line, `NO_DEFAULT`, or empty where it has none; keys: its own."""
+    """One interface. line: settings of its serial line, `NO_DEFAULT`, or empty where it has none; keys: its own.
+
+    timing, timing_source: of a gauge, when a reading is latched unless the rig file says otherwise, and who says so.
+    """
 
     name: str
     kind: Literal["gauge", "robot"]
     line: str
     origin: Origin
     keys: tuple[str, ...]
+    timing: str = ""
+    timing_source: str = ""
 
 
 def known() -> list[Interface]:
@@ -46,9 +51,12 @@ def _interface(model: type[BaseModel], kind: Literal["gauge", "robot"]) -> Inter
     origin: Origin = model.origin  # type: ignore[attr-defined]
     (name,) = get_args(fields["interface"].annotation)
     line = fields.get("line")
-    own = {*model.__annotations__, *(fields.keys() - Probe.model_fields.keys())} - {"interface"}
+    own = {*model.__annotations__, *(fields.keys() - Probe.model_fields.keys())} - {"interface", "timing"}
     keys = tuple(key for key in fields if key in own)
-    return Interface(name, kind, "" if line is None else _settings(line), origin, keys)
+    found = Interface(name, kind, "" if line is None else _settings(line), origin, keys)
+    if not issubclass(model, Probe):
+        return found
+    return replace(found, timing=str(fields["timing"].default), timing_source=model.timing_source)
 
 
 def _settings(line: FieldInfo) -> str:

@@ -83,6 +83,10 @@ class ModbusMap(Probe, RegisterBlock):
     )
 
     request_bytes = 8
+    timing_source = (
+        "the instrument's manual; of OM20 and OM30 p. 22-28: registers 207-208 hold the delay, and filters average up "
+        "to 128 values"
+    )
     interface: Literal["modbus_map"]
     line: Line = Line(baud=19200, bits=8, parity="E", stop=1)
     framing: Literal["rtu", "ascii"] = "rtu"

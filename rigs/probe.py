@@ -11,6 +11,7 @@ from rigs.base import Length, Part
 from rigs.certificate import GaugeCertificate
 from rigs.links import Port
 from rigs.origin import Origin
+from rigs.timing import Timing
 
 Units = Literal["mm", "um", "inch"]
 MM_PER_UNIT: dict[Units, float] = {"mm": 1.0, "um": 1e-3, "inch": 25.4}
@@ -24,6 +25,8 @@ class Probe(Part):
     """Whether several gauges on one port come in one answer, told apart by `channel`."""
     request_bytes: ClassVar[int] = 1
     """Characters of a request on a serial line, from which its wire time follows: at the least."""
+    timing_source: ClassVar[str] = "no public source says when a reading is latched"
+    """Where the default of `timing` is known from."""
 
     port: Port
     channel: int = Field(default=1, ge=1, le=32)
@@ -37,3 +40,5 @@ class Probe(Part):
     """When it was calibrated, in files older than `certificate`; nothing follows from it."""
     timeout_s: float = Field(default=0.5, ge=0.01, le=60)
     """Without an answer for so long it counts as silent."""
+    timing: Timing = Timing()
+    """When a reading was latched; what the rig file states takes the place of all of the maker's default."""

@@ -18,13 +18,16 @@ import yaml
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "timing"))
 
 from daemon_on_cell import daemon_on
-from stamp_cells import CELLS, DRIFT_PPM, GAUGES, JITTER_MS, LATENCIES_MS, Errors, errors_of
-from stamped import GAUGE_STEP_MM, JOINT_STEP_DEG, Latched, Stamped
+from stamp_cells import CELLS, DRIFT_PPM, GAUGES, JITTER_MS, LATENCIES_MS, TIMED, Errors, errors_of
+from stamped import GAUGE_STEP_MM, JOINT_STEP_DEG, MOVES, Latched, Stamped
 
 from analysis.reading.clocks import gauge_instants, robot_instants
 from daq.emulators import Adversity, emulated
+from daq.emulators.own_cycle import STEADY
 from daq.store import read_run
+from rigs.gauges import Gauge
 from rigs.load import find, parse
+from rigs.timing import Timing
 
 _ENOUGH = 0.9
 """Share of the times that must lie within twice their stated uncertainty; on the wire a loaded computer keeps the
@@ -52,21 +55,39 @@ def _simulated(seconds: float, seed: int) -> Iterator[Errors]:
 
 
 def _wired(seconds: float) -> Iterator[Errors]:
-    for name, gauge in GAUGES.items():
-        for latency_ms in LATENCIES_MS:
-            data = yaml.safe_load(find("ur10e").read_text())
-            data["gauges"] = {"g1": gauge.model_dump(mode="json", exclude_defaults=True)}
-            label = f"{name}, FTDI {latency_ms:g} ms" if latency_ms else f"{name}, no FTDI"
-            of_gauge, of_robot = _recorded(yaml.safe_dump(data), Adversity(latency_ms, JITTER_MS, DRIFT_PPM), seconds)
-            yield _told(label, of_gauge)
-            yield _told(f"  RTDE beside it, {JITTER_MS:g} ms, {DRIFT_PPM:g} ppm", of_robot)
+    plain = [
+        (
+            f"{name}, FTDI {latency_ms:g} ms" if latency_ms else f"{name}, no FTDI",
+            gauge,
+            gauge.timing,
+            latency_ms,
+            STEADY,
+        )
+        for name, gauge in GAUGES.items()
+        for latency_ms in LATENCIES_MS
+    ]
+    timed = [
+        (
+            name,
+            GAUGES[of.gauge].model_copy(update={"timing": of.timing}),
+            of.stated or of.timing,
+            of.latency_ms,
+            of.unsteady,
+        )
+        for name, of in TIMED.items()
+    ]
+    for label, gauge, stated, latency_ms, unsteady in plain + timed:
+        adversity = Adversity(latency_ms, JITTER_MS, DRIFT_PPM, unsteady)
+        of_gauge, of_robot = _recorded(gauge, stated, adversity, seconds)
+        yield _told(label, of_gauge)
+        yield _told(f"  RTDE beside it, {JITTER_MS:g} ms, {DRIFT_PPM:g} ppm", of_robot)
 
 
 class _Counting:
     """What the emulated instruments show: how often they have been read."""
 
-    def __init__(self) -> None:
-        self.gauge, self.robot = Latched(GAUGE_STEP_MM, 1), Latched(JOINT_STEP_DEG, 6)
+    def __init__(self, moves: int) -> None:
+        self.gauge, self.robot = Latched(GAUGE_STEP_MM, 1, moves), Latched(JOINT_STEP_DEG, 6)
 
     def gauge_mm(self, name: str, now_ns: int) -> float:
         return self.gauge(now_ns)[0]
@@ -75,9 +96,12 @@ class _Counting:
         return list(self.robot(now_ns))
 
 
-def _recorded(text: str, adversity: Adversity, seconds: float) -> tuple[Errors, Errors]:
-    """The errors of gauge and robot in a run that rigd recorded."""
-    rig, motion = parse(text, "stamps"), _Counting()
+def _recorded(gauge: Gauge, stated: Timing, adversity: Adversity, seconds: float) -> tuple[Errors, Errors]:
+    """The errors of gauge and robot in a run that rigd recorded, of a gauge whose timing is stated so."""
+    data = yaml.safe_load(find("ur10e").read_text())
+    data["gauges"] = {"g1": gauge.model_dump(mode="json", exclude_defaults=True)}
+    text = yaml.safe_dump(data)
+    rig, motion = parse(text, "stamps"), _Counting(MOVES if gauge.timing.latch == "own_cycle" else 1)
     cell = emulated(rig, motion, adversity=adversity)
     with daemon_on(cell, text) as client:
         client.ask("record_start", name="stamps", test="repeatability")
@@ -86,7 +110,9 @@ def _recorded(text: str, adversity: Adversity, seconds: float) -> tuple[Errors, 
     g1, robot = run.streams["g1"], run.streams["robot"]
     stamped = Stamped(g1, motion.gauge.truth_ns(g1["g1_mm"]))
     moved = Stamped(robot, motion.robot.truth_ns(robot["q1_deg"]))
-    return errors_of(stamped, gauge_instants(g1, rig.gauges.g1)), errors_of(moved, robot_instants(robot))
+    return errors_of(stamped, gauge_instants(g1, gauge.model_copy(update={"timing": stated}))), errors_of(
+        moved, robot_instants(robot)
+    )
 
 
 def _told(name: str, found: Errors) -> Errors:

@@ -159,6 +159,7 @@ def _tell(name: str, instants: Instants, doubts: list[str]) -> None:
         )
     if instants.held:
         doubts.append(f"{name}: its adapter holds bytes back, which costs certainty; set its latency_timer to 1 ms")
+    doubts.extend(f"{name}: {words}" for words in instants.doubts)
 
 
 def _track(name: str, instants: Instants, values: Array, sound: Mask, doubts: list[str]) -> _Track:

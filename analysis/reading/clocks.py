@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,9 +17,12 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.reading.lower_hull import Mask
 from analysis.reading.own_clock import Fitted, through_clock
+from analysis.reading.own_cycle import anywhere_in_a_cycle, through_cycle
 from analysis.reading.steady_pace import through_pace
+from analysis.reading.value_changes import changes, repeats
 from rigs.gauges import Gauge
 from rigs.links import tcp_address
+from rigs.timing import Timing
 
 _HIDDEN_S = 1e-3
 """How much an instrument's own time to answer may vary unseen behind an adapter that holds bytes back."""
@@ -30,10 +33,39 @@ _HOLDS = 1.5
 """… or for so many times what nine of ten answers took; what takes longer, a computer held up."""
 _HOST_S = 30e-6
 """No host tells when a byte came any better."""
+_TIMER_NS = 3e6
+"""What a quicker timer hides, unevenness covers."""
+_MOST = (0.05, 0.95)
+_DRIFTING = 0.7
+"""Of how far messages lie about a pace: what one does from the last, 1.2 to 1.4 where each is late for itself."""
+_IN_STEP = 0.9
+"""Mean cosine of arrivals that a timer of whole milliseconds releases, as all adapters have it."""
 _STIRRED = 5
 _STIRRED_NS = 2e6
 """From so many requests that did not follow the answer before at once, and where they are answered so unevenly, it can
 be seen that an adapter holds bytes back (`daq.protocol.polled` says why)."""
+
+_LONGER = 1.2
+"""Times a stated cycle: readings that stay the same for longer contradict it."""
+_SPARSE_NS = 50e6
+"""Where a joint turns back, a play is crossed in some ten milliseconds: five times that tells one gauge of it long
+before the other."""
+_SPARSE = (
+    "its readings are {:.0f} ms apart, too far to follow a joint that turns back: a band may be too large by what the "
+    "other gauge shows earlier; drive the circle slower"
+)
+_FOUND = (
+    "its readings repeat as those of a cycle of its own do, of {:.2f} ms by the readings themselves; each is taken at "
+    "its tick; state the cycle as timing.cycle_ms in the rig file"
+)
+_UNEVEN = (
+    "its readings repeat while it moves, in an uneven cycle of some {:.0f} ms; each is taken where it first showed, "
+    "which costs certainty; see timing in the rig file and the instrument's manual"
+)
+_NOT_SEEN = (
+    "its readings repeat while it moves, so they may be up to {:.0f} ms old, which is in u; state the cycle as "
+    "timing.cycle_ms in the rig file, or read the gauge more often"
+)
 
 Columns = Mapping[str, np.ndarray[Any, Any]]
 
@@ -45,6 +77,7 @@ class Instants:
     u_s: the standard uncertainty that all share; own_u_s (n,): what each has beside it. restarts: how often the
     instrument's own clock began anew; wrong: how many of its stamps were left out. held: an adapter holds bytes back.
     wanders_s: by how much the lateness of its pace changed for good.
+    doubts: what else a person should know of these times, in words.
     """
 
     ns: Array
@@ -54,21 +87,63 @@ class Instants:
     wrong: int = 0
     held: bool = False
     wanders_s: float = 0.0
+    doubts: tuple[str, ...] = ()
 
 
 def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
-    """When each reading of a gauge was taken."""
+    """When each reading of a gauge was taken, in the middle of what its filter averages."""
+    found, timing = _answered(stream, gauge), gauge.timing
+    u_s = math.hypot(found.u_s, timing.filter_uncertainty_ms / 1e3)
+    return replace(found, ns=found.ns - timing.filter_ms * 1e6, u_s=u_s)
+
+
+def _answered(stream: Columns, gauge: Gauge) -> Instants:
+    """When each reading was latched."""
+    timing = gauge.timing
     character_ns = 0 if tcp_address(gauge.port) else gauge.line.character_ns
     first, last, size = stream["first_byte_ns"], stream["last_byte_ns"], stream["size"]
     set_out = np.minimum(first - character_ns, last - size * character_ns).astype(float)
     if (stream["requested_ns"] < 0).any():
         return _streamed(stream["device_time_s"], set_out, character_ns)
     went_through = stream["requested_ns"] + float(gauge.request_bytes * character_ns)
+    set_out -= timing.answer_delay_ms * 1e6
     window = np.maximum(set_out - went_through, 0.0)
+    if timing.latched_within_ms is not None:
+        window = np.minimum(window, timing.latched_within_ms * 1e6)
     held = _is_held(window, stream["requested_ns"][1:] > last[:-1])
     if np.isfinite(stream["device_time_s"]).all():
         return _asked_with_clock(stream["device_time_s"], went_through, set_out, held)
-    return _asked(went_through, window, held)
+    asked = _asked(went_through, window, held)
+    values = np.stack([column for name, column in stream.items() if name.endswith("_mm")], axis=1)
+    return asked if timing.latch == "on_request" else _of_own_cycle(asked, values, timing)
+
+
+def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
+    """Of answers that were given when they were asked for, with readings (n, k) of a cycle that runs by itself."""
+    cycle_ns = None if timing.cycle_ms is None else timing.cycle_ms * 1e6
+    if cycle_ns is None and not repeats(values):
+        return asked
+    doubts: tuple[str, ...] = ()
+    if ticks := through_cycle(asked.ns, values, cycle_ns):
+        if cycle_ns is None or not ticks.steady:
+            doubts = ((_FOUND if ticks.steady else _UNEVEN).format(ticks.period_ns / 1e6),)
+        if ticks.period_ns > _SPARSE_NS:
+            doubts = (*doubts, _SPARSE.format(ticks.period_ns / 1e6))
+        u_s = math.hypot(asked.u_s, ticks.u_s)
+        return replace(asked, ns=ticks.ns, u_s=u_s, own_u_s=ticks.own_u_s, doubts=doubts)
+    seen = changes(asked.ns, values)
+    if seen.repeating and (cycle_ns is None or seen.usual_ns > _LONGER * cycle_ns):
+        cycle_ns, doubts = seen.usual_ns, (_NOT_SEEN.format(seen.usual_ns / 1e6),)
+    if cycle_ns is None:
+        return asked
+    own_u_s, shared_u_s = anywhere_in_a_cycle(asked.ns, cycle_ns)
+    return replace(
+        asked,
+        ns=asked.ns - cycle_ns / 2,
+        u_s=math.hypot(asked.u_s, shared_u_s),
+        own_u_s=np.hypot(asked.own_u_s, own_u_s),
+        doubts=doubts,
+    )
 
 
 def _is_held(window: Array, idle_before: Mask) -> bool:
@@ -102,13 +177,49 @@ def robot_instants(stream: Columns) -> Instants:
 
 def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
     """A reading that nobody asked for was latched as its answer set out, or up to a character before."""
-    return _listened(_by_any_clock(device_s, set_out), character_ns)
+    fitted = _by_any_clock(device_s, set_out)
+    late, timer_ns = set_out - fitted.ns, _timer_ns(set_out)
+    if np.isfinite(device_s).all() or _keeps_pace(late, timer_ns):
+        return _listened(fitted, character_ns)
+    # Nothing tells when in the timer's run it came, or how much of the unevenness is the way's.
+    open_ns = timer_ns or float(np.ptp(np.quantile(np.diff(set_out), _MOST)))
+    own_u_s = np.full(len(set_out), _anywhere_in(open_ns))
+    u_s = math.hypot(character_ns / math.sqrt(3) / 1e9, _HOST_S)
+    return Instants(set_out - timer_ns / 2, u_s, own_u_s, held=timer_ns > 0)
 
 
 def _listened(fitted: Fitted, before_ns: float) -> Instants:
     """What is latched at some time in so many ns before the times fitted."""
     u_s = math.hypot(before_ns / math.sqrt(3) / 1e9, fitted.shared_u_s)
     return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarts, fitted.wrong, wanders_s=fitted.wanders_s)
+
+
+def _keeps_pace(late: Array, timer_ns: float) -> bool:
+    """Whether messages late (n,) ns against a pace are late by the way: each for itself, or by a timer.
+
+    Those of an uneven pace drift away from any line through them, by little from one to the next; and where no pace
+    was found they are not late at all.
+    """
+    if len(late) < 2 or not late.any():
+        return len(late) < 2
+    spread = float(np.ptp(np.quantile(late, _MOST)))
+    if timer_ns:
+        return spread < timer_ns
+    from_one_to_next = float(np.median(np.abs(np.diff(late))))
+    about = float(np.median(np.abs(late - np.median(late))))
+    return spread < _TIMER_NS or from_one_to_next > _DRIFTING * about
+
+
+def _timer_ns(arrived_ns: Array) -> float:
+    """Of an adapter that holds back bytes which come unasked and unevenly (n,): all arrive multiples of it apart; 0
+    where none does."""
+    steps = np.diff(arrived_ns)
+    if len(steps) < 2 * _STIRRED:
+        return 0.0
+    timers = np.arange(_HOLDS_NS, _TIMER_NS, -1e6)
+    in_step = np.abs(np.exp(2j * np.pi * steps / timers[:, None]).mean(axis=1)) > _IN_STEP
+    uneven = np.ptp(np.quantile(steps, _MOST)) > timers / 2
+    return float(timers[in_step & uneven].max(initial=0.0))
 
 
 def _by_any_clock(device_s: Array, host_ns: Array) -> Fitted:

@@ -1,4 +1,5 @@
-"""The interfaces on the screen: one row each, its line under its name, what is in doubt under its source."""
+"""The interfaces on the screen: one row each, its line under its name, under its source what is in
+doubt, and when a reading is latched."""
 
 from __future__ import annotations
 
@@ -20,11 +21,12 @@ def as_table(found: Sequence[Interface]) -> RenderableType:
     table.add_column("interface, line", no_wrap=True)
     table.add_column("instruments", ratio=1, overflow="fold")
     table.add_column("standing", no_wrap=True)
-    table.add_column("source; what is in doubt", ratio=2, overflow="fold")
+    table.add_column("source; what is in doubt; time of a reading", ratio=2, overflow="fold")
     for one in found:
         origin = one.origin
         standing = Text(origin.standing, style=_STYLE[origin.standing])
-        source = Text.assemble(origin.source, ("\n" + origin.doubts if origin.doubts else "", "yellow"))
+        timing = f"\ntime: {one.timing} ({one.timing_source})" if one.timing else ""
+        source = Text.assemble(origin.source, ("\n" + origin.doubts if origin.doubts else "", "yellow"), timing)
         name = Text.assemble((one.name, "bold"), "\n" + one.line if one.line else "")
         table.add_row(name, origin.instruments, standing, source)
     counts = Counter[str](one.origin.standing for one in found)

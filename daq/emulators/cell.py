@@ -15,6 +15,7 @@ from typing import Protocol
 
 import yaml
 
+from daq.emulators.own_cycle import STEADY, Unsteady
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.tcp_port import TcpPort
 from daq.emulators.udp_port import UdpPort
@@ -46,11 +47,13 @@ class Server(Protocol):
 @dataclass(frozen=True)
 class Adversity:
     """What keeps stamps from being true. latency_ms: how long an FTDI adapter on each serial line holds bytes;
-    jitter_ms: how late the robot's packets are on average; drift_ppm: how fast its controller's clock runs."""
+    jitter_ms: how late the robot's packets are on average; drift_ppm: how fast its controller's clock runs; unsteady:
+    the gauges' own cycles."""
 
     latency_ms: float = 0.0
     jitter_ms: float = 0.0
     drift_ppm: float = 0.0
+    unsteady: Unsteady = STEADY
 
 
 NONE = Adversity()

@@ -5,6 +5,7 @@ So this package needs no kinematics.
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,8 @@ from typing import Protocol
 from daq import feedback, gauges
 from daq.emulators.cell import NONE, Adversity, Cell
 from daq.emulators.own_clock import OwnClock
+from daq.emulators.own_cycle import STEADY, Unsteady
+from daq.emulators.timed import timed_device, timed_read
 from daq.protocol.conversation import Device
 from daq.streams import ROBOT, gauge_groups
 from rigs.feedback import carries_signal
@@ -48,14 +51,24 @@ def emulated(
     def controller() -> Device:
         return OwnClock(partial(feedback.device, rig.feedback), shown, adversity.drift_ppm)
 
-    devices = {"_".join(group): gauge_device(rig, motion, group) for group in gauge_groups(rig)}
+    devices = {"_".join(group): gauge_device(rig, motion, group, adversity.unsteady) for group in gauge_groups(rig)}
     return Cell(rig, devices | {ROBOT: controller}, adversity, names)
 
 
-def gauge_device(rig: Rig, motion: Motion, group: Sequence[str]) -> Callable[[], Device]:
-    """What makes the instrument that these gauges share, for each connection anew."""
+def gauge_device(rig: Rig, motion: Motion, group: Sequence[str], unsteady: Unsteady = STEADY) -> Callable[[], Device]:
+    """What makes the instrument that these gauges share, for each connection anew.
+
+    It latches as the rig file's `timing` says; a cycle of its own begins at a phase that is its name's alone.
+    """
+    members = [gauge for name, gauge in rig.gauges if name in group]
+    timing = members[0].timing
 
     def read(now_ns: int) -> Sequence[float]:
         return [motion.gauge_mm(name, now_ns) for name in group]
 
-    return partial(gauges.device, [gauge for name, gauge in rig.gauges if name in group], read)
+    def made() -> Device:
+        chance = random.Random("_".join(group))
+        device = gauges.device(members, timed_read(read, timing, unsteady, chance))
+        return timed_device(device, timing, unsteady, chance)
+
+    return made

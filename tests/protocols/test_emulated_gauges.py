@@ -56,6 +56,7 @@ def _rig_text(interface: str, *, shared: bool) -> str:
 def test_an_emulated_cell_with_this_gauge_is_read(interface: str, shared: bool) -> None:
     rig = parse(_rig_text(interface, shared=shared), "cell")
     motion = Swinging()
+    age_ns = (rig.gauges.g1.timing.cycle_ms or 0.0) * 1e6
     streams = streams_of(rig)[:-1]
     assert [stream.columns for stream in streams] == ([("g1_mm", "g2_mm")] if shared else [("g1_mm",), ("g2_mm",)])
     for stream in streams:
@@ -69,7 +70,7 @@ def test_an_emulated_cell_with_this_gauge_is_read(interface: str, shared: bool) 
         for sample in samples:
             taken_ns = sample.first_byte_ns if sample.requested_ns == NO_TIME else sample.requested_ns
             wire_ns = sample.size * stream.line.character_ns if sample.requested_ns == NO_TIME else 0
-            drift_mm = 0.8 * 4 * math.pi * wire_ns / S
+            drift_mm = 0.8 * 4 * math.pi * (wire_ns + age_ns) / S
             expected = [motion.gauge_mm(name, taken_ns) for name in names]
             assert sample.values == pytest.approx(expected, abs=COARSE_MM.get(interface, 0.001) + drift_mm)
 
@@ -91,3 +92,19 @@ def test_a_line_that_nobody_knows_must_be_given(interface: str) -> None:
     assert LINE["line"] == data["gauges"]["g2"]["line"]
     with pytest.raises(RigFileError, match=r"gauges\.g1\.line: missing; add it"):
         parse(yaml.safe_dump(data), "cell")
+
+
+def test_an_emulated_gauge_does_what_the_rig_file_says_of_its_timing() -> None:
+    """A cycle of 200 ms and an answer 30 ms after the request."""
+    data = yaml.safe_load(_rig_text("tesa_tt", shared=False))
+    for gauge in data["gauges"].values():
+        gauge["timing"] = {"latch": "own_cycle", "cycle_ms": 200, "answer_delay_ms": 30}
+    rig = parse(yaml.safe_dump(data), "cell")
+    stream = streams_of(rig)[0]
+    items = simulate(
+        stream.host(), gauge_device(rig, Swinging(), ["g1"])(), 4 * S, character_ns=stream.line.character_ns
+    )
+    samples = [item for item in items if isinstance(item, Sample)]
+    assert min(sample.first_byte_ns - sample.requested_ns for sample in samples) > 0.03 * S
+    changed = [b for a, b in pairwise(samples) if a.values != b.values]
+    assert len(changed) == pytest.approx((samples[-1].requested_ns - samples[0].requested_ns) / (0.2 * S), abs=2)

@@ -33,6 +33,12 @@ def test_every_interface_says_where_it_is_known_from(interface: Interface) -> No
     assert interface.line != NO_DEFAULT or "line settings" in origin.doubts or "baud" in origin.doubts
 
 
+@pytest.mark.parametrize("interface", [one for one in known() if one.kind == "gauge"], ids=lambda one: one.name)
+def test_every_gauge_says_when_its_reading_is_latched(interface: Interface) -> None:
+    assert interface.timing and interface.timing_source
+    assert interface.timing == "unknown" or "manual" in interface.timing_source
+
+
 def test_a_class_added_to_a_union_appears_by_itself() -> None:
     class Abacus(Probe):
         origin: ClassVar[Origin] = Origin("abacus", "seen", "weak", "all")
@@ -51,6 +57,7 @@ def test_the_command_as_json_and_as_a_table() -> None:
     by_name = {one["name"]: one for one in listed}
     assert len(listed) == len(known())
     assert by_name["magnescale_lt"]["origin"]["standing"] == "weak"
+    assert by_name["heidenhain_nd281b"]["timing"] == "on request within 1 ms"
     assert by_name["tesa_tt"]["line"] == "4800 7E2" and by_name["ur_rtde"]["kind"] == "robot"
     table = CliRunner().invoke(app, ["interfaces"], env={"COLUMNS": "160"}).stdout
     assert all(one.name in table for one in known()) and f"{len(listed)} interfaces" in table

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -11,6 +12,8 @@ from virtual_line import Wire, run
 
 from daq import feedback, gauges
 from daq.emulators.own_clock import OwnClock
+from daq.emulators.own_cycle import STEADY, Unsteady
+from daq.emulators.timed import timed_device, timed_read
 from daq.protocol.conversation import Item, Sample
 from rigs.feedback import Feedback
 from rigs.gauges import Gauge
@@ -18,24 +21,35 @@ from rigs.gauges import Gauge
 Array = np.ndarray[Any, Any]
 GAUGE_STEP_MM = 1e-3
 JOINT_STEP_DEG = 1e-3
+MOVES = 7
+_RESTING = 20
 US, MS, S = 1_000, 1_000_000, 1_000_000_000
 
 
 @dataclass
 class Latched:
-    """What an instrument read, and when: a reading is its own number, so a recorded value tells its true time."""
+    """What an instrument read, and when: a reading is a number of its own, so a recorded value tells its true time.
+
+    moves: by how many steps of the resolution readings differ, but for the first, which are those of a gauge at rest.
+    """
 
     step: float
     width: int
+    moves: int = 1
     at_ns: list[int] = field(default_factory=list)
 
     def __call__(self, now_ns: int) -> Sequence[float]:
         self.at_ns.append(now_ns)
-        return [len(self.at_ns) * self.step] * self.width
+        return [self._number(len(self.at_ns)) * self.step] * self.width
 
     def truth_ns(self, values: Array) -> Array:
-        """When the readings (n,) were latched, (n,) ns."""
-        return np.asarray(self.at_ns, dtype=np.int64)[np.round(values / self.step).astype(int) - 1]
+        """When the readings (n,) were latched, (n,) ns; of a mean of several, the middle one."""
+        numbers = [self._number(count) for count in range(1, len(self.at_ns) + 1)]
+        place = np.searchsorted(numbers, np.round(values / self.step).astype(int))
+        return np.asarray(self.at_ns, dtype=np.int64)[place]
+
+    def _number(self, count: int) -> int:
+        return count + (self.moves - 1) * max(0, count - _RESTING)
 
 
 @dataclass(frozen=True)
@@ -46,11 +60,16 @@ class Stamped:
     truth_ns: Array
 
 
-def gauge_run(gauge: Gauge, wire: Wire, seconds: float, ppm: float = 0.0) -> Stamped:
-    """A gauge read for so long in simulated time; ppm: its own clock's."""
-    latched = Latched(GAUGE_STEP_MM, 1)
-    device = OwnClock(lambda read: gauges.device([gauge], read), latched, ppm)
-    return _stamped(run(gauges.host([gauge]), device, wire, round(seconds * S)), latched)
+def gauge_run(
+    gauge: Gauge, wire: Wire, seconds: float, ppm: float = 0.0, unsteady: Unsteady = STEADY, seed: int = 1
+) -> Stamped:
+    """A gauge read for so long in simulated time; ppm: its own clock's; unsteady: its own cycle."""
+    moves = MOVES if gauge.timing.latch == "own_cycle" else 1
+    latched, chance = Latched(GAUGE_STEP_MM, 1, moves), random.Random(seed)
+    shown = timed_read(latched, gauge.timing, unsteady, chance)
+    device = OwnClock(lambda read: gauges.device([gauge], read), shown, ppm)
+    timed = timed_device(device, gauge.timing, unsteady, chance)
+    return _stamped(run(gauges.host([gauge]), timed, wire, round(seconds * S)), latched)
 
 
 def robot_run(robot: Feedback, wire: Wire, seconds: float, ppm: float) -> Stamped:
@@ -64,19 +83,25 @@ def _stamped(items: Sequence[Item], latched: Latched) -> Stamped:
     samples = [item for item in items if isinstance(item, Sample)]
     names = ("requested_ns", "first_byte_ns", "last_byte_ns", "size", "device_time_s")
     columns = {name: np.array([getattr(sample, name) for sample in samples]) for name in names}
-    return Stamped(columns, latched.truth_ns(np.array([sample.values[0] for sample in samples])))
+    columns["g1_mm"] = np.array([sample.values[0] for sample in samples])
+    return Stamped(columns, latched.truth_ns(columns["g1_mm"]))
 
 
 def serial(
-    rng: np.random.Generator, character_ns: int, latency_ms: float, answer_ms: float = 3.0, slow: float = 1.003
+    rng: np.random.Generator,
+    character_ns: int,
+    latency_ms: float,
+    answer_ms: float = 3.0,
+    slow: float = 1.003,
+    latched_ms: float | None = None,
 ) -> Wire:
     """A serial line as it may be: the instrument's baud off by 0.3 %, its answer begun within `answer_ms`, the reading
-    latched anywhere before, the host late by some 0.1 ms."""
+    latched anywhere before, or within `latched_ms`; the host late by some 0.1 ms."""
     thinking: list[float] = []
 
     def latch_ns() -> int:
         thinking.append(float(rng.uniform(0, answer_ms * 1e6)))
-        return round(float(rng.uniform(0, thinking[-1])))
+        return round(float(rng.uniform(0, thinking[-1] if latched_ms is None else latched_ms * 1e6)))
 
     return Wire(
         round(character_ns * slow),

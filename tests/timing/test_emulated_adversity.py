@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import time
 from itertools import pairwise
 
@@ -13,13 +14,16 @@ from daq.emulators import Adversity, emulated
 from daq.emulators.late_link import LateLink
 from daq.emulators.latency_timer import LatencyTimer
 from daq.emulators.own_clock import OwnClock
+from daq.emulators.own_cycle import OwnCycle, Unsteady
 from daq.emulators.pty_line import PtyLine
+from daq.emulators.timed import timed_read
 from daq.links import open_link
 from daq.protocol.conversation import Item, Sample
 from daq.runner import converse
 from rigs.feedback import URRTDE
 from rigs.links import Line
 from rigs.load import load
+from rigs.timing import Timing
 
 MS = 1_000_000
 
@@ -66,6 +70,32 @@ def test_a_line_with_a_timer_gives_its_bytes_together() -> None:
     finally:
         link.close()
         pty.close()
+
+
+def test_an_own_cycle_shows_its_last_reading_until_the_next_tick() -> None:
+    shown = OwnCycle(lambda now_ns: [float(now_ns)], 100 * MS, 1, Unsteady(), random.Random(1))
+    seen = [(now_ms * MS, shown(now_ms * MS)[0]) for now_ms in range(0, 1000, 7)]
+    ages = [now_ns - at_ns for now_ns, at_ns in seen]
+    assert min(ages) >= 0 and 90 * MS < max(ages) <= 100 * MS
+    ticks = sorted({at_ns for _, at_ns in seen})
+    assert len(ticks) == 11 and {round(b - a) for a, b in pairwise(ticks)} <= {100 * MS - 1, 100 * MS, 100 * MS + 1}
+
+
+def test_an_unsteady_cycle_drifts_jitters_and_leaves_ticks_out() -> None:
+    unsteady = Unsteady(ppm=500, jitter=0.05, missed=0.1)
+    shown = OwnCycle(lambda now_ns: [now_ns / MS], 100 * MS, 1, unsteady, random.Random(1))
+    ticks = sorted({shown(now_ms * MS)[0] for now_ms in range(0, 60_000, 10)})
+    steps = [b - a for a, b in pairwise(ticks)]
+    assert 20 < sum(step > 150 for step in steps) < 110
+    assert 1 < max(abs(step - 100) for step in steps if step < 150) < 11
+
+
+def test_a_filter_shows_the_mean_and_is_late_by_its_group_delay() -> None:
+    chance = random.Random(1)
+    for timing in (Timing(latch="own_cycle", cycle_ms=10, filter_ms=40), Timing(latch="on_request", filter_ms=40)):
+        shown = timed_read(lambda now_ns: [float(now_ns)], timing, Unsteady(), chance)
+        late = [now_ms * MS - shown(now_ms * MS)[0] for now_ms in range(0, 2000, 3)][50:]
+        assert min(late) >= 40 * MS and max(late) <= 50 * MS
 
 
 class _Kept:
