@@ -41,7 +41,8 @@ _JUMP_SPEEDS = 3.0
 class Laps:
     """Whole laps in order of time. t_s (n,), q (n, 6) rad, g_mm (n, k); phi (n,) rad, going on from lap to lap,
     whatever the robot did between them; notes: what a person should know of how they were cut out; count: how many
-    laps these are; lap_s: mean time of a lap; apart_s: of the beginning of one to that of the next."""
+    laps these are; lap_s: mean time of a lap; apart_s: of the beginning of one to that of the next; u_t_s: rms of the
+    rows' own uncertainties of time."""
 
     direction: Direction
     frame: CircleFrame
@@ -52,6 +53,7 @@ class Laps:
     lap_s: float
     apart_s: float
     count: int = 1
+    u_t_s: float = 0.0
     notes: tuple[str, ...] = ()
 
     @property
@@ -115,6 +117,7 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
         lap_s,
         float(np.diff(begins).mean()) if len(laps) > 1 else lap_s,
         len(laps),
+        0.0 if table.u_t_s is None else float(np.sqrt(np.mean(table.u_t_s[inside] ** 2))),
     )
 
 

@@ -93,7 +93,7 @@ def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:
                     "has no direction, which a circle needs",
                     "give it one: rig relabel RUN --direction acw or cw",
                 )
-            circle = CircleTable(test, direction, data.t_s, data.q, data.g_mm)
+            circle = CircleTable(test, direction, data.t_s, data.q, data.g_mm, data.u_t_s)
             return circle, data.u_lag_s, doubts
         case "radial":
             table, more = radial_table(data, rig, str(path))

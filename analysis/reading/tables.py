@@ -22,7 +22,8 @@ Integers = NDArray[np.int64]
 class CircleTable:
     """One circle driven in one direction, lead-in and lead-out included where they were recorded.
 
-    t_s (n,); q (n, 6) rad as reported; g_mm (n, 2) of g1 and g2.
+    t_s (n,); q (n, 6) rad as reported; g_mm (n, 2) of g1 and g2; u_t_s (n,): standard uncertainty of each row's time
+    beside what all rows share, None where nothing is known of it.
     """
 
     test: Literal["yaw", "roll"]
@@ -30,6 +31,7 @@ class CircleTable:
     t_s: Array
     q: Array
     g_mm: Array
+    u_t_s: Array | None = None
 
 
 @dataclass(frozen=True)

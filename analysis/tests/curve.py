@@ -11,7 +11,7 @@ noisy curve without one has no true value.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,6 +40,11 @@ _SOLVED = 1e-9
 _BASE_ROWS = 20_000
 _BLOCK = 1 << 17
 """Rows at a time, so that a long run needs no memory for all of them."""
+_LOCAL = 19
+"""Nodes within which laps are compared: twice the stated resolution."""
+_ODD, _MOST = 3.0, 5.0
+"""Laps that differ by so many times the usual differ for another reason than noise; and how far Student's law with one
+degree of freedom is followed."""
 _RANGE_U = 0.5
 """Share of the correction for noise by which a range is uncertain: the curve without noise is itself an estimate."""
 
@@ -50,7 +55,8 @@ Plain = Callable[[Array], Mapping[str, Array]]
 @dataclass(frozen=True)
 class Reduced:
     """A run's laps at NODES circle angles. g_mm (L, NODES, k) in order of time; order (NODES,): which circle angle each
-    is; rows: in a lap; rate: rad/s of phi; step_mm, noise_mm (k,): rounding of each gauge and the noise beneath it."""
+    is; rows: in a lap; rate: rad/s of phi; step_mm, noise_mm (k,): rounding of each gauge and the noise beneath it;
+    blur: standard deviation, rad, of where rows fell by their own times."""
 
     g_mm: Array
     order: Integers
@@ -60,21 +66,29 @@ class Reduced:
     rate: float
     step_mm: tuple[float, ...]
     noise_mm: tuple[float, ...]
+    blur: float
     notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Curve:
-    """A curve y (NODES,) over PHI, and errors (DRAWS, NODES) that noise may have put into it; calm (NODES,): y with its
-    noise reduced; laps (L, NODES) that y is the mean of; drift: of a lap; rate: rad/s of phi."""
+    """A curve y (NODES,) over PHI, and errors (DRAWS, NODES) that noise may have put into it; power (NODES // 2 + 1,):
+    likely mean square of these in each order; laps (L, NODES) that y is the mean of; drift: of a lap; rate: rad/s of
+    phi; blur: of a row's place, rad."""
 
     y: Array
-    calm: Array
     errors: Array
+    power: Array
     laps: Array
     noise: LapNoise
     drift: float
     rate: float
+    blur: float
+
+    @property
+    def calm(self) -> Array:
+        """y (NODES,) with its noise reduced."""
+        return calmed(self.y, self.power)
 
     def drawn(self, curve: Array, lag_s: Array, scale: Array) -> Array:
         """A curve (NODES,), this one or its calm, as runs with other noise, lag_s (DRAWS,) and relative scale (DRAWS,)
@@ -99,7 +113,7 @@ def reduced(laps: Laps) -> Reduced:
         notes = (f"wild readings left out: {', '.join(map(str, wild.sum(axis=1)))} of {len(keep)} (g1, g2)", *notes)
     rate = SENSE[laps.direction] * 2 * np.pi / laps.lap_s
     rows = float(keep.sum()) / laps.count
-    return Reduced(nodes, order, rows, laps.lap_s, laps.apart_s, rate, steps, beneath, notes)
+    return Reduced(nodes, order, rows, laps.lap_s, laps.apart_s, rate, steps, beneath, abs(rate) * laps.u_t_s, notes)
 
 
 def nodes_of(phi: Array, y: Array) -> Array:
@@ -131,10 +145,10 @@ def curve_of(
     spectra[:, 0] = np.sqrt(2) * parts[0][:, 0]
     mean = run.g_mm.mean(axis=0)
     errors: Array = np.fft.irfft(spectra, NODES, axis=1) * NODES + values(mean + _stairs(run, rng)) - values(mean)
-    y = laps.mean(axis=0)
+    errors += _where_laps_differ(laps, rng)
     place = np.argsort(run.order)
-    calm = _calmed(y, np.exp(np.log(power).mean(axis=0)))
-    return Curve(y[place], calm[place], errors[:, place], laps[:, place], noise, drift, run.rate)
+    likely = np.exp(np.log(power).mean(axis=0))
+    return Curve(laps.mean(axis=0)[place], errors[:, place], likely, laps[:, place], noise, drift, run.rate, run.blur)
 
 
 def at_resolution(y: Array) -> Array:
@@ -149,21 +163,37 @@ def figures(
     drawn: Callable[[Sequence[Array]], Sequence[Array]],
     samples: int,
     ranges: frozenset[str],
+    calm: Sequence[Array] | None = None,
 ) -> dict[str, Quantity]:
     """Figures by name of some curves together: `plain` takes them stacked, (curves, ..., NODES).
 
     drawn: the draws (DRAWS, NODES) of each about the curves that it is given. A range is lowered by as much as noise
-    makes the calm curve's larger, never below zero.
+    makes the calm curve's larger, never below zero; calm (NODES,): of each curve, its own where not given.
     """
     values = plain(np.stack([curve.y for curve in curves]))
-    calm = [curve.calm for curve in curves]
+    calm = [curve.calm for curve in curves] if calm is None else calm
     still, moved = plain(np.stack(calm)), plain(np.stack(drawn(calm)))
     excess = {name: max(float(np.mean(moved[name]) - still[name]), 0.0) for name in ranges & values.keys()}
     draws = plain(np.stack(drawn([curve.y for curve in curves])))
     # The place of an extreme was chosen by the noise that is there: about the noisy curve it would be chosen again.
     draws = {name: moved[name] if name.endswith("_at_deg") else draw for name, draw in draws.items()}
+    blurred = plain(np.stack([_blurred(curve.y, curve.blur) for curve in curves]))
+    # Rows whose places are uncertain have blurred the curve: what as much again takes off a range, they took off, too.
+    lost = {name: max(float(values[name] - blurred[name]), 0.0) for name in excess}
     source = max((curve.noise.source for curve in curves), key=("measured", "borrowed", "assumed").index)
-    return figures_of(values, draws, samples, excess, _RANGE_U, source)
+    found = figures_of(values, draws, samples, excess, _RANGE_U, source)
+    return found | {name: _sharpened(found[name], lost[name]) for name in lost}
+
+
+def _sharpened(figure: Quantity, lost: float) -> Quantity:
+    """A range with what a blur took off it, which is known no better than to itself."""
+    return replace(figure, value=figure.value + lost, u=float(np.hypot(figure.u, lost)))
+
+
+def _blurred(y: Array, blur: float) -> Array:
+    """A curve (NODES,) whose rows fell anywhere about their places, with a standard deviation of `blur` rad."""
+    found: Array = np.fft.irfft(np.fft.rfft(y) * np.exp(-0.5 * (blur * ORDERS) ** 2), NODES)
+    return found
 
 
 def _waves(phi: Array) -> Array:
@@ -262,6 +292,25 @@ def _steady(nodes: Array) -> tuple[Array, tuple[str, ...]]:
     return np.stack(mended, axis=2), tuple(notes)
 
 
+def _where_laps_differ(laps: Array, rng: np.random.Generator) -> Array:
+    """Errors (DRAWS, NODES) by what laps (L, NODES) differ by at some places and not at others.
+
+    Noise of one spectrum is the same all around. A slow gauge that meets a jump of the curve at another moment in each
+    lap is not: there any mixture of the laps may be true, by Student's law for so few of them.
+    """
+    count = len(laps)
+    if count < 2:
+        return np.zeros((DRAWS, NODES))
+    apart = laps - laps.mean(axis=0)
+    width = np.ones(_LOCAL) / _LOCAL
+    size = np.fft.irfft(np.fft.rfft((apart**2).sum(axis=0)) * np.fft.rfft(width, NODES), NODES)
+    size = np.roll(np.maximum(size, 0.0), -(_LOCAL // 2))
+    odd = size > _ODD**2 * np.median(size)
+    shares = rng.standard_t(count - 1, (DRAWS, count)).clip(-_MOST, _MOST) / np.sqrt(count * (count - 1))
+    errors: Array = shares @ (apart * odd)
+    return errors
+
+
 def _stairs(run: Reduced, rng: np.random.Generator) -> Array:
     """Errors (DRAWS, NODES, k) mm that rounding may have made, wherever the steps lie."""
     mean = np.fft.irfft(np.fft.rfft(run.g_mm.mean(axis=0), axis=0) * _COARSE[:, None], NODES, axis=0)
@@ -272,7 +321,7 @@ def _stairs(run: Reduced, rng: np.random.Generator) -> Array:
     return np.stack(columns, axis=2)
 
 
-def _calmed(y: Array, power: Array) -> Array:
+def calmed(y: Array, power: Array) -> Array:
     """A curve (NODES,) with each order shrunk by the share that its noise, of this power, is likely to have in it
     (Wiener)."""
     spectrum = np.fft.rfft(y)

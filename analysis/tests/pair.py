@@ -22,7 +22,7 @@ from analysis.noise.spectrum import DRAWS, NODES
 from analysis.reporting.quantity import Quantity
 from analysis.tests.circle import CircleResult
 from analysis.tests.circularity import circle_at, fit_circle
-from analysis.tests.curve import PHI, SEED, at_resolution, figures, nodes_of
+from analysis.tests.curve import PHI, SEED, Curve, at_resolution, calmed, figures, nodes_of
 from analysis.tests.lag import lag_of
 from rigs.errors import FileError
 
@@ -58,9 +58,17 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Pa
         return [curve.drawn(y, lag_s, one) for curve, y, one in zip(curves, about, scales, strict=True)]
 
     samples = acw.samples + cw.samples
-    found = figures(lambda y: figures_at(y, radius), curves, drawn, samples, RANGES)
+    calm = [*_calm(acw.curve, cw.curve), *_calm(acw.distance.curve, cw.distance.curve)]
+    found = figures(lambda y: figures_at(y, radius), curves, drawn, samples, RANGES, calm)
     lag = lag_of([(curves[0], curves[1]), (curves[2], curves[3])], [radius, 1.0], samples)
     return Pair(found, lag)
+
+
+def _calm(acw: Curve, cw: Curve) -> tuple[Array, Array]:
+    """Both curves (NODES,) with the noise reduced of their mean and of their difference, which is small beside them."""
+    power = acw.power + cw.power
+    mean, half = calmed((acw.y + cw.y) / 2, power / 4), calmed((acw.y - cw.y) / 2, power / 4)
+    return mean + half, mean - half
 
 
 Run = tuple[Array, Array]

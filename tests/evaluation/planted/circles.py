@@ -169,12 +169,12 @@ def circle_table(
     """One run: its laps one after the other between lead-in and lead-out."""
     sense, lead = SENSE[direction], np.radians(circle_of(cell_rig()[0]).lead_deg)
     t_s = rows(rng, noise, size.laps * LAP_S + 2 * lead / SPEED_RAD_S, LAP_S / size.rows)
-    true_s, shown, _ = gauge_times(rng, noise, t_s)
+    true_s, shown, u_t_s = gauge_times(rng, noise, t_s)
     at = sense * (SPEED_RAD_S * true_s - lead)
     g = np.stack([set_up.readings(at[:, k], sense, test)[:, k] for k in (0, 1)], axis=1)
     g += np.take_along_axis(noise_of(rng, noise, t_s), shown, axis=0)
     q = joints(sense * (SPEED_RAD_S * t_s - lead))
-    return CircleTable(test, direction, t_s, q, disturbed(rng, noise, g))  # type: ignore[arg-type]
+    return CircleTable(test, direction, t_s, q, disturbed(rng, noise, g), u_t_s)  # type: ignore[arg-type]
 
 
 def circle_result(table: CircleTable, u_lag_s: float) -> Result:
