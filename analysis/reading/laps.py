@@ -22,7 +22,9 @@ from rigs.vocabulary import Direction
 _RADIUS_OFF_MM = 2.0
 _AWAY_S = 0.1
 """The tool was away from the circle, and not a row or two of the feedback wrong, if it was so for this long."""
-_GAP_RAD = np.radians(5.0)
+_GAP_RAD, _WIDEST_RAD = np.radians(5.0), np.radians(10.0)
+_STEPS = 4.0
+"""A lap may have holes of 5°; of a slow gauge as many of its steps as a row more or less leaves, up to 10°."""
 _TURNS_BACK_RAD = np.radians(20.0)
 """Less is the noise of the feedback, or a program that finds its start."""
 _SEEN = 4000
@@ -234,7 +236,8 @@ def _is_covered(where: str, ahead: Array, sense: float, start: float) -> None:
     edges = np.concatenate([[0.0], np.sort(ahead), [2 * np.pi]])
     gaps = np.diff(edges)
     widest = int(np.argmax(gaps))
-    if gaps[widest] > _GAP_RAD:
+    usual = float(np.median(gaps))
+    if gaps[widest] > max(_GAP_RAD, min(_STEPS * usual, _WIDEST_RAD)):
         begin, end = (np.degrees(start + sense * edges[k]) % 360 for k in (widest, widest + 1))
         raise FileError(
             where,

@@ -33,6 +33,7 @@ def lap_rig(cycle_ms: float) -> tuple[Rig, str]:
             "offset_mm": offset_mm,
             "timing": {"latch": "own_cycle", "cycle_ms": cycle_ms},
         }
+    data["tests"]["circle"]["eccentricity_mm"] = [0.5, 0.3, 0.0]
     text = yaml.safe_dump(data)
     return parse(text, "cycling"), text
 

@@ -112,7 +112,9 @@ def rp(x: np.ndarray) -> np.ndarray:
 @cache
 def one_visit() -> RadialTable:
     """The program of the rig's hemisphere without readings."""
-    program = radial_program(cell_rig()[0])
+    rig, _ = cell_rig()
+    once = hemisphere_of(rig).model_copy(update={"visits": 1})
+    program = radial_program(rig.model_copy(update={"tests": rig.tests.model_copy(update={"hemisphere": once})}))
     zeros = np.zeros(len(program.target))
     return RadialTable(program.target, program.polar, program.azimuth, program.orientation, zeros, program.q, zeros)
 
