@@ -40,6 +40,8 @@ _DRIFTING = 0.7
 """Of how far messages lie about a pace: what one does from the last, 1.2 to 1.4 where each is late for itself."""
 _IN_STEP = 0.9
 """Mean cosine of arrivals that a timer of whole milliseconds releases, as all adapters have it."""
+_SAMPLE = 20_000
+"""Messages that are enough to see a timer by."""
 _STIRRED = 5
 _STIRRED_NS = 2e6
 """From so many requests that did not follow the answer before at once, and where they are answered so unevenly, it can
@@ -213,7 +215,7 @@ def _keeps_pace(late: Array, timer_ns: float) -> bool:
 def _timer_ns(arrived_ns: Array) -> float:
     """Of an adapter that holds back bytes which come unasked and unevenly (n,): all arrive multiples of it apart; 0
     where none does."""
-    steps = np.diff(arrived_ns)
+    steps = np.diff(arrived_ns[:_SAMPLE])
     if len(steps) < 2 * _STIRRED:
         return 0.0
     timers = np.arange(_HOLDS_NS, _TIMER_NS, -1e6)

@@ -29,6 +29,8 @@ _TURNS_BACK_RAD = np.radians(20.0)
 """Less is the noise of the feedback, or a program that finds its start."""
 _SEEN = 4000
 """Rows by which turning back is seen."""
+_REPORTS_S = 0.002
+"""No controller reports oftener than each 2 ms (RTDE of the e-Series); gauges may."""
 _BLOCK = 4096
 """Rows whose poses are reckoned at a time, so that a long run needs no memory for all of them."""
 _HARDLY = 0.01
@@ -85,7 +87,7 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
     circle = circle_of(rig)
     _is_motion(where, table)
     frame, sense = frame_of(circle), SENSE[table.direction]
-    tool = _places(arm_of(rig.robot), table.q)
+    tool = _places(arm_of(rig.robot), table.t_s, table.q)
     phi = frame.angle(tool)
     stretches = _on_circle(table.t_s, tool, frame)
     turned = [float(np.ptp(phi[rows])) for rows in stretches]
@@ -164,12 +166,17 @@ def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
     return slice(rows.start + begin, rows.start + end), own[begin:end]
 
 
-def _places(arm: Arm, q: Array) -> Array:
-    """Where the tool is (n, 3) mm."""
-    places = np.empty((len(q), 3))
-    for begin in range(0, len(q), _BLOCK):
-        places[begin : begin + _BLOCK] = forward(arm, q[begin : begin + _BLOCK])[:, :3, 3]
-    return places
+def _places(arm: Arm, t_s: Array, q: Array) -> Array:
+    """Where the tool is (n, 3) mm; between rows closer than a controller reports, on a chord."""
+    step = max(1, int(_REPORTS_S / max(float(np.median(np.diff(t_s[:_SEEN]))), 1e-9)))
+    rows = np.append(np.arange(0, len(q) - 1, step), len(q) - 1)
+    places = np.empty((len(rows), 3))
+    for begin in range(0, len(rows), _BLOCK):
+        places[begin : begin + _BLOCK] = forward(arm, q[rows[begin : begin + _BLOCK]])[:, :3, 3]
+    if step == 1:
+        return places
+    every = np.arange(len(q))
+    return np.stack([np.interp(every, rows, column) for column in places.T], axis=1)
 
 
 def _on_circle(t_s: Array, tool: Array, frame: CircleFrame) -> list[slice]:

@@ -101,10 +101,11 @@ def reduced(laps: Laps) -> Reduced:
     """The readings of a run at NODES circle angles, lap by lap; wild readings are left out and counted."""
     some = slice(None, None, max(1, len(laps.phi) // _BASE_ROWS))
     base = np.asarray(np.linalg.lstsq(_waves(laps.phi[some]), laps.g_mm[some], rcond=None)[0], dtype=np.float64)
-    wild = np.array([is_wild(_less_base(laps.phi, g_mm, one)) for g_mm, one in zip(laps.g_mm.T, base.T, strict=True)])
+    rough = _less_base(laps.phi, laps.g_mm, base)
+    wild = np.array([is_wild(column) for column in rough.T])
     keep: Mask = ~np.any(wild, axis=0)
     lap = np.minimum(np.abs(laps.phi - laps.start) // (2 * np.pi), laps.count - 1).astype(np.int64)
-    nodes = _broken_lines(laps.phi, laps.g_mm, lap, keep, base) + _waves(PHI) @ base
+    nodes = _broken_lines(laps.phi, rough, lap, keep) + _waves(PHI) @ base
     order = _driven(laps)
     nodes, notes = _steady(nodes[:, order])
     steps = tuple(step_of(g_mm) for g_mm in laps.g_mm.T)
@@ -120,7 +121,8 @@ def nodes_of(phi: Array, y: Array) -> Array:
     """A noise-free curve y (n,) over phi (n,) rad, of one lap, at PHI (NODES,)."""
     once, all_rows = np.zeros(len(phi), dtype=np.int64), np.ones(len(phi), dtype=bool)
     base = np.asarray(np.linalg.lstsq(_waves(phi), y[:, None], rcond=None)[0], dtype=np.float64)
-    nodes: Array = (_broken_lines(phi, y[:, None], once, all_rows, base)[0] + _waves(PHI) @ base)[:, 0]
+    rough = y[:, None] - _waves(phi) @ base
+    nodes: Array = (_broken_lines(phi, rough, once, all_rows)[0] + _waves(PHI) @ base)[:, 0]
     return nodes
 
 
@@ -202,17 +204,19 @@ def _waves(phi: Array) -> Array:
 
 
 def _less_base(phi: Array, values: Array, base: Array) -> Array:
-    """Values (n,) without level and first two orders (5,), in blocks."""
-    left = np.empty(len(values))
+    """Values (n, k) without level and first two orders (5, k), which the broken line need not follow, in blocks."""
+    left = np.empty(values.shape)
     for begin in range(0, len(values), _BLOCK):
         rows = slice(begin, begin + _BLOCK)
         left[rows] = values[rows] - _waves(phi[rows]) @ base
     return left
 
 
-def _broken_lines(phi: Array, values: Array, lap: Integers, keep: Mask, base: Array) -> Array:
-    """The closed broken lines (L, NODES, k) through NODES that fit values (n, k) less their base best, lap by lap, as
-    smooth curves. The normal equations of hat functions are summed over blocks of rows."""
+def _broken_lines(phi: Array, values: Array, lap: Integers, keep: Mask) -> Array:
+    """The closed broken lines (L, NODES, k) through NODES that fit values (n, k) best, lap by lap, as smooth curves.
+
+    The normal equations of hat functions are summed over blocks of rows.
+    """
     count = int(lap.max()) + 1
     beyond, between, before = (np.zeros(count * NODES) for _ in range(3))
     pull_left, pull_right = (np.zeros((values.shape[1], count * NODES)) for _ in range(2))
@@ -222,11 +226,10 @@ def _broken_lines(phi: Array, values: Array, lap: Integers, keep: Mask, base: Ar
         left = np.floor(place)
         share = place - left
         at = lap[rows] * NODES + left.astype(np.int64) % NODES
-        left_over = values[rows] - _waves(phi[rows]) @ base
         before += np.bincount(at, (1 - share) ** 2, len(before))
         between += np.bincount(at, share * (1 - share), len(before))
         beyond += np.bincount(at, share**2, len(before))
-        for k, column in enumerate(left_over.T):
+        for k, column in enumerate(values[rows].T):
             pull_left[k] += np.bincount(at, (1 - share) * column, len(before))
             pull_right[k] += np.bincount(at, share * column, len(before))
     shape = (values.shape[1], count, NODES)
