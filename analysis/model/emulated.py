@@ -15,7 +15,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.model.ball_link import angle
-from analysis.model.circle import frame_of
+from analysis.model.circle import SENSE, frame_of
 from analysis.model.programs import circle_of, circle_program, radial_stops, repeatability_stops, stops
 from analysis.model.simulate import readings_along
 from analysis.noise.certificate import as_shown, link_excess_mm
@@ -141,8 +141,9 @@ def truth(rig: Rig, traces: dict[Direction, Trace]) -> dict[str, Any]:
     start = np.radians(circle_of(rig).start_deg)
     figures = {}
     for direction, trace in traces.items():
-        lap = np.abs(np.abs(trace.phi - start) - np.pi) <= np.pi
-        lap &= (trace.phi >= start) if direction == "acw" else (trace.phi <= start)
+        # The first lap: the ways back between laps pass the same angles, with every play on its other side.
+        ahead = SENSE[direction] * (trace.phi - start)
+        lap = slice(int(np.argmax(ahead >= 0)), int(np.argmax(ahead >= 2 * np.pi)))
         y = angle(trace.g_mm[lap, 0], trace.g_mm[lap, 1], rig.gauges.baseline_mm)
         figures[direction] = plain_figures(trace.phi[lap], y, frame_of(circle_of(rig)).radius)
     planted = {
