@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.fitting.observation import Observation, residuals_of
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, forward
+from analysis.model.circle import frame_of
 from analysis.model.predict import Model, SetUp
+from analysis.model.programs import circle_of
 from analysis.noise.cell import BALL_MM, JOINT_DEG, NoiseSource
 from analysis.reading.tables import CircleTable, PoseTable
 from rigs.effects import JointOffset
@@ -77,8 +79,9 @@ def scatter_between(model: Model, observations: Sequence[Observation], setups: M
     for repeats in groups.values():
         if len(repeats) < 2:
             continue
-        left = [_laid_over(one, *residuals_of(model, [one], setups)) for one in repeats]
-        columns = np.array([_laid_over(repeats[0], shaken) for shaken in _shaken(model, repeats[0], setups, unit)]).T
+        left = [_laid_over(model, one, *residuals_of(model, [one], setups)) for one in repeats]
+        shaken = _shaken(model, repeats[0], setups, unit)
+        columns = np.array([_laid_over(model, repeats[0], column) for column in shaken]).T
         span, size, _ = np.linalg.svd(columns, full_matrices=False)
         span = span[:, size > 1e-3 * size[0]]
         apart = np.array(left) - np.mean(left, axis=0)
@@ -88,7 +91,7 @@ def scatter_between(model: Model, observations: Sequence[Observation], setups: M
         by = span.T @ columns
         seen.append((len(left) - 1, inside, noise, by[:, :6] @ by[:, :6].T, by[:, 6:] @ by[:, 6:].T))
     if not seen:
-        return Scatter(JOINT_DEG.middle, BALL_MM.middle, "assumed")
+        return Scatter(JOINT_DEG.rms, BALL_MM.rms, "assumed")
 
     def likelihood(joint: float, ball: float) -> float:
         total = 0.0
@@ -101,11 +104,13 @@ def scatter_between(model: Model, observations: Sequence[Observation], setups: M
     return Scatter(float(joint), float(ball), "measured")
 
 
-def _laid_over(one: Observation, values: Array) -> Array:
-    """Values (m, k) of a run where repeats have theirs too: (BINS · k,) means around a lap; at targets as they are."""
+def _laid_over(model: Model, one: Observation, values: Array) -> Array:
+    """Values (m, k) of a run where repeats have theirs too: (BINS · k,) means around the circle; at targets as they
+    are."""
     if not isinstance(one.table, CircleTable):
         return values.ravel()
-    turned = np.linspace(0, _BINS, len(values), endpoint=False).astype(np.int64)
+    phi = frame_of(circle_of(model.rig)).angle(forward(model.arm, one.table.q[one.rows])[:, :3, 3])
+    turned = (phi % (2 * np.pi) * (_BINS / (2 * np.pi))).astype(np.int64) % _BINS
     counts = np.maximum(np.bincount(turned, minlength=_BINS), 1)
     return np.concatenate([np.bincount(turned, column, _BINS) / counts for column in values.T])
 

@@ -9,13 +9,17 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.noise.cell import DRIFT_MM_PER_S
-from analysis.noise.readings import beyond_neighbours
+from analysis.noise.readings import Mask, beyond_neighbours
 from analysis.noise.spectrum import NODES, ORDERS
 
 _WIDE = (24, 8)
 """Nodes on either side of a step by which it is seen: 12°, and 4° near the ends of a lap."""
 _CLEAR = 8.0
 """A step of so many robust standard deviations of all such differences is a slip: 700 places are tried."""
+_SLIPPED = 4.0
+"""Standard deviations of the difference of two laps' levels."""
+_RINGS = 6
+"""Nodes on either side of wild readings that the broken line through them moves by more than a thousandth."""
 _LEVEL = 120
 _NEAR = 41
 """Nodes about one node among which a burst of wild readings stands out."""
@@ -47,35 +51,62 @@ def _clearest(laps: Array) -> tuple[int, int, float] | None:
         for width in _WIDE:
             level = np.median(np.lib.stride_tricks.sliding_window_view(between, width), axis=1)
             steps = level[width:] - level[:-width]
-            spread = 1.4826 * float(np.median(np.abs(steps - np.median(steps)))) or 1e-12
+            away = np.abs(steps - np.median(steps))
+            # Of coarse readings most differences are nought; the tenth largest is not.
+            spread = max(1.4826 * float(np.median(away)), float(np.quantile(away, 0.9)) / 1.645, 1e-12)
             if width < _WIDE[0]:
                 steps[_WIDE[0] - width : width - _WIDE[0]] = 0.0
             place = int(np.argmax(np.abs(steps)))
             clear = abs(float(steps[place])) / spread
-            if clear > _CLEAR and (best is None or clear > best[0]):
-                best = clear, (lap, place + width, float(steps[place]))
+            node, step = place + width, float(steps[place])
+            if clear > _CLEAR and _stays(between, node, step) and (best is None or clear > best[0]):
+                best = clear, (lap, node, step)
     return None if best is None else best[1]
 
 
-def without_bursts(laps: Array) -> tuple[Array, int]:
-    """Laps (L, NODES) in which nodes that leave their own lap's neighbours and the other laps follow these; how
-    many."""
-    if len(laps) < 2:
-        return laps, 0
-    mended, count = laps.copy(), 0
-    for lap in range(len(laps)):
+def _stays(between: Array, node: int, step: float) -> bool:
+    """Whether a difference of two laps (NODES,) keeps a step at a node, as far as it goes on."""
+    before, after = between[max(0, node - _LEVEL) : node], between[node : node + _LEVEL]
+    return 0.5 < (float(np.median(after)) - float(np.median(before))) / step < 2.0
+
+
+def bursts(laps: Array) -> Mask:
+    """Where (L, NODES) a lap leaves its own neighbours and the other laps: wild readings, too many in a row to leave
+    their own running median. A wide neighbourhood, for the line through wild readings rings."""
+    odd = np.zeros(laps.shape, dtype=bool)
+    for lap in range(len(laps) if len(laps) > 1 else 0):
         others = np.delete(laps, lap, axis=0).mean(axis=0)
         apart = laps[lap] - others
         leaves = np.abs(apart - _around(apart))
         # Where the curve jumps, rows that fall a little elsewhere make laps differ, too.
         bad = beyond_neighbours(leaves) & (leaves > _changes(others))
         bad &= np.abs(laps[lap] - _around(laps[lap])) > np.abs(others - _around(others))
-        bad = bad | np.roll(bad, 1) | np.roll(bad, -1) if bad.any() else bad
-        if bad.any() and bad.sum() < NODES // 4:
-            good = np.flatnonzero(~bad)
-            mended[lap, bad] = others[bad] + np.interp(np.flatnonzero(bad), good, apart[good], period=NODES)
-            count += int(bad.sum())
-    return mended, count
+        if bad.any():
+            wide = np.any([np.roll(bad, by) for by in range(-_RINGS, _RINGS + 1)], axis=0)
+            odd[lap] = wide if wide.sum() < NODES // 4 else False
+    return odd
+
+
+def following(laps: Array, odd: Mask) -> Array:
+    """Laps (L, NODES) that follow the others where they are odd (L, NODES), at the distance that they have beside
+    it."""
+    mended = laps.copy()
+    for lap in np.flatnonzero(odd.any(axis=1)):
+        others = np.delete(laps, lap, axis=0).mean(axis=0)
+        good = np.flatnonzero(~odd[lap])
+        apart = np.interp(np.flatnonzero(odd[lap]), good, (laps[lap] - others)[good], period=NODES)
+        mended[lap, odd[lap]] = others[odd[lap]] + apart
+    return mended
+
+
+def without_level_steps(laps: Array, level_sd: float, apart_s: float, per_mm: float) -> tuple[Array, list[float]]:
+    """Laps (L, NODES) at the level of the first, where levels step by more than noise (level_sd, of a lap's) and drift
+    do between two of them, as where a clamp slips on the way back; and those steps."""
+    steps = np.diff(laps.mean(axis=1))
+    limit = DRIFT_MM_PER_S * per_mm * apart_s + _SLIPPED * np.sqrt(2) * level_sd
+    slips = np.where(np.abs(steps) > limit, steps, 0.0)
+    level: Array = laps - np.concatenate([[0.0], np.cumsum(slips)])[:, None]
+    return level, slips[slips != 0].tolist()
 
 
 def _changes(lap: Array) -> Array:

@@ -95,8 +95,8 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
         _is_this_circle(where, frame, tool, bool(stretches))
     start, lead = np.radians(circle.start_deg), np.radians(circle.lead_deg)
     ways: list[tuple[slice, Array]] = []
-    for rows in stretches:
-        _is_steady(where, table.t_s[rows], table.q[rows], rig)
+    for stretch in stretches:
+        rows = _without_leaps(where, table, phi, stretch, rig)
         ahead = sense * (phi[rows] - start)
         # A way begins at the lead-in, so the start lies less than half a turn ahead of it.
         ways += [(slice(rows.start + a, rows.start + b), ahead[a:b]) for a, b in _ways(ahead)]
@@ -202,18 +202,32 @@ def _is_motion(where: str, table: CircleTable) -> None:
         raise FileError(where, "the robot stood still", "start the circle program once the recording runs")
 
 
-def _is_steady(where: str, t_s: Array, q: Array, rig: Rig) -> None:
-    """Raises FileError where a joint jumps further than it can run."""
+def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig: Rig) -> slice:
+    """A stretch without what lies before or after a leap while the robot stood: there it was set to a start.
+
+    Raises FileError where a joint jumps further than it can run in the middle of the circle.
+    """
     speed = np.radians([axis.speed_deg_s for axis in rig.robot.axes])
+    t_s, q = table.t_s[rows], table.q[rows]
     step = np.abs(np.diff(q, axis=0))
     over = step > _JUMP_RAD + _JUMP_SPEEDS * speed * np.abs(np.diff(t_s))[:, None]
-    if over.any():
-        row, axis = (int(k) for k in np.argwhere(over)[0])
-        raise FileError(
-            where,
-            f"{rig.robot.axes[axis].name} jumps by {np.degrees(step[row, axis]):.1f}° at {t_s[row + 1]:.3f} s",
-            "see the feedback's units and wrap-around, or leave the bad rows out",
-        )
+    begin, end = 0, len(q)
+    for row, axis in np.argwhere(over).tolist() if over.any() else ():
+        before, after = phi[rows.start + begin : rows.start + row + 1], phi[rows.start + row + 1 : rows.stop]
+        if row < begin:
+            continue
+        if np.ptp(before) < _TURNS_BACK_RAD:
+            begin = row + 1
+        elif np.ptp(after) < _TURNS_BACK_RAD:
+            end = row + 1
+            break
+        else:
+            raise FileError(
+                where,
+                f"{rig.robot.axes[axis].name} jumps by {np.degrees(step[row, axis]):.1f}° at {t_s[row + 1]:.3f} s",
+                "see the feedback's units and wrap-around, or leave the bad rows out",
+            )
+    return slice(rows.start + begin, rows.start + end)
 
 
 def _is_this_direction(where: str, forth: float, back: float, direction: str) -> None:

@@ -6,16 +6,19 @@ runs are repeated. The mean of m runs then has Student's law with m - 1 degrees 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.kinematics.arm import Array
 from analysis.noise.cell import BALL_MM, JOINT_DEG
 from analysis.reporting.quantity import Quantity
 from analysis.reporting.results import Result
 from analysis.tests.circle import CircleResult
 from analysis.tests.pair import pair
+from analysis.tests.radial import Radial
 from rigs.errors import FileError
 
 ONE_RUN = (
@@ -27,7 +30,13 @@ _STUDENT = (6.985, 2.266, 1.653, 1.434, 1.324, 1.259, 1.215, 1.184, 1.160)
 """Half of what reaches 95.45 % of Student's law to either side, for 1, 2, … degrees of freedom; below, by 1 +
 1.25/ν."""
 _ELSEWHERE_MM = 0.06
-"""A ball so far from the others' was mounted anew: three times what clamping and temperature do in a cell."""
+"""A ball so far from the others' was mounted anew: three times what clamping and temperature do in a cell, …"""
+_SPREADS = 5.0
+"""… and so many times the usual distance of these runs, which the scatter of joints makes too; …"""
+_TWO_MM = 0.35
+"""… of two runs, where nothing shows that scatter: 2 √2 times the table's largest at the end of an arm of a metre."""
+_ANYWHERE_DEG = 180.0 / math.sqrt(3)
+"""Standard uncertainty of a place that may be anywhere around the circle."""
 
 
 @dataclass(frozen=True)
@@ -93,47 +102,66 @@ def _between(name: str, figures: Sequence[Quantity]) -> Between:
         values = values[0] + (values - values[0] + 180.0) % 360.0 - 180.0
     count, sd = len(values), float(values.std(ddof=1))
     freedom = count - 1
-    factor = _STUDENT[freedom - 1] if freedom <= len(_STUDENT) else 1 + 1.25 / freedom
-    u = max(factor * sd / np.sqrt(count), min(figure.u for figure in figures))
-    first = figures[0]
+    factor = _STUDENT[freedom - 1] if freedom <= len(_STUDENT) else 1 + 1.4 / freedom
+    u = float(np.hypot(factor * sd / np.sqrt(count), min(figure.u for figure in figures)))
     middle = float(values.mean())
     if name.endswith("_at_deg"):
-        middle %= 360.0
-    mean = Quantity(middle, float(u), first.unit, sum(figure.samples for figure in figures), first.noise)
-    return Between(mean, sd, count)
+        middle, u = middle % 360.0, min(u, _ANYWHERE_DEG)
+    source = max((figure.noise for figure in figures), key=("measured", "borrowed", "assumed").index)
+    samples = sum(figure.samples for figure in figures)
+    return Between(Quantity(middle, u, figures[0].unit, samples, source), sd, count)
 
 
 def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, str]]]:
-    """The runs whose balls lie together, and the others, each with the reason."""
-    balls = [run.found.distance.ball_mm for run in runs if isinstance(run.found, CircleResult)]
-    if len(balls) < 2:
-        return runs, []
-    middle = np.median(balls, axis=0)
-    away = np.linalg.norm(np.array(balls) - middle, axis=1)
-    if len(runs) == 2 and away.max() > _ELSEWHERE_MM / 2:
-        apart = 2 * float(away.max())
-        return [], [
-            (run, f"the balls of the two runs lie {apart:.2f} mm apart: no mean of two set-ups") for run in runs
-        ]
-    near = [run for run, far in zip(runs, away, strict=True) if far <= _ELSEWHERE_MM]
+    """The runs that belong together, and the others, each with the reason: readings given twice, and balls mounted
+    anew."""
+    once: dict[tuple[str, ...], Result] = {}
+    copies: list[tuple[Result, str]] = []
+    for run in runs:
+        first = once.setdefault(tuple(chunk.sha256 for chunk in run.measured.run.manifest.chunks), run)
+        if first is not run:
+            copies.append((run, f"holds the same readings as {first.measured.path}: left out of the mean"))
+    single = list(once.values())
+    balls = [ball for ball in map(_ball_mm, single) if ball is not None]
+    if len(balls) < max(2, len(single)):
+        return single, copies
+    away = np.linalg.norm(np.array(balls) - np.median(balls, axis=0), axis=1)
+    if len(single) == 2:
+        if 2 * away.max() <= _TWO_MM:
+            return single, copies
+        why = f"the balls of the two runs lie {2 * away.max():.2f} mm apart: no mean of two set-ups"
+        return [], [*copies, *((run, why) for run in single)]
+    limit = max(_ELSEWHERE_MM, _SPREADS * float(np.median(away)))
+    near = [run for run, far in zip(single, away, strict=True) if far <= limit]
     others = [
         (run, f"its ball lies {far:.2f} mm from that of the other runs: another set-up, left out of the mean")
-        for run, far in zip(runs, away, strict=True)
-        if far > _ELSEWHERE_MM
+        for run, far in zip(single, away, strict=True)
+        if far > limit
     ]
-    return near, others
+    return near, [*copies, *others]
+
+
+def _ball_mm(run: Result) -> Array | None:
+    """Where a run has its ball, mm; None in tests that do not show it."""
+    match run.found:
+        case CircleResult():
+            return run.found.distance.ball_mm
+        case Radial():
+            return run.found.free.centre
+    return None
 
 
 def pairs_of(group: Sequence[Result]) -> Pairs | None:
     """Every acw run with the cw run of the same place in the order given; None without both."""
-    by_way: dict[str, list[Result]] = {"acw": [], "cw": []}
-    for result in group:
-        if isinstance(result.found, CircleResult):
-            by_way[result.found.laps.direction].append(result)
-    both = list(zip(by_way["acw"], by_way["cw"], strict=False))
+    ways = {
+        way: [one for one in group if isinstance(one.found, CircleResult) and one.found.laps.direction == way]
+        for way in ("acw", "cw")
+    }
+    both, alone = _matched(ways["acw"], ways["cw"])
     if not both:
         return None
-    runs, found, refused = [], [], []
+    runs, found = [], []
+    refused = [f"{one.name}: no run of the other direction is left to pair it with" for one in alone]
     for acw, cw in both:
         assert isinstance(acw.found, CircleResult) and isinstance(cw.found, CircleResult)  # noqa: S101 - as chosen above
         try:
@@ -149,3 +177,25 @@ def pairs_of(group: Sequence[Result]) -> Pairs | None:
     }
     lag = between([{"lag_ms": one.lag} for one in found])["lag_ms"].mean if several else found[0].lag
     return Pairs(tuple(runs), figures, lag, tuple(refused))
+
+
+def _matched(acw: list[Result], cw: list[Result]) -> tuple[list[tuple[Result, Result]], list[Result]]:
+    """Each acw run with a cw run whose ball lies with its own, else in the order given; and the runs that are left."""
+    left, both, alone = list(cw), [], []
+    for one in acw:
+        if not left:
+            alone.append(one)
+            continue
+        nearest = min(left, key=lambda other: _apart_mm(one, other))
+        left.remove(nearest)
+        both.append((one, nearest))
+    return both, [*alone, *left]
+
+
+def _apart_mm(one: Result, other: Result) -> float:
+    """How far the balls of two circles are apart by the angle, which plays move less than the distance; 0 within what a
+    set-up does."""
+    assert isinstance(one.found, CircleResult) and isinstance(other.found, CircleResult)  # noqa: S101 - circles alone
+    sine, its, radius = one.found.sine, other.found.sine, one.found.laps.frame.radius
+    apart = radius * float(np.hypot(sine.a - its.a, sine.b - its.b))
+    return apart if apart > _ELSEWHERE_MM else 0.0

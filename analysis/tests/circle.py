@@ -124,7 +124,12 @@ def evaluate_angle(
 
 
 def _about_noise(curve: Curve) -> tuple[str, ...]:
-    """Where the noise is not from laps of this run, in words."""
+    """Where the noise is not from laps of this run, and what happened between its laps, in words."""
+    if curve.slips:
+        sizes = ", ".join(f"{np.degrees(slip):+.4f}°" for slip in curve.slips)
+        return (
+            f"the level of the angle steps by {sizes} between laps, more than noise and drift do: check the clamps",
+        )
     match curve.noise.source:
         case "borrowed":
             return ("one lap: its slow noise is borrowed from another run of this cell, at an unknown level",)

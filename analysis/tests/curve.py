@@ -17,7 +17,14 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.model.circle import SENSE
-from analysis.noise.laps import power_of_ramp, without_bursts, without_drift, without_slips
+from analysis.noise.laps import (
+    bursts,
+    following,
+    power_of_ramp,
+    without_drift,
+    without_level_steps,
+    without_slips,
+)
 from analysis.noise.readings import Mask, is_wild, noise_beneath, rounding_error, step_of
 from analysis.noise.spectrum import DRAWS, NODES, ORDERS, Integers, LapNoise, node_response, noise_of
 from analysis.reading.laps import Laps
@@ -37,6 +44,8 @@ _STIFF = 1e-3
 """Of the rows at a node: weight of second differences, which bridge nodes without rows."""
 _SOLVED = 1e-9
 """Relative: a picometre in a millimetre."""
+_COARSEST = 10.0
+"""Steps that a gauge must move by: with fewer the curve lies between two or three values."""
 _BASE_ROWS = 20_000
 _BLOCK = 1 << 17
 """Rows at a time, so that a long run needs no memory for all of them."""
@@ -74,7 +83,7 @@ class Reduced:
 class Curve:
     """A curve y (NODES,) over PHI, and errors (DRAWS, NODES) that noise may have put into it; power (NODES // 2 + 1,):
     likely mean square of these in each order; laps (L, NODES) that y is the mean of; drift: of a lap; rate: rad/s of
-    phi; blur: of a row's place, rad."""
+    phi; blur: of a row's place, rad; slips: steps of the level between laps, taken out."""
 
     y: Array
     errors: Array
@@ -84,6 +93,7 @@ class Curve:
     drift: float
     rate: float
     blur: float
+    slips: tuple[float, ...]
 
     @property
     def calm(self) -> Array:
@@ -106,15 +116,37 @@ def reduced(laps: Laps) -> Reduced:
     keep: Mask = ~np.any(wild, axis=0)
     lap = np.minimum(np.abs(laps.phi - laps.start) // (2 * np.pi), laps.count - 1).astype(np.int64)
     nodes = _broken_lines(laps.phi, rough, lap, keep) + _waves(PHI) @ base
+    odd: Mask = np.any([bursts(of_gauge) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=0)
+    if odd.any():
+        left = np.floor(laps.phi % (2 * np.pi) * (NODES / (2 * np.pi))).astype(np.int64) % NODES
+        burst = keep & odd[lap, left]
+        nodes = _broken_lines(laps.phi, rough, lap, keep & ~burst) + _waves(PHI) @ base
+        nodes = np.stack([following(of_gauge, odd) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=2)
     order = _driven(laps)
     nodes, notes = _steady(nodes[:, order])
+    if odd.any():
+        notes = (
+            f"{int(burst.sum())} readings beside bursts of wild ones left out: there a lap follows the others",
+            *notes,
+        )
     steps = tuple(step_of(g_mm) for g_mm in laps.g_mm.T)
     beneath = tuple(noise_beneath(g_mm, step) for g_mm, step in zip(laps.g_mm.T, steps, strict=True))
+    notes = (*_coarse(laps.g_mm, steps), *notes)
     if wild.any():
         notes = (f"wild readings left out: {', '.join(map(str, wild.sum(axis=1)))} of {len(keep)} (g1, g2)", *notes)
     rate = SENSE[laps.direction] * 2 * np.pi / laps.lap_s
     rows = float(keep.sum()) / laps.count
     return Reduced(nodes, order, rows, laps.lap_s, laps.apart_s, rate, steps, beneath, abs(rate) * laps.u_t_s, notes)
+
+
+def _coarse(g_mm: Array, steps: Sequence[float]) -> tuple[str, ...]:
+    """Which gauges (n, k) mm read in steps too coarse for how far they move, in words."""
+    return tuple(
+        f"g{k} reads in steps of {1e3 * step:.3g} µm and moves by {1e3 * np.ptp(column):.3g} µm only, too coarse to "
+        "show the curve: use a finer gauge or set its resolution"
+        for k, (column, step) in enumerate(zip(g_mm.T, steps, strict=True), start=1)
+        if np.ptp(column) < _COARSEST * step
+    )
 
 
 def nodes_of(phi: Array, y: Array) -> Array:
@@ -136,12 +168,15 @@ def curve_of(
     laps = values(run.g_mm)
     borrowed = like is not None and len(laps) == 1
     noise = like.elsewhere(rng) if borrowed and like else noise_of(laps, run.rows, run.lap_s, per_mm, rng)
-    level = float(noise.power(1, run.rows, run.lap_s)[:, 0].mean())
+    levels = noise.power(1, run.rows, run.lap_s)[:, 0]
+    laps, slips = without_level_steps(laps, float(np.sqrt(np.median(levels))), run.apart_s, per_mm)
+    level = float(levels.mean())
     laps, drift, variance = without_drift(laps, level, (run.lap_s, run.apart_s), per_mm)
     power = noise.power(len(laps), run.rows, run.lap_s) + power_of_ramp(variance)
-    power[:, 0] += (
-        drift * len(laps) * run.apart_s / run.lap_s
-    ) ** 2 / 12  # where the level belongs to is anywhere along the drift
+    # Nobody knows which of two levels is the right one.
+    power[:, 0] += float(np.square(slips).sum()) / 4
+    # The level is that of any moment along the drift.
+    power[:, 0] += (drift**2 + variance) * (len(laps) * run.apart_s / run.lap_s) ** 2 / 12
     parts = rng.standard_normal((2, *power.shape)) * np.sqrt(power / 2)
     spectra = parts[0] + 1j * parts[1]
     spectra[:, 0] = np.sqrt(2) * parts[0][:, 0]
@@ -150,7 +185,17 @@ def curve_of(
     errors += _where_laps_differ(laps, rng)
     place = np.argsort(run.order)
     likely = np.exp(np.log(power).mean(axis=0))
-    return Curve(laps.mean(axis=0)[place], errors[:, place], likely, laps[:, place], noise, drift, run.rate, run.blur)
+    return Curve(
+        laps.mean(axis=0)[place],
+        errors[:, place],
+        likely,
+        laps[:, place],
+        noise,
+        drift,
+        run.rate,
+        run.blur,
+        tuple(slips),
+    )
 
 
 def at_resolution(y: Array) -> Array:
@@ -281,17 +326,14 @@ def _driven(laps: Laps) -> Integers:
 
 
 def _steady(nodes: Array) -> tuple[Array, tuple[str, ...]]:
-    """Laps (L, NODES, k) mm of the gauges without slips and bursts, and what was found, in words."""
+    """Laps (L, NODES, k) mm of the gauges without slips, and what was found, in words."""
     mended, notes = [], []
     for name, laps in zip(("g1", "g2"), np.moveaxis(nodes, 2, 0), strict=False):
-        whole, bursts = without_bursts(laps)
-        whole, slips = without_slips(whole)
+        whole, slips = without_slips(laps)
         mended.append(whole)
         if slips:
             sizes = ", ".join(f"{1e3 * slip:+.1f}" for slip in slips)
             notes.append(f"{name} slipped between its laps by {sizes} µm, which was taken out: check its clamp")
-        if bursts:
-            notes.append(f"{name}: {bursts} of {laps.size} half degrees of a lap leave the other laps and follow them")
     return np.stack(mended, axis=2), tuple(notes)
 
 

@@ -29,7 +29,9 @@ from rigs.errors import FileError
 RANGES = frozenset({"hysteresis_max_deg", "hysteresis_max_mm", "circular_deviation_mm"})
 _ELSEWHERE_MM = 0.06
 """A ball that moved by more than this was touched: three times what clamping and temperature do in a cell."""
-_ALONE = 0.9
+_ALIKE = 0.5
+"""Of a move by the angle: how far that by the distance may be from it, which a play moves too."""
+_ALONE, _MOSTLY = 0.9, 0.5
 """Share of acw - cw, as energy, that a ball elsewhere explains; a play, which changes its side at each reversal of a
 joint, leaves much of itself in the higher orders."""
 
@@ -97,17 +99,20 @@ def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
 
 
 def ball_moved_mm(acw: CircleResult, cw: CircleResult) -> float:
-    """By how much the ball sits elsewhere in the second run, mm; 0 where a robot may have done what differs."""
+    """By how much the ball sits elsewhere in the second run, mm; 0 where a robot may have done what differs.
+
+    A play moves the distance by the way that a joint turns, and with it the first order too; of a yaw the angle shows
+    the ball a second time, and a play hardly shows the same there.
+    """
     moved = acw.distance.ball_mm - cw.distance.ball_mm
-    size = float(np.linalg.norm(moved))
-    between = acw.distance.curve.y - cw.distance.curve.y
-    power = np.abs(np.fft.rfft(between) / NODES)[1:] ** 2
-    if size < _ELSEWHERE_MM or power[0] < _ALONE * power.sum():
-        return 0.0
     by_angle = acw.laps.frame.radius * np.array([-(acw.sine.a - cw.sine.a), acw.sine.b - cw.sine.b])
-    as_much = bool(np.linalg.norm(by_angle - moved) < 0.5 * size)
+    size, seen = float(np.linalg.norm(moved)), float(np.linalg.norm(by_angle))
+    power = np.abs(np.fft.rfft(acw.distance.curve.y - cw.distance.curve.y) / NODES)[1:] ** 2
+    alone = float(power[0] / max(power.sum(), 1e-30))
+    if seen > _ELSEWHERE_MM and float(np.linalg.norm(by_angle - moved)) < _ALIKE * seen and alone > _MOSTLY:
+        return seen
     # In roll the ball's place does not show in the angle's sine.
-    return size if as_much or np.linalg.norm(by_angle) < 0.1 * size else 0.0
+    return size if size > _ELSEWHERE_MM and alone > _ALONE and seen < 0.1 * size else 0.0
 
 
 def _hold(acw: CircleResult, cw: CircleResult, where: str) -> None:

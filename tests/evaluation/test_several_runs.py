@@ -17,7 +17,6 @@ from analysis.reporting.truth import compare
 from rigs.errors import FileError
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
-from rigs.tests import Tests
 
 RIG, TEXT = load("ur10e")
 RIG = load_hidden("ur10e").within(RIG)
@@ -64,7 +63,7 @@ def test_one_run_says_what_is_not_in_its_uncertainty(laps: list[Result]) -> None
 
 
 def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps: list[Result], tmp_path: Path) -> None:
-    elsewhere = RIG.model_copy(update={"tests": _with_ball_at(RIG, (1.4, -0.4, 0.1))})
+    elsewhere = _with_ball_at(RIG, (1.4, -0.4, 0.1))
     (path,) = write_simulated(elsewhere, TEXT, "yaw", ("acw",), [9], None, tmp_path, csv=False)
     three = [*(result for result in laps if result.title == "yaw acw"), analyse_run(path)]
     (one,) = as_object(three)["between_runs"]
@@ -73,10 +72,10 @@ def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps: list[Result], tmp
     assert "another set-up, left out of the mean" in why
 
 
-def _with_ball_at(rig: Rig, ball_mm: tuple[float, float, float]) -> Tests:
+def _with_ball_at(rig: Rig, ball_mm: tuple[float, float, float]) -> Rig:
     assert rig.tests.circle is not None
     circle = rig.tests.circle.model_copy(update={"eccentricity_mm": ball_mm})
-    return rig.tests.model_copy(update={"circle": circle})
+    return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": circle})})
 
 
 def test_a_truth_that_tells_nothing_of_a_test_is_told(laps: list[Result], tmp_path: Path) -> None:
