@@ -103,7 +103,8 @@ def without_level_steps(laps: Array, level_sd: float, apart_s: float, per_mm: fl
     """Laps (L, NODES) at the level of the first, where levels step by more than noise (level_sd, of a lap's) and drift
     do between two of them, as where a clamp slips on the way back; and those steps."""
     steps = np.diff(laps.mean(axis=1))
-    limit = DRIFT_MM_PER_S * per_mm * apart_s + _SLIPPED * np.sqrt(2) * level_sd
+    # Two gauges may drift oppositely, each by as much as cells drift at the most.
+    limit = np.sqrt(2) * DRIFT_MM_PER_S * per_mm * apart_s + _SLIPPED * np.sqrt(2) * level_sd
     slips = np.where(np.abs(steps) > limit, steps, 0.0)
     level: Array = laps - np.concatenate([[0.0], np.cumsum(slips)])[:, None]
     return level, slips[slips != 0].tolist()

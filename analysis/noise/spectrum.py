@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
-from analysis.noise.cell import LEVELS_APART, SLOW_MM, WHITE_MM, NoiseSource
+from analysis.noise.cell import DRIFT_MM_PER_S, LEVELS_APART, SLOW_MM, WHITE_MM, NoiseSource
 
 NODES = 720
 """Circle angles that a lap is reduced to, half a degree apart."""
@@ -66,13 +66,16 @@ class LapNoise:
         return LapNoise(self.white * level, self.slow * level, self.shape, "borrowed")
 
 
-def noise_of(laps: Array, rows: float, lap_s: float, per_mm: float, rng: np.random.Generator) -> LapNoise:
-    """The noise of a curve driven in laps (L, NODES), in order of time, of so many rows and seconds each.
+def noise_of(
+    laps: Array, rows: float, times_s: tuple[float, float], per_mm: float, rng: np.random.Generator
+) -> LapNoise:
+    """The noise of a curve driven in laps (L, NODES), in order of time, of so many rows each.
 
-    per_mm: the curve's unit by mm of a gauge's noise.
+    times_s: of a lap, and from one to the next; per_mm: the curve's unit by mm of a gauge's noise.
     """
+    lap_s, apart_s = times_s
     if len(laps) > 1:
-        evidence = _of_differences(laps / per_mm, rows, lap_s)
+        evidence = _of_differences(laps / per_mm, rows, lap_s, DRIFT_MM_PER_S * apart_s)
     else:
         evidence = _of_scales(laps[0] / per_mm, rows, lap_s)
     probability = np.exp(evidence + _prior() - (evidence + _prior()).max())
@@ -83,9 +86,11 @@ def noise_of(laps: Array, rows: float, lap_s: float, per_mm: float, rng: np.rand
     return LapNoise(_WHITES_MM[white] * per_mm, _SLOWS_MM[slow] * per_mm, shape, source)
 
 
-def _of_differences(laps: Array, rows: float, lap_s: float) -> Array:
-    """Log likelihood (whites, slows, shapes) of what laps (L, NODES) mm differ by."""
+def _of_differences(laps: Array, rows: float, lap_s: float, drift_mm: float) -> Array:
+    """Log likelihood (whites, slows, shapes) of what laps (L, NODES) mm differ by; drift_mm: at the most from one lap
+    to the next, which is no noise of their levels."""
     freedom = len(laps) - 1
+    drifted = drift_mm**2 / 3 * len(laps) * (len(laps) + 1) / 12
     spectra = np.fft.rfft(laps - laps.mean(axis=0), axis=1) / NODES
     seen = _banded((np.abs(spectra) ** 2).sum(axis=0) / freedom)
     white, slow = _banded(_white(rows)), _banded(_shapes(lap_s, len(laps))[0])
@@ -93,6 +98,7 @@ def _of_differences(laps: Array, rows: float, lap_s: float) -> Array:
     evidence = np.empty((len(_WHITES_MM), len(_SLOWS_MM), len(slow)))
     for shape, one in enumerate(slow):
         power = _WHITES_MM[:, None, None] ** 2 * white + _SLOWS_MM[None, :, None] ** 2 * one
+        power[:, :, 0] += drifted
         evidence[:, :, shape] = -(np.log(power) + seen / power) @ weight
     return evidence
 

@@ -49,6 +49,8 @@ _COARSEST = 10.0
 _BASE_ROWS = 20_000
 _BLOCK = 1 << 17
 """Rows at a time, so that a long run needs no memory for all of them."""
+_WINDOW = 21
+"""Nodes of the running median: 10°, less than lies between most reversals."""
 _LOCAL = 19
 """Nodes within which laps are compared: twice the stated resolution."""
 _ODD, _MOST = 3.0, 5.0
@@ -167,7 +169,9 @@ def curve_of(
     rng = np.random.default_rng((SEED, channel, int(run.rate > 0)))
     laps = values(run.g_mm)
     borrowed = like is not None and len(laps) == 1
-    noise = like.elsewhere(rng) if borrowed and like else noise_of(laps, run.rows, run.lap_s, per_mm, rng)
+    noise = (
+        like.elsewhere(rng) if borrowed and like else noise_of(laps, run.rows, (run.lap_s, run.apart_s), per_mm, rng)
+    )
     levels = noise.power(1, run.rows, run.lap_s)[:, 0]
     laps, slips = without_level_steps(laps, float(np.sqrt(np.median(levels))), run.apart_s, per_mm)
     level = float(levels.mean())
@@ -367,9 +371,13 @@ def _stairs(run: Reduced, rng: np.random.Generator) -> Array:
 
 
 def calmed(y: Array, power: Array) -> Array:
-    """A curve (NODES,) with each order shrunk by the share that its noise, of this power, is likely to have in it
-    (Wiener)."""
-    spectrum = np.fft.rfft(y)
+    """A curve (NODES,) with its noise, of this power (NODES // 2 + 1,), reduced.
+
+    A running median keeps the jumps of plays, whose many orders would carry their noise along. Of what is left beside
+    it each order is shrunk by the share that noise is likely to have in it (Wiener)."""
+    half = _WINDOW // 2
+    jumps = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(y, half, mode="wrap"), _WINDOW), axis=1)
+    spectrum = np.fft.rfft(y - jumps)
     seen = np.maximum(np.abs(spectrum / NODES) ** 2, 1e-30)
-    calm: Array = np.fft.irfft(spectrum * np.clip(1 - power / seen, 0.0, 1.0), NODES)
+    calm: Array = jumps + np.fft.irfft(spectrum * np.clip(1 - power / seen, 0.0, 1.0), NODES)
     return calm
