@@ -87,7 +87,8 @@ def test_a_true_effect_in_the_rig_file_leaves_nothing_to_name() -> None:
 
 
 def test_a_wrong_effect_in_the_rig_file_is_doubted_and_taken_back() -> None:
-    found = found_in(circles(seed=26), _with(JointOffset(axis=3, offset_deg=0.02)))
+    # Of two runs a direction the noise is known so badly that one such case in four ended as outside the library.
+    found = found_in(circles(seed=26, count=4), _with(JointOffset(axis=3, offset_deg=0.02)))
     assert _told(found, "without joint_offset 3 of the rig file") and _told(found, "take it out")
     assert found.verdict == "named"
     (one,) = found.effects
