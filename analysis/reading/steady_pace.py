@@ -48,7 +48,7 @@ def through_pace(host_ns: Array) -> Fitted:
     """Host times (n,) ns of messages that arrived at host_ns (n,).
 
     A crystal keeps its pace whatever its computer does, so lateness that comes and goes is delay, and the floor of it
-    the pace. An instrument that waits, as an emulated one on a busy computer, never makes up for it: lateness that
+    the pace. An instrument that waits, as a program without a crystal does, never makes up for it: lateness that
     stays is its own. Where lateness wanders the arrivals' own floor tells the times, and the shared uncertainty covers
     both readings.
 
