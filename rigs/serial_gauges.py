@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from rigs.links import Line
 from rigs.origin import Origin
@@ -29,6 +29,12 @@ class SylvacOptoRS(Probe):
     interface: Literal["sylvac_opto_rs"]
     line: Line = Line(baud=4800, bits=7, parity="E", stop=2)
     mode: Literal["polled", "continuous"] = "polled"
+
+    @model_validator(mode="after")
+    def _timed_as_it_sends(self) -> SylvacOptoRS:
+        if self.mode == "continuous":
+            self.timing.require_unasked()
+        return self
 
 
 class TesaTT(Probe):
@@ -242,3 +248,8 @@ class MicroEpsilonILD1420(Probe):
     zero_mm: float = Field(default=0.0, ge=0, le=1000)
     """The distance that reads as zero, from the start of the measuring range."""
     timing: Timing = Timing(latch="streamed")
+
+    @model_validator(mode="after")
+    def _timed_as_it_sends(self) -> MicroEpsilonILD1420:
+        self.timing.require_unasked()
+        return self

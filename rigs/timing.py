@@ -39,6 +39,14 @@ class Timing(Part):
             raise ValueError("cycle_ms belongs to `latch: own_cycle` or `latch: streamed`; state one, or leave it out")
         return self
 
+    def require_unasked(self) -> None:
+        """For a gauge that sends unasked. Raises ValueError where it is timed by a request."""
+        if self.latch == "on_request" or self.answer_delay_ms:
+            raise ValueError(
+                "timing is that of an answer to a request, but this gauge sends unasked; state `latch: streamed` or "
+                "`latch: own_cycle`, and leave answer_delay_ms out"
+            )
+
     @property
     def filter_uncertainty_ms(self) -> float:
         """Standard uncertainty of the filter's delay."""

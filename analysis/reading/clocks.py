@@ -101,23 +101,30 @@ def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
 
 def _answered(stream: Columns, gauge: Gauge) -> Instants:
     """When each reading was latched."""
-    timing = gauge.timing
     character_ns = 0 if tcp_address(gauge.port) else gauge.line.character_ns
     first, last, size = stream["first_byte_ns"], stream["last_byte_ns"], stream["size"]
     set_out = np.minimum(first - character_ns, last - size * character_ns).astype(float)
     if (stream["requested_ns"] < 0).any():
-        return _streamed(stream["device_time_s"], set_out, character_ns)
-    went_through = stream["requested_ns"] + float(gauge.request_bytes * character_ns)
-    set_out -= timing.answer_delay_ms * 1e6
+        answered = _streamed(stream["device_time_s"], set_out, character_ns)
+    else:
+        went_through = stream["requested_ns"] + float(gauge.request_bytes * character_ns)
+        answered = _requested(stream, went_through, set_out, gauge.timing)
+    if np.isfinite(stream["device_time_s"]).all() or gauge.timing.latch in ("on_request", "streamed"):
+        return answered
+    values = np.stack([column for name, column in stream.items() if name.endswith("_mm")], axis=1)
+    return _of_own_cycle(answered, values, gauge.timing)
+
+
+def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Timing) -> Instants:
+    """When answers were given that set out at set_out (n,) ns, to requests that went through the line before."""
+    set_out = set_out - timing.answer_delay_ms * 1e6
     window = np.maximum(set_out - went_through, 0.0)
     if timing.latched_within_ms is not None:
         window = np.minimum(window, timing.latched_within_ms * 1e6)
-    held = _is_held(window, stream["requested_ns"][1:] > last[:-1])
+    held = _is_held(window, stream["requested_ns"][1:] > stream["last_byte_ns"][:-1])
     if np.isfinite(stream["device_time_s"]).all():
         return _asked_with_clock(stream["device_time_s"], went_through, set_out, held)
-    asked = _asked(went_through, window, held)
-    values = np.stack([column for name, column in stream.items() if name.endswith("_mm")], axis=1)
-    return asked if timing.latch == "on_request" else _of_own_cycle(asked, values, timing)
+    return _asked(went_through, window, held)
 
 
 def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:

@@ -41,6 +41,10 @@ _WANDERS_NS = 0.2e6
 _HELD_UP_NS = 0.5e9
 """A computer is rarely held up for longer: of the messages of such a time, and of `_AHEAD`, hardly all are late."""
 
+_COMES_BACK = 8
+"""Blocks of such a time. A lateness that is made up for within so many was delay, of a computer held up for seconds: an
+instrument that waited never makes up for it. At the most a quarter of a short run."""
+
 Integers = NDArray[np.int64]
 
 
@@ -48,7 +52,7 @@ def through_pace(host_ns: Array) -> Fitted:
     """Host times (n,) ns of messages that arrived at host_ns (n,).
 
     A crystal keeps its pace whatever its computer does, so lateness that comes and goes is delay, and the floor of it
-    the pace. An instrument that waits, as an emulated one on a busy computer, never makes up for it: lateness that
+    the pace. An instrument that waits, as a program without a crystal does, never makes up for it: lateness that
     stays is its own. Where lateness wanders the arrivals' own floor tells the times, and the shared uncertainty covers
     both readings.
 
@@ -95,11 +99,13 @@ def _wandering(fitted: Fitted, late_ns: Array, block: int) -> Fitted:
     least_ns = _least_of_blocks(late_ns, block)
     steps_ns = np.diff(least_ns)
     level_ns = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(least_ns, 1, mode="edge"), 3), axis=1)
-    off_ns = np.abs(level_ns - np.median(level_ns)).max()
+    few = max(1, min(_COMES_BACK, len(level_ns) // 4))
+    stayed_ns = _floor_around(np.pad(level_ns, few, mode="edge"), few)[few:-few]  # at an end nobody sees it made up for
+    off_ns = np.abs(stayed_ns - np.median(stayed_ns)).max()
     scatter_ns = np.median(np.abs(steps_ns)) / 0.6745 / math.sqrt(2)  # 0.6745: the median of a normal one's size
     stays = np.mean(steps_ns**2) < _STAYS * 2 * np.var(least_ns) or off_ns > _WANDERS * scatter_ns
     if not (stays and off_ns > _WANDERS_NS):
-        return replace(fitted, shared_u_s=float(level_ns.std()) / 1e9)
+        return replace(fitted, shared_u_s=float(stayed_ns.std()) / 1e9)
     wanders_s = float(np.ptp(level_ns)) / 1e9
     # One reading or the other is true: the root mean square error of the one that is taken.
     return replace(

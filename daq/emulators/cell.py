@@ -17,6 +17,7 @@ import yaml
 
 from daq.emulators.own_cycle import STEADY, Unsteady
 from daq.emulators.pty_line import PtyLine
+from daq.emulators.punctual import Punctual
 from daq.emulators.tcp_port import TcpPort
 from daq.emulators.udp_port import UdpPort
 from daq.links import LinkLost
@@ -94,7 +95,7 @@ class Cell:
                 port = self._serve(name, TcpPort(make, late_ms if name == ROBOT else 0.0))
             else:
                 port = self._serve_pty(
-                    name, make, PtyLine(stream.line, adversity.latency_ms, names and names / name, paced=paced)
+                    name, make, PtyLine(stream.line, adversity.latency_ms, names and names / name, paced=paced), paced
                 )
             called = ["feedback"] if name == ROBOT else name.split("_")
             self.ports.update(dict.fromkeys(called, port))
@@ -159,7 +160,7 @@ class Cell:
         self._threads.append(threading.Thread(target=server.serve, args=(self._stop,), name=f"emulated {name}"))
         return server.port
 
-    def _serve_pty(self, name: str, made: Callable[[], Device], line: PtyLine) -> str:
+    def _serve_pty(self, name: str, made: Callable[[], Device], line: PtyLine, paced: bool) -> str:
         plugged = self._plugged[name] = threading.Event()
         plugged.set()
         self._lines.append(line)
@@ -170,7 +171,7 @@ class Cell:
         def serve() -> None:
             while not self._stop.is_set() and name not in self._silenced:
                 with contextlib.suppress(LinkLost):
-                    converse(line, made(), lambda _: None, ended)
+                    converse(line, Punctual(made(), line) if paced else made(), lambda _: None, ended)
                 self._stop.wait(_NOTICE_S)
                 if not plugged.is_set():
                     line.unplug()

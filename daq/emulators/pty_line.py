@@ -38,7 +38,9 @@ class PtyLine:
         self._adapter = LatencyTimer(latency_ms, time.monotonic_ns())
         self._character_ns = line.character_ns if paced else 0
         self._name = name
-        self._free_ns = 0
+        self.free_ns = 0
+        """When it has sent, or will have sent, all that it was given."""
+        self._set_out_ns: int | None = None
         self._master, self._slave = os.openpty()
         self.port = str(name or os.ttyname(self._slave))
         self.plug()
@@ -75,24 +77,29 @@ class PtyLine:
         far = self._far_line()
         return heard(data, far, self._line) if far else data
 
+    def set_out(self, at_ns: int) -> None:
+        """Let what is written next set out at this time, even if it has passed."""
+        self._set_out_ns = at_ns
+
     def write(self, data: bytes) -> None:
         """Send character by character; returns when the line is free again. What nobody reads is lost."""
         if far := self._far_line():
             data = heard(data, self._line, far)
-        self._free_ns = max(self._free_ns, time.monotonic_ns())
+        begin_ns, self._set_out_ns = self._set_out_ns, None
+        self.free_ns = max(self.free_ns, time.monotonic_ns() if begin_ns is None else begin_ns)
         if not self._character_ns:
-            self._adapter.add(data, self._free_ns)
+            self._adapter.add(data, self.free_ns)
             self._release()
             return
         sent = 0
         while sent < len(data):
-            self._free_ns += self._character_ns
-            self._wait_until(self._free_ns)
+            self.free_ns += self._character_ns
+            self._wait_until(self.free_ns)
             # A late wake-up sends what is due by now, as a UART would have.
-            late = max(0, time.monotonic_ns() - self._free_ns) // self._character_ns
+            late = max(0, time.monotonic_ns() - self.free_ns) // self._character_ns
             due = min(1 + late, len(data) - sent)
-            self._free_ns += (due - 1) * self._character_ns
-            self._adapter.add(data[sent : sent + due], self._free_ns)
+            self.free_ns += (due - 1) * self._character_ns
+            self._adapter.add(data[sent : sent + due], self.free_ns)
             self._release()
             sent += due
 

@@ -23,12 +23,13 @@ _BEGIN_S = 1.0
 HARSH = Unsteady(ppm=500.0, jitter=0.05, missed=0.005)
 
 
-def lap_rig(cycle_ms: float) -> tuple[Rig, str]:
-    """The UR10e with two polled Sylvac cables of such a cycle."""
+def lap_rig(cycle_ms: float, mode: str = "polled") -> tuple[Rig, str]:
+    """The UR10e with two Sylvac cables of such a cycle."""
     data = yaml.safe_load(load("ur10e")[1])
     for name, offset_mm in (("g1", 25), ("g2", -25)):
         data["gauges"][name] = {
             "interface": "sylvac_opto_rs",
+            "mode": mode,
             "port": f"/dev/ttyUSB{name[1]}",
             "offset_mm": offset_mm,
             "timing": {"latch": "own_cycle", "cycle_ms": cycle_ms},

@@ -130,6 +130,9 @@ TIMED = {
     "Keyence, uneven 60 ± 20 ms, not stated": Timed(KEYENCE, 0.0, own_cycle(60), stated=Timing(), unsteady=UNEVEN),
     "Sylvac continuous, 60 ± 20 ms, FTDI 16 ms": Timed(CONTINUOUS, 16.0, _PACED, unsteady=UNEVEN),
     "Sylvac continuous, 60 ± 20 ms, no FTDI": Timed(CONTINUOUS, 0.0, _PACED, unsteady=UNEVEN),
+    "Sylvac continuous, 100 ms, FTDI 16 ms": Timed(CONTINUOUS, 16.0, own_cycle(100)),
+    "Sylvac continuous, 30 ms, not stated": Timed(CONTINUOUS, 0.0, own_cycle(30), stated=Timing()),
+    "Sylvac continuous, 20 ms, as long as a message": Timed(CONTINUOUS, 0.0, own_cycle(20)),
     "Sylvac polled, answers 30 ms later": Timed(SYLVAC, 0.0, Timing(latch="on_request", answer_delay_ms=30.0)),
     "Sylvac polled, latched in 1 ms, sent in 50": Timed(
         SYLVAC, 0.0, Timing(latch="on_request", latched_within_ms=1.0), answer_ms=50.0, latched_ms=1.0

@@ -16,6 +16,7 @@ from analysis.reading.own_cycle import anywhere_in_a_cycle, through_cycle
 from analysis.reading.value_changes import changes
 from analysis.reporting.evaluate import evaluate
 from daq.store import read_run
+from rigs.serial_gauges import SylvacOptoRS
 from rigs.timing import Timing
 
 Array = np.ndarray[Any, Any]
@@ -139,12 +140,21 @@ def test_keys_that_contradict_each_other_are_refused() -> None:
     assert str(Timing(latch="own_cycle", cycle_ms=100, filter_ms=50)) == "own cycle of 100 ms, filter 50 ms"
 
 
+@pytest.mark.parametrize("timing", [{"latch": "on_request"}, {"answer_delay_ms": 20.0}])
+def test_a_gauge_that_sends_unasked_is_not_timed_by_a_request(timing: dict[str, object]) -> None:
+    gauge = {"interface": "sylvac_opto_rs", "port": "/dev/ttyUSB0", "offset_mm": 25.0, "timing": timing}
+    SylvacOptoRS.model_validate(gauge)
+    with pytest.raises(ValueError, match="sends unasked"):
+        SylvacOptoRS.model_validate({**gauge, "mode": "continuous"})
+
+
+@pytest.mark.parametrize("mode", ["polled", "continuous"])
 @pytest.mark.parametrize(("latency_ms", "stated"), [(0.0, True), (16.0, True), (0.0, False)])
 def test_the_shift_of_a_lap_by_gauges_of_a_100_ms_cycle_is_true(
-    tmp_path: Path, latency_ms: float, stated: bool
+    tmp_path: Path, latency_ms: float, stated: bool, mode: str
 ) -> None:
     """Half a cycle of age would be 1° of the circle."""
-    rig, text = lap_rig(100.0)
+    rig, text = lap_rig(100.0, mode)
     if not stated:
         text = text.replace("cycle_ms: 100.0", "filter_ms: 0.0").replace("latch: own_cycle", "latch: unknown")
     driven = drive(rig)

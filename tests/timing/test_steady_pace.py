@@ -138,6 +138,19 @@ def test_a_computer_held_up_for_a_thousand_messages_of_a_quick_gauge_is_no_wait(
     assert found.wanders_s == 0.0
 
 
+@pytest.mark.parametrize("held_s", [0.4, 1.1, 1.6])
+def test_a_computer_held_up_for_seconds_is_no_wait_where_the_lateness_is_made_up_for(held_s: float) -> None:
+    """Twice in a lap: what came meanwhile is read at once, and the next message comes in time."""
+    rng = np.random.default_rng(14)
+    taken = np.arange(2700) * 18.33e6
+    sent = taken
+    for begin in (12.3e9, 37.1e9):
+        sent = np.where((sent > begin) & (sent < begin + held_s * 1e9), begin + held_s * 1e9, sent)
+    found = through_pace(arrived(rng, sent, 0))
+    assert np.abs(found.ns - 1e9 - taken)[:-AHEAD].max() < 0.6e6
+    assert found.wanders_s == 0.0 and found.shared_u_s < 1e-3
+
+
 def test_a_pace_that_is_left_is_told() -> None:
     doubts: list[str] = []
     for wanders_s in (0.0, 0.5 * TOLD_S, 5.24e-3):
