@@ -11,13 +11,13 @@ import pytest
 from rich.console import Console
 
 from analysis.reading.simulated_runs import write_simulated
-from analysis.reporting.report import as_object, as_tables
+from analysis.reporting.report import as_object, as_tables, write_report
 from analysis.reporting.results import Result, analyse_run, analyse_runs
 from analysis.reporting.truth import compare
 from rigs.errors import FileError
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
-from rigs.tests import Tests
+from rigs.tests import Tests as RigTests
 
 RIG, TEXT = load("ur10e")
 RIG = load_hidden("ur10e").within(RIG)
@@ -60,7 +60,19 @@ def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps: list
 def test_one_run_says_what_is_not_in_its_uncertainty(laps: list[Result]) -> None:
     words = [str(part) for part in as_tables(laps[:1]).renderables]  # type: ignore[attr-defined]
     assert any(line.startswith("one run only: what differs between runs is not in u; expect ") for line in words)
-    assert as_object(laps[:1])["between_runs"] == []
+    answer = as_object(laps[:1])
+    assert answer["between_runs"] == []
+    assert any(line.startswith("one run only: ") for line in answer["remarks"])
+
+
+def test_a_single_run_beside_repeated_ones_says_it_too(laps: list[Result], tmp_path: Path) -> None:
+    acw = [result for result in laps if result.title == "yaw acw"]
+    cw = next(result for result in laps if result.title == "yaw cw")
+    (remark,) = (line for line in as_object([*acw, cw])["remarks"] if "one run only" in line)
+    assert remark.startswith("2 runs yaw acw: mean") and "yaw cw: one run only: " in remark
+    assert not any("one run only" in line for line in as_object(laps)["remarks"])
+    page = write_report([*acw, cw], tmp_path).read_text()
+    assert "yaw cw: one run only: " in page and "--each" not in page
 
 
 def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps: list[Result], tmp_path: Path) -> None:
@@ -73,7 +85,7 @@ def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps: list[Result], tmp
     assert "another set-up, left out of the mean" in why
 
 
-def _with_ball_at(rig: Rig, ball_mm: tuple[float, float, float]) -> Tests:
+def _with_ball_at(rig: Rig, ball_mm: tuple[float, float, float]) -> RigTests:
     assert rig.tests.circle is not None
     circle = rig.tests.circle.model_copy(update={"eccentricity_mm": ball_mm})
     return rig.tests.model_copy(update={"circle": circle})
