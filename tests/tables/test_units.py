@@ -149,7 +149,13 @@ def test_a_tracker_that_saw_one_place_only_tells_no_unit() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "said"), [(1000.0, "t_s may be in ms"), (0.001, "check the units of t_s and speed_mm_s")]
+    ("factor", "said"),
+    [
+        (1e3, "t_s may be in ms"),
+        (1e6, "t_s may be in µs"),
+        (1e9, "t_s may be in ns"),
+        (1e-3, "check the units of t_s and speed_mm_s"),
+    ],
 )
 def test_time_in_another_unit_is_doubted(factor: float, said: str) -> None:
     table = read(plain("yaw"), "yaw", rig())
