@@ -58,7 +58,8 @@ def _speed(table: CircleTable, rig: Rig, circle: Circle) -> tuple[str, ...]:
     seconds = float(np.ptp(table.t_s))
     if seconds == 0:
         return ()
-    share = float(np.ptp(phi)) * circle.radius_mm / seconds / circle.speed_mm_s
+    driven_rad = float(np.abs(np.diff(np.unwrap(phi))).sum())  # laps and the ways back between them
+    share = driven_rad * circle.radius_mm / seconds / circle.speed_mm_s
     told = f"the circle was driven at {share:.2g} times the speed_mm_s of the rig file"
     for unit, unit_s in _UNITS_S.items():
         if 1 / _OFF < share / unit_s < _OFF:
