@@ -5,7 +5,8 @@ the robot's six angles and its signal, and nothing of arms.
 
 A signal starts a recording by changing to a rule's value: one that is there when it is first heard began at a time
 that nobody knows. It must stay for 0.1 s, since outputs that together make a number do not switch together. A motion
-starts one by leaving a posture in which the robot stood, towards another. Either ends the run before it: a run a lap.
+starts one by leaving a posture in which the robot stood, towards another. Either ends the run before it: a run for each
+program that is driven.
 A run ends when the robot stands still once the signal is over; where it drives on, soon after. The readings that lie
 too early or too late in a run do no harm (the lap is found in it), those that are missing do.
 """

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from daq.store.manifest import Text
+from daq.store.manifest import Operator
 from rigs.base import Part
 from rigs.vocabulary import Direction, TestName
 
@@ -19,4 +19,4 @@ class Label(Part):
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
     test: TestName
     direction: Direction | None = None
-    operator: Text = ""
+    operator: Operator = ""

@@ -8,7 +8,8 @@ The model. Reading r of cell c (an orientation, a side of approach, a coordinate
 The last line moderates the variances (Smyth, Stat. Appl. Genet. Mol. Biol. 3, 2004): a target read twice borrows from
 the others as much as those agree (d0). nu lets heavy tails and outliers be what they are. All of it is drawn together
 by Gibbs sampling, many short chains side by side, so that what is not known of the noise is in every uncertainty.
-How the cells of a target are related is the test's: a test gives a `Level`, which draws them.
+How the cells of a target are related is the test's: a test gives a `Level`, which draws them. Where the gauge reads in
+steps, all readings of a cell share a part of their rounding error, the larger the less they scatter.
 
 Where nothing is read twice, s0 stays in the range of real cells (`cell.TARGET_MM`): the scatter is assumed.
 """
@@ -17,12 +18,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.noise.cell import DRIFT_MM_PER_S, TARGET_MM, NoiseSource
+from analysis.noise.resolution import shared_rounding
 
 _SEED = 0
 """Fixed, so that the same run gives the same report."""
@@ -50,7 +52,8 @@ Level = Callable[[np.random.Generator, Array, Array], tuple[Array, Array]]
 class Scatter:
     """m draws. sd_mm (m, t) of the scatter of one reading; tail (m,) its degrees of freedom; best_mm (t, k): expected
     values of the cells, cell_mm (m, t, k): draws of them, at the middle of the run; drift_mm (t, k, n): expected drift
-    of each reading since then; drifted_mm: root mean square of the drift between the start and then."""
+    of each reading since then; drifted_mm: root mean square of the drift between the start and then; step_mm that the
+    gauge reads in, whose rounding is part of sd_mm."""
 
     sd_mm: Array
     tail: Array
@@ -59,6 +62,15 @@ class Scatter:
     drift_mm: Array
     drifted_mm: float
     noise: NoiseSource
+    step_mm: float = 0.0
+
+    def beneath(self, rng: np.random.Generator) -> Scatter:
+        """The scatter before readings are rounded: as far as steps hide it, anything between none and what it seems."""
+        if self.step_mm == 0:
+            return self
+        noise_sq = np.maximum(self.sd_mm**2 - self.step_mm**2 / 12, 0.0)
+        hidden = shared_rounding(self.step_mm, noise_sq) / (self.step_mm**2 / 12)
+        return replace(self, sd_mm=np.sqrt(noise_sq) * (1 - hidden * rng.uniform(size=(len(noise_sq), 1))), step_mm=0.0)
 
     def again(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
         """Scatter (m, t, *shape) mm of further readings of the same targets."""
@@ -81,14 +93,16 @@ def freedom_of(readings_mm: Array) -> int:
     return int((np.isfinite(readings_mm).sum(axis=-1) - 1).clip(min=0).sum())
 
 
-def scatter_of(readings_mm: Array, u_mm: float, t_s: Array | None = None, level: Level = separate) -> Scatter:
+def scatter_of(
+    readings_mm: Array, u_mm: float, t_s: Array | None = None, level: Level = separate, step_mm: float = 0.0
+) -> Scatter:
     """Scatter of readings (t, k, n) mm of k cells at each of t targets, NaN where there is none.
 
-    u_mm: standard uncertainty of one gauge reading, below which no scatter is believed; t_s like the readings: their
-    times, where drift is to be told from scatter.
+    u_mm: standard uncertainty of one gauge reading beside its rounding to step_mm (variance step²/12): no scatter
+    below both is believed; t_s like the readings: their times, where drift is to be told from scatter.
     """
     measured = freedom_of(readings_mm) >= _MEASURED_FREEDOM
-    sampler = _Sampler(readings_mm, max(u_mm, _LEAST_MM), measured, t_s)
+    sampler = _Sampler(readings_mm, max(math.hypot(u_mm, step_mm / math.sqrt(12)), _LEAST_MM), measured, t_s, step_mm)
     kept = []
     for sweep in range(_SWEEPS):
         best, cell = sampler.sweep(level)
@@ -97,7 +111,8 @@ def scatter_of(readings_mm: Array, u_mm: float, t_s: Array | None = None, level:
     sd, tail, best, cell, drift = (np.concatenate(part) for part in zip(*kept, strict=True))
     at_start, expected = drift @ sampler.shapes[sampler.first], sampler.shapes @ drift.mean(axis=0)
     drifted = float(np.sqrt((at_start**2).mean()))
-    return Scatter(sd, tail, best.mean(axis=0), cell, expected, drifted, "measured" if measured else "assumed")
+    source: NoiseSource = "measured" if measured else "assumed"
+    return Scatter(sd, tail, best.mean(axis=0), cell, expected, drifted, source, step_mm)
 
 
 def _typical(away_mm: Array, least_mm: float) -> float:
@@ -126,6 +141,7 @@ class _Sampler:
     least_mm: float
     measured: bool
     t_s: Array | None
+    step_mm: float
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(_SEED))
 
     def __post_init__(self) -> None:
@@ -171,9 +187,18 @@ class _Sampler:
         total = weight.sum(axis=-1)
         y = self._without_drift(weight, total)
         mean = (weight * y).sum(axis=-1) / np.maximum(total, 1e-300)
-        best, cell = level(self.rng, total, mean)
-        self._noise_from(np.where(self.there, y - cell[..., None], 0.0))
+        shared = shared_rounding(self.step_mm, np.maximum(self.variance - self.step_mm**2 / 12, 0.0))[..., None]
+        best, cell = level(self.rng, total / (1 + total * shared), mean)
+        self._noise_from(np.where(self.there, y - self._read(cell, shared, total, mean)[..., None], 0.0))
         return best, cell
+
+    def _read(self, cell: Array, shared: Array, total: Array, mean: Array) -> Array:
+        """What the gauge reads on average at the cells (m, t, k): those and a draw of their shared rounding error."""
+        if self.step_mm == 0:
+            return cell
+        held = shared / (1 + shared * total)
+        drawn: Array = cell + held * total * (mean - cell) + np.sqrt(held) * self.rng.standard_normal(cell.shape)
+        return drawn
 
     def _without_drift(self, weight: Array, total: Array) -> Array:
         """The readings less a drift drawn from what repeats of the same cell differ by, never from their values."""

@@ -22,6 +22,9 @@ from rigs.load import parse
 from rigs.rig import Rig
 from rigs.vocabulary import CIRCLES
 
+SIMULATED = "simulated, "
+"""What the source of a simulated table begins with; the seed follows."""
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -56,7 +59,7 @@ def measured_of(run: Run) -> Measured:
     rig = parse(run.manifest.rig_text, f"{path}, rig file")
     doubts = [*_doubts(run), *_certificates(run, rig)]
     if run.table is not None:
-        # Imported readings are taken as corrected: nothing says whether they are, and simulated ones need it not.
+        doubts += _taken_as_corrected(run, rig)
         table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
         return Measured(path, run, rig, table, 0.0, tuple(doubts), _systematic(rig, table))
     table, u_lag_s, more = _recorded(path, run, rig)
@@ -103,6 +106,28 @@ def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:
             visits, more = repeatability_table(data, rig, str(path))
             return visits, data.u_lag_s, doubts + more
     raise FileError(str(path), f"a recorded {test} run has no instrument to read", "import its table: rig import")
+
+
+def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
+    """What the rig file would correct in readings that were imported, where nothing says whether that was done.
+
+    Simulated readings are what they mean, and need no correction.
+    """
+    test, table = run.manifest.test, run.manifest.table
+    if test == "pose" or table is None or table.file.startswith(SIMULATED):
+        return []
+    names = ("g1", "g2") if test in CIRCLES else ("g1",)
+    known = [
+        f"the correction of {name} by certificate {gauge.certificate.number}"
+        for name, gauge in rig.gauges
+        if name in names and gauge.certificate and gauge.certificate.valid_mm
+    ]
+    if test == "radial" and link_excess_mm(rig):
+        known.append(f"the link's {link_excess_mm(rig):+.4f} mm beyond the radius")
+    if not known:
+        return []
+    what = f"imported readings are taken as corrected: {' and '.join(known)} is not added"
+    return [f"{what}; if they are raw, correct g1_mm in the table and import it again"]
 
 
 def _systematic(rig: Rig, table: Table) -> Systematic:

@@ -10,6 +10,7 @@ from pathlib import Path
 from analysis.files.write import write_csv, write_new
 from analysis.model.simulate import simulate
 from analysis.reading.csv_tables import columns_of
+from analysis.reading.loading import SIMULATED
 from daq.store import write_table_run
 from rigs.effects import Effect
 from rigs.rig import Rig
@@ -48,7 +49,7 @@ def write_simulated(  # noqa: PLR0913 - what a run is made of
                     rig_name=rig.name,
                     rig_text=rig_text,
                     operator="rig simulate",
-                    source=f"simulated, seed {seed}",
+                    source=f"{SIMULATED}seed {seed}",
                     source_sha256=hashlib.sha256(repr(effects or rig.effects).encode()).hexdigest(),
                 )
             yield path

@@ -58,7 +58,8 @@ def as_tables(
             parts.append(_means(repeated))
         if each or truths or len(repeated) < len({result.title for result in group}):
             parts.append(_Abreast(group, known))
-        parts.append(Text(_what_u_is(group, repeated), style="dim"))
+        each_word = "; ± of single runs with --each" if repeated and not each else ""
+        parts.append(Text(_what_u_is(group, repeated) + each_word, style="dim"))
         parts += [Text(line, style="dim") for line in in_words(pairs_of(group), group)]
         doubts += [(result, why) for one in together for result, why in one.left_out]
     if truths:
@@ -68,11 +69,14 @@ def as_tables(
 
 
 def _what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
-    """What the uncertainties of a group mean."""
+    """What the uncertainties of a group mean: of means, and of runs that nothing repeats."""
     if not repeated:
         return ONE_RUN
     runs = " and ".join(f"{len(one.runs)} runs {one.title}" for one in repeated)
-    return f"{runs}: mean ± standard uncertainty of the mean, sd between the runs; ± of single runs with --each"
+    means = f"{runs}: mean ± standard uncertainty of the mean, sd between the runs"
+    titles = dict.fromkeys(result.title for result in group)
+    alone = [title for title in titles if title not in {one.title for one in repeated}]
+    return f"{means}; {' and '.join(alone)}: {ONE_RUN}" if alone else means
 
 
 def _means(repeated: Sequence[Pooled]) -> Table:
@@ -156,6 +160,7 @@ def as_object(results: Sequence[Result], truths: Sequence[dict[str, Comparison]]
         {
             "runs": runs,
             "between_runs": [_pooled_object(one) for group in groups for one in pooled(group)],
+            "remarks": [_what_u_is(group, [one for one in pooled(group) if one.figures]) for group in groups],
             "acw_against_cw": [_pairs_object(both, group) for group in groups if (both := pairs_of(group))],
         }
     )

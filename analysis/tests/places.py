@@ -18,8 +18,9 @@ from rigs.tests import Circle, Hemisphere
 _NEAR_MM = 20.0
 _ROWS = 5000
 """That are enough to see how fast a circle was driven."""
-_THOUSAND = (300.0, 3000.0)
-"""A speed that is off by so much is off by a unit: nobody drives a circle so."""
+_UNITS_S = {"ms": 1e-3, "µs": 1e-6, "ns": 1e-9}
+_OFF = 3.2
+"""A speed within so many times of a unit's is taken as off by that unit: nobody drives a circle so."""
 
 
 def hold_targets(table: Table, rig: Rig, where: str) -> None:
@@ -57,12 +58,15 @@ def _speed(table: CircleTable, rig: Rig, circle: Circle) -> tuple[str, ...]:
     seconds = float(np.ptp(table.t_s))
     if seconds == 0:
         return ()
-    share = float(np.ptp(phi)) * circle.radius_mm / seconds / circle.speed_mm_s
+    driven_rad = float(np.abs(np.diff(np.unwrap(phi))).sum())  # laps and the ways back between them
+    share = driven_rad * circle.radius_mm / seconds / circle.speed_mm_s
     told = f"the circle was driven at {share:.2g} times the speed_mm_s of the rig file"
-    low, high = _THOUSAND
-    if 1 / high < share < 1 / low:
-        return (f"{told}: t_s may be in ms",)
-    return (f"{told}: check the units of t_s and speed_mm_s",) if low < share < high else ()
+    for unit, unit_s in _UNITS_S.items():
+        if 1 / _OFF < share / unit_s < _OFF:
+            return (f"{told}: t_s may be in {unit}",)
+        if 1 / _OFF < share * unit_s < _OFF:
+            return (f"{told}: check the units of t_s and speed_mm_s",)
+    return ()
 
 
 def _away(table: RadialTable | RepeatabilityTable, rig: Rig, hemisphere: Hemisphere) -> tuple[str, ...]:

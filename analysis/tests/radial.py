@@ -22,13 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
+from analysis.noise.resolution import step_of_stops
 from analysis.noise.sphere_level import SphereLevel
 from analysis.noise.targets import Scatter, scatter_of
 from analysis.reading.tables import Integers, RadialTable
 from analysis.reporting.quantity import Quantity
 from analysis.tests.checks import hold_alive, hold_numbers, hold_radius, listed
 from analysis.tests.curve import SEED
-from analysis.tests.repeated import assumed, half_width, of_scatter
+from analysis.tests.repeated import assumed, coarse, half_width, of_scatter
 from analysis.tests.sphere import PARAMETERS, Sphere, far_off, free_sphere
 from analysis.tests.standards import rp
 from rigs.errors import FileError
@@ -96,12 +97,11 @@ def evaluate(
     u_mm: float,
     where: str = "the radial run",
     expected: Collection[int] = (),
-    u_link_mm: float = 0.0,
     orientations: int = 1,
 ) -> Radial:
-    """radius_mm: nominal; u_mm: standard uncertainty of one gauge reading, 0 for readings that are exact (simulated
-    ones); u_link_mm of the link's set length; expected: numbers of the targets that were to be measured;
-    orientations: how many there were to be of each.
+    """radius_mm: nominal; u_mm: standard uncertainty of one gauge reading beside the step that the readings show, 0 for
+    readings that are exact (simulated ones); expected: numbers of the targets that were to be measured; orientations:
+    how many there were to be of each.
 
     figures: radius_mm and centre_x_mm, _y, _z (from the ball) of the least-squares sphere, without those that the
     targets do not determine, band_mm about it; held_radius_mm and held_band_mm with the centre held at the ball;
@@ -122,32 +122,31 @@ def evaluate(
     scatter = None
     if u_mm > 0:
         level = SphereLevel(used.direction, measured.shape[1])
-        scatter = scatter_of(used.g_mm, u_mm, used.t_s if _has_time(table.t_s) or used.rounds else None, level)
+        times = used.t_s if _has_time(table.t_s) or used.rounds else None
+        scatter = scatter_of(used.g_mm, u_mm, times, level, step_of_stops(table.g_mm))
         measured[~far] = np.where(np.isfinite(measured[~far]), scatter.best_mm, np.nan)
     points = (radius_mm + _mean(measured))[:, None] * cells.direction
     free = free_sphere(points[~far])
-    figures = _figures(used, measured[~far], free, scatter, radius_mm, u_link_mm)
+    figures = _figures(used, measured[~far], free, scatter, radius_mm)
     notes = (
         _missing(cells, expected, orientations)
         + _left_out(cells, far, readings, free)
         + _unknown(free)
         + assumed(scatter)
+        + coarse(scatter)
     )
     spread = np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1)
     samples = int(np.isfinite(used.g_mm).sum())
     return Radial(cells, spread, ~far, points, free, scatter, figures, samples, notes)
 
 
-def _figures(
-    cells: Cells, best: Array, free: Sphere, scatter: Scatter | None, radius_mm: float, u_link_mm: float
-) -> dict[str, Quantity]:
+def _figures(cells: Cells, best: Array, free: Sphere, scatter: Scatter | None, radius_mm: float) -> dict[str, Quantity]:
     samples = int(np.isfinite(cells.g_mm).sum())
     plain = {name: float(value[0]) for name, value in _plain(best[None], best, free, radius_mm).items()}
     if scatter is None:
         return {name: Quantity(value, 0.0, "mm", samples) for name, value in plain.items()}
     rng = np.random.default_rng(SEED)
-    u_length = np.hypot(scatter.drifted_mm / np.sqrt(2.0), u_link_mm)
-    length = rng.normal(0.0, u_length, len(scatter.cell_mm))
+    length = rng.normal(0.0, scatter.drifted_mm / np.sqrt(2.0), len(scatter.cell_mm))
     drawn = _plain(np.where(np.isfinite(best), scatter.cell_mm, np.nan), best, free, radius_mm, length)
     values = {name: float(drawn[name].mean()) if name in _RANGES else value for name, value in plain.items()}
     figures = {name: Quantity(value, half_width(drawn[name] - value), "mm", samples) for name, value in values.items()}

@@ -14,11 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from analysis.noise.resolution import step_of_stops
 from analysis.noise.targets import scatter_of
 from analysis.reading.tables import Integers, RepeatabilityTable
 from analysis.reporting.quantity import Quantity
 from analysis.tests.checks import hold_alive, hold_numbers, listed
-from analysis.tests.repeated import assumed, exact, of_scatter
+from analysis.tests.repeated import assumed, coarse, exact, of_scatter
 from analysis.tests.standards import RANGE_VISITS, RP_VISITS, reversal, rp
 from rigs.errors import FileError
 
@@ -37,7 +38,8 @@ class Repeatability:
 
 
 def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatability run") -> Repeatability:
-    """u_mm: standard uncertainty of one gauge reading, 0 for readings that are exact (simulated ones).
+    """u_mm: standard uncertainty of one gauge reading beside the step that the readings show, 0 for readings that are
+    exact (simulated ones).
 
     figures: uni_mm and bi_mm, the largest range within one side and over both; uni_mean_mm, bi_mean_mm over the
     targets; rp_mm and rp_mean_mm (ISO 9283, within one side); r_out_mm (↓), r_in_mm (↑), r_mm, reversal_mm (largest
@@ -45,9 +47,10 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     """
     _hold(table, where)
     targets, x, notes = _sides(table, where)
-    scatter = scatter_of(x, u_mm) if u_mm > 0 else None
+    scatter = scatter_of(x, u_mm, step_mm=step_of_stops(table.g_mm)) if u_mm > 0 else None
     figures = of_scatter(plain_figures, x, scatter) if scatter else exact(plain_figures, x)
-    return Repeatability(targets, x, figures, int(np.isfinite(x).sum()), notes + _few(x) + assumed(scatter))
+    notes += _few(x) + assumed(scatter) + coarse(scatter)
+    return Repeatability(targets, x, figures, int(np.isfinite(x).sum()), notes)
 
 
 def plain_figures(x: Array) -> dict[str, Array]:

@@ -34,6 +34,17 @@ Count = Annotated[int, Field(ge=0)]
 _CHUNK = re.compile(r"(?P<stream>.+)-(?P<number>[0-9]{4,})\.(?P<kind>parquet|arrow)")
 
 
+def in_one_line(text: str) -> str:
+    """A text that terminals and reports can show in one line. Raises ValueError for one with control characters."""
+    if not text.isprintable():
+        raise ValueError(f"{text!r} holds control characters; write it in one line")
+    return text
+
+
+Operator = Annotated[Text, AfterValidator(in_one_line)]
+"""Who measures, as it is entered; manifests of older runs may hold any text."""
+
+
 def chunk_name(stream: str, number: int) -> str:
     """Name of a chunk's Parquet file; chunks count from 1."""
     return f"{stream}-{number:04d}.parquet"

@@ -8,7 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from daq.store import durable
-from daq.store.manifest import Manifest, iso_now, load_manifest
+from daq.store.manifest import Manifest, in_one_line, iso_now, load_manifest
+from daq.store.schema import storable
 from rigs.errors import CellError, FileError
 from rigs.vocabulary import CIRCLES, Direction, TestName
 
@@ -51,7 +52,7 @@ def _relabelled(
     if test is not None or direction is not None:
         words = _test_and_direction(run, manifest, test or manifest.test, direction)
     if operator is not None:
-        words["operator"] = operator
+        words["operator"] = _operator(run, operator)
     at = iso_now()
     changes = [
         {"at": at, "field": field, "old": old, "new": new}
@@ -62,6 +63,14 @@ def _relabelled(
     if not changes:
         return manifest
     return Manifest.model_validate(manifest.model_dump() | words | {"relabelled": [*history, *changes]})
+
+
+def _operator(run: Path, name: str) -> str:
+    try:
+        return in_one_line(storable(name))
+    except ValueError:
+        what = f"cannot be measured by {name!r}, which holds control characters"
+        raise FileError(str(run), what, "give --operator in one line of plain text") from None
 
 
 def _test_and_direction(
@@ -80,7 +89,8 @@ def _test_and_direction(
     if manifest.table is not None and direction not in (None, manifest.direction):
         # Each row of the table says it too, and tables are never changed.
         what = f"holds an imported table whose rows say {manifest.direction}"
-        raise FileError(str(run), what, "correct its direction there and import it again")
+        remedy = f"import it again with --direction {direction}, its direction column left out"
+        raise FileError(str(run), what, remedy)
     return {"test": test, "direction": direction or manifest.direction}
 
 

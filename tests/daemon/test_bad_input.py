@@ -51,7 +51,7 @@ def test_every_link_that_does_not_open_is_told(bench: Bench) -> None:
 
 
 def test_a_rig_file_with_five_mistakes_tells_them_all(bench: Bench) -> None:
-    text = bench.rig.read_text()
+    text = bench.rig.read_text() + "effects:\n- {effect: backlash, axis: 1, width_deg: 0.02}\n"
     for old, new in (
         ("radius_mm", "radius_mn"),
         ("name: bench", "name: Bench!"),

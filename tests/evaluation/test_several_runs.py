@@ -11,7 +11,7 @@ import pytest
 from rich.console import Console
 
 from analysis.reading.simulated_runs import write_simulated
-from analysis.reporting.report import as_object, as_tables
+from analysis.reporting.report import as_object, as_tables, write_report
 from analysis.reporting.results import Result, analyse_run, analyse_runs
 from analysis.reporting.truth import compare
 from rigs.errors import FileError
@@ -59,7 +59,19 @@ def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps: list
 def test_one_run_says_what_is_not_in_its_uncertainty(laps: list[Result]) -> None:
     words = [str(part) for part in as_tables(laps[:1]).renderables]  # type: ignore[attr-defined]
     assert any(line.startswith("one run only: what differs between runs is not in u; expect ") for line in words)
-    assert as_object(laps[:1])["between_runs"] == []
+    answer = as_object(laps[:1])
+    assert answer["between_runs"] == []
+    assert any(line.startswith("one run only: ") for line in answer["remarks"])
+
+
+def test_a_single_run_beside_repeated_ones_says_it_too(laps: list[Result], tmp_path: Path) -> None:
+    acw = [result for result in laps if result.title == "yaw acw"]
+    cw = next(result for result in laps if result.title == "yaw cw")
+    (remark,) = (line for line in as_object([*acw, cw])["remarks"] if "one run only" in line)
+    assert remark.startswith("2 runs yaw acw: mean") and "yaw cw: one run only: " in remark
+    assert not any("one run only" in line for line in as_object(laps)["remarks"])
+    page = write_report([*acw, cw], tmp_path).read_text()
+    assert "yaw cw: one run only: " in page and "--each" not in page
 
 
 def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps: list[Result], tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from analysis.cli import app
 from analysis.model.emulated import EmulatedRobot, Trace, target_trace, trace
 from analysis.noise.certificate import as_shown, corrected, corrected_gauges, link_excess_mm, systematic
 from analysis.reading.loading import measured_of
+from analysis.reading.simulated_runs import write_simulated
 from analysis.reading.tables import CircleTable, RadialTable
 from analysis.reporting.results import result_of
 from daq.protocol.conversation import Sample
@@ -139,6 +140,23 @@ def test_check_warns_of_a_certificate_that_is_overdue(tmp_path: Path) -> None:
     file.write_text(_text(g2=PLAIN | {"date": "2020-01-31", "valid_until": "2021-01-31"}))
     told = CliRunner().invoke(app, ["check", str(file)]).stdout
     assert "\n  g2: certificate D-K-1 2025-17 was valid until 2021-01-31, and this is of " in told
+
+
+@pytest.mark.parametrize(("test", "direction", "of_link"), [("yaw", "acw", False), ("radial", None, True)])
+def test_an_imported_table_is_taken_as_corrected_and_says_so(
+    tmp_path: Path, test: TestName, direction: Direction | None, of_link: bool
+) -> None:
+    text = _text(g1=TABLE, g2=PLAIN, link=PLAIN | {"length_mm": 400.25}, step_deg=45, orientations=1)
+    rig = parse(text, "certified")
+    (path,) = write_simulated(rig, text, test, (direction,), [1], None, tmp_path, csv=False)
+    simulated = read_run(path)
+    assert not any("taken as corrected" in doubt for doubt in measured_of(simulated).doubts)
+    assert simulated.manifest.table is not None
+    source = simulated.manifest.table.model_copy(update={"file": "lap.csv"})
+    imported = replace(simulated, manifest=simulated.manifest.model_copy(update={"table": source}))
+    (doubt,) = [doubt for doubt in measured_of(imported).doubts if "taken as corrected" in doubt]
+    assert "the correction of g1 by certificate D-K-1 2025-17" in doubt and "g2" not in doubt
+    assert ("the link's +0.2500 mm beyond the radius" in doubt) == of_link
 
 
 def test_a_temperature_that_is_assumed_is_said(tmp_path: Path) -> None:

@@ -65,6 +65,9 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing(run: Path) -> None:
         relabel(run, test="radial", direction="acw")
     with pytest.raises(FileError, match="data of a yaw test, which cannot be of a pose test"):
         relabel(run, test="pose")
+    for name in ("a\nb", "a\x1b[2Jb", "a\tb"):
+        with pytest.raises(FileError, match="holds control characters; give --operator in one line"):
+            relabel(run, operator=name)
     assert (run / MANIFEST).read_bytes() == before
 
 
@@ -84,7 +87,7 @@ def test_a_table_is_relabelled_only_as_far_as_its_rows_allow(tmp_path: Path) -> 
     who = {"rig_name": "r", "rig_text": "", "operator": "", "source": "s.csv", "source_sha256": "0"}
     write_table_run(tmp_path / "lap", columns, test="yaw", direction="cw", **who)
     assert relabel(tmp_path / "lap", test="roll").test == "roll"
-    with pytest.raises(FileError, match="whose rows say cw; correct its direction there and import it again"):
+    with pytest.raises(FileError, match="whose rows say cw; import it again with --direction acw"):
         relabel(tmp_path / "lap", direction="acw")
     with pytest.raises(FileError, match="data of a roll test, which cannot be of a radial test"):
         relabel(tmp_path / "lap", test="radial")

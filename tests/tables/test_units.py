@@ -11,10 +11,12 @@ from table_cases import JOINTS, TESTS, Rows, csv_text, plain, rig, scaled, texts
 
 from analysis.files.read import parse_csv
 from analysis.files.units import check_units
+from analysis.model.simulate import simulate
 from analysis.reading.csv_tables import table_from
 from analysis.reading.tables import CircleTable, Table
 from analysis.tests.places import doubts_of
 from rigs.errors import FileError
+from rigs.load import load
 from rigs.rig import Rig
 from rigs.tests import Hemisphere
 from rigs.vocabulary import TestName
@@ -149,13 +151,31 @@ def test_a_tracker_that_saw_one_place_only_tells_no_unit() -> None:
 
 
 @pytest.mark.parametrize(
-    ("factor", "said"), [(1000.0, "t_s may be in ms"), (0.001, "check the units of t_s and speed_mm_s")]
+    ("factor", "said"),
+    [
+        (1e3, "t_s may be in ms"),
+        (1e6, "t_s may be in µs"),
+        (1e9, "t_s may be in ns"),
+        (1e-3, "check the units of t_s and speed_mm_s"),
+    ],
 )
 def test_time_in_another_unit_is_doubted(factor: float, said: str) -> None:
     table = read(plain("yaw"), "yaw", rig())
     assert isinstance(table, CircleTable)
     (doubt,) = doubts_of(dataclasses.replace(table, t_s=factor * table.t_s), rig())
     assert said in doubt
+
+
+@pytest.mark.parametrize("laps", [1, 2, 5])
+def test_the_speed_is_that_of_all_laps_and_ways_back(laps: int) -> None:
+    shipped, _ = load("paper-fanuc")
+    assert shipped.tests.circle is not None
+    circle = shipped.tests.circle.model_copy(update={"laps": laps})
+    driven = shipped.model_copy(update={"tests": shipped.tests.model_copy(update={"circle": circle})})
+    table = simulate(driven, "yaw", "acw", 1)
+    assert isinstance(table, CircleTable) and doubts_of(table, driven) == ()
+    (doubt,) = doubts_of(dataclasses.replace(table, t_s=1e9 * table.t_s), driven)
+    assert "t_s may be in ns" in doubt
 
 
 @pytest.mark.parametrize("test", ["radial", "repeatability"])

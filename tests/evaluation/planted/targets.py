@@ -38,7 +38,7 @@ class Stops:
 
     @property
     def u_gauge_mm(self) -> float:
-        """Standard uncertainty of one reading, as a data sheet has it."""
+        """Standard uncertainty of one reading with its rounding."""
         return float(np.hypot(self.white_mm, self.step_mm / np.sqrt(12)))
 
 
@@ -178,7 +178,7 @@ def radial_case(rng: np.random.Generator, kind: str, size: Size) -> Outcome:
         again = done_again(rng, stops, np.tile(expected, size.laps), np.tile(sigma, size.laps))
         each = rp(again.reshape(AGAIN, size.laps, -1).swapaxes(1, 2)[..., None])
         truth |= {"rp_mm": float(each.max(axis=1).mean()), "rp_mean_mm": float(each.mean())}
-    figures = evaluate(table, cell_rig()[0], 0.0, "planted", u_gauge_mm=stops.u_gauge_mm).figures
+    figures = evaluate(table, cell_rig()[0], 0.0, "planted", u_gauge_mm=stops.white_mm).figures
     return {f"radial, {_visits(size.laps)}": (dict(figures), truth)}
 
 
@@ -226,5 +226,5 @@ def repeatability_case(rng: np.random.Generator, kind: str, size: Size) -> Outco
     q = one_visit().q[one_visit().orientation == 2][target]
     approach = np.array(SIDES)[side]
     table = RepeatabilityTable(target + 1, approach, round_ + 1, STOP_S * np.arange(len(g)), q, g)
-    figures = evaluate(table, cell_rig()[0], 0.0, "planted", u_gauge_mm=stops.u_gauge_mm).figures
+    figures = evaluate(table, cell_rig()[0], 0.0, "planted", u_gauge_mm=stops.white_mm).figures
     return {f"repeatability, {rounds} rounds": (dict(figures), {n: float(v.mean()) for n, v in every.items()})}
