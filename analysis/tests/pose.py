@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Arm, Array, forward
+from analysis.noise.cell import TARGET_MM, Between
 from analysis.noise.spectrum import DRAWS
 from analysis.noise.targets import Scatter, scatter_of
 from analysis.reading.tables import PoseTable
@@ -91,7 +92,7 @@ def evaluate(
         setup, rotation = _orientation(T, table.rpy, setup)
     group = groups(table.q, same_rad)
     again = np.flatnonzero(np.bincount(group) >= 2)
-    figures, notes = {}, ["no pose was visited twice: no repeatability; the instrument's uncertainty is assumed"]
+    figures, notes = {}, ["no pose was visited twice: no repeatability; the noise of instrument and robot is assumed"]
     place = turn = None
     if len(again):
         seen = _padded(position, group, again)
@@ -101,7 +102,7 @@ def evaluate(
             turned = np.degrees(_padded(rotation, group, again))
             turn = scatter_of(turned, 0.0)
             figures |= of_scatter(_turn_figures, turned, turn)
-    figures = _position_figures(position, setup, _noise(place, group, again, u_mm)) | figures
+    figures = _position_figures(position, setup, _noise(place, group, again, u_mm, TARGET_MM)) | figures
     if rotation is not None:
         of_turn = _noise(turn, group, again, np.nan if u_rad is None else float(np.degrees(u_rad)))
         figures |= _rotation_figures(rotation, np.radians(of_turn))
@@ -144,12 +145,20 @@ def groups(q: Array, same_rad: float) -> NDArray[np.int64]:
     return number
 
 
-def _noise(scatter: Scatter | None, group: NDArray[np.int64], again: NDArray[np.int64], u: float) -> Array:
-    """Draws (m, n, 3) of the noise of all rows: of their own group's scatter, of any group's where it has none, of u
-    where no group shows any."""
+def _noise(
+    scatter: Scatter | None,
+    group: NDArray[np.int64],
+    again: NDArray[np.int64],
+    u: float,
+    stops: Between | None = None,
+) -> Array:
+    """Draws (m, n, 3) of the noise of all rows: of their own group's scatter, of any group's where it has none; where
+    no group shows any, of the instrument's u and of a robot that stops as real ones do."""
     rng = np.random.default_rng(SEED)
     if scatter is None:
-        return u * rng.standard_normal((DRAWS, len(group), 3))
+        robot = 0.0 if stops is None else stops.low * (stops.high / stops.low) ** rng.uniform(size=(DRAWS, 1, 1))
+        level: Array = np.hypot(u, robot)
+        return level * rng.standard_normal((DRAWS, len(group), 3))
     place = np.searchsorted(again, group).clip(max=len(again) - 1)
     place = np.where(again[place] == group, place, rng.integers(len(again), size=len(group)))
     return dataclasses.replace(scatter, sd_mm=scatter.sd_mm[:, place]).again(rng, (3,))
