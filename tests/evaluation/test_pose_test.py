@@ -50,7 +50,8 @@ def test_a_planted_set_up_is_found_and_leaves_nothing() -> None:
     np.testing.assert_allclose(result.setup.T_flange_tool, tool, atol=1e-6)
     assert result.figures["rms_mm"].value < 1e-6
     assert result.figures["rms_deg"].value < 1e-6
-    assert result.notes == ("no pose was visited twice: no repeatability; the noise of instrument and robot is assumed",)
+    (note,) = result.notes
+    assert note == "no pose was visited twice: no repeatability; the noise of instrument and robot is assumed"
     assert {figure.noise for figure in result.figures.values()} == {"assumed"}
 
 
