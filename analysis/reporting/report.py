@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.table import Table
 from rich.text import Text
@@ -108,14 +109,24 @@ def in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
     if both.lag is not None:
         figures = "; ".join(f"{label(name).strip()} {both.figures[name]}" for name in in_order(both.figures))
         count = f" ({len(both.runs)} pairs)" if len(both.runs) > 1 else ""
-        lines += [f"acw against cw{count}: {figures}", _of_lag(both.lag)]
+        lines += [f"acw against cw{count}: {figures}", _of_lag(both.lag, _rate(both))]
     return lines
 
 
-def _of_lag(lag: Quantity) -> str:
+def _rate(both: Pairs) -> float:
+    """How fast the circle was driven, rad/s."""
+    found = both.runs[0][0].found
+    return abs(found.curve.rate) if isinstance(found, CircleResult) else 0.0
+
+
+def _of_lag(lag: Quantity, rate: float) -> str:
     if abs(lag.value) < 2 * lag.u:
         return f"no lag of the gauges behind the robot is seen: {lag}"
-    return f"the gauges lag the robot by {lag}, which is not taken out of the figures"
+    turned = np.degrees(rate * abs(lag.value) / 1000)
+    return (
+        f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {turned:.2g}° in opposite ways, which is "
+        "not in their u; state what the gauge does as `timing` in the rig file, or diagnose a time_lag"
+    )
 
 
 def _table(group: Sequence[Result], known: dict[int, dict[str, Comparison]]) -> Table:
