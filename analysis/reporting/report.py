@@ -124,8 +124,8 @@ def _of_lag(lag: Quantity, rate: float) -> str:
         return f"no lag of the gauges behind the robot is seen: {lag}"
     turned = np.degrees(rate * abs(lag.value) / 1000)
     return (
-        f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {turned:.2g}° in opposite ways, which is "
-        "not in their u; state what the gauge does as `timing` in the rig file, or diagnose a time_lag"
+        f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {turned:.2g}° in opposite ways, and "
+        "that is not in their u; state what the gauge does as `timing` in the rig file, or diagnose a time_lag"
     )
 
 
