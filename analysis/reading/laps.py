@@ -108,7 +108,8 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
         laps = [_lap_from(rows, ahead, _turns_before(ahead, lead))]
     for _, ahead in laps:
         _is_covered(where, ahead, sense, start)
-    inside = np.concatenate([np.arange(rows.start, rows.stop) for rows, _ in laps])
+    # Of a single lap a view is enough: it may be long.
+    inside = laps[0][0] if len(laps) == 1 else np.concatenate([np.arange(rows.start, rows.stop) for rows, _ in laps])
     begins = np.array([table.t_s[rows.start] for rows, _ in laps])
     lap_s = float(np.mean([table.t_s[rows.stop - 1] - table.t_s[rows.start] for rows, _ in laps]))
     return Laps(
