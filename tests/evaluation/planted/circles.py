@@ -3,6 +3,7 @@
 import dataclasses
 from dataclasses import dataclass
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -180,7 +181,9 @@ def circle_table(
 def circle_result(table: CircleTable, u_lag_s: float) -> Result:
     """Everything that is reported of the table, as if it had been read from a run."""
     name = f"{table.test}-{table.direction}"
-    run: Any = SimpleNamespace(manifest=SimpleNamespace(name=name, test=table.test, direction=table.direction))
+    chunks = [SimpleNamespace(sha256=sha256(table.g_mm.tobytes()).hexdigest())]
+    manifest = SimpleNamespace(name=name, test=table.test, direction=table.direction, chunks=chunks)
+    run: Any = SimpleNamespace(manifest=manifest)
     return result_of(Measured(Path(name), run, cell_rig()[0], table, u_lag_s, ()))
 
 
