@@ -37,8 +37,6 @@ WHITE_MM = Between(0.0002, 0.003)
 """White noise of one gauge: probe, cable, mounting. Each gauge and each run has its own level."""
 SLOW_MM = Between(0.0005, 0.020)
 """Slow noise along a lap, of both gauges and of each: servo ripple, vibration, path repeatability."""
-SLOW_S = Between(0.1, 5.0)
-"""Its correlation time, s."""
 JOINT_DEG = Between(0.0003, 0.005)
 """Where a joint lies from run to run."""
 BALL_MM = Between(0.001, 0.020)

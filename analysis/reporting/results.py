@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from analysis.noise.spectrum import LapNoise
@@ -106,8 +106,3 @@ def _same_cell(one: Result, other: Result) -> bool:
     place = "circle" if isinstance(one.found, CircleResult) else "hemisphere"
     alike = rig.name == its.name and rig.robot == its.robot
     return one.test == other.test and alike and getattr(rig.tests, place) == getattr(its.tests, place)
-
-
-def with_doubt(result: Result, doubt: str) -> Result:
-    """The same with one more doubt."""
-    return replace(result, measured=replace(result.measured, doubts=(*result.measured.doubts, doubt)))
