@@ -1,4 +1,4 @@
-"""Residuals of repeated runs, in the form in which noise is white: what the search works on.
+"""Repeated runs as one block of readings with the noise of their mean: what the search for names works on.
 
 Neighbouring readings on a circle are correlated, so circles are taken apart into orders (cycles a lap) of the sum and
 of the difference of the gauges; `noise` says how noisy each is. Readings at targets are taken as they are.
@@ -11,51 +11,62 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.diagnose.noise import RunNoise, noise_of, reading_sd, shaken_by
-from analysis.diagnose.observed import ORDER_OF, Sampling, Seen, thinned
+from analysis.diagnose.noise import (
+    POSE_MM,
+    CircleNoise,
+    Repeated,
+    circle_noise,
+    shaken_by,
+    target_sd,
+)
+from analysis.diagnose.observed import ORDER_OF, Sampling, Seen
+from analysis.diagnose.settle import grown
 from analysis.fitting.observation import Observation, residuals_of
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp
-from analysis.reading.tables import PoseTable
+from analysis.reading.tables import Integers, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.tests.pose import groups as visits
+from rigs.effects import Effect
 
-_BANDS = (0, 4, 8, 12, 18, 30, 50, 90, 150, len(ORDER_OF))
-"""Edges of the bands of orders in which the noise is pooled."""
-_SLOW = 4
+_EDGES = (0, 3, 8, 16, 30, 60, 120, len(ORDER_OF))
+"""Edges of the bands of orders, within which what no effect explains may have a strength of its own."""
+BANDS = len(_EDGES)
+"""Numbers of bands that each set-up has for itself."""
+_SLOW = 8
 """Orders below this are as slow as a robot that stands."""
+_SAME_RAD = 3e-4
+"""Joints that differ by less, each, are the same: controllers report them in steps of a third of that."""
 
 
 @dataclass(frozen=True)
 class Block:
     """Repeated runs of one test and direction.
 
-    model: of their rig file; one: the first of them, whose feedback stands for all; y (N,): their mean residual in
-    standard deviations; sd_mm (N,) of it, scatter aside; count of runs; apart_mm: how far a run
-    is from their mean, rms (nan for one run); span (N, c), size (c,): the directions in which the scatter of joints and
-    ball moves a run, orthonormal, and how far.
+    model: of their rig file; one: the first of them, whose feedback stands for all; y_mm (N,): their weighted mean
+    residual; sd_mm (N,) of it, scatter aside; scatter_mm (N, c): what one standard deviation of the scatter of joints
+    and ball adds to it; band (N,): of which entries share a strength; count of runs; apart_mm: how far a run is from
+    their mean, rms (nan for one run); measured: whether the noise is from repeats.
     """
 
     name: str
     model: Model
     one: Observation
     sampling: Sampling | None
+    y_mm: Array
     sd_mm: Array
-    y: Array
+    scatter_mm: Array
+    band: Integers
     count: int
     apart_mm: float
-    span: Array
-    size: Array
+    measured: bool
 
     def whitened(self, values: Array) -> Array:
-        """Readings (m, k, …) mm in standard deviations: (N, …)."""
+        """Readings (m, k, …) mm in standard deviations of the noise: (N, …)."""
         return self.white(entries(values, self.sampling))
 
     def white(self, vector: Array) -> Array:
-        """Entries (N, …) mm in standard deviations, of noise and scatter together: (1 + S S')^-1/2 of them."""
-        tail = [1] * (vector.ndim - 1)
-        scaled = vector / self.sd_mm.reshape(-1, *tail)
-        less = 1 - 1 / np.sqrt(1 + self.size**2)
-        white: Array = scaled - self.span @ (less.reshape(-1, *tail) * (self.span.T @ scaled))
-        return white
+        """Entries (N, …) mm in standard deviations."""
+        return vector / self.sd_mm.reshape(-1, *[1] * (vector.ndim - 1))
 
 
 def entries(values: Array, sampling: Sampling | None) -> Array:
@@ -63,34 +74,51 @@ def entries(values: Array, sampling: Sampling | None) -> Array:
     return sampling.vector(values) if sampling else values.reshape(-1, *values.shape[2:])
 
 
-def blocks_of(runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> tuple[list[Block], RunNoise]:
-    """Blocks of all runs about fitted set-ups, and the noise of one run on a circle."""
+def blocks_of(runs: Sequence[Seen], setups: Mapping[str, SetUp], known: Sequence[Effect] = ()) -> list[Block]:
+    """Blocks of all runs about fitted set-ups; their residuals have no part of known effects any more."""
     groups: dict[str, list[Seen]] = {}
     for run in runs:
         groups.setdefault(run.name, []).append(run)
-    gathered = [_gathered(name, members, setups) for name, members in groups.items()]
-    circles = [(raw.rows[:, : len(ORDER_OF)], raw.shaken[: len(ORDER_OF)]) for raw in gathered if raw.first.sampling]
-    grids = [raw.first.sampling.averaged for raw in gathered if raw.first.sampling]
-    noise = noise_of(circles, ORDER_OF, _BANDS, float(np.mean(grids)) if grids else 1.0)
-    rounding = np.max([run.rounding_deg for run in runs], axis=0)
-    return [_block(raw, noise, rounding) for raw in gathered], noise
+    gathered = [_gathered(name, members, setups, known) for name, members in groups.items()]
+    circles = [raw for raw in gathered if raw.first.sampling]
+    grids = [raw.first.sampling.averaged for raw in circles if raw.first.sampling]
+    orders = len(ORDER_OF)
+    repeats = [Repeated(raw.rows[:, :orders], raw.shaken[:orders]) for raw in circles]
+    noise = circle_noise(repeats, float(np.mean(grids)) if grids else 1.0)
+    sds = dict(zip([raw.name for raw in circles], noise.sd_mm, strict=True))
+    numbers = {name: k for k, name in enumerate(dict.fromkeys(raw.first.one.setup for raw in gathered))}
+    return [
+        _circle_block(raw, sds[raw.name], noise, numbers[raw.first.one.setup])
+        if raw.first.sampling
+        else _target_block(raw, noise, numbers[raw.first.one.setup])
+        for raw in gathered
+    ]
 
 
 @dataclass(frozen=True)
 class _Raw:
-    """Residuals (n, N) mm of the runs of a block, and how scatter shows in them (N, c) mm."""
+    """Residuals (n, N) mm of the runs of a block, and how unit scatter shows in them (N, c) mm."""
 
     name: str
     first: Seen
     rows: Array
     shaken: Array
 
+    @property
+    def apart_mm(self) -> float:
+        """How far a run is from their mean, rms."""
+        count, size = self.rows.shape
+        away = self.rows - self.rows.mean(axis=0)
+        return float(np.sqrt((away**2).sum() / ((count - 1) * size))) if count > 1 else float("nan")
 
-def _gathered(name: str, members: Sequence[Seen], setups: Mapping[str, SetUp]) -> _Raw:
+
+def _gathered(name: str, members: Sequence[Seen], setups: Mapping[str, SetUp], known: Sequence[Effect]) -> _Raw:
     # Where one run did not stand before and after, none is compared by it.
     if not all(run.sampling and run.sampling.stands for run in members):
         members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
-    vectors = [entries(residuals_of(run.model, [run.one], setups)[0], run.sampling) for run in members]
+    vectors = [
+        entries(residuals_of(run.model, [run.one], setups)[0], run.sampling) for run in grown(members, known)
+    ]
     first = members[0]
     shaken = shaken_by(first.model, first.one, setups[first.one.setup])
     # Only repeats of the same targets can be averaged.
@@ -98,24 +126,50 @@ def _gathered(name: str, members: Sequence[Seen], setups: Mapping[str, SetUp]) -
     return _Raw(name, first, np.array(alike), entries(shaken, first.sampling))
 
 
-def _block(raw: _Raw, noise: RunNoise, rounding_deg: Array) -> Block:
-    first, rows, count = thinned(raw.first), raw.rows, len(raw.rows)
-    if first.sampling:
-        sd = np.concatenate([noise.sd_mm, _standing_sd(noise, first.sampling)])
+def _circle_block(raw: _Raw, sd_mm: Array, noise: CircleNoise, number: int) -> Block:
+    sampling = raw.first.sampling
+    assert sampling is not None  # noqa: S101 - circles have one
+    weight = 1 / (sd_mm[:, ORDER_OF < _EDGES[4]] ** 2).mean(axis=1)
+    weight /= weight.sum()
+    sd = np.sqrt(weight**2 @ sd_mm**2)
+    sd = np.concatenate([sd, _standing_sd(sd, sampling)])
+    band = np.searchsorted(_EDGES, ORDER_OF, side="right") - 1
+    band = np.concatenate([band, np.zeros(len(sd) - len(band), dtype=np.int64)])
+    scatter = raw.shaken * noise.scatter(raw.shaken.shape[1]) * np.linalg.norm(weight)
+    return Block(
+        raw.name, raw.first.model, raw.first.one, sampling, weight @ raw.rows, sd, scatter,
+        band + number * BANDS, len(raw.rows), raw.apart_mm, noise.measured,
+    )  # fmt: skip
+
+
+def _target_block(raw: _Raw, noise: CircleNoise, number: int) -> Block:
+    table, count = raw.first.one.table, len(raw.rows)
+    sd, measured = target_sd(raw.rows, _alike(table))
+    if isinstance(table, PoseTable) and not measured:
+        sd = np.full(len(sd), POSE_MM)
+    scatter = raw.shaken * noise.scatter(raw.shaken.shape[1]) / np.sqrt(count)
+    band = np.full(len(sd), number * BANDS)
+    y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)
+    return Block(
+        raw.name, raw.first.model, raw.first.one, None, y, sd, scatter, band, count, raw.apart_mm, measured
+    )  # fmt: skip
+
+
+def _alike(table: Table) -> Integers:
+    """A number for each entry that readings of the same place, reached the same way, share."""
+    if isinstance(table, RadialTable):
+        keys = np.stack([table.target, table.orientation], axis=1)
+    elif isinstance(table, RepeatabilityTable):
+        keys = np.stack([table.target, np.unique(table.approach, return_inverse=True)[1]], axis=1)
     else:
-        sd = reading_sd(rows, raw.shaken, noise, rounding_deg, poses=isinstance(first.one.table, PoseTable))
-    scatter = raw.shaken * noise.scatter(raw.shaken.shape[1]) / sd[:, None]
-    span, size, _ = np.linalg.svd(scatter, full_matrices=False)
-    mean = rows.mean(axis=0)
-    apart = float(np.sqrt(((rows - mean) ** 2).sum() / ((count - 1) * rows.shape[1]))) if count > 1 else float("nan")
-    sd = sd / np.sqrt(count)
-    bare = Block(raw.name, first.model, first.one, first.sampling, sd, mean, count, apart, span, size)
-    return replace(bare, y=bare.white(mean))
+        row = visits(table.q, _SAME_RAD)
+        keys = np.stack([np.repeat(row, 3), np.tile(np.arange(3), len(row))], axis=1)
+    return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
 
 
-def _standing_sd(noise: RunNoise, sampling: Sampling) -> Array:
+def _standing_sd(sd_mm: Array, sampling: Sampling) -> Array:
     """Of the means over stands, sum and difference of each: slow noise averages like white noise of its strength."""
     half = len(ORDER_OF) // 2
     slow = (ORDER_OF[:half] > 0) & (ORDER_OF[:half] < _SLOW)
-    power = np.array([np.mean(noise.sd_mm[:half][slow] ** 2), np.mean(noise.sd_mm[half:][slow] ** 2)])
+    power = np.array([np.mean(sd_mm[:half][slow] ** 2), np.mean(sd_mm[half:][slow] ** 2)])
     return np.concatenate([np.sqrt(power / share) for share in sampling.stand_share] or [np.empty(0)])

@@ -57,7 +57,7 @@ def _share(effect: Any, share: float, **fields: Any) -> Effect:
 
 def _begins(linear: Linear, effect: Any) -> Array:
     """Where in its play a joint stood before each run began nobody knows: (N, b), a column a circle."""
-    turned = linear.raw([JointOffset(axis=effect.axis, offset_deg=min(effect.width_deg / 2, 5.0))])[:, 0]
+    turned = linear.columns([JointOffset(axis=effect.axis, offset_deg=min(effect.width_deg / 2, 5.0))])[:, 0]
     columns, begin = [], 0
     for block in linear.blocks:
         if block.sampling and block.sampling.stands:
@@ -65,8 +65,8 @@ def _begins(linear: Linear, effect: Any) -> Array:
             column = np.zeros(len(turned))
             column[first] = turned[first]
             columns.append(column)
-        begin += len(block.y)
-    return linear.projected(np.stack(columns, axis=1)) if columns else np.empty((len(turned), 0))
+        begin += len(block.y_mm)
+    return np.stack(columns, axis=1) if columns else np.empty((len(turned), 0))
 
 
 def _jolts(linear: Linear, effect: Any) -> Array:
@@ -85,7 +85,7 @@ def _jolts(linear: Linear, effect: Any) -> Array:
                 for sample in (after - 1, after)
                 if 0 <= sample < len(path.t_s)
             ]
-    return linear.projected(np.stack(columns, axis=1)) if columns else np.empty((len(linear.y), 0))
+    return np.stack(columns, axis=1) if columns else np.empty((len(linear.y), 0))
 
 
 def _sticks(linear: Linear, effect: Any) -> Array:
@@ -93,9 +93,9 @@ def _sticks(linear: Linear, effect: Any) -> Array:
     columns, begin = [], 0
     for block in linear.blocks:
         if not block.sampling and effect.gauge == "g1":
-            for row in range(len(block.y)):
+            for row in range(len(block.y_mm)):
                 column = np.zeros(len(linear.y))
                 column[begin + row] = effect.width_mm / 2 / block.sd_mm[row]
                 columns.append(column)
-        begin += len(block.y)
-    return linear.projected(np.stack(columns, axis=1)) if columns else np.empty((len(linear.y), 0))
+        begin += len(block.y_mm)
+    return np.stack(columns, axis=1) if columns else np.empty((len(linear.y), 0))

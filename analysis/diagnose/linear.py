@@ -1,7 +1,4 @@
-"""What effects add to the whitened residuals of blocks: one by one as columns, or all at once by the simulator.
-
-Set-up terms are projected out of columns: no name is given for what a ball or a zero could do.
-"""
+"""What effects add to the residuals of blocks, in standard deviations: one by one as columns, or by the simulator."""
 
 from __future__ import annotations
 
@@ -26,13 +23,15 @@ _READING = ("setup", "gauge")
 
 
 class Linear:
-    """Blocks about their models and set-ups: their residual y (N,), what effects add to it, and what set-ups can do."""
+    """Blocks about a model and set-ups. known: effects found so far, which the model has beside those of its rig file;
+    y (N,): what is left with them, in standard deviations; U (N, s): what a mm of each set-up term adds; Z (N, c): what
+    one standard deviation of the scatter from run to run adds; band (N,)."""
 
-    def __init__(self, blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> None:
-        self.blocks, self.setups = tuple(blocks), dict(setups)
-        self._scenes = [moved(block.model, block.one.path) for block in blocks]
+    def __init__(self, blocks: Sequence[Block], setups: Mapping[str, SetUp], known: Sequence[Effect] = ()) -> None:
+        self.blocks, self.setups, self.known = tuple(blocks), dict(setups), tuple(known)
+        self._scenes = [moved(_with(block.model, *known), block.one.path) for block in blocks]
         self._base = [
-            seen(block.model, block.one, scene, setups[block.one.setup])
+            seen(_with(block.model, *known), block.one, scene, setups[block.one.setup])
             for block, scene in zip(blocks, self._scenes, strict=True)
         ]
         self._slopes = [self._slope(block, base) for block, base in zip(blocks, self._base, strict=True)]
@@ -42,29 +41,25 @@ class Linear:
         self.terms = {
             name: slice(end - count, end) for name, end, count in zip(self._tables, ends, counts, strict=True)
         }
-        self.U = self.setup_columns((), self.setups)
-        self._basis = basis_of(self.U)
-        self.y = self.projected(np.concatenate([block.y for block in blocks]))
+        sizes = [len(block.y_mm) for block in blocks]
+        self.rows = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)]
+        self.y = np.concatenate([block.white(block.y_mm) for block in blocks])
+        self.U = self._setup_columns()
+        self.Z = self._scatter_columns()
+        self.band = np.concatenate([block.band for block in blocks])
 
     def columns(self, effects: Sequence[Effect]) -> Array:
-        """What each effect alone adds, (N, p) in standard deviations, set-up terms projected out."""
-        return self.projected(self.raw(effects))
-
-    def raw(self, effects: Sequence[Effect]) -> Array:
-        """The same with what set-up terms could do."""
+        """What each effect adds, (N, p) in standard deviations."""
         if not effects:
             return np.empty((len(self.y), 0))
         return np.concatenate([self._added(k, effects) for k in range(len(self.blocks))])
 
-    def projected(self, columns: Array) -> Array:
-        """Columns without what set-up terms can do."""
-        return columns - self._basis @ (self._basis.T @ columns)
-
-    def leaving(self, effects: Sequence[Effect]) -> Callable[[Mapping[str, SetUp]], Array]:
-        """What effects, all in the simulator together, and set-ups leave: (N,) by set-ups, nothing projected out."""
-        added = [self.adding(k, effects) for k in range(len(self.blocks))]
-        return lambda setups: np.concatenate([
-            block.y - block.whitened(of(setups)) for block, of in zip(self.blocks, added, strict=True)
+    def left(self, effects: Sequence[Effect], setups: Mapping[str, SetUp] | None = None) -> Array:
+        """What effects in the place of the known ones, all in the simulator together, leave: (N,)."""
+        placed = setups or self.setups
+        return np.concatenate([
+            block.white(block.y_mm) - block.whitened(self.adding(k, effects)(placed))
+            for k, block in enumerate(self.blocks)
         ])  # fmt: skip
 
     @property
@@ -79,20 +74,17 @@ class Linear:
         }
 
     def adding(self, k: int, effects: Sequence[Effect]) -> Callable[[Mapping[str, SetUp]], Array]:
-        """What effects, all together, and set-ups add to the readings (m, k) mm of one block, by set-ups."""
+        """What effects, in the place of the known ones, and set-ups add to the readings (m, k) mm of one block."""
         one, model, base = self.blocks[k].one, _with(self.blocks[k].model, *effects), self._base[k]
         scene = moved(model, one.path)
         return lambda setups: seen(model, one, scene, setups[one.setup]) - base
 
     def in_mm(self, left: Array) -> list[Array]:
-        """What is left (N,) in standard deviations as each block's entries in mm: less what set-up and scatter can
-        do."""
-        ends = np.cumsum([len(block.y) for block in self.blocks])
-        return [part * block.sd_mm for part, block in zip(np.split(left, ends[:-1]), self.blocks, strict=True)]
+        """Values (N,) in standard deviations as each block's entries in mm."""
+        return [left[rows] * block.sd_mm for rows, block in zip(self.rows, self.blocks, strict=True)]
 
     def by_joint(self, axis: int, off: Callable[[Block], Array]) -> Array:
-        """What a joint (1 … 6) adds that is off by (n, c) rad at the samples of each block's path: (N, c), nothing
-        projected out."""
+        """What a joint (1 … 6) adds that is off by (n, c) rad at the samples of each block's path: (N, c)."""
         return np.concatenate(
             [
                 block.whitened(slopes[:, :, axis - 1, None] * off(block)[block.one.path.rows[block.one.rows], None])
@@ -101,8 +93,8 @@ class Linear:
         )
 
     def by_gauge(self, shares: Sequence[float], off: Callable[[Block], Array]) -> Array:
-        """What gauges add that are off by shares (2,) of (n, c) mm at the samples of each circle's path: (N, c),
-        nothing projected out; elsewhere nothing."""
+        """What gauges add that are off by shares (2,) of (n, c) mm at the samples of each circle's path: (N, c);
+        elsewhere nothing."""
         parts = []
         for block, base in zip(self.blocks, self._base, strict=True):
             each = np.array(shares) if block.sampling else np.zeros(base.shape[1])
@@ -110,13 +102,12 @@ class Linear:
         return np.concatenate(parts)
 
     def jolt(self, k: int, axis: int, sample: int, angle_deg: float) -> Array:
-        """What one joint (1 … 6), off at one sample of one block's path alone, adds: (N,), nothing projected out."""
+        """What one joint (1 … 6), off at one sample of one block's path alone, adds: (N,)."""
         block = self.blocks[k]
         rows = block.one.path.rows[block.one.rows]
         added = self._slopes[k][:, :, axis - 1] * (np.radians(angle_deg) * (rows == sample))[:, None]
-        begin = sum(len(other.y) for other in self.blocks[:k])
         whole = np.zeros(len(self.y))
-        whole[begin : begin + len(block.y)] = block.whitened(added)
+        whole[self.rows[k]] = block.whitened(added)
         return whole
 
     def _added(self, k: int, effects: Sequence[Effect]) -> Array:
@@ -128,7 +119,7 @@ class Linear:
                 turned = apply([effect], "joint", scene).link_q[rows] - scene.link_q[rows]
                 added[:, :, place] = np.einsum("mkj,mj->mk", self._slopes[k], turned)
             else:
-                grown = _with(block.model, effect)
+                grown = _with(block.model, *self.known, effect)
                 there = scene if module_of(effect).STAGE in _READING else moved(grown, block.one.path)
                 added[:, :, place] = seen(grown, block.one, there, self.setups[block.one.setup]) - base
         return block.whitened(added)
@@ -137,33 +128,27 @@ class Linear:
         slopes = np.empty((*base.shape, 6))
         for axis in range(1, 7):
             nudge = JointOffset(axis=axis, offset_deg=_STEP_DEG)
-            read = predicted(_with(block.model, nudge), block.one, self.setups[block.one.setup])
+            read = predicted(_with(block.model, *self.known, nudge), block.one, self.setups[block.one.setup])
             slopes[:, :, axis - 1] = (read - base) / np.radians(_STEP_DEG)
         return slopes
 
-    def setup_columns(self, effects: Sequence[Effect], setups: Mapping[str, SetUp]) -> Array:
-        """What each term of the set-ups adds per mm, (N, s), about a model with effects."""
-        columns = np.zeros((sum(len(block.y) for block in self.blocks), len(self.stands)))
-        begin = 0
-        for block in self.blocks:
-            rows = slice(begin, begin + len(block.y))
-            begin += len(block.y)
-            model, setup = _with(block.model, *effects), setups[block.one.setup]
-            scene = moved(model, block.one.path)
-            base = seen(model, block.one, scene, setup)
+    def _setup_columns(self) -> Array:
+        columns = np.zeros((len(self.y), len(self.stands)))
+        for block, rows, scene, base in zip(self.blocks, self.rows, self._scenes, self._base, strict=True):
+            model, setup = _with(block.model, *self.known), self.setups[block.one.setup]
             terms = self.terms[block.one.setup]
             for k, step in enumerate(_STEP_MM * np.eye(terms.stop - terms.start), start=terms.start):
                 changed = seen(model, block.one, scene, moved_setup(setup, block.one.table, step))
                 columns[rows, k] = block.whitened(changed - base) / _STEP_MM
         return columns
 
+    def _scatter_columns(self) -> Array:
+        ends = np.cumsum([0, *(block.scatter_mm.shape[1] for block in self.blocks)])
+        columns = np.zeros((len(self.y), int(ends[-1])))
+        for block, rows, begin, end in zip(self.blocks, self.rows, ends, ends[1:], strict=False):
+            columns[rows, begin:end] = block.white(block.scatter_mm)
+        return columns
+
 
 def _with(model: Model, *effects: Effect) -> Model:
     return replace(model, effects=(*model.effects, *effects))
-
-
-def basis_of(columns: Array) -> Array:
-    """An orthonormal basis of columns (N, s)."""
-    norms = np.linalg.norm(columns, axis=0)
-    basis, _ = np.linalg.qr(columns[:, norms > 1e-6] / norms[norms > 1e-6])
-    return np.asarray(basis, dtype=float)

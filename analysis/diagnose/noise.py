@@ -1,46 +1,64 @@
-"""How noisy the readings are, from what differs between repeated runs: of each order, and of how a run sits.
+"""How noisy the readings are: of each order of a circle, of each run, of each target, and of how a run lies.
 
-From run to run every joint and the ball sit a little elsewhere. That scatter moves all readings of a run together, in a
-way that the arm's geometry gives; it is told apart from the noise of the readings, whose spectrum is pooled over bands.
-Where nothing was repeated both are assumed, and the answer says so.
+From run to run every joint and the ball lie a little elsewhere. That scatter moves all readings of a run together, in a
+way that the arm's geometry gives; repeated runs show it apart from the noise of the readings. The noise has one shape
+over the orders, pooled over all circles, and a level of its own in each run, for slow and for fine orders, and for sum
+and difference of the gauges. What was not repeated is assumed as wide as real cells have it (`analysis.noise.cell`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
+from analysis.diagnose.observed import ORDER_OF
 from analysis.fitting.observation import Observation, predicted, seen
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, moved
-from analysis.model.simulate import Noise as Cell
+from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from analysis.reading.tables import Integers, PoseTable
-from rigs.effects import JointOffset
 
-_ASSUMED_MM = {"circle": 0.0015, "target": 0.002, "pose": 0.04}
+SCATTER_DEG, SCATTER_MM = 0.0002, 0.001
+"""The scatter of joints and ball that `shaken_by` shows; all others are multiples of it."""
+_MULTIPLES = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0, 21.0, 34.0])
+"""Scatter that is looked for: up to the largest of real cells."""
+_BANDS = (0, 4, 8, 12, 18, 30, 50, 90, 150, len(ORDER_OF))
+"""Edges of the bands of orders in which the noise is pooled."""
+_SLOW = 30
+"""Orders below this share a level, and those above: servo ripple and path errors are slow, a probe's noise is not."""
+_SLOW_HALF = 5.0
+"""The order at which assumed slow noise has half its power: a correlation of 1.5 s along a lap of 45 s."""
 _LEAST_MM = 1e-5
-_WANDER, _SLOW = 12.0, 15.0
-"""Power of a good cell's wander at low orders, in that of the white noise, and the order at which it has half of it."""
-_FINE = 100
-"""Orders from here on are white noise alone."""
-_MULTIPLES = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 15.0)
-"""Scatter of joints and ball that is looked for, in that of a good cell."""
+_AGREEMENT = 4.0
+"""Degrees of freedom that all targets together lend to the variance of one: as many as real cells' scatter, different
+by a factor of ten between targets, makes likely (Smyth 2004)."""
+LEAST_ASSUMED = (TARGET_MM.low / TARGET_MM.rms) ** 2
+"""Of the power of noise that is assumed as wide as real cells have it: the least that they have."""
+POSE_MM = 0.04
+"""Scatter of a coordinate of a pose where nothing was visited twice: UR10, two visits (Landgraf et al. 2021)."""
 
 
 @dataclass(frozen=True)
-class RunNoise:
-    """sd_mm (N,): of each entry of one run, of an order (N,); joints, ball: scatter from run to run in that of a good
-    cell; measured: whether repeats told; averaged: what a circle's grid leaves of the power of white noise."""
+class Repeated:
+    """Repeated runs of one test and direction: rows (n, N) mm, what unit scatter does to them, (N, c) mm."""
 
-    sd_mm: Array
+    rows: Array
+    shaken: Array
+
+
+@dataclass(frozen=True)
+class CircleNoise:
+    """Noise of circles. sd_mm: for each block (n, N) of each run; joints, ball: scatter in multiples; measured: whether
+    it is from repeats."""
+
+    sd_mm: tuple[Array, ...]
     joints: float
     ball: float
     measured: bool
-    order: Integers
-    averaged: float
 
     def scatter(self, terms: int) -> Array:
         """(terms,): six joints, then the ball where it is one of them."""
@@ -48,53 +66,62 @@ class RunNoise:
 
 
 def shaken_by(model: Model, one: Observation, setup: SetUp) -> Array:
-    """What a good cell's scatter of each joint and of the ball adds to the readings, (m, k, 9) mm; for poses, whose
+    """What a unit scatter of each joint and of the ball adds to the readings, (m, k, 9) mm; for poses, whose
     instrument's place is fitted anyway, of the joints alone (m, 3, 6)."""
-    good = Cell()
+    from dataclasses import replace  # noqa: PLC0415
+
+    from rigs.effects import JointOffset  # noqa: PLC0415
+
     scene = moved(model, one.path)
     base = seen(model, one, scene, setup)
     columns = []
     for axis in range(1, 7):
-        offset = JointOffset(axis=axis, offset_deg=good.scatter_deg)
+        offset = JointOffset(axis=axis, offset_deg=SCATTER_DEG)
         columns.append(predicted(replace(model, effects=(*model.effects, offset)), one, setup) - base)
     if not isinstance(one.table, PoseTable):
-        steps = good.scatter_mm * np.eye(3)
+        steps = SCATTER_MM * np.eye(3)
         columns += [seen(model, one, scene, replace(setup, ball=setup.ball + step)) - base for step in steps]
     return np.stack(columns, axis=2)
 
 
-def noise_of(groups: Sequence[tuple[Array, Array]], order: Integers, bands: Sequence[int], averaged: float) -> RunNoise:
-    """Noise of circles. groups: residuals (n, N) mm of repeated runs and how scatter shows in them (N, 9) mm.
-
-    order (N,): cycles a lap of each entry, sum of the gauges first; bands: edges within which the noise is pooled.
-    """
-    repeated = [(rows - rows.mean(axis=0), _span(shaken), shaken) for rows, shaken in groups if len(rows) > 1]
+def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
+    """Noise of circles from their repeats; averaged: what a circle's grid leaves of the power of white noise."""
+    spans = [_span(group.shaken) for group in groups]
+    apart = [group.rows - group.rows.mean(axis=0) for group in groups]
+    own = [rows - (rows @ span) @ span.T for rows, span in zip(apart, spans, strict=True)]
+    free = [1 - (span**2).sum(axis=1) for span in spans]
+    repeated = [k for k, rows in enumerate(own) if len(rows) > 1]
     if not repeated:
-        # A slow wander makes the low orders several times as noisy as the high ones.
-        sd = _ASSUMED_MM["circle"] * np.sqrt(1 + _WANDER / (1 + (order / _SLOW) ** 2))
-        return RunNoise(sd, 1.0, 1.0, measured=False, order=order, averaged=averaged)
-    sd = _spectrum(repeated, order, bands)
-    joints, ball = _scatter([(apart, shaken) for apart, _, shaken in repeated], sd)
-    return RunNoise(sd, joints, ball, measured=True, order=order, averaged=averaged)
+        sd = _assumed(averaged)
+        joints, ball = JOINT_DEG.rms / SCATTER_DEG, BALL_MM.rms / SCATTER_MM
+        return CircleNoise(tuple(np.tile(sd, (len(rows), 1)) for rows in own), joints, ball, measured=False)
+    levels = {k: np.ones((len(own[k]), 4)) for k in repeated}
+    shape = np.ones(len(ORDER_OF))
+    for _ in range(3):
+        shape = _shape([own[k] / levels[k][:, _PART] for k in repeated], [free[k] for k in repeated])
+        levels = {k: _levels(own[k] / shape, free[k]) for k in repeated}
+    typical = np.sqrt(np.mean([np.mean(level**2, axis=0) for level in levels.values()], axis=0))
+    sd_mm = tuple(
+        np.maximum(shape * levels.get(k, np.tile(typical, (len(rows), 1)))[:, _PART], _LEAST_MM)
+        for k, rows in enumerate(own)
+    )
+    joints, ball = _scatter([(apart[k], groups[k].shaken, sd_mm[k]) for k in repeated])
+    return CircleNoise(sd_mm, joints, ball, measured=True)
 
 
-def reading_sd(rows: Array, shaken: Array, noise: RunNoise, rounding_deg: Array, *, poses: bool) -> Array:
-    """Standard deviation (N,) mm of readings at targets.
+_PART: Integers = np.asarray(
+    (np.arange(len(ORDER_OF)) >= len(ORDER_OF) // 2) * 2 + (ORDER_OF >= _SLOW), dtype=np.int64
+)
+"""Which of the four levels of a run an entry has."""
 
-    From repeats (n, N), or from the same gauges' circles with what the rounding of reported angles adds (by shaken
-    (N, c)), or assumed.
-    """
-    if len(rows) > 1:
-        apart = rows - rows.mean(axis=0)
-        pooled = float(np.sqrt((apart**2).sum() / ((len(rows) - 1) * rows.shape[1])))
-        return np.full(rows.shape[1], max(pooled, 10 * _LEAST_MM))
-    if poses or not noise.measured:
-        return np.full(rows.shape[1], _ASSUMED_MM["pose" if poses else "target"])
-    # Between two rows of a circle white noise is averaged; at a target it is not.
-    fine = float(np.mean(noise.sd_mm[noise.order >= _FINE] ** 2))
-    slow = float(np.mean(noise.sd_mm**2)) - fine
-    rounded = shaken[:, :6] * rounding_deg / Cell().scatter_deg
-    sd: Array = np.sqrt(max(slow, 0.0) + fine / noise.averaged + (rounded**2).sum(axis=1))
+
+def _assumed(averaged: float) -> Array:
+    """Standard deviation (N,) mm of the entries of one run, as wide as real cells have it."""
+    count = len(ORDER_OF) // 2
+    slow = 1 / (1 + (ORDER_OF / _SLOW_HALF) ** 2)
+    # A channel of `count` unitary entries holds `count` times the mean square of its readings.
+    slow *= SLOW_MM.rms**2 * count / slow[:count].sum()
+    sd: Array = np.sqrt(WHITE_MM.rms**2 * averaged + slow)
     return sd
 
 
@@ -104,39 +131,80 @@ def _span(columns: Array) -> Array:
     return np.asarray(left[:, size > 1e-3 * size[0]], dtype=float)
 
 
-def _spectrum(repeated: Sequence[tuple[Array, Array, Array]], order: Integers, bands: Sequence[int]) -> Array:
-    """Standard deviation (N,) mm by channel and band, of what scatter cannot have done."""
-    squares, freedom = np.zeros(len(order)), np.zeros(len(order))
-    for apart, span, _ in repeated:
-        own = apart - (apart @ span) @ span.T
-        squares += (own**2).sum(axis=0)
-        freedom += (len(apart) - 1) * (1 - (span**2).sum(axis=1))
-    sd = np.empty(len(order))
-    half = len(order) // 2
-    for channel in (np.arange(half), np.arange(half, len(order))):
-        for low, high in pairwise(bands):
-            band = channel[(order[channel] >= low) & (order[channel] < high)]
-            free = max(freedom[band].sum(), 1.0)
+def _shape(own: Sequence[Array], free: Sequence[Array]) -> Array:
+    """Standard deviation (N,) of runs at level one, by channel and band, of what scatter cannot have done."""
+    squares = sum((rows**2).sum(axis=0) for rows in own)
+    freedom = sum((len(rows) - 1) * share for rows, share in zip(own, free, strict=True))
+    shape, half = np.empty(len(ORDER_OF)), len(ORDER_OF) // 2
+    for channel in (np.arange(half), np.arange(half, len(ORDER_OF))):
+        for low, high in pairwise(_BANDS):
+            band = channel[(ORDER_OF[channel] >= low) & (ORDER_OF[channel] < high)]
+            free_here = max(np.asarray(freedom)[band].sum(), 1.0)
             # Few repeats leave a band's noise uncertain; a little more than its mean keeps the tails honest.
-            sd[band] = np.sqrt(squares[band].sum() / free * (1 + 2 / free))
-    return np.maximum(sd, _LEAST_MM)
+            shape[band] = np.sqrt(np.asarray(squares)[band].sum() / free_here * (1 + 2 / free_here))
+    return np.maximum(shape, _LEAST_MM)
 
 
-def _scatter(repeated: Sequence[tuple[Array, Array]], sd: Array) -> tuple[float, float]:
-    """The multiples of a good cell's scatter of joints and of ball that make the differences most likely."""
-    seen = []
-    for apart, shaken in repeated:
+def _levels(own: Array, free: Array) -> Array:
+    """Levels (n, 4) of repeated runs, from their deviations (n, N) from their mean over the noise's shape.
+
+    With variances σ_r² of n runs, the mean square q_r of what one is off their mean is σ_r² (1 - 2/n) + Σ σ²/n².
+    """
+    n = len(own)
+    q = np.stack([(own[:, _PART == part] ** 2).sum(axis=1) / free[_PART == part].sum() for part in range(4)], axis=1)
+    total = q.sum(axis=0) * n / (n - 1)
+    if n < 3:
+        return np.tile(np.sqrt(total / n), (n, 1))
+    each = (q - total / n**2) / (1 - 2 / n)
+    # The quietest of few runs can come out at nothing; none is less than a quarter of their mean level.
+    return np.sqrt(np.maximum(each, total / n / 16))
+
+
+def _scatter(repeated: Sequence[tuple[Array, Array, Array]]) -> tuple[float, float]:
+    """The multiples of joints and of ball that make the differences of repeats most likely; repeated: deviations
+    (n, N), what unit scatter does (N, 9), and the noise (n, N)."""
+    looked = []
+    for apart, shaken, each in repeated:
+        sd = np.sqrt((each**2).mean(axis=0))
         columns = shaken / sd[:, None]
         span = _span(columns)
         inside = span.T @ columns
-        Z = (apart / sd) @ span
-        seen.append((len(apart) - 1, Z, inside[:, :6] @ inside[:, :6].T, inside[:, 6:] @ inside[:, 6:].T))
+        joints, ball = inside[:, :6] @ inside[:, :6].T, inside[:, 6:] @ inside[:, 6:].T
+        looked.append((len(apart) - 1, (apart / sd) @ span, joints, ball))
 
-    def likelihood(multiples: tuple[float, float]) -> float:
+    def likelihood(joints: float, ball: float) -> float:
         total = 0.0
-        for freedom, Z, joints, ball in seen:
-            C = np.eye(len(joints)) + multiples[0] ** 2 * joints + multiples[1] ** 2 * ball
+        for freedom, Z, of_joints, of_ball in looked:
+            C = np.eye(len(of_joints)) + joints**2 * of_joints + ball**2 * of_ball
             total -= 0.5 * (freedom * np.linalg.slogdet(C)[1] + np.sum(Z * np.linalg.solve(C, Z.T).T))
         return float(total)
 
-    return max(((joints, ball) for joints in _MULTIPLES for ball in _MULTIPLES), key=likelihood)
+    pairs = [(joints, ball) for joints in _MULTIPLES for ball in _MULTIPLES]
+    evidence = np.array([likelihood(*pair) for pair in pairs])
+    weight = np.exp(evidence - evidence.max())
+    # Few repeats leave the scatter uncertain: its mean square over what is likely, not the likeliest.
+    joints, ball = np.sqrt(weight @ np.array(pairs) ** 2 / weight.sum())
+    return float(joints), float(ball)
+
+
+def target_sd(rows: Array, alike: NDArray[np.int64]) -> tuple[Array, bool]:
+    """Standard deviation (N,) mm of readings at targets, and whether repeats show it.
+
+    rows (n, N) mm: of repeated runs; alike (N,): a number that readings of the same place and approach share.
+    """
+    squares, freedom = np.zeros(rows.shape[1]), np.zeros(rows.shape[1])
+    away = []
+    for number in np.unique(alike):
+        here = np.flatnonzero(alike == number)
+        group = rows[:, here]
+        if group.size > 1:
+            off = (group - group.mean()) * np.sqrt(group.size / (group.size - 1))
+            away.append(off.ravel())
+            squares[here] = (off**2).sum() * (group.size - 1) / group.size
+            freedom[here] = group.size - 1
+    if not away:
+        return np.full(rows.shape[1], TARGET_MM.rms), False
+    # Heavy tails and outliers do not move a median; each target's own scatter then has its say.
+    common = max(1.4826 * float(np.median(np.abs(np.concatenate(away)))), 10 * _LEAST_MM)
+    sd: Array = np.sqrt((_AGREEMENT * common**2 + squares) / (_AGREEMENT + freedom))
+    return sd, True

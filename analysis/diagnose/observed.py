@@ -10,6 +10,7 @@ from analysis.diagnose.rounding import smooth
 from analysis.fitting.observation import Observation, observe
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model
+from analysis.noise.readings import is_wild
 from analysis.reading.laps import laps_of
 from analysis.reading.tables import CircleTable, Integers, Table
 
@@ -18,8 +19,8 @@ GRID = 512
 ORDERS = GRID // 2
 ORDER_OF: Integers = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arange(1, ORDERS)]), 2)
 """The order of each entry of a circle's vector: first those of the sum of the gauges, then of their difference."""
-_ROWS = 1.5
-"""Rows of a lap for each angle of the grid that are enough to tell what an effect adds."""
+_ROWS = 2 * GRID
+"""Rows of a lap that are enough for its orders: those of a quicker gauge are averaged."""
 _STANDS = 0.02
 """Share of the lap's median speed below which the robot stands."""
 _LEAST_STAND = 3
@@ -94,13 +95,11 @@ def _difference(values: Array) -> Array:
 
 @dataclass(frozen=True)
 class Seen:
-    """One run. model: of its own rig file; one: its observation, smooth, the rows of stands behind those of the lap;
-    rounding_deg (6,): steps of the reported angles."""
+    """One run. model: of its own rig file; one: its observation, smooth, the rows of stands behind those of the lap."""
 
     model: Model
     one: Observation
     sampling: Sampling | None
-    rounding_deg: Array
 
     @property
     def name(self) -> str:
@@ -111,33 +110,41 @@ class Seen:
 
 def see(model: Model, table: Table, where: str) -> Seen:
     """A run's table. Raises FileError for a circle that is none."""
-    smoothed = smooth(observe(model, table, where))
-    one = smoothed.observation
     if not isinstance(table, CircleTable):
-        return Seen(model, one, None, smoothed.rounding_deg)
+        return Seen(model, observe(model, table, where), None)
+    table = averaged(calm(table), _rows_a_lap(table, model, where) // _ROWS)
+    one = smooth(observe(model, table, where))
     sampling, rows = _sampled(table, model, one, where)
-    return Seen(model, replace(one, rows=rows, values=table.g_mm[rows]), sampling, smoothed.rounding_deg)
+    return Seen(model, replace(one, rows=rows, values=table.g_mm[rows]), sampling)
 
 
-def thinned(run: Seen) -> Seen:
-    """A circle with no more rows of its lap than the grid needs: what effects add is smooth, and asked for often."""
-    if run.sampling is None:
-        return run
-    laps = len(run.sampling.share)
-    if (step := int(len(run.sampling.phi) / (_ROWS * GRID * laps))) < 2:
-        return run
-    one, path = run.one, run.one.path
-    lap = one.rows[: len(run.sampling.phi)]
-    kept = np.ones(len(path.t_s), dtype=bool)
-    kept[lap] = False
-    kept[lap[::step]] = True
-    number = np.cumsum(kept) - 1
-    rows = np.concatenate([lap[::step], one.rows[len(lap) :]])
-    thin = replace(path, t_s=path.t_s[kept], q=path.q[kept], rows=number[path.rows[kept[path.rows]]])
-    phi, less = run.sampling.phi[::step], len(lap) - len(lap[::step])
-    sampling = _sampling(phi, tuple(stand - less for stand in run.sampling.stands), run.sampling.stand_share)
-    values = np.concatenate([one.values[: len(lap) : step], one.values[len(lap) :]])
-    return replace(run, one=replace(one, path=thin, rows=number[rows], values=values), sampling=sampling)
+def calm(table: CircleTable) -> CircleTable:
+    """A circle whose wild readings follow their neighbours."""
+    g_mm = table.g_mm.copy()
+    for gauge in g_mm.T:
+        wild = is_wild(gauge)
+        if wild.any() and not wild.all():
+            gauge[wild] = np.interp(table.t_s[wild], table.t_s[~wild], gauge[~wild])
+    return replace(table, g_mm=g_mm)
+
+
+def averaged(table: CircleTable, count: int) -> CircleTable:
+    """A circle with the means of each `count` rows in the place of these, so that cost does not grow with the rate of a
+    gauge; the last rows that make no whole mean are left out."""
+    if count < 2:
+        return table
+    whole = len(table.t_s) // count * count
+
+    def means(values: Array) -> Array:
+        mean: Array = values[:whole].reshape(-1, count, *values.shape[1:]).mean(axis=1)
+        return mean
+
+    return replace(table, t_s=means(table.t_s), q=means(table.q), g_mm=means(table.g_mm), u_t_s=None)
+
+
+def _rows_a_lap(table: CircleTable, model: Model, where: str) -> int:
+    laps = laps_of(table, model.rig, where)
+    return len(laps.phi) // laps.count
 
 
 def _sampled(table: CircleTable, model: Model, one: Observation, where: str) -> tuple[Sampling, Integers]:

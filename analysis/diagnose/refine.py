@@ -1,8 +1,8 @@
-"""Sizes and shapes of named effects on the simulator, by Gauss-Newton, all others there as a healthy arm has them.
+"""Sizes and shapes of named effects on the simulator, by Gauss-Newton, all else there as the background has it.
 
 A right name in a wrong form would draw other names to mend it: so each effect's shape (how gradual a play is crossed, a
-third harmonic, the order of a gear, a decay) is fitted with its size, held by what is plausible. The set-ups are fitted
-with them, and exactly: a large effect moves the ball that a fit without it had found.
+third harmonic, the order of a gear, a decay) is fitted with its size, held by what is plausible; and what stands beside
+an effect because no gear, ball or brake is ideal (`forms`) is allowed for in proportion to it.
 """
 
 from __future__ import annotations
@@ -12,29 +12,18 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analysis.diagnose.evidence import WIDE, Background
+from analysis.diagnose.background import LARGEST, Background, Known
 from analysis.diagnose.forms import form_columns
-from analysis.diagnose.linear import Linear, basis_of
+from analysis.diagnose.linear import Linear
 from analysis.kinematics.arm import Array
-from analysis.model.predict import SetUp
 from rigs.effects import Effect, bounds, healthy_size, size_field
 
-_ROUNDS = 10
+_ROUNDS = 8
+_TRIES = 5
 _FURTHEST = 4.0
-_SETTLING = 6
-_LARGE = 4.0
-"""Chi-square a reading from which on effects are large enough to turn what set-ups can do."""
-_TURNS = 2
-_STEP_MM = 2.0
-"""No step of a set-up goes further, for a ball's height knows no bound."""
-_SETTLED_MM = 5e-4
 _ENOUGH = 0.02
 """Half a chi-square that a round must gain to go on."""
-_STANDS_MM = 1.0
-"""How far a ball or an instrument may be from where the first fit has it: decides only what the readings hardly tell,
-such as a ball's height."""
 _SHAPES: dict[str, dict[str, tuple[float, float]]] = {
     "backlash": {"transit": (0.2, 0.4), "preload": (0.0, 0.15)},
     "transmission_error": {"third": (0.0, 0.3)},
@@ -63,27 +52,30 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Refined:
-    """Effects with fitted sizes and shapes.
-
-    unknowns, their values (q,) and covariance (q, q), and which of them (q,) are free: not at a bound of what they may
-    be; left (N,): what stays of the residual, in standard deviations; tangents (N, q): what a little more of each
-    unknown would add; setups; evidence: log of it by Laplace, over nothing named, no prices paid.
-    """
+    """Effects with fitted sizes and shapes. unknowns, their values (q,) and covariance (q, q); left (N,): what they
+    leave of the readings, in standard deviations, set-ups and all else as they were; tangents (N, q): what a little
+    more of each unknown would add; departures (N, f): what may stand beside them, one standard deviation each."""
 
     effects: tuple[Effect, ...]
     unknowns: tuple[Unknown, ...]
     values: Array
     covariance: Array
-    free: NDArray[np.bool_]
     left: Array
     tangents: Array
-    setups: dict[str, SetUp]
-    evidence: float
+    departures: Array
 
     def sd(self, effect: int) -> dict[str, float]:
         """Standard uncertainty of each fitted parameter of one effect."""
         sds = np.sqrt(np.diag(self.covariance))
         return {u.field: float(sd) for u, sd in zip(self.unknowns, sds, strict=True) if u.effect == effect}
+
+    @property
+    def known(self) -> Known:
+        """What is known beside the background, about these values."""
+        precision = [unknown.spread**-2 for unknown in self.unknowns] + [1.0] * self.departures.shape[1]
+        away = np.array([unknown.expected for unknown in self.unknowns]) - self.values
+        T = np.concatenate([self.tangents, self.departures], axis=1)
+        return Known(self.left, T, np.diag(precision), np.concatenate([away, np.zeros(self.departures.shape[1])]))
 
 
 def refine(linear: Linear, background: Background, effects: Sequence[Effect]) -> Refined:
@@ -93,47 +85,38 @@ def refine(linear: Linear, background: Background, effects: Sequence[Effect]) ->
 
 class _Problem:
     def __init__(self, linear: Linear, background: Background, effects: Sequence[Effect]) -> None:
-        forms = form_columns(linear, effects)
-        self.linear, self.background = linear, background.beside(forms)
-        self._plain, self._forms = background, forms
-        self.unknowns = _unknowns(linear, effects)
+        self.linear, self.background = linear, background
+        self.forms = form_columns(linear, effects)
+        self.unknowns = _unknowns(effects)
         self.expected = np.array([u.expected for u in self.unknowns])
         self.spread = np.array([u.spread for u in self.unknowns])
-        self._held = np.where(linear.stands, 1 / _STANDS_MM**2, 1e-9)
-        self._about(linear.U)
+        own = background.product(self.forms, self.forms)
+        own[np.diag_indices_from(own)] += 1.0
+        self._inverse = np.linalg.inv(own)
 
-    def _about(self, U: Array) -> None:
-        """Take what set-ups can do to be U (N, s)."""
-        self._U, self._normal, self._basis = U, U.T @ U, basis_of(U)
-
-    def _projected(self, columns: Array) -> Array:
-        return columns - self._basis @ (self._basis.T @ columns)
+    def _product(self, left: Array, right: Array) -> Array:
+        """left' (C + FF')⁻¹ right, F what may stand beside the effects."""
+        across = self.background.product(self.forms, right)
+        found: Array = self.background.product(left, right)
+        if self.forms.shape[1]:
+            found = found - self.background.product(left, self.forms) @ self._inverse @ across
+        return found
 
     def solved(self, effects: Sequence[Effect]) -> Refined:
-        """Fitted from where effects are; large ones turn what set-ups can do, so that is found anew on the way."""
+        """Levenberg's damping, within the bounds of what the parameters may be."""
         now: list[Any] = list(effects)
-        _, plain = self._settled([], np.zeros(len(self._held)))
-        whole = self._plain.chi2(plain)
-        large = bool(now) and float(np.mean(plain**2)) > _LARGE
-        moved = np.zeros(len(self._held))
-        for _ in range(_TURNS if large else 0):
-            moved, _ = self._settled(now, moved)
-            self._about(self.linear.setup_columns(now, self.linear.placed(moved)))
-        return self._solved(now, whole, moved)
-
-    def _solved(self, now: list[Any], whole: float, moved: Array) -> Refined:
         x = np.array([float(getattr(now[u.effect], u.field)) for u in self.unknowns])
-        moved, r = self._settled(now, moved)
+        r = self.linear.left(now)
         cost, damping = self._cost(r, x), 1e-4
-        for _ in range(_ROUNDS):
+        for _ in range(_ROUNDS if now else 0):
             J = self._slopes(now)
-            H = self.background.product(J, J) + np.diag(1 / self.spread**2)
-            gradient = self.background.product(J, r[:, None])[:, 0] - (x - self.expected) / self.spread**2
-            for _ in range(5):
+            H = self._product(J, J) + np.diag(1 / self.spread**2)
+            gradient = self._product(J, r[:, None])[:, 0] - (x - self.expected) / self.spread**2
+            for _ in range(_TRIES):
                 step = np.linalg.solve(H + damping * np.diag(np.diag(H)), gradient)
                 tried = self._bounded(now, x + step)
                 there = self._with(now, tried)
-                there_moved, there_r = self._settled(there, moved)
+                there_r = self.linear.left(there)
                 there_cost = self._cost(there_r, tried)
                 if there_cost < cost:
                     break
@@ -141,47 +124,26 @@ class _Problem:
             else:
                 break
             gained = cost - there_cost
-            x, now, moved, r, cost, damping = tried, there, there_moved, there_r, there_cost, damping / 10
+            x, now, r, cost, damping = tried, there, there_r, there_cost, damping / 10
             if gained < _ENOUGH:
                 break
         J = self._slopes(now)
-        H = self.background.product(J, J) + np.diag(1 / self.spread**2)
-        occam = np.linalg.slogdet(H)[1] + 2 * np.log(self.spread).sum() + self.background.logdet - self._plain.logdet
-        covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
-        evidence = 0.5 * (whole - cost) - 0.5 * float(occam)
-        r = r - self._forms @ (self._forms.T @ self.background.weighted(r))
-        limits = np.array([self._limits(now, unknown) for unknown in self.unknowns]).reshape(-1, 2)
-        free = (x > limits[:, 0]) & (x < limits[:, 1])
-        return Refined(tuple(now), tuple(self.unknowns), x, covariance, free, r, J, self.linear.placed(moved), evidence)
-
-    def _settled(self, effects: Sequence[Effect], moved: Array) -> tuple[Array, Array]:
-        """Set-ups fitted to what effects leave, as how far (s,) mm they moved, and what is left without what they could
-        still do."""
-        left = self.linear.leaving(effects)
-        for _ in range(_SETTLING):
-            r = left(self.linear.placed(moved))
-            held = self._held * max(1.0, float(np.mean(r**2)))
-            change = np.linalg.solve(self._normal + np.diag(held), self._U.T @ r - held * moved)
-            if np.abs(change).max() < _SETTLED_MM:
-                break
-            moved = moved + change * min(1.0, _STEP_MM / np.abs(change).max())
-        else:
-            r = left(self.linear.placed(moved))
-        return moved, self._projected(r)
+        H = self._product(J, J) + np.diag(1 / self.spread**2)
+        return Refined(tuple(now), tuple(self.unknowns), x, np.linalg.inv(H), r, J, self.forms)
 
     def _cost(self, r: Array, x: Array) -> float:
-        chi2 = self.background.chi2(r)
-        return chi2 + float((((x - self.expected) / self.spread) ** 2).sum())
+        return float(self._product(r, r)) + float((((x - self.expected) / self.spread) ** 2).sum())
 
     def _slopes(self, effects: Sequence[Any]) -> Array:
-        """Derivatives (N, q) of what effects add, set-up terms projected out: one effect at a time, since they add."""
-        steps = [_step(effects[unknown.effect], unknown) for unknown in self.unknowns]
+        """Derivatives (N, q) of what effects add: one effect at a time, since they add."""
+        steps = np.array([_step(effects[unknown.effect], unknown) for unknown in self.unknowns])
         changed = [
             effects[u.effect].model_copy(update={u.field: float(getattr(effects[u.effect], u.field)) + step})
             for u, step in zip(self.unknowns, steps, strict=True)
         ]
-        base = self.linear.raw(effects)[:, [u.effect for u in self.unknowns]]
-        return self._projected((self.linear.raw(changed) - base) / steps)
+        base = self.linear.columns(effects)[:, [u.effect for u in self.unknowns]]
+        slopes: Array = (self.linear.columns(changed) - base) / steps
+        return slopes
 
     def _bounded(self, effects: Sequence[Any], x: Array) -> Array:
         held = x.copy()
@@ -210,16 +172,11 @@ class _Problem:
         return made
 
 
-def _unknowns(linear: Linear, effects: Sequence[Effect]) -> list[Unknown]:
+def _unknowns(effects: Sequence[Effect]) -> list[Unknown]:
     """What is to be found of some effects."""
     found = []
-    sigma = np.linalg.norm(linear.columns(effects), axis=0)
     for k, effect in enumerate(effects):
-        field = size_field(effect)
-        size = abs(float(getattr(effect, field)))
-        # As wide as the evidence has it: 35 sigma, or the effect's own size.
-        spread = size * np.hypot(1.0, WIDE / max(float(sigma[k]), 1e-9))
-        found.append(Unknown(k, field, 0.0, max(spread, 1e-12)))
+        found.append(Unknown(k, size_field(effect), 0.0, LARGEST * healthy_size(effect)))
         if hasattr(effect, "phase_deg"):
             found.append(Unknown(k, "phase_deg", effect.phase_deg, 360.0))
         if effect.effect in _STRETCHED:

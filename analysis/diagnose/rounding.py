@@ -7,7 +7,7 @@ smoothly, so along its lap a local parabola over a fifth of a second to both sid
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,24 +18,15 @@ from analysis.reading.tables import CircleTable
 _HALF_S = 0.2
 
 
-@dataclass(frozen=True)
-class Smooth:
-    """An observation whose path is smooth, and rounding (6,) deg: standard deviation of what was taken off."""
-
-    observation: Observation
-    rounding_deg: Array
-
-
-def smooth(one: Observation) -> Smooth:
+def smooth(one: Observation) -> Observation:
     """A circle with its path smoothed; anything else as it is."""
     if not isinstance(one.table, CircleTable):
-        return Smooth(one, np.zeros(6))
+        return one
     # Where the robot starts and stops a parabola would swing over, and turn joints back that do not: laps alone.
     laps = one.path.rows[one.rows]
     q = one.path.q.copy()
     q[laps] = _parabolas(one.path.t_s, one.path.q)[laps]
-    off = np.degrees(np.std((one.path.q - q)[one.path.rows[one.rows]], axis=0))
-    return Smooth(replace(one, path=replace(one.path, q=q)), np.asarray(off))
+    return replace(one, path=replace(one.path, q=q))
 
 
 def _parabolas(t_s: Array, q: Array) -> Array:

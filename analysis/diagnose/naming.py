@@ -1,0 +1,330 @@
+"""Which names explain the readings: names, a healthy arm's gears and what no effect explains compete by evidence.
+
+Each round the best of three is added: a form as a fault, a form as the one gear (or spike) that a healthy arm shows of
+its name, and a strength of its own for what one test leaves. Names that no longer pay are dropped; sizes and shapes of
+names are fitted on the simulator before the next is looked for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from analysis.diagnose.background import LARGEST, Background, Posterior, fault_sizes
+from analysis.diagnose.noise import LEAST_ASSUMED
+from analysis.diagnose.candidates import name_of
+from analysis.diagnose.columns import Columns, Form
+from analysis.diagnose.linear import Linear
+from analysis.diagnose.refine import Refined, refine
+from analysis.kinematics.arm import Array
+from rigs.effects import Effect, healthy_size, size_field
+
+FAULTS = 2.0
+"""Names that an arm which somebody diagnoses may have, before anything is measured."""
+DEPTH = 24
+"""Most names: real arms that nobody calibrated have 9 to 14."""
+_ROUNDS = 60
+_BAND_PRICE, _TARGET_PRICE = 3.0, 8.0
+"""Log evidence that a strength of its own must win in a band of orders, and at targets, where tails are heavy."""
+_TAIL = 4.0
+"""Degrees of freedom of readings at targets, as robust weights have it."""
+_LEVELS = np.geomspace(0.003, 8.0, 80)
+"""Levels of a background that are tried."""
+_LEVEL_TAIL = 4.0
+_LEVEL_SPREAD = 1.4
+"""Of the logarithm of a level about that of a healthy arm: a factor of four either way."""
+_NEAR_ORDER = 1.15
+"""Orders of one gear nearer than this are one wave."""
+_NEAR = 10.0
+"""Log evidence behind a name within which its rivals are fitted on the simulator."""
+_SWAPS = 4
+_RIVALS = 4
+_MISSED = 0.9
+"""Share of a name's evidence at which a rival's linear form, not fitted yet, is tried."""
+
+
+@dataclass(frozen=True)
+class Rivalry:
+    """A name beside its rivals: log evidence for the name; rivals, best first, with their own; odds of the name, and of
+    each rival."""
+
+    gain: float
+    odds: float
+    rivals: tuple[tuple[State, float], ...]
+
+
+@dataclass(frozen=True)
+class State:
+    """What is taken to be there. effects: named, fitted; picks: forms that a healthy arm shows alone of their name;
+    level of the background; strength (b,) of what is left in each band, over noise; weight (N,) of readings."""
+
+    refined: Refined
+    picks: frozenset[int] = frozenset()
+    level: float = 1.0
+    strength: Array = field(default_factory=lambda: np.ones(0))
+    robust: Array = field(default_factory=lambda: np.ones(0))
+
+
+class Naming:
+    """Names for what one linearisation leaves."""
+
+    def __init__(self, linear: Linear, columns: Columns, depth: int = DEPTH) -> None:
+        self.linear, self.columns, self.depth = linear, columns, depth
+        names = dict.fromkeys(form.name for form in columns.forms)
+        self.prior = float(np.log(FAULTS / len(names)))
+        self._among = np.log([form.among for form in columns.forms])
+        assumed = np.concatenate([np.full(len(b.y_mm), not b.measured) for b in linear.blocks])
+        self._least = np.where(np.bincount(columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
+        self._targets = np.concatenate([np.full(len(b.y_mm), b.sampling is None) for b in linear.blocks])
+
+    def explained(self, effects: Sequence[Effect] = ()) -> tuple[State, Posterior]:
+        """The names that pay, beginning with some."""
+        ones = np.ones(len(self.columns.count))
+        state = State(self._empty(), strength=ones, robust=np.ones(len(self.linear.y)))
+        state = replace(state, refined=refine(self.linear, self._background(state), effects))
+        for _ in range(_ROUNDS):
+            state, posterior = self._settled(state)
+            changed = self._dropped(state, posterior) or self._grown(state, posterior)
+            if changed is None:
+                break
+            state = changed
+        return self._settled(self.fitted(state, state.refined.effects))
+
+    def defended(self, state: State, posterior: Posterior) -> tuple[State, Posterior, tuple[Rivalry, ...]]:
+        """Each name held against its rivals; one that does better takes its place, and names are looked for again."""
+        for _ in range(_SWAPS):
+            rivalries = []
+            for place in range(len(state.refined.effects)):
+                one = self.rivalry(state, posterior, place)
+                rivalries.append(one)
+                if one.rivals and one.rivals[0][1] > one.odds:
+                    state, posterior = self.explained(one.rivals[0][0].refined.effects)
+                    break
+            else:
+                return state, posterior, tuple(rivalries)
+        every = range(len(state.refined.effects))
+        return state, posterior, tuple(self.rivalry(state, posterior, place) for place in every)
+
+    def _empty(self) -> Refined:
+        none = np.empty((len(self.linear.y), 0))
+        return Refined((), (), np.empty(0), np.empty((0, 0)), self.linear.y, none, none)
+
+    def _background(self, state: State) -> Background:
+        columns = self.columns
+        variance = columns.variance(state.level)
+        for k in state.picks:
+            form = columns.forms[k]
+            variance[list(form.columns)] = state.level**2 / len(form.columns)
+        for form in columns.forms:
+            if any(is_same(form, effect) for effect in state.refined.effects):
+                variance[list(form.columns)] = 0.0
+        return Background(columns, state.robust / state.strength[columns.band], variance)
+
+    def _settled(self, state: State) -> tuple[State, Posterior]:
+        """Level, strengths and robust weights as likely as what is taken to be there makes them."""
+        for _ in range(2):
+            posterior = self._background(state).posterior(state.refined.known)
+            state = replace(
+                state, level=self._level(state, posterior), strength=self._strength(state, posterior),
+                robust=self._robust(posterior),
+            )  # fmt: skip
+        return state, self._background(state).posterior(state.refined.known)
+
+    def _level(self, state: State, posterior: Posterior) -> float:
+        """Of the background: the mean square of its coefficients over their freedom; faults not yet named have little
+        weight in it."""
+        columns, variance = self.columns, posterior.background.variance
+        picked = [c for k in state.picks for c in columns.forms[k].columns]
+        there = (columns.healthy > 0) & (variance > 0)
+        there[picked] = False
+        healthy = columns.healthy[there]
+        freedom = np.clip(1 - np.diag(posterior.A)[there] / variance[there], 0.0, 1.0)
+        squares = posterior.mean[there] ** 2 / healthy
+        weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(freedom, 1e-3) / state.level**2)
+        likely = -freedom.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
+        likely -= np.log(_LEVELS) ** 2 / (2 * _LEVEL_SPREAD**2)
+        return float(_LEVELS[np.argmax(likely)])
+
+    def _robust(self, posterior: Posterior) -> Array:
+        """Weights (N,) of readings: at targets as Student's law has them, elsewhere 1."""
+        weight, targets = np.ones(len(self._targets)), self._targets
+        if targets.any():
+            left = posterior.left[targets]
+            scale = max(1.0, 1.4826 * float(np.median(np.abs(left))))
+            weight[targets] = np.minimum(1.0, (_TAIL + 1) / (_TAIL + (left / scale) ** 2))
+        return weight
+
+    def _energy(self, state: State, posterior: Posterior) -> tuple[Array, Array]:
+        """By band: energy that is left, robust, and how many readings are free to leave it."""
+        columns = self.columns
+        energy = np.bincount(columns.band, posterior.background.weight * state.strength[columns.band] * posterior.left**2)
+        spent = np.einsum("bij,ji->b", columns.K, posterior.A) / state.strength
+        return energy, np.maximum(columns.count - spent, 0.25 * columns.count)
+
+    def _strength(self, state: State, posterior: Posterior) -> Array:
+        """Of bands that have one of their own: as much as is left. Noise that is assumed, and so wide, may be less."""
+        energy, free = self._energy(state, posterior)
+        ratio = energy / free
+        return np.where(state.strength > 1, np.maximum(ratio, 1.0 + 1e-9), np.clip(ratio, self._least, 1.0))
+
+    def _dropped(self, state: State, posterior: Posterior) -> State | None:
+        """Without the name that pays least, if one does not pay."""
+        gains = [self.gain_of(state, posterior, k) for k in range(len(state.refined.effects))]
+        if not gains or min(gains) >= 0:
+            return None
+        return self.without(state, int(np.argmin(gains)))
+
+    def gain_of(self, state: State, posterior: Posterior, place: int) -> float:
+        """Log evidence for a name over its healthy share, by the cavity of its size, prices paid."""
+        refined = state.refined
+        effect = refined.effects[place]
+        row = next(k for k, u in enumerate(refined.unknowns) if u.effect == place)
+        healthy, variance = healthy_size(effect), posterior.known_covariance[row, row]
+        precision = max(1 / variance - refined.unknowns[row].spread ** -2, 0.0) * healthy**2
+        eta = (refined.values[row] + posterior.known[row]) / variance * healthy
+        forms = [form for form in self.columns.forms if form.name == name_of(effect)]
+        fault = _normal(precision, eta, fault_sizes(state.level) ** 2)
+        top = float(fault.max())
+        fault_mean = top + float(np.log(np.exp(fault - top).mean()))
+        among = max(len(forms), 1)
+        return fault_mean - float(_normal(precision, eta, np.array([state.level**2]))[0]) + self.prior - float(np.log(among))
+
+    def without(self, state: State, place: int) -> State:
+        """Without one name, the others fitted again."""
+        rest = [effect for k, effect in enumerate(state.refined.effects) if k != place]
+        state = replace(state, refined=self._empty()) if not rest else state
+        bare = replace(state, refined=replace(state.refined, effects=tuple(rest)))
+        return replace(state, refined=refine(self.linear, self._background(bare), rest))
+
+    def _grown(self, state: State, posterior: Posterior) -> State | None:
+        """With the best of a name, of a healthy arm's single form and of a strength of its own, if one pays."""
+        forms = self.columns.forms
+        fault, pick, _ = posterior.gains(forms, state.level)
+        fault = fault + self.prior - self._among
+        pick = np.where((self._among > 0) & [len(form.columns) == 2 for form in forms], pick - self._among, -np.inf)
+        pick[list(state.picks)] = -np.inf
+        if len(state.refined.effects) >= self.depth:
+            fault[:] = -np.inf
+        test, own = self._strongest(state, posterior)
+        best = max(float(fault.max()), float(pick.max()), own)
+        if best <= 0:
+            return None
+        if own == best:
+            return self._with_strength(state, posterior, test)
+        if float(fault.max()) < best:
+            return replace(state, picks=state.picks | {int(np.argmax(pick))})
+        return self._named(state, posterior, forms[int(np.argmax(fault))])
+
+    def _named(self, state: State, posterior: Posterior, form: Form) -> State:
+        effects = (*state.refined.effects, started(form, posterior.size(form)))
+        return self.fitted(state, effects)
+
+    def fitted(self, state: State, effects: Sequence[Effect]) -> State:
+        """With some names, fitted together."""
+        picks = frozenset(
+            k for k in state.picks if not any(is_same(self.columns.forms[k], effect) for effect in effects)
+        )
+        bare = replace(state, picks=picks, refined=replace(self._empty(), effects=tuple(effects)))
+        return replace(bare, refined=refine(self.linear, self._background(bare), effects))
+
+    def _gain_of_bands(self, state: State, posterior: Posterior) -> Array:
+        """Log evidence (b,) for a strength of its own in each band that has none."""
+        energy, free = self._energy(state, posterior)
+        ratio = np.maximum(energy / free, 1.0)
+        targets = np.bincount(self.columns.band, self._targets) > 0
+        gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - np.where(targets, _TARGET_PRICE, _BAND_PRICE)
+        return np.where(state.strength > 1, 0.0, np.maximum(gain, 0.0))
+
+    def _strongest(self, state: State, posterior: Posterior) -> tuple[int, float]:
+        """The test for which strengths of its own win most, and how much."""
+        gains = self._gain_of_bands(state, posterior)
+        by_test = np.bincount(self.columns.test, gains)
+        test = int(np.argmax(by_test))
+        return test, float(by_test[test]) or -np.inf
+
+    def _with_strength(self, state: State, posterior: Posterior, test: int) -> State:
+        energy, free = self._energy(state, posterior)
+        own = (self._gain_of_bands(state, posterior) > 0) & (self.columns.test == test)
+        return replace(state, strength=np.where(own, np.maximum(energy / free, 1.0 + 1e-9), state.strength))
+
+    def evidence(self, state: State) -> float:
+        """Log evidence of what is taken to be there, prices of the names paid, but for a constant."""
+        background, known = self._background(state), state.refined.known
+        T, r = known.T, known.r
+        normal = background.product(T, T) + known.precision
+        right = background.product(T, r) + known.precision @ known.mean
+        cost = float(background.product(r, r)) + float(known.mean @ known.precision @ known.mean)
+        cost -= float(right @ np.linalg.solve(normal, right))
+        occam = np.linalg.slogdet(normal)[1] - np.linalg.slogdet(known.precision)[1] + background.logdet
+        return -0.5 * (cost + float(occam)) + sum(self._price(effect, state.level) for effect in state.refined.effects)
+
+    def _price(self, effect: Effect, level: float) -> float:
+        """Log odds of a name beforehand, of its form among its forms, and of its size over the fit's wide prior."""
+        among = sum(form.name == name_of(effect) for form in self.columns.forms) or 1
+        size = float(getattr(effect, size_field(effect))) / healthy_size(effect)
+        sizes = fault_sizes(level)
+        likely = np.exp(-0.5 * (size / sizes) ** 2) / sizes
+        wide = -0.5 * (size / LARGEST) ** 2 - np.log(LARGEST)
+        return self.prior - float(np.log(among)) + float(np.log(likely.mean() + 1e-300)) - float(wide)
+
+    def rivalry(self, state: State, posterior: Posterior, place: int) -> Rivalry:
+        """A name against what could stand in its place: what explains no less without it, and nothing beside it."""
+        forms, effect = self.columns.forms, state.refined.effects[place]
+        beside = posterior.gains(forms, state.level)[0] + self.prior - self._among
+        rest = self.without(state, place)
+        bare = self.evidence(rest)
+        gain = self.evidence(state) - bare
+        alone_posterior = self._background(rest).posterior(rest.refined.known)
+        alone = alone_posterior.gains(forms, state.level)[0] + self.prior - self._among
+        score = alone - np.maximum(beside, 0.0)
+        rivals: list[tuple[State, float]] = []
+        seen: set[str] = set()
+        for k in np.argsort(-score):
+            if len(rivals) == _RIVALS or not score[k] > min(gain - _NEAR, _MISSED * gain):
+                break
+            if forms[k].name in seen or is_same(forms[k], effect):
+                continue
+            tried = self.fitted(rest, [*rest.refined.effects, started(forms[k], alone_posterior.size(forms[k]))])
+            if is_alike(tried.refined.effects[-1], effect):
+                continue
+            seen.add(forms[k].name)
+            rivals.append((tried, self.evidence(tried) - bare - max(float(beside[k]), 0.0)))
+        scores = np.array([gain, 0.0, *(own for _, own in rivals)])
+        weight = np.exp(scores - scores.max())
+        odds = weight / weight.sum()
+        order = np.argsort(-odds[2:])
+        return Rivalry(gain, float(odds[0]), tuple((rivals[k][0], float(odds[2 + k])) for k in order))
+
+
+def started(form: Form, size: Array) -> Effect:
+    """A form as an effect of a size given by its coefficients, in healthy sizes."""
+    effect: Any = form.effects[0]
+    field_name, healthy = size_field(effect), healthy_size(effect)
+    if len(size) == 2:
+        phase = float(np.degrees(np.arctan2(size[1], size[0])))
+        made: Effect = effect.model_copy(update={field_name: float(np.hypot(*size)) * healthy, "phase_deg": phase})
+        return made
+    made = effect.model_copy(update={field_name: float(size[0]) * healthy})
+    return made
+
+
+def is_same(form: Form, effect: Effect) -> bool:
+    """Whether a form is another way of the same name to show; waves of other orders are not."""
+    return is_alike(form.effects[0], effect)
+
+
+def is_alike(one: Effect, effect: Effect) -> bool:
+    """Whether two effects are the same name in other sizes and shapes; waves of other orders are not."""
+    if name_of(one) != name_of(effect):
+        return False
+    order, other = getattr(one, "order", None), getattr(effect, "order", None)
+    return order is None or other is None or max(order, other) / min(order, other) < _NEAR_ORDER
+
+
+def _normal(precision: float, eta: float, variance: Array) -> Array:
+    """F(V) of one coefficient, for several V."""
+    found: Array = 0.5 * (eta**2 / (precision + 1 / variance) - np.log1p(variance * precision))
+    return found
