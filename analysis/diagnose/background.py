@@ -16,11 +16,9 @@ from functools import cached_property
 
 import numpy as np
 
-from analysis.diagnose.columns import Columns, Form
+from analysis.diagnose.columns import LARGEST, Columns, Form
 from analysis.kinematics.arm import Array
 
-LARGEST = 68.0
-"""Of a fault, in healthy sizes."""
 _LEAST = 6.0
 """Of a fault, in what the arm at hand shows of everything: a fault is 5 to 100 times as large."""
 _APART = 1.85
@@ -75,10 +73,14 @@ class Background:
         right = self._root.reshape(-1, *[1] * (values.ndim - 1)) * (self._WX.T @ values)
         return np.asarray(solve_triangular(self._chol, right, lower=True, check_finite=False), dtype=float)
 
-    def product(self, left: Array, right: Array) -> Array:
-        """left' C⁻¹ right."""
-        weighted = self.weight.reshape(-1, *[1] * (right.ndim - 1)) * right
-        found: Array = left.T @ weighted - self.halved(left).T @ self.halved(right)
+    def solved(self, values: Array) -> Array:
+        """C⁻¹ values, (N, …)."""
+        from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+
+        tail = [1] * (values.ndim - 1)
+        back = solve_triangular(self._chol, self.halved(values), lower=True, trans=1, check_finite=False)
+        weighted = self.weight.reshape(-1, *tail) * values
+        found: Array = weighted - self._WX @ (self._root.reshape(-1, *tail) * back)
         return found
 
     @property
@@ -107,8 +109,10 @@ class Posterior:
     def __init__(self, background: Background, known: Known) -> None:
         self.background = background
         r, T = known.r, known.T
-        normal = background.product(T, T) + known.precision
-        right = background.product(T, r) + known.precision @ known.mean
+        self.r, self.known_columns = r, T
+        weighted = background.solved(T)
+        normal = T.T @ weighted + known.precision
+        right = weighted.T @ r + known.precision @ known.mean
         self.known_covariance = np.linalg.inv(normal)
         self.known = self.known_covariance @ right
         A = background.covariance
@@ -149,6 +153,17 @@ class Posterior:
                 wrong = [k for k, way in zip(members, eta[:, 0], strict=True) if way < 0 and forms[k].one_sided]
                 fault[wrong] = pick[wrong] = -np.inf
         return fault, pick, sigma
+
+    def gain_of_columns(self, columns: Array, level: float) -> float:
+        """Log evidence for columns (N, q) beside all else, their coefficients together one healthy size at a level."""
+        background, T = self.background, self.known_columns
+        weighted = background.solved(columns)
+        across = T.T @ weighted
+        precision = columns.T @ weighted - across.T @ self.known_covariance @ across
+        eta = weighted.T @ (self.r - T @ self.known)
+        values, turn = np.linalg.eigh(precision)
+        seen = (turn.T @ eta) ** 2
+        return float(_evidence(np.maximum(values, 0.0)[None], seen[None], np.array([level**2 / len(eta)]))[0])
 
     def size(self, form: Form) -> Array:
         """The coefficients (q,) that a form would have as a fault, in healthy sizes."""

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,15 @@ from rigs.effects import Effect, one_sided
 _SET_UP_MM = 10.0
 """How far a set-up may be off from where it was first fitted: decides only what readings hardly show, such as a ball's
 height above a circle's plane."""
+
+
+_SHOWS = 3.0
+"""Sigmas, were the set-up known, that the largest fault must have to be worth a column."""
+LARGEST = 68.0
+"""Of a fault, in healthy sizes."""
+
+_Variant = tuple[str, tuple[Effect, ...], float]
+"""Name, effects and their size."""
 
 
 @dataclass(frozen=True)
@@ -47,15 +57,20 @@ class Columns:
 
     def __init__(self, linear: Linear, candidates: Sequence[Candidate]) -> None:
         variants = [variant for one in candidates for variant in _variants(one)]
-        among = Counter(name for name, _, _ in variants)
         effects = [effect for _, each, _ in variants for effect in each]
+        sizes = np.repeat([size for _, _, size in variants], [len(each) for _, each, _ in variants])
+        columns = linear.columns(effects) / sizes
+        self.not_seen, variants, columns = _seen(variants, columns)
+        among = Counter(name for name, _, _ in variants)
         ends = np.cumsum([len(each) for _, each, _ in variants]).tolist()
         self.forms = tuple(
             Form(name, each, size, tuple(range(end - len(each), end)), among[name])
             for (name, each, size), end in zip(variants, ends, strict=True)
         )
-        sizes = np.repeat([size for _, _, size in variants], [len(each) for _, each, _ in variants])
-        self.X = np.concatenate([linear.columns(effects) / sizes, linear.U, linear.Z], axis=1)
+        self.X = np.concatenate([columns, linear.U, linear.Z], axis=1)
+        numbers = {name: k for k, name in enumerate(among)}
+        own = np.concatenate([np.full(len(form.columns), numbers[form.name]) for form in self.forms])
+        self.name_of_column = np.concatenate([own, np.full(self.X.shape[1] - len(own), -1)])
         healthy = np.concatenate([np.full(len(form.columns), 1 / (form.among * len(form.columns))) for form in self.forms])
         self.healthy: Array = np.concatenate([healthy, np.zeros(linear.U.shape[1] + linear.Z.shape[1])])
         self.fixed = np.concatenate([np.zeros(len(healthy)), np.full(linear.U.shape[1], _SET_UP_MM**2), np.ones(linear.Z.shape[1])])
@@ -64,6 +79,21 @@ class Columns:
         self.test = np.unique(bands // BANDS, return_inverse=True)[1]
         self.count: NDArray[np.int64] = np.bincount(self.band)
         self.K = np.stack([self.products(self.band == b) for b in range(len(self.count))])
+
+    def tuned(self, k: int, effects: tuple[Effect, ...], columns: Array) -> Columns:
+        """With other effects and their columns (N, q) in the place of a form's."""
+        other = copy(self)
+        form = replace(self.forms[k], effects=effects)
+        own = list(form.columns)
+        other.forms = (*self.forms[:k], form, *self.forms[k + 1 :])
+        other.X, other.K = self.X.copy(), self.K.copy()
+        other.X[:, own] = columns
+        for b in range(len(self.count)):
+            rows = self.band == b
+            across = other.X[rows].T @ columns[rows]
+            other.K[b][:, own] = across
+            other.K[b][own, :] = across.T
+        return other
 
     def products(self, rows: NDArray[np.bool_]) -> Array:
         """Products (p, p) of the columns over some rows."""
@@ -76,5 +106,16 @@ class Columns:
         return level**2 * self.healthy + self.fixed
 
 
-def _variants(one: Candidate) -> list[tuple[str, tuple[Effect, ...], float]]:
+def _seen(variants: Sequence[_Variant], columns: Array) -> tuple[tuple[str, ...], list[_Variant], Array]:
+    """Names that no size would show, the forms that would show, and their columns."""
+    ends = np.cumsum([len(each) for _, each, _ in variants]).tolist()
+    sigma = LARGEST * np.linalg.norm(columns, axis=0)
+    shows = [bool(sigma[end - len(each) : end].max() > _SHOWS) for (_, each, _), end in zip(variants, ends, strict=True)]
+    kept = [variant for variant, there in zip(variants, shows, strict=True) if there]
+    names = {name for name, _, _ in kept}
+    hidden = tuple(dict.fromkeys(name for name, _, _ in variants if name not in names))
+    return hidden, kept, columns[:, np.repeat(shows, [len(each) for _, each, _ in variants])]
+
+
+def _variants(one: Candidate) -> list[_Variant]:
     return [(one.name, one.effects, one.size), *((one.name, (shape.more,), one.size) for shape in one.shapes)]

@@ -20,9 +20,9 @@ from analysis.diagnose.observed import Seen
 from analysis.diagnose.settle import grown, settled
 from rigs.effects import Effect
 
-_LOOKS = 4
-_FAR_MM = 0.3
-"""A ball that moves further than this when names are added makes the first look a rough one."""
+_LOOKS = 1
+_BENT = 0.3
+"""Standard deviations by which set-ups that move with the names may leave the straight line, before one looks again."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,10 @@ def looked(runs: Sequence[Seen], progress: Callable[[str], None]) -> Look:
         progress("searching for names")
         state, posterior = naming.explained(known)
         known = state.refined.effects
-        before, setups = setups, settled(grown(_first_of_each(runs), known), setups)[0]
-        moved = [float(np.abs(setups[name].ball - one.ball).max()) for name, one in before.items()]
-        if max(moved) < _FAR_MM:
+        moved = posterior.mean[naming.columns.set_ups]
+        setups = linear.placed(moved)
+        bent = linear.left(known, setups) - (state.refined.left - linear.U @ moved)
+        if float(np.sqrt(np.mean(bent**2))) < _BENT:
             break
     progress("holding names against their rivals")
     state, posterior, rivalries = naming.defended(state, posterior)

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from analysis.diagnose.background import LARGEST, Background, Posterior, fault_sizes
+from analysis.diagnose.background import Background, Posterior, fault_sizes
 from analysis.diagnose.noise import LEAST_ASSUMED
 from analysis.diagnose.candidates import name_of
-from analysis.diagnose.columns import Columns, Form
+from analysis.diagnose.columns import LARGEST, Columns, Form
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.refine import Refined, refine
 from analysis.kinematics.arm import Array
@@ -38,6 +38,8 @@ _LEVEL_SPREAD = 1.4
 """Of the logarithm of a level about that of a healthy arm: a factor of four either way."""
 _NEAR_ORDER = 1.15
 """Orders of one gear nearer than this are one wave."""
+_BETWEEN = np.linspace(-0.6, 0.6, 9)
+"""Orders that are tried about the one of a form, in distances to its neighbour."""
 _NEAR = 10.0
 """Log evidence behind a name within which its rivals are fitted on the simulator."""
 _SWAPS = 4
@@ -59,6 +61,7 @@ class Rivalry:
 @dataclass(frozen=True)
 class State:
     """What is taken to be there. effects: named, fitted; picks: forms that a healthy arm shows alone of their name;
+    refused: names that did not pay;
     level of the background; strength (b,) of what is left in each band, over noise; weight (N,) of readings."""
 
     refined: Refined
@@ -66,6 +69,7 @@ class State:
     level: float = 1.0
     strength: Array = field(default_factory=lambda: np.ones(0))
     robust: Array = field(default_factory=lambda: np.ones(0))
+    refused: frozenset[str] = frozenset()
 
 
 class Naming:
@@ -134,17 +138,23 @@ class Naming:
         return state, self._background(state).posterior(state.refined.known)
 
     def _level(self, state: State, posterior: Posterior) -> float:
-        """Of the background: the mean square of its coefficients over their freedom; faults not yet named have little
-        weight in it."""
+        """Of the background: the mean square of what each name shows over what it could show in an arm at level one.
+
+        A name counts once however many forms it has, since a gear shows in a few of its orders; a fault not yet named
+        has little weight."""
         columns, variance = self.columns, posterior.background.variance
-        picked = [c for k in state.picks for c in columns.forms[k].columns]
-        there = (columns.healthy > 0) & (variance > 0)
-        there[picked] = False
-        healthy = columns.healthy[there]
-        freedom = np.clip(1 - np.diag(posterior.A)[there] / variance[there], 0.0, 1.0)
-        squares = posterior.mean[there] ** 2 / healthy
-        weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(freedom, 1e-3) / state.level**2)
-        likely = -freedom.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
+        cols = np.flatnonzero(columns.healthy > 0)
+        there = variance[cols] > 0
+        cols = cols[there]
+        names = columns.name_of_column[cols]
+        expected = columns.healthy[cols]
+        freedom = np.clip(1 - np.diag(posterior.A)[cols] / variance[cols], 0.0, 1.0)
+        squares = np.bincount(names, posterior.mean[cols] ** 2)
+        whole, seen = np.bincount(names, expected), np.bincount(names, expected * freedom)
+        weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / state.level**2)
+        share = seen / np.maximum(whole, 1e-9)
+        squares = squares / np.maximum(whole, 1e-9)
+        likely = -share.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
         likely -= np.log(_LEVELS) ** 2 / (2 * _LEVEL_SPREAD**2)
         return float(_LEVELS[np.argmax(likely)])
 
@@ -175,7 +185,9 @@ class Naming:
         gains = [self.gain_of(state, posterior, k) for k in range(len(state.refined.effects))]
         if not gains or min(gains) >= 0:
             return None
-        return self.without(state, int(np.argmin(gains)))
+        place = int(np.argmin(gains))
+        refused = state.refused | {name_of(state.refined.effects[place])}
+        return replace(self.without(state, place), refused=refused)
 
     def gain_of(self, state: State, posterior: Posterior, place: int) -> float:
         """Log evidence for a name over its healthy share, by the cavity of its size, prices paid."""
@@ -199,24 +211,47 @@ class Naming:
         bare = replace(state, refined=replace(state.refined, effects=tuple(rest)))
         return replace(state, refined=refine(self.linear, self._background(bare), rest))
 
+    def gains(self, state: State, posterior: Posterior) -> tuple[Array, Array]:
+        """Log odds (n,) of each form as a fault over a healthy arm, which may show all of its name in this one form, and
+        of that over an even share."""
+        forms = self.columns.forms
+        fault, pick, _ = posterior.gains(forms, state.level)
+        pick = np.where(self._among > 0, pick - self._among, -np.inf)
+        pick[list(state.picks)] = -np.inf
+        fault = fault + self.prior - self._among - np.maximum(pick, 0.0)
+        return fault, pick
+
     def _grown(self, state: State, posterior: Posterior) -> State | None:
         """With the best of a name, of a healthy arm's single form and of a strength of its own, if one pays."""
         forms = self.columns.forms
-        fault, pick, _ = posterior.gains(forms, state.level)
-        fault = fault + self.prior - self._among
-        pick = np.where((self._among > 0) & [len(form.columns) == 2 for form in forms], pick - self._among, -np.inf)
-        pick[list(state.picks)] = -np.inf
+        fault, pick = self.gains(state, posterior)
+        fault[[form.name in state.refused for form in forms]] = -np.inf
         if len(state.refined.effects) >= self.depth:
             fault[:] = -np.inf
         test, own = self._strongest(state, posterior)
-        best = max(float(fault.max()), float(pick.max()), own)
+        best = max(float(fault.max()), float(pick.max()))
         if best <= 0:
-            return None
-        if own == best:
-            return self._with_strength(state, posterior, test)
+            return self._with_strength(state, posterior, test) if own > 0 else None
         if float(fault.max()) < best:
-            return replace(state, picks=state.picks | {int(np.argmax(pick))})
+            k = int(np.argmax(pick))
+            self._tune(state, posterior, k)
+            return replace(state, picks=state.picks | {k})
         return self._named(state, posterior, forms[int(np.argmax(fault))])
+
+    def _tune(self, state: State, posterior: Posterior, k: int) -> None:
+        """Give a wave the order, between those of its neighbours, that explains most."""
+        form, columns = self.columns.forms[k], self.columns
+        effect: Any = form.effects[0]
+        if not hasattr(effect, "order"):
+            return
+        orders = np.array([getattr(one.effects[0], "order", np.nan) for one in columns.forms if one.name == form.name])
+        nearest = float(np.sort(np.abs(orders - effect.order))[1]) if len(orders) > 1 else 0.0
+        tried = effect.order + nearest * _BETWEEN
+        effects = [one.model_copy(update={"order": float(order)}) for order in tried for one in form.effects]
+        waves = self.linear.columns(effects) / form.size
+        pairs = [waves[:, 2 * i : 2 * i + 2] for i in range(len(tried))]
+        best = int(np.argmax([posterior.gain_of_columns(pair, state.level) for pair in pairs]))
+        self.columns = columns.tuned(k, tuple(effects[2 * best : 2 * best + 2]), pairs[best])
 
     def _named(self, state: State, posterior: Posterior, form: Form) -> State:
         effects = (*state.refined.effects, started(form, posterior.size(form)))
@@ -254,9 +289,10 @@ class Naming:
         """Log evidence of what is taken to be there, prices of the names paid, but for a constant."""
         background, known = self._background(state), state.refined.known
         T, r = known.T, known.r
-        normal = background.product(T, T) + known.precision
-        right = background.product(T, r) + known.precision @ known.mean
-        cost = float(background.product(r, r)) + float(known.mean @ known.precision @ known.mean)
+        weighted = background.solved(T)
+        normal = T.T @ weighted + known.precision
+        right = weighted.T @ r + known.precision @ known.mean
+        cost = float(r @ background.solved(r)) + float(known.mean @ known.precision @ known.mean)
         cost -= float(right @ np.linalg.solve(normal, right))
         occam = np.linalg.slogdet(normal)[1] - np.linalg.slogdet(known.precision)[1] + background.logdet
         return -0.5 * (cost + float(occam)) + sum(self._price(effect, state.level) for effect in state.refined.effects)
@@ -273,12 +309,12 @@ class Naming:
     def rivalry(self, state: State, posterior: Posterior, place: int) -> Rivalry:
         """A name against what could stand in its place: what explains no less without it, and nothing beside it."""
         forms, effect = self.columns.forms, state.refined.effects[place]
-        beside = posterior.gains(forms, state.level)[0] + self.prior - self._among
+        beside = self.gains(state, posterior)[0]
         rest = self.without(state, place)
         bare = self.evidence(rest)
         gain = self.evidence(state) - bare
         alone_posterior = self._background(rest).posterior(rest.refined.known)
-        alone = alone_posterior.gains(forms, state.level)[0] + self.prior - self._among
+        alone = self.gains(rest, alone_posterior)[0]
         score = alone - np.maximum(beside, 0.0)
         rivals: list[tuple[State, float]] = []
         seen: set[str] = set()

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.diagnose.background import LARGEST, Background, Known
+from analysis.diagnose.background import Background, Known
+from analysis.diagnose.columns import LARGEST
 from analysis.diagnose.forms import form_columns
 from analysis.diagnose.linear import Linear
 from analysis.kinematics.arm import Array
@@ -90,17 +91,15 @@ class _Problem:
         self.unknowns = _unknowns(effects)
         self.expected = np.array([u.expected for u in self.unknowns])
         self.spread = np.array([u.spread for u in self.unknowns])
-        own = background.product(self.forms, self.forms)
+        self._weighted_forms = background.solved(self.forms)
+        own = self.forms.T @ self._weighted_forms
         own[np.diag_indices_from(own)] += 1.0
         self._inverse = np.linalg.inv(own)
 
-    def _product(self, left: Array, right: Array) -> Array:
-        """left' (C + FF')⁻¹ right, F what may stand beside the effects."""
-        across = self.background.product(self.forms, right)
-        found: Array = self.background.product(left, right)
-        if self.forms.shape[1]:
-            found = found - self.background.product(left, self.forms) @ self._inverse @ across
-        return found
+    def _solved(self, values: Array) -> Array:
+        """(C + FF')⁻¹ values, F what may stand beside the effects."""
+        found: Array = self.background.solved(values)
+        return found - self._weighted_forms @ (self._inverse @ (self._weighted_forms.T @ values))
 
     def solved(self, effects: Sequence[Effect]) -> Refined:
         """Levenberg's damping, within the bounds of what the parameters may be."""
@@ -110,8 +109,9 @@ class _Problem:
         cost, damping = self._cost(r, x), 1e-4
         for _ in range(_ROUNDS if now else 0):
             J = self._slopes(now)
-            H = self._product(J, J) + np.diag(1 / self.spread**2)
-            gradient = self._product(J, r[:, None])[:, 0] - (x - self.expected) / self.spread**2
+            weighted = self._solved(J)
+            H = J.T @ weighted + np.diag(1 / self.spread**2)
+            gradient = weighted.T @ r - (x - self.expected) / self.spread**2
             for _ in range(_TRIES):
                 step = np.linalg.solve(H + damping * np.diag(np.diag(H)), gradient)
                 tried = self._bounded(now, x + step)
@@ -128,11 +128,11 @@ class _Problem:
             if gained < _ENOUGH:
                 break
         J = self._slopes(now)
-        H = self._product(J, J) + np.diag(1 / self.spread**2)
+        H = J.T @ self._solved(J) + np.diag(1 / self.spread**2)
         return Refined(tuple(now), tuple(self.unknowns), x, np.linalg.inv(H), r, J, self.forms)
 
     def _cost(self, r: Array, x: Array) -> float:
-        return float(self._product(r, r)) + float((((x - self.expected) / self.spread) ** 2).sum())
+        return float(r @ self._solved(r)) + float((((x - self.expected) / self.spread) ** 2).sum())
 
     def _slopes(self, effects: Sequence[Any]) -> Array:
         """Derivatives (N, q) of what effects add: one effect at a time, since they add."""
