@@ -72,7 +72,8 @@ def _named(effect: Mapping[str, Any], after_um: float) -> Named:
         given = value if isinstance(value, Mapping) else {"value": value}
         found[key] = (_number(given.get("value")), _number(given.get("sd")))
     # Where an answer does not say what a name is worth, its gap with and without the name does.
-    worth = math.sqrt(max(0.0, _number(effect.get("gap_without_um")) ** 2 - after_um**2))
+    paid = _number(effect.get("gap_without_um")) ** 2 - after_um**2
+    worth = math.sqrt(max(paid, 0.0)) if math.isfinite(paid) else math.nan
     return Named(
         name_in(effect),
         rivals,

@@ -9,7 +9,7 @@ import csv
 import json
 import zlib
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,13 @@ from stranger.cell import ROBOTS, Cell, cell_of
 from stranger.draw import NothingToHideError
 from stranger.faults import SIZE, Fault
 from stranger.gauges import Link, own_errors
-from stranger.measure import measure
+from stranger.measure import measure, trace_of
 from stranger.motion import Motion, Track, approaches, track_of, visits
 from stranger.real import arm as arms
 from stranger.real import noise as noises
 from stranger.real.oracle import Oracle, Seen
 from stranger.real.programs import Program, at, circle, program
+from stranger.real.setups import Watch, by_setup, centred, watched
 from stranger.screws import Array
 from stranger.sight import REPEATS, sight_of
 from stranger.tables import write_rows
@@ -96,8 +97,8 @@ def generate_real(kind: str, seed: int, directory: Path, truth_directory: Path, 
     foreign = _foreign(oracle, drawn_as, [*hidden, *rest], hidden, rng)
     case = directory / (name or f"case-{seed:05d}")
     case.mkdir(parents=True)
-    runs = _runs(day, rng)
-    _write(case, day, runs, [*hidden, *rest, *foreign], rng)
+    faults = [*hidden, *rest, *foreign]
+    _write(case, replace(day, links=_placed(day, faults)), faults, rng)
     truth = {
         "case": case.name,
         "world": "real",
@@ -202,6 +203,20 @@ def _runs(day: _Day, rng: np.random.Generator) -> list[_Run]:
     return [block[k] for block in shuffled for k in rng.permutation(len(block))]
 
 
+def _placed(day: _Day, faults: Sequence[Fault]) -> dict[str, Link]:
+    """The set-ups, as eccentric as they were drawn about where this arm really goes."""
+    sight, (there, track) = sight_of(day.robot), day.unseen
+    found = {}
+    for setup, link in day.links.items():
+        motions = [view.motion for view in sight.views if view.motion.test == setup]
+        cell = there if setup == "unseen" else day.cell
+        motions = motions or [circle(cell, track, "yaw", sense, 1) for sense in (1, -1)]
+        watches = [watched(cell, motion, trace_of(cell, motion), link) for motion in motions]
+        steady = [fault for fault in faults if fault.effect != "vibration"]
+        found[setup] = centred(cell, watches, link, steady)
+    return found
+
+
 def _motion(day: _Day, run: _Run, rng: np.random.Generator) -> Motion:
     if run.test == "radial":
         once = np.roll(np.arange(len(day.targets["q"])), int(rng.integers(len(day.targets["q"]))))
@@ -214,12 +229,12 @@ def _motion(day: _Day, run: _Run, rng: np.random.Generator) -> Motion:
     return circle(cell, track, run.test, 1 if run.direction == "acw" else -1, LAPS)
 
 
-def _write(case: Path, day: _Day, runs: Sequence[_Run], faults: Sequence[Fault], rng: np.random.Generator) -> None:
+def _write(case: Path, day: _Day, faults: Sequence[Fault], rng: np.random.Generator) -> None:
     for name, data in (("rig", day.cell.data), ("unseen", day.unseen[0].data)):
         (case / f"{name}.yaml").write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), encoding="utf-8")
     known: dict[tuple[str, str, bool], Program] = {}
     lines: list[list[str]] = [["file", "test", "direction", "use", "rig"]]
-    for number, run in enumerate(runs, start=1):
+    for number, run in enumerate(_runs(day, rng), start=1):
         key = (run.test, run.direction, run.use == "unseen")
         if key not in known or run.test == "radial":
             known[key] = program(day.cell, _motion(day, run, rng), day.links[run.setup], faults)
@@ -231,11 +246,15 @@ def _write(case: Path, day: _Day, runs: Sequence[_Run], faults: Sequence[Fault],
 
 
 def _read(path: Path, day: _Day, run: _Run, made: Program, faults: Sequence[Fault], rng: np.random.Generator) -> None:
-    """One run as a table: the program at the run's own instants, its scatter and its noise."""
+    """One run as a table: the program at the run's own instants, its scatter and its noise.
+
+    What does not depend on the instants has draws of its own, so that one case at two rates differs in nothing else.
+    """
     noise, levels = day.noise, day.levels[run.setup]
+    rng, reading = rng.spawn(2)
     if run.direction:
-        stamp = noises.stamps(noise, made.t_s[-1], rng)
-        t = np.clip(stamp + noise.jitter_s * np.clip(rng.standard_normal(len(stamp)), -2, 2), 0, made.t_s[-1])
+        stamp = noises.stamps(noise, made.t_s[-1], reading)
+        t = np.clip(stamp + noise.jitter_s * np.clip(reading.standard_normal(len(stamp)), -2, 2), 0, made.t_s[-1])
         q, g = at(stamp, made.q), at(t, made.readings)
         by_joint, by_ball = at(t, made.by_joint), at(t, made.by_ball)
     else:
@@ -250,8 +269,9 @@ def _read(path: Path, day: _Day, run: _Run, made: Program, faults: Sequence[Faul
     g = g + np.einsum("mkj,mj->mk", by_joint, joints) + np.einsum("mkj,mj->mk", by_ball, ball)
     shaking = [fault for fault in faults if fault.effect == "vibration"]
     g = g + own_errors(np.zeros_like(g), t, shaking, {"vibration": float(rng.uniform(0, 2 * np.pi))})
-    g = g + noises.readings_noise(levels, run.number, t, rng)
-    g = g + noises.wild(noise, levels.white_mm[run.number], len(t), rng)
+    g = g + noises.slow_noise(levels, run.number, t, made.t_s[-1], rng)
+    g = g + levels.white_mm[run.number] * reading.standard_normal(g.shape)
+    g = g + noises.wild(noise, levels.white_mm[run.number], len(t), reading)
     marks = made.motion.labels or run.direction
     write_rows(path, stamp, q, g, marks, encoder_deg=noise.encoder_deg, resolution_mm=noise.resolution_mm)
 
@@ -287,8 +307,9 @@ def _plain(x: Any) -> Any:
     return x.tolist() if hasattr(x, "tolist") else float(x)
 
 
-def gap_of_real(truth: Mapping[str, Any], case: Path, said: Collection[str]) -> tuple[list[Lap], list[Lap]]:
-    """Noise-free laps at the unseen place: what the faults add, and what the faults and all of the names `said` add.
+def gap_of_real(truth: Mapping[str, Any], case: Path, said: Collection[str]) -> tuple[list[Lap], list[Lap], Array]:
+    """Noise-free laps at the unseen place: what the faults add, and what the faults and all names `said` add, each with
+    the ball set anew; and where it then stands (3,) mm.
 
     The second is what an answer is held against, for a name that is said takes out the healthy share of itself too.
     """
@@ -298,13 +319,19 @@ def gap_of_real(truth: Mapping[str, Any], case: Path, said: Collection[str]) -> 
     hidden = [fault_from(one) for one in truth["hidden"]]
     other = [fault_from(one) for one in truth["background"] if one["name"] in said and one["effect"] != "vibration"]
     track = track_of(cell, cell.circle)
-    found: tuple[list[Lap], list[Lap]] = ([], [])
-    for way, sense in (("acw", 1), ("cw", -1)):
-        made = program(cell, circle(cell, track, "yaw", sense, 1), link, [])
-        rows = slice(None, None, 5)
-        zeros = np.tile(np.eye(2), (len(made.t_s[rows]), 1))
-        by_setup = np.concatenate([made.by_ball[rows].reshape(-1, 3), zeros], axis=1)
-        for laps, faults in zip(found, (hidden, [*hidden, *other]), strict=True):
-            added = measure(cell, made.motion, faults, link) - made.readings
-            laps.append(Lap(way, made.t_s[rows], made.q[rows], added[rows], by_setup))
+    motions = [circle(cell, track, "yaw", sense, 1) for sense in (1, -1)]
+    watches = [watched(cell, motion, trace_of(cell, motion), link) for motion in motions]
+    links = [centred(cell, watches, link, faults) for faults in (hidden, [*hidden, *other])]
+    faults, named = _laps(cell, watches, links[0], hidden), _laps(cell, watches, links[1], [*hidden, *other])
+    return faults, named, links[1].ball
+
+
+def _laps(cell: Cell, watches: Sequence[Watch], there: Link, faults: Sequence[Fault]) -> list[Lap]:
+    """Every fifth instant of what faults and the ball's new place add."""
+    rows, found = slice(None, None, 5), []
+    for watch in watches:
+        added = measure(cell, watch.motion, faults, there, trace=watch.trace) - watch.plain
+        thin = replace(watch, plain=watch.plain[rows], by_ball=watch.by_ball[rows])
+        way = "acw" if watch.motion.sense > 0 else "cw"
+        found.append(Lap(way, watch.motion.t[rows], watch.motion.q[rows], added[rows], by_setup([thin])))
     return found

@@ -16,6 +16,8 @@ from stranger.screws import Array
 RESOLUTIONS_MM = (1e-4, 5e-4, 1e-3, 5e-3, 1e-2)
 ORDERS = 3
 """What changes from run to run is smooth along a lap: half its energy is constant, the rest in so many orders."""
+SLOW_STEP_S = 0.01
+"""A tenth of the quickest slow noise; between, it goes in straight lines."""
 OWN_LEVELS = 4.0
 """Levels of gauges and runs lie within this factor at most."""
 
@@ -107,18 +109,17 @@ def stamps(noise: CellNoise, seconds: float, rng: np.random.Generator) -> Array:
     return times[times < seconds] - times[0]
 
 
-def slow(t: Array, tau_s: float, columns: int, rng: np.random.Generator) -> Array:
-    """(m, columns) of unit variance at t (m,): AR(1) of a time constant, or 1/f from 0.05 Hz on where that is zero."""
-    step = float(min(0.01, np.median(np.diff(t))))
-    n = 2 * int(np.ceil((t[-1] - t[0]) / step) + 2)
-    f = np.fft.rfftfreq(n, step)
+def slow(seconds: float, tau_s: float, columns: int, rng: np.random.Generator) -> Array:
+    """(n, columns) of unit variance, each SLOW_STEP_S of a run: AR(1) of a time constant; 1/f from 0.05 Hz on where
+    that is zero."""
+    n = 2 * int(np.ceil(seconds / SLOW_STEP_S) + 2)
+    f = np.fft.rfftfreq(n, SLOW_STEP_S)
     power = 1 / (1 + (2 * np.pi * f * tau_s) ** 2) if tau_s else 1 / np.maximum(f, 0.05)
     power[0] *= bool(tau_s)
     draws = rng.standard_normal((2, len(f), columns)) / np.sqrt(2)
     made = np.fft.irfft((draws[0] + 1j * draws[1]) * np.sqrt(power)[:, None], n, axis=0)
     made *= n / np.sqrt(2 * power.sum())
-    grid = step * np.arange(n)
-    return np.stack([np.interp(t - t[0], grid, column) for column in made.T], axis=1)
+    return made
 
 
 def along_lap(phase: Array) -> Array:
@@ -128,12 +129,14 @@ def along_lap(phase: Array) -> Array:
     return np.concatenate([np.full((len(phase), 1), np.sqrt(0.5)), waves * np.sqrt(0.5 / ORDERS)], axis=1)
 
 
-def readings_noise(levels: Levels, run: int, t: Array, rng: np.random.Generator) -> Array:
-    """White and slow noise (m, k) mm of a run's readings at t (m,)."""
-    white = levels.white_mm[run]
-    parts = slow(t, levels.slow_s, len(white) + 1, rng)
+def slow_noise(levels: Levels, run: int, t: Array, seconds: float, rng: np.random.Generator) -> Array:
+    """(m, k) mm at t (m,) of a run that lasts so long: the same process however often it is read."""
+    gauges = levels.white_mm.shape[1]
+    parts = slow(seconds, levels.slow_s, gauges + 1, rng)
+    grid = SLOW_STEP_S * np.arange(len(parts))
+    parts = np.stack([np.interp(t, grid, column) for column in parts.T], axis=1)
     both = np.sqrt(levels.common) * parts[:, :1] + np.sqrt(1 - levels.common) * parts[:, 1:]
-    return levels.slow_mm[run] * both + white * rng.standard_normal((len(t), len(white)))
+    return levels.slow_mm[run] * both
 
 
 def stop_scatter(levels: Levels, tail_df: float, target: Array, rng: np.random.Generator) -> Array:

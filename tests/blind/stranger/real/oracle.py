@@ -12,7 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from stranger.faults import Fault
+from stranger.measure import measure
 from stranger.real.noise import CellNoise, Levels, along_lap
+from stranger.real.setups import centred, watched
 from stranger.screws import Array
 from stranger.sight import REPEATS, Frame, Scales, Sight, View, by_ball, flat, setup_rows
 
@@ -38,11 +40,32 @@ class Seen:
         return self.sigma >= SEEN
 
 
+class _Centred(Sight):
+    """A sight whose exact signatures are taken with the ball set anew, as a person does."""
+
+    def __init__(self, day: Sight) -> None:
+        self.__dict__.update(day.__dict__)
+        self._watches = [watched(self.cell, view.motion, view.trace, view.link) for view in self.views]
+
+    def signature(self, faults: Sequence[Fault], exact: bool = False) -> list[Array]:
+        if not exact:
+            return super().signature(faults)
+        found = []
+        links = {}
+        for view, watch in zip(self.views, self._watches, strict=True):
+            test = view.motion.test
+            if test not in links:
+                own = [w for w in self._watches if w.motion.test == test]
+                links[test] = centred(self.cell, own, view.link, faults)
+            found.append(measure(self.cell, view.motion, faults, links[test], trace=view.trace) - watch.plain)
+        return found
+
+
 class Oracle(Scales):
     """Lengths and angles between signatures in the true noise of a cell: levels by test."""
 
     def __init__(self, sight: Sight, noise: CellNoise, levels: Mapping[str, Levels], visits: int, laps: int) -> None:
-        self.sight = sight
+        self.sight = _Centred(sight)
         self._covariances = [_covariances(sight, view, noise, levels, laps) for view in sight.views]
         self._precision_roots = [
             np.linalg.cholesky(sum(np.linalg.inv(C) for C in runs) * (visits if len(runs) == 1 else 1))
