@@ -30,6 +30,8 @@ from stranger.cases import Lap
 _WHOLE = "imported"
 """Marks a case that is all there."""
 _ANSWER = "answer.json"
+_INTERRUPTED = 130
+"""128 and the number of SIGINT, as shells have it."""
 
 
 @dataclass(frozen=True)
@@ -219,7 +221,10 @@ def diagnose_case(run_dirs: Sequence[Path], held_out: Sequence[Path], unseen: Se
             arguments += [option, str(run)]
     printed = io.StringIO()
     with contextlib.redirect_stdout(printed):
-        app(arguments, standalone_mode=False)
+        code_of_exit = app(arguments, standalone_mode=False)
+    # What the command makes of Ctrl-C; here it ends the trial, not one diagnosis.
+    if code_of_exit == _INTERRUPTED:
+        raise KeyboardInterrupt
     answer: dict[str, Any] = json.loads(printed.getvalue())
     return answer
 
