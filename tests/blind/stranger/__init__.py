@@ -6,7 +6,8 @@ every effect is written anew from the page of measurements and the vocabulary, a
 """
 
 from stranger.cases import KINDS, SCALES, energy_of, gap_of, generate, left_of
-from stranger.real.cases import RATES_HZ, REAL_KINDS, gap_of_real, generate_real
+from stranger.real.cases import RATES_HZ, REAL_KINDS, generate_real
+from stranger.real.gap import gap_of_real
 
 __all__ = [
     "KINDS", "RATES_HZ", "REAL_KINDS", "SCALES", "energy_of", "gap_of", "gap_of_real", "generate",
