@@ -13,23 +13,29 @@ _NAMING = ("named", "ambiguous")
 
 @dataclass(frozen=True)
 class Named:
-    """One effect of an answer: its name as the truth writes it, its rivals' names, parameters as (value, sd or nan)."""
+    """One effect of an answer: its name as the truth writes it, its rivals' names, parameters as (value, sd or nan);
+    posterior: nan where none is told; material: True where nothing is said of it; worth_um: nan if unknown."""
 
     name: str
     rivals: tuple[str, ...]
     parameters: Mapping[str, tuple[float, float]]
+    posterior: float = math.nan
+    material: bool = True
+    worth_um: float = math.nan
 
 
 @dataclass(frozen=True)
 class Answer:
-    """verdict: one of VERDICTS, or what else was said, or `none`; effects: those it stands by, none where it withdraws
-    them; left: share of what was hidden that they leave, by place, as the trial found by the truth; seconds: how long
-    it took, nan if unknown."""
+    """verdict: one of VERDICTS, or what else was said, or `none`; effects: those of a verdict that names; listed: those
+    of any verdict; left: share of what was hidden that they leave, by place, as the trial found by the truth; seconds:
+    how long it took, nan if unknown; remainder_um: what is said to be unexplained, nan if nothing is said."""
 
     verdict: str
     effects: tuple[Named, ...]
     left: Mapping[str, float]
     seconds: float
+    listed: tuple[Named, ...] = ()
+    remainder_um: float = math.nan
 
 
 def answer_of(data: Mapping[str, Any] | None) -> Answer:
@@ -37,11 +43,12 @@ def answer_of(data: Mapping[str, Any] | None) -> Answer:
     if not isinstance(data, Mapping) or not isinstance(data.get("verdict"), str):
         return Answer("none", (), {}, math.nan)
     verdict = data["verdict"]
-    effects = _list(data.get("effects")) if verdict in _NAMING else []
     left = data.get("left_by_truth") if isinstance(data.get("left_by_truth"), Mapping) else {}
-    named = tuple(_named(effect) for effect in effects if isinstance(effect, Mapping))
+    after = _number(_at(data, "gap", "train", "after"))
+    listed = tuple(_named(one, after) for one in _list(data.get("effects")) if isinstance(one, Mapping))
     known = {str(place): _number(share) for place, share in left.items() if math.isfinite(_number(share))}
-    return Answer(verdict, named, known, _number(data.get("seconds")))
+    effects = listed if verdict in _NAMING else ()
+    return Answer(verdict, effects, known, _number(data.get("seconds")), listed, _number(_at(data, "remainder", "um")))
 
 
 def name_in(effect: Mapping[str, Any]) -> str:
@@ -57,14 +64,32 @@ def name_in(effect: Mapping[str, Any]) -> str:
     return what if axis == "?" else f"{what} {axis}"
 
 
-def _named(effect: Mapping[str, Any]) -> Named:
+def _named(effect: Mapping[str, Any], after_um: float) -> Named:
     rivals = tuple(name_in(rival) for rival in _list(effect.get("rivals")) if isinstance(rival, Mapping))
     parameters = effect.get("parameters")
     found = {}
     for key, value in (parameters if isinstance(parameters, Mapping) else {}).items():
         given = value if isinstance(value, Mapping) else {"value": value}
         found[key] = (_number(given.get("value")), _number(given.get("sd")))
-    return Named(name_in(effect), rivals, found)
+    # Where an answer does not say what a name is worth, its gap with and without the name does.
+    paid = _number(effect.get("gap_without_um")) ** 2 - after_um**2
+    worth = math.sqrt(max(paid, 0.0)) if math.isfinite(paid) else math.nan
+    return Named(
+        name_in(effect),
+        rivals,
+        found,
+        _number(effect.get("posterior")),
+        effect.get("material") is not False,
+        _number(effect.get("worth_um", worth)),
+    )
+
+
+def _at(data: Mapping[str, Any], *keys: str) -> Any:
+    """What stands under keys, one in another; None where one is missing."""
+    found: Any = data
+    for key in keys:
+        found = found.get(key) if isinstance(found, Mapping) else None
+    return found
 
 
 def _key(effect: Mapping[str, Any], key: str) -> str:

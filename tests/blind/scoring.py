@@ -102,7 +102,7 @@ def rows_of(cases: Sequence[Case]) -> list[Row]:
         _share("inside the library, called outside", 0.03, inside, _flagged, most=True),
         *_gaps([case for case in known if case.exact]),
         *_sizes(known),
-        _time(cases),
+        time_row([case.answer for case in cases], 2.0),
         _share("answers missing or broken", 0.0, cases, _missing, most=True),
     ]
 
@@ -128,10 +128,10 @@ def _missing(case: Case) -> bool:
 
 
 def _share(figure: str, goal: float, cases: Sequence[Case], test: Callable[[Case], bool], *, most: bool = False) -> Row:
-    return _counted(figure, goal, sum(map(test, cases)), len(cases), most=most)
+    return counted(figure, goal, sum(map(test, cases)), len(cases), most=most)
 
 
-def _counted(figure: str, goal: float, hits: int, n: int, *, most: bool = False) -> Row:
+def counted(figure: str, goal: float, hits: int, n: int, *, most: bool = False) -> Row:
     sign = "≤" if most else "≥"
     if not n:
         return Row(figure, f"{sign} {100 * goal:g} %", "no cases", None)
@@ -144,20 +144,20 @@ def _precision(cases: Sequence[Case]) -> list[Row]:
     right = sum(len(case.pairs()) for case in cases)
     named = sum(len(case.answer.effects) for case in cases)
     hidden = sum(len(case.hidden) for case in cases)
-    return [_counted("  precision", 0.97, right, named), _counted("  recall", 0.96, right, hidden)]
+    return [counted("  precision", 0.97, right, named), counted("  recall", 0.96, right, hidden)]
 
 
 def _gaps(cases: Sequence[Case]) -> list[Row]:
     held = [1 - case.answer.left["held_out"] for case in cases if "held_out" in case.answer.left]
     unseen = [case.answer.left["unseen_place"] for case in cases if "unseen_place" in case.answer.left]
     return [
-        _quantile("gap removed, run left out: median", 0.995, held, 50),
-        _quantile("  p10", 0.97, held, 10),
-        _quantile("left at an unseen place: p90", 0.08, unseen, 90, most=True),
+        quantile("gap removed, run left out: median", 0.995, held, 50),
+        quantile("  p10", 0.97, held, 10),
+        quantile("left at an unseen place: p90", 0.08, unseen, 90, most=True),
     ]
 
 
-def _quantile(figure: str, goal: float, values: Sequence[float], percent: float, *, most: bool = False) -> Row:
+def quantile(figure: str, goal: float, values: Sequence[float], percent: float, *, most: bool = False) -> Row:
     sign = "≤" if most else "≥"
     if not len(values):
         return Row(figure, f"{sign} {100 * goal:g} %", "no cases", None)
@@ -176,22 +176,22 @@ def _sizes(cases: Sequence[Case]) -> list[Row]:
             if named.name == one["name"] and math.isfinite(value):
                 errors.append(abs(value / truth - 1))
                 covered += [abs(value - truth) <= 2 * sd] * math.isfinite(sd)
-    cover = _counted("  2-sigma cover", 0.93, sum(covered), len(covered))
+    cover = counted("  2-sigma cover", 0.93, sum(covered), len(covered))
     if covered:
         cover = Row(cover.figure, "93 … 97 %", cover.value, 0.93 <= np.mean(covered) <= 0.97)
     return [
-        _quantile("size: median error", 0.01, errors, 50, most=True),
-        _quantile("  p90 error", 0.10, errors, 90, most=True),
+        quantile("size: median error", 0.01, errors, 50, most=True),
+        quantile("  p90 error", 0.10, errors, 90, most=True),
         cover,
     ]
 
 
-def _time(cases: Sequence[Case]) -> Row:
-    seconds = [case.answer.seconds for case in cases if math.isfinite(case.answer.seconds)]
+def time_row(answers: Iterable[Answer], most_s: float) -> Row:
+    seconds = [answer.seconds for answer in answers if math.isfinite(answer.seconds)]
     if not seconds:
-        return Row("time a case", "≤ 2 s", "no cases", None)
+        return Row("time a case", f"≤ {most_s:g} s", "no cases", None)
     text = f"median {np.median(seconds):.2f} s, p90 {np.percentile(seconds, 90):.2f} s, most {max(seconds):.1f} s"
-    return Row("time a case", "≤ 2 s", text, bool(np.median(seconds) <= 2))
+    return Row("time a case", f"≤ {most_s:g} s", text, bool(np.median(seconds) <= most_s))
 
 
 def confusions(cases: Sequence[Case]) -> list[tuple[str, str, int]]:
@@ -226,13 +226,19 @@ def notes(cases: Sequence[Case]) -> list[str]:
     return lines
 
 
+def table(rows: Sequence[Row]) -> list[str]:
+    """Lines of figure, goal, value and whether it is reached."""
+    width, wide = (max(len(text) for text in column) for column in ([r.figure for r in rows], [r.goal for r in rows]))
+    mark = {True: "reached", False: "NOT REACHED", None: ""}
+    lines = [f"{'figure':{width}}  {'goal':{wide}}  value"]
+    return lines + [
+        f"{row.figure:{width}}  {row.goal:{wide}}  {row.value}  {mark[row.reached]}".rstrip() for row in rows
+    ]
+
+
 def report(cases: Sequence[Case], most_pairs: int = 25) -> str:
     """The table, the confusion pairs and the notes, as text."""
-    rows = rows_of(cases)
-    width = max(len(row.figure) for row in rows)
-    mark = {True: "reached", False: "NOT REACHED", None: ""}
-    lines = [f"{'figure':{width}}  {'goal':10}  value"]
-    lines += [f"{row.figure:{width}}  {row.goal:10}  {row.value}  {mark[row.reached]}".rstrip() for row in rows]
+    lines = table(rows_of(cases))
     pairs = confusions(cases)[:most_pairs]
     lines += ["", "hidden → said instead, how often:"] * bool(pairs)
     lines += [f"  {one} → {other}: {count}" for one, other, count in pairs]

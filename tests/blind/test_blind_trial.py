@@ -51,3 +51,12 @@ def test_a_campaign_uses_an_answer_of_the_same_code_again(
     (job.case / "answer.json").write_text(json.dumps(kept))
     monkeypatch.setattr(trial, "run_job", lambda _: {"verdict": "anew"})
     assert trial.answered(job) == ({"verdict": "anew"} if again else kept)
+
+
+def test_ctrl_c_ends_the_trial_and_not_one_diagnosis_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("analysis.reading.loading.load_measured", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        trial.diagnose_case([Path("a")], [], [])

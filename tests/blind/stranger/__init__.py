@@ -5,6 +5,11 @@ every effect is written anew from the page of measurements and the vocabulary, a
 `generate` writes what a stranger would send (CSV tables, rig files) and seals the truth elsewhere.
 """
 
-from stranger.cases import KINDS, SCALES, gap_of, generate, left_of
+from stranger.cases import KINDS, SCALES, energy_of, gap_of, generate, left_of
+from stranger.real.cases import RATES_HZ, REAL_KINDS, generate_real
+from stranger.real.gap import gap_of_real
 
-__all__ = ["KINDS", "SCALES", "gap_of", "generate", "left_of"]
+__all__ = [
+    "KINDS", "RATES_HZ", "REAL_KINDS", "SCALES", "energy_of", "gap_of", "gap_of_real", "generate",
+    "generate_real", "left_of",
+]  # fmt: skip

@@ -48,20 +48,21 @@ class Lap:
     by_setup: Array
 
 
+def energy_of(laps: Sequence[Lap], parts: Sequence[Array]) -> float:
+    """mm² of parts (m, 2) mm a lap that the set-up cannot take up."""
+    A = np.concatenate([lap.by_setup for lap in laps])
+    x = np.concatenate([part.ravel() for part in parts])
+    return float(np.sum((x - A @ np.linalg.lstsq(A, x, rcond=None)[0]) ** 2))
+
+
 def left_of(laps: Sequence[Lap], said: Sequence[Array]) -> float:
     """Share of the energy of what faults add that stays when `said` (m, 2) mm a lap is taken off, set-up fitted.
 
     nan where they add nothing to these laps, as what shows on the hemisphere alone.
     """
-    A = np.concatenate([lap.by_setup for lap in laps])
-
-    def energy(parts: Sequence[Array]) -> float:
-        x = np.concatenate([part.ravel() for part in parts])
-        return float(np.sum((x - A @ np.linalg.lstsq(A, x, rcond=None)[0]) ** 2))
-
     rest = [lap.added - one for lap, one in zip(laps, said, strict=True)]
-    hidden = energy([lap.added for lap in laps])
-    return energy(rest) / hidden if hidden else math.nan
+    hidden = energy_of(laps, [lap.added for lap in laps])
+    return energy_of(laps, rest) / hidden if hidden else math.nan
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ def generate(
         "gap_um": session.gaps(secret),
         "noise": noise.__dict__,
         "setup": {use: _link_json(link) for use, link in session.links.items()},
-        "background": [_fault_json(fault) for fault in rest],
+        "background": [fault_json(fault) for fault in rest],
     }
     truth_directory.mkdir(parents=True, exist_ok=True)
     text = json.dumps(truth, indent=1, default=float) + "\n"
@@ -115,7 +116,7 @@ def _begun(kind: str, seed: int, scale: str) -> tuple[_Session, dict[str, Any]]:
     rng = np.random.default_rng([seed, zlib.crc32(kind.encode()), SCALES.index(scale)])
     robot = ROBOTS[rng.integers(len(ROBOTS))]
     sight, noise = sight_of(robot), drawn_noise(rng)
-    unseen, mode = _elsewhere(sight, rng)
+    unseen, mode = elsewhere(sight, rng)
     return _Session(robot, sight, unseen, noise, rng), mode
 
 
@@ -148,7 +149,7 @@ def _drawn(
     return hide(scales, share, count, rng, sizes=sizes), None
 
 
-def _elsewhere(sight: Sight, rng: np.random.Generator) -> tuple[tuple[Cell, Track], dict[str, Any]]:
+def elsewhere(sight: Sight, rng: np.random.Generator) -> tuple[tuple[Cell, Track], dict[str, Any]]:
     """The cell with its circle at another place or of another radius, and what was changed."""
     circle = sight.cell.circle
     for _ in range(30):
@@ -260,7 +261,7 @@ def _write(case: Path, session: _Session, cell: Cell, unseen: Cell) -> None:
             lines.writerow([table, run.test, run.direction, run.use, rig])
 
 
-def _fault_json(fault: Fault) -> dict[str, Any]:
+def fault_json(fault: Fault) -> dict[str, Any]:
     size = {SIZE.get(fault.effect, "size"): fault.size}
     form = {"rough": fault.rough, "begin": fault.begin}
     return {
@@ -282,7 +283,7 @@ def fault_from(one: Mapping[str, Any]) -> Fault:
 
 
 def _hidden_json(one: Hidden) -> dict[str, Any]:
-    return _fault_json(one.fault) | {
+    return fault_json(one.fault) | {
         "size": SIZE[one.fault.effect],
         "healthy": one.fault.healthy,
         "snr": one.snr,
@@ -296,7 +297,7 @@ def _foreign_json(foreign: Foreign | None) -> dict[str, Any] | None:
     if foreign is None:
         return None
     more = {"snr": foreign.snr, "snr_unexplained": foreign.snr_unexplained, "nearest": foreign.nearest}
-    return _fault_json(foreign.fault) | more
+    return fault_json(foreign.fault) | more
 
 
 def _link_json(link: Link) -> dict[str, Any]:

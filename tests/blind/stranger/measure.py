@@ -12,7 +12,7 @@ from stranger.gauges import Link, own_errors, raw_readings
 from stranger.joints import ON_JOINT, ON_TOOL, Trace, joint_of, wrong_constants
 from stranger.motion import Motion
 from stranger.outside import OUT_JOINT
-from stranger.screws import Array, arm_from, pose
+from stranger.screws import Array, Posed, arm_from, pose
 
 
 def trace_of(cell: Cell, motion: Motion) -> Trace:
@@ -34,21 +34,29 @@ def measure(
     A motion's place is where the rig file says it is, so its radius is the link's constant.
     """
     faults, trace = list(faults), trace or trace_of(cell, motion)
+    posed, p = tool_of(cell, motion, faults, trace, scatter)
+    g = raw_readings(posed, p, link, motion.test, motion.place, faults)
+    g = own_errors(g, motion.t, faults, phases or {})
+    return _stamped(g, motion, faults)
+
+
+def tool_of(
+    cell: Cell, motion: Motion, faults: Sequence[Fault], trace: Trace, scatter: Array | None = None
+) -> tuple[Posed, Array]:
+    """Where everything is, and the tool (n, 3) mm as lengths and bending have it, with faults; scatter as above."""
     joints = np.zeros_like(motion.q) if scatter is None else np.tile(scatter, (len(motion.q), 1))
     for fault in faults:
         form = ON_JOINT.get(fault.effect) or OUT_JOINT.get(fault.effect)
         if form:
             joints[:, joint_of(fault)] += form(fault, trace)
-    wrong = any(fault.effect == "link_geometry" for fault in faults)
-    arm = arm_from(wrong_constants(cell.constants, faults)) if wrong else cell.arm
+    wrong = [fault for fault in faults if fault.effect == "link_geometry"]
+    arm = arm_from(wrong_constants(cell.constants, wrong)) if wrong else cell.arm
     posed = pose(arm, motion.q + joints)
     p = posed.p
     for fault in faults:
         if fault.effect in ON_TOOL:
             p = p + ON_TOOL[fault.effect](fault, trace, posed, cell.constants.base[:3, 3])
-    g = raw_readings(posed, p, link, motion.test, motion.place, faults)
-    g = own_errors(g, motion.t, faults, phases or {})
-    return _stamped(g, motion, faults)
+    return posed, p
 
 
 def _stamped(g: Array, motion: Motion, faults: list[Fault]) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stranger.cell import Cell, Place
 from stranger.reach import OutOfReachError, solve, walk
-from stranger.screws import Array
+from stranger.screws import Array, pose
 
 _RAMP_S = 0.55
 _LEAN = 0.5
@@ -64,22 +64,35 @@ def track_of(cell: Cell, place: Place) -> Track:
     return Track(place, psi, q)
 
 
-def lap(cell: Cell, track: Track, test: str, sense: int, stamps: Array, fine_s: float = 0.01) -> Motion:
-    """One circle, acw (+1) or cw (-1): read at `stamps` (m,) s, as far as the motion lasts.
+def lap(cell: Cell, track: Track, test: str, sense: int, stamps: Array, fine_s: float = 0.01, laps: int = 1) -> Motion:
+    """Circles, acw (+1) or cw (-1): read at `stamps` (m,) s, as far as the motion lasts.
 
-    A cw lap drives the same angles back. Standing half a second before and after is part of the run.
+    A cw lap drives the same angles back. Standing half a second before and after is part of the run; between two laps
+    the robot goes back the way it came, at twice the speed.
     """
     place = track.place
     length = 2 * np.pi + 2 * place.lead
     speed = place.speed / place.radius
-    seconds = length / speed + _RAMP_S + 1.0
+    there, back = length / speed + _RAMP_S + 1.0, length / (2 * speed) + _RAMP_S + 1.0
+    seconds = laps * there + (laps - 1) * back
     stamps = stamps[stamps <= seconds]
     t = np.union1d(np.arange(0.0, seconds, fine_s), stamps)
-    psi = -place.lead + speed * (_soft(t - 0.5) - _soft(t - 0.5 - length / speed))
+    psi = np.full(len(t), -place.lead)
+    for k in range(laps):
+        begin = k * (there + back) + 0.5
+        psi += _way(t - begin, length, speed)
+        if k < laps - 1:
+            psi -= _way(t - begin - there, length, 2 * speed)
     psi = psi if sense > 0 else 2 * np.pi - psi
     guess = np.stack([np.interp(psi, track.psi, column) for column in track.q.T], axis=1)
     R, p = circle_frames(place, place.start + psi)
     return Motion(test, t, solve(cell.arm, R, p, guess), np.searchsorted(t, stamps), place, sense)
+
+
+def _way(t: Array, length: float, speed: float) -> Array:
+    """Arc (n,) rad gone at t (n,) s after a start, from rest to rest."""
+    arc: Array = speed * (_soft(t) - _soft(t - length / speed))
+    return arc
 
 
 def _soft(t: Array) -> Array:
@@ -154,3 +167,34 @@ def visits(cell: Cell, at: dict[str, Array], order: Rows, dwell_s: Array) -> Mot
         now += dwell_s[k] + 0.3
     labels = {key: at[key][order] for key in ("target", "polar", "azimuth", "orientation")}
     return Motion("radial", np.array(t), np.array(q), np.array(rows), cell.hemisphere, 0, labels)
+
+
+def approaches(cell: Cell, at: dict[str, Array], numbers: list[int], step_mm: float, rounds: int) -> Motion:
+    """A repeatability test: at each target a reading, then `rounds` times one after coming from outside and one after
+    coming from inside, `step_mm` along the radius; in the middle orientation."""
+    q, labels, read = [], [], []
+    for number in numbers:
+        (k,) = np.nonzero((at["target"] == number) & (at["orientation"] == 2))
+        if not len(k):
+            continue
+        here = at["q"][k[0]]
+        frame = pose(cell.arm, here[None])
+        out = frame.p - cell.hemisphere.centre
+        out = step_mm * out / np.linalg.norm(out)
+        aside = {way: solve(cell.arm, frame.R, frame.p + s * out, here[None])[0] for way, s in (("out", 1), ("in", -1))}
+        for way, turn in [("none", 1), *((way, r + 1) for r in range(rounds) for way in ("out", "in"))]:
+            if way != "none":
+                q.append(aside[way])
+                read.append(False)
+            q.append(here)
+            read.append(True)
+            labels.append((number, way, turn))
+    order, dwell = np.arange(len(q)), np.full(len(q), 2.0)
+    stops = visits(
+        cell,
+        {key: np.zeros(len(q)) for key in ("target", "polar", "azimuth", "orientation")} | {"q": np.array(q)},
+        order,
+        dwell,
+    )
+    columns = dict(zip(("target", "approach", "round"), map(np.array, zip(*labels, strict=True)), strict=True))
+    return Motion("radial", stops.t, stops.q, stops.rows[np.array(read)], cell.hemisphere, 0, columns)

@@ -127,9 +127,8 @@ class Scales:
         self.sight, self.noise = sight, noise
         self._roots = [self._root(view) for view in sight.views]
         self.names, library = sight.library
-        setup, scatter = self._setup_and_scatter()
-        self._Q = np.linalg.qr(self._unit(np.array(setup)).T)[0].T
-        self.scatter = self.whiten(np.array(scatter))
+        self._Q = np.linalg.qr(self._unit(setup_rows(sight)).T)[0].T
+        self.scatter = self.whiten(self._scatter())
         self.library = self.whiten(library)
 
     def limits(self) -> dict[str, float]:
@@ -177,24 +176,31 @@ class Scales:
         mean, difference = 0.95 * wander + white / 2, 0.2 * wander + 2 * white
         return [np.linalg.inv(np.linalg.cholesky(C / REPEATS)).T for C in (mean, difference)]
 
-    def _setup_and_scatter(self) -> tuple[list[Array], list[Array]]:
-        views, ball = self.sight.views, [_by_ball(self.sight.cell, view) for view in self.sight.views]
-        shapes = [np.zeros_like(view.plain) for view in views]
-        setup, scatter = [], []
-        for test in ("yaw", "roll", "radial"):
-            members = [k for k, view in enumerate(views) if view.motion.test == test]
-            setup += [_placed(shapes, {k: ball[k][:, :, c] for k in members}) for c in range(3)]
-            gauges = np.eye(shapes[members[0]].shape[1])
-            setup += [_placed(shapes, {k: shapes[k] + gauge for k in members}) for gauge in gauges]
-        for k, view in enumerate(views):
+    def _scatter(self) -> Array:
+        shapes = [np.zeros_like(view.plain) for view in self.sight.views]
+        scatter = []
+        for k, view in enumerate(self.sight.views):
             runs = np.sqrt(1 if view.motion.test == "radial" else REPEATS)
-            off = np.radians(self.noise.joints_deg) / runs
+            off, ball = np.radians(self.noise.joints_deg) / runs, by_ball(self.sight.cell, view)
             scatter += [_placed(shapes, {k: off * view.by_joint[:, :, j]}) for j in range(6)]
-            scatter += [_placed(shapes, {k: self.noise.ball_mm / runs * ball[k][:, :, c]}) for c in range(3)]
-        return setup, scatter
+            scatter += [_placed(shapes, {k: self.noise.ball_mm / runs * ball[:, :, c]}) for c in range(3)]
+        return np.array(scatter)
 
 
-def _by_ball(cell: Cell, view: View) -> Array:
+def setup_rows(sight: Sight) -> Array:
+    """What the set-ups can do to the readings, (n, D) mm: a ball and gauge zeros for each test."""
+    views, ball = sight.views, [by_ball(sight.cell, view) for view in sight.views]
+    shapes = [np.zeros_like(view.plain) for view in views]
+    setup = []
+    for test in ("yaw", "roll", "radial"):
+        members = [k for k, view in enumerate(views) if view.motion.test == test]
+        setup += [_placed(shapes, {k: ball[k][:, :, c] for k in members}) for c in range(3)]
+        gauges = np.eye(shapes[members[0]].shape[1])
+        setup += [_placed(shapes, {k: shapes[k] + gauge for k in members}) for gauge in gauges]
+    return np.array(setup)
+
+
+def by_ball(cell: Cell, view: View) -> Array:
     """How readings go with the ball's place, (m, k, 3)."""
     columns = []
     for step in 1e-4 * np.eye(3):
