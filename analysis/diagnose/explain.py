@@ -13,6 +13,7 @@ from analysis.diagnose.evidence import Background
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.refine import Refined, refine
 from analysis.diagnose.search import QUIET, Search
+from rigs.effect import identity
 from rigs.effects import Effect, healthy_size, size_field
 
 _RIVALS = 3
@@ -53,7 +54,7 @@ class Explainer:
         self.linear, self.search = linear, search
         self.level = QUIET[0]
         self.background: Background = search.background(self.level)
-        self._known: dict[tuple[str, ...], Refined] = {}
+        self._known: dict[tuple[Effect, ...], Refined] = {}
 
     def explain(self, levels: Sequence[float]) -> Refined:
         """The names that pay for themselves, at the best of some background levels."""
@@ -108,7 +109,7 @@ class Explainer:
         return Explained(now, tuple(posterior), tuple(rivals), self.level, self.background)
 
     def _refined(self, effects: Sequence[Effect]) -> Refined:
-        key = tuple(sorted(f"{name_of(e)} {getattr(e, 'order', '')}" for e in effects))
+        key = tuple(identity(effect) for effect in effects)
         if key not in self._known:
             self._known[key] = refine(self.linear, self.background, effects)
         return self._known[key]

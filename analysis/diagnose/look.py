@@ -54,7 +54,7 @@ def looked(runs: Sequence[Seen], progress: Callable[[str], None]) -> Look:
     if found is None or found.gain < look.search.price or not _counts(found.effect, look.found.level):
         return look
     progress("once more without the swing of the link")
-    still = stilled(with_names, refined.setups, found.effect.frequency_hz)
+    still = stilled(with_names, refined.setups, found.frequency_hz)
     calm = [replace(run, one=one.one) for run, one in zip(runs, still, strict=True)]
     return replace(_looked(calm, progress), swing=found)
 

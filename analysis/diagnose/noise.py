@@ -18,7 +18,7 @@ from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, moved
 from analysis.model.simulate import Noise as Cell
 from analysis.reading.tables import Integers, PoseTable
-from rigs.effects import JointOffset
+from rigs.effects import turned
 
 _ASSUMED_MM = {"circle": 0.0015, "target": 0.002, "pose": 0.04}
 _LEAST_MM = 1e-5
@@ -55,8 +55,8 @@ def shaken_by(model: Model, one: Observation, setup: SetUp) -> Array:
     base = seen(model, one, scene, setup)
     columns = []
     for axis in range(1, 7):
-        offset = JointOffset(axis=axis, offset_deg=good.scatter_deg)
-        columns.append(predicted(replace(model, effects=(*model.effects, offset)), one, setup) - base)
+        shaken = replace(model, effects=(*model.effects, turned(axis, good.scatter_deg)))
+        columns.append(predicted(shaken, one, setup) - base)
     if not isinstance(one.table, PoseTable):
         steps = good.scatter_mm * np.eye(3)
         columns += [seen(model, one, scene, replace(setup, ball=setup.ball + step)) - base for step in steps]

@@ -77,10 +77,10 @@ class Search:
         return shares
 
     def _background_columns(self) -> Array:
-        """Columns that make the background: main ones, of the many orders of a gear every third."""
+        """Columns that make the background: main ones, of many forms of a name every so many."""
         kept, seen = [], dict.fromkeys(self.names, 0)
         for k, name in enumerate(self.names):
-            if not (name.startswith("transmission_error") and seen[name] % 3):
+            if not seen[name] % self.dictionary.candidates[k].effect.STANDS_FOR:
                 kept += list(self.dictionary.main[k])
             seen[name] += 1
         return np.array(sorted(set(kept)))
@@ -263,9 +263,8 @@ def _doubt(level: float) -> float:
 
 
 def _thinned(search: Search) -> Array:
-    """How many orders each background column stands for."""
-    thin = [3.0 if search.names[k].startswith("transmission_error") else 1.0 for k in _owners(search)]
-    return np.array(thin)
+    """How many forms each background column stands for."""
+    return np.array([float(search.dictionary.candidates[k].effect.STANDS_FOR) for k in _owners(search)])
 
 
 def _owners(search: Search) -> list[int]:

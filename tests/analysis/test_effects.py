@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import analysis.effects
-from analysis.effects import apply, module_of
+import rigs.effects
 from analysis.kinematics.arm import forward_and_jacobian
-from analysis.model.hysteresis import play, turns
+from analysis.model.hysteresis import turns
 from analysis.model.predict import model_of, nominal_setup, path_of, predict
-from analysis.model.scene import STAGES, Scene
+from analysis.model.scene import Scene, apply
 from analysis.model.simulate import simulate
 from rigs.effects import (
     VOCABULARY,
@@ -32,6 +31,8 @@ from rigs.effects import (
     size_field,
 )
 from rigs.load import load, load_hidden
+from rigs.play import play
+from rigs.scene import STAGES
 
 RIG = load_hidden("paper-fanuc").within(load("paper-fanuc")[0])
 UP_AND_DOWN = np.radians(np.concatenate([np.linspace(0, 2, 200), np.linspace(2, 0, 201)]))
@@ -78,7 +79,7 @@ def test_a_size_of_zero_is_the_identity_and_the_healthy_size_shows(effect: Effec
 
 @pytest.mark.parametrize("effect", EXAMPLES, ids=lambda effect: effect.effect)
 def test_every_effect_declares_a_stage_and_is_small_for_small_sizes(effect: Effect) -> None:
-    assert module_of(effect).STAGE in STAGES
+    assert effect.STAGE in STAGES
     nothing = _readings()
     small, smaller = (
         np.abs(_readings(effect.model_copy(update={size_field(effect): share * healthy_size(effect)})) - nothing).max()
@@ -88,7 +89,7 @@ def test_every_effect_declares_a_stage_and_is_small_for_small_sizes(effect: Effe
 
 
 def test_every_name_of_the_vocabulary_has_its_file_and_the_other_way_round() -> None:
-    files = {path.stem for path in Path(analysis.effects.__file__).parent.glob("*.py")} - {"__init__"}
+    files = {path.stem for path in Path(rigs.effects.__file__).parent.glob("*.py")} - {"__init__"}
     assert set(VOCABULARY) == files == {effect.effect for effect in EXAMPLES}
 
 
