@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import sys
+from dataclasses import replace
 from functools import cache
 from typing import get_args
 
@@ -107,9 +108,14 @@ def simulated(name: str) -> None:
 
 
 def fitted(name: str) -> None:
-    """Least squares finds what was planted in readings without noise."""
-    planted = fault(name)
-    observations = [observe(model_of(RIG), simulate(RIG, "yaw", way, None, (planted,)), "yaw") for way in WAYS]
+    """Least squares finds what was planted in readings with hardly any noise, and none from run to run."""
+    planted, rng = fault(name), np.random.default_rng(7)
+    observations = []
+    for way in WAYS:
+        table = simulate(RIG, "yaw", way, None, (planted,))
+        assert isinstance(table, CircleTable)
+        noisy = replace(table, g_mm=table.g_mm + rng.normal(0.0, 1e-4, table.g_mm.shape))
+        observations.append(observe(model_of(RIG), noisy, "yaw"))
     model = model_of(RIG, [scaled(planted, 0.7)])
     found = fit(model, observations, sizes(model.effects))
     near(found.model.effects[0], planted, 0.0)

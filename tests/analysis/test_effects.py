@@ -14,6 +14,7 @@ from analysis.model.hysteresis import turns
 from analysis.model.predict import model_of, nominal_setup, path_of, predict
 from analysis.model.scene import Scene, apply
 from analysis.model.simulate import simulate
+from rigs.effect import identity, is_play, is_wave
 from rigs.effects import (
     VOCABULARY,
     Backlash,
@@ -226,3 +227,17 @@ def test_roll_sees_what_yaw_does_not() -> None:
     roll = np.degrees(np.arctan((g[:, 1] - g[:, 0]) / 50.0))
     # Between two samples of the controller the path is a chord, on the quick way back a longer one.
     np.testing.assert_allclose(roll, np.degrees(np.arctan(2.0 / 70.0)), atol=2e-4)
+
+
+def test_identity_is_what_has_to_be_given_and_nothing_that_is_fitted() -> None:
+    three, five = (VOCABULARY["ball_form"].model_validate({"lobes": lobes, "amplitude_mm": 0.01}) for lobes in (3, 5))
+    assert identity(three) == identity(three.model_copy(update={"amplitude_mm": 0.02, "phase_deg": 70.0}))
+    assert len({identity(three), identity(five), identity(TransmissionError(axis=4, order=3))}) == 3
+    assert identity(Backlash(axis=1, width_deg=0.1, transit=0.3)) == Backlash(axis=1)
+    assert identity(LinkGeometry(axis=3, field="a")) != identity(LinkGeometry(axis=3, field="d"))
+
+
+def test_every_play_and_every_wave_is_known_as_one() -> None:
+    assert {effect.effect for effect in EXAMPLES if is_play(effect)} == {"backlash", "gauge_dead_band"}
+    waves = {effect.effect for effect in EXAMPLES if is_wave(effect)}
+    assert waves == {"transmission_error", "ball_form", "gauge_cyclic", "vibration"}
