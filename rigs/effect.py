@@ -1,4 +1,4 @@
-"""What every effect has: why link side = reported + effect, where it may sit, how it is told, mended and corrected.
+"""What every effect has: its keys and physics, where it may sit, its words, its remedy, how a controller corrects it.
 
 An effect is one class in one file of `rigs/effects/`; nothing else names it. A parameter's unit is in its name; its
 bounds, and the size that a healthy arm shows anyway, are its field's. The size scales an effect and is zero for none;
@@ -149,8 +149,8 @@ class Effect(Part, ABC):
     @classmethod
     @abstractmethod
     def forms(cls, scope: Scope) -> list[list[Self]]:
-        """Where it may sit in the runs of a scope, and at each place the forms that it may have there; sizes zero. A
-        wave has both its phases without being told so."""
+        """A list for each place where it may sit in the runs of a scope, of the forms that it may have there, at size
+        zero. Callers add the second phase of a wave."""
 
     @abstractmethod
     def plain(self, joint: str) -> str:
@@ -176,12 +176,12 @@ class Effect(Part, ABC):
 
     @property
     def symbol(self) -> str:
-        """What the field calls the number that it changes; empty where that has no name of its own."""
+        """The field's own name of the number that it changes; empty where that has none."""
         return ""
 
     @property
     def idle(self) -> str:
-        """Why a test that does not move it shows nothing of it."""
+        """The reason why a test that does not move it shows nothing of it."""
         return "nothing in these tests moves it"
 
     def unit(self, parameter: str) -> str:
@@ -196,12 +196,12 @@ class Effect(Part, ABC):
 
     @classmethod
     def turning(cls, axis: int, angle_deg: float) -> Effect | None:
-        """The effect that turns a joint by a constant, of the one class that is this."""
+        """The effect that turns a joint by a constant; None of every class but one."""
         return None
 
     @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Effect | None:
-        """The effect that is a swing of the link, of the one class that is this: its phase is new in each run, so it is
+        """The effect that is a swing of the link; None of every class but one. Its phase is new in each run, so it is
         looked for in the time of each run, and has no forms."""
         return None
 

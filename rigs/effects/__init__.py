@@ -23,15 +23,14 @@ from rigs.effect import size_field as size_field
 
 
 def _class_in(name: str) -> type[Effect]:
-    """The effect of a file. A part of a rig file, it is told by the file's name."""
-    file = importlib.import_module(f"{__name__}.{name}")
-    (found,) = (one for one in vars(file).values() if _is_effect(one) and one.model_fields["effect"].default == name)
-    effect: type[Effect] = found
-    return effect
-
-
-def _is_effect(one: object) -> bool:
-    return isinstance(one, type) and issubclass(one, Effect) and one is not Effect
+    """The effect in a file. Raises ImportError for a file without a whole effect of its name."""
+    held = vars(importlib.import_module(f"{__name__}.{name}")).values()
+    for one in held:
+        if isinstance(one, type) and issubclass(one, Effect) and one.model_fields["effect"].default == name:
+            if missing := sorted(one.__abstractmethods__) + ["STAGE"] * (not hasattr(one, "STAGE")):
+                raise ImportError(f"rigs/effects/{name}.py: {one.__name__} does not say {', '.join(missing)}")
+            return one
+    raise ImportError(f"rigs/effects/{name}.py: has no Effect whose key effect is {name!r}")
 
 
 VOCABULARY: dict[str, type[Effect]] = {file.name: _class_in(file.name) for file in pkgutil.iter_modules(__path__)}

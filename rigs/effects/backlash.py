@@ -56,11 +56,9 @@ class Backlash(Effect):
         return at_each_axis(cls)
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"play of {joint}"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return (
             f"look at the reducer of joint {self.axis}: {self.width_deg:.4f}° of play; approach from one side meanwhile"
         )

@@ -36,15 +36,12 @@ class BallForm(Effect):
         return [[cls(lobes=lobes) for lobes in _LIKELY]] if scope.gauges else []
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"form of the ball, {self.lobes} lobes"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return "the ball is out of round: turn it by a quarter and measure again; replace it if this turns with it"
 
     def compensation(self) -> Compensation:
-        """It is the ball's."""
         return Compensation("none", "is the ball's, the arm has no part in it")
 
     def departures(self) -> Departures:

@@ -26,13 +26,10 @@ class ClockRate(Effect):
         return [[cls()]] if scope.timed else []
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return "rate of the gauges' clock against the robot's"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return f"the clocks run apart by {self.ppm:+.3g} ppm: synchronise them"
 
     def compensation(self) -> Compensation:
-        """It is the clocks'."""
         return OF_THE_CLOCKS

@@ -38,11 +38,9 @@ class Compliance(Effect):
         return at_each_axis(cls, payload_kg=_HANGS_KG)
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"twist of {joint} under gravity"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return f"joint {self.axis} gives way under load: enter the payload as it is, or let the controller compensate"
 
     def compensation(self) -> Compensation:

@@ -31,13 +31,10 @@ class GaugeBaseline(Effect):
         return [[cls()]] if len(scope.gauges) > 1 else []
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return "distance between the gauges"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return f"the gauges stand {self.delta_mm:+.3f} mm further apart than the rig file says: measure and enter it"
 
     def compensation(self) -> Compensation:
-        """It is the gauges'."""
         return OF_THE_GAUGES

@@ -51,17 +51,14 @@ class GaugeCyclic(Effect):
         return [[cls(gauge=gauge, period_mm=period) for period in _PERIODS_MM] for gauge in scope.gauges]
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"interpolation of gauge {self.gauge}, each {self.period_mm:.4g} mm"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return (
             f"{self.gauge} has an error every {self.period_mm:g} mm: clean its scale, have its interpolation adjusted"
         )
 
     def compensation(self) -> Compensation:
-        """It is a gauge's."""
         return OF_THE_GAUGES
 
     def departures(self) -> Departures:

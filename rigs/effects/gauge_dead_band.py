@@ -30,16 +30,13 @@ class GaugeDeadBand(Effect):
         return at_each_gauge(cls, scope)
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"sticking of gauge {self.gauge}"
 
     def remedy(self) -> str:
-        """What a person should do."""
         width_um = 1e3 * self.width_mm
         return f"the plunger of {self.gauge} sticks by {width_um:.2g} µm: clean and oil it, or replace the gauge"
 
     def compensation(self) -> Compensation:
-        """It is a gauge's."""
         return OF_THE_GAUGES
 
     def departures(self) -> Departures:

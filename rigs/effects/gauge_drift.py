@@ -28,13 +28,10 @@ class GaugeDrift(Effect):
         return at_each_gauge(cls, scope)
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"drift of gauge {self.gauge}"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return f"{self.gauge} drifts by {1e3 * self.mm_per_min:+.2g} µm a minute: let it warm up, look at its holder"
 
     def compensation(self) -> Compensation:
-        """It is a gauge's."""
         return OF_THE_GAUGES

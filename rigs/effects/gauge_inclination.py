@@ -30,13 +30,10 @@ class GaugeInclination(Effect):
         return at_each_gauge(cls, scope)
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"inclination of gauge {self.gauge}"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return f"{self.gauge} stands askew by {self.angle_deg:.2f}°: shim it"
 
     def compensation(self) -> Compensation:
-        """It is a gauge's."""
         return OF_THE_GAUGES

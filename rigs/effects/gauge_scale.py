@@ -28,13 +28,10 @@ class GaugeScale(Effect):
         return at_each_gauge(cls, scope)
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"scale of gauge {self.gauge}"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return f"{self.gauge} reads {1e2 * self.relative:+.3g} %: have it calibrated, or enter the scale"
 
     def compensation(self) -> Compensation:
-        """It is a gauge's."""
         return OF_THE_GAUGES

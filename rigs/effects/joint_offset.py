@@ -31,11 +31,9 @@ class JointOffset(Effect):
         return at_each_axis(cls)
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"zero of {joint}"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return f"re-master joint {self.axis} by {self.offset_deg:+.4f}° (link = reported + offset), or enter it"
 
     def compensation(self) -> Compensation:

@@ -40,11 +40,9 @@ class LinkBending(Effect):
         return at_each_axis(cls)
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"bending of the link after {joint}"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return f"the link after joint {self.axis} bends: enter the payload as it is; look for a loose flange or bolts"
 
     def compensation(self) -> Compensation:

@@ -52,11 +52,9 @@ class LinkGeometry(Effect):
         ]
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"{_IN_WORDS[self.field]} of {joint} in the rig file"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return (
             f"add {self.delta:+.4f} {'mm' if self._length else '°'} to {self.field} of axis {self.axis} in the rig file"
             f" ({self.symbol} in the robot's constants)"

@@ -58,11 +58,9 @@ class ReversalSpike(Effect):
         return [[cls(axis=axis, decay_s=decay) for decay in _DECAYS_S] for axis in AXES if scope.timed]
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"wind-up of {joint} after reversals"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return f"joint {self.axis} sticks at reversals: look at brake, seals, grease and the tuning of the servo"
 
     def compensation(self) -> Compensation:

@@ -30,11 +30,9 @@ class ServoLag(Effect):
         return at_each_axis(cls) if scope.timed else []
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"lag of {joint} behind its feedback"
 
     def remedy(self) -> str:
-        """What a person should do."""
         late_ms = 1e3 * self.lag_s
         return f"joint {self.axis} comes {late_ms:.3g} ms late: record encoder angles, not commands, or tune the servo"
 

@@ -33,11 +33,9 @@ class ThermalGrowth(Effect):
         return [[cls(time_constant_s=tau) for tau in _WARMING_S]] if scope.gauges else []
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return "growth of all lengths with time"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return "the arm grows as it warms up: run it warm before measuring, or measure quicker"
 
     def compensation(self) -> Compensation:

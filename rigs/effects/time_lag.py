@@ -26,14 +26,11 @@ class TimeLag(Effect):
         return [[cls()]] if scope.timed else []
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return "time of the gauges against the robot's"
 
     def remedy(self) -> str:
-        """What a person should do."""
         late_ms = 1e3 * self.lag_s
         return f"gauge stamps are {late_ms:+.3g} ms late: enter the delay of the line, or stamp nearer to the gauge"
 
     def compensation(self) -> Compensation:
-        """It is the clocks'."""
         return OF_THE_CLOCKS

@@ -62,11 +62,9 @@ class TransmissionError(Effect):
         return [[cls(axis=axis, order=order) for order in _orders_for(scope.turned[axis - 1])] for axis in AXES]
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"gear error of {joint}, {self.order:.4g} a turn"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return (
             f"look at the gear stage of joint {self.axis} that turns {self.order:.4g} times a turn of the joint:"
             f" ± {self.amplitude_deg:.4f}°"

@@ -33,11 +33,9 @@ class Vibration(Effect):
         return []
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"vibration at {self.frequency_hz:.4g} Hz"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return (
             f"the link swings at {self.frequency_hz:.3g} Hz: look for what shakes it, drive slower, stiffen the stand"
         )

@@ -32,11 +32,9 @@ class WristCoupling(Effect):
         return [[cls(from_axis=start, to_axis=end)] for start, end in _WRIST]
 
     def plain(self, joint: str) -> str:
-        """What a person calls it."""
         return f"axis {self.from_axis} leaking into axis {self.to_axis}"
 
     def remedy(self) -> str:
-        """What a person should do."""
         return f"motion of joint {self.from_axis} leaks into joint {self.to_axis}: correct the wrist's coupling ratio"
 
     def compensation(self) -> Compensation:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
+from pydantic import create_model
 
 import rigs.effects
 from analysis.kinematics.arm import forward_and_jacobian
@@ -241,3 +244,20 @@ def test_every_play_and_every_wave_is_known_as_one() -> None:
     assert {effect.effect for effect in EXAMPLES if is_play(effect)} == {"backlash", "gauge_dead_band"}
     waves = {effect.effect for effect in EXAMPLES if is_wave(effect)}
     assert waves == {"transmission_error", "ball_form", "gauge_cyclic", "vibration"}
+
+
+@pytest.mark.parametrize(
+    ("held", "message"),
+    [
+        ({}, "rigs/effects/half.py: has no Effect whose key effect is 'half'"),
+        ({"Half": create_model("Half", __base__=Effect, effect=(str, "half"))}, "does not say apply, .*remedy, STAGE"),
+    ],
+)
+def test_a_file_without_a_whole_effect_is_refused(
+    held: dict[str, object], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = ModuleType("rigs.effects.half")
+    vars(module).update(held)
+    monkeypatch.setitem(sys.modules, "rigs.effects.half", module)
+    with pytest.raises(ImportError, match=message):
+        rigs.effects._class_in("half")
