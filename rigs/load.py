@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from rigs.base import Part, Vector
-from rigs.effects import Effect
+from rigs.effects import AnyEffect
 from rigs.errors import FileError
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
@@ -22,7 +22,7 @@ _MAX_BYTES = 1_000_000
 class Hidden(Part):
     """What a simulated or emulated cell hides: a file of its own, or the effects of a rig file."""
 
-    effects: tuple[Effect, ...] | None = None
+    effects: tuple[AnyEffect, ...] | None = None
     eccentricity_mm: Vector | None = None
     """Base-ball less circle centre, in the world; None leaves it where the rig file has it."""
 

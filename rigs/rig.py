@@ -9,7 +9,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from rigs.automatic import Automatic, Retention
 from rigs.base import Part
 from rigs.certificate import Ball, Link, Temperature
-from rigs.effects import Effect
+from rigs.effects import AnyEffect
 from rigs.feedback import Feedback, carries_signal
 from rigs.gauges import Gauges
 from rigs.robot import Robot
@@ -32,7 +32,7 @@ class Rig(Part):
     link: Link | None = None
     temperature: Temperature | None = None
     tests: Tests = Tests()
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[AnyEffect, ...] = ()
     automatic: Automatic | None = None
     retention: Retention | None = None
     replay: str = ""

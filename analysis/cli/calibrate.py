@@ -15,7 +15,9 @@ def calibrate(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
     fit: Annotated[
         str,
-        typer.Option(help="Effects with commas between, as link_geometry:3.a or backlash:1; a name alone is all axes."),
+        typer.Option(
+            help="Effects with commas between, as NAME:AXIS (others: docs/simulation.md); a name alone is all axes."
+        ),
     ],
     rig_file: Annotated[
         str | None, typer.Option("--rig", help="The model to begin with; without it, the first run's rig file.")

@@ -10,11 +10,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from analysis.correction.support import Support
-from rigs.effects import JointOffset, LinkGeometry
+from rigs.effect import Use
 from rigs.rig import Rig
 
-_COLUMNS = {"a": "a_mm", "alpha": "alpha_deg", "beta": "beta_deg", "d": "d_mm"}
-CONSTANTS = (*_COLUMNS.values(), "offset_deg")
+CONSTANTS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg")
 """Columns of a table of constants, named as in the rig file."""
 
 
@@ -36,20 +35,12 @@ class Correction:
 
 def joint_zeros(rig: Rig, found: Sequence[Support]) -> list[Correction]:
     """By how much the controller's angle of each joint must read more where the arm stands: its mastering."""
-    parts = [
-        (one.effect.axis, "q_deg", one) for one in found if one.use != "none" and isinstance(one.effect, JointOffset)
-    ]
-    return _summed(parts, {axis: {"q_deg": 0.0} for axis in range(1, 7)})
+    return _summed(found, "joint zero", {axis: {"q_deg": 0.0} for axis in range(1, 7)})
 
 
 def link_constants(rig: Rig, found: Sequence[Support]) -> list[Correction]:
     """Constants of the arm that are not as the rig file says."""
-    parts = [
-        (one.effect.axis, _COLUMNS[one.effect.field], one)
-        for one in found
-        if one.use != "none" and isinstance(one.effect, LinkGeometry)
-    ]
-    return _summed(parts, {k: axis.model_dump() for k, axis in enumerate(rig.robot.axes, start=1)})
+    return _summed(found, "link constant", {k: axis.model_dump() for k, axis in enumerate(rig.robot.axes, start=1)})
 
 
 def corrected_table(rig: Rig, corrections: Sequence[Correction]) -> list[dict[str, float | int | str]]:
@@ -62,11 +53,14 @@ def corrected_table(rig: Rig, corrections: Sequence[Correction]) -> list[dict[st
     return rows
 
 
-def _summed(parts: Sequence[tuple[int, str, Support]], nominal: dict[int, dict[str, float]]) -> list[Correction]:
-    places = sorted({(axis, key) for axis, key, _ in parts})
+def _summed(found: Sequence[Support], use: Use, nominal: dict[int, dict[str, float]]) -> list[Correction]:
+    """The corrections of one use, by axis and key."""
+    places: dict[tuple[int, str], list[Support]] = {}
+    for one in found:
+        if one.use == use and (place := one.effect.compensation().constant):
+            places.setdefault(place, []).append(one)
     made = []
-    for axis, key in places:
-        own = [one for k, other, one in parts if (k, other) == (axis, key)]
+    for (axis, key), own in sorted(places.items(), key=lambda one: one[0]):
         delta, u = math.fsum(one.value for one in own), math.hypot(*(one.u for one in own))
         made.append(Correction(axis, key, float(nominal[axis][key]), delta, u))
     return made

@@ -7,35 +7,15 @@ instruments cannot be met by any target; and an effect that may as well be zero 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
 
+from rigs.effect import Use
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
 
-Use = Literal["joint zero", "link constant", "targets only", "none"]
-
-_USES: dict[str, Use] = {
-    "joint_offset": "joint zero",
-    "link_geometry": "link constant",
-    "compliance": "targets only",
-    "link_bending": "targets only",
-    "transmission_error": "targets only",
-    "wrist_coupling": "targets only",
-}
 _HOW: dict[Use, str] = {
     "joint zero": "is the same in every posture: re-master the axis",
     "link constant": "is a constant of the arm",
     "targets only": "depends on the posture: no zero or constant holds it, corrected targets do",
-}
-_WHY_NOT = {
-    "backlash": "depends on where the joint came from: only the same approach direction to every target helps",
-    "reversal_spike": "fades after each reversal: only a pause, or the same approach direction, helps",
-    "servo_lag": "shows in motion only: a slower path helps, another target does not",
-    "thermal_growth": "changes with run time: warming up helps, a fixed target does not",
-    "vibration": "swings about the target: only its cause can be mended",
-    "time_lag": "is the clocks', the arm has no part in it",
-    "clock_rate": "is the clocks', the arm has no part in it",
-    "ball_form": "is the ball's, the arm has no part in it",
 }
 
 
@@ -56,19 +36,21 @@ def supports(rig: Rig) -> list[Support]:
     return [_support(effect) for effect in rig.effects]
 
 
-def _support(effect: Any) -> Support:
+def _support(effect: Effect) -> Support:
     field = size_field(effect)
     value = float(getattr(effect, field))
     u = effect.found.sd.get(field, float("nan")) if effect.found else float("nan")
-    use = _USES.get(effect.effect, "none")
-    if use == "none":
-        reason = _WHY_NOT.get(effect.effect, "is the gauges', the arm has no part in it")
-    elif effect.found is None:
-        use, reason = "none", "stands in the rig file without where it came from: diagnose or calibrate it"
-    elif not u > 0:
-        use, reason = "none", "was found without an uncertainty: calibrate it"
-    elif u >= abs(value):
-        use, reason = "none", "is no larger than its uncertainty: it may as well be zero"
-    else:
-        reason = _HOW[use]
-    return Support(effect, value, u, use, reason)
+    use = effect.compensation().use
+    reason = _why_not(effect, value, u)
+    return Support(effect, value, u, "none", reason) if reason else Support(effect, value, u, use, _HOW[use])
+
+
+def _why_not(effect: Effect, value: float, u: float) -> str:
+    """Why an effect is left alone; empty where it need not be."""
+    if effect.compensation().use == "none":
+        return effect.compensation().why_not
+    if effect.found is None:
+        return "stands in the rig file without where it came from: diagnose or calibrate it"
+    if not u > 0:
+        return "was found without an uncertainty: calibrate it"
+    return "is no larger than its uncertainty: it may as well be zero" if u >= abs(value) else ""

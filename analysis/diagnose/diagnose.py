@@ -20,7 +20,6 @@ from analysis.diagnose.look import Look, looked
 from analysis.diagnose.observed import Seen
 from analysis.diagnose.parting import parting
 from analysis.diagnose.proof import gap, judged, without
-from analysis.diagnose.remedy import remedy
 from analysis.diagnose.runs import about
 from analysis.diagnose.signatures import parts
 from analysis.reading.loading import Measured
@@ -141,13 +140,13 @@ def _named(look: Look, decided: _Decided, runs: Sequence[Seen]) -> tuple[Named, 
         for k in range(len(told))
     ]
     named = [
-        Named(effect, found.refined.sd(k), share, rivals, gaps_um[k], remedy(effect))
+        Named(effect, found.refined.sd(k), share, rivals, gaps_um[k], effect.remedy())
         for k, (effect, share, rivals) in enumerate(zip(told, found.posterior, found.rivals, strict=False))
     ]
     if look.swing:
         # It begins anew with every run, so no model takes it out of the readings.
         swing = look.swing
-        named.append(Named(swing.effect, swing.sd, 1.0, (), train.after_um, remedy(swing.effect)))
+        named.append(Named(swing.effect, swing.sd, 1.0, (), train.after_um, swing.effect.remedy()))
     return tuple(named)
 
 

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnose.blocks import Block
-from analysis.effects import apply, module_of
 from analysis.fitting.observation import predicted, seen
 from analysis.fitting.setups import moved_setup, terms_of
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, moved
-from rigs.effects import Effect, JointOffset
+from analysis.model.scene import apply
+from rigs.effects import Effect, turned
 
 _STEP_DEG = 1e-4
 _STEP_MM = 0.01
@@ -115,20 +115,19 @@ class Linear:
         rows = block.one.path.rows[block.one.rows]
         added = np.empty((*base.shape, len(effects)))
         for place, effect in enumerate(effects):
-            if module_of(effect).STAGE == "joint":
-                turned = apply([effect], "joint", scene).link_q[rows] - scene.link_q[rows]
-                added[:, :, place] = np.einsum("mkj,mj->mk", self._slopes[k], turned)
+            if effect.STAGE == "joint":
+                off = apply([effect], "joint", scene).link_q[rows] - scene.link_q[rows]
+                added[:, :, place] = np.einsum("mkj,mj->mk", self._slopes[k], off)
             else:
                 grown = _with(block.model, *self.known, effect)
-                there = scene if module_of(effect).STAGE in _READING else moved(grown, block.one.path)
+                there = scene if effect.STAGE in _READING else moved(grown, block.one.path)
                 added[:, :, place] = seen(grown, block.one, there, self.setups[block.one.setup]) - base
         return block.whitened(added)
 
     def _slope(self, block: Block, base: Array) -> Array:
         slopes = np.empty((*base.shape, 6))
         for axis in range(1, 7):
-            nudge = JointOffset(axis=axis, offset_deg=_STEP_DEG)
-            read = predicted(_with(block.model, *self.known, nudge), block.one, self.setups[block.one.setup])
+            read = predicted(_with(block.model, *self.known, turned(axis, _STEP_DEG)), block.one, self.setups[block.one.setup])
             slopes[:, :, axis - 1] = (read - base) / np.radians(_STEP_DEG)
         return slopes
 

@@ -15,11 +15,11 @@ import numpy as np
 
 from analysis.diagnose.background import Background, Posterior, fault_sizes
 from analysis.diagnose.noise import LEAST_ASSUMED
-from analysis.diagnose.candidates import name_of
 from analysis.diagnose.columns import LARGEST, Columns, Form
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.refine import Refined, refine
 from analysis.kinematics.arm import Array
+from rigs.effect import name_of
 from rigs.effects import Effect, healthy_size, size_field
 
 FAULTS = 2.0

@@ -9,7 +9,7 @@ and difference of the gauges. What was not repeated is assumed as wide as real c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -21,6 +21,7 @@ from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, moved
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from analysis.reading.tables import Integers, PoseTable
+from rigs.effects import turned
 
 SCATTER_DEG, SCATTER_MM = 0.0002, 0.001
 """The scatter of joints and ball that `shaken_by` shows; all others are multiples of it."""
@@ -68,16 +69,12 @@ class CircleNoise:
 def shaken_by(model: Model, one: Observation, setup: SetUp) -> Array:
     """What a unit scatter of each joint and of the ball adds to the readings, (m, k, 9) mm; for poses, whose
     instrument's place is fitted anyway, of the joints alone (m, 3, 6)."""
-    from dataclasses import replace  # noqa: PLC0415
-
-    from rigs.effects import JointOffset  # noqa: PLC0415
-
     scene = moved(model, one.path)
     base = seen(model, one, scene, setup)
     columns = []
     for axis in range(1, 7):
-        offset = JointOffset(axis=axis, offset_deg=SCATTER_DEG)
-        columns.append(predicted(replace(model, effects=(*model.effects, offset)), one, setup) - base)
+        off = replace(model, effects=(*model.effects, turned(axis, SCATTER_DEG)))
+        columns.append(predicted(off, one, setup) - base)
     if not isinstance(one.table, PoseTable):
         steps = SCATTER_MM * np.eye(3)
         columns += [seen(model, one, scene, replace(setup, ball=setup.ball + step)) - base for step in steps]

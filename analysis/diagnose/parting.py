@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from typing import Any
 
 import numpy as np
 
 from analysis.diagnose.further import further_tests
 from analysis.diagnose.signatures import Signatures, View
 from analysis.kinematics.arm import Array
+from rigs.effect import is_play, phases, scaled
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -19,7 +19,6 @@ from rigs.vocabulary import TestName
 
 _SMALL = 1e-3
 """Of a healthy size: signatures of rivals are taken there."""
-_PLAYS = ("backlash", "gauge_dead_band")
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,9 @@ def parting(rig: Rig, effects: Sequence[Effect], tests: Sequence[TestName], runs
     """
     if len(effects) < 2:
         return []
-    asked = Signatures([_phases(_small(effect)) for effect in effects], np.array([_smaller(one) for one in effects]))
+    asked = Signatures(
+        [phases(scaled(effect, _smaller(effect))) for effect in effects], np.array([_smaller(one) for one in effects])
+    )
     programmed = [test for test in tests if test != "pose"]
     known = asked.products(View(rig, programmed, runs)) if programmed else np.array(0.0)
     found = []
@@ -86,22 +87,8 @@ def best_first(found: Sequence[Parting]) -> tuple[Parting, ...]:
     return tuple(sorted(found, key=lambda one: -one.sigma))
 
 
-def _small(effect: Any) -> Effect:
-    """An effect so small that its signature is straight; the set-up would take up what bends of a large one. A play is
-    not twice itself, and stays."""
-    small: Effect = effect.model_copy(
-        update={size_field(effect): _smaller(effect) * getattr(effect, size_field(effect))}
-    )
-    return small
-
-
-def _smaller(effect: Any) -> float:
-    size = abs(getattr(effect, size_field(effect)))
-    return 1.0 if effect.effect in _PLAYS or size == 0 else _SMALL * healthy_size(effect) / size
-
-
-def _phases(effect: Any) -> tuple[Effect, ...]:
-    """An effect, and the same a quarter of a wave on where its phase is free."""
-    if not hasattr(effect, "phase_deg"):
-        return (effect,)
-    return effect, effect.model_copy(update={"phase_deg": (effect.phase_deg + 90.0) % 360.0})
+def _smaller(effect: Effect) -> float:
+    """The share of an effect that is so small that its signature is straight; the set-up would take up what bends of a
+    large one. A play is not twice itself, and stays."""
+    size: float = abs(getattr(effect, size_field(effect)))
+    return 1.0 if is_play(effect) or size == 0 else _SMALL * healthy_size(effect) / size

@@ -18,6 +18,7 @@ from analysis.diagnose.columns import LARGEST
 from analysis.diagnose.forms import form_columns
 from analysis.diagnose.linear import Linear
 from analysis.kinematics.arm import Array
+from rigs.effect import PHASE, is_wave
 from rigs.effects import Effect, bounds, healthy_size, size_field
 
 _ROUNDS = 8
@@ -25,20 +26,6 @@ _TRIES = 5
 _FURTHEST = 4.0
 _ENOUGH = 0.02
 """Half a chi-square that a round must gain to go on."""
-_SHAPES: dict[str, dict[str, tuple[float, float]]] = {
-    "backlash": {"transit": (0.2, 0.4), "preload": (0.0, 0.15)},
-    "transmission_error": {"third": (0.0, 0.3)},
-    "compliance": {"payload_kg": (5.0, 7.0)},
-    "reversal_spike": {"slow": (0.0, 0.2), "rise": (0.0, 0.05)},
-}
-"""Shapes that are fitted: what is expected, and how far it may be off."""
-_STRETCHED = {
-    "transmission_error": ("order", 0.03),
-    "reversal_spike": ("decay_s", 0.7),
-    "thermal_growth": ("time_constant_s", 0.7),
-    "gauge_cyclic": ("period_mm", 0.05),
-}
-"""Shapes that begin where a variant has them, and how far they may be off, in shares of that."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +135,7 @@ class _Problem:
     def _bounded(self, effects: Sequence[Any], x: Array) -> Array:
         held = x.copy()
         for k, unknown in enumerate(self.unknowns):
-            if unknown.field == "phase_deg":
+            if unknown.field == PHASE:
                 held[k] = (held[k] + 180) % 360 - 180
             else:
                 held[k] = np.clip(held[k], *self._limits(effects, unknown))
@@ -156,7 +143,7 @@ class _Problem:
 
     def _limits(self, effects: Sequence[Any], unknown: Unknown) -> tuple[float, float]:
         """What an unknown may be; a phase anything."""
-        if unknown.field == "phase_deg":
+        if unknown.field == PHASE:
             return -np.inf, np.inf
         low, high = bounds(effects[unknown.effect], unknown.field)
         if unknown.field == size_field(effects[unknown.effect]):
@@ -177,14 +164,12 @@ def _unknowns(effects: Sequence[Effect]) -> list[Unknown]:
     found = []
     for k, effect in enumerate(effects):
         found.append(Unknown(k, size_field(effect), 0.0, LARGEST * healthy_size(effect)))
-        if hasattr(effect, "phase_deg"):
-            found.append(Unknown(k, "phase_deg", effect.phase_deg, 360.0))
-        if effect.effect in _STRETCHED:
-            name, share = _STRETCHED[effect.effect]
-            begin = float(getattr(effect, name))
-            found.append(Unknown(k, name, begin, max(share * begin, 0.5 if name == "order" else 0.0)))
-        for name, (expected, spread) in _SHAPES.get(effect.effect, {}).items():
-            found.append(Unknown(k, name, expected, spread))
+        if is_wave(effect):
+            found.append(Unknown(k, PHASE, float(getattr(effect, PHASE)), 360.0))
+        for stretched in effect.STRETCHED:
+            begin = float(getattr(effect, stretched.field))
+            found.append(Unknown(k, stretched.field, begin, max(stretched.share * begin, stretched.least)))
+        found += [Unknown(k, free.field, free.expected, free.spread) for free in effect.FREE]
     return found
 
 

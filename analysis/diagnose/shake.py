@@ -15,7 +15,8 @@ from analysis.diagnose.observed import Seen
 from analysis.fitting.observation import residuals_of
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
-from rigs.effects import Vibration
+from rigs.effects import Effect
+from rigs.effects import swing as swing_of
 
 _LOWEST_HZ = 2.0
 _NEAR_HZ = 1.0
@@ -26,7 +27,8 @@ _NEAR_HZ = 1.0
 class Swing:
     """A swing found: with the uncertainty of its parameters and the log evidence for it."""
 
-    effect: Vibration
+    effect: Effect
+    frequency_hz: float
     sd: dict[str, float]
     gain: float
 
@@ -55,8 +57,8 @@ def swing(runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> Swing | None:
     gain = float(over[k] - count - count * np.log(max(over[k] / count, 1.0))) - float(np.log(len(f)))
     amplitude = float(np.sqrt(max(squares[k] / count, 0.0)))
     sd = float(np.sqrt(np.mean(noise) / count))
-    effect = Vibration(frequency_hz=float(f[k]), amplitude_mm=min(amplitude, 1.0))
-    return Swing(effect, {"amplitude_mm": sd, "frequency_hz": 0.125 / seconds}, gain)
+    effect = swing_of(float(f[k]), min(amplitude, 1.0))
+    return Swing(effect, float(f[k]), {"amplitude_mm": sd, "frequency_hz": 0.125 / seconds}, gain)
 
 
 def stilled(runs: Sequence[Seen], setups: Mapping[str, SetUp], frequency_hz: float) -> list[Seen]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -13,16 +12,13 @@ from analysis.diagnose.evidence import DETECTABLE, LARGEST
 from analysis.diagnose.parting import Parting
 from analysis.diagnose.signatures import NOTHING, View, shows
 from analysis.kinematics.arm import Array
-from rigs.effects import Effect, JointOffset, healthy_size, size_field
+from rigs.effect import healthy
+from rigs.effects import Effect, healthy_size, turned
 
 _ON_AXIS = 0.02
 """An axis that moves the readings by less than this share of what the strongest does goes through the ball."""
-_IDLE = {
-    "backlash": "axis {} does not turn back",
-    "reversal_spike": "axis {} does not turn back",
-    "compliance": "gravity does not load axis {}",
-    "link_bending": "gravity does not bend the link after axis {}",
-}
+_NUDGE_DEG = 0.02
+"""By which joints are turned to see what moves the readings; what counts is one joint against another."""
 
 
 @dataclass(frozen=True)
@@ -41,24 +37,19 @@ class Sight:
 def sights_of(candidates: Sequence[Candidate], sigma: Array, view: View) -> list[Sight]:
     """How each name shows, a gear by its orders, in the middle one of its variants; sigma (n,): of a healthy size."""
     labels = [label_of(one.effect) for one in candidates]
-    zeros = view.columns([_healthy(JointOffset(axis=axis)) for axis in range(1, 7)])[1]
+    zeros = view.columns([turned(axis, _NUDGE_DEG) for axis in range(1, 7)])[1]
     sights = []
     for label in dict.fromkeys(labels):
         variants = sorted((k for k, other in enumerate(labels) if other == label), key=lambda k: sigma[k])
         k = variants[len(variants) // 2]
-        effect = _healthy(candidates[k].effect)
+        effect = healthy(candidates[k].effect)
         limit = healthy_size(effect) * DETECTABLE / sigma[k] if sigma[k] > 0 else np.inf
         hidden = "" if shows(sigma[k]) else _reason(effect, sigma[k] > 0, float(view.columns([effect])[1][0]), zeros)
         sights.append(Sight(label, effect, float(sigma[k]), float(limit), hidden))
     return sights
 
 
-def _healthy(effect: Any) -> Effect:
-    healthy: Effect = effect.model_copy(update={size_field(effect): healthy_size(effect)})
-    return healthy
-
-
-def _reason(effect: Any, own: bool, whole: float, zeros: Array) -> str:
+def _reason(effect: Effect, own: bool, whole: float, zeros: Array) -> str:
     """Why an effect is not seen. own: whether some of it no set-up could do; whole: its sigmas were the set-up known;
     zeros (6,): those of each joint's zero."""
     axis = getattr(effect, "axis", None)
@@ -68,7 +59,7 @@ def _reason(effect: Any, own: bool, whole: float, zeros: Array) -> str:
     if through_ball:
         return f"the ball lies on axis {axis}"
     if LARGEST * whole < NOTHING:
-        return _IDLE.get(effect.effect, "nothing in these tests moves it").format(axis)
+        return effect.idle
     return f"too small: even {LARGEST:g} times a healthy arm's stays below {DETECTABLE:g} sigma"
 
 

@@ -18,6 +18,7 @@ from analysis.fitting.observation import Observation, observe, residuals_of, rms
 from analysis.fitting.split import split
 from analysis.model.predict import Model, model_of
 from analysis.reading.loading import Measured
+from rigs.effect import identity, is_wave
 from rigs.effects import Effect, size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -75,7 +76,7 @@ def calibrate(
     before = fit(known, observations)
     model = replace(known, effects=(*known.effects, *wanted_effects))
     wanted = [
-        replace(one, signed="phase_deg" in type(model.effects[one.effect]).model_fields)
+        replace(one, signed=is_wave(model.effects[one.effect]))
         for one in sizes(model.effects)
         if one.effect >= len(known.effects)
     ]
@@ -147,12 +148,11 @@ def fitted_effects(calibration: Calibration) -> list[Fitted]:
     after = calibration.after
     places = {one.effect: k for k, one in enumerate(after.free)}
     found: list[Fitted] = []
-    waves: dict[str, list[int]] = {}
+    waves: dict[Effect, list[int]] = {}
     for effect, k in places.items():
         one = after.free[k]
         if one.signed:
-            whole = after.model.effects[effect].model_copy(update={one.field: 0.0, "phase_deg": 0.0})
-            waves.setdefault(repr(whole), []).append(effect)
+            waves.setdefault(identity(after.model.effects[effect]), []).append(effect)
         else:
             found.append(Fitted(after.model.effects[effect], {one.field: float(after.sd[k])}))
     return found + [_whole(calibration, halves, places) for halves in waves.values()]

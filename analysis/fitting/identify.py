@@ -15,14 +15,13 @@ from analysis.fitting.estimate import Free, signatures
 from analysis.fitting.observation import Observation
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp
+from rigs.effect import label_of
 from rigs.effects import Effect, size_field
 
 _SEEN = 0.1
 """Of the noise's standard deviation over all readings together: less is not to be seen at a plausible size."""
 _OWN_SHARE = 0.02
 """Of a signature that must be its own; less, and its size would be what is left of large numbers."""
-
-_PLACES = ("axis", "gauge", "from_axis", "to_axis", "field")
 
 
 @dataclass(frozen=True)
@@ -73,8 +72,5 @@ def _largest(share: Array, names: list[str]) -> list[str]:
 
 
 def name_of(effect: Effect, field: str) -> str:
-    """`link_geometry 3.a`, `backlash 1`, `gauge_scale g1`, `transmission_error 4 order 2`: as a person says it."""
-    places = [str(getattr(effect, key)) for key in _PLACES if hasattr(effect, key)]
-    order = f" order {effect.order:g}" if hasattr(effect, "order") else ""
-    shape = "" if field == size_field(effect) else f" {field}"
-    return f"{effect.effect} {'.'.join(places)}".rstrip() + order + shape
+    """The label of an effect, and, beside its size, which of its shapes is meant."""
+    return label_of(effect) if field == size_field(effect) else f"{label_of(effect)} {field}"

@@ -19,7 +19,7 @@ from analysis.model.predict import Model, SetUp
 from analysis.model.programs import circle_of
 from analysis.noise.cell import BALL_MM, JOINT_DEG, NoiseSource
 from analysis.reading.tables import CircleTable, PoseTable
-from rigs.effects import JointOffset
+from rigs.effects import turned
 
 _LAG_S = 2.5
 """Residuals further apart in time have forgotten each other."""
@@ -142,8 +142,7 @@ def _shaken(model: Model, one: Observation, setups: Mapping[str, SetUp], scatter
 
     setup, found = setups[one.setup], []
     for axis in range(1, 7):
-        offset = JointOffset(axis=axis, offset_deg=_STEP_DEG)
-        moved = replace(model, effects=(*model.effects, offset))
+        moved = replace(model, effects=(*model.effects, turned(axis, _STEP_DEG)))
         found.append(change(moved, setups) * scatter.joint_deg / _STEP_DEG)
     for step in _STEP_MM * np.eye(3):
         placed = {**setups, one.setup: replace(setup, ball=setup.ball + step)}

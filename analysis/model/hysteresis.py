@@ -1,38 +1,16 @@
-"""Memory of direction: the play operator, and where a joint turns back."""
+"""Memory of direction: where a joint turns back."""
 
 from __future__ import annotations
-
-from itertools import pairwise
 
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from rigs.play import play
 
 _TURN_RAD = np.radians(0.003)
 """Less than this is an encoder's noise, not a reversal."""
 _NEAR_S = 0.25
 _LEAST = 5
-
-
-def play(x: Array, half: float) -> Array:
-    """The follower y (n,) of x (n,) in a gap of ± half; it begins in the middle.
-
-    The play operator (Visintin, Differential Models of Hysteresis, 1994): y moves only when x pushes one side of the
-    gap. Over a stretch on which x is monotone it has the closed form used here.
-    """
-    follower = np.empty_like(x)
-    y = x[0]
-    way = np.sign(np.diff(x))
-    moving = np.flatnonzero(way)
-    # Where x stands it goes on as it came: rounded angles stand at every other sample.
-    turns = moving[1:][way[moving[1:]] != way[moving[:-1]]]
-    # A turning point ends its stretch: the play is fully taken up there before it is left.
-    for start, stop in pairwise([0, *(turns + 1).tolist(), len(x)]):
-        stretch = x[start:stop]
-        # On a monotone stretch at most one of the two bounds is ever active.
-        follower[start:stop] = np.clip(y, stretch - half, stretch + half)
-        y = follower[stop - 1]
-    return follower
 
 
 def turns(t_s: Array, x: Array) -> list[tuple[float, float]]:

@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.effects import apply
 from analysis.kinematics.arm import Arm, Array, arm_of, forward
 from analysis.model.ball_link import readings
 from analysis.model.circle import frame_of
 from analysis.model.gravity import Load, load_of
 from analysis.model.programs import beside, circle_of, hemisphere_of, repeatability_of
-from analysis.model.scene import Scene
+from analysis.model.scene import Scene, apply
 from analysis.model.targets import hemisphere_frame, target_angles
 from analysis.reading.tables import CircleTable, Integers, PoseTable, RepeatabilityTable, Table
 from rigs.effects import Effect

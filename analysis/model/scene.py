@@ -1,28 +1,17 @@
-"""What the effects act on: one time-ordered trace on its way from the reported angles to the readings.
-
-Effects replace parts of it, stage by stage; nothing is changed in place. The stages, in order:
-
-    time    when the readings were really taken: `q` is what was reported then
-    arm     the arm's constants
-    joint   link-side angles `link_q`, which begin as `q`; every effect sees the reported ones, deviations add
-    tool    where the tool is, `T`, after the forward kinematics
-    set-up  ball form and gauge places
-    gauge   the readings `g_mm`
-"""
+"""What the effects act on, as the simulator has it: the scene of `rigs/scene.py` with an arm and its loads."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
-from analysis.kinematics.arm import Arm, Array
-from analysis.model.gravity import Load
-
-Stage = Literal["time", "arm", "joint", "tool", "setup", "gauge"]
-STAGES: tuple[Stage, ...] = ("time", "arm", "joint", "tool", "setup", "gauge")
+from analysis.kinematics.arm import Arm, Array, link_frames
+from analysis.model.gravity import Load, torques
+from analysis.model.hysteresis import turns
+from rigs.effects import Effect
+from rigs.scene import Stage
 
 
 @dataclass(frozen=True)
@@ -45,10 +34,10 @@ class Scene:
     offsets_mm: Array
     g_mm: Array
 
-    def taken_at(self, t_s: Array) -> Scene:
-        """As reported at other instants t_s (n,)."""
-        q = self.reported_at(t_s)
-        return replace(self, q=q, link_q=q)
+    @property
+    def base_mm(self) -> Array:
+        """Where the base of the arm stands in the world (3,) mm."""
+        return self.arm.T_world_base[:3, 3]
 
     def reported_at(self, t_s: Array) -> Array:
         """Reported angles (n, 6) rad at instants t_s (n,), the ends held.
@@ -67,6 +56,32 @@ class Scene:
         angles: Array = q[k] + rise * (q[k + 1] - q[k]) + width * (begin * slopes[k] - x * x * (1 - x) * slopes[k + 1])
         return angles
 
+    def reversals(self, axis: int) -> list[tuple[float, float]]:
+        """When a joint (1 … 6) turns back, s, and the direction (±1) it takes then."""
+        return turns(self.t_s, self.q[:, axis - 1])
+
+    def torques(self, payload_kg: float = 0.0) -> Array:
+        """Torque of gravity on each joint (n, 6) Nm, with so much more at the flange."""
+        return torques(self.arm, replace(self.load, payload_kg=self.load.payload_kg + payload_kg), self.q)
+
+    def link_after(self, axis: int) -> tuple[Array, Array, Array]:
+        """Place (n, 3) mm of a joint (1 … 6), direction (n, 3) of its axis, and place (n, 3) mm of its link's end."""
+        frames = link_frames(self.arm, self.link_q)
+        joint = frames[:, axis - 1]
+        end = frames[:, axis, :3, 3] if axis < 6 else self.T[:, :3, 3]
+        return joint[:, :3, 3], joint[:, :3, 2], end
+
+    def taken_at(self, t_s: Array) -> Scene:
+        """As reported at other instants t_s (n,)."""
+        q = self.reported_at(t_s)
+        return replace(self, q=q, link_q=q)
+
+    def with_constant(self, field: str, axis: int, delta: float) -> Scene:
+        """A constant of the arm (a, d in mm; alpha, beta in rad) of an axis (1 … 6) changed by delta."""
+        column = getattr(self.arm, field).copy()
+        column[axis - 1] += delta
+        return replace(self, arm=replace(self.arm, **{field: column}))
+
     def turned(self, axis: int, deviation: Array | float) -> Scene:
         """The link side of a joint (1 … 6) turned by a deviation (n,) rad."""
         link_q = self.link_q.copy()
@@ -79,6 +94,14 @@ class Scene:
         T[:, :3, 3] += offset_mm
         return replace(self, T=T)
 
+    def with_form(self, form_mm: Array) -> Scene:
+        """The ball standing proud by (n,) mm where the link touches it."""
+        return replace(self, form_mm=self.form_mm + form_mm)
+
+    def with_gauges_at(self, offsets_mm: Array) -> Scene:
+        """The gauges at other places (k,) mm on the baseline."""
+        return replace(self, offsets_mm=offsets_mm)
+
     def read(self, gauge: str, change: Callable[[Array], Array]) -> Scene:
         """One gauge's readings (n,) mm changed; the same scene in a test without that gauge."""
         column = {"g1": 0, "g2": 1}[gauge]
@@ -87,3 +110,15 @@ class Scene:
         g_mm = self.g_mm.copy()
         g_mm[:, column] = change(g_mm[:, column])
         return replace(self, g_mm=g_mm)
+
+    def all_read(self, change: Callable[[Array], Array]) -> Scene:
+        """The readings (n, k) mm of all gauges changed."""
+        return replace(self, g_mm=change(self.g_mm))
+
+
+def apply(effects: Sequence[Effect], stage: Stage, scene: Scene) -> Scene:
+    """The scene after all effects of a stage, in their order."""
+    for effect in effects:
+        if stage == effect.STAGE:
+            scene = effect.apply(scene)
+    return scene

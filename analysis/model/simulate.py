@@ -21,7 +21,7 @@ from analysis.model.programs import (
     repeatability_program,
 )
 from analysis.reading.tables import CircleTable, RadialTable, RepeatabilityTable, Table
-from rigs.effects import Effect, JointOffset
+from rigs.effects import Effect, turned
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.vocabulary import Direction, TestName
@@ -141,7 +141,7 @@ def _visits(count: int) -> Array:
 def _scattered(model: Model, setup: SetUp, noise: Noise, rng: np.random.Generator) -> tuple[Model, SetUp]:
     """Joints and ball a little off, anew in each run."""
     off = rng.normal(0.0, noise.scatter_deg, 6)
-    scatter = tuple(JointOffset(axis=axis, offset_deg=float(deg)) for axis, deg in enumerate(off, start=1))
+    scatter = tuple(turned(axis, float(deg)) for axis, deg in enumerate(off, start=1))
     ball = setup.ball + rng.normal(0.0, noise.scatter_mm, 3)
     return replace(model, effects=(*model.effects, *scatter)), replace(setup, ball=ball)
 

@@ -57,7 +57,7 @@ def _difference(row: Row) -> str:
 
 
 def in_words(rig: Rig, effect: Effect) -> str:
-    """`backlash Theta 0.071°`, say."""
+    """An effect with its joint by its own name and its size, as `… Theta 0.071°`."""
     axis = getattr(effect, "axis", None)
     name = f" {rig.robot.axes[axis - 1].name}" if axis else ""
     order = getattr(effect, "order", None)

@@ -12,7 +12,8 @@ from analysis.model.circle import frame_of, reversals
 from analysis.model.programs import circle_of
 from analysis.paper import targets as paper
 from analysis.paper.runs import Ball, Curve, circle, repeats, sphere, step
-from rigs.effects import Backlash, Effect
+from rigs.effect import is_play
+from rigs.effects import Effect
 from rigs.rig import Rig
 from rigs.vocabulary import Direction
 
@@ -126,7 +127,7 @@ def _jump_row(rig: Rig, direction: Direction, curve: Curve) -> Row:
 
 
 def _without_play(effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    return tuple(effect for effect in effects if not isinstance(effect, Backlash))
+    return tuple(effect for effect in effects if not is_play(effect))
 
 
 def roll_rows(rig: Rig) -> Iterator[Row]:

@@ -18,7 +18,7 @@ from analysis.correction.correct import Corrections
 from analysis.correction.path import write_path
 from analysis.correction.support import Support
 from analysis.diagnose.candidates import label_of
-from analysis.reporting.parameters import quantity_of, unit_of
+from analysis.reporting.parameters import quantity_of
 from analysis.reporting.whole import whole
 from rigs.effects import size_field
 from rigs.errors import FileError
@@ -105,7 +105,7 @@ def _contents(found: Corrections) -> dict[str, Any]:
                 "name": label_of(one.effect),
                 "value": one.value,
                 "u": one.u if one.u > 0 else None,
-                "unit": unit_of(one.effect, size_field(one.effect)),
+                "unit": one.effect.unit(size_field(one.effect)),
                 "corrected_as": None if one.use == "none" else one.use,
                 "reason": one.reason,
             }

@@ -10,7 +10,8 @@ from analysis.diagnose.diagnosis import Diagnosis, Gap, Named, Place, Rival
 from analysis.model.predict import SetUp
 from analysis.reporting.diagnosis_words import standing, withdrawn
 from analysis.reporting.for_json import for_json
-from analysis.reporting.parameters import PLACES, parameters_of
+from analysis.reporting.parameters import parameters_of
+from rigs.effect import SEATS
 
 
 def as_object(found: Diagnosis) -> dict[str, Any]:
@@ -55,7 +56,7 @@ def _named(one: Named) -> dict[str, Any]:
 
 def _effect(one: Named | Rival) -> dict[str, Any]:
     effect = one.effect
-    places = {key: getattr(effect, key) for key in PLACES if hasattr(effect, key)}
+    places = {key: getattr(effect, key) for key in SEATS if hasattr(effect, key)}
     return {
         "effect": effect.effect,
         **places,

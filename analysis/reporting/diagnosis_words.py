@@ -12,39 +12,13 @@ from analysis.reporting.quantity import Quantity
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
 
-_PLAIN = {
-    "joint_offset": "zero of {axis}",
-    "link_geometry": "{field} of {axis} in the rig file",
-    "backlash": "play of {axis}",
-    "transmission_error": "gear error of {axis}, {order:.4g} a turn",
-    "compliance": "twist of {axis} under gravity",
-    "link_bending": "bending of the link after {axis}",
-    "reversal_spike": "wind-up of {axis} after reversals",
-    "wrist_coupling": "axis {from_axis} leaking into axis {to_axis}",
-    "servo_lag": "lag of {axis} behind its feedback",
-    "thermal_growth": "growth of all lengths with time",
-    "ball_form": "form of the ball, {lobes} lobes",
-    "gauge_scale": "scale of gauge {gauge}",
-    "gauge_baseline": "distance between the gauges",
-    "gauge_inclination": "inclination of gauge {gauge}",
-    "gauge_dead_band": "sticking of gauge {gauge}",
-    "gauge_drift": "drift of gauge {gauge}",
-    "gauge_cyclic": "interpolation of gauge {gauge}, each {period_mm:.4g} mm",
-    "time_lag": "time of the gauges against the robot's",
-    "clock_rate": "rate of the gauges' clock against the robot's",
-    "vibration": "vibration at {frequency_hz:.4g} Hz",
-}
-_LINK = {"a": "length a", "d": "offset d", "alpha": "twist alpha", "beta": "twist beta"}
 _WHOLE_LAP_DEG = 350.0
 
 
 def plain(rig: Rig, effect: Effect) -> str:
     """An effect as a person says it: `play of axis 1 (Theta)`."""
-    fields = dict(effect)
-    if "axis" in fields:
-        fields["axis"] = joint(rig, fields["axis"])
-    fields["field"] = _LINK.get(fields.get("field", ""), "")
-    return _PLAIN[effect.effect].format(**fields)
+    axis = getattr(effect, "axis", None)
+    return effect.plain("" if axis is None else joint(rig, axis))
 
 
 def joint(rig: Rig, axis: int) -> str:
@@ -138,7 +112,7 @@ def closed(gap: Gap) -> float:
 
 
 def shortened(names: Iterable[str]) -> str:
-    """Names of effects, those of one kind together: `joint_offset 1 6, link_geometry 6.a 6.d, time_lag`."""
+    """Names of effects, those of one kind together, as an effect and all the seats that it has."""
     seats: dict[str, list[str]] = {}
     for name in names:
         kind, _, seat = name.partition(" ")

@@ -11,7 +11,7 @@ _MOST_NAMED = 5
 
 
 def begins_with(effects: Sequence[Effect]) -> str:
-    """How many effects a model begins with, which, and from where: `2 effects, written by hand: backlash 1, …`."""
+    """How many effects a model begins with, which, and from where: `2 effects, written by hand: …`."""
     origins: dict[str, list[str]] = {}
     for effect in effects:
         origins.setdefault(_origin(effect), []).append(name_of(effect))

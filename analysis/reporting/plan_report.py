@@ -11,13 +11,13 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.diagnose.candidates import craig, name_of
+from analysis.diagnose.candidates import name_of
 from analysis.diagnose.diagnosis import ODDS
 from analysis.diagnose.parting import Parting
 from analysis.diagnose.plan import Pair, Plan
 from analysis.diagnose.sights import Sight
 from analysis.diagnose.signatures import ALIKE, parts, shows
-from analysis.reporting.parameters import quantity_of, unit_of
+from analysis.reporting.parameters import quantity_of
 from analysis.reporting.whole import whole
 from rigs.effects import Effect, healthy_size, size_field
 
@@ -113,10 +113,12 @@ def _alike(plan: Plan) -> RenderableType:
     table.add_column("names")
     table.add_column("apart", justify="right")
     table.add_column("parted by", ratio=1)
+    symbols = _symbols(plan)
     for group in plan.groups:
         pairs = [pair for pair in plan.pairs if _kind(pair.names[0]) in group]
         for pair in pairs[:_MOST_PAIRS]:
-            names = "\n".join(map(_plain, pair.names)) + (f"\n(and {pair.others} more)" if pair.others else "")
+            names = "\n".join(_with_symbol(name, symbols) for name in pair.names)
+            names += f"\n(and {pair.others} more)" if pair.others else ""
             table.add_row(names, f"{pair.sigma:.1f} σ", _parted(pair))
         if len(pairs) > _MOST_PAIRS:
             kinds = ", ".join(group)
@@ -130,13 +132,13 @@ def _kind(name: str) -> str:
     return name.partition(" order ")[0]
 
 
-def _plain(name: str) -> str:
-    """A name, a constant's with Craig's index."""
-    kind, _, seat = name.partition(" ")
-    if kind == "link_geometry":
-        axis, _, field = seat.partition(".")
-        return f"{name} ({craig(int(axis), field)})"
-    return f"{name} (zero of axis {seat})" if kind == "joint_offset" else name
+def _symbols(plan: Plan) -> dict[str, str]:
+    """What the field calls the number that a name changes, by name, where it calls it anything."""
+    return {sight.name: sight.effect.symbol for sight in plan.sights if sight.effect.symbol}
+
+
+def _with_symbol(name: str, symbols: Mapping[str, str]) -> str:
+    return f"{name} ({symbols[name]})" if name in symbols else name
 
 
 def _parted(pair: Pair) -> Text:
@@ -204,7 +206,7 @@ def as_object(plan: Plan) -> dict[str, Any]:
 def _effect(sight: Sight) -> dict[str, Any]:
     told: Mapping[str, Any] = {
         "name": sight.name,
-        "unit": unit_of(sight.effect, size_field(sight.effect)),
+        "unit": sight.effect.unit(size_field(sight.effect)),
         "healthy": healthy_size(sight.effect),
         "sigma_at_healthy": sight.sigma,
         "limit": None if sight.hidden else sight.limit,

@@ -125,7 +125,7 @@ def _of_lag(lag: Quantity, rate: float) -> str:
     turned = np.degrees(rate * abs(lag.value) / 1000)
     return (
         f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {turned:.2g}° in opposite ways, and "
-        "that is not in their u; state what the gauge does as `timing` in the rig file, or diagnose a time_lag"
+        "that is not in their u; state what the gauge does as `timing` in the rig file, or have their lag diagnosed"
     )
 
 

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
+from pydantic import create_model
 
-import analysis.effects
-from analysis.effects import apply, module_of
+import rigs.effects
 from analysis.kinematics.arm import forward_and_jacobian
-from analysis.model.hysteresis import play, turns
+from analysis.model.hysteresis import turns
 from analysis.model.predict import model_of, nominal_setup, path_of, predict
-from analysis.model.scene import STAGES, Scene
+from analysis.model.scene import Scene, apply
 from analysis.model.simulate import simulate
+from rigs.effect import identity, is_play, is_wave
 from rigs.effects import (
     VOCABULARY,
     Backlash,
@@ -32,6 +35,8 @@ from rigs.effects import (
     size_field,
 )
 from rigs.load import load, load_hidden
+from rigs.play import play
+from rigs.scene import STAGES
 
 RIG = load_hidden("paper-fanuc").within(load("paper-fanuc")[0])
 UP_AND_DOWN = np.radians(np.concatenate([np.linspace(0, 2, 200), np.linspace(2, 0, 201)]))
@@ -78,7 +83,7 @@ def test_a_size_of_zero_is_the_identity_and_the_healthy_size_shows(effect: Effec
 
 @pytest.mark.parametrize("effect", EXAMPLES, ids=lambda effect: effect.effect)
 def test_every_effect_declares_a_stage_and_is_small_for_small_sizes(effect: Effect) -> None:
-    assert module_of(effect).STAGE in STAGES
+    assert effect.STAGE in STAGES
     nothing = _readings()
     small, smaller = (
         np.abs(_readings(effect.model_copy(update={size_field(effect): share * healthy_size(effect)})) - nothing).max()
@@ -88,7 +93,7 @@ def test_every_effect_declares_a_stage_and_is_small_for_small_sizes(effect: Effe
 
 
 def test_every_name_of_the_vocabulary_has_its_file_and_the_other_way_round() -> None:
-    files = {path.stem for path in Path(analysis.effects.__file__).parent.glob("*.py")} - {"__init__"}
+    files = {path.stem for path in Path(rigs.effects.__file__).parent.glob("*.py")} - {"__init__"}
     assert set(VOCABULARY) == files == {effect.effect for effect in EXAMPLES}
 
 
@@ -225,3 +230,34 @@ def test_roll_sees_what_yaw_does_not() -> None:
     roll = np.degrees(np.arctan((g[:, 1] - g[:, 0]) / 50.0))
     # Between two samples of the controller the path is a chord, on the quick way back a longer one.
     np.testing.assert_allclose(roll, np.degrees(np.arctan(2.0 / 70.0)), atol=2e-4)
+
+
+def test_identity_is_what_has_to_be_given_and_nothing_that_is_fitted() -> None:
+    three, five = (VOCABULARY["ball_form"].model_validate({"lobes": lobes, "amplitude_mm": 0.01}) for lobes in (3, 5))
+    assert identity(three) == identity(three.model_copy(update={"amplitude_mm": 0.02, "phase_deg": 70.0}))
+    assert len({identity(three), identity(five), identity(TransmissionError(axis=4, order=3))}) == 3
+    assert identity(Backlash(axis=1, width_deg=0.1, transit=0.3)) == Backlash(axis=1)
+    assert identity(LinkGeometry(axis=3, field="a")) != identity(LinkGeometry(axis=3, field="d"))
+
+
+def test_every_play_and_every_wave_is_known_as_one() -> None:
+    assert {effect.effect for effect in EXAMPLES if is_play(effect)} == {"backlash", "gauge_dead_band"}
+    waves = {effect.effect for effect in EXAMPLES if is_wave(effect)}
+    assert waves == {"transmission_error", "ball_form", "gauge_cyclic", "vibration"}
+
+
+@pytest.mark.parametrize(
+    ("held", "message"),
+    [
+        ({}, "rigs/effects/half.py: has no Effect whose key effect is 'half'"),
+        ({"Half": create_model("Half", __base__=Effect, effect=(str, "half"))}, "does not say apply, .*remedy, STAGE"),
+    ],
+)
+def test_a_file_without_a_whole_effect_is_refused(
+    held: dict[str, object], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    module = ModuleType("rigs.effects.half")
+    vars(module).update(held)
+    monkeypatch.setitem(sys.modules, "rigs.effects.half", module)
+    with pytest.raises(ImportError, match=message):
+        rigs.effects._class_in("half")

@@ -15,7 +15,6 @@ from handmade import PLACES, PLAY, RIG, ZERO, curve, diagnosis, poses, sphere
 from rich.console import Console
 
 from analysis.diagnose.diagnosis import Diagnosis, Gap, Leftover, Verdict
-from analysis.diagnose.remedy import remedy
 from analysis.model.predict import model_of
 from analysis.reporting.diagnosis_curves import strands_of
 from analysis.reporting.diagnosis_json import as_object
@@ -78,8 +77,8 @@ def test_an_open_name_shows_its_rivals_with_twice_their_uncertainty() -> None:
 
 def test_a_link_constant_is_told_where_it_is_to_be_entered() -> None:
     a5 = LinkGeometry(axis=6, field="a", delta=0.5)
-    assert remedy(a5) == "add +0.5000 mm to a of axis 6 in the rig file (a5 in the robot's constants)"
-    assert "(d6 in" in remedy(a5.model_copy(update={"field": "d"}))
+    assert a5.remedy() == "add +0.5000 mm to a of axis 6 in the rig file (a5 in the robot's constants)"
+    assert "(d6 in" in a5.model_copy(update={"field": "d"}).remedy()
 
 
 def test_withdrawn_names_are_told_as_such() -> None:

@@ -1,0 +1,60 @@
+"""The vocabulary of effects: why link side = reported + effect. One effect a file of this folder, named as the effect.
+
+A file that is put here is at once an effect of rig files and a candidate of every simulation, fit, plan, diagnosis and
+correction: `rigs.effects.X` is its class. What an effect has to say of itself stands in `rigs/effect.py`.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field
+
+from rigs.effect import Effect as Effect
+from rigs.effect import Found as Found
+from rigs.effect import bounds as bounds
+from rigs.effect import healthy_size as healthy_size
+from rigs.effect import one_sided as one_sided
+from rigs.effect import size_field as size_field
+
+
+def _class_in(name: str) -> type[Effect]:
+    """The effect in a file. Raises ImportError for a file without a whole effect of its name."""
+    held = vars(importlib.import_module(f"{__name__}.{name}")).values()
+    for one in held:
+        if isinstance(one, type) and issubclass(one, Effect) and one.model_fields["effect"].default == name:
+            if missing := sorted(one.__abstractmethods__) + ["STAGE"] * (not hasattr(one, "STAGE")):
+                raise ImportError(f"rigs/effects/{name}.py: {one.__name__} does not say {', '.join(missing)}")
+            return one
+    raise ImportError(f"rigs/effects/{name}.py: has no Effect whose key effect is {name!r}")
+
+
+VOCABULARY: dict[str, type[Effect]] = {file.name: _class_in(file.name) for file in pkgutil.iter_modules(__path__)}
+"""Every effect by name, in the order of the alphabet."""
+
+if TYPE_CHECKING:
+    AnyEffect = Effect
+else:
+    AnyEffect = Annotated[reduce(or_, VOCABULARY.values()), Field(discriminator="effect")]
+    """Any effect of the vocabulary, as a part of a rig file."""
+
+
+def turned(axis: int, angle_deg: float) -> Effect:
+    """The effect that turns a joint (1 … 6) by a constant: what scatters, and what derivatives are taken by."""
+    return next(one for cls in VOCABULARY.values() if (one := cls.turning(axis, angle_deg)))
+
+
+def swing(frequency_hz: float, amplitude_mm: float) -> Effect:
+    """The effect that is a swing of the link."""
+    return next(one for cls in VOCABULARY.values() if (one := cls.swinging(frequency_hz, amplitude_mm)))
+
+
+def __getattr__(name: str) -> Any:
+    for cls in VOCABULARY.values():
+        if cls.__name__ == name:
+            return cls
+    raise AttributeError(name)

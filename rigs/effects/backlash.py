@@ -1,0 +1,80 @@
+"""Backlash: the link lags behind in a play, -w/2 while q rises, +w/2 while it falls.
+
+`transit` spreads the crossing, as several plays of different width side by side would (Prandtl and Ishlinskii).
+`preload` is the share of the play in which gravity, and not friction, holds a flank: there the link lies where the
+torque presses it, and no reversal shows.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from rigs.base import Axis
+from rigs.effect import AT_AXIS, Compensation, Departures, Effect, FreeShape, Scope, at_each_axis, shape, size
+from rigs.play import play
+from rigs.scene import S
+
+_SPREAD = np.linspace(-0.9, 0.9, 7)
+_FIRM_NM = 1.0
+"""A torque of this size presses the flank firmly; below, it gives way smoothly."""
+
+
+class Backlash(Effect):
+    """A play of `width_deg`: the link lags, -w/2 while q rises, +w/2 while it falls, and crosses it at a reversal.
+
+    transit: how gradual the crossing is, 0 sharp, 1 spread over twice the play; preload: share of the play in which
+    gravity holds the flank.
+    """
+
+    effect: Literal["backlash"] = "backlash"
+    axis: Axis
+    width_deg: float = size(2, 0.01, least=0.0)
+    transit: float = shape(0, 1, 0.0)
+    preload: float = shape(0, 1, 0.0)
+
+    STAGE = "joint"
+    PLACE = AT_AXIS
+    STRAIGHT = 0.0
+    FREE = (FreeShape("transit", 0.2, 0.4, tried=(1.0, 0.5)), FreeShape("preload", 0.0, 0.15, tried=(1.0, 0.2)))
+
+    def apply(self, scene: S) -> S:
+        """The joint lags; the trace begins in the middle of the play."""
+        half = np.radians(self.width_deg) / 2
+        q = scene.q[:, self.axis - 1]
+        widths = half * (1 + self.transit * _SPREAD) if self.transit else np.array([half])
+        deviation = np.mean([play(q, width) for width in widths], axis=0) - q
+        if self.preload:
+            pressed = half * np.tanh(scene.torques()[:, self.axis - 1] / _FIRM_NM)
+            deviation = (1 - self.preload) * deviation + self.preload * pressed
+        return scene.turned(self.axis, deviation)
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[Backlash]]:
+        """One at each joint."""
+        return at_each_axis(cls)
+
+    def plain(self, joint: str) -> str:
+        return f"play of {joint}"
+
+    def remedy(self) -> str:
+        return (
+            f"look at the reducer of joint {self.axis}: {self.width_deg:.4f}° of play; approach from one side meanwhile"
+        )
+
+    def compensation(self) -> Compensation:
+        """It has a history, which no target has."""
+        return Compensation(
+            "none", "depends on where the joint came from: only the same approach direction to every target helps"
+        )
+
+    @property
+    def idle(self) -> str:
+        """It shows where a joint turns back."""
+        return f"axis {self.axis} does not turn back"
+
+    def departures(self) -> Departures:
+        """Where in its play the joint began, and how it crosses it."""
+        half_deg = self.width_deg / 2
+        return Departures(begin=(self.axis, half_deg), jolt=(self.axis, half_deg))

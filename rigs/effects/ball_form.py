@@ -1,0 +1,52 @@
+"""Ball form: lobes around the ball, met at the angle at which the link touches it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from rigs.effect import Compensation, Departures, Effect, Place, Scope, scaled, shape, size
+from rigs.scene import S
+
+_FEWEST, _MOST = 2, 30
+_LIKELY = (2, 3, 4, 5, 6)
+_NEIGHBOUR = 0.25
+
+
+class BallForm(Effect):
+    """The ball is not round: `lobes` around it."""
+
+    effect: Literal["ball_form"] = "ball_form"
+    lobes: int = Field(ge=_FEWEST, le=_MOST)
+    amplitude_mm: float = size(0.1, 0.001, least=0.0)
+    phase_deg: float = shape(-360, 360, 0.0)
+
+    STAGE = "setup"
+    PLACE = Place(r"(?P<lobes>\d+)", "3 (lobes)")
+
+    def apply(self, scene: S) -> S:
+        """Where the ball stands proud the distance reads longer."""
+        return scene.with_form(self.amplitude_mm * np.sin(self.lobes * scene.contact + np.radians(self.phase_deg)))
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[BallForm]]:
+        """Few lobes, where there is a ball."""
+        return [[cls(lobes=lobes) for lobes in _LIKELY]] if scope.gauges else []
+
+    def plain(self, joint: str) -> str:
+        return f"form of the ball, {self.lobes} lobes"
+
+    def remedy(self) -> str:
+        return "the ball is out of round: turn it by a quarter and measure again; replace it if this turns with it"
+
+    def compensation(self) -> Compensation:
+        return Compensation("none", "is the ball's, the arm has no part in it")
+
+    def departures(self) -> Departures:
+        """Lobes are not all alike: one more and one fewer."""
+        near = [lobes for lobes in (self.lobes - 1, self.lobes + 1) if _FEWEST <= lobes <= _MOST]
+        return Departures(
+            tuple(scaled(self, _NEIGHBOUR, lobes=lobes, phase_deg=phase) for lobes in near for phase in (0, 90))
+        )

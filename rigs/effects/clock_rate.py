@@ -1,0 +1,35 @@
+"""Clock rate: the gauges' clock runs fast against the feedback's, so its stamps run ahead."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from rigs.effect import OF_THE_CLOCKS, Compensation, Effect, Scope, size
+from rigs.scene import S
+
+
+class ClockRate(Effect):
+    """The gauges' clock runs fast against the feedback's."""
+
+    effect: Literal["clock_rate"] = "clock_rate"
+    ppm: float = size(10000, 20)
+
+    STAGE = "time"
+
+    def apply(self, scene: S) -> S:
+        """A stamp t stands for t - ppm t, counted from the run's begin."""
+        return scene.taken_at(scene.t_s - 1e-6 * self.ppm * (scene.t_s - scene.t_s[0]))
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[ClockRate]]:
+        """One, where joints turn while they are read."""
+        return [[cls()]] if scope.timed else []
+
+    def plain(self, joint: str) -> str:
+        return "rate of the gauges' clock against the robot's"
+
+    def remedy(self) -> str:
+        return f"the clocks run apart by {self.ppm:+.3g} ppm: synchronise them"
+
+    def compensation(self) -> Compensation:
+        return OF_THE_CLOCKS

@@ -1,0 +1,58 @@
+"""Joint compliance: the gear twists under the torque of gravity, links and payload."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from rigs.base import Axis
+from rigs.effect import AT_AXIS, BY_TARGETS, Compensation, Effect, FreeShape, Scope, at_each_axis, shape, size
+from rigs.scene import S
+
+_HANGS_KG = 5.0
+"""Nobody knows what hung at the flange: what is taken first, …"""
+_HEAVY_KG = 15.0
+"""… and the other end of what is tried."""
+
+
+class Compliance(Effect):
+    """Twist of a joint under gravity: torque times `deg_per_Nm`; `payload_kg` hangs at the flange beside the links."""
+
+    effect: Literal["compliance"] = "compliance"
+    axis: Axis
+    deg_per_Nm: float = size(0.05, 5e-5, least=0.0)
+    payload_kg: float = shape(0, 500, 0.0)
+
+    STAGE = "joint"
+    PLACE = AT_AXIS
+    FREE = (FreeShape("payload_kg", _HANGS_KG, 7.0, tried=(_HEAVY_KG, 0.7)),)
+
+    def apply(self, scene: S) -> S:
+        """The joint gives way in the direction in which gravity pulls it."""
+        return scene.turned(self.axis, np.radians(self.deg_per_Nm) * scene.torques(self.payload_kg)[:, self.axis - 1])
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[Compliance]]:
+        """One at each joint."""
+        return at_each_axis(cls, payload_kg=_HANGS_KG)
+
+    def plain(self, joint: str) -> str:
+        return f"twist of {joint} under gravity"
+
+    def remedy(self) -> str:
+        return f"joint {self.axis} gives way under load: enter the payload as it is, or let the controller compensate"
+
+    def compensation(self) -> Compensation:
+        """It depends on the posture alone."""
+        return BY_TARGETS
+
+    @property
+    def healthy(self) -> float:
+        """5e-5 °/Nm on axes 1 to 3, 3e-4 on the wrist."""
+        return 5e-5 if self.axis <= 3 else 3e-4
+
+    @property
+    def idle(self) -> str:
+        """It shows where a joint carries."""
+        return f"gravity does not load axis {self.axis}"

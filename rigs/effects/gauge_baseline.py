@@ -1,0 +1,40 @@
+"""Gauge baseline: the gauges stand further apart than the rig file says, evenly about their middle."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from rigs.effect import OF_THE_GAUGES, Compensation, Effect, Scope, size
+from rigs.scene import S
+
+
+class GaugeBaseline(Effect):
+    """The gauges stand further apart than the rig file says."""
+
+    effect: Literal["gauge_baseline"] = "gauge_baseline"
+    delta_mm: float = size(10, 0.05)
+
+    STAGE = "setup"
+
+    def apply(self, scene: S) -> S:
+        """Each gauge moves out by half; one gauge alone has no baseline."""
+        offsets_mm = scene.offsets_mm
+        if len(offsets_mm) < 2:
+            return scene
+        return scene.with_gauges_at(offsets_mm + np.sign(offsets_mm - offsets_mm.mean()) * self.delta_mm / 2)
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[GaugeBaseline]]:
+        """One, where two gauges are read."""
+        return [[cls()]] if len(scope.gauges) > 1 else []
+
+    def plain(self, joint: str) -> str:
+        return "distance between the gauges"
+
+    def remedy(self) -> str:
+        return f"the gauges stand {self.delta_mm:+.3f} mm further apart than the rig file says: measure and enter it"
+
+    def compensation(self) -> Compensation:
+        return OF_THE_GAUGES

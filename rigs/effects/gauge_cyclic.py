@@ -1,0 +1,68 @@
+"""Cyclic gauge error: the interpolation of a scale's period, a sine of the reading itself."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from rigs.effect import (
+    NUMBER,
+    OF_THE_GAUGES,
+    Compensation,
+    Departures,
+    Effect,
+    Gauge,
+    Place,
+    Scope,
+    StretchedShape,
+    scaled,
+    shape,
+    size,
+)
+from rigs.scene import S
+
+_PERIODS_MM = (0.2, 0.5, 1.0, 2.0)
+_HARMONIC = 0.15
+
+
+class GaugeCyclic(Effect):
+    """Interpolation error of a gauge's scale: `amplitude_mm` once each `period_mm`."""
+
+    effect: Literal["gauge_cyclic"] = "gauge_cyclic"
+    gauge: Gauge
+    period_mm: float = Field(gt=0, le=10)
+    amplitude_mm: float = size(0.1, 2e-4, least=0.0)
+    phase_deg: float = shape(-360, 360, 0.0)
+
+    STAGE = "gauge"
+    PLACE = Place(rf"(?P<gauge>g[12]):(?P<period_mm>{NUMBER})", "g1:0.5 (gauge:period in mm)")
+    STRETCHED = (StretchedShape("period_mm", 0.05),)
+
+    def apply(self, scene: S) -> S:
+        """A sin(2 pi g / period + phase)."""
+        phase = np.radians(self.phase_deg)
+        return scene.read(self.gauge, lambda g: g + self.amplitude_mm * np.sin(2 * np.pi * g / self.period_mm + phase))
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[GaugeCyclic]]:
+        """At each gauge, the periods of usual scales."""
+        return [[cls(gauge=gauge, period_mm=period) for period in _PERIODS_MM] for gauge in scope.gauges]
+
+    def plain(self, joint: str) -> str:
+        return f"interpolation of gauge {self.gauge}, each {self.period_mm:.4g} mm"
+
+    def remedy(self) -> str:
+        return (
+            f"{self.gauge} has an error every {self.period_mm:g} mm: clean its scale, have its interpolation adjusted"
+        )
+
+    def compensation(self) -> Compensation:
+        return OF_THE_GAUGES
+
+    def departures(self) -> Departures:
+        """The second harmonic: two signals of a scale are never quite alike."""
+        return Departures(
+            tuple(scaled(self, _HARMONIC, period_mm=self.period_mm / 2, phase_deg=phase) for phase in (0, 90))
+        )

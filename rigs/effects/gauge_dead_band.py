@@ -1,0 +1,44 @@
+"""Gauge dead band: a plunger that sticks follows only after some motion, like a play."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from rigs.effect import AT_GAUGE, OF_THE_GAUGES, Compensation, Departures, Effect, Gauge, Scope, at_each_gauge, size
+from rigs.play import play
+from rigs.scene import S
+
+
+class GaugeDeadBand(Effect):
+    """A plunger sticks: it follows only after this much."""
+
+    effect: Literal["gauge_dead_band"] = "gauge_dead_band"
+    gauge: Gauge
+    width_mm: float = size(0.5, 5e-4, least=0.0)
+
+    STAGE = "gauge"
+    PLACE = AT_GAUGE
+    STRAIGHT = 0.0
+
+    def apply(self, scene: S) -> S:
+        """The play operator on the reading."""
+        return scene.read(self.gauge, lambda g: play(g, self.width_mm / 2))
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[GaugeDeadBand]]:
+        """One at each gauge."""
+        return at_each_gauge(cls, scope)
+
+    def plain(self, joint: str) -> str:
+        return f"sticking of gauge {self.gauge}"
+
+    def remedy(self) -> str:
+        width_um = 1e3 * self.width_mm
+        return f"the plunger of {self.gauge} sticks by {width_um:.2g} µm: clean and oil it, or replace the gauge"
+
+    def compensation(self) -> Compensation:
+        return OF_THE_GAUGES
+
+    def departures(self) -> Departures:
+        """How the plunger came to a target."""
+        return Departures(stick=(self.gauge, self.width_mm / 2))

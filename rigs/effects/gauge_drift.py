@@ -1,0 +1,37 @@
+"""Gauge drift: a reading that moves with time."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from rigs.effect import AT_GAUGE, OF_THE_GAUGES, Compensation, Effect, Gauge, Scope, at_each_gauge, size
+from rigs.scene import S
+
+
+class GaugeDrift(Effect):
+    """A gauge drifts with time."""
+
+    effect: Literal["gauge_drift"] = "gauge_drift"
+    gauge: Gauge
+    mm_per_min: float = size(1, 2e-4)
+
+    STAGE = "gauge"
+    PLACE = AT_GAUGE
+
+    def apply(self, scene: S) -> S:
+        """Linear from the run's begin."""
+        return scene.read(self.gauge, lambda g: g + self.mm_per_min * (scene.t_s - scene.t_s[0]) / 60)
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[GaugeDrift]]:
+        """One at each gauge."""
+        return at_each_gauge(cls, scope)
+
+    def plain(self, joint: str) -> str:
+        return f"drift of gauge {self.gauge}"
+
+    def remedy(self) -> str:
+        return f"{self.gauge} drifts by {1e3 * self.mm_per_min:+.2g} µm a minute: let it warm up, look at its holder"
+
+    def compensation(self) -> Compensation:
+        return OF_THE_GAUGES

@@ -1,0 +1,39 @@
+"""Gauge inclination: a gauge that stands askew measures along its own axis, the cosine error."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from rigs.effect import AT_GAUGE, OF_THE_GAUGES, Compensation, Effect, Gauge, Scope, at_each_gauge, size
+from rigs.scene import S
+
+
+class GaugeInclination(Effect):
+    """A gauge stands askew by this angle and reads 1/cos too much."""
+
+    effect: Literal["gauge_inclination"] = "gauge_inclination"
+    gauge: Gauge
+    angle_deg: float = size(30, 0.5, least=0.0)
+
+    STAGE = "gauge"
+    PLACE = AT_GAUGE
+
+    def apply(self, scene: S) -> S:
+        """g / cos(angle)."""
+        return scene.read(self.gauge, lambda g: g / np.cos(np.radians(self.angle_deg)))
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[GaugeInclination]]:
+        """One at each gauge."""
+        return at_each_gauge(cls, scope)
+
+    def plain(self, joint: str) -> str:
+        return f"inclination of gauge {self.gauge}"
+
+    def remedy(self) -> str:
+        return f"{self.gauge} stands askew by {self.angle_deg:.2f}°: shim it"
+
+    def compensation(self) -> Compensation:
+        return OF_THE_GAUGES

@@ -1,0 +1,37 @@
+"""Gauge scale: a gauge reads too much by a share of its reading."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from rigs.effect import AT_GAUGE, OF_THE_GAUGES, Compensation, Effect, Gauge, Scope, at_each_gauge, size
+from rigs.scene import S
+
+
+class GaugeScale(Effect):
+    """A gauge reads too much by this share."""
+
+    effect: Literal["gauge_scale"] = "gauge_scale"
+    gauge: Gauge
+    relative: float = size(0.2, 5e-4)
+
+    STAGE = "gauge"
+    PLACE = AT_GAUGE
+
+    def apply(self, scene: S) -> S:
+        """g (1 + relative)."""
+        return scene.read(self.gauge, lambda g: g * (1 + self.relative))
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[GaugeScale]]:
+        """One at each gauge."""
+        return at_each_gauge(cls, scope)
+
+    def plain(self, joint: str) -> str:
+        return f"scale of gauge {self.gauge}"
+
+    def remedy(self) -> str:
+        return f"{self.gauge} reads {1e2 * self.relative:+.3g} %: have it calibrated, or enter the scale"
+
+    def compensation(self) -> Compensation:
+        return OF_THE_GAUGES

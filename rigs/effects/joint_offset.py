@@ -1,0 +1,51 @@
+"""Joint zero offset: the paper's datum location error. Link side = reported + offset."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from rigs.base import Axis
+from rigs.effect import AT_AXIS, Compensation, Effect, Scope, at_each_axis, size
+from rigs.scene import S
+
+
+class JointOffset(Effect):
+    """The datum location error: link = reported + offset."""
+
+    effect: Literal["joint_offset"] = "joint_offset"
+    axis: Axis
+    offset_deg: float = size(5, 0.02)
+
+    STAGE = "joint"
+    PLACE = AT_AXIS
+
+    def apply(self, scene: S) -> S:
+        """The joint stands off by a constant."""
+        return scene.turned(self.axis, np.radians(self.offset_deg))
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[JointOffset]]:
+        """One at each joint."""
+        return at_each_axis(cls)
+
+    def plain(self, joint: str) -> str:
+        return f"zero of {joint}"
+
+    def remedy(self) -> str:
+        return f"re-master joint {self.axis} by {self.offset_deg:+.4f}° (link = reported + offset), or enter it"
+
+    def compensation(self) -> Compensation:
+        """The controller's own zero of the joint."""
+        return Compensation("joint zero", constant=(self.axis, "q_deg"))
+
+    @property
+    def symbol(self) -> str:
+        """It is a zero."""
+        return f"zero of axis {self.axis}"
+
+    @classmethod
+    def turning(cls, axis: int, angle_deg: float) -> JointOffset:
+        """This is how a joint turned by a constant is described."""
+        return cls(axis=axis, offset_deg=angle_deg)

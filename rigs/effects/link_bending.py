@@ -1,0 +1,55 @@
+"""Link bending: the link after an axis bends under the torque at that axis; its end moves, the joint does not."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from rigs.base import Axis
+from rigs.effect import AT_AXIS, BY_TARGETS, Compensation, Effect, Scope, at_each_axis, size
+from rigs.scene import S
+
+_NOTHING_MM = 1e-6
+"""A link that is no longer across its axis bends nowhere."""
+
+
+class LinkBending(Effect):
+    """The link after `axis` bends under gravity: its end moves by `mm_per_Nm` times the torque, the joint does not."""
+
+    effect: Literal["link_bending"] = "link_bending"
+    axis: Axis
+    mm_per_Nm: float = size(0.05, 1e-4, least=0.0)
+
+    STAGE = "tool"
+    PLACE = AT_AXIS
+
+    def apply(self, scene: S) -> S:
+        """Everything beyond the link moves, without turning, across the link and in the plane that the torque acts
+        in."""
+        joint, z, end = scene.link_after(self.axis)
+        across = np.cross(z, end - joint)
+        length = np.linalg.norm(across, axis=1, keepdims=True)
+        across = np.divide(across, length, out=np.zeros_like(across), where=length > _NOTHING_MM)
+        torque = scene.torques()[:, self.axis - 1]
+        return scene.shifted((self.mm_per_Nm * torque)[:, None] * across)
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[LinkBending]]:
+        """One after each joint."""
+        return at_each_axis(cls)
+
+    def plain(self, joint: str) -> str:
+        return f"bending of the link after {joint}"
+
+    def remedy(self) -> str:
+        return f"the link after joint {self.axis} bends: enter the payload as it is; look for a loose flange or bolts"
+
+    def compensation(self) -> Compensation:
+        """It depends on the posture alone."""
+        return BY_TARGETS
+
+    @property
+    def idle(self) -> str:
+        """It shows where a link carries."""
+        return f"gravity does not bend the link after axis {self.axis}"

@@ -1,0 +1,88 @@
+"""Link geometry: a constant of the arm is not what the rig file says."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from rigs.base import Axis
+from rigs.effect import AXES, Compensation, Effect, Place, Scope, size
+from rigs.scene import S
+
+Constant = Literal["a", "alpha", "d", "beta"]
+_CONSTANTS: tuple[Constant, ...] = ("a", "alpha", "d", "beta")
+_IN_WORDS: dict[Constant, str] = {"a": "length a", "d": "offset d", "alpha": "twist alpha", "beta": "twist beta"}
+_KEYS: dict[Constant, str] = {"a": "a_mm", "alpha": "alpha_deg", "beta": "beta_deg", "d": "d_mm"}
+"""In the rig file."""
+_PARALLEL = 1e-3
+"""Sine of the angle between two axes below which they are parallel."""
+
+
+class LinkGeometry(Effect):
+    """A wrong link constant: `field` of `axis` is `delta` (mm or degrees) more than the rig file says."""
+
+    effect: Literal["link_geometry"] = "link_geometry"
+    axis: Axis
+    field: Constant
+    delta: float = size(50, 0.2)
+
+    STAGE = "arm"
+    STRAIGHT = 0.02  # at all of a healthy size what is not straight would already show
+    # Hayati's beta is one more than four parameters a joint need.
+    PLACE = Place(
+        r"(?:(?P<axis>[1-6])(?:\.(?P<field>a|alpha|d|beta))?)?",
+        "3.a",
+        {"axis": "123456", "field": ("a", "alpha", "d")},
+    )
+
+    def apply(self, scene: S) -> S:
+        """The arm with that constant changed."""
+        return scene.with_constant(self.field, self.axis, self.delta if self._length else np.radians(self.delta))
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[LinkGeometry]]:
+        """Each constant of each axis."""
+        return [
+            [cls(axis=axis, field=field)]
+            for axis in AXES
+            for field in _CONSTANTS
+            # Hayati's angle is for a joint parallel to the one before; elsewhere it only repeats the others.
+            if field != "beta" or (axis > 1 and abs(np.sin(np.radians(scope.twist_deg[axis - 1]))) < _PARALLEL)
+        ]
+
+    def plain(self, joint: str) -> str:
+        return f"{_IN_WORDS[self.field]} of {joint} in the rig file"
+
+    def remedy(self) -> str:
+        return (
+            f"add {self.delta:+.4f} {'mm' if self._length else '°'} to {self.field} of axis {self.axis} in the rig file"
+            f" ({self.symbol} in the robot's constants)"
+        )
+
+    def compensation(self) -> Compensation:
+        """It is a constant already."""
+        return Compensation("link constant", constant=(self.axis, _KEYS[self.field]))
+
+    @property
+    def healthy(self) -> float:
+        """0.2 mm for lengths, 0.02° for angles."""
+        return 0.2 if self._length else 0.02
+
+    @property
+    def seat(self) -> str:
+        """Axis and field."""
+        return f"{self.axis}.{self.field}"
+
+    @property
+    def symbol(self) -> str:
+        """Craig's symbol: a, alpha and beta belong to the link before."""
+        return f"{self.field}{self.axis if self.field == 'd' else self.axis - 1}"
+
+    def unit(self, parameter: str) -> str:
+        """mm of lengths, degrees of angles."""
+        return "mm" if self._length else "deg"
+
+    @property
+    def _length(self) -> bool:
+        return self.field in ("a", "d")

@@ -1,0 +1,77 @@
+"""Wind-up at reversal: after each turn the link hangs back against the new direction, and relaxes."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from rigs.base import Axis
+from rigs.effect import (
+    AT_AXIS,
+    AXES,
+    Compensation,
+    Departures,
+    Effect,
+    FreeShape,
+    Scope,
+    StretchedShape,
+    shape,
+    size,
+)
+from rigs.scene import S
+
+_SLOWER = 4.0
+_DECAYS_S = (0.1, 0.3, 1.0)
+
+
+class ReversalSpike(Effect):
+    """Wind-up at each reversal, `amplitude_deg` against the new direction, that relaxes within `decay_s`; `slow` of it
+    takes four times as long, and it needs `rise` of that time to wind up."""
+
+    effect: Literal["reversal_spike"] = "reversal_spike"
+    axis: Axis
+    amplitude_deg: float = size(1, 0.005)
+    decay_s: float = shape(0.02, 10, 0.3)
+    slow: float = shape(0, 1, 0.0)
+    rise: float = shape(0, 1, 0.0)
+
+    STAGE = "joint"
+    PLACE = AT_AXIS
+    FREE = (FreeShape("slow", 0.0, 0.2), FreeShape("rise", 0.0, 0.05))
+    STRETCHED = (StretchedShape("decay_s", 0.7),)
+
+    def apply(self, scene: S) -> S:
+        """A spike at each reversal, exp(-t / decay), in part four times as slow, once it has risen."""
+        deviation = np.zeros(len(scene.t_s))
+        for when, direction in scene.reversals(self.axis):
+            since = np.maximum(scene.t_s - when, 0.0) / self.decay_s
+            relaxing = (1 - self.slow) * np.exp(-since) + self.slow * np.exp(-since / _SLOWER)
+            if self.rise:
+                relaxing *= -np.expm1(-since / self.rise)
+            deviation -= direction * np.where(scene.t_s >= when, relaxing, 0.0)
+        return scene.turned(self.axis, np.radians(self.amplitude_deg) * deviation)
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[ReversalSpike]]:
+        """At each joint that turns back while it is read, quick and slow ones."""
+        return [[cls(axis=axis, decay_s=decay) for decay in _DECAYS_S] for axis in AXES if scope.timed]
+
+    def plain(self, joint: str) -> str:
+        return f"wind-up of {joint} after reversals"
+
+    def remedy(self) -> str:
+        return f"joint {self.axis} sticks at reversals: look at brake, seals, grease and the tuning of the servo"
+
+    def compensation(self) -> Compensation:
+        """It has a history, which no target has."""
+        return Compensation("none", "fades after each reversal: only a pause, or the same approach direction, helps")
+
+    @property
+    def idle(self) -> str:
+        """It shows where a joint turns back."""
+        return f"axis {self.axis} does not turn back"
+
+    def departures(self) -> Departures:
+        """It may begin sooner or later."""
+        return Departures(jolt=(self.axis, abs(self.amplitude_deg)))

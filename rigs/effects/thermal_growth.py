@@ -1,0 +1,43 @@
+"""Thermal growth: every length of the arm grows alike, so the tool moves away from the base."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from rigs.effect import Compensation, Effect, Scope, StretchedShape, shape, size
+from rigs.scene import S
+
+_WARMING_S = (60.0, 300.0, 1200.0)
+
+
+class ThermalGrowth(Effect):
+    """Every length grows with run time: by `ppm` in the end, with a time constant."""
+
+    effect: Literal["thermal_growth"] = "thermal_growth"
+    ppm: float = size(2000, 20)
+    time_constant_s: float = shape(1, 1e5, 600.0)
+
+    STAGE = "tool"
+    STRETCHED = (StretchedShape("time_constant_s", 0.7),)
+
+    def apply(self, scene: S) -> S:
+        """ppm (1 - exp(-t / time constant)) of the way from base to tool."""
+        growth = self.ppm * 1e-6 * -np.expm1(-np.maximum(scene.t_s, 0) / self.time_constant_s)
+        return scene.shifted(growth[:, None] * (scene.T[:, :3, 3] - scene.base_mm))
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[ThermalGrowth]]:
+        """Quick and slow ones, where gauges are read: poses have no time."""
+        return [[cls(time_constant_s=tau) for tau in _WARMING_S]] if scope.gauges else []
+
+    def plain(self, joint: str) -> str:
+        return "growth of all lengths with time"
+
+    def remedy(self) -> str:
+        return "the arm grows as it warms up: run it warm before measuring, or measure quicker"
+
+    def compensation(self) -> Compensation:
+        """A target has no time."""
+        return Compensation("none", "changes with run time: warming up helps, a fixed target does not")

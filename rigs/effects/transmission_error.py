@@ -1,0 +1,95 @@
+"""Transmission error: a gear that runs ahead and behind with the angle of the joint, A sin(N q + phase)."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from rigs.base import Axis
+from rigs.effect import (
+    AXES,
+    BY_TARGETS,
+    NUMBER,
+    Compensation,
+    Departures,
+    Effect,
+    FreeShape,
+    Place,
+    Scope,
+    StretchedShape,
+    scaled,
+    shape,
+    size,
+)
+from rigs.scene import S
+
+_MOST_ORDER = 200
+_MOST_WAVES = 120
+"""Waves on the stretch that a joint turns, of which a wave more than these is shorter than what readings resolve."""
+_HARMONIC = 0.15
+
+
+class TransmissionError(Effect):
+    """Gear error `amplitude sin(order q + phase)`, `order` in cycles a turn; `third` of it at three times the order."""
+
+    effect: Literal["transmission_error"] = "transmission_error"
+    axis: Axis
+    order: float = Field(gt=0, le=1000)
+    amplitude_deg: float = size(2, 0.005, least=0.0)
+    phase_deg: float = shape(-360, 360, 0.0)
+    third: float = shape(-1, 1, 0.0)
+
+    STAGE = "joint"
+    # A gear left open begins with an eccentric wheel and twice that.
+    PLACE = Place(
+        rf"(?:(?P<axis>[1-6])(?::(?P<order>{NUMBER}))?)?", "4:2 (axis:order)", {"axis": "123456", "order": "12"}
+    )
+    STANDS_FOR = 3
+    FREE = (FreeShape("third", 0.0, 0.3),)
+    STRETCHED = (StretchedShape("order", 0.03, least=0.5),)
+
+    def apply(self, scene: S) -> S:
+        """N = 1 is an eccentric wheel; the gear ratio, twice the wave generator, the tooth mesh are others."""
+        turn = self.order * scene.q[:, self.axis - 1] + np.radians(self.phase_deg)
+        wave = np.sin(turn) + self.third * np.sin(3 * turn)
+        return scene.turned(self.axis, np.radians(self.amplitude_deg) * wave)
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[TransmissionError]]:
+        """Waves of each joint, by order: as dense as the readings part them."""
+        return [[cls(axis=axis, order=order) for order in _orders_for(scope.turned[axis - 1])] for axis in AXES]
+
+    def plain(self, joint: str) -> str:
+        return f"gear error of {joint}, {self.order:.4g} a turn"
+
+    def remedy(self) -> str:
+        return (
+            f"look at the gear stage of joint {self.axis} that turns {self.order:.4g} times a turn of the joint:"
+            f" ± {self.amplitude_deg:.4f}°"
+        )
+
+    def compensation(self) -> Compensation:
+        """It depends on the posture alone."""
+        return BY_TARGETS
+
+    def departures(self) -> Departures:
+        """Harmonics: no gear makes a pure wave."""
+        return Departures(
+            tuple(
+                scaled(self, _HARMONIC, order=n * self.order, phase_deg=phase, third=0.0)
+                for n in (2, 3)
+                for phase in (0, 90)
+            )
+        )
+
+
+def _orders_for(turned: float) -> list[int]:
+    """Integers up to 12, then in steps that a joint which turns so far (in turns) parts; refinement finds the rest."""
+    orders, order = [], 1.0
+    while order <= _MOST_ORDER:
+        if order * turned < _MOST_WAVES:
+            orders.append(round(order))
+        order += 1.0 if order < 12 else max(1.0, min(0.5 / max(turned, 1e-3), 0.2 * order))
+    return orders

@@ -1,0 +1,50 @@
+"""Vibration: the link swings, and all gauges with it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from rigs.effect import NUMBER, Compensation, Effect, Place, Scope, shape, size
+from rigs.scene import S
+
+
+class Vibration(Effect):
+    """The link swings."""
+
+    effect: Literal["vibration"] = "vibration"
+    frequency_hz: float = Field(gt=0, le=500)
+    amplitude_mm: float = size(1, 0.002, least=0.0)
+    phase_deg: float = shape(-360, 360, 0.0)
+
+    STAGE = "gauge"
+    PLACE = Place(rf"(?P<frequency_hz>{NUMBER})", "8.5 (Hz)")
+
+    def apply(self, scene: S) -> S:
+        """A sin(2 pi f t + phase) on every reading."""
+        wave = np.sin(2 * np.pi * self.frequency_hz * scene.t_s + np.radians(self.phase_deg))
+        return scene.all_read(lambda g: g + self.amplitude_mm * wave[:, None])
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[Vibration]]:
+        """None: its phase is new in each run, see `swinging`."""
+        return []
+
+    def plain(self, joint: str) -> str:
+        return f"vibration at {self.frequency_hz:.4g} Hz"
+
+    def remedy(self) -> str:
+        return (
+            f"the link swings at {self.frequency_hz:.3g} Hz: look for what shakes it, drive slower, stiffen the stand"
+        )
+
+    def compensation(self) -> Compensation:
+        """It swings about every target."""
+        return Compensation("none", "swings about the target: only its cause can be mended")
+
+    @classmethod
+    def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Vibration:
+        """This is what a swing of the link is."""
+        return cls(frequency_hz=frequency_hz, amplitude_mm=amplitude_mm)

@@ -1,0 +1,47 @@
+"""Wrist coupling: the motion of one wrist axis leaks into another through their common gears."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from rigs.base import Axis
+from rigs.effect import BY_TARGETS, Compensation, Effect, Place, Scope, size
+from rigs.scene import S
+
+_WRIST = ((4, 5), (4, 6), (5, 6))
+
+
+class WristCoupling(Effect):
+    """Motion of one wrist axis leaks into another: link[to] gains `ratio` times q[from]."""
+
+    effect: Literal["wrist_coupling"] = "wrist_coupling"
+    from_axis: Axis
+    to_axis: Axis
+    ratio: float = size(0.1, 1e-4)
+
+    STAGE = "joint"
+    PLACE = Place(r"(?P<from_axis>[1-6])\.(?P<to_axis>[1-6])", "4.5 (from.to)")
+
+    def apply(self, scene: S) -> S:
+        """The driven axis gains a share of the driving one's angle."""
+        return scene.turned(self.to_axis, self.ratio * scene.q[:, self.from_axis - 1])
+
+    @classmethod
+    def forms(cls, scope: Scope) -> list[list[WristCoupling]]:
+        """From each axis of the wrist to those that its gears run past."""
+        return [[cls(from_axis=start, to_axis=end)] for start, end in _WRIST]
+
+    def plain(self, joint: str) -> str:
+        return f"axis {self.from_axis} leaking into axis {self.to_axis}"
+
+    def remedy(self) -> str:
+        return f"motion of joint {self.from_axis} leaks into joint {self.to_axis}: correct the wrist's coupling ratio"
+
+    def compensation(self) -> Compensation:
+        """It depends on the posture alone."""
+        return BY_TARGETS
+
+    @property
+    def seat(self) -> str:
+        """From one axis to the other."""
+        return f"{self.from_axis}>{self.to_axis}"

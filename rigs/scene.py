@@ -1,0 +1,93 @@
+"""What an effect sees and may change: one time-ordered trace on its way from the reported angles to the readings.
+
+Effects replace parts of it, stage by stage; nothing is changed in place. The stages, in order:
+
+    time    when the readings were really taken: `q` is what was reported then
+    arm     the arm's constants
+    joint   link-side angles `link_q`, which begin as `q`; every effect sees the reported ones, deviations add
+    tool    where the tool is, `T`, after the forward kinematics
+    set-up  ball form and gauge places
+    gauge   the readings `g_mm`
+
+The simulator's own scene, `analysis/model/scene.py`, does what stands here; a rig file is read without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Literal, Protocol, Self, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Stage = Literal["time", "arm", "joint", "tool", "setup", "gauge"]
+STAGES: tuple[Stage, ...] = ("time", "arm", "joint", "tool", "setup", "gauge")
+
+
+class Scene(Protocol):
+    """n samples in order of time, k gauges. What a stage has not reached yet is empty."""
+
+    @property
+    def t_s(self) -> Array:
+        """Times (n,) s."""
+
+    @property
+    def q(self) -> Array:
+        """Reported angles (n, 6) rad."""
+
+    @property
+    def T(self) -> Array:  # noqa: N802 - a frame
+        """Poses (n, 4, 4) of the tool in the world."""
+
+    @property
+    def base_mm(self) -> Array:
+        """Where the base of the arm stands in the world (3,) mm."""
+
+    @property
+    def contact(self) -> Array:
+        """Angles (n,) rad around the ball at which the link touches it."""
+
+    @property
+    def offsets_mm(self) -> Array:
+        """Places (k,) mm of the gauges on the baseline."""
+
+    def reported_at(self, t_s: Array) -> Array:
+        """Reported angles (n, 6) rad at instants t_s (n,), the ends held."""
+
+    def reversals(self, axis: int) -> Sequence[tuple[float, float]]:
+        """When a joint (1 … 6) turns back, s, and the direction (±1) it takes then."""
+
+    def torques(self, payload_kg: float = 0.0) -> Array:
+        """Torque of gravity on each joint (n, 6) Nm, with so much more at the flange."""
+
+    def link_after(self, axis: int) -> tuple[Array, Array, Array]:
+        """Place (n, 3) mm of a joint (1 … 6), direction (n, 3) of its axis, and place (n, 3) mm of its link's end."""
+
+    def taken_at(self, t_s: Array) -> Self:
+        """As reported at other instants t_s (n,)."""
+
+    def with_constant(self, field: str, axis: int, delta: float) -> Self:
+        """A constant of the arm (a, d in mm; alpha, beta in rad) of an axis (1 … 6) changed by delta."""
+
+    def turned(self, axis: int, deviation: Array | float) -> Self:
+        """The link side of a joint (1 … 6) turned by a deviation (n,) rad."""
+
+    def shifted(self, offset_mm: Array) -> Self:
+        """The tool moved by (n, 3) mm in the world."""
+
+    def with_form(self, form_mm: Array) -> Self:
+        """The ball standing proud by (n,) mm where the link touches it."""
+
+    def with_gauges_at(self, offsets_mm: Array) -> Self:
+        """The gauges at other places (k,) mm on the baseline."""
+
+    def read(self, gauge: str, change: Callable[[Array], Array]) -> Self:
+        """One gauge's readings (n,) mm changed; the same scene in a test without that gauge."""
+
+    def all_read(self, change: Callable[[Array], Array]) -> Self:
+        """The readings (n, k) mm of all gauges changed."""
+
+
+S = TypeVar("S", bound=Scene)
+"""The scene that an effect is given and gives back."""
