@@ -24,6 +24,10 @@ def diagnose(
     unseen: Annotated[
         list[Path] | None, typer.Option(help="A run at another place or radius, to judge by; as often as you like.")
     ] = None,
+    tolerance_um: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Name what moves readings by more than this; without it, the scatter of one run."),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="For the extended rig file, JSON and picture.")
@@ -58,7 +62,7 @@ def diagnose(
             typer.echo(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
     with _progress(quiet=as_json) as progress:
-        found = diagnose_runs(rig, measured, judges, elsewhere, progress)
+        found = diagnose_runs(rig, measured, judges, elsewhere, progress, tolerance_um)
     if as_json:
         typer.echo(json.dumps(as_object(found), indent=2))
     else:

@@ -121,6 +121,13 @@ class Posterior:
         self.A = A + B @ self.known_covariance @ B.T
         self.left = r - T @ self.known - background.columns.X @ self.mean
 
+    @property
+    def healthy_share(self) -> Array:
+        """What the forms of effects, at their means, add to the readings (N,)."""
+        forms = self.background.columns.set_ups.start
+        share: Array = self.background.columns.X[:, :forms] @ self.mean[:forms]
+        return share
+
     def gains(self, forms: Sequence[Form], level: float) -> tuple[Array, Array, Array]:
         """Log evidence (n,) for each form as a fault, over its healthy share; the same for it as the one form that its
         name has, at the level of all others; and its sigmas (n,) at a healthy size."""
@@ -128,9 +135,9 @@ class Posterior:
         sigma[:] = 0.0
         width = np.array([len(form.columns) for form in forms])
         sizes = fault_sizes(level)
-        for q in np.unique(width):
+        for q in np.unique(width).tolist():
             members = np.flatnonzero(width == q)
-            cols = np.array([forms[k].columns for k in members])
+            cols = np.array([forms[k].columns for k in members.tolist()])
             prior = self.background.variance[cols]
             kept = (prior > 0).all(axis=1)
             members, cols, prior = members[kept], cols[kept], prior[kept]
@@ -150,7 +157,9 @@ class Posterior:
             pick[members] = _evidence(values, seen, np.full(len(members), level**2 / q)) - now
             sigma[members] = np.sqrt(values.max(axis=1))
             if q == 1:
-                wrong = [k for k, way in zip(members, eta[:, 0], strict=True) if way < 0 and forms[k].one_sided]
+                wrong = [
+                    k for k, way in zip(members.tolist(), eta[:, 0], strict=True) if way < 0 and forms[k].one_sided
+                ]
                 fault[wrong] = pick[wrong] = -np.inf
         return fault, pick, sigma
 

@@ -28,10 +28,8 @@ from analysis.reading.tables import Integers, PoseTable, RadialTable, Repeatabil
 from analysis.tests.pose import groups as visits
 from rigs.effects import Effect
 
-_EDGES = (0, 3, 8, 16, 30, 60, 120, len(ORDER_OF))
+EDGES = (0, 3, 8, 16, 30, 60, 120, len(ORDER_OF))
 """Edges of the bands of orders, within which what no effect explains may have a strength of its own."""
-BANDS = len(_EDGES)
-"""Numbers of bands that each set-up has for itself."""
 _SLOW = 8
 """Orders below this are as slow as a robot that stands."""
 _SAME_RAD = 3e-4
@@ -116,9 +114,7 @@ def _gathered(name: str, members: Sequence[Seen], setups: Mapping[str, SetUp], k
     # Where one run did not stand before and after, none is compared by it.
     if not all(run.sampling and run.sampling.stands for run in members):
         members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
-    vectors = [
-        entries(residuals_of(run.model, [run.one], setups)[0], run.sampling) for run in grown(members, known)
-    ]
+    vectors = [entries(residuals_of(run.model, [run.one], setups)[0], run.sampling) for run in grown(members, known)]
     first = members[0]
     shaken = shaken_by(first.model, first.one, setups[first.one.setup])
     # Only repeats of the same targets can be averaged.
@@ -129,16 +125,16 @@ def _gathered(name: str, members: Sequence[Seen], setups: Mapping[str, SetUp], k
 def _circle_block(raw: _Raw, sd_mm: Array, noise: CircleNoise, number: int) -> Block:
     sampling = raw.first.sampling
     assert sampling is not None  # noqa: S101 - circles have one
-    weight = 1 / (sd_mm[:, ORDER_OF < _EDGES[4]] ** 2).mean(axis=1)
+    weight = 1 / (sd_mm[:, EDGES[4] > ORDER_OF] ** 2).mean(axis=1)
     weight /= weight.sum()
     sd = np.sqrt(weight**2 @ sd_mm**2)
     sd = np.concatenate([sd, _standing_sd(sd, sampling)])
-    band = np.searchsorted(_EDGES, ORDER_OF, side="right") - 1
+    band = np.searchsorted(EDGES, ORDER_OF, side="right") - 1
     band = np.concatenate([band, np.zeros(len(sd) - len(band), dtype=np.int64)])
     scatter = raw.shaken * noise.scatter(raw.shaken.shape[1]) * np.linalg.norm(weight)
     return Block(
         raw.name, raw.first.model, raw.first.one, sampling, weight @ raw.rows, sd, scatter,
-        band + number * BANDS, len(raw.rows), raw.apart_mm, noise.measured,
+        band + number * len(EDGES), len(raw.rows), raw.apart_mm, noise.measured,
     )  # fmt: skip
 
 
@@ -148,7 +144,7 @@ def _target_block(raw: _Raw, noise: CircleNoise, number: int) -> Block:
     if isinstance(table, PoseTable) and not measured:
         sd = np.full(len(sd), POSE_MM)
     scatter = raw.shaken * noise.scatter(raw.shaken.shape[1]) / np.sqrt(count)
-    band = np.full(len(sd), number * BANDS)
+    band = np.full(len(sd), number * len(EDGES))
     y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)
     return Block(
         raw.name, raw.first.model, raw.first.one, None, y, sd, scatter, band, count, raw.apart_mm, measured

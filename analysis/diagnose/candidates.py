@@ -21,9 +21,9 @@ from rigs.effect import Gauge, Scope, healthy, is_play, label_of, name_of, phase
 from rigs.effects import VOCABULARY, Effect
 
 __all__ = ["Candidate", "Shape", "candidates_for", "label_of", "name_of"]
-_PLAY_SIGMAS = (15.0, 60.0, 250.0)
-_WIDE_PLAY = 5.0
-"""Widths of plays: at which they have so many sigmas, and so many healthy widths."""
+_PLAY_SIGMAS = 15.0
+_PLAYS = (1.0, 6.0, 30.0)
+"""Widths of plays: the smallest that is well seen, and, in healthy widths, those of arms and of their faults."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def _candidate(form: Effect, size: float, likes: int) -> Candidate:
 
 def _widths(sigma: float) -> list[float]:
     """Widths of a play in healthy ones, for how it is crossed depends on them; sigma: of a healthy one."""
-    return sorted({min(1.0, sigmas / max(sigma, 1e-9)) for sigmas in _PLAY_SIGMAS} | {_WIDE_PLAY})
+    return sorted({min(1.0, _PLAY_SIGMAS / max(sigma, 1e-9)), *_PLAYS})
 
 
 def _scope(blocks: Sequence[Block]) -> Scope:

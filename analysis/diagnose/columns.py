@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnose.blocks import BANDS
 from analysis.diagnose.candidates import Candidate
 from analysis.diagnose.linear import Linear
 from analysis.kinematics.arm import Array
@@ -71,12 +70,15 @@ class Columns:
         numbers = {name: k for k, name in enumerate(among)}
         own = np.concatenate([np.full(len(form.columns), numbers[form.name]) for form in self.forms])
         self.name_of_column = np.concatenate([own, np.full(self.X.shape[1] - len(own), -1)])
-        healthy = np.concatenate([np.full(len(form.columns), 1 / (form.among * len(form.columns))) for form in self.forms])
+        healthy = np.concatenate(
+            [np.full(len(form.columns), 1 / (form.among * len(form.columns))) for form in self.forms]
+        )
         self.healthy: Array = np.concatenate([healthy, np.zeros(linear.U.shape[1] + linear.Z.shape[1])])
-        self.fixed = np.concatenate([np.zeros(len(healthy)), np.full(linear.U.shape[1], _SET_UP_MM**2), np.ones(linear.Z.shape[1])])
+        self.fixed = np.concatenate(
+            [np.zeros(len(healthy)), np.full(linear.U.shape[1], _SET_UP_MM**2), np.ones(linear.Z.shape[1])]
+        )
         self.set_ups = slice(len(healthy), len(healthy) + linear.U.shape[1])
-        bands, self.band = np.unique(linear.band, return_inverse=True)
-        self.test = np.unique(bands // BANDS, return_inverse=True)[1]
+        self.band = np.unique(linear.band, return_inverse=True)[1]
         self.count: NDArray[np.int64] = np.bincount(self.band)
         self.K = np.stack([self.products(self.band == b) for b in range(len(self.count))])
 
@@ -103,14 +105,17 @@ class Columns:
 
     def variance(self, level: float) -> Array:
         """Prior variance (p,) of each column's coefficient, in an arm with `level` times a healthy one's everything."""
-        return level**2 * self.healthy + self.fixed
+        variance: Array = level**2 * self.healthy + self.fixed
+        return variance
 
 
 def _seen(variants: Sequence[_Variant], columns: Array) -> tuple[tuple[str, ...], list[_Variant], Array]:
     """Names that no size would show, the forms that would show, and their columns."""
     ends = np.cumsum([len(each) for _, each, _ in variants]).tolist()
     sigma = LARGEST * np.linalg.norm(columns, axis=0)
-    shows = [bool(sigma[end - len(each) : end].max() > _SHOWS) for (_, each, _), end in zip(variants, ends, strict=True)]
+    shows = [
+        bool(sigma[end - len(each) : end].max() > _SHOWS) for (_, each, _), end in zip(variants, ends, strict=True)
+    ]
     kept = [variant for variant, there in zip(variants, shows, strict=True) if there]
     names = {name for name, _, _ in kept}
     hidden = tuple(dict.fromkeys(name for name, _, _ in variants if name not in names))

@@ -1,35 +1,40 @@
 """From runs to a diagnosis: find the disagreement, name the missing effect, add it, prove that the gap shrinks.
 
-runs → blocks (whitened) → names by evidence, defended on the simulator → verdict, proof, what to do
+runs → blocks with their noise → names by evidence, refined on the simulator → what each is worth → verdict and proof
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 
-from analysis.diagnose.candidates import name_of
+import numpy as np
+
 from analysis.diagnose.curves import curves_of, maps_of
-from analysis.diagnose.diagnosis import Diagnosis, Gap, Named, NextTest, Verdict
+from analysis.diagnose.diagnosis import Diagnosis, Named, NextTest, Remainder, Rival, Verdict
 from analysis.diagnose.doubts import doubts_of_rig, doubts_of_runs
-from analysis.diagnose.explain import Explained
+from analysis.diagnose.freeforms import strangest
 from analysis.diagnose.leftover import leftovers
 from analysis.diagnose.locate import places
 from analysis.diagnose.look import Look, looked
-from analysis.diagnose.observed import Seen
+from analysis.diagnose.naming import Rivalry
 from analysis.diagnose.parting import parting
-from analysis.diagnose.proof import gap, judged, without
+from analysis.diagnose.proof import gain_of_each, gap, judged, without
 from analysis.diagnose.runs import about
+from analysis.diagnose.settle import grown
 from analysis.diagnose.signatures import parts
+from analysis.diagnose.swing import Swing, swing
+from analysis.diagnose.worth import Worth, limits_um, plain_worth, worth
+from analysis.kinematics.arm import Array
 from analysis.reading.loading import Measured
-from rigs.effects import Effect
+from rigs.effect import name_of
+from rigs.errors import FileError
 from rigs.rig import Rig
 
-_GROWN = 1.02
-"""A gap that grows by more than this with its names is none that they explain."""
 _ENOUGH = 3
 """Readings for each set-up term, at least, without which nothing can be told."""
+CERTAIN = 20.0 / 21.0
+"""Odds of 20 to 1 among rivals, below which a name is ambiguous."""
 
 
 def diagnose(
@@ -38,127 +43,145 @@ def diagnose(
     held_out: Sequence[Measured],
     unseen: Sequence[Measured],
     progress: Callable[[str], None],
+    tolerance_um: float | None = None,
 ) -> Diagnosis:
     """Diagnose runs of one robot beside the model of a rig; judge on runs left out and at an unseen place.
 
-    Raises FileError for runs of another robot, or that cannot be read as what they say.
+    tolerance_um: from which on a name is material; the scatter of one run where None. Raises FileError for runs of
+    another robot, or that cannot be read as what they say.
     """
     begin_s = time.perf_counter()
     progress("reading the runs")
     runs = about(rig, used)
     look = looked(runs, progress)
     progress("proving it on runs left out")
-    decided = _decided(look, runs, [run.run.manifest.name for run in used])
-    others = [judged(rig, them, decided.kept, look.linear.blocks) for them in (held_out, unseen)]
-    if decided.verdict == "ambiguous":
-        progress("which test would part the rivals")
-        decided = _with_next_test(decided, rig, look.found, used)
-    doubts = (*doubts_of_runs(look), *doubts_of_rig(rig, runs))
-    return _told(rig, runs, look, decided, others, doubts, begin_s)
-
-
-@dataclass(frozen=True)
-class _Decided:
-    """The verdict and why; the effects that stand by it; the gap on the runs used; the test that would part rivals."""
-
-    verdict: Verdict
-    why: str
-    kept: tuple[Effect, ...]
-    train: Gap
-    next_test: NextTest | None = None
-
-
-def _decided(look: Look, runs: Sequence[Seen], names: Sequence[str]) -> _Decided:
-    """The verdict on what was found, which the gap may withdraw."""
-    verdict, why = _verdict(look)
-    kept = look.found.refined.effects if verdict in ("named", "ambiguous") else ()
+    kept = look.state.refined.effects
+    names = [run.run.manifest.name for run in used]
     train = gap(runs, kept, look.linear.blocks, names)
-    if train.after_um <= _GROWN * train.before_um:
-        return _Decided(verdict, why, kept, train)
-    grows = "with the names found the gap grows instead of shrinking"
-    return _Decided("outside_library", grows, (), gap(runs, (), look.linear.blocks, names))
-
-
-def _told(
-    rig: Rig,
-    runs: Sequence[Seen],
-    look: Look,
-    decided: _Decided,
-    others: Sequence[Gap | None],
-    doubts: tuple[str, ...],
-    begin_s: float,
-) -> Diagnosis:
-    """All that was found; others: the gap on runs left out and at an unseen place."""
-    linear, refined, kept = look.linear, look.found.refined, decided.kept
-    named = _named(look, decided, runs)
-    before = linear.in_mm(linear.y)
-    after = linear.in_mm(refined.left) if kept else before
+    outside = [judged(rig, them, kept, look.linear.blocks) for them in (held_out, unseen)]
+    gains = gain_of_each(look, about(rig, held_out))
+    limits = limits_um(look.linear, tolerance_um)
+    whole = [_named(look, k, limits, gains[k], without(runs, kept, k, look.linear.setups)) for k in range(len(kept))]
+    shaken = swing(grown(runs, kept), look.linear.setups)
+    if shaken and shaken.gain > 0:
+        whole.append(_swinging(shaken, limits, train.after_um))
+    remainder, is_material = _remainder(look, limits)
+    verdict, why = _verdict(look, whole, remainder, is_material=is_material)
+    named = tuple(sorted(whole, key=lambda one: (not one.material, -one.worth_um)))
+    doubts = [*doubts_of_runs(look.linear.blocks), *doubts_of_rig(rig, runs)]
+    next_test = None
+    if verdict == "ambiguous":
+        progress("which test would part the rivals")
+        next_test, doubt = _next_test(rig, named, used)
+        doubts += doubt
+    linear, before = look.linear, look.linear.in_mm(look.first)
+    after = linear.in_mm(look.left)
     return Diagnosis(
-        verdict=decided.verdict,
-        why=decided.why,
+        verdict=verdict,
+        why=why,
         rig=rig,
-        runs=decided.train.runs,
+        runs=train.runs,
         where=places(linear.blocks, before),
-        effects=named,
-        train=decided.train,
-        held_out=others[0],
-        unseen=others[1],
-        left=leftovers(linear.blocks, refined.left, look.found.background),
-        setups=refined.setups if kept else linear.setups,
-        groups=tuple(_group(one) for one in named if one.rivals and decided.verdict == "ambiguous"),
-        not_testable=look.search.not_testable,
-        next_test=decided.next_test,
-        repeated=look.repeated,
-        level=look.found.level,
-        doubts=doubts,
+        effects=() if verdict == "not_testable_here" else named,
+        remainder=remainder,
+        train=train,
+        held_out=outside[0],
+        unseen=outside[1],
+        left=leftovers(linear.blocks, look.posterior.left),
+        setups=linear.setups,
+        groups=tuple(_group(one) for one in named if one.material and one.posterior < CERTAIN and one.rivals),
+        not_testable=look.naming.not_testable(look.state, look.posterior),
+        next_test=next_test,
+        repeated=all(block.measured for block in linear.blocks),
+        level=look.state.level,
+        doubts=tuple(doubts),
         curves=curves_of(linear.blocks, before, after),
         maps=maps_of(linear.blocks, before, after),
         seconds=time.perf_counter() - begin_s,
     )
 
 
-def _verdict(look: Look) -> tuple[Verdict, str]:
-    found, terms = look.found, look.linear.U.shape[1]
-    if not look.search.testable.any() or len(look.linear.y) < _ENOUGH * terms:
+def _named(look: Look, k: int, limits: Array, gain: float | None, gap_without_um: float) -> Named:
+    """One name with what it is worth; one that makes runs left out worse is not material, whatever it moves."""
+    effects, rivalry = look.state.refined.effects, look.rivalries[k]
+    rest = [effect for other, effect in enumerate(effects) if other != k]
+    own = worth(look.linear, look.linear.left(rest) - look.state.refined.left)
+    material = own.is_material(limits) and (gain is None or gain > 0) and rivalry.odds > 0.5
+    return Named(
+        effects[k], look.state.refined.sd(k), rivalry.odds, _rivals(rivalry), gap_without_um, effects[k].remedy(),
+        own.whole_um, material, gain,
+    )  # fmt: skip
+
+
+def _rivals(rivalry: Rivalry) -> tuple[Rival, ...]:
+    found = []
+    for tried, odds in rivalry.rivals:
+        effects = tried.refined.effects
+        found.append(Rival(effects[-1], tried.refined.sd(len(effects) - 1), odds))
+    return tuple(rival for rival in found if rival.posterior > 1e-4)
+
+
+def _swinging(found: Swing, limits: Array, gap_um: float) -> Named:
+    """A swing of the link: its phase is new in each run, so no model takes it out of the readings."""
+    moves = Worth(np.full(len(limits), 1e3 * found.amplitude_mm / np.sqrt(2)))
+    odds = 1 / (1 + float(np.exp(-min(found.gain, 50.0))))
+    return Named(
+        found.effect, found.sd, odds, (), gap_um, found.effect.remedy(), moves.whole_um, moves.is_material(limits), None
+    )
+
+
+def _remainder(look: Look, limits: Array) -> tuple[Remainder, bool]:
+    """What is left beyond the noise, and whether readings move by it as by a material name."""
+    linear, posterior = look.linear, look.posterior
+    strength = look.state.strength[look.naming.columns.band]
+    beyond = np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
+    left = plain_worth(linear, beyond * posterior.left)
+    gap_um = worth(linear, look.first).whole_um
+    share = min(1.0, (left.whole_um / gap_um) ** 2) if gap_um else 0.0
+    healthy = worth(linear, posterior.healthy_share)
+    is_material = left.is_material(limits)
+    words = _in_words(look) if is_material else "no more than noise, scatter and a healthy arm give"
+    return Remainder(left.whole_um, share, words, healthy.whole_um), is_material
+
+
+def _in_words(look: Look) -> str:
+    first = leftovers(look.linear.blocks, look.posterior.left)[:1]
+    where = [f"{one.test}{f' {one.direction}' * bool(one.direction)}, {one.part}: {one.words}" for one in first]
+    return "; ".join([*where, f"it looks like {strangest(look.linear, look.posterior).words}"])
+
+
+def _verdict(look: Look, found: Sequence[Named], left: Remainder, *, is_material: bool) -> tuple[Verdict, str]:
+    terms = look.linear.U.shape[1]
+    if len(look.linear.y) < _ENOUGH * terms or not look.naming.columns.forms:
         return "not_testable_here", "these runs leave no reading free that could tell one effect from the set-up"
-    if look.foreign is not None:
-        like = f"; it looks like {look.foreign}" if look.foreign else ""
-        return "outside_library", f"something is there that no effect of the vocabulary explains{like}"
-    if not found.names and not look.swing:
-        return "within_tolerance", "nothing stands out of the noise and of what a healthy arm shows anyway"
-    if found.doubtful:
-        return "ambiguous", f"these tests do not tell {found.names[found.doubtful[0]]} from its rivals"
+    material = [one for one in found if one.material]
+    explained_um = float(np.sqrt(sum(one.worth_um**2 for one in material)))
+    if is_material and left.um > explained_um:
+        beside = " beside the names listed" * bool(material)
+        return "outside_library", f"{left.um:.0f} µm{beside} are left that no effect explains; {left.words}"
+    if not material:
+        least = float(limits_um(look.linear, None).min())
+        gain = f"; a calibration could gain {left.healthy_um:.0f} µm" if left.healthy_um > least else ""
+        return "within_tolerance", f"nothing stands out of the scatter and of what a healthy arm shows anyway{gain}"
+    doubtful = [one for one in material if one.posterior < CERTAIN]
+    if doubtful:
+        return "ambiguous", f"these tests do not tell {name_of(doubtful[0].effect)} from its rivals"
     return "named", "each name explains what no other does"
 
 
-def _named(look: Look, decided: _Decided, runs: Sequence[Seen]) -> tuple[Named, ...]:
-    """The names found, also those that are withdrawn, and a swing beside them."""
-    found, train = look.found, decided.train
-    told = () if decided.verdict == "not_testable_here" else found.refined.effects
-    gaps_um = [
-        without(runs, decided.kept, k, found.refined.setups) if decided.kept else train.before_um
-        for k in range(len(told))
-    ]
-    named = [
-        Named(effect, found.refined.sd(k), share, rivals, gaps_um[k], effect.remedy())
-        for k, (effect, share, rivals) in enumerate(zip(told, found.posterior, found.rivals, strict=False))
-    ]
-    if look.swing:
-        # It begins anew with every run, so no model takes it out of the readings.
-        swing = look.swing
-        named.append(Named(swing.effect, swing.sd, 1.0, (), train.after_um, swing.effect.remedy()))
-    return tuple(named)
-
-
-def _with_next_test(decided: _Decided, rig: Rig, found: Explained, used: Sequence[Measured]) -> _Decided:
-    """With the test that parts the first doubtful name from its nearest rival best, or that none does."""
-    place = found.doubtful[0]
-    rivals = (found.refined.effects[place], found.rivals[place][0].effect)
+def _next_test(rig: Rig, named: Sequence[Named], used: Sequence[Measured]) -> tuple[NextTest | None, list[str]]:
+    """The test that parts the first doubtful name from its nearest rival best; a doubt where there is none."""
+    one = next((one for one in named if one.material and one.posterior < CERTAIN and one.rivals), None)
+    if one is None:
+        return None, []
     tests = tuple(dict.fromkeys(run.run.manifest.test for run in used))
-    further = parting(rig, rivals, tests)
+    try:
+        further = parting(rig, (one.effect, one.rivals[0].effect), tests)
+    except FileError as error:
+        return None, [f"no further test could be tried on this rig file: {error}"]
     if not further or not parts(further[0].sigma):
-        return replace(decided, why=decided.why + "; no other test parts them either, so their corrections do the same")
-    return replace(decided, next_test=NextTest(further[0].test, further[0].why, further[0].sigma))
+        return None, [f"no other test parts {name_of(one.effect)} from its rivals: their corrections do the same"]
+    return NextTest(further[0].test, further[0].why, further[0].sigma), []
 
 
 def _group(one: Named) -> tuple[str, ...]:

@@ -52,8 +52,13 @@ class Rival:
 
 @dataclass(frozen=True)
 class Named:
-    """A missing effect: with fitted parameters, their standard uncertainties, its share of the evidence among its
-    rivals, the gap on the runs used if it alone is taken out again, and what a person should do about it."""
+    """A missing effect: with fitted parameters, their standard uncertainties, its odds among its rivals, the gap on
+    the runs used if it alone is taken out again, and what a person should do about it.
+
+    worth_um: by how much it moves readings, rms, what a set-up could take up left out; material: by more than the
+    scatter of one run, or a person's tolerance; held_out_gain: share of the gap's energy on runs left out that it
+    removes, None where none were left out.
+    """
 
     effect: Effect
     sd: dict[str, float]
@@ -61,6 +66,20 @@ class Named:
     rivals: tuple[Rival, ...]
     gap_without_um: float
     remedy: str
+    worth_um: float
+    material: bool
+    held_out_gain: float | None
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What names, and a healthy arm's share of everything, leave beyond the noise: rms in µm, its share of the gap's
+    energy, and what it looks like; healthy_um: what the healthy share is worth, which a calibration could gain."""
+
+    um: float
+    share: float
+    words: str
+    healthy_um: float
 
 
 @dataclass(frozen=True)
@@ -127,10 +146,10 @@ class Map:
 class Diagnosis:
     """All that was found.
 
-    verdict: on all of it; rig: the model begun with; runs: names of those used; effects: named (also where the verdict
-    is `outside_library`: then they are withdrawn); groups: names that these tests cannot part, of those named;
-    not_testable: names that no size would show here; repeated: whether the noise is from repeats; level: strength of
-    the tolerance background, in detection limits; doubts: what to know before trusting it.
+    verdict: on all of it; rig: the model begun with; runs: names of those used; effects: those that pay, the material
+    ones first, by what they are worth; groups: names that these tests cannot part, of those named;
+    not_testable: names that no size would show here; repeated: whether the noise is from repeats; level: of
+    the healthy background, 1 in an arm that shows of everything what healthy ones show; doubts: what to know before trusting it.
     """
 
     verdict: Verdict
@@ -139,6 +158,7 @@ class Diagnosis:
     runs: tuple[str, ...]
     where: tuple[Place, ...]
     effects: tuple[Named, ...]
+    remainder: Remainder
     train: Gap
     held_out: Gap | None
     unseen: Gap | None

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+from analysis.diagnose.blocks import Block
 from analysis.diagnose.candidates import name_of
-from analysis.diagnose.look import Look
 from analysis.diagnose.observed import Seen
 from analysis.diagnose.settle import settled
 from analysis.fitting.observation import rms
@@ -17,13 +17,15 @@ _BETTER = 0.97
 """Of the gap with an effect of the rig file: less without it is a reason to doubt it."""
 
 
-def doubts_of_runs(look: Look) -> tuple[str, ...]:
+def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     """What the runs leave open, however well they are explained."""
     doubts = []
-    blocks = look.linear.blocks
     circles = [block for block in blocks if block.sampling]
-    if circles and not look.repeated:
-        doubts.append("no run was repeated: the noise is assumed (1.5 µm); repeat each circle at least once")
+    if circles and not circles[0].measured:
+        doubts.append("no circle was repeated: its noise is assumed, as wide as real cells have it; repeat each circle")
+    once = [block.name for block in blocks if not block.sampling and not block.measured]
+    if once:
+        doubts.append(f"no target of {', '.join(once)} was visited twice: its scatter is assumed; visit targets again")
     ways: dict[str, set[str]] = {}
     for block in blocks:
         table = block.one.table

@@ -14,10 +14,9 @@ from functools import partial
 
 import numpy as np
 
+from analysis.diagnose.background import Posterior
 from analysis.diagnose.blocks import Block
-from analysis.diagnose.evidence import Background
 from analysis.diagnose.linear import Linear
-from analysis.diagnose.refine import Refined
 from analysis.kinematics.arm import Array, forward
 from analysis.model.circle import frame_of
 from analysis.model.programs import circle_of
@@ -29,16 +28,13 @@ _POWERS = np.array([0.5, 1.0, 2.0])
 _SLOW = np.radians(0.2)
 """Rad/s below which a joint has no clear way of turning."""
 _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
-STRANGE = 30.0
-"""Log evidence from which on a free form tells of something foreign. Faults of the library leave up to some 20, where a
-gear departs from its form, and mostly less than 8; foreign ones, of 20 sigma and more, 50 to 500."""
 _STRENGTHS = 4.0 ** np.arange(-4, 11)
 """Squares of a form's strength in these units, of which the best is taken."""
 
 
 @dataclass(frozen=True)
 class FreeForm:
-    """words: what it looks like; columns (N, c): its parts, in standard deviations, set-up terms projected out."""
+    """words: what it looks like; columns (N, c): its parts, in standard deviations."""
 
     words: str
     columns: Array
@@ -52,20 +48,15 @@ class Stranger:
     gain: float
 
 
-def strangest(linear: Linear, named: Refined, background: Background) -> Stranger:
-    """The free form that explains most of what effects leave, their sizes and shapes free beside it but where these
-    stand at a bound."""
-    from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
-
-    free = named.tangents[:, named.free]
-    prior = np.diag(np.array([unknown.spread**-2 for unknown in named.unknowns])[named.free])
-    L = np.linalg.cholesky(background.product(free, free) + prior)
-    weighted, weighted_left = background.weighted(free), background.weighted(named.left)
+def strangest(linear: Linear, posterior: Posterior) -> Stranger:
+    """The free form that explains most of what names leave, beside all else, as strongly as is likely."""
+    known = posterior.known_columns
 
     def gain(columns: Array) -> float:
-        # What is left has no slope along what is free: that was fitted, its prior with it.
-        taken = solve_triangular(L, weighted.T @ columns, lower=True, check_finite=False)
-        return _gain(background.product(columns, columns) - taken.T @ taken, columns.T @ weighted_left)
+        weighted = posterior.background.solved(columns)
+        across = known.T @ weighted
+        products = columns.T @ weighted - across.T @ posterior.known_covariance @ across
+        return _gain(products, weighted.T @ (posterior.r - known @ posterior.known))
 
     return max((Stranger(form.words, gain(form.columns)) for form in free_forms(linear)), key=lambda one: one.gain)
 
@@ -76,20 +67,16 @@ def free_forms(linear: Linear) -> Iterator[FreeForm]:
     for axis in range(1, 7):
         error = f"an error of axis {axis} that goes with"
         if motion.span[axis - 1] > 0:
-            yield _form(linear, f"{error} its angle", linear.by_joint(axis, partial(motion.angle, axis - 1)))
+            yield FreeForm(f"{error} its angle", linear.by_joint(axis, partial(motion.angle, axis - 1)))
         if motion.fastest[axis - 1] > 0:
             words = f"{error} its speed, whichever way it turns"
-            yield _form(linear, words, linear.by_joint(axis, partial(motion.speed, axis - 1)))
+            yield FreeForm(words, linear.by_joint(axis, partial(motion.speed, axis - 1)))
         for joint in np.flatnonzero(motion.fastest).tolist():
             words = f"{error} the way {'it' if joint == axis - 1 else f'axis {joint + 1}'} turns"
-            yield _form(linear, words, linear.by_joint(axis, partial(motion.way, joint)))
+            yield FreeForm(words, linear.by_joint(axis, partial(motion.way, joint)))
     for where, shares in (("both gauges", (1.0, 1.0)), ("gauge 1", (1.0, 0.0)), ("gauge 2", (0.0, 1.0))):
-        yield _form(linear, f"something that changes with time in {where}", linear.by_gauge(shares, _time))
-    yield _form(linear, "something of the ball that goes with where the link is", linear.by_gauge((1.0, 1.0), _around))
-
-
-def _form(linear: Linear, words: str, raw: Array) -> FreeForm:
-    return FreeForm(words, linear.projected(raw))
+        yield FreeForm(f"something that changes with time in {where}", linear.by_gauge(shares, _time))
+    yield FreeForm("something of the ball that goes with where the link is", linear.by_gauge((1.0, 1.0), _around))
 
 
 class _Motion:

@@ -62,6 +62,13 @@ class Linear:
             for k, block in enumerate(self.blocks)
         ])  # fmt: skip
 
+    def set_up(self, values: Array) -> Array:
+        """Values (N, …) less what set-ups could take up."""
+        used = np.linalg.norm(self.U, axis=0) > 0
+        basis, _ = np.linalg.qr(self.U[:, used])
+        fitted: Array = values - basis @ (basis.T @ values)
+        return fitted
+
     @property
     def stands(self) -> NDArray[np.bool_]:
         """Which terms of the set-ups say where a ball, or an instrument, stands, (s,)."""
@@ -127,7 +134,9 @@ class Linear:
     def _slope(self, block: Block, base: Array) -> Array:
         slopes = np.empty((*base.shape, 6))
         for axis in range(1, 7):
-            read = predicted(_with(block.model, *self.known, turned(axis, _STEP_DEG)), block.one, self.setups[block.one.setup])
+            read = predicted(
+                _with(block.model, *self.known, turned(axis, _STEP_DEG)), block.one, self.setups[block.one.setup]
+            )
             slopes[:, :, axis - 1] = (read - base) / np.radians(_STEP_DEG)
         return slopes
 

@@ -17,10 +17,11 @@ from analysis.diagnose.columns import Columns
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.naming import Naming, Rivalry, State
 from analysis.diagnose.observed import Seen
-from analysis.diagnose.settle import grown, settled
+from analysis.diagnose.settle import settled
+from analysis.kinematics.arm import Array
 from rigs.effects import Effect
 
-_LOOKS = 1
+_LOOKS = 3
 _BENT = 0.3
 """Standard deviations by which set-ups that move with the names may leave the straight line, before one looks again."""
 
@@ -34,6 +35,16 @@ class Look:
     state: State
     posterior: Posterior
     rivalries: tuple[Rivalry, ...]
+
+    @property
+    def first(self) -> Array:
+        """What the model leaves without the names (N,), in standard deviations, set-ups fitted."""
+        return self.linear.set_up(self.linear.left(()))
+
+    @property
+    def left(self) -> Array:
+        """What it leaves with them, set-ups fitted (N,)."""
+        return self.linear.set_up(self.state.refined.left)
 
 
 def looked(runs: Sequence[Seen], progress: Callable[[str], None]) -> Look:

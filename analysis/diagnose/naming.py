@@ -1,8 +1,9 @@
 """Which names explain the readings: names, a healthy arm's gears and what no effect explains compete by evidence.
 
-Each round the best of three is added: a form as a fault, a form as the one gear (or spike) that a healthy arm shows of
-its name, and a strength of its own for what one test leaves. Names that no longer pay are dropped; sizes and shapes of
-names are fitted on the simulator before the next is looked for.
+What is left in a band of orders, or at targets, beyond the noise has a strength of its own, found anew each round: a
+free form that every name has to beat. Each round the better of two is added: a form as a fault, or a form as the one
+gear (or spike) that a healthy arm shows of its name. Names that no longer pay are dropped; sizes and shapes of names
+are fitted on the simulator before the next is looked for.
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from analysis.diagnose.background import Background, Posterior, fault_sizes
-from analysis.diagnose.noise import LEAST_ASSUMED
 from analysis.diagnose.columns import LARGEST, Columns, Form
 from analysis.diagnose.linear import Linear
+from analysis.diagnose.noise import LEAST_ASSUMED
 from analysis.diagnose.refine import Refined, refine
 from analysis.kinematics.arm import Array
-from rigs.effect import name_of
+from rigs.effect import PHASE, name_of
 from rigs.effects import Effect, healthy_size, size_field
 
 FAULTS = 2.0
@@ -38,8 +39,11 @@ _LEVEL_SPREAD = 1.4
 """Of the logarithm of a level about that of a healthy arm: a factor of four either way."""
 _NEAR_ORDER = 1.15
 """Orders of one gear nearer than this are one wave."""
+_SETTLING = 2
 _BETWEEN = np.linspace(-0.6, 0.6, 9)
 """Orders that are tried about the one of a form, in distances to its neighbour."""
+_SEEN = 4.0
+"""Sigmas at which the largest fault would be named at all."""
 _NEAR = 10.0
 """Log evidence behind a name within which its rivals are fitted on the simulator."""
 _SWAPS = 4
@@ -82,13 +86,16 @@ class Naming:
         self._among = np.log([form.among for form in columns.forms])
         assumed = np.concatenate([np.full(len(b.y_mm), not b.measured) for b in linear.blocks])
         self._least = np.where(np.bincount(columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
-        self._targets = np.concatenate([np.full(len(b.y_mm), b.sampling is None) for b in linear.blocks])
+        targets = np.concatenate([np.full(len(b.y_mm), b.sampling is None) for b in linear.blocks])
+        self._targets = targets
+        self._band_price = np.where(np.bincount(columns.band, targets) > 0, _TARGET_PRICE, _BAND_PRICE)
 
     def explained(self, effects: Sequence[Effect] = ()) -> tuple[State, Posterior]:
         """The names that pay, beginning with some."""
         ones = np.ones(len(self.columns.count))
         state = State(self._empty(), strength=ones, robust=np.ones(len(self.linear.y)))
         state = replace(state, refined=refine(self.linear, self._background(state), effects))
+        state = self._settled(self._settled(state)[0])[0]
         for _ in range(_ROUNDS):
             state, posterior = self._settled(state)
             changed = self._dropped(state, posterior) or self._grown(state, posterior)
@@ -112,6 +119,14 @@ class Naming:
         every = range(len(state.refined.effects))
         return state, posterior, tuple(self.rivalry(state, posterior, place) for place in every)
 
+    def not_testable(self, state: State, posterior: Posterior) -> tuple[str, ...]:
+        """Names that these tests would not show at 100 healthy sizes, beside all that may be there anyway."""
+        sigma = posterior.gains(self.columns.forms, state.level)[2]
+        named = {name_of(effect) for effect in state.refined.effects}
+        seen = {form.name for form, one in zip(self.columns.forms, sigma, strict=True) if LARGEST * one > _SEEN}
+        hidden = dict.fromkeys([*self.columns.not_seen, *(form.name for form in self.columns.forms)])
+        return tuple(name for name in hidden if name not in seen | named)
+
     def _empty(self) -> Refined:
         none = np.empty((len(self.linear.y), 0))
         return Refined((), (), np.empty(0), np.empty((0, 0)), self.linear.y, none, none)
@@ -129,7 +144,7 @@ class Naming:
 
     def _settled(self, state: State) -> tuple[State, Posterior]:
         """Level, strengths and robust weights as likely as what is taken to be there makes them."""
-        for _ in range(2):
+        for _ in range(_SETTLING):
             posterior = self._background(state).posterior(state.refined.known)
             state = replace(
                 state, level=self._level(state, posterior), strength=self._strength(state, posterior),
@@ -149,7 +164,7 @@ class Naming:
         names = columns.name_of_column[cols]
         expected = columns.healthy[cols]
         freedom = np.clip(1 - np.diag(posterior.A)[cols] / variance[cols], 0.0, 1.0)
-        squares = np.bincount(names, posterior.mean[cols] ** 2)
+        squares: Array = np.bincount(names, posterior.mean[cols] ** 2)
         whole, seen = np.bincount(names, expected), np.bincount(names, expected * freedom)
         weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / state.level**2)
         share = seen / np.maximum(whole, 1e-9)
@@ -170,15 +185,19 @@ class Naming:
     def _energy(self, state: State, posterior: Posterior) -> tuple[Array, Array]:
         """By band: energy that is left, robust, and how many readings are free to leave it."""
         columns = self.columns
-        energy = np.bincount(columns.band, posterior.background.weight * state.strength[columns.band] * posterior.left**2)
+        energy: Array = np.bincount(
+            columns.band, posterior.background.weight * state.strength[columns.band] * posterior.left**2
+        )
         spent = np.einsum("bij,ji->b", columns.K, posterior.A) / state.strength
         return energy, np.maximum(columns.count - spent, 0.25 * columns.count)
 
     def _strength(self, state: State, posterior: Posterior) -> Array:
-        """Of bands that have one of their own: as much as is left. Noise that is assumed, and so wide, may be less."""
+        """Of each band: as much as is left, where that is more than noise by more than its price. Noise that is
+        assumed, and so wide, may be less."""
         energy, free = self._energy(state, posterior)
-        ratio = energy / free
-        return np.where(state.strength > 1, np.maximum(ratio, 1.0 + 1e-9), np.clip(ratio, self._least, 1.0))
+        ratio = np.maximum(energy / free, 1e-9)
+        gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - self._band_price
+        return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self._least, 1.0))
 
     def _dropped(self, state: State, posterior: Posterior) -> State | None:
         """Without the name that pays least, if one does not pay."""
@@ -202,7 +221,12 @@ class Naming:
         top = float(fault.max())
         fault_mean = top + float(np.log(np.exp(fault - top).mean()))
         among = max(len(forms), 1)
-        return fault_mean - float(_normal(precision, eta, np.array([state.level**2]))[0]) + self.prior - float(np.log(among))
+        return (
+            fault_mean
+            - float(_normal(precision, eta, np.array([state.level**2]))[0])
+            + self.prior
+            - float(np.log(among))
+        )
 
     def without(self, state: State, place: int) -> State:
         """Without one name, the others fitted again."""
@@ -212,8 +236,8 @@ class Naming:
         return replace(state, refined=refine(self.linear, self._background(bare), rest))
 
     def gains(self, state: State, posterior: Posterior) -> tuple[Array, Array]:
-        """Log odds (n,) of each form as a fault over a healthy arm, which may show all of its name in this one form, and
-        of that over an even share."""
+        """Log odds (n,) of each form as a fault over a healthy arm, which may show all of its name in this one form,
+        and of that over an even share."""
         forms = self.columns.forms
         fault, pick, _ = posterior.gains(forms, state.level)
         pick = np.where(self._among > 0, pick - self._among, -np.inf)
@@ -228,10 +252,9 @@ class Naming:
         fault[[form.name in state.refused for form in forms]] = -np.inf
         if len(state.refined.effects) >= self.depth:
             fault[:] = -np.inf
-        test, own = self._strongest(state, posterior)
         best = max(float(fault.max()), float(pick.max()))
         if best <= 0:
-            return self._with_strength(state, posterior, test) if own > 0 else None
+            return None
         if float(fault.max()) < best:
             k = int(np.argmax(pick))
             self._tune(state, posterior, k)
@@ -264,26 +287,6 @@ class Naming:
         )
         bare = replace(state, picks=picks, refined=replace(self._empty(), effects=tuple(effects)))
         return replace(bare, refined=refine(self.linear, self._background(bare), effects))
-
-    def _gain_of_bands(self, state: State, posterior: Posterior) -> Array:
-        """Log evidence (b,) for a strength of its own in each band that has none."""
-        energy, free = self._energy(state, posterior)
-        ratio = np.maximum(energy / free, 1.0)
-        targets = np.bincount(self.columns.band, self._targets) > 0
-        gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - np.where(targets, _TARGET_PRICE, _BAND_PRICE)
-        return np.where(state.strength > 1, 0.0, np.maximum(gain, 0.0))
-
-    def _strongest(self, state: State, posterior: Posterior) -> tuple[int, float]:
-        """The test for which strengths of its own win most, and how much."""
-        gains = self._gain_of_bands(state, posterior)
-        by_test = np.bincount(self.columns.test, gains)
-        test = int(np.argmax(by_test))
-        return test, float(by_test[test]) or -np.inf
-
-    def _with_strength(self, state: State, posterior: Posterior, test: int) -> State:
-        energy, free = self._energy(state, posterior)
-        own = (self._gain_of_bands(state, posterior) > 0) & (self.columns.test == test)
-        return replace(state, strength=np.where(own, np.maximum(energy / free, 1.0 + 1e-9), state.strength))
 
     def evidence(self, state: State) -> float:
         """Log evidence of what is taken to be there, prices of the names paid, but for a constant."""
@@ -337,14 +340,12 @@ class Naming:
 
 def started(form: Form, size: Array) -> Effect:
     """A form as an effect of a size given by its coefficients, in healthy sizes."""
-    effect: Any = form.effects[0]
+    effect = form.effects[0]
     field_name, healthy = size_field(effect), healthy_size(effect)
     if len(size) == 2:
         phase = float(np.degrees(np.arctan2(size[1], size[0])))
-        made: Effect = effect.model_copy(update={field_name: float(np.hypot(*size)) * healthy, "phase_deg": phase})
-        return made
-    made = effect.model_copy(update={field_name: float(size[0]) * healthy})
-    return made
+        return effect.model_copy(update={field_name: float(np.hypot(*size)) * healthy, PHASE: phase})
+    return effect.model_copy(update={field_name: float(size[0]) * healthy})
 
 
 def is_same(form: Form, effect: Effect) -> bool:

@@ -106,9 +106,7 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
     return CircleNoise(sd_mm, joints, ball, measured=True)
 
 
-_PART: Integers = np.asarray(
-    (np.arange(len(ORDER_OF)) >= len(ORDER_OF) // 2) * 2 + (ORDER_OF >= _SLOW), dtype=np.int64
-)
+_PART: Integers = np.asarray((np.arange(len(ORDER_OF)) >= len(ORDER_OF) // 2) * 2 + (ORDER_OF >= _SLOW), dtype=np.int64)
 """Which of the four levels of a run an entry has."""
 
 
@@ -148,13 +146,14 @@ def _levels(own: Array, free: Array) -> Array:
     With variances σ_r² of n runs, the mean square q_r of what one is off their mean is σ_r² (1 - 2/n) + Σ σ²/n².
     """
     n = len(own)
-    q = np.stack([(own[:, _PART == part] ** 2).sum(axis=1) / free[_PART == part].sum() for part in range(4)], axis=1)
+    q = np.stack([(own[:, part == _PART] ** 2).sum(axis=1) / free[part == _PART].sum() for part in range(4)], axis=1)
     total = q.sum(axis=0) * n / (n - 1)
     if n < 3:
         return np.tile(np.sqrt(total / n), (n, 1))
     each = (q - total / n**2) / (1 - 2 / n)
     # The quietest of few runs can come out at nothing; none is less than a quarter of their mean level.
-    return np.sqrt(np.maximum(each, total / n / 16))
+    level: Array = np.sqrt(np.maximum(each, total / n / 16))
+    return level
 
 
 def _scatter(repeated: Sequence[tuple[Array, Array, Array]]) -> tuple[float, float]:

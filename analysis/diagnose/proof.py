@@ -6,12 +6,15 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from analysis.diagnose.blocks import Block
+from analysis.diagnose.blocks import Block, entries
 from analysis.diagnose.diagnosis import Gap
+from analysis.diagnose.look import Look
 from analysis.diagnose.observed import Seen
 from analysis.diagnose.runs import about
 from analysis.diagnose.settle import grown, settled
-from analysis.fitting.observation import rms
+from analysis.diagnose.worth import scatter_um
+from analysis.fitting.observation import residuals_of, rms
+from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
 from analysis.reading.loading import Measured
 from rigs.effects import Effect
@@ -31,6 +34,48 @@ def judged(rig: Rig, runs: Sequence[Measured], effects: Sequence[Effect], blocks
     return gap(about(rig, runs), effects, blocks, [run.run.manifest.name for run in runs]) if runs else None
 
 
+def gain_of_each(look: Look, runs: Sequence[Seen]) -> list[float | None]:
+    """By name: the share of the gap's energy on runs left out that it removes beside everything else that was found;
+    None where no run of a test and direction that was looked at was left out.
+
+    The set-up is fitted to each run anew; a healthy arm's share of everything is taken as the runs used have it.
+    """
+    linear, effects = look.linear, look.state.refined.effects
+    rest = [[effect for other, effect in enumerate(effects) if other != k] for k in range(len(effects))]
+    changes = [linear.left(others) - look.state.refined.left for others in rest]
+    healthy, before = look.posterior.healthy_share, linear.left(()) - look.state.refined.left
+    whole, gained, judged_by = 0.0, np.zeros(len(effects)), 0
+    for block, rows in zip(linear.blocks, linear.rows, strict=True):
+        for run in runs:
+            left = _left_of(run, block, look) if run.name == block.name else None
+            if left is None or len(left) != len(block.y_mm):
+                continue
+            judged_by += 1
+            U = linear.U[rows]
+            basis, _ = np.linalg.qr(U[:, np.linalg.norm(U, axis=0) > 0])
+
+            def energy(change: Array, left: Array = left, basis: Array = basis, block: Block = block) -> float:
+                values = left + change
+                return float((((values - basis @ (basis.T @ values)) * block.sd_mm) ** 2).sum())
+
+            after = energy(-healthy[rows])
+            whole += energy(before[rows])
+            gained += [energy(change[rows] - healthy[rows]) - after for change in changes]
+    return [float(one / whole) for one in gained] if judged_by else [None] * len(effects)
+
+
+def _left_of(run: Seen, block: Block, look: Look) -> Array | None:
+    """What the names leave of one run, (N,) in standard deviations of a block of its kind; None where it did not stand
+    before and after as those did."""
+    sampling = run.sampling
+    if sampling and block.sampling and not block.sampling.stands:
+        sampling = sampling.without_stands()
+    (with_names,) = grown([run], look.state.refined.effects)
+    (left,) = residuals_of(with_names.model, [with_names.one], look.linear.setups)
+    found = entries(left, sampling)
+    return block.white(found) if len(found) == len(block.y_mm) else None
+
+
 def without(runs: Sequence[Seen], effects: Sequence[Effect], k: int, setups: Mapping[str, SetUp]) -> float:
     """What all effects but one leave of runs, rms in µm, set-ups fitted; `setups`: to begin at."""
     return 1e3 * rms(settled(grown(runs, [*effects[:k], *effects[k + 1 :]]), setups)[1])
@@ -41,9 +86,6 @@ def _floor(blocks: Sequence[Block], names: Collection[str]) -> float:
     total = count = 0.0
     for block in blocks:
         if block.name in names or not any(one.name in names for one in blocks):
-            sd = (
-                block.apart_mm if np.isfinite(block.apart_mm) else float(np.sqrt(np.mean(block.sd_mm**2 * block.count)))
-            )
             size = len(block.one.rows) * block.count
-            total, count = total + size * sd**2, count + size
-    return 1e3 * float(np.sqrt(total / count))
+            total, count = total + size * scatter_um(block) ** 2, count + size
+    return float(np.sqrt(total / count))

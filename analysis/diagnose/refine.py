@@ -116,7 +116,8 @@ class _Problem:
                 break
         J = self._slopes(now)
         H = J.T @ self._solved(J) + np.diag(1 / self.spread**2)
-        return Refined(tuple(now), tuple(self.unknowns), x, np.linalg.inv(H), r, J, self.forms)
+        covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
+        return Refined(tuple(now), tuple(self.unknowns), x, covariance, r, J, self.forms)
 
     def _cost(self, r: Array, x: Array) -> float:
         return float(r @ self._solved(r)) + float((((x - self.expected) / self.spread) ** 2).sum())

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.diagnose.candidates import Candidate, label_of, name_of
-from analysis.diagnose.evidence import DETECTABLE, LARGEST
 from analysis.diagnose.parting import Parting
-from analysis.diagnose.signatures import NOTHING, View, shows
+from analysis.diagnose.signatures import DETECTABLE, LARGEST, NOTHING, View, shows
 from analysis.kinematics.arm import Array
 from rigs.effect import healthy
 from rigs.effects import Effect, healthy_size, turned

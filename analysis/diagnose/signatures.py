@@ -13,7 +13,6 @@ import numpy as np
 
 from analysis.diagnose.blocks import blocks_of
 from analysis.diagnose.diagnosis import ODDS
-from analysis.diagnose.evidence import DETECTABLE, LARGEST
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.observed import see
 from analysis.kinematics.arm import Array
@@ -24,6 +23,10 @@ from rigs.effects import Effect, one_sided
 from rigs.rig import Rig
 from rigs.vocabulary import CIRCLES, TestName
 
+DETECTABLE = 7.0
+"""Sigmas at which an effect alone is seen."""
+LARGEST = 25.0
+"""Healthy sizes at which an effect must at least be seen to be testable."""
 ALIKE = float(np.sqrt(2 * np.log(ODDS)))
 """Sigmas below which the odds between two names stay within those at which a diagnosis dismisses a rival."""
 _OWN_SHARE = 0.02
@@ -49,13 +52,17 @@ class View:
         model = model_of(rig)
         seen = [see(model, table, rig.name) for table in _tables(rig, tests)]
         setups = {run.one.setup: _setup(rig, run.one.table) for run in seen}
-        self.linear = Linear(blocks_of(seen, setups)[0], setups)
+        self.linear = Linear(blocks_of(seen, setups), setups)
         self._repeats = np.sqrt(runs)
+        self._basis, _ = np.linalg.qr(np.concatenate([self.linear.U, self.linear.Z], axis=1))
+
+    def _projected(self, columns: Array) -> Array:
+        return columns - self._basis @ (self._basis.T @ columns)
 
     def columns(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
         """Signatures (N, p), zero where the set-up takes them up, and their lengths (p,) before it does."""
-        raw = self.linear.raw(effects)
-        own, whole = self.linear.projected(raw), np.linalg.norm(raw, axis=0)
+        raw = self.linear.columns(effects)
+        own, whole = self._projected(raw), np.linalg.norm(raw, axis=0)
         own[:, np.linalg.norm(own, axis=0) < _OWN_SHARE * whole] = 0.0
         return self._repeats * own, self._repeats * whole
 

@@ -8,7 +8,6 @@ from typing import Any
 from analysis.diagnose.candidates import name_of
 from analysis.diagnose.diagnosis import Diagnosis, Gap, Named, Place, Rival
 from analysis.model.predict import SetUp
-from analysis.reporting.diagnosis_words import standing, withdrawn
 from analysis.reporting.for_json import for_json
 from analysis.reporting.parameters import parameters_of
 from rigs.effect import SEATS
@@ -21,8 +20,13 @@ def as_object(found: Diagnosis) -> dict[str, Any]:
         "why": found.why,
         "rig": found.rig.name,
         "runs": list(found.runs),
-        "effects": [_named(one) for one in standing(found)],
-        "withdrawn": withdrawn(found),
+        "effects": [_named(one) for one in found.effects],
+        "remainder": {
+            "um": found.remainder.um,
+            "share": found.remainder.share,
+            "words": found.remainder.words,
+            "healthy_um": found.remainder.healthy_um,
+        },
         "where": [_place(place) for place in found.where],
         "gap": {
             "unit": "um",
@@ -49,6 +53,9 @@ def _named(one: Named) -> dict[str, Any]:
     return {
         **_effect(one),
         "rivals": [_effect(rival) for rival in one.rivals],
+        "worth_um": one.worth_um,
+        "material": one.material,
+        "held_out_gain": one.held_out_gain,
         "gap_without_um": one.gap_without_um,
         "remedy": one.remedy,
     }

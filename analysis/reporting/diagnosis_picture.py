@@ -13,7 +13,7 @@ from analysis.diagnose.candidates import name_of
 from analysis.diagnose.diagnosis import Diagnosis
 from analysis.reporting.diagnosis_curves import GREY, LEFT, MEASURED, MODEL, draw_circles, strands_of
 from analysis.reporting.diagnosis_maps import draw_map
-from analysis.reporting.diagnosis_words import headline, shortened, standing, withdrawn
+from analysis.reporting.diagnosis_words import headline, standing
 
 _WIDTH = 11.0
 _MOST_MAPS = 3
@@ -88,8 +88,6 @@ def _words(found: Diagnosis, quiet: int) -> list[str]:
     told += [f"These tests cannot tell apart: {' or '.join(group)}" for group in found.groups[:_MOST_GROUPS]]
     more = len(found.groups) - _MOST_GROUPS
     told += [f"and {more} more groups"] * (more > 0)
-    names = withdrawn(found)
-    told += [f"Withdrawn: {shortened(names)}"] * bool(names)
     told += [f"Not shown: {quiet} more, which disagree less."] * bool(quiet)
     told += [_KEY] * bool(found.curves)
     return [line for one in told for line in textwrap.wrap(one, _TEXT_COLUMNS)]

@@ -19,11 +19,11 @@ from analysis.reporting.diagnosis_words import (
     runs_of,
     shortened,
     size,
+    slight,
     standing,
     stretch,
     sure,
     told,
-    withdrawn,
 )
 from analysis.reporting.whole import whole
 
@@ -82,21 +82,26 @@ def _where(found: Diagnosis) -> list[RenderableType]:
 
 
 def _missing(found: Diagnosis) -> list[RenderableType]:
-    names = withdrawn(found)
-    if names:
-        return [Text(f"withdrawn, since they do not explain it: {shortened(names)}")]
+    beside = [Text(f"too small to matter: {_slight(found)}", style="dim")] if slight(found) else []
     if not standing(found):
-        return []
+        return list(beside)
     times, bound = (2.0, "± 2u") if found.verdict == "ambiguous" else (1.0, "± u")
-    table = _plain_table("effect", f"size {bound}", "how sure", right=(f"size {bound}", "how sure"))
+    numbers = (f"size {bound}", "worth µm", "how sure")
+    table = _plain_table("effect", *numbers, right=numbers)
     for one in standing(found):
-        table.add_row(Text(name_of(one.effect), style="bold"), size(one, times), sure(one.posterior))
+        table.add_row(
+            Text(name_of(one.effect), style="bold"), size(one, times), f"{one.worth_um:.1f}", sure(one.posterior)
+        )
         for field in beside_size(one):
-            table.add_row(f"  {field}", told(one.effect, field, one.sd, times), "")
+            table.add_row(f"  {field}", told(one.effect, field, one.sd, times), "", "")
         for rival in one.rivals:
-            table.add_row(f"  or {name_of(rival.effect)}", size(rival, times), sure(rival.posterior), style="dim")
+            table.add_row(f"  or {name_of(rival.effect)}", size(rival, times), "", sure(rival.posterior), style="dim")
     likeliest = Text("the first of each is the likeliest, and the one that -o adds to the rig file", style="dim")
-    return [table, *([likeliest] if found.verdict == "ambiguous" else [])]
+    return [table, *([likeliest] if found.verdict == "ambiguous" else []), *beside]
+
+
+def _slight(found: Diagnosis) -> str:
+    return ", ".join(f"{name_of(one.effect)} ({one.worth_um:.1f} µm)" for one in slight(found))
 
 
 def _gaps(found: Diagnosis) -> list[RenderableType]:
@@ -123,9 +128,12 @@ def _percent(gap: Gap) -> str:
 
 
 def _left(found: Diagnosis) -> list[RenderableType]:
-    if not found.left:
-        return [Text("nothing beyond the noise")] if found.verdict != "not_testable_here" else []
-    return [Text(f"{runs_of(one)}, {one.part}: {one.words}") for one in found.left]
+    if found.verdict == "not_testable_here":
+        return []
+    rest = found.remainder
+    lines = [Text(f"{rest.um:.1f} µm ({100 * rest.share:.0f} % of the gap): {rest.words}")]
+    lines += [Text(f"a healthy arm's share of everything: {rest.healthy_um:.1f} µm, which a calibration may take out")]
+    return [*lines, *(Text(f"{runs_of(one)}, {one.part}: {one.words}", style="dim") for one in found.left)]
 
 
 def _cannot(found: Diagnosis) -> list[RenderableType]:

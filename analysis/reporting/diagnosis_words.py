@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-from analysis.diagnose.candidates import name_of
 from analysis.diagnose.diagnosis import ODDS, Curve, Diagnosis, Gap, Leftover, Named, Place, Rival
 from analysis.reporting.parameters import parameters_of, quantity_of
 from analysis.reporting.quantity import Quantity
@@ -62,15 +61,15 @@ def headline(found: Diagnosis) -> str:
     """The verdict in one sentence."""
     match found.verdict:
         case "named":
-            what = [f"{plain(found.rig, one.effect)}, {size(one)}" for one in found.effects]
+            what = [f"{plain(found.rig, one.effect)}, {size(one)}" for one in standing(found)]
             several = f"{len(what)} effects are" if len(what) > 1 else "One effect is"
             return f"{several} missing in the model: {'; '.join(what)}."
         case "ambiguous":
             return f"Something is missing in the model, and these tests leave open what: {_alternatives(found)}."
         case "outside_library":
-            return "Something is missing in the model, and no known effect explains it."
+            return f"Most of what is missing in the model, {found.remainder.um:.0f} µm, no known effect explains."
         case "within_tolerance":
-            return "Nothing is missing: what is left is within what a healthy robot shows."
+            return "Nothing is missing that matters: what is left is within what a healthy robot shows."
         case "not_testable_here":
             return "These runs cannot tell whether something is missing."
 
@@ -78,7 +77,7 @@ def headline(found: Diagnosis) -> str:
 def _alternatives(found: Diagnosis) -> str:
     """Each name with those of its rivals that cannot be dismissed."""
     words = []
-    for one in found.effects:
+    for one in standing(found):
         likely = [rival.effect for rival in one.rivals if rival.posterior * ODDS >= one.posterior]
         words.append(" or ".join(plain(found.rig, effect) for effect in (one.effect, *likely)))
     return "; ".join(words)
@@ -120,11 +119,11 @@ def shortened(names: Iterable[str]) -> str:
     return ", ".join(" ".join([kind, *sorted(filter(None, own))]) for kind, own in seats.items())
 
 
-def withdrawn(found: Diagnosis) -> list[str]:
-    """Names that were found and do not hold: none unless the verdict is `outside_library`."""
-    return [name_of(one.effect) for one in found.effects] if found.verdict == "outside_library" else []
-
-
 def standing(found: Diagnosis) -> tuple[Named, ...]:
-    """The effects that the diagnosis stands by."""
-    return found.effects if found.verdict in ("named", "ambiguous") else ()
+    """The effects that the diagnosis stands by: the material ones."""
+    return tuple(one for one in found.effects if one.material)
+
+
+def slight(found: Diagnosis) -> tuple[Named, ...]:
+    """Those that it found beside them, too small or too doubtful to matter."""
+    return tuple(one for one in found.effects if not one.material)

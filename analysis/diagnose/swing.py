@@ -7,7 +7,7 @@ its frequency: their spectra, each over its own noise, are added.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class Swing:
     """A swing found: with the uncertainty of its parameters and the log evidence for it."""
 
     effect: Effect
-    frequency_hz: float
+    amplitude_mm: float
     sd: dict[str, float]
     gain: float
 
@@ -58,21 +58,7 @@ def swing(runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> Swing | None:
     amplitude = float(np.sqrt(max(squares[k] / count, 0.0)))
     sd = float(np.sqrt(np.mean(noise) / count))
     effect = swing_of(float(f[k]), min(amplitude, 1.0))
-    return Swing(effect, float(f[k]), {"amplitude_mm": sd, "frequency_hz": 0.125 / seconds}, gain)
-
-
-def stilled(runs: Sequence[Seen], setups: Mapping[str, SetUp], frequency_hz: float) -> list[Seen]:
-    """Runs without a swing of this frequency, each with a phase of its own, so that its line is no lack of fit."""
-    return [_stilled(run, setups, frequency_hz) if run.sampling else run for run in runs]
-
-
-def _stilled(run: Seen, setups: Mapping[str, SetUp], frequency_hz: float) -> Seen:
-    (residual,) = residuals_of(run.model, [run.one], setups)
-    t = run.one.path.t_s[run.one.rows]
-    wave = 2 * np.pi * frequency_hz * t
-    design = np.stack([np.ones_like(t), np.cos(wave), np.sin(wave)], axis=1)
-    found = np.linalg.lstsq(design, residual, rcond=None)[0]
-    return replace(run, one=replace(run.one, values=run.one.values - design[:, 1:] @ found[1:]))
+    return Swing(effect, min(amplitude, 1.0), {"amplitude_mm": sd, "frequency_hz": 0.125 / seconds}, gain)
 
 
 def _width(f: Array) -> int:
