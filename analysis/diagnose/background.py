@@ -33,8 +33,8 @@ def fault_sizes(level: float) -> Array:
 
 @dataclass(frozen=True)
 class Known:
-    """Columns T (N, q) beside the background, with their prior precision (q, q) and prior means (q,), and what the model
-    leaves r (N,) where they are all zero."""
+    """Columns T (N, q) beside the background, with their prior precision (q, q) and prior means (q,), and what the
+    model leaves r (N,) where they are all zero."""
 
     r: Array
     T: Array
@@ -103,8 +103,8 @@ class Background:
 
 
 class Posterior:
-    """Coefficients of all columns beside known ones: T's estimate (q,) and covariance (q, q), mean m (p,) and covariance
-    A (p, p); left (N,): what stays of the readings with all at their means."""
+    """Coefficients of all columns beside known ones: T's estimate (q,) and covariance (q, q), mean m (p,) and
+    covariance A (p, p); left (N,): what stays of the readings with all at their means."""
 
     def __init__(self, background: Background, known: Known) -> None:
         self.background = background

@@ -149,7 +149,8 @@ class Diagnosis:
     verdict: on all of it; rig: the model begun with; runs: names of those used; effects: those that pay, the material
     ones first, by what they are worth; groups: names that these tests cannot part, of those named;
     not_testable: names that no size would show here; repeated: whether the noise is from repeats; level: of
-    the healthy background, 1 in an arm that shows of everything what healthy ones show; doubts: what to know before trusting it.
+    the healthy background, 1 in an arm that shows of everything what healthy ones show; doubts: what to know before
+    trusting it.
     """
 
     verdict: Verdict

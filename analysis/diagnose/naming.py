@@ -164,7 +164,7 @@ class Naming:
         names = columns.name_of_column[cols]
         expected = columns.healthy[cols]
         freedom = np.clip(1 - np.diag(posterior.A)[cols] / variance[cols], 0.0, 1.0)
-        squares: Array = np.bincount(names, posterior.mean[cols] ** 2)
+        squares = np.asarray(np.bincount(names, posterior.mean[cols] ** 2), dtype=float)
         whole, seen = np.bincount(names, expected), np.bincount(names, expected * freedom)
         weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / state.level**2)
         share = seen / np.maximum(whole, 1e-9)
@@ -185,9 +185,8 @@ class Naming:
     def _energy(self, state: State, posterior: Posterior) -> tuple[Array, Array]:
         """By band: energy that is left, robust, and how many readings are free to leave it."""
         columns = self.columns
-        energy: Array = np.bincount(
-            columns.band, posterior.background.weight * state.strength[columns.band] * posterior.left**2
-        )
+        raw = posterior.background.weight * state.strength[columns.band] * posterior.left**2
+        energy = np.asarray(np.bincount(columns.band, raw), dtype=float)
         spent = np.einsum("bij,ji->b", columns.K, posterior.A) / state.strength
         return energy, np.maximum(columns.count - spent, 0.25 * columns.count)
 
