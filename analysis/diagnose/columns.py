@@ -15,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnose.candidates import Candidate
+from analysis.diagnose.forms import begin_columns
 from analysis.diagnose.linear import Linear
 from analysis.kinematics.arm import Array
+from rigs.effect import healthy, is_play, name_of
 from rigs.effects import Effect, one_sided
 
 _SET_UP_MM = 10.0
@@ -66,18 +68,25 @@ class Columns:
             Form(name, each, size, tuple(range(end - len(each), end)), among[name])
             for (name, each, size), end in zip(variants, ends, strict=True)
         )
-        self.X = np.concatenate([columns, linear.U, linear.Z], axis=1)
+        # Every joint of a healthy arm has some play, and where in it a run began nobody knows.
+        plays = [healthy(one.effect) for one in candidates if is_play(one.effect)]
+        begins = begin_columns(linear, list({name_of(play): play for play in plays}.values()))
+        self.X = np.concatenate([columns, linear.U, linear.Z, begins], axis=1)
         numbers = {name: k for k, name in enumerate(among)}
         own = np.concatenate([np.full(len(form.columns), numbers[form.name]) for form in self.forms])
         self.name_of_column = np.concatenate([own, np.full(self.X.shape[1] - len(own), -1)])
-        healthy = np.concatenate(
+        share = np.concatenate(
             [np.full(len(form.columns), 1 / (form.among * len(form.columns))) for form in self.forms]
         )
-        self.healthy: Array = np.concatenate([healthy, np.zeros(linear.U.shape[1] + linear.Z.shape[1])])
+        self.healthy: Array = np.concatenate([share, np.zeros(self.X.shape[1] - len(share))])
         self.fixed = np.concatenate(
-            [np.zeros(len(healthy)), np.full(linear.U.shape[1], _SET_UP_MM**2), np.ones(linear.Z.shape[1])]
+            [
+                np.zeros(len(share)),
+                np.full(linear.U.shape[1], _SET_UP_MM**2),
+                np.ones(linear.Z.shape[1] + begins.shape[1]),
+            ]
         )
-        self.set_ups = slice(len(healthy), len(healthy) + linear.U.shape[1])
+        self.set_ups = slice(len(share), len(share) + linear.U.shape[1])
         self.band = np.unique(linear.band, return_inverse=True)[1]
         self.count: NDArray[np.int64] = np.bincount(self.band)
         self.K = np.stack([self.products(self.band == b) for b in range(len(self.count))])

@@ -25,10 +25,16 @@ def form_columns(linear: Linear, effects: Sequence[Effect]) -> Array:
     """What departures from the page may add, one standard deviation each: (N, f) in standard deviations."""
     departures = [effect.departures() for effect in effects]
     beside = [effect for one in departures for effect in one.beside]
-    begins = [_begins(linear, *one.begin) for one in departures if one.begin]
+    begins = begin_columns(linear, effects)
     jolts = [_jolts(linear, *one.jolt) for one in departures if one.jolt]
     sticks = [_sticks(linear, *one.stick) for one in departures if one.stick]
-    return np.concatenate([linear.columns(beside), *begins, *jolts, *sticks], axis=1)
+    return np.concatenate([linear.columns(beside), begins, *jolts, *sticks], axis=1)
+
+
+def begin_columns(linear: Linear, effects: Sequence[Effect]) -> Array:
+    """Where in their play the joints of effects stood before each run began, (N, b) one standard deviation each."""
+    begins = [one.begin for one in (effect.departures() for effect in effects) if one.begin]
+    return np.concatenate([np.empty((len(linear.y), 0)), *(_begins(linear, *begin) for begin in begins)], axis=1)
 
 
 def _begins(linear: Linear, axis: int, off_deg: float) -> Array:

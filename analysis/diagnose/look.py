@@ -21,8 +21,8 @@ from analysis.diagnose.settle import settled
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect
 
-_LOOKS = 3
-_BENT = 0.3
+_LOOKS = 2
+_BENT = 3.0
 """Standard deviations by which set-ups that move with the names may leave the straight line, before one looks again."""
 
 

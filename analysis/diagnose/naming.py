@@ -27,7 +27,10 @@ FAULTS = 2.0
 """Names that an arm which somebody diagnoses may have, before anything is measured."""
 DEPTH = 24
 """Most names: real arms that nobody calibrated have 9 to 14."""
-_ROUNDS = 60
+_ROUNDS = 30
+"""Names and forms looked for in a row, most."""
+_PICK_PRICE = 3.0
+"""Log evidence that a healthy arm's single form must win: less changes no verdict."""
 _BAND_PRICE, _TARGET_PRICE = 3.0, 8.0
 """Log evidence that a strength of its own must win in a band of orders, and at targets, where tails are heavy."""
 _TAIL = 4.0
@@ -66,7 +69,7 @@ class Rivalry:
 class State:
     """What is taken to be there. effects: named, fitted; picks: forms that a healthy arm shows alone of their name;
     refused: names that did not pay;
-    level of the background; strength (b,) of what is left in each band, over noise; weight (N,) of readings."""
+    level of the background, and the most that it may be; strength (b,) of what is left in each band, over noise; weight (N,) of readings."""
 
     refined: Refined
     picks: frozenset[int] = frozenset()
@@ -74,6 +77,7 @@ class State:
     strength: Array = field(default_factory=lambda: np.ones(0))
     robust: Array = field(default_factory=lambda: np.ones(0))
     refused: frozenset[str] = frozenset()
+    most: float = 1.0
 
 
 class Naming:
@@ -96,12 +100,15 @@ class Naming:
         state = State(self._empty(), strength=ones, robust=np.ones(len(self.linear.y)))
         state = replace(state, refined=refine(self.linear, self._background(state), effects))
         state = self._settled(self._settled(state)[0])[0]
-        for _ in range(_ROUNDS):
-            state, posterior = self._settled(state)
-            changed = self._dropped(state, posterior) or self._grown(state, posterior)
-            if changed is None:
-                break
-            state = changed
+        # Faults not named yet look like an arm that shows more of everything: names come first, then the level.
+        for most in (1.0, _LEVELS[-1]):
+            state = replace(state, most=most)
+            for _ in range(_ROUNDS):
+                state, posterior = self._settled(state)
+                changed = self._dropped(state, posterior) or self._grown(state, posterior)
+                if changed is None:
+                    break
+                state = changed
         return self._settled(self.fitted(state, state.refined.effects))
 
     def defended(self, state: State, posterior: Posterior) -> tuple[State, Posterior, tuple[Rivalry, ...]]:
@@ -171,7 +178,7 @@ class Naming:
         squares = squares / np.maximum(whole, 1e-9)
         likely = -share.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
         likely -= np.log(_LEVELS) ** 2 / (2 * _LEVEL_SPREAD**2)
-        return float(_LEVELS[np.argmax(likely)])
+        return float(min(_LEVELS[np.argmax(likely)], state.most))
 
     def _robust(self, posterior: Posterior) -> Array:
         """Weights (N,) of readings: at targets as Student's law has them, elsewhere 1."""
@@ -239,7 +246,7 @@ class Naming:
         and of that over an even share."""
         forms = self.columns.forms
         fault, pick, _ = posterior.gains(forms, state.level)
-        pick = np.where(self._among > 0, pick - self._among, -np.inf)
+        pick = np.where(self._among > 0, pick - self._among - _PICK_PRICE, -np.inf)
         pick[list(state.picks)] = -np.inf
         fault = fault + self.prior - self._among - np.maximum(pick, 0.0)
         return fault, pick
@@ -258,7 +265,9 @@ class Naming:
             k = int(np.argmax(pick))
             self._tune(state, posterior, k)
             return replace(state, picks=state.picks | {k})
-        return self._named(state, posterior, forms[int(np.argmax(fault))])
+        k = int(np.argmax(fault))
+        self._tune(state, posterior, k)
+        return self._named(state, posterior, self.columns.forms[k])
 
     def _tune(self, state: State, posterior: Posterior, k: int) -> None:
         """Give a wave the order, between those of its neighbours, that explains most."""

@@ -91,5 +91,5 @@ def _orders_for(turned: float) -> list[int]:
     while order <= _MOST_ORDER:
         if order * turned < _MOST_WAVES:
             orders.append(round(order))
-        order += 1.0 if order < 12 else max(1.0, min(0.5 / max(turned, 1e-3), 0.2 * order))
+        order += max(1.0, min(0.8 / max(turned, 1e-3), 0.35 * order))
     return orders
