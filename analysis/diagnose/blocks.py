@@ -24,7 +24,7 @@ from analysis.diagnose.settle import grown
 from analysis.fitting.observation import Observation, residuals_of
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp
-from analysis.reading.tables import Integers, PoseTable, RadialTable, RepeatabilityTable, Table
+from analysis.reading.tables import Integers, PoseTable, RadialTable, RepeatabilityTable
 from analysis.tests.pose import groups as visits
 from rigs.effects import Effect
 
@@ -140,7 +140,7 @@ def _circle_block(raw: _Raw, sd_mm: Array, noise: CircleNoise, number: int) -> B
 
 def _target_block(raw: _Raw, noise: CircleNoise, number: int) -> Block:
     table, count = raw.first.one.table, len(raw.rows)
-    sd, measured = target_sd(raw.rows, _alike(table))
+    sd, measured = target_sd(raw.rows, _alike(raw.first.one))
     if isinstance(table, PoseTable) and not measured:
         sd = np.full(len(sd), POSE_MM)
     scatter = raw.shaken * noise.scatter(raw.shaken.shape[1]) / np.sqrt(count)
@@ -151,15 +151,16 @@ def _target_block(raw: _Raw, noise: CircleNoise, number: int) -> Block:
     )  # fmt: skip
 
 
-def _alike(table: Table) -> Integers:
+def _alike(one: Observation) -> Integers:
     """A number for each entry that readings of the same place, reached the same way, share."""
+    table, rows = one.table, one.rows
     if isinstance(table, RadialTable):
-        keys = np.stack([table.target, table.orientation], axis=1)
+        keys = np.stack([table.target, table.orientation], axis=1)[rows]
     elif isinstance(table, RepeatabilityTable):
-        keys = np.stack([table.target, np.unique(table.approach, return_inverse=True)[1]], axis=1)
+        keys = np.stack([table.target, np.unique(table.approach, return_inverse=True)[1]], axis=1)[rows]
     else:
-        row = visits(table.q, _SAME_RAD)
-        keys = np.stack([np.repeat(row, 3), np.tile(np.arange(3), len(row))], axis=1)
+        visit = visits(table.q[rows], _SAME_RAD)
+        keys = np.stack([np.repeat(visit, 3), np.tile(np.arange(3), len(visit))], axis=1)
     return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
 
 
