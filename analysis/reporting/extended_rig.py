@@ -12,10 +12,18 @@ from rigs.errors import FileError
 from rigs.extend import extended
 
 
-def with_origin(effect: Effect, sd: Mapping[str, float], runs: Sequence[str], gap_um: tuple[float, float]) -> Effect:
-    """An effect that says when and from which runs it was found, how sure, and which gap (before, after) it closed.
+def with_origin(
+    effect: Effect,
+    sd: Mapping[str, float],
+    runs: Sequence[str],
+    gap_um: tuple[float, float],
+    joints_deg: Sequence[tuple[float, float]] | None = None,
+) -> Effect:
+    """An effect that says when and from which runs it was found, how sure, and which gap (before, after) it closed,
+    where the joints were meanwhile.
 
-    Numbers are cut to nine digits, uncertainties to three, gaps to the nanometre: a person reads this file.
+    Numbers are cut to nine digits, uncertainties to three, gaps to the nanometre, ranges to a hundredth of a degree: a
+    person reads this file.
     """
     before, after = gap_um
     origin = Found(
@@ -23,6 +31,7 @@ def with_origin(effect: Effect, sd: Mapping[str, float], runs: Sequence[str], ga
         runs=tuple(runs),
         sd={field: float(f"{value:.3g}") for field, value in sd.items() if math.isfinite(value)},
         gap_um=(round(before, 3), round(after, 3)),
+        joints_deg=joints_deg and tuple((round(low, 2), round(high, 2)) for low, high in joints_deg),
     )
     numbers = {field: value for field, value in effect if isinstance(value, float)}
     rounded = {field: float(f"{value:.9g}") for field, value in numbers.items()}
