@@ -16,9 +16,9 @@ from analysis.fitting.choice import chosen
 from analysis.fitting.covered import JointRange, beyond, joints_covered
 from analysis.fitting.estimate import Fit, Free, fit, sizes
 from analysis.fitting.identify import Together, combinations, mixed, name_of, seen
-from analysis.fitting.observation import Observation, observe, residuals_of, rms
+from analysis.fitting.observation import Observation, residuals_of, rms
+from analysis.fitting.placements import observed, parted, with_enough
 from analysis.fitting.run_noise import Repeats, repeats_of
-from analysis.fitting.setups import terms_of
 from analysis.fitting.split import split
 from analysis.fitting.uncertainty import Scatter, covariance
 from analysis.fitting.weighing import SOUND, Weighing, apart, begun, renewed, resolution
@@ -82,11 +82,23 @@ def calibrate_runs(
 ) -> Calibration:
     """Fit the effects that `words` choose, on top of those of the rig.
 
-    Judged on the runs `judges` and on a share of the readings of each run. Raises FileError.
+    Judged on the runs `judges` and on a share of the readings of each run. Runs that cannot be one frame have a set-up
+    each, by the model begun with and, where this was too far off to say, by the one found. Raises FileError.
     """
-    model = model_of(rig)
-    used = [observe(model, run.table, str(run.path)) for run in runs]
-    left_out = [observe(model, run.table, str(run.path)) for run in judges]
+    names = [run.run.manifest.name for run in (*runs, *judges)]
+    whole, told = parted(model_of(rig), observed(rig, [*runs, *judges]), names)
+    found = _halved(rig, whole, len(runs), words, share=share, groups=groups, seed=seed)
+    again, more = parted(found.after.model, whole, names)
+    if more:
+        found = _halved(rig, again, len(runs), words, share=share, groups=groups, seed=seed)
+    return replace(found, doubts=(*told, *more, *found.doubts))
+
+
+def _halved(
+    rig: Rig, whole: Sequence[Observation], runs: int, words: str, *, share: float, groups: bool, seed: int
+) -> Calibration:
+    """Calibrated with the first `runs` observations, a share of their readings and the other observations left out."""
+    used, left_out = list(whole[:runs]), list(whole[runs:])
     if share:
         halves = [split(one, share, groups, seed) for one in used]
         used, left_out = [half[0] for half in halves], left_out + [half[1] for half in halves]
@@ -99,7 +111,8 @@ def calibrate(
     """Fit the chosen effects on top of those in the rig file. Raises FileError where none can be fitted."""
     known = model_of(rig)
     wanted = chosen(words)
-    _enough(observations)
+    enough, too_few = with_enough(observations)
+    observations = [observations[k] for k in enough]
     before = fit(known, observations)
     model = replace(known, effects=(*known.effects, *wanted))
     free = [
@@ -131,7 +144,7 @@ def calibrate(
         told_apart=combinations(answer),
         mixed=mixed(answer, names),
         covered=covered,
-        doubts=tuple(_doubts(observations, left_out, weighing, covered)),
+        doubts=(*too_few, *_doubts(observations, left_out, weighing, covered)),
         before_mm=(_sound_rms(before, observations, weighing), _judged(before, left_out)),
         after_mm=(_sound_rms(after, observations, weighing), _judged(after, left_out)),
     )
@@ -205,16 +218,6 @@ def _without_the_unseen(
 def _of(weighing: Weighing, kept: Sequence[int]) -> Weighing:
     """The weighing of some of the parameters."""
     return replace(weighing, spread=weighing.spread[list(kept)])
-
-
-def _enough(observations: Sequence[Observation]) -> None:
-    """Raises FileError where the set-ups alone take up all readings."""
-    for name in {one.setup for one in observations}:
-        own = [one for one in observations if one.setup == name]
-        readings = sum(one.values.size for one in own)
-        if readings <= terms_of(own[0].table):
-            what = f"its {readings} readings are too few for the {terms_of(own[0].table)} terms of the set-up alone"
-            raise FileError(f"set-up {name}", what, "give more runs of it, leave out less, or leave it out")
 
 
 def _energy(found: Fit, weighing: Weighing) -> float:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.fitting.observation import Observation, residuals_of, rms
-from analysis.fitting.setups import BALL_MM, moved_setup, settled, terms_of
+from analysis.fitting.setups import BALL_MM, FRAME_TERMS, begun, moved_setup, terms_of
 from analysis.fitting.weighing import Weighing, equal
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp
@@ -76,13 +76,13 @@ def fit(
     weighing: of readings and parameters; without it all readings count alike and parameters are held by nothing.
     near: a fit of the same that was weighed otherwise.
 
-    setups: where to begin; else at set-ups settled about the model as it is: far from its place a ball would be held
+    setups: where to begin; else at set-ups that fit the model as it is: far from its place a ball would be held
     back by a prior that knows only the straight part of what the readings say, and effects would make up for it.
     """
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, needed here only
 
     weighing = weighing or equal(observations, len(free))
-    placed = dict(setups or settled([(model, one) for one in observations]))
+    placed = dict(setups or begun(model, observations))
     problem = _Problem(model, observations, tuple(free), placed, weighing)
     start = problem.start() if near is None else near.unknowns.copy()
     low, high = problem.bounds(start)
@@ -109,14 +109,18 @@ class _Problem:
     ) -> None:
         self.model, self.observations, self.free, self.setups = model, observations, free, setups
         self.weighing = weighing
-        self._lengths = {name: terms_of(self._table(name)) for name in setups}
+        self._columns = self._terms()
+        self._owners = [
+            {name for name, columns in self._columns.items() if k in columns}
+            for k in range(1 + max(max(columns) for columns in self._columns.values()))
+        ]
         self._unexplained = 0.0
         self._unexplained = self._after_one_step(self.start())
 
     def start(self) -> Array:
         """Set-up terms as changes from where they begin, so zeros; parameters as they are in the model."""
         own = [getattr(self.model.effects[one.effect], one.field) / one.scale for one in self.free]
-        return np.concatenate([np.zeros(sum(self._lengths.values())), np.array(own, dtype=float)])
+        return np.concatenate([np.zeros(len(self._owners)), np.array(own, dtype=float)])
 
     def bounds(self, start: Array) -> tuple[Array, Array]:
         low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
@@ -131,12 +135,12 @@ class _Problem:
 
     def at(self, x: Array) -> tuple[Model, dict[str, SetUp]]:
         """Model and set-ups of a vector of unknowns."""
-        placed, begin = {}, 0
-        for name, length in self._lengths.items():
-            placed[name] = moved_setup(self.setups[name], self._table(name), x[begin : begin + length])
-            begin += length
+        placed = {
+            name: moved_setup(self.setups[name], self._table(name), x[columns])
+            for name, columns in self._columns.items()
+        }
         effects = list(self.model.effects)
-        for one, value in zip(self.free, x[begin:], strict=True):
+        for one, value in zip(self.free, x[len(self._owners) :], strict=True):
             effects[one.effect] = effects[one.effect].model_copy(update={one.field: float(value * one.scale)})
         return replace(self.model, effects=tuple(effects)), placed
 
@@ -151,7 +155,6 @@ class _Problem:
         base = residuals_of(model, self.observations, placed)
         rows = np.concatenate([[0], np.cumsum([residual.size for residual in base])])
         J = np.zeros((int(rows[-1]) + len(self._prior(x)), len(x)))
-        owner = [name for name, length in self._lengths.items() for _ in range(length)]
         for k in range(len(x)):
             step = np.zeros(len(x))
             # Set-up terms are mm; parameters are in plausible sizes. Both are happy with a thousandth, upwards,
@@ -159,7 +162,7 @@ class _Problem:
             step[k] = 1e-3
             model, placed = self.at(x + step)
             for place, one in enumerate(self.observations):
-                if k >= len(owner) or owner[k] == one.setup:
+                if k >= len(self._owners) or one.setup in self._owners[k]:
                     (changed,) = residuals_of(model, [one], placed)
                     change = self.weighing.weights[place] * (changed - base[place]) / step[k]
                     J[rows[place] : rows[place + 1], k] = change.ravel()
@@ -173,12 +176,27 @@ class _Problem:
         return float(np.linalg.norm(residual + J @ step))
 
     def _prior(self, x: Array) -> Array:
-        begin, rows = 0, []
-        for name, length in self._lengths.items():
-            if not isinstance(self._table(name), PoseTable):
-                rows.append(x[begin : begin + 3] / BALL_MM * self._unexplained)
-            begin += length
-        return np.concatenate([*rows, x[begin:] / self.weighing.spread])
+        rows = [
+            x[columns[:3]] / BALL_MM * self._unexplained
+            for name, columns in self._columns.items()
+            if not isinstance(self._table(name), PoseTable)
+        ]
+        return np.concatenate([*rows, x[len(self._owners) :] / self.weighing.spread])
+
+    def _terms(self) -> dict[str, list[int]]:
+        """Which unknowns are the terms of each set-up; all placements of poses share the tool's."""
+        columns: dict[str, list[int]] = {}
+        tool: list[int] = []
+        count = 0
+        for name in self.setups:
+            poses = isinstance(self._table(name), PoseTable)
+            own = list(range(count, count + (FRAME_TERMS if poses else terms_of(self._table(name)))))
+            count += len(own)
+            if poses and not tool:
+                tool = list(range(count, count + terms_of(self._table(name)) - FRAME_TERMS))
+                count += len(tool)
+            columns[name] = own + tool * poses
+        return columns
 
     def _table(self, name: str) -> Table:
         return next(one.table for one in self.observations if one.setup == name)

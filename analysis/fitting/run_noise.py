@@ -61,12 +61,12 @@ class RunShare:
     memory: float
 
 
-def noise_of(parts: Sequence[RunShare], repeats: Repeats | None) -> float:
-    """Of the runs of a set-up, with what repeats show, else with what is assumed, where readings are few: so large that
+def noise_of(parts: Sequence[RunShare], repeats: Repeats | None, usual_mm: float = TARGET_MM.middle) -> float:
+    """Of the runs of a set-up, with what repeats show, else with what is usual, where readings are few: so large that
     readings count for what they tell together."""
     freedom = sum(float((part.sound - part.leverage).clip(min=0).sum()) / part.memory for part in parts)
     squares = sum(float((part.sound * part.residual**2).sum()) / part.memory for part in parts)
-    known_mm = repeats.sd_mm if repeats else TARGET_MM.middle
+    known_mm = repeats.sd_mm if repeats else usual_mm
     level = float(np.sqrt((squares + _KNOWN_FREEDOM * known_mm**2) / (freedom + _KNOWN_FREEDOM)))
     if repeats:
         level = max(level, repeats.sd_mm)

@@ -96,7 +96,11 @@ def renewed(weighing: Weighing, found: Fit, observations: Sequence[Observation])
         sound.append(weighing.sound[k] if isinstance(one.table, CircleTable) else soundness(residual, own))
         parts.setdefault(one.setup, []).append(RunShare(residual, own, sound[-1], memory_of(one, residual)))
     repeats = repeats_of(observations, found.residuals)
-    noise = [noise_of(parts[one.setup], repeats.get(one.setup)) for one in observations]
+    noise = []
+    for one in observations:
+        alike = {other.setup for other in observations if type(other.table) is type(one.table)}
+        usual = noise_of([part for setup in alike for part in parts[setup]], None)
+        noise.append(noise_of(parts[one.setup], repeats.get(one.setup), usual))
     kinds = [_kind(found.model.effects[one.effect], one.field) for one in found.free]
     size = np.array([one.scale for one in found.free])
     return Weighing(tuple(noise), tuple(sound), _spread(found.design, found.values / size, weighing, kinds))
