@@ -34,6 +34,8 @@ _ANY_PHASE_DEG = 180.0 / np.sqrt(3)
 """Standard uncertainty of a phase of which nothing is known."""
 _ROUNDS, _SETTLED = 8, 0.02
 """Turns of fitting and weighing, and the relative change of a level or noise that matters no more."""
+_CORRELATED = 0.05
+"""Less is not kept."""
 _WORSE = 1.01
 """By so little a fit may be worse than none, where there is nothing to gain: each stops near its end only."""
 
@@ -244,10 +246,12 @@ def _judged(found: Fit, left_out: Sequence[Observation]) -> float:
 
 @dataclass(frozen=True)
 class Fitted:
-    """An effect as it came out, with the standard uncertainty of each parameter, in its own unit."""
+    """An effect as it came out, with the standard uncertainty of each parameter, in its own unit, and the correlation
+    of its size with those of others, by name; of waves none is kept."""
 
     effect: Effect
     sd: dict[str, float]
+    correlation: dict[str, float]
 
 
 def fitted_effects(calibration: Calibration) -> list[Fitted]:
@@ -262,8 +266,19 @@ def fitted_effects(calibration: Calibration) -> list[Fitted]:
             whole = after.model.effects[effect].model_copy(update={one.field: 0.0, "phase_deg": 0.0})
             waves.setdefault(repr(whole), []).append(effect)
         else:
-            found.append(Fitted(after.model.effects[effect], {one.field: float(np.sqrt(calibration.covariance[k, k]))}))
+            sd = {one.field: float(np.sqrt(calibration.covariance[k, k]))}
+            found.append(Fitted(after.model.effects[effect], sd, _correlation(calibration, k)))
     return found + [_whole(calibration, halves, places) for halves in waves.values()]
+
+
+def _correlation(calibration: Calibration, k: int) -> dict[str, float]:
+    """Of one parameter with the others, as far as it matters."""
+    after, sd = calibration.after, np.sqrt(np.diag(calibration.covariance))
+    return {
+        name_of(after.model.effects[one.effect], one.field): float(share)
+        for j, (one, share) in enumerate(zip(after.free, calibration.covariance[k] / (sd[k] * sd), strict=True))
+        if j != k and not one.signed and abs(share) > _CORRELATED
+    }
 
 
 def _whole(calibration: Calibration, halves: Sequence[int], places: dict[int, int]) -> Fitted:
@@ -285,4 +300,4 @@ def _whole(calibration: Calibration, halves: Sequence[int], places: dict[int, in
         turned = np.degrees(np.sqrt(across @ spread @ across) / max(amplitude, 1e-300))
         sd["phase_deg"] = float(min(turned, _ANY_PHASE_DEG))
     phase = float(np.degrees(np.arctan2(cosine, sine)))
-    return Fitted(effects[0].model_copy(update={field: amplitude, "phase_deg": phase}), sd)
+    return Fitted(effects[0].model_copy(update={field: amplitude, "phase_deg": phase}), sd, {})
