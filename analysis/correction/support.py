@@ -39,10 +39,6 @@ _WHY_NOT = {
 }
 
 
-_ONE = 0.9
-"""A correlation above which two sizes are better known together than alone."""
-
-
 @dataclass(frozen=True)
 class Support:
     """What an effect can be used for. value, u: its size and standard uncertainty, in its own unit, u nan where nobody
@@ -60,11 +56,6 @@ def supports(rig: Rig) -> list[Support]:
     return [_support(effect) for effect in rig.effects]
 
 
-def _twins(effect: Any) -> list[str]:
-    """Effects of which only the sum with this one is known."""
-    return [name for name, share in effect.found.correlation.items() if abs(share) > _ONE]
-
-
 def _support(effect: Any) -> Support:
     field = size_field(effect)
     value = float(getattr(effect, field))
@@ -76,8 +67,8 @@ def _support(effect: Any) -> Support:
         use, reason = "none", "stands in the rig file without where it came from: diagnose or calibrate it"
     elif not u > 0:
         use, reason = "none", "was found without an uncertainty: calibrate it"
-    elif u >= abs(value) and (twins := _twins(effect)):
-        reason = f"is known only together with {' and '.join(twins)}: correct all or none of them"
+    elif u >= abs(value) and effect.found.together:
+        reason = f"is known only together with {' and '.join(effect.found.together)}: correct all or none of them"
     elif u >= abs(value):
         use, reason = "none", "is no larger than its uncertainty: it may as well be zero"
     else:

@@ -247,11 +247,12 @@ def _judged(found: Fit, left_out: Sequence[Observation]) -> float:
 @dataclass(frozen=True)
 class Fitted:
     """An effect as it came out, with the standard uncertainty of each parameter, in its own unit, and the correlation
-    of its size with those of others, by name; of waves none is kept."""
+    of its size with those of others and what looks like it, by name; of waves neither is kept."""
 
     effect: Effect
     sd: dict[str, float]
     correlation: dict[str, float]
+    together: tuple[str, ...]
 
 
 def fitted_effects(calibration: Calibration) -> list[Fitted]:
@@ -267,7 +268,9 @@ def fitted_effects(calibration: Calibration) -> list[Fitted]:
             waves.setdefault(repr(whole), []).append(effect)
         else:
             sd = {one.field: float(np.sqrt(calibration.covariance[k, k]))}
-            found.append(Fitted(after.model.effects[effect], sd, _correlation(calibration, k)))
+            name = name_of(after.model.effects[effect], one.field)
+            like = next((mix.like for mix in calibration.mixed if mix.what == name), ())
+            found.append(Fitted(after.model.effects[effect], sd, _correlation(calibration, k), like))
     return found + [_whole(calibration, halves, places) for halves in waves.values()]
 
 
@@ -300,4 +303,4 @@ def _whole(calibration: Calibration, halves: Sequence[int], places: dict[int, in
         turned = np.degrees(np.sqrt(across @ spread @ across) / max(amplitude, 1e-300))
         sd["phase_deg"] = float(min(turned, _ANY_PHASE_DEG))
     phase = float(np.degrees(np.arctan2(cosine, sine)))
-    return Fitted(effects[0].model_copy(update={field: amplitude, "phase_deg": phase}), sd, {})
+    return Fitted(effects[0].model_copy(update={field: amplitude, "phase_deg": phase}), sd, {}, ())

@@ -58,12 +58,14 @@ def parted(
                 frames.append([k])
             else:
                 home.append(k)
+        frames = sorted(sorted(frame) for frame in frames)
         for number, frame in enumerate(frames[1:], start=2):
             for k in frame:
                 found[k] = replace(found[k], setup=f"{setup}, frame {number}")
-            runs, first = " and ".join(names[k] for k in sorted(frame)), names[frames[0][0]]
-            what = f"{runs} cannot stand in one frame with {first}: taken as another placement"
-            told.append(f"{what}; name placements with rig relabel --placement")
+        if len(frames) > 1:
+            runs = "; ".join(", ".join(names[k] for k in frame) for frame in frames)
+            what = f"runs of {setup} do not stand in one frame: fitted as {len(frames)} placements ({runs})"
+            told.append(f"{what}, which rig relabel --placement can name")
     return found, told
 
 

@@ -97,6 +97,7 @@ def write_rig(found: Calibration, text: str, runs: Sequence[str], output: Path) 
     """The rig file with the fitted effects added, each with where it came from. Raises FileError where it exists."""
     gap_um = (found.before_mm[0] * 1e3, found.after_mm[0] * 1e3)
     effects = [
-        with_origin(one.effect, one.sd, runs, gap_um, found.covered, one.correlation) for one in fitted_effects(found)
+        with_origin(one.effect, one.sd, runs, gap_um, found.covered, one.correlation, one.together)
+        for one in fitted_effects(found)
     ]
     write_extended(text, effects, output)

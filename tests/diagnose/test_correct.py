@@ -134,7 +134,8 @@ def test_what_only_the_sum_is_known_of_is_corrected_together_and_as_sure_as_the_
     """Of d2 and d3, which do the same to any posture: each is known badly, their sum well."""
 
     def half(axis: int, other: int) -> LinkGeometry:
-        found = _found(delta=0.4).model_copy(update={"correlation": {f"link_geometry {other}.d": -0.999}})
+        twin = f"link_geometry {other}.d"
+        found = _found(delta=0.4).model_copy(update={"correlation": {twin: -0.999}, "together": (twin,)})
         return LinkGeometry(axis=axis, field="d", delta=0.3, found=found)
 
     found = correct_rig(_rig(half(2, 3), half(3, 2)), _path(tmp_path))

@@ -70,8 +70,9 @@ def test_two_placements_calibrate_as_one_arm(
     assert len(found.after.setups) == 2
     tools = [setup.T_tool_target for setup in found.after.setups.values()]
     np.testing.assert_allclose(tools[0], tools[1], atol=1e-9)
-    said = [doubt for doubt in found.doubts if "cannot stand in one frame" in doubt]
-    assert len(said) == (0 if named else 2)
+    said = [doubt for doubt in found.doubts if "do not stand in one frame" in doubt]
+    assert len(said) == (0 if named else 1)
+    assert named or "fitted as 3 placements (first; second; judge)" in said[0]
 
 
 def test_a_placement_of_three_poses_takes_the_tool_of_the_others(
@@ -115,7 +116,7 @@ def test_a_ball_that_was_moved_is_another_set_up_and_its_scatter_is_not() -> Non
     assert parted(model, same, list("abcd")) == (same, [])
     found, told = parted(model, [*same[:2], *_circles((1.3, -0.2, 0.0), 21)], list("abcd"))
     assert [one.setup for one in found] == ["yaw", "yaw", "yaw, frame 2", "yaw, frame 2"]
-    assert told[0].startswith("c and d cannot stand in one frame with a")
+    assert "fitted as 2 placements (a, b; c, d)" in told[0]
 
 
 def test_a_placement_can_be_named_afterwards(tmp_path: Path, arm: tuple[Cell, np.random.Generator]) -> None:
