@@ -20,6 +20,9 @@ from analysis.tests.pose import SAME_RAD, groups
 
 _WILD_SHARE, _WILDER = 0.01, 30.0
 """How many readings are wild beforehand, and how much wider they scatter: 10 to 100 standard deviations."""
+_TAILS = 1.5
+"""How much wider sound readings count than their median says: stops of real robots, and what no effect explains, leave
+more far readings than a normal law."""
 _KNOWN_FREEDOM = 3.0
 """So many degrees of freedom the noise of repeats, or the one assumed, counts beside what a fit leaves, which has what
 no effect explains in it as well."""
@@ -44,7 +47,7 @@ def soundness(residual: Array, leverage: Array) -> Array:
     coordinates = residual.shape[1]
     distance = (residual**2 / (1 - leverage)).sum(axis=1)
     variance = max(float(np.median(distance)) / _MEDIAN_CHI2[coordinates], WHITE_MM.low**2)
-    distance /= variance
+    distance /= _TAILS**2 * variance
     normal = np.log1p(-_WILD_SHARE) - distance / 2
     wild = np.log(_WILD_SHARE) - coordinates * np.log(_WILDER) - distance / (2 * _WILDER**2)
     share: Array = 1 / (1 + np.exp(np.clip(wild - normal, -700, 700)))

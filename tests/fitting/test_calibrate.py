@@ -97,6 +97,28 @@ def test_the_scatter_of_a_run_that_nobody_repeated_is_assumed_wide_and_said_to_b
     assert assumed.covariance[0, 0] > 4 * known.covariance[0, 0]
 
 
+@pytest.mark.parametrize(("truth", "words", "tests"), [
+    (JointOffset(axis=5, offset_deg=-0.1), "joint_offset:5", ("radial",)),
+    (Backlash(axis=1, width_deg=0.02), "backlash:1", ("yaw",)),
+], ids=["radial", "yaw"])  # fmt: skip
+def test_wild_readings_are_counted_and_change_little(truth: Effect, words: str, tests: tuple[str, ...]) -> None:
+    rng = np.random.default_rng(7)
+    sound = _observed((truth,), 1, tests)
+    spoilt, count = [], 0
+    for one in sound:
+        values = one.values.copy()
+        rows = rng.permutation(np.arange(10, len(values) - 10))[: max(2, len(values) // 100)]
+        values[rows] += rng.choice([-1.0, 1.0], (len(rows), 1)) * rng.uniform(0.1, 1.0, (len(rows), 1))
+        spoilt.append(replace(one, values=values))
+        count += len(rows)
+    (clean,), found = fitted_effects(calibrate(RIG, sound, [], words)), calibrate(RIG, spoilt, [], words)
+    (fitted,) = fitted_effects(found)
+    field = size_field(truth)
+    assert 0.8 * count <= sum(found.weighing.wild) <= 1.5 * count
+    assert abs(getattr(fitted.effect, field) - getattr(clean.effect, field)) < clean.sd[field]
+    assert "are wild and left out" in found.doubts[0]
+
+
 def test_a_run_of_another_test_judges_with_its_own_set_up() -> None:
     truth = (Backlash(axis=1, width_deg=0.03),)
     found = calibrate(RIG, _observed(truth, 3), _observed(truth, 4, ("radial",)), "backlash:1")
