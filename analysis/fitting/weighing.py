@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 LEVELS = (1.0, 100.0)
 """Of parameters, in healthy sizes: every arm is healthy at the best, and faults are 5 to 100 healthy sizes."""
+_BAD = 30.0
+"""The level of a bad arm, with which a calibration begins."""
 _MOST_LEVERAGE = 0.9
 """A reading that the fit follows more than that shows nothing of its own noise."""
 SOUND = 0.5
@@ -69,10 +71,10 @@ def equal(observations: Sequence[Observation], parameters: int) -> Weighing:
 
 
 def begun(observations: Sequence[Observation], parameters: int) -> Weighing:
-    """What a calibration begins with: noise as of real cells, parameters of the worst arm, circles without what their
+    """What a calibration begins with: noise as of real cells, parameters of a bad arm, circles without what their
     neighbours show to be wild."""
     sound = tuple(_beside_neighbours(one) for one in observations)
-    return Weighing((TARGET_MM.middle,) * len(observations), sound, np.full(parameters, LEVELS[1]))
+    return Weighing((TARGET_MM.middle,) * len(observations), sound, np.full(parameters, _BAD))
 
 
 def _beside_neighbours(one: Observation) -> Array:
@@ -147,10 +149,13 @@ def _kind(effect: Effect, field: str) -> tuple[str, bool]:
 
 
 def _spread(design: Array, values: Array, weighing: Weighing, kinds: Sequence[tuple[str, bool]]) -> Array:
-    """Levels (p,) at which what is found is likeliest: the mean square of what the data tell is that of the prior."""
+    """Levels (p,) at which what is found is likeliest: the mean square of what the data tell is that of the prior.
+
+    From the lowest upwards, since there may be several: a parameter that is hardly told can always have been large.
+    """
     H = _information(design, len(values))
-    spread: Array = weighing.spread
-    pull = H @ values + values / spread**2
+    pull = H @ values + values / weighing.spread**2
+    spread = np.full(len(values), LEVELS[0])
     for _ in range(_TURNS):
         covariance = np.linalg.inv(H + np.diag(1 / spread**2))
         mean = covariance @ pull

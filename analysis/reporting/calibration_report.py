@@ -59,7 +59,7 @@ def _of_noise(found: Calibration) -> list[Text]:
         again = (
             f"visits of one place differ by {1e3 * noise.repeats.sd_mm:.2g} µm (one reading's standard deviation)"
             if noise.repeats
-            else "nothing was visited twice, and the noise is what the fit leaves"
+            else "which is what the fit leaves"
         )
         lines.append(Text(f"{setup}: readings count with {1e3 * noise.sd_mm:.2g} µm; {again}", style="dim"))
     if not found.gauges:

@@ -132,6 +132,15 @@ def test_readings_that_the_set_up_takes_up_alone_are_told() -> None:
         calibrate(RIG, [few], [], "joint_offset")
 
 
+def test_a_parameter_that_is_hardly_told_does_not_take_up_what_no_effect_explains() -> None:
+    """The zero of axis 6 does next to nothing on the circle; a gear error that nobody fits could have it at degrees."""
+    gear = TransmissionError(axis=4, order=8, amplitude_deg=0.012, phase_deg=40)
+    found = calibrate(RIG, _observed((Backlash(axis=1, width_deg=0.02), gear), 6), [], "backlash:1,joint_offset")
+    for fitted in fitted_effects(found):
+        field = size_field(fitted.effect)
+        assert abs(getattr(fitted.effect, field)) < 5 * healthy_size(fitted.effect), fitted.effect
+
+
 def test_parameters_are_counted_by_what_is_told_apart() -> None:
     """30 parameters from a few targets: most of them are held by what is known beforehand, and said to be."""
     truth = (Backlash(axis=1, width_deg=0.05),)
