@@ -134,8 +134,16 @@ def test_readings_that_the_set_up_takes_up_alone_are_told() -> None:
 
 def test_a_parameter_that_is_hardly_told_does_not_take_up_what_no_effect_explains() -> None:
     """The zero of axis 6 does next to nothing on the circle; a gear error that nobody fits could have it at degrees."""
-    gear = TransmissionError(axis=4, order=8, amplitude_deg=0.012, phase_deg=40)
-    found = calibrate(RIG, _observed((Backlash(axis=1, width_deg=0.02), gear), 6), [], "backlash:1,joint_offset")
+    truth = (
+        Backlash(axis=1, width_deg=0.02),
+        Backlash(axis=5, width_deg=0.015),
+        TransmissionError(axis=4, order=8, amplitude_deg=0.012, phase_deg=40),
+    )
+    assert RIG.tests.circle
+    circle = RIG.tests.circle.model_copy(update={"eccentricity_mm": (0.6, -0.4, 0.1)})
+    rig = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": circle})})
+    observed = [observe(MODEL, simulate(rig, "yaw", way, 6, truth), "yaw") for way in ("acw", "cw")]
+    found = calibrate(RIG, observed, [], "backlash:1,joint_offset")
     for fitted in fitted_effects(found):
         field = size_field(fitted.effect)
         assert abs(getattr(fitted.effect, field)) < 5 * healthy_size(fitted.effect), fitted.effect
