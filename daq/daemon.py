@@ -147,6 +147,7 @@ class Daemon:
             rig_name=self._rig.name,
             rig_text=self._rig_text,
             operator=label.operator,
+            placement=label.placement,
             streams={stream.name: stream.columns for stream in self._streams},
             follows=follows,
         )

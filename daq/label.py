@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from daq.store.manifest import Operator
+from daq.store.manifest import Operator, Placement
 from rigs.base import Part
 from rigs.vocabulary import Direction, TestName
 
@@ -20,3 +20,4 @@ class Label(Part):
     test: TestName
     direction: Direction | None = None
     operator: Operator = ""
+    placement: Placement = ""

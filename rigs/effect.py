@@ -48,6 +48,12 @@ class Found(Part):
     """Standard uncertainty of each fitted parameter, in its own unit."""
     gap_um: tuple[float, float] | None = None
     """Root mean square of what was unexplained, before and after, in µm of the readings."""
+    correlation: dict[str, float] = Field(default_factory=dict)
+    """Of the size with those of other effects that came from the same fit, by their names."""
+    together: tuple[str, ...] = ()
+    """Effects of the same fit that look like this one: only what they make up together is known."""
+    joints_deg: tuple[tuple[float, float], ...] | None = Field(default=None, min_length=6, max_length=6)
+    """The lowest and the highest angle of each joint in those runs."""
 
 
 @dataclass(frozen=True)

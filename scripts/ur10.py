@@ -17,11 +17,12 @@ from scipy.spatial.transform import Rotation
 
 from analysis.files.write import write_csv, write_new
 from analysis.fitting.calibrate import Calibration, calibrate
-from analysis.fitting.observation import Observation
+from analysis.fitting.observation import Observation, observe
 from analysis.fitting.split import split
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.model.ball_link import readings
 from analysis.model.predict import Path as Motion
+from analysis.model.predict import model_of
 from analysis.model.programs import circle_of, hemisphere_of
 from analysis.reading.csv_tables import columns_of
 from analysis.reading.tables import CircleTable, PoseTable, RadialTable
@@ -97,12 +98,6 @@ def with_ball(rig: Rig, ball: Array, tool_mm: Array) -> Rig:
     return rig.model_copy(update={"robot": robot, "tests": tests})
 
 
-def pose_observation(table: PoseTable) -> Observation:
-    """The places themselves."""
-    n = len(table.q)
-    return Observation(table, Motion(np.zeros(n), table.q, np.arange(n)), np.arange(n), table.xyz_mm, "pose")
-
-
 def judged(rig: Rig, one: Observation, *, groups: bool) -> Calibration:
     """24 DH parameters fitted on 70 % of the poses, judged on the rest."""
     used, left_out = split(one, 0.3, groups=groups, seed=0)
@@ -111,7 +106,7 @@ def judged(rig: Rig, one: Observation, *, groups: bool) -> Calibration:
 
 def told(what: str, found: Calibration) -> str:
     """A line: rms on the readings left out, before and after."""
-    seen = f"{len(found.after.free)} of 24 can be told apart"
+    seen = f"{found.told_apart} combinations of 24 are told apart"
     return f"  {what}: nominal {found.before_mm[1]:.3f} mm, 24 DH parameters {found.after_mm[1]:.3f} mm rms ({seen})"
 
 
@@ -124,7 +119,7 @@ def main(data: Path, out: Path) -> int:
         path.unlink(missing_ok=True)
         write_new(path, lambda file, table=table: write_csv(columns_of(table), file))
         print(f"series {series.upper()}: {len(table.q)} poses; wrote {path}")
-        whole = pose_observation(table)
+        whole = observe(model_of(rig), table, f"series {series}")
         print(told("pose, 30 % left out at random", judged(rig, whole, groups=False)))
         print(told("pose, 30 % left out in groups", judged(rig, whole, groups=True)))
         for test in ("radial", "yaw", "roll"):

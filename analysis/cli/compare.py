@@ -31,11 +31,11 @@ def compare(
 
     measured = [load_measured(path) for path in runs]
     rig = load(rig_file)[0] if rig_file else measured[0].rig
-    comparisons, fitted = compare_runs(measured, rig)
+    found = compare_runs(measured, rig)
     if plot:
-        for path in comparison_report.save_pictures(comparisons, plot):
+        for path in comparison_report.save_pictures(found.runs, plot):
             typer.echo(path, err=True)
     if as_json:
-        typer.echo(json.dumps(comparison_report.as_object(comparisons, fitted), indent=2))
+        typer.echo(json.dumps(comparison_report.as_object(found), indent=2))
     else:
-        Console().print(comparison_report.as_tables(comparisons, fitted))
+        Console().print(comparison_report.as_tables(found))

@@ -21,6 +21,7 @@ def import_(
         Direction | None, typer.Option(help="Of a circle whose table has no direction column.")
     ] = None,
     operator: Annotated[str, typer.Option(help="Who measured; without it, the user.")] = "",
+    placement: Annotated[str, typer.Option(help="Where instrument or ball stood, by a name of yours.")] = "",
 ) -> None:
     """Make a run of a table of measurements; every bad row is named with its line and the reason."""
     import getpass  # noqa: PLC0415
@@ -28,7 +29,13 @@ def import_(
     from analysis.files.imports import import_table  # noqa: PLC0415
 
     doubts = import_table(
-        table, run, rig_file=rig_file, test=test, direction=direction, operator=operator or getpass.getuser()
+        table,
+        run,
+        rig_file=rig_file,
+        test=test,
+        direction=direction,
+        operator=operator or getpass.getuser(),
+        placement=placement,
     )
     for doubt in doubts:
         typer.echo(f"doubt: {doubt}", err=True)

@@ -21,6 +21,7 @@ def start(
     test: Annotated[TestName, typer.Option(help="What the robot is going to do.")],
     direction: Annotated[Direction | None, typer.Option(help="Of a circle.")] = None,
     operator: Annotated[str, typer.Option(help="Who measures; without it, the user.")] = "",
+    placement: Annotated[str, typer.Option(help="Where instrument or ball stand, by a name of yours.")] = "",
     rig: RigName = None,
 ) -> None:
     """Begin a recording; prints the run directory."""
@@ -29,7 +30,13 @@ def start(
     from daq.client import Client, find_socket  # noqa: PLC0415
 
     with Client(find_socket(rig)) as client:
-        fields = {"name": name, "test": test, "direction": direction, "operator": operator or getpass.getuser()}
+        fields = {
+            "name": name,
+            "test": test,
+            "direction": direction,
+            "operator": operator or getpass.getuser(),
+            "placement": placement,
+        }
         typer.echo(client.ask("record_start", **fields)["run"])
 
 

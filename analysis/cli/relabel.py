@@ -19,13 +19,17 @@ def relabel(
     ] = None,
     direction: Annotated[Direction | None, typer.Option(help="Of a circle.")] = None,
     operator: Annotated[str | None, typer.Option(help="Who measured.")] = None,
+    placement: Annotated[
+        str | None, typer.Option(help="Where instrument or ball stood, by a name of yours; '' takes it back.")
+    ] = None,
 ) -> None:
     """Correct the label of runs that were recorded under the wrong one; their manifests keep the old words."""
     from daq.store import relabel as relabel_run  # noqa: PLC0415
 
-    if test is None and direction is None and operator is None:
-        raise typer.BadParameter("give --test, --direction or --operator")
+    if test is None and direction is None and operator is None and placement is None:
+        raise typer.BadParameter("give --test, --direction, --operator or --placement")
     for path in paths:
-        manifest = relabel_run(path, test=test, direction=direction, operator=operator)
+        manifest = relabel_run(path, test=test, direction=direction, operator=operator, placement=placement)
         words = " ".join(filter(None, (manifest.test, manifest.direction)))
-        typer.echo(f"{path}: {words}, measured by {manifest.operator or 'nobody named'}")
+        place = f" at {manifest.placement}" if manifest.placement else ""
+        typer.echo(f"{path}: {words}{place}, measured by {manifest.operator or 'nobody named'}")

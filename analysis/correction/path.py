@@ -22,7 +22,8 @@ from analysis.kinematics.arm import Array
 from rigs.errors import FileError
 
 ADDED = ("missed_mm", "u_mm")
-"""Columns that a corrected path has beside those given: how far the arm missed the target, and the uncertainty."""
+"""Columns that a corrected path has beside those given: how far the arm missed the target, and the uncertainty of where
+it stands now, with what is not corrected."""
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,12 @@ def _support(effect: Effect) -> Support:
     u = effect.found.sd.get(field, float("nan")) if effect.found else float("nan")
     use = effect.compensation().use
     reason = _why_not(effect, value, u)
-    return Support(effect, value, u, "none", reason) if reason else Support(effect, value, u, use, _HOW[use])
+    if reason:
+        return Support(effect, value, u, "none", reason)
+    if u >= abs(value) and effect.found and effect.found.together:
+        alike = " and ".join(effect.found.together)
+        return Support(effect, value, u, use, f"is known only together with {alike}: correct all or none of them")
+    return Support(effect, value, u, use, _HOW[use])
 
 
 def _why_not(effect: Effect, value: float, u: float) -> str:
@@ -53,4 +58,5 @@ def _why_not(effect: Effect, value: float, u: float) -> str:
         return "stands in the rig file without where it came from: diagnose or calibrate it"
     if not u > 0:
         return "was found without an uncertainty: calibrate it"
-    return "is no larger than its uncertainty: it may as well be zero" if u >= abs(value) else ""
+    small = u >= abs(value) and not effect.found.together
+    return "is no larger than its uncertainty: it may as well be zero" if small else ""

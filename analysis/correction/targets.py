@@ -13,7 +13,10 @@ from typing import Any
 
 import numpy as np
 
+from analysis.correction.left_out import left_out_mm
 from analysis.correction.support import Support
+from analysis.fitting.covered import beyond_effects
+from analysis.fitting.identify import name_of
 from analysis.kinematics.arm import Arm, Array, arm_of, forward, pose_error
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
@@ -29,15 +32,19 @@ _REACHED = 1e-6
 
 @dataclass(frozen=True)
 class Corrected:
-    """Targets of a path. q (n, 6) rad: corrected angles; T (n, 4, 4): where the nominal arm stands at them; missed_mm,
-    left_mm (n,): how far the real arm was from the target, and is now, by the model; u_mm (n,): standard uncertainty of
-    the place reached, by those of the effects, taken as independent."""
+    """Targets of a path, each with what is known of it.
+
+    q (n, 6) rad: corrected angles; T (n, 4, 4): where the nominal arm stands at them; missed_mm (n,): how far the
+    corrected effects had the real arm miss; left_out_mm (n,): root mean square of what the others still do to it;
+    u_mm (n,): standard uncertainty of the place, by those of the effects and what is left out; doubts in words.
+    """
 
     q: Array
     T: Array
     missed_mm: Array
-    left_mm: Array
+    left_out_mm: Array
     u_mm: Array
+    doubts: tuple[str, ...]
 
 
 def corrected(rig: Rig, found: Sequence[Support], q: Array, lines: Sequence[int], where: str) -> Corrected:
@@ -63,12 +70,14 @@ def corrected(rig: Rig, found: Sequence[Support], q: Array, lines: Sequence[int]
         error = np.abs(pose_error(reached, wanted)).max(axis=1)
         raise _singular(lines[int(error.argmax())], where)
     _hold_limits(model.arm, angles, lines, where)
+    left_out = left_out_mm(rig, [one.effect for one in found if one.use == "none"], angles)
     return Corrected(
         angles,
         forward(model.arm, angles),
         _distance(_reached(model, q), wanted),
-        _distance(reached, wanted),
-        _uncertainty(model, used, angles),
+        left_out,
+        np.hypot(_uncertainty(model, used, angles), left_out),
+        tuple(beyond_effects([one.effect for one in used], angles, "an effect corrected here")),
     )
 
 
@@ -105,15 +114,22 @@ def _reached(model: Model, q: Array) -> Array:
 
 
 def _uncertainty(model: Model, used: Sequence[Support], q: Array) -> Array:
-    base = _reached(model, q)
-    squares = np.zeros(len(q))
+    """By the uncertainties of the effects, correlated as far as the rig file says it."""
+    base = _reached(model, q)[:, :3, 3]
+    names, moves = [], []
     for k, one in enumerate(used):
         effect: Any = one.effect
         for field, sd in effect.found.sd.items():
             effects = list(model.effects)
             effects[k] = effect.model_copy(update={field: getattr(effect, field) + sd})
-            squares += _distance(_reached(replace(model, effects=tuple(effects)), q), base) ** 2
-    return np.sqrt(squares)
+            moves.append(_reached(replace(model, effects=tuple(effects)), q)[:, :3, 3] - base)
+            names.append((name_of(effect, field), effect.found.correlation))
+    squares = np.zeros(len(q))
+    for j, (_, known) in enumerate(names):
+        squares += (moves[j] ** 2).sum(axis=1)
+        for k, (other, _) in enumerate(names[:j]):
+            squares += 2 * known.get(other, 0.0) * (moves[j] * moves[k]).sum(axis=1)
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
 def _distance(T: Array, other: Array) -> Array:

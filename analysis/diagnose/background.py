@@ -1,4 +1,4 @@
-"""All that is not named, as one normal law: noise, set-ups, scatter from run to run, a healthy arm's share of everything.
+"""All that is not named, as one normal law: noise, set-ups, scatter from run to run, a healthy share of everything.
 
 The covariance of the readings is C = W⁻¹ + X V X', W the noise's weights (lower in bands where more is left than noise
 gives) and V the prior variances of all columns. With M = I + √V X'WX √V,

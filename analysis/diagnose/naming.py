@@ -67,9 +67,9 @@ class Rivalry:
 
 @dataclass(frozen=True)
 class State:
-    """What is taken to be there. effects: named, fitted; picks: forms that a healthy arm shows alone of their name;
-    refused: names that did not pay;
-    level of the background, and the most that it may be; strength (b,) of what is left in each band, over noise; weight (N,) of readings."""
+    """What is taken to be there. refined: names, fitted; picks: forms that a healthy arm shows alone of their name;
+    level of the background, and the most that it may be; strength (b,) of what is left in each band, over noise;
+    robust (N,): weights of readings; refused: names that did not pay."""
 
     refined: Refined
     picks: frozenset[int] = frozenset()

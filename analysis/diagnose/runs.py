@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from analysis.diagnose.observed import Seen, see
+from analysis.fitting.observation import with_placement
 from analysis.model.predict import model_of
 from analysis.reading.loading import Measured
 from rigs.errors import FileError
@@ -27,10 +28,11 @@ def about(rig: Rig, runs: Sequence[Measured]) -> list[Seen]:
         if cell not in cells:
             cells.append(cell)
         one = see(model_of(cell), run.table, str(run.path))
+        placed = with_placement(one.one, run.run.manifest.placement)
         place = cells.index(cell)
         # Another circle or other gauges are another set-up.
-        setup = one.one.setup + f" {place + 1}" * (place > 0)
-        seen.append(replace(one, one=replace(one.one, setup=setup)))
+        setup = placed.setup + f" {place + 1}" * (place > 0)
+        seen.append(replace(one, one=replace(placed, setup=setup)))
     return seen
 
 

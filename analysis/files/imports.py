@@ -18,7 +18,14 @@ from rigs.vocabulary import Direction, TestName
 
 
 def import_table(
-    source: Path, run: Path, *, rig_file: str, test: TestName, direction: Direction | None, operator: str
+    source: Path,
+    run: Path,
+    *,
+    rig_file: str,
+    test: TestName,
+    direction: Direction | None,
+    operator: str,
+    placement: str = "",
 ) -> list[str]:
     """Make a run directory of a table file. What a person should know of it, in words.
 
@@ -40,6 +47,7 @@ def import_table(
         operator=operator,
         source=source.name,
         source_sha256=read.sha256,
+        placement=placement,
     )
     return doubts + _doubts(table, rig, str(run))
 

@@ -1,44 +1,74 @@
 """Calibration: known effects estimated from runs, judged on readings that had no part in it.
 
-choose the effects  →  hold what the data cannot tell apart  →  fit  →  before and after, seen and unseen
+choose the effects  →  fit and weigh by turns  →  what was told apart  →  before and after, seen and unseen
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from analysis.fitting.choice import chosen
-from analysis.fitting.estimate import Fit, fit, sizes
-from analysis.fitting.identify import Held, name_of, separate
-from analysis.fitting.observation import Observation, observe, residuals_of, rms
+from analysis.fitting.covered import JointRange, beyond, joints_covered
+from analysis.fitting.estimate import Fit, Free, fit, sizes
+from analysis.fitting.identify import Together, combinations, mixed, name_of, seen
+from analysis.fitting.observation import Observation, residuals_of, rms
+from analysis.fitting.placements import observed, parted, with_enough
+from analysis.fitting.run_noise import Repeats, repeats_of
 from analysis.fitting.split import split
-from analysis.model.predict import Model, model_of
+from analysis.fitting.uncertainty import Scatter, covariance
+from analysis.fitting.weighing import SOUND, Weighing, apart, begun, renewed, resolution
+from analysis.kinematics.arm import Array
+from analysis.model.predict import Model, SetUp, model_of
 from analysis.reading.loading import Measured
+from analysis.reading.tables import PoseTable
 from rigs.effect import identity, is_wave
-from rigs.effects import Effect, size_field
+from rigs.effects import VOCABULARY, Effect, healthy_size, size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
 
 _ANY_PHASE_DEG = 180.0 / np.sqrt(3)
 """Standard uncertainty of a phase of which nothing is known."""
-_LOOSE = 10.0
-"""Standard uncertainty, in healthy sizes, from which on a parameter is not determined by the data."""
-_NOTHING_MM = 1e-5
-"""What no gauge shows: by so little one of two fits that leave nothing may be worse."""
+_ROUNDS, _SETTLED = 8, 0.02
+"""Turns of fitting and weighing, and the relative change of a level or noise that matters no more."""
+_CORRELATED = 0.05
+"""Less is not kept."""
+_WORSE = 1.01
+"""By so little a fit may be worse than none, where there is nothing to gain: each stops near its end only."""
+
+
+@dataclass(frozen=True)
+class SetUpNoise:
+    """sd_mm: what a reading counts with; repeats: what visits of one place differ by, None where there are none."""
+
+    sd_mm: float
+    repeats: Repeats | None
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """known: the model begun with; before_mm, after_mm: rms on the readings used and on those left out (nan: none)."""
+    """known: the model begun with; covariance (p, p) of the fitted parameters in their own units, with the scatter from
+    run to run; weighing: noise and wild readings of each observation, levels of all parameters that were asked for;
+    noise by set-up; gauges: whether any run is of gauges; told_apart: how many combinations of the parameters the
+    readings tell; mixed: parameters that do not stand by themselves; covered: where the joints were in the readings
+    used; doubts in words; before_mm, after_mm: rms on the sound readings used and on those left out (nan: none)."""
 
     known: Model
     before: Fit
     after: Fit
-    held: list[Held]
+    covariance: Array
+    scatter: Scatter
+    weighing: Weighing
+    noise: dict[str, SetUpNoise]
+    gauges: bool
+    told_apart: int
+    mixed: list[Together]
+    covered: tuple[JointRange, ...]
+    doubts: tuple[str, ...]
     before_mm: tuple[float, float]
     after_mm: tuple[float, float]
 
@@ -55,11 +85,23 @@ def calibrate_runs(
 ) -> Calibration:
     """Fit the effects that `words` choose, on top of those of the rig.
 
-    Judged on the runs `judges` and on a share of the readings of each run. Raises FileError.
+    Judged on the runs `judges` and on a share of the readings of each run. Runs that cannot be one frame have a set-up
+    each, by the model begun with and, where this was too far off to say, by the one found. Raises FileError.
     """
-    model = model_of(rig)
-    used = [observe(model, run.table, str(run.path)) for run in runs]
-    left_out = [observe(model, run.table, str(run.path)) for run in judges]
+    names = [run.run.manifest.name for run in (*runs, *judges)]
+    whole, told = parted(model_of(rig), observed(rig, [*runs, *judges]), names)
+    found = _halved(rig, whole, len(runs), words, share=share, groups=groups, seed=seed)
+    again, more = parted(found.after.model, whole, names)
+    if more:
+        found = _halved(rig, again, len(runs), words, share=share, groups=groups, seed=seed)
+    return replace(found, doubts=(*told, *more, *found.doubts))
+
+
+def _halved(
+    rig: Rig, whole: Sequence[Observation], runs: int, words: str, *, share: float, groups: bool, seed: int
+) -> Calibration:
+    """Calibrated with the first `runs` observations, a share of their readings and the other observations left out."""
+    used, left_out = list(whole[:runs]), list(whole[runs:])
     if share:
         halves = [split(one, share, groups, seed) for one in used]
         used, left_out = [half[0] for half in halves], left_out + [half[1] for half in halves]
@@ -71,76 +113,147 @@ def calibrate(
 ) -> Calibration:
     """Fit the chosen effects on top of those in the rig file. Raises FileError where none can be fitted."""
     known = model_of(rig)
-    wanted_effects = chosen(words)
-    _enough(observations, len(wanted_effects))
+    wanted = chosen(words)
+    enough, too_few = with_enough(observations)
+    observations = [observations[k] for k in enough]
     before = fit(known, observations)
-    model = replace(known, effects=(*known.effects, *wanted_effects))
-    wanted = [
+    model = replace(known, effects=(*known.effects, *wanted))
+    free = [
         replace(one, signed=is_wave(model.effects[one.effect]))
         for one in sizes(model.effects)
         if one.effect >= len(known.effects)
     ]
-    free, held = separate(model, observations, wanted, before.setups, before.rms_mm)
-    if not free:
+    after, weighing = _converged(model, observations, free, before.setups)
+    answer = resolution(after.design, weighing.spread)
+    names = [name_of(model.effects[one.effect], one.field) for one in free]
+    kept = seen(answer)
+    if not kept:
         raise FileError("--fit", "these runs show none of the chosen effects", "choose others, or measure another test")
-    kept = {one.effect for one in free}
-    effects = tuple(
-        effect if k < len(known.effects) or k in kept else effect.model_copy(update={size_field(effect): 0.0})
-        for k, effect in enumerate(model.effects)
-    )
-    after = fit(replace(model, effects=effects), observations, free, before.setups)
-    after, loose = _tightened(after, observations, before)
-    held += loose
-    if after.rms_mm > before.rms_mm + _NOTHING_MM:
+    if len(kept) < len(free):
+        after = _without_the_unseen(after, weighing, observations, kept, before.setups)
+    if _energy(after, weighing) > _WORSE * _energy(before, weighing):
         raise FileError("--fit", "the fit did not converge", "choose fewer effects")
+    known_to, scatter = covariance(after, observations, _of(weighing, kept), _background(wanted))
+    covered = joints_covered(observations)
     return Calibration(
-        known, before, after, held, _rms(before, observations, left_out), _rms(after, observations, left_out)
+        known=known,
+        before=before,
+        after=after,
+        covariance=known_to,
+        scatter=scatter,
+        weighing=weighing,
+        noise=_noise_of(observations, weighing, after),
+        gauges=any(not isinstance(one.table, PoseTable) for one in observations),
+        told_apart=combinations(answer),
+        mixed=mixed(answer, names),
+        covered=covered,
+        doubts=(*too_few, *_doubts(observations, left_out, weighing, covered)),
+        before_mm=(_sound_rms(before, observations, weighing), _judged(before, left_out)),
+        after_mm=(_sound_rms(after, observations, weighing), _judged(after, left_out)),
     )
 
 
-def _tightened(after: Fit, observations: Sequence[Observation], before: Fit) -> tuple[Fit, list[Held]]:
-    """Hold, and fit again without, what came out known many times worse than it can plausibly be large."""
-    held: list[Held] = []
-    while after.free:
-        loose = after.sd / np.array([one.scale for one in after.free])
-        worst = int(loose.argmax())
-        if loose[worst] < _LOOSE:
+def _background(wanted: Sequence[Effect]) -> list[Effect]:
+    """What a healthy arm has of every effect that is not among those wanted, as far as its places can be listed."""
+    asked, found = {_place(one) for one in wanted}, []
+    for name in VOCABULARY:
+        with suppress(FileError):
+            found += [one for one in chosen(name) if _place(one) not in asked]
+    return [one.model_copy(update={size_field(one): healthy_size(one)}) for one in found]
+
+
+def _place(effect: Effect) -> str:
+    return repr(effect.model_copy(update={size_field(effect): 0.0}))
+
+
+def _noise_of(observations: Sequence[Observation], weighing: Weighing, after: Fit) -> dict[str, SetUpNoise]:
+    repeats = repeats_of(observations, after.residuals)
+    sd_mm = {one.setup: noise for one, noise in zip(observations, weighing.noise_mm, strict=True)}
+    return {setup: SetUpNoise(noise, repeats.get(setup)) for setup, noise in sd_mm.items()}
+
+
+def _doubts(
+    observations: Sequence[Observation],
+    left_out: Sequence[Observation],
+    weighing: Weighing,
+    covered: Sequence[JointRange],
+) -> list[str]:
+    """What a person should know before the result is used."""
+    wild: dict[str, tuple[int, int]] = {}
+    for one, count in zip(observations, weighing.wild, strict=True):
+        left, whole = wild.get(one.setup, (0, 0))
+        wild[one.setup] = left + count, whole + len(one.rows)
+    found = [
+        f"{setup}: {count} of {whole} readings are wild and left out" for setup, (count, whole) in wild.items() if count
+    ]
+    if left_out:
+        judged = np.concatenate([one.table.q[one.rows] for one in left_out])
+        found += beyond(covered, judged, "the model")
+    return found
+
+
+def _converged(
+    model: Model, observations: Sequence[Observation], free: Sequence[Free], setups: dict[str, SetUp]
+) -> tuple[Fit, Weighing]:
+    """Fitted and weighed by turns, until neither noise nor levels nor what is wild changes."""
+    weighing = begun(observations, len(free))
+    after = fit(model, observations, free, setups, weighing)
+    for _ in range(_ROUNDS):
+        better = renewed(weighing, after, observations)
+        change, weighing = apart(weighing, better), better
+        after = fit(model, observations, free, setups, weighing, near=after)
+        if change < _SETTLED:
             break
-        one = after.free[worst]
-        held.append(Held(name_of(after.model.effects[one.effect], one.field), ()))
-        if len(after.free) == 1:
-            raise FileError("--fit", f"{held[0]}", "choose others, or measure another test")
-        zero = after.model.effects[one.effect].model_copy(update={one.field: 0.0})
-        changed = list(after.model.effects)
-        changed[one.effect] = zero
-        free = [other for k, other in enumerate(after.free) if k != worst]
-        after = fit(replace(after.model, effects=tuple(changed)), observations, free, before.setups)
-    return after, held
+    return after, weighing
 
 
-def _enough(observations: Sequence[Observation], effects: int) -> None:
-    readings = sum(one.values.size for one in observations)
-    if readings < 3 * (effects + 5 * len({one.setup for one in observations})):
-        what = f"{readings} readings are too few for {effects} effects and the set-up"
-        raise FileError("--fit", what, "give more runs, leave out less, or choose fewer effects")
+def _without_the_unseen(
+    after: Fit, weighing: Weighing, observations: Sequence[Observation], kept: Sequence[int], setups: dict[str, SetUp]
+) -> Fit:
+    effects: list[Any] = list(after.model.effects)
+    for k, one in enumerate(after.free):
+        if k not in kept:
+            effects[one.effect] = effects[one.effect].model_copy(update={one.field: 0.0})
+    model = replace(after.model, effects=tuple(effects))
+    return fit(model, observations, [after.free[k] for k in kept], setups, _of(weighing, kept))
 
 
-def _rms(found: Fit, used: Sequence[Observation], left_out: Sequence[Observation]) -> tuple[float, float]:
-    """On the readings used and on those left out; the set-up of a test not used is fitted, the effects are not."""
-    seen = rms(residuals_of(found.model, used, found.setups))
+def _of(weighing: Weighing, kept: Sequence[int]) -> Weighing:
+    """The weighing of some of the parameters."""
+    return replace(weighing, spread=weighing.spread[list(kept)])
+
+
+def _energy(found: Fit, weighing: Weighing) -> float:
+    """Of the weighed residuals, and a little: two fits that leave nothing are alike."""
+    return sum(float((part**2).sum()) for part in weighing.weighed(found.residuals)) + 1.0
+
+
+def _sound_rms(found: Fit, observations: Sequence[Observation], weighing: Weighing) -> float:
+    """Of the readings that are not wild."""
+    return rms([
+        residual[sound.min(axis=1) >= SOUND]
+        for residual, sound in zip(residuals_of(found.model, observations, found.setups), weighing.sound, strict=True)
+    ])  # fmt: skip
+
+
+def _judged(found: Fit, left_out: Sequence[Observation]) -> float:
+    """Of the readings left out; the set-up of a test not used is fitted, the effects are not."""
     if not left_out:
-        return seen, float("nan")
+        return float("nan")
     others = [one for one in left_out if one.setup not in found.setups]
     setups = found.setups | (fit(found.model, others).setups if others else {})
-    return seen, rms(residuals_of(found.model, left_out, setups))
+    return rms(residuals_of(found.model, left_out, setups))
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """An effect as it came out, with the standard uncertainty of each parameter, in its own unit."""
+    """An effect as it came out, with the standard uncertainty of each parameter, in its own unit, and the correlation
+    of its size with those of others and what looks like it, by name; of waves neither is kept."""
 
     effect: Effect
     sd: dict[str, float]
+    correlation: dict[str, float]
+    together: tuple[str, ...]
 
 
 def fitted_effects(calibration: Calibration) -> list[Fitted]:
@@ -154,8 +267,21 @@ def fitted_effects(calibration: Calibration) -> list[Fitted]:
         if one.signed:
             waves.setdefault(identity(after.model.effects[effect]), []).append(effect)
         else:
-            found.append(Fitted(after.model.effects[effect], {one.field: float(after.sd[k])}))
+            sd = {one.field: float(np.sqrt(calibration.covariance[k, k]))}
+            name = name_of(after.model.effects[effect], one.field)
+            like = next((mix.like for mix in calibration.mixed if mix.what == name), ())
+            found.append(Fitted(after.model.effects[effect], sd, _correlation(calibration, k), like))
     return found + [_whole(calibration, halves, places) for halves in waves.values()]
+
+
+def _correlation(calibration: Calibration, k: int) -> dict[str, float]:
+    """Of one parameter with the others, as far as it matters."""
+    after, sd = calibration.after, np.sqrt(np.diag(calibration.covariance))
+    return {
+        name_of(after.model.effects[one.effect], one.field): float(share)
+        for j, (one, share) in enumerate(zip(after.free, calibration.covariance[k] / (sd[k] * sd), strict=True))
+        if j != k and not one.signed and abs(share) > _CORRELATED
+    }
 
 
 def _whole(calibration: Calibration, halves: Sequence[int], places: dict[int, int]) -> Fitted:
@@ -169,7 +295,7 @@ def _whole(calibration: Calibration, halves: Sequence[int], places: dict[int, in
     sine, cosine = float(part @ np.cos(angle)), float(part @ np.sin(angle))
     amplitude = float(np.hypot(sine, cosine))
     to_parts = np.stack([np.cos(angle), np.sin(angle)])
-    spread = to_parts @ after.covariance[np.ix_(rows, rows)] @ to_parts.T
+    spread = to_parts @ calibration.covariance[np.ix_(rows, rows)] @ to_parts.T
     along = np.array([sine, cosine]) / max(amplitude, 1e-300)
     across = np.array([-along[1], along[0]])
     sd = {field: float(np.sqrt(along @ spread @ along))}
@@ -177,4 +303,4 @@ def _whole(calibration: Calibration, halves: Sequence[int], places: dict[int, in
         turned = np.degrees(np.sqrt(across @ spread @ across) / max(amplitude, 1e-300))
         sd["phase_deg"] = float(min(turned, _ANY_PHASE_DEG))
     phase = float(np.degrees(np.arctan2(cosine, sine)))
-    return Fitted(effects[0].model_copy(update={field: amplitude, "phase_deg": phase}), sd)
+    return Fitted(effects[0].model_copy(update={field: amplitude, "phase_deg": phase}), sd, {}, ())

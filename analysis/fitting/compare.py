@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from analysis.fitting.covered import beyond_effects
 from analysis.fitting.estimate import Fit, fit
-from analysis.fitting.observation import observe
+from analysis.fitting.placements import observed, parted
 from analysis.kinematics.arm import Array
-from analysis.model.predict import model_of, path_of, predict
+from analysis.model.predict import SetUp, model_of, path_of, predict
 from analysis.model.simulate import with_values
 from analysis.reading.loading import Measured
 from analysis.reading.tables import PoseTable
@@ -40,24 +41,41 @@ class Comparison:
     rms_um: float
 
 
-def compare(runs: Sequence[Measured], rig: Rig) -> tuple[list[Comparison], Fit]:
-    """Each run against the model of a rig. Runs of one test share one set-up. Raises FileError."""
+@dataclass(frozen=True)
+class Compared:
+    """All runs, the fit of their set-ups, and doubts in words."""
+
+    runs: list[Comparison]
+    fitted: Fit
+    doubts: list[str]
+
+
+def compare(runs: Sequence[Measured], rig: Rig) -> Compared:
+    """Each run against the model of a rig. Runs of one test and placement share one set-up. Raises FileError."""
     model = model_of(rig)
+    poses = [run for run in runs if isinstance(run.table, PoseTable)]
+    runs = [run for run in runs if not isinstance(run.table, PoseTable)]
+    if not runs:
+        what = "is a pose run, which has no gauges to compare"
+        raise FileError(str(poses[0].path), what, "use rig calibrate for poses")
     for run in runs:
-        if isinstance(run.table, PoseTable):
-            raise FileError(
-                str(run.path), "is a pose run, which has no gauges to compare", "use rig calibrate for poses"
-            )
         hold_targets(run.table, rig, str(run.path))
-    observations = [observe(model, run.table, str(run.path)) for run in runs]
+    names = [run.run.manifest.name for run in runs]
+    observations, doubts = parted(model, observed(rig, runs), names)
+    doubts += [f"{run.run.manifest.name} is left out: poses have no gauges to compare" for run in poses]
+    for name, one in zip(names, observations, strict=True):
+        doubts += beyond_effects(rig.effects, one.table.q[one.rows], f"{name}, an effect of the rig file")
     found = fit(model, observations)
-    return [_one(run, rig, found, residual) for run, residual in zip(runs, found.residuals, strict=True)], found
+    comparisons = [
+        _one(run, rig, found, found.setups[one.setup], residual)
+        for run, one, residual in zip(runs, observations, found.residuals, strict=True)
+    ]
+    return Compared(comparisons, found, doubts)
 
 
-def _one(run: Measured, rig: Rig, found: Fit, residual: Array) -> Comparison:
+def _one(run: Measured, rig: Rig, found: Fit, setup: SetUp, residual: Array) -> Comparison:
     run = replace(run, rig=rig)
     result = result_of(run)
-    setup = found.setups[observe(found.model, run.table, str(run.path)).setup]
     values = predict(found.model, run.table, path_of(found.model, run.table), setup)
     simulated = evaluate(with_values(run.table, values), rig, run.u_lag_s, f"{run.path}, simulated", u_gauge_mm=0.0)
     x, measured_curve, unit = curve(result.found)

@@ -1,7 +1,7 @@
 """Fitting the forward model to tables: set-up terms always, effects as asked; for comparison, calibration, diagnosis.
 
 Least squares on the readings themselves (mm), by scipy's trust region on the nonlinear simulator, with numerical
-derivatives. What the data cannot tell apart is found before fitting, from the scaled derivatives, and held.
+derivatives. Readings are weighed by their noise, and parameters held by how large they plausibly are.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.fitting.observation import Observation, residuals_of, rms
-from analysis.fitting.setups import BALL_MM, moved_setup, settled, terms_of
-from analysis.fitting.uncertainty import Scatter, covariance
+from analysis.fitting.setups import BALL_MM, FRAME_TERMS, begun, moved_setup, terms_of
+from analysis.fitting.weighing import Weighing, equal
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp
 from analysis.reading.tables import PoseTable, Table
@@ -44,8 +44,9 @@ class Fit:
     """A fitted model.
 
     model: with the fitted effects; setups: fitted, by name; residuals: per observation (m, k) mm; values (p,) of the
-    free parameters in file units; covariance (p, p) of them; scatter from run to run that is in it, None without
-    parameters; rms_mm over all residuals.
+    free parameters in file units; unknowns (terms + p,): changes of the set-up terms (mm), then the parameters in
+    plausible sizes; design (N + rows of the priors, terms + p): derivatives of all weighed residuals by those, at the
+    end; rms_mm over all residuals.
     """
 
     model: Model
@@ -53,13 +54,8 @@ class Fit:
     residuals: list[Array]
     free: tuple[Free, ...]
     values: Array
-    covariance: Array
-    scatter: Scatter | None = None
-
-    @property
-    def sd(self) -> Array:
-        """Standard uncertainties (p,)."""
-        return np.sqrt(np.diag(self.covariance))
+    unknowns: Array
+    design: Array
 
     @property
     def rms_mm(self) -> float:
@@ -72,18 +68,23 @@ def fit(
     observations: Sequence[Observation],
     free: Sequence[Free] = (),
     setups: Mapping[str, SetUp] | None = None,
+    weighing: Weighing | None = None,
+    near: Fit | None = None,
 ) -> Fit:
     """Fit set-up terms, and the free parameters of the model's effects.
 
-    setups: where to begin; else at set-ups settled about the model as it is: far from its place a ball would be held
+    weighing: of readings and parameters; without it all readings count alike and parameters are held by nothing.
+    near: a fit of the same that was weighed otherwise.
+
+    setups: where to begin; else at set-ups that fit the model as it is: far from its place a ball would be held
     back by a prior that knows only the straight part of what the readings say, and effects would make up for it.
     """
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, needed here only
 
-    problem = _Problem(
-        model, observations, tuple(free), dict(setups or settled([(model, one) for one in observations]))
-    )
-    start = problem.start()
+    weighing = weighing or equal(observations, len(free))
+    placed = dict(setups or begun(model, observations))
+    problem = _Problem(model, observations, tuple(free), placed, weighing)
+    start = problem.start() if near is None else near.unknowns.copy()
     low, high = problem.bounds(start)
     found = least_squares(problem.residual, start, bounds=(low, high), x_scale="jac", jac=problem.jacobian)
     fitted, placed = problem.at(found.x)
@@ -91,42 +92,35 @@ def fit(
     first = len(start) - len(problem.free)
     scale = np.array([one.scale for one in problem.free])
     values: Array = np.asarray(found.x[first:] * scale, dtype=float)
-    if not problem.free:
-        return Fit(fitted, placed, residuals, (), values, np.empty((0, 0)))
-    count = sum(r.size for r in residuals)
-    shrink = count / max(1, count - len(start))
-    whole, scatter = covariance(np.asarray(found.jac), fitted, observations, placed, shrink)
-    known = whole[first:, first:] * np.outer(scale, scale)
-    return Fit(fitted, placed, residuals, problem.free, values, known, scatter)
-
-
-def signatures(
-    model: Model, observations: Sequence[Observation], free: Sequence[Free], setups: Mapping[str, SetUp]
-) -> Array:
-    """Derivatives (N, p) of all readings by the free parameters, per plausible size, set-up terms projected out."""
-    problem = _Problem(model, observations, tuple(free), dict(setups))
-    J = -problem.jacobian(problem.start())
-    s = J.shape[1] - len(free)
-    basis, _ = np.linalg.qr(J[:, :s])
-    columns = J[:, s:]
-    return columns - basis @ (basis.T @ columns)
+    design = np.asarray(found.jac)
+    return Fit(fitted, placed, residuals, problem.free, values, found.x, design)
 
 
 class _Problem:
     """The vector of unknowns and what it means: set-up terms by name, then free parameters in plausible sizes."""
 
     def __init__(
-        self, model: Model, observations: Sequence[Observation], free: tuple[Free, ...], setups: dict[str, SetUp]
+        self,
+        model: Model,
+        observations: Sequence[Observation],
+        free: tuple[Free, ...],
+        setups: dict[str, SetUp],
+        weighing: Weighing,
     ) -> None:
         self.model, self.observations, self.free, self.setups = model, observations, free, setups
-        self._lengths = {name: terms_of(self._table(name)) for name in setups}
-        self._weight_mm = 0.0
-        self._weight_mm = self._unexplained(self.start())
+        self.weighing = weighing
+        self._columns = self._terms()
+        self._owners = [
+            {name for name, columns in self._columns.items() if k in columns}
+            for k in range(1 + max(max(columns) for columns in self._columns.values()))
+        ]
+        self._unexplained = 0.0
+        self._unexplained = self._after_one_step(self.start())
 
     def start(self) -> Array:
         """Set-up terms as changes from where they begin, so zeros; parameters as they are in the model."""
         own = [getattr(self.model.effects[one.effect], one.field) / one.scale for one in self.free]
-        return np.concatenate([np.zeros(sum(self._lengths.values())), np.array(own, dtype=float)])
+        return np.concatenate([np.zeros(len(self._owners)), np.array(own, dtype=float)])
 
     def bounds(self, start: Array) -> tuple[Array, Array]:
         low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
@@ -141,19 +135,19 @@ class _Problem:
 
     def at(self, x: Array) -> tuple[Model, dict[str, SetUp]]:
         """Model and set-ups of a vector of unknowns."""
-        placed, begin = {}, 0
-        for name, length in self._lengths.items():
-            placed[name] = moved_setup(self.setups[name], self._table(name), x[begin : begin + length])
-            begin += length
+        placed = {
+            name: moved_setup(self.setups[name], self._table(name), x[columns])
+            for name, columns in self._columns.items()
+        }
         effects = list(self.model.effects)
-        for one, value in zip(self.free, x[begin:], strict=True):
+        for one, value in zip(self.free, x[len(self._owners) :], strict=True):
             effects[one.effect] = effects[one.effect].model_copy(update={one.field: float(value * one.scale)})
         return replace(self.model, effects=tuple(effects)), placed
 
     def residual(self, x: Array) -> Array:
         model, placed = self.at(x)
-        parts = [residual.ravel() for residual in residuals_of(model, self.observations, placed)]
-        return np.concatenate([*parts, self._prior(x)])
+        parts = self.weighing.weighed(residuals_of(model, self.observations, placed))
+        return np.concatenate([*(part.ravel() for part in parts), self._prior(x)])
 
     def jacobian(self, x: Array) -> Array:
         """Derivatives by differences; a set-up term is only looked for in the tables of its own set-up."""
@@ -161,7 +155,6 @@ class _Problem:
         base = residuals_of(model, self.observations, placed)
         rows = np.concatenate([[0], np.cumsum([residual.size for residual in base])])
         J = np.zeros((int(rows[-1]) + len(self._prior(x)), len(x)))
-        owner = [name for name, length in self._lengths.items() for _ in range(length)]
         for k in range(len(x)):
             step = np.zeros(len(x))
             # Set-up terms are mm; parameters are in plausible sizes. Both are happy with a thousandth, upwards,
@@ -169,25 +162,41 @@ class _Problem:
             step[k] = 1e-3
             model, placed = self.at(x + step)
             for place, one in enumerate(self.observations):
-                if k >= len(owner) or owner[k] == one.setup:
+                if k >= len(self._owners) or one.setup in self._owners[k]:
                     (changed,) = residuals_of(model, [one], placed)
-                    J[rows[place] : rows[place + 1], k] = ((changed - base[place]) / step[k]).ravel()
+                    change = self.weighing.weights[place] * (changed - base[place]) / step[k]
+                    J[rows[place] : rows[place + 1], k] = change.ravel()
             J[rows[-1] :, k] = (self._prior(x + step) - self._prior(x)) / step[k]
         return J
 
-    def _unexplained(self, start: Array) -> float:
-        """What one linear step leaves, in mm over all readings: a ball as far off as its prior costs as much again."""
+    def _after_one_step(self, start: Array) -> float:
+        """What one linear step leaves, over all weighed readings: a ball as far off as its prior costs as much."""
         residual, J = self.residual(start), self.jacobian(start)
         step = np.linalg.lstsq(J, -residual, rcond=1e-4)[0]
         return float(np.linalg.norm(residual + J @ step))
 
     def _prior(self, x: Array) -> Array:
-        begin, rows = 0, []
-        for name, length in self._lengths.items():
-            if not isinstance(self._table(name), PoseTable):
-                rows.append(x[begin : begin + 3] / BALL_MM * self._weight_mm)
-            begin += length
-        return np.concatenate([*rows, np.empty(0)])
+        rows = [
+            x[columns[:3]] / BALL_MM * self._unexplained
+            for name, columns in self._columns.items()
+            if not isinstance(self._table(name), PoseTable)
+        ]
+        return np.concatenate([*rows, x[len(self._owners) :] / self.weighing.spread])
+
+    def _terms(self) -> dict[str, list[int]]:
+        """Which unknowns are the terms of each set-up; all placements of poses share the tool's."""
+        columns: dict[str, list[int]] = {}
+        tool: list[int] = []
+        count = 0
+        for name in self.setups:
+            poses = isinstance(self._table(name), PoseTable)
+            own = list(range(count, count + (FRAME_TERMS if poses else terms_of(self._table(name)))))
+            count += len(own)
+            if poses and not tool:
+                tool = list(range(count, count + terms_of(self._table(name)) - FRAME_TERMS))
+                count += len(tool)
+            columns[name] = own + tool * poses
+        return columns
 
     def _table(self, name: str) -> Table:
         return next(one.table for one in self.observations if one.setup == name)

@@ -1,74 +1,70 @@
-"""What a set of data can tell apart: free parameters that cannot be seen, and those that look like others.
+"""What a fit can tell apart: parameters that it does not see, and those that it tells only together with others.
 
-From the signatures (derivatives per plausible size, set-up terms projected out): columns are taken in the order of what
-they still add (QR with column pivoting); one that adds less than a small share of itself looks like those before it.
+From how the fitted values answer to the true ones (the resolution matrix of ridge regression, in plausible sizes): its
+diagonal is how far a parameter is told by the readings and not by what was known beforehand, its rows say with what it
+is mixed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.fitting.estimate import Free, signatures
-from analysis.fitting.observation import Observation
 from analysis.kinematics.arm import Array
-from analysis.model.predict import Model, SetUp
 from rigs.effect import label_of
 from rigs.effects import Effect, size_field
 
-_SEEN = 0.1
-"""Of the noise's standard deviation over all readings together: less is not to be seen at a plausible size."""
-_OWN_SHARE = 0.02
-"""Of a signature that must be its own; less, and its size would be what is left of large numbers."""
+UNSEEN = 0.05
+"""Told by less than this share, a parameter is not fitted: its value is the one known beforehand."""
+_TOLD = 0.9
+"""Told by this share and more, a parameter stands by itself."""
+_MIXED = 0.1
+"""What another has of a parameter's answer, at the least, to be named with it."""
+_HALF = 0.5
+"""A combination of parameters counts as told where the readings say more of it than was known beforehand."""
 
 
 @dataclass(frozen=True)
-class Held:
-    """A parameter that is not fitted. like: the parameters that do the same to these data; empty: not to be seen."""
+class Together:
+    """A parameter that is not told by itself. like: those it is mixed with; none: told only roughly; share: how far
+    the readings tell it by itself, 0 to 1."""
 
     what: str
     like: tuple[str, ...]
+    share: float
 
     def __str__(self) -> str:
-        return (
-            f"{self.what} looks like {' and '.join(self.like)} here" if self.like else f"{self.what} is not seen here"
-        )
+        if not self.share:
+            return f"{self.what} is not seen here and not fitted"
+        if not self.like:
+            return f"{self.what} is known only roughly: the readings tell {self.share:.0%} of it"
+        return f"{self.what} is told only together with {' and '.join(self.like)}"
 
 
-def separate(
-    model: Model,
-    observations: Sequence[Observation],
-    free: Sequence[Free],
-    setups: Mapping[str, SetUp],
-    noise_mm: float,
-) -> tuple[list[Free], list[Held]]:
-    """The free parameters that these data can tell apart, and those that are held, each with the reason."""
-    from scipy.linalg import qr  # noqa: PLC0415 - slow to import, needed here only
-
-    S = signatures(model, observations, free, setups) / noise_mm
-    size = np.linalg.norm(S, axis=0)
-    names = [name_of(model.effects[one.effect], one.field) for one in free]
-    seen = np.flatnonzero(size > _SEEN)
-    held = [Held(names[k], ()) for k in range(len(free)) if k not in seen]
-    if not len(seen):
-        return [], held
-    unit = S[:, seen] / size[seen]
-    _, R, order = qr(unit, mode="economic", pivoting=True)
-    own = np.abs(np.diag(R))
-    rank = int(np.count_nonzero(own > _OWN_SHARE))
-    taken = [int(seen[k]) for k in order[:rank]]
-    mix = np.linalg.lstsq(R[:rank, :rank], R[:rank, rank:], rcond=None)[0]
-    for column, k in enumerate(order[rank:]):
-        held.append(Held(names[seen[k]], tuple(_largest(mix[:, column], [names[t] for t in taken]))))
-    return [free[k] for k in sorted(taken)], held
+def combinations(answer: Array) -> int:
+    """How many combinations of parameters the readings tell, from the fit's answer (p, p)."""
+    return int((np.linalg.eigvals(answer).real > _HALF).sum()) if len(answer) else 0
 
 
-def _largest(share: Array, names: list[str]) -> list[str]:
-    """Those that make up most of a mix, at most three."""
-    order = np.argsort(-np.abs(share))[:3]
-    return [names[k] for k in order if abs(share[k]) > 0.2 * np.abs(share).max()]
+def seen(answer: Array) -> list[int]:
+    """The parameters that are worth fitting."""
+    return [k for k, share in enumerate(np.diag(answer)) if share >= UNSEEN]
+
+
+def mixed(answer: Array, names: Sequence[str]) -> list[Together]:
+    """The parameters that do not stand by themselves."""
+    found = []
+    for k, row in enumerate(answer):
+        if row[k] < UNSEEN:
+            found.append(Together(names[k], (), 0.0))
+        elif row[k] < _TOLD:
+            others = np.where(np.arange(len(row)) == k, 0.0, np.abs(row))
+            order = np.argsort(-others)[:3]
+            like = tuple(names[j] for j in order if others[j] > max(_MIXED, 0.2 * others.max()))
+            found.append(Together(names[k], like, float(row[k])))
+    return found
 
 
 def name_of(effect: Effect, field: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -36,6 +36,11 @@ def observe(model: Model, table: Table, where: str) -> Observation:
         hold_targets(table, model.rig, where)
     values = table.xyz_mm if isinstance(table, PoseTable) else table.g_mm[:, None]
     return Observation(table, path_of(model, table), rows, values, test_of(table))
+
+
+def with_placement(one: Observation, placement: str) -> Observation:
+    """The same with the set-up of a placement that a person named; without a name, of the test alone."""
+    return replace(one, setup=f"{one.setup} at {placement}") if placement else one
 
 
 def predicted(model: Model, one: Observation, setup: SetUp) -> Array:

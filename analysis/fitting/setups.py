@@ -32,6 +32,10 @@ _STRAIGHT_MM = 0.2
 """A step larger than this changes the derivatives."""
 
 
+FRAME_TERMS = 6
+"""The first terms of a pose set-up, the instrument's; the others are the tool's, which all placements share."""
+
+
 def terms_of(table: Table) -> int:
     """How many terms a set-up has in a table's test."""
     if isinstance(table, PoseTable):
@@ -47,6 +51,25 @@ def moved_setup(setup: SetUp, table: Table, change: Array) -> SetUp:
         instrument = moved_by(setup.T_instrument_world, change[:3], change[3:6] / _REACH_MM)
         return replace(setup, T_instrument_world=instrument, T_tool_target=target)
     return replace(setup, ball=setup.ball + change[:3], zeros_mm=setup.zeros_mm + change[3:])
+
+
+def begun(model: Model, observations: Sequence[Observation]) -> dict[str, SetUp]:
+    """Set-ups to begin a fit with, each settled by itself; placements of poses have the tool of the one with most."""
+    named: dict[str, list[Observation]] = {}
+    for one in observations:
+        named.setdefault(one.setup, []).append(one)
+    count = {name: sum(one.values.size for one in own) for name, own in named.items()}
+    poses = [name for name, own in named.items() if isinstance(own[0].table, PoseTable)]
+    most = max(poses, key=lambda name: count[name], default=None)
+    alone = [name for name in named if name == most or name not in poses]
+    found = settled([(model, one) for name in alone for one in named[name]])
+    for name in poses:
+        if name != most and most is not None:
+            bare = replace(found[most], T_instrument_world=np.eye(4))
+            places = np.concatenate([predicted(model, one, bare) for one in named[name]])
+            seen_there = np.concatenate([one.values for one in named[name]])
+            found[name] = replace(bare, T_instrument_world=best_rigid(places, seen_there))
+    return found
 
 
 def settled(parts: Sequence[tuple[Model, Observation]], setups: Mapping[str, SetUp] | None = None) -> dict[str, SetUp]:

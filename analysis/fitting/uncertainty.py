@@ -9,20 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from analysis.fitting.observation import Observation, residuals_of
+from analysis.fitting.run_noise import LAG_S
+from analysis.fitting.weighing import Weighing
 from analysis.kinematics.arm import Array, forward
 from analysis.model.circle import frame_of
 from analysis.model.predict import Model, SetUp
 from analysis.model.programs import circle_of
 from analysis.noise.cell import BALL_MM, JOINT_DEG, NoiseSource
 from analysis.reading.tables import CircleTable, PoseTable
-from rigs.effects import turned
+from rigs.effects import Effect, turned
 
-_LAG_S = 2.5
-"""Residuals further apart in time have forgotten each other."""
+if TYPE_CHECKING:
+    from analysis.fitting.estimate import Fit
+
 _STEP_DEG, _STEP_MM = 1e-3, 5e-3
 """Steps of the derivatives by a joint and by the ball: readings are straight in so little."""
 _BINS = 180
@@ -41,27 +45,64 @@ class Scatter:
 
 
 def covariance(
-    J: Array, model: Model, observations: Sequence[Observation], setups: dict[str, SetUp], shrink: float
+    found: Fit, observations: Sequence[Observation], weighing: Weighing, background: Sequence[Effect]
 ) -> tuple[Array, Scatter]:
-    """Covariance (p, p) of all unknowns of a fit, and the scatter from run to run that is in it.
+    """Covariance (p, p) of the free parameters of a fit, in their own units, and the scatter from run to run in it.
 
-    J (N, p): derivatives of all residuals, run after run, the rows of the prior last; shrink: N / (N - p).
+    What the priors of a fit say counts as one more thing that is known no better than they say. background: effects
+    that are not fitted, each as large as a healthy arm has it, or smaller: a fit takes a part of each for its own.
     """
+    J, model, setups = found.design, found.model, found.setups
     scatter = scatter_between(model, observations, setups)
-    inverse = np.linalg.pinv(J.T @ J, rcond=1e-14)
-    residuals = residuals_of(model, observations, setups)
+    residuals = weighing.weighed(found.residuals)
+    inverse: Array = np.asarray(np.linalg.pinv(J.T @ J, rcond=1e-14))
+    count = sum(residual.size for residual in residuals)
+    used = float(np.einsum("ij,jk,ik->", J[:count], inverse, J[:count]))
+    shrink = count / max(1.0, count - used)
     meat = np.zeros((J.shape[1], J.shape[1]))
     begin = 0
-    for one, residual in zip(observations, residuals, strict=True):
+    for k, (one, residual) in enumerate(zip(observations, residuals, strict=True)):
         rows = slice(begin, begin + residual.size)
         begin += residual.size
         meat += shrink * _newey_west(J[rows] * residual.ravel()[:, None], one, residual.shape[1])
         for shaken in _shaken(model, one, setups, scatter):
-            score = J[rows].T @ shaken.ravel()
+            score = J[rows].T @ (weighing.weights[k] * shaken).ravel()
             meat += np.outer(score, score)
-    prior = J[begin:]
-    meat += prior.T @ prior * float(np.mean(np.concatenate([r.ravel() for r in residuals]) ** 2))
-    return inverse @ meat @ inverse, scatter
+    meat += J[begin:].T @ J[begin:]
+    meat += _of_background(found, observations, weighing, background, J[:begin], inverse)
+    scale = np.array([one.scale for one in found.free])
+    own = (inverse @ meat @ inverse)[-len(scale) :, -len(scale) :]
+    return own * np.outer(scale, scale), scatter
+
+
+def _of_background(
+    found: Fit,
+    observations: Sequence[Observation],
+    weighing: Weighing,
+    background: Sequence[Effect],
+    J: Array,
+    inverse: Array,
+) -> Array:
+    """What effects that are not fitted add to the scores (p, p) of poses: at their healthy size, or at the level at
+    which they would leave as much as is left. Poses are few and far apart: each of those effects has its own value at
+    each of them, which looks like noise. On a lap it is smooth, and what is smooth counts as memory and scatter."""
+    added = np.zeros((len(J), len(background)))
+    begin = 0
+    for place, (one, residual) in enumerate(zip(observations, found.residuals, strict=True)):
+        rows = slice(begin, begin + residual.size)
+        begin += residual.size
+        if isinstance(one.table, PoseTable):
+            for k, effect in enumerate(background):
+                healthy = replace(found.model, effects=(*found.model.effects, effect))
+                (there,) = residuals_of(healthy, [one], found.setups)
+                added[rows, k] = (weighing.weights[place] * (there - residual)).ravel()
+    scores = J.T @ added
+    own = added.any(axis=1)
+    left = (added - J @ (inverse @ scores))[own]
+    residuals = np.concatenate([part.ravel() for part in weighing.weighed(found.residuals)])[own]
+    level = min(1.0, float((residuals**2).sum()) / max(float((left**2).sum()), 1e-300))
+    spread: Array = level * scores @ scores.T
+    return spread
 
 
 def scatter_between(model: Model, observations: Sequence[Observation], setups: Mapping[str, SetUp]) -> Scatter:
@@ -123,7 +164,7 @@ def _newey_west(scores: Array, one: Observation, channels: int) -> Array:
     per_row = scores.reshape(-1, channels, scores.shape[1]).sum(axis=1)
     total = per_row.T @ per_row
     step_s = float(np.median(np.diff(one.table.t_s[one.rows])))
-    lags = min(len(per_row) // 4, int(_LAG_S / max(step_s, 1e-6)))
+    lags = min(len(per_row) // 4, int(LAG_S / max(step_s, 1e-6)))
     for lag in range(1, lags + 1):
         shifted = per_row[lag:].T @ per_row[:-lag]
         total = total + (1 - lag / (lags + 1)) * (shifted + shifted.T)

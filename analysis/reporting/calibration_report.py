@@ -35,19 +35,40 @@ def as_table(found: Calibration) -> RenderableType:
     ):
         if not math.isnan(before):
             gap.add_row(name, f"{before * 1e3:.1f}", f"{after * 1e3:.1f}")
-    held = [Text(f"held: {held}", style="yellow") for held in found.held]
-    return Group(whole(table), whole(gap), *held, *_of_scatter(found))
+    told = Text(
+        f"{found.told_apart} combinations of {_asked(found)} parameters are told by these readings", style="dim"
+    )
+    mixed = [Text(str(one), style="yellow") for one in found.mixed]
+    doubts = [Text(doubt, style="yellow") for doubt in found.doubts]
+    return Group(whole(table), whole(gap), *doubts, told, *mixed, *_of_noise(found), _of_joints(found))
 
 
-def _of_scatter(found: Calibration) -> list[Text]:
-    """What was taken for the scatter from run to run, and where it is from."""
-    scatter = found.after.scatter
-    if scatter is None:
-        return []
-    size = f"joints {scatter.joint_deg:.2g}°, ball {1e3 * scatter.ball_mm:.2g} µm"
-    if scatter.source == "measured":
-        return [Text(f"scatter from run to run, from the repeated runs: {size}", style="dim")]
-    return [Text(f"scatter from run to run is assumed ({size}), since no run was repeated: repeat one", style="yellow")]
+def _asked(found: Calibration) -> int:
+    return len(found.weighing.spread)
+
+
+def _of_joints(found: Calibration) -> Text:
+    ranges = ", ".join(f"{axis}: {low:.0f}° to {high:.0f}°" for axis, (low, high) in enumerate(found.covered, start=1))
+    return Text(f"the joints went through {ranges}: the model is known there", style="dim")
+
+
+def _of_noise(found: Calibration) -> list[Text]:
+    """What was taken for the noise of readings and the scatter from run to run, and where both are from."""
+    lines = []
+    for setup, noise in found.noise.items():
+        again = (
+            f"visits of one place differ by {1e3 * noise.repeats.sd_mm:.2g} µm (one reading's standard deviation)"
+            if noise.repeats
+            else "which is what the fit leaves"
+        )
+        lines.append(Text(f"{setup}: readings count with {1e3 * noise.sd_mm:.2g} µm; {again}", style="dim"))
+    if not found.gauges:
+        return lines
+    size = f"joints {found.scatter.joint_deg:.2g}°, ball {1e3 * found.scatter.ball_mm:.2g} µm"
+    if found.scatter.source == "measured":
+        return [*lines, Text(f"scatter from run to run, from the repeated runs: {size}", style="dim")]
+    text = f"scatter from run to run is assumed ({size}), since no run was repeated: repeat one"
+    return [*lines, Text(text, style="yellow")]
 
 
 def as_object(found: Calibration) -> dict[str, Any]:
@@ -56,9 +77,13 @@ def as_object(found: Calibration) -> dict[str, Any]:
         "effects": [
             {**one.effect.model_dump(mode="json", exclude={"found"}), "sd": one.sd} for one in fitted_effects(found)
         ],
-        "covariance": found.after.covariance.tolist(),
-        "scatter": None if found.after.scatter is None else asdict(found.after.scatter),
-        "held": [{"what": held.what, "like": list(held.like)} for held in found.held],
+        "covariance": found.covariance.tolist(),
+        "scatter": asdict(found.scatter),
+        "noise": {setup: asdict(noise) for setup, noise in found.noise.items()},
+        "told_apart": {"asked": _asked(found), "told": found.told_apart},
+        "mixed": [{"what": one.what, "like": list(one.like), "share": one.share} for one in found.mixed],
+        "joints_deg": [list(one) for one in found.covered],
+        "doubts": list(found.doubts),
         "rms_mm": {
             "used": {"before": found.before_mm[0], "after": found.after_mm[0]},
             "left_out": None
@@ -71,5 +96,8 @@ def as_object(found: Calibration) -> dict[str, Any]:
 def write_rig(found: Calibration, text: str, runs: Sequence[str], output: Path) -> None:
     """The rig file with the fitted effects added, each with where it came from. Raises FileError where it exists."""
     gap_um = (found.before_mm[0] * 1e3, found.after_mm[0] * 1e3)
-    effects = [with_origin(one.effect, one.sd, runs, gap_um) for one in fitted_effects(found)]
+    effects = [
+        with_origin(one.effect, one.sd, runs, gap_um, found.covered, one.correlation, one.together)
+        for one in fitted_effects(found)
+    ]
     write_extended(text, effects, output)

@@ -12,7 +12,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.fitting.compare import Comparison
+from analysis.fitting.compare import Compared, Comparison
 from analysis.fitting.estimate import Fit
 from analysis.reporting.for_json import for_json
 from analysis.reporting.labels import LEADING, in_order, label
@@ -21,9 +21,10 @@ from analysis.reporting.whole import whole
 from rigs.errors import FileError
 
 
-def as_tables(comparisons: Sequence[Comparison], fitted: Fit) -> RenderableType:
-    """A table for each run: each figure measured, simulated, and the difference; then set-up and correlation."""
-    return Group(*(_table(one) for one in comparisons), *_setups(fitted))
+def as_tables(found: Compared) -> RenderableType:
+    """A table for each run: each figure measured, simulated, and the difference; then doubts and the set-ups."""
+    doubts = [Text(doubt, style="yellow") for doubt in found.doubts]
+    return Group(*(_table(one) for one in found.runs), *doubts, *_setups(found.fitted))
 
 
 def _table(one: Comparison) -> Table:
@@ -48,7 +49,7 @@ def _setups(fitted: Fit) -> list[Text]:
     return lines
 
 
-def as_object(comparisons: Sequence[Comparison], fitted: Fit) -> dict[str, Any]:
+def as_object(found: Compared) -> dict[str, Any]:
     """The same for scripts; null where there is no correlation, as of a simulation without any error."""
     runs = [
         {
@@ -62,13 +63,13 @@ def as_object(comparisons: Sequence[Comparison], fitted: Fit) -> dict[str, Any]:
             "correlation": one.correlation,
             "rms_um": one.rms_um,
         }
-        for one in comparisons
+        for one in found.runs
     ]
     setups = {
         name: {"ball_mm": setup.ball.tolist(), "zeros_mm": setup.zeros_mm.tolist()}
-        for name, setup in fitted.setups.items()
+        for name, setup in found.fitted.setups.items()
     }
-    plain: dict[str, Any] = for_json({"runs": runs, "setup": setups})
+    plain: dict[str, Any] = for_json({"runs": runs, "setup": setups, "doubts": found.doubts})
     return plain
 
 

@@ -69,9 +69,11 @@ def _lines(found: Corrections) -> list[str]:
     if found.path:
         path, _, targets = found.path
         lines.append(
-            f"{path.name}: {_count(len(targets.q))}, missed by up to {targets.missed_mm.max():.3f} mm before, "
-            f"{_left(targets.left_mm.max())} after by the model, ± up to {targets.u_mm.max():.3f} mm by the effects' u"
+            f"{path.name}: {_count(len(targets.q))}, missed by up to {targets.missed_mm.max():.3f} mm before; "
+            f"reached to ± {targets.u_mm.max():.3f} mm after (standard uncertainty at the worst target), "
+            f"{_small(targets.left_out_mm.max())} of it by effects that are not corrected"
         )
+        lines += targets.doubts
     return lines or ["nothing here can be corrected"]
 
 
@@ -79,7 +81,7 @@ def _count(targets: int) -> str:
     return "1 target" if targets == 1 else f"{targets} targets"
 
 
-def _left(mm: float) -> str:
+def _small(mm: float) -> str:
     return "less than 0.001 mm" if mm < 1e-3 else f"{mm:.3f} mm"
 
 
@@ -88,8 +90,12 @@ def as_object(found: Corrections, written: Sequence[Path]) -> dict[str, Any]:
     path = None
     if found.path:
         targets = found.path[2]
-        largest = {"missed": targets.missed_mm, "left": targets.left_mm, "u": targets.u_mm}
-        path = {"targets": len(targets.q), "largest_mm": {name: float(mm.max()) for name, mm in largest.items()}}
+        largest = {"missed": targets.missed_mm, "left_out": targets.left_out_mm, "u": targets.u_mm}
+        path = {
+            "targets": len(targets.q),
+            "largest_mm": {name: float(mm.max()) for name, mm in largest.items()},
+            "doubts": list(targets.doubts),
+        }
     return {**_contents(found), "path": path, "files": [str(file) for file in written]}
 
 

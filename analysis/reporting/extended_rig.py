@@ -12,10 +12,21 @@ from rigs.errors import FileError
 from rigs.extend import extended
 
 
-def with_origin(effect: Effect, sd: Mapping[str, float], runs: Sequence[str], gap_um: tuple[float, float]) -> Effect:
-    """An effect that says when and from which runs it was found, how sure, and which gap (before, after) it closed.
+def with_origin(
+    effect: Effect,
+    sd: Mapping[str, float],
+    runs: Sequence[str],
+    gap_um: tuple[float, float],
+    joints_deg: Sequence[tuple[float, float]] | None = None,
+    correlation: Mapping[str, float] | None = None,
+    together: Sequence[str] = (),
+) -> Effect:
+    """An effect that says when and from which runs it was found, how sure, and which gap (before, after) it closed,
+    where the joints were meanwhile, how its size goes with those of other effects, and which
+    of those look like it.
 
-    Numbers are cut to nine digits, uncertainties to three, gaps to the nanometre: a person reads this file.
+    Numbers are cut to nine digits, uncertainties to three, gaps to the nanometre, ranges to a hundredth of a degree: a
+    person reads this file. Correlations keep five digits: of twins only the sum is known, by what they differ from -1.
     """
     before, after = gap_um
     origin = Found(
@@ -23,6 +34,9 @@ def with_origin(effect: Effect, sd: Mapping[str, float], runs: Sequence[str], ga
         runs=tuple(runs),
         sd={field: float(f"{value:.3g}") for field, value in sd.items() if math.isfinite(value)},
         gap_um=(round(before, 3), round(after, 3)),
+        correlation={name: round(value, 5) for name, value in (correlation or {}).items()},
+        together=tuple(together),
+        joints_deg=joints_deg and tuple((round(low, 2), round(high, 2)) for low, high in joints_deg),
     )
     numbers = {field: value for field, value in effect if isinstance(value, float)}
     rounded = {field: float(f"{value:.9g}") for field, value in numbers.items()}

@@ -31,6 +31,7 @@ def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
     operator: str,
     source: str,
     source_sha256: str,
+    placement: str = "",
 ) -> Manifest:
     """Make the run directory `path` of a table of double, int64 and string columns without nulls.
 
@@ -46,6 +47,7 @@ def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
         rig_name=rig_name,
         rig_text=rig_text,
         operator=operator,
+        placement=placement,
         streams={},
         table=ImportedTable.model_validate({"file": source, "sha256": source_sha256, "columns": columns}),
     )

@@ -43,6 +43,9 @@ def in_one_line(text: str) -> str:
 
 Operator = Annotated[Text, AfterValidator(in_one_line)]
 """Who measures, as it is entered; manifests of older runs may hold any text."""
+Placement = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{0,64}$")]
+"""Where instrument or ball stand, by a name that a person gives; runs of one placement share one set-up."""
+PLACEMENT_RULE = "name a placement with up to 64 letters, digits, . _ and -"
 
 
 def chunk_name(stream: str, number: int) -> str:
@@ -92,7 +95,7 @@ class Relabelling(_Record):
     """One word of a run's label that a person corrected after its end, and when."""
 
     at: str
-    field: Literal["test", "direction", "operator"]
+    field: Literal["test", "direction", "operator", "placement"]
     old: Text | None
     new: Text | None
 
@@ -109,6 +112,7 @@ class Manifest(_Record):
     """The rig file exactly as it was."""
     rig_sha256: str
     operator: Text
+    placement: Placement = Field(default="", exclude_if=lambda placement: not placement)
     follows: str = ""
     """Directory of the run that this one goes on from, where the disk or its length ended that one."""
     host: str
@@ -128,7 +132,7 @@ class Manifest(_Record):
     exit_status: ExitStatus = "recording"
     reason: str = ""
     relabelled: tuple[Relabelling, ...] = Field(default=(), exclude_if=lambda history: not history)
-    """What the label said before, in order of the changes; `test`, `direction` and `operator` say what holds now."""
+    """What the label said before, in order of the changes; the fields themselves say what holds now."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Manifest:
@@ -200,6 +204,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
     rig_text: str,
     operator: str,
     streams: Mapping[str, tuple[str, ...]],
+    placement: str = "",
     follows: str = "",
     table: ImportedTable | None = None,
 ) -> Manifest:
@@ -216,6 +221,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
             rig_text=rig_text,
             rig_sha256=sha256(rig_text.encode("utf-8", "surrogatepass")),
             operator=operator,
+            placement=placement,
             follows=follows,
             host=socket.gethostname(),
             software={"rig": _rig_version(), "python": platform.python_version(), "pyarrow": pa.__version__},

@@ -1,14 +1,17 @@
-"""Correcting the label of a run that has ended: test, direction, operator. The old words stay in its manifest.
+"""Correcting the label of a run that has ended: test, direction, operator, placement.
 
-Nothing else of the run changes: chunks and their checksums, stamps, the rig file and the name are as they were.
+The old words stay in its manifest. Nothing else of the run changes: chunks and their checksums, stamps, the rig file
+and the name are as they were.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from pydantic import ValidationError
+
 from daq.store import durable
-from daq.store.manifest import Manifest, in_one_line, iso_now, load_manifest
+from daq.store.manifest import PLACEMENT_RULE, Manifest, first_error, in_one_line, iso_now, load_manifest
 from daq.store.schema import storable
 from rigs.errors import CellError, FileError
 from rigs.vocabulary import CIRCLES, Direction, TestName
@@ -18,9 +21,14 @@ _GAUGED = ("yaw", "roll", "radial", "repeatability")
 
 
 def relabel(
-    run: Path, *, test: TestName | None = None, direction: Direction | None = None, operator: str | None = None
+    run: Path,
+    *,
+    test: TestName | None = None,
+    direction: Direction | None = None,
+    operator: str | None = None,
+    placement: str | None = None,
 ) -> Manifest:
-    """Give a run another test, direction or operator, durably and all at once; None leaves the word as it is.
+    """Give a run another test, direction, operator or placement, durably and all at once; None leaves a word as it is.
 
     A run that becomes one without a circle loses its direction. Returns the manifest as it is now. Raises FileError
     where the run is being recorded, was not closed, or cannot be what the words say; CellError when the disk refuses.
@@ -34,7 +42,7 @@ def relabel(
             manifest = load_manifest(run)
             if manifest.exit_status == "recording" or any(run.glob("*.arrow")):
                 raise FileError(str(run), "was not closed: the recording crashed", f"run `rig recover {run}`")
-            changed = _relabelled(run, manifest, test, direction, operator)
+            changed = _relabelled(run, manifest, test, direction, operator, placement)
             if changed != manifest:
                 changed.save(run)
         finally:
@@ -46,13 +54,20 @@ def relabel(
 
 
 def _relabelled(
-    run: Path, manifest: Manifest, test: TestName | None, direction: Direction | None, operator: str | None
+    run: Path,
+    manifest: Manifest,
+    test: TestName | None,
+    direction: Direction | None,
+    operator: str | None,
+    placement: str | None,
 ) -> Manifest:
     words: dict[str, str | None] = {}
     if test is not None or direction is not None:
         words = _test_and_direction(run, manifest, test or manifest.test, direction)
     if operator is not None:
         words["operator"] = _operator(run, operator)
+    if placement is not None:
+        words["placement"] = placement
     at = iso_now()
     changes = [
         {"at": at, "field": field, "old": old, "new": new}
@@ -62,7 +77,10 @@ def _relabelled(
     history = [change.model_dump() for change in manifest.relabelled]
     if not changes:
         return manifest
-    return Manifest.model_validate(manifest.model_dump() | words | {"relabelled": [*history, *changes]})
+    try:
+        return Manifest.model_validate(manifest.model_dump() | words | {"relabelled": [*history, *changes]})
+    except ValidationError as error:
+        raise FileError(str(run), first_error(error), PLACEMENT_RULE) from None
 
 
 def _operator(run: Path, name: str) -> str:

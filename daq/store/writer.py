@@ -83,6 +83,7 @@ class RunWriter:
         rig_text: str,
         operator: str,
         streams: Mapping[str, tuple[str, ...]],
+        placement: str = "",
         follows: str = "",
         chunk_rows: int = CHUNK_ROWS,
     ) -> RunWriter:
@@ -102,6 +103,7 @@ class RunWriter:
             rig_text=rig_text,
             operator=operator,
             streams=streams,
+            placement=placement,
             follows=follows,
         )
         try:

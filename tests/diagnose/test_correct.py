@@ -30,6 +30,8 @@ from rigs.effects import (
     Found,
     JointOffset,
     LinkGeometry,
+    ReversalSpike,
+    ThermalGrowth,
     TransmissionError,
     size_field,
 )
@@ -126,6 +128,60 @@ def test_uncertainty_of_a_target_is_that_of_the_effects_at_its_place(tmp_path: P
     assert targets
     place = forward(arm_of(RIG.robot), np.radians(TARGETS))[:, :3, 3]
     np.testing.assert_allclose(targets[2].u_mm, np.radians(0.01) * np.hypot(place[:, 0], place[:, 1]), rtol=1e-3)
+
+
+def test_what_only_the_sum_is_known_of_is_corrected_together_and_as_sure_as_the_sum(tmp_path: Path) -> None:
+    """Of d2 and d3, which do the same to any posture: each is known badly, their sum well."""
+
+    def half(axis: int, other: int) -> LinkGeometry:
+        twin = f"link_geometry {other}.d"
+        found = _found(delta=0.4).model_copy(update={"correlation": {twin: -0.999}, "together": (twin,)})
+        return LinkGeometry(axis=axis, field="d", delta=0.3, found=found)
+
+    found = correct_rig(_rig(half(2, 3), half(3, 2)), _path(tmp_path))
+    assert [one.use for one in found.effects] == ["link constant", "link constant"]
+    assert "only together with link_geometry 3.d" in found.effects[0].reason
+    assert found.path
+    np.testing.assert_allclose(found.path[2].u_mm, 0.4 * np.sqrt(2 * 0.001), rtol=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("effect", "joint_rad"),
+    [
+        (Backlash(axis=1, width_deg=0.05), np.radians(0.025)),
+        (ThermalGrowth(ppm=100), None),
+        (VOCABULARY["gauge_scale"].model_validate({"gauge": "g1", "relative": 0.1}), 0.0),
+    ],
+    ids=["play", "growth", "gauge"],
+)
+def test_what_is_left_out_goes_into_the_uncertainty(tmp_path: Path, effect: Effect, joint_rad: float | None) -> None:
+    targets = correct_rig(_rig(ZERO_3, effect), _path(tmp_path)).path
+    sure = correct_rig(_rig(ZERO_3), _path(tmp_path)).path
+    assert targets and sure
+    place = forward(arm_of(RIG.robot), targets[2].q)[:, :3, 3]
+    # Warm in half of all cases: 100 ppm of the distance from the base, over the square root of two.
+    turned = np.hypot(place[:, 0], place[:, 1])
+    wanted = np.linalg.norm(place, axis=1) * 1e-4 / np.sqrt(2) if joint_rad is None else joint_rad * turned
+    np.testing.assert_allclose(targets[2].left_out_mm, wanted, rtol=0.15, atol=1e-6)
+    np.testing.assert_allclose(targets[2].u_mm, np.hypot(sure[2].u_mm, targets[2].left_out_mm), rtol=1e-6)
+
+
+def test_a_spike_that_is_left_out_counts_with_what_is_left_of_it_on_arrival(tmp_path: Path) -> None:
+    left = {}
+    for decay_s in (0.02, 0.1):
+        spike = ReversalSpike(axis=1, amplitude_deg=0.05, decay_s=decay_s)
+        targets = correct_rig(_rig(ZERO_3, spike), _path(tmp_path)).path
+        assert targets
+        place = forward(arm_of(RIG.robot), targets[2].q)[:, :3, 3]
+        left[decay_s] = targets[2].left_out_mm / (np.radians(0.05) * np.hypot(place[:, 0], place[:, 1]))
+    assert (left[0.1] > 0.2).all() and (left[0.1] < 1).all() and (left[0.02] < 0.5 * left[0.1]).all()
+
+
+def test_targets_where_nothing_was_measured_are_doubted(tmp_path: Path) -> None:
+    near = _found(offset_deg=0.002).model_copy(update={"joints_deg": ((-40.0, 20.0), *[(-180.0, 180.0)] * 4, (0, 5.0))})
+    targets = correct_rig(_rig(ZERO_3.model_copy(update={"found": near})), _path(tmp_path)).path
+    assert targets and len(targets[2].doubts) == 1
+    assert "axis 6 stands at 0.0° to 100.0°, 2 of 3 outside 0.0° to 5.0°" in targets[2].doubts[0]
 
 
 def test_effects_on_one_constant_add_up_and_their_uncertainties_in_quadrature() -> None:
