@@ -57,14 +57,14 @@ def diagnose(
     progress("proving it on runs left out")
     kept = look.state.refined.effects
     names = [run.run.manifest.name for run in used]
-    train = gap(runs, kept, look.linear.blocks, names)
-    outside = [judged(rig, them, kept, look.linear.blocks) for them in (held_out, unseen)]
+    train = gap(runs, kept, look.linear, names)
+    outside = [judged(rig, them, kept, look.linear) for them in (held_out, unseen)]
     gains = gain_of_each(look, about(rig, held_out))
     limits = limits_um(look.linear, tolerance_um)
     whole = [_named(look, k, limits, gains[k], without(runs, kept, k, look.linear.setups)) for k in range(len(kept))]
     shaken = swing(grown(runs, kept), look.linear.setups)
-    if shaken and shaken.gain > 0:
-        whole.append(_swinging(shaken, limits, train.after_um))
+    if shaken and shaken.gain > 0 and (swinging := _swinging(shaken, limits, train.after_um)).material:
+        whole.append(swinging)
     remainder, is_material = _remainder(look, limits)
     verdict, why = _verdict(look, whole, remainder, is_material=is_material)
     named = tuple(sorted(whole, key=lambda one: (not one.material, -one.worth_um)))

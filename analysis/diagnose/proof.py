@@ -8,6 +8,7 @@ import numpy as np
 
 from analysis.diagnose.blocks import Block, entries
 from analysis.diagnose.diagnosis import Gap
+from analysis.diagnose.linear import Linear
 from analysis.diagnose.look import Look
 from analysis.diagnose.observed import Seen
 from analysis.diagnose.runs import about
@@ -21,17 +22,17 @@ from rigs.effects import Effect
 from rigs.rig import Rig
 
 
-def gap(runs: Sequence[Seen], effects: Sequence[Effect], blocks: Sequence[Block], names: Sequence[str]) -> Gap:
+def gap(runs: Sequence[Seen], effects: Sequence[Effect], linear: Linear, names: Sequence[str]) -> Gap:
     """Runs, with their names, before and after effects are in their model, set-ups fitted both times."""
     setups, before = settled(runs)
     after = settled(grown(runs, effects), setups)[1] if effects else before
-    floor = _floor(blocks, {run.name for run in runs})
+    floor = _floor(linear, {run.name for run in runs})
     return Gap(tuple(names), 1e3 * rms(before), 1e3 * rms(after), floor)
 
 
-def judged(rig: Rig, runs: Sequence[Measured], effects: Sequence[Effect], blocks: Sequence[Block]) -> Gap | None:
+def judged(rig: Rig, runs: Sequence[Measured], effects: Sequence[Effect], linear: Linear) -> Gap | None:
     """The frozen model on runs that had no part in it."""
-    return gap(about(rig, runs), effects, blocks, [run.run.manifest.name for run in runs]) if runs else None
+    return gap(about(rig, runs), effects, linear, [run.run.manifest.name for run in runs]) if runs else None
 
 
 def gain_of_each(look: Look, runs: Sequence[Seen]) -> list[float | None]:
@@ -81,11 +82,8 @@ def without(runs: Sequence[Seen], effects: Sequence[Effect], k: int, setups: Map
     return 1e3 * rms(settled(grown(runs, [*effects[:k], *effects[k + 1 :]]), setups)[1])
 
 
-def _floor(blocks: Sequence[Block], names: Collection[str]) -> float:
+def _floor(linear: Linear, names: Collection[str]) -> float:
     """Root mean square in µm that noise and scatter of a run give: from repeats, else from the noise assumed."""
-    total = count = 0.0
-    for block in blocks:
-        if block.name in names or not any(one.name in names for one in blocks):
-            size = len(block.one.rows) * block.count
-            total, count = total + size * scatter_um(block) ** 2, count + size
-    return float(np.sqrt(total / count))
+    alike = [block.name in names for block in linear.blocks]
+    size = np.array([len(block.one.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
+    return float(np.sqrt(size @ scatter_um(linear) ** 2 / size.sum()))

@@ -24,6 +24,8 @@ from rigs.effects import Effect, bounds, healthy_size, size_field
 _ROUNDS = 8
 _TRIES = 5
 _FURTHEST = 4.0
+_MOST = 120.0
+"""Healthy sizes that no fault exceeds: beyond, a model is used where nothing of it was tried."""
 _ENOUGH = 0.02
 """Half a chi-square that a round must gain to go on."""
 
@@ -148,7 +150,8 @@ class _Problem:
             return -np.inf, np.inf
         low, high = bounds(effects[unknown.effect], unknown.field)
         if unknown.field == size_field(effects[unknown.effect]):
-            return low, high
+            most = _MOST * healthy_size(effects[unknown.effect])
+            return max(low, -most), min(high, most)
         # A shape stays near what is plausible, wherever a first step would throw it.
         reach = _FURTHEST * unknown.spread
         return max(low, unknown.expected - reach), min(high, unknown.expected + reach)

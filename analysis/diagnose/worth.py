@@ -46,13 +46,17 @@ def limits_um(linear: Linear, tolerance_um: float | None) -> Array:
     """From which change on (b,) a name is material: a person's tolerance, else the scatter of one run."""
     if tolerance_um is not None:
         return np.full(len(linear.blocks), tolerance_um)
-    return np.array([max(scatter_um(block), LEAST_UM) for block in linear.blocks])
+    return np.maximum(scatter_um(linear), LEAST_UM)
 
 
-def scatter_um(block: Block) -> float:
-    """How far one run is from the mean of many, rms of its readings."""
-    one_run = np.sqrt(block.count) * np.hypot(block.sd_mm, np.linalg.norm(block.scatter_mm, axis=1))
-    return _rms_um(block, one_run)
+def scatter_um(linear: Linear) -> Array:
+    """How far one run is from the mean of many (b,), rms of its readings, the set-up fitted to it."""
+    moved = linear.set_up(linear.Z)
+    whole = np.sqrt(1 + (moved**2).sum(axis=1))
+    return np.array([
+        _rms_um(block, np.sqrt(block.count) * one)
+        for block, one in zip(linear.blocks, linear.in_mm(whole), strict=True)
+    ])  # fmt: skip
 
 
 def _rms_um(block: Block, entries_mm: Array) -> float:
