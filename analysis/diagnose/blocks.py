@@ -81,7 +81,7 @@ def blocks_of(runs: Sequence[Seen], setups: Mapping[str, SetUp], known: Sequence
     circles = [raw for raw in gathered if raw.first.sampling]
     grids = [raw.first.sampling.averaged for raw in circles if raw.first.sampling]
     orders = len(ORDER_OF)
-    repeats = [Repeated(raw.rows[:, :orders], raw.shaken[:orders]) for raw in circles]
+    repeats = [Repeated(raw.first.one.setup, raw.rows[:, :orders], raw.shaken[:orders]) for raw in circles]
     noise = circle_noise(repeats, float(np.mean(grids)) if grids else 1.0)
     sds = dict(zip([raw.name for raw in circles], noise.sd_mm, strict=True))
     numbers = {name: k for k, name in enumerate(dict.fromkeys(raw.first.one.setup for raw in gathered))}
@@ -131,7 +131,7 @@ def _circle_block(raw: _Raw, sd_mm: Array, noise: CircleNoise, number: int) -> B
     sd = np.concatenate([sd, _standing_sd(sd, sampling)])
     band = np.searchsorted(EDGES, ORDER_OF, side="right") - 1
     band = np.concatenate([band, np.zeros(len(sd) - len(band), dtype=np.int64)])
-    scatter = raw.shaken * noise.scatter(raw.shaken.shape[1]) * np.linalg.norm(weight)
+    scatter = raw.shaken * noise.scatter(raw.first.one.setup, raw.shaken.shape[1]) * np.linalg.norm(weight)
     return Block(
         raw.name, raw.first.model, raw.first.one, sampling, weight @ raw.rows, sd, scatter,
         band + number * len(EDGES), len(raw.rows), raw.apart_mm, noise.measured,
@@ -140,10 +140,10 @@ def _circle_block(raw: _Raw, sd_mm: Array, noise: CircleNoise, number: int) -> B
 
 def _target_block(raw: _Raw, noise: CircleNoise, number: int) -> Block:
     table, count = raw.first.one.table, len(raw.rows)
-    sd, measured = target_sd(raw.rows, _alike(raw.first.one))
+    sd, measured = target_sd(Repeated(raw.first.one.setup, raw.rows, raw.shaken), _alike(raw.first.one))
     if isinstance(table, PoseTable) and not measured:
         sd = np.full(len(sd), POSE_MM)
-    scatter = raw.shaken * noise.scatter(raw.shaken.shape[1]) / np.sqrt(count)
+    scatter = raw.shaken * noise.scatter(raw.first.one.setup, raw.shaken.shape[1]) / np.sqrt(count)
     band = np.full(len(sd), number * len(EDGES))
     y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)
     return Block(

@@ -45,25 +45,27 @@ POSE_MM = 0.04
 
 @dataclass(frozen=True)
 class Repeated:
-    """Repeated runs of one test and direction: rows (n, N) mm, what unit scatter does to them, (N, c) mm."""
+    """Repeated runs of one test and direction: set-up, rows (n, N) mm, what unit scatter does to them, (N, c) mm."""
 
+    setup: str
     rows: Array
     shaken: Array
 
 
 @dataclass(frozen=True)
 class CircleNoise:
-    """Noise of circles. sd_mm: for each block (n, N) of each run; joints, ball: scatter in multiples; measured: whether
-    it is from repeats."""
+    """Noise of circles. sd_mm: for each block (n, N) of each run; scattered: multiples of joints and of ball by set-up,
+    each has its own; measured: whether it is from repeats."""
 
     sd_mm: tuple[Array, ...]
-    joints: float
-    ball: float
+    scattered: dict[str, tuple[float, float]]
     measured: bool
 
-    def scatter(self, terms: int) -> Array:
-        """(terms,): six joints, then the ball where it is one of them."""
-        return np.array([self.joints] * 6 + [self.ball] * 3)[:terms]
+    def scatter(self, setup: str, terms: int) -> Array:
+        """(terms,): six joints, then the ball where it is one of them. Of a set-up without circles as of all."""
+        every = np.sqrt(np.mean(np.array(list(self.scattered.values())) ** 2, axis=0))
+        joints, ball = self.scattered.get(setup, (float(every[0]), float(every[1])))
+        return np.array([joints] * 6 + [ball] * 3)[:terms]
 
 
 def shaken_by(model: Model, one: Observation, setup: SetUp) -> Array:
@@ -90,8 +92,8 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
     repeated = [k for k, rows in enumerate(own) if len(rows) > 1]
     if not repeated:
         sd = _assumed(averaged)
-        joints, ball = JOINT_DEG.rms / SCATTER_DEG, BALL_MM.rms / SCATTER_MM
-        return CircleNoise(tuple(np.tile(sd, (len(rows), 1)) for rows in own), joints, ball, measured=False)
+        assumed = {"": (JOINT_DEG.rms / SCATTER_DEG, BALL_MM.rms / SCATTER_MM)}
+        return CircleNoise(tuple(np.tile(sd, (len(rows), 1)) for rows in own), assumed, measured=False)
     levels = {k: np.ones((len(own[k]), 4)) for k in repeated}
     shape = np.ones(len(ORDER_OF))
     for _ in range(3):
@@ -102,8 +104,13 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
         np.maximum(shape * levels.get(k, np.tile(typical, (len(rows), 1)))[:, _PART], _LEAST_MM)
         for k, rows in enumerate(own)
     )
-    joints, ball = _scatter([(apart[k], groups[k].shaken, sd_mm[k]) for k in repeated])
-    return CircleNoise(sd_mm, joints, ball, measured=True)
+    own_of: dict[str, list[int]] = {}
+    for k in repeated:
+        own_of.setdefault(groups[k].setup, []).append(k)
+    scattered = {
+        setup: _scatter([(apart[k], groups[k].shaken, sd_mm[k]) for k in own]) for setup, own in own_of.items()
+    }
+    return CircleNoise(sd_mm, scattered, measured=True)
 
 
 _PART: Integers = np.asarray((np.arange(len(ORDER_OF)) >= len(ORDER_OF) // 2) * 2 + (ORDER_OF >= _SLOW), dtype=np.int64)
@@ -183,11 +190,12 @@ def _scatter(repeated: Sequence[tuple[Array, Array, Array]]) -> tuple[float, flo
     return float(joints), float(ball)
 
 
-def target_sd(rows: Array, alike: NDArray[np.int64]) -> tuple[Array, bool]:
-    """Standard deviation (N,) mm of readings at targets, and whether repeats show it.
-
-    rows (n, N) mm: of repeated runs; alike (N,): a number that readings of the same place and approach share.
-    """
+def target_sd(repeated: Repeated, alike: NDArray[np.int64]) -> tuple[Array, bool]:
+    """Standard deviation (N,) mm of readings at targets, and whether repeats show it; what moves all targets of a run
+    together is not in it. alike (N,): a number that readings of the same place and approach share."""
+    span, mean = _span(repeated.shaken), repeated.rows.mean(axis=0)
+    apart = repeated.rows - mean
+    rows = mean + apart - (apart @ span) @ span.T
     squares, freedom = np.zeros(rows.shape[1]), np.zeros(rows.shape[1])
     away = []
     for number in np.unique(alike):

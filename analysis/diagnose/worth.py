@@ -50,12 +50,13 @@ def limits_um(linear: Linear, tolerance_um: float | None) -> Array:
 
 
 def scatter_um(linear: Linear) -> Array:
-    """How far one run is from the mean of many (b,), rms of its readings, the set-up fitted to it."""
+    """How far one run is from the mean of many (b,), rms of its readings, the set-up fitted to it; at targets that of
+    a typical one, for a few scatter by many times as much."""
     moved = linear.set_up(linear.Z)
-    whole = np.sqrt(1 + (moved**2).sum(axis=1))
+    whole = linear.in_mm(np.sqrt(1 + (moved**2).sum(axis=1)))
     return np.array([
-        _rms_um(block, np.sqrt(block.count) * one)
-        for block, one in zip(linear.blocks, linear.in_mm(whole), strict=True)
+        _rms_um(block, np.sqrt(block.count) * (one if block.sampling else np.full(len(one), np.median(one))))
+        for block, one in zip(linear.blocks, whole, strict=True)
     ])  # fmt: skip
 
 
