@@ -6,33 +6,39 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from analysis.diagnose.blocks import Block, entries
+from analysis.diagnose.blocks import Block, blocks_of, entries
 from analysis.diagnose.diagnosis import Gap
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.look import Look
 from analysis.diagnose.observed import Seen
-from analysis.diagnose.runs import about
 from analysis.diagnose.settle import grown, settled
-from analysis.diagnose.worth import scatter_um
+from analysis.diagnose.worth import plain_worth, scatter_um
 from analysis.fitting.observation import residuals_of, rms
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
-from analysis.reading.loading import Measured
 from rigs.effects import Effect
-from rigs.rig import Rig
 
 
-def gap(runs: Sequence[Seen], effects: Sequence[Effect], linear: Linear, names: Sequence[str]) -> Gap:
+def gap(runs: Sequence[Seen], look: Look, names: Sequence[str]) -> Gap:
     """Runs, with their names, before and after effects are in their model, set-ups fitted both times."""
+    effects = look.state.refined.effects
     setups, before = settled(runs)
-    after = settled(grown(runs, effects), setups)[1] if effects else before
-    floor = _floor(linear, {run.name for run in runs})
-    return Gap(tuple(names), 1e3 * rms(before), 1e3 * rms(after), floor)
+    setups, after = settled(grown(runs, effects), setups) if effects else (setups, before)
+    floor = _floor(look.linear, {run.name for run in runs})
+    return Gap(tuple(names), 1e3 * rms(before), 1e3 * rms(after), floor, _calibrated_um(look, runs, setups))
 
 
-def judged(rig: Rig, runs: Sequence[Measured], effects: Sequence[Effect], linear: Linear) -> Gap | None:
-    """The frozen model on runs that had no part in it."""
-    return gap(about(rig, runs), effects, linear, [run.run.manifest.name for run in runs]) if runs else None
+def _calibrated_um(look: Look, runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> float:
+    """What is left of runs, rms in µm, with a healthy arm's share of everything taken out beside the names."""
+    effects, forms = look.state.refined.effects, look.naming.columns.forms
+    energy, count = 0.0, 0
+    for run in runs:
+        alone = Linear(blocks_of([run], setups, effects), setups, effects)
+        sizes = np.repeat([form.size for form in forms], [len(form.columns) for form in forms])
+        share = alone.columns([effect for form in forms for effect in form.effects]) / sizes
+        left = plain_worth(alone, alone.set_up(alone.y - share @ look.posterior.mean[: share.shape[1]]))
+        energy, count = energy + len(run.one.rows) * left.whole_um**2, count + len(run.one.rows)
+    return float(np.sqrt(energy / count))
 
 
 def gain_of_each(look: Look, runs: Sequence[Seen]) -> list[float | None]:
