@@ -1,6 +1,7 @@
-"""Poses left out by neighbourhoods of joint space.
+"""Poses left out by neighbourhoods of joint space (k-means of the joint angles).
 
-Neighbours share what a model cannot express, so single poses would flatter it. A neighbourhood is a place that a model has not seen (k-means of the joint angles).
+Neighbours share what a model cannot express, so single poses would flatter it; a neighbourhood is a place that it has
+not seen.
 """
 
 from __future__ import annotations
