@@ -8,11 +8,11 @@ import numpy as np
 
 from analysis.diagnose.blocks import Block, blocks_of, entries
 from analysis.diagnose.diagnosis import Gap
-from analysis.diagnose.linear import Linear
+from analysis.diagnose.linear import Linear, basis_of
 from analysis.diagnose.look import Look
 from analysis.diagnose.observed import Seen
 from analysis.diagnose.settle import grown, settled
-from analysis.diagnose.worth import plain_worth, scatter_um
+from analysis.diagnose.worth import plain_worth, rms_um, scatter_um
 from analysis.fitting.observation import residuals_of, rms
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
@@ -30,15 +30,31 @@ def gap(runs: Sequence[Seen], look: Look, names: Sequence[str]) -> Gap:
 
 def _calibrated_um(look: Look, runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> float:
     """What is left of runs, rms in µm, with a healthy arm's share of everything taken out beside the names."""
-    effects, forms = look.state.refined.effects, look.naming.columns.forms
+    known = {block.name: k for k, block in enumerate(look.linear.blocks)}
     energy, count = 0.0, 0
     for run in runs:
-        alone = Linear(blocks_of([run], setups, effects), setups, effects)
-        sizes = np.repeat([form.size for form in forms], [len(form.columns) for form in forms])
-        share = alone.columns([effect for form in forms for effect in form.effects]) / sizes
-        left = plain_worth(alone, alone.set_up(alone.y - share @ look.posterior.mean[: share.shape[1]]))
-        energy, count = energy + len(run.one.rows) * left.whole_um**2, count + len(run.one.rows)
+        k = known.get(run.name)
+        left = _left_of(run, look.linear.blocks[k], look) if k is not None else None
+        um = _elsewhere_um(look, run, setups) if left is None or k is None else _there_um(look, k, left)
+        energy, count = energy + len(run.one.rows) * um**2, count + len(run.one.rows)
     return float(np.sqrt(energy / count))
+
+
+def _there_um(look: Look, k: int, left: Array) -> float:
+    """Of a run of a block that was looked at, left (N,) in standard deviations."""
+    rows, linear = look.linear.rows[k], look.linear
+    values = left - look.posterior.healthy_share[rows]
+    basis = basis_of(linear.U[rows])
+    return rms_um(linear.blocks[k], (values - basis @ (basis.T @ values)) * linear.blocks[k].sd_mm)
+
+
+def _elsewhere_um(look: Look, run: Seen, setups: Mapping[str, SetUp]) -> float:
+    """Of a run at another place, radius or speed."""
+    effects, forms = look.state.refined.effects, look.naming.columns.forms
+    alone = Linear(blocks_of([run], setups, effects), setups, effects)
+    sizes = np.repeat([form.size for form in forms], [len(form.columns) for form in forms])
+    share = alone.columns([effect for form in forms for effect in form.effects]) / sizes
+    return plain_worth(alone, alone.set_up(alone.y - share @ look.posterior.mean[: share.shape[1]])).whole_um
 
 
 def gain_of_each(look: Look, runs: Sequence[Seen]) -> list[float | None]:
@@ -58,8 +74,7 @@ def gain_of_each(look: Look, runs: Sequence[Seen]) -> list[float | None]:
             if left is None or len(left) != len(block.y_mm):
                 continue
             judged_by += 1
-            U = linear.U[rows]
-            basis, _ = np.linalg.qr(U[:, np.linalg.norm(U, axis=0) > 0])
+            basis = basis_of(linear.U[rows])
 
             def energy(change: Array, left: Array = left, basis: Array = basis, block: Block = block) -> float:
                 values = left + change
