@@ -70,8 +70,8 @@ def gain_of_each(look: Look, runs: Sequence[Seen]) -> list[float | None]:
     whole, gained, judged_by = 0.0, np.zeros(len(effects)), 0
     for block, rows in zip(linear.blocks, linear.rows, strict=True):
         for run in runs:
-            left = _left_of(run, block, look) if run.name == block.name else None
-            if left is None or len(left) != len(block.y_mm):
+            left = _left_of(run, block, look)
+            if left is None:
                 continue
             judged_by += 1
             basis = basis_of(linear.U[rows])
@@ -87,8 +87,10 @@ def gain_of_each(look: Look, runs: Sequence[Seen]) -> list[float | None]:
 
 
 def _left_of(run: Seen, block: Block, look: Look) -> Array | None:
-    """What the names leave of one run, (N,) in standard deviations of a block of its kind; None where it did not stand
-    before and after as those did."""
+    """What the names leave of one run, (N,) in standard deviations of a block of its kind; None where the run is of
+    another kind or place, or did not stand before and after as those did."""
+    if run.name != block.name or run.model.rig != block.model.rig:
+        return None
     sampling = run.sampling
     if sampling and block.sampling and not block.sampling.stands:
         sampling = sampling.without_stands()
