@@ -55,11 +55,12 @@ def picture(found: Diagnosis) -> Figure:
 
 
 def _bars(found: Diagnosis) -> list[tuple[str, float, str]]:
-    """Name, gap in µm and ink: before, with each effect taken out again, with all; without those not known."""
+    """Name, gap in µm and ink: before, with each effect taken out again, with all, and calibrated; those known."""
     bars = [("before", found.train.before_um, MEASURED)]
     bars += [(f"without {name_of(one.effect)}", one.gap_without_um, MODEL) for one in standing(found)]
     if standing(found):
         bars.append(("with all" if len(standing(found)) > 1 else "after", found.train.after_um, LEFT))
+    bars.append(("healthy share out, too", found.train.calibrated_um, GREY))
     return [bar for bar in bars if np.isfinite(bar[1])]
 
 
