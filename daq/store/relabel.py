@@ -8,8 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from daq.store import durable
-from daq.store.manifest import Manifest, in_one_line, iso_now, load_manifest
-from daq.store.schema import storable
+from daq.store.manifest import Manifest, hold_operator, iso_now, load_manifest
 from rigs.errors import CellError, FileError
 from rigs.vocabulary import CIRCLES, Direction, TestName
 
@@ -52,7 +51,7 @@ def _relabelled(
     if test is not None or direction is not None:
         words = _test_and_direction(run, manifest, test or manifest.test, direction)
     if operator is not None:
-        words["operator"] = _operator(run, operator)
+        words["operator"] = hold_operator(str(run), operator)
     at = iso_now()
     changes = [
         {"at": at, "field": field, "old": old, "new": new}
@@ -63,14 +62,6 @@ def _relabelled(
     if not changes:
         return manifest
     return Manifest.model_validate(manifest.model_dump() | words | {"relabelled": [*history, *changes]})
-
-
-def _operator(run: Path, name: str) -> str:
-    try:
-        return in_one_line(storable(name))
-    except ValueError:
-        what = f"cannot be measured by {name!r}, which holds control characters"
-        raise FileError(str(run), what, "give --operator in one line of plain text") from None
 
 
 def _test_and_direction(
