@@ -22,8 +22,9 @@ from analysis.noise.spectrum import DRAWS, NODES
 from analysis.reporting.quantity import Quantity
 from analysis.tests.circle import CircleResult
 from analysis.tests.circularity import circle_at, fit_circle
-from analysis.tests.curve import PHI, SEED, Curve, at_resolution, calmed, figures, nodes_of
+from analysis.tests.curve import SEED, Curve, at_resolution, calmed, figures
 from analysis.tests.lag import lag_of
+from analysis.tests.reduction import PHI, nodes_of
 from rigs.errors import FileError
 
 RANGES = frozenset({"hysteresis_max_deg", "hysteresis_max_mm", "circular_deviation_mm"})
