@@ -29,16 +29,16 @@ UNDULATIONS = 80.0
 """Per revolution, of which half pass: ISO 12181-2 has 15, 50, 150 and 500 for roundness; robots' gears have orders up
 to some 60, and their reversals transits of a degree and more."""
 _PASSES = 0.5 ** ((ORDERS / UNDULATIONS) ** 2)
-_COARSE = 0.5 ** ((ORDERS / 20.0) ** 2)
+_COARSE = 0.5 ** ((ORDERS / 40.0) ** 2)
 """Smooths away the stairs that rounding makes, so that other stairs can be tried."""
 _WINDOW = 21
 """Nodes of the running median: 10°, less than lies between most reversals."""
-_LOCAL = 19
-"""Nodes within which laps are compared: twice the stated resolution."""
-_ODD, _MOST = 3.0, 5.0
+_LOCAL, _SLOW = 19, 81
+"""Nodes within which laps are compared, twice the stated resolution, less what they differ by within 40°."""
+_ODD, _MOST = 2.0, 5.0
 """Laps that differ by so many times the usual differ for another reason than noise; and how far Student's law with one
 degree of freedom is followed."""
-_RANGE_U = 0.5
+RANGE_U = 0.5
 """Share of the correction for noise by which a range is uncertain: the curve without noise is itself an estimate."""
 
 Plain = Callable[[Array], Mapping[str, Array]]
@@ -98,7 +98,11 @@ def curve_of(
     spectra = parts[0] + 1j * parts[1]
     spectra[:, 0] = np.sqrt(2) * parts[0][:, 0]
     mean = run.g_mm.mean(axis=0)
-    errors: Array = np.fft.irfft(spectra, NODES, axis=1) * NODES + values(mean + _stairs(run, rng)) - values(mean)
+    errors: Array = (
+        np.fft.irfft(spectra, NODES, axis=1) * NODES
+        + values(mean + _stairs(run, rng) + _misplaced(run, rng))
+        - values(mean)
+    )
     errors += _where_laps_differ(laps, rng)
     place = np.argsort(run.order)
     likely = np.exp(np.log(power).mean(axis=0))
@@ -141,11 +145,11 @@ def figures(
     draws = plain(np.stack(drawn([curve.y for curve in curves])))
     # The place of an extreme was chosen by the noise that is there: about the noisy curve it would be chosen again.
     draws = {name: moved[name] if name.endswith("_at_deg") else draw for name, draw in draws.items()}
-    blurred = plain(np.stack([_blurred(curve.y, curve.blur) for curve in curves]))
+    dulled = plain(np.stack([blurred(curve.y, curve.blur) for curve in curves]))
     # Rows whose places are uncertain have blurred the curve: what as much again takes off a range, they took off, too.
-    lost = {name: max(float(values[name] - blurred[name]), 0.0) for name in excess}
+    lost = {name: max(float(values[name] - dulled[name]), 0.0) for name in excess}
     source = max((curve.noise.source for curve in curves), key=("measured", "borrowed", "assumed").index)
-    found = figures_of(values, draws, samples, excess, _RANGE_U, source)
+    found = figures_of(values, draws, samples, excess, RANGE_U, source)
     return found | {name: _sharpened(found[name], lost[name]) for name in lost}
 
 
@@ -154,7 +158,7 @@ def _sharpened(figure: Quantity, lost: float) -> Quantity:
     return replace(figure, value=figure.value + lost, u=float(np.hypot(figure.u, lost)))
 
 
-def _blurred(y: Array, blur: float) -> Array:
+def blurred(y: Array, blur: float) -> Array:
     """A curve (NODES,) whose rows fell anywhere about their places, with a standard deviation of `blur` rad."""
     found: Array = np.fft.irfft(np.fft.rfft(y) * np.exp(-0.5 * (blur * ORDERS) ** 2), NODES)
     return found
@@ -164,29 +168,59 @@ def _where_laps_differ(laps: Array, rng: np.random.Generator) -> Array:
     """Errors (DRAWS, NODES) by what laps (L, NODES) differ by at some places and not at others.
 
     Noise of one spectrum is the same all around. A slow gauge that meets a jump of the curve at another moment in each
-    lap is not: there any mixture of the laps may be true, by Student's law for so few of them.
+    lap is not, nor is a burst of wild readings: there any mixture of the laps may be true, by Student's law for so few
+    of them.
     """
     count = len(laps)
     if count < 2:
         return np.zeros((DRAWS, NODES))
     apart = laps - laps.mean(axis=0)
-    width = np.ones(_LOCAL) / _LOCAL
-    size = np.fft.irfft(np.fft.rfft((apart**2).sum(axis=0)) * np.fft.rfft(width, NODES), NODES)
-    size = np.roll(np.maximum(size, 0.0), -(_LOCAL // 2))
+    apart -= _smeared(apart, _SLOW)
+    size = _smeared((apart**2).sum(axis=0), _LOCAL)
     odd = size > _ODD**2 * np.median(size)
     shares = rng.standard_t(count - 1, (DRAWS, count)).clip(-_MOST, _MOST) / np.sqrt(count * (count - 1))
     errors: Array = shares @ (apart * odd)
     return errors
 
 
+def _smeared(values: Array, width: int) -> Array:
+    """Means (..., NODES) of `width` nodes about each, an odd number, around the lap."""
+    half = width // 2
+    summed = np.cumsum(np.concatenate([values[..., -half - 1 :], values, values[..., :half]], axis=-1), axis=-1)
+    means: Array = (summed[..., width:] - summed[..., :-width]) / width
+    return means
+
+
+def _misplaced(run: Reduced, rng: np.random.Generator) -> Array:
+    """Errors (DRAWS, NODES, k) mm of rows that lie off their circle angle by their own times, where the curve jumps.
+
+    The rows of a gauge that holds its value are off together, and in the next lap perhaps alike; in the middle of such
+    a cell they are right, so that a steady slope averages out over it.
+    """
+    cells = max(1, int(min(NODES, run.readings)))
+    wide = round(NODES / cells)
+    mean = run.g_mm.mean(axis=0).T
+    rough = mean - _smeared(mean, _SLOW if wide == 1 else 3 * wide | 1)
+    half = max(1, wide // 2)
+    slope = (np.roll(rough, -half, axis=1) - np.roll(rough, half, axis=1)) * (NODES / (4 * np.pi * half))
+    off = run.blur * np.sqrt(min(1.0, NODES / (run.readings * len(run.g_mm))))
+    cell = np.arange(NODES) * cells // NODES
+    errors: Array = off * rng.standard_normal((DRAWS, cells, len(slope)))[:, cell] * slope.T
+    return errors
+
+
 def _stairs(run: Reduced, rng: np.random.Generator) -> Array:
-    """Errors (DRAWS, NODES, k) mm that rounding may have made, wherever the steps lie."""
+    """Errors (DRAWS, NODES, k) mm that rounding may have made, wherever the steps lie.
+
+    Laps share them: rows of one lap may lie where those of the next do.
+    """
     mean = np.fft.irfft(np.fft.rfft(run.g_mm.mean(axis=0), axis=0) * _COARSE[:, None], NODES, axis=0)
-    columns = [
-        rounding_error(g_mm, step, noise, rng.uniform(0, step, DRAWS)) if step else np.zeros((DRAWS, NODES))
-        for g_mm, step, noise in zip(mean.T, run.step_mm, run.noise_mm, strict=True)
-    ]
-    return np.stack(columns, axis=2)
+    errors = np.zeros((DRAWS, NODES, mean.shape[1]))
+    for k, (step, noise) in enumerate(zip(run.step_mm, run.noise_mm, strict=True)):
+        if step:
+            shared, own = rounding_error(mean[:, k], step, noise, rng.uniform(0, step, DRAWS))
+            errors[..., k] = shared + np.sqrt(own * NODES / run.rows) * rng.standard_normal((DRAWS, NODES))
+    return errors
 
 
 def calmed(y: Array, power: Array) -> Array:

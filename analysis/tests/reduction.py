@@ -35,12 +35,14 @@ _BLOCK = 1 << 17
 @dataclass(frozen=True)
 class Reduced:
     """A run's laps at NODES circle angles. g_mm (L, NODES, k) in order of time; order (NODES,): which circle angle each
-    is; rows: in a lap; rate: rad/s of phi; step_mm, noise_mm (k,): rounding of each gauge and the noise beneath it;
-    blur: standard deviation, rad, of where rows fell by their own times."""
+    is; rows: in a lap; readings: in a lap, of the gauge that repeats itself most, that differ from the one before;
+    rate: rad/s of phi; step_mm, noise_mm (k,): rounding of each gauge and the noise beneath it; blur: standard
+    deviation, rad, of where rows fell by their own times."""
 
     g_mm: Array
     order: Integers
     rows: float
+    readings: float
     lap_s: float
     apart_s: float
     rate: float
@@ -79,7 +81,9 @@ def reduced(laps: Laps) -> Reduced:
         notes = (f"wild readings left out: {', '.join(map(str, wild.sum(axis=1)))} of {len(keep)} (g1, g2)", *notes)
     rate = SENSE[laps.direction] * 2 * np.pi / laps.lap_s
     rows = float(keep.sum()) / laps.count
-    return Reduced(nodes, order, rows, laps.lap_s, laps.apart_s, rate, steps, beneath, abs(rate) * laps.u_t_s, notes)
+    readings = float(np.count_nonzero(np.diff(laps.g_mm, axis=0), axis=0).min()) / laps.count
+    blur = abs(rate) * laps.u_t_s
+    return Reduced(nodes, order, rows, readings, laps.lap_s, laps.apart_s, rate, steps, beneath, blur, notes)
 
 
 def _coarse(g_mm: Array, steps: Sequence[float]) -> tuple[str, ...]:
