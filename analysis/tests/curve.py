@@ -92,8 +92,8 @@ def curve_of(
     power = noise.power(len(laps), run.rows, run.lap_s) + power_of_ramp(variance)
     # Nobody knows which of two levels is the right one.
     power[:, 0] += float(np.square(slips).sum()) / 4
-    # The level is that of any moment along the drift.
-    power[:, 0] += (drift**2 + variance) * (len(laps) * run.apart_s / run.lap_s) ** 2 / 12
+    # The level is that of the run's middle; when it began, with the gauges at zero, it was half the drift away.
+    power[:, 0] += (drift**2 + variance) * (len(laps) * run.apart_s / run.lap_s) ** 2 / 4
     parts = rng.standard_normal((2, *power.shape)) * np.sqrt(power / 2)
     spectra = parts[0] + 1j * parts[1]
     spectra[:, 0] = np.sqrt(2) * parts[0][:, 0]
