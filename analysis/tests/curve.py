@@ -38,6 +38,8 @@ _LOCAL, _SLOW = 19, 81
 _ODD, _MOST = 2.0, 5.0
 """Laps that differ by so many times the usual differ for another reason than noise; and how far Student's law with one
 degree of freedom is followed."""
+_FEWEST = 8.0
+"""Readings of a lap, of a gauge that hardly moves by a step: it shows no jumps."""
 RANGE_U = 0.5
 """Share of the correction for noise by which a range is uncertain: the curve without noise is itself an estimate."""
 
@@ -197,13 +199,14 @@ def _misplaced(run: Reduced, rng: np.random.Generator) -> Array:
     The rows of a gauge that holds its value are off together, and in the next lap perhaps alike; in the middle of such
     a cell they are right, so that a steady slope averages out over it.
     """
-    cells = max(1, int(min(NODES, run.readings)))
+    readings = max(run.readings, _FEWEST)
+    cells = int(min(NODES, readings))
     wide = round(NODES / cells)
     mean = run.g_mm.mean(axis=0).T
     rough = mean - _smeared(mean, _SLOW if wide == 1 else 3 * wide | 1)
     half = max(1, wide // 2)
     slope = (np.roll(rough, -half, axis=1) - np.roll(rough, half, axis=1)) * (NODES / (4 * np.pi * half))
-    off = run.blur * np.sqrt(min(1.0, NODES / (run.readings * len(run.g_mm))))
+    off = run.blur * np.sqrt(min(1.0, NODES / (readings * len(run.g_mm))))
     cell = np.arange(NODES) * cells // NODES
     errors: Array = off * rng.standard_normal((DRAWS, cells, len(slope)))[:, cell] * slope.T
     return errors
