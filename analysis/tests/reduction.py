@@ -14,8 +14,8 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.model.circle import SENSE
-from analysis.noise.laps import bursts, following, without_slips
-from analysis.noise.readings import Mask, is_wild, noise_beneath, step_of
+from analysis.noise.laps import bursts, changes, following, without_slips
+from analysis.noise.readings import Mask, beyond_neighbours, is_wild, noise_beneath, step_of
 from analysis.noise.spectrum import NODES, Integers, node_response
 from analysis.reading.laps import Laps
 
@@ -28,6 +28,8 @@ _SOLVED = 1e-9
 _COARSEST = 10.0
 """Steps that a gauge must move by: with fewer the curve lies between two or three values."""
 _BASE_ROWS = 20_000
+_JUMPS = 2.0
+"""Times what a line changes by within two nodes."""
 _BLOCK = 1 << 17
 """Rows at a time, so that a long run needs no memory for all of them."""
 
@@ -60,7 +62,12 @@ def reduced(laps: Laps) -> Reduced:
     wild = np.array([is_wild(column) for column in rough.T])
     keep: Mask = ~np.any(wild, axis=0)
     lap = np.minimum(np.abs(laps.phi - laps.start) // (2 * np.pi), laps.count - 1).astype(np.int64)
-    nodes = _broken_lines(laps.phi, rough, lap, keep) + _waves(PHI) @ base
+    nodes = _broken_lines(laps.phi, rough, lap, keep)
+    if wild.any():  # where there are some, others may have come too many in a row to leave their neighbours
+        wild |= _off_the_line(laps.phi, rough, lap, nodes)
+        keep = ~np.any(wild, axis=0)
+        nodes = _broken_lines(laps.phi, rough, lap, keep)
+    nodes += _waves(PHI) @ base
     odd: Mask = np.any([bursts(of_gauge) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=0)
     if odd.any():
         left = np.floor(laps.phi % (2 * np.pi) * (NODES / (2 * np.pi))).astype(np.int64) % NODES
@@ -84,6 +91,21 @@ def reduced(laps: Laps) -> Reduced:
     readings = float(np.count_nonzero(np.diff(laps.g_mm, axis=0), axis=0).min()) / laps.count
     blur = abs(rate) * laps.u_t_s
     return Reduced(nodes, order, rows, readings, laps.lap_s, laps.apart_s, rate, steps, beneath, blur, notes)
+
+
+def _off_the_line(phi: Array, rough: Array, lap: Integers, lines: Array) -> Mask:
+    """Which readings rough (n, k) leave the broken lines (L, NODES, k) through all, (k, n), and by more than a line
+    changes there, as where a play is crossed."""
+    place = phi % (2 * np.pi) * (NODES / (2 * np.pi))
+    left = np.floor(place).astype(np.int64) % NODES
+    share = place % 1.0
+    wild = np.zeros(rough.shape[::-1], dtype=bool)
+    for k, of_gauge in enumerate(np.moveaxis(lines, 2, 0)):
+        line = of_gauge[lap, left] * (1 - share) + of_gauge[lap, (left + 1) % NODES] * share
+        away = np.abs(rough[:, k] - line)
+        change = np.stack([changes(one) for one in of_gauge])
+        wild[k] = beyond_neighbours(away) & (away > _JUMPS * change[lap, left])
+    return wild
 
 
 def _coarse(g_mm: Array, steps: Sequence[float]) -> tuple[str, ...]:
