@@ -137,13 +137,14 @@ def figures(
 ) -> dict[str, Quantity]:
     """Figures by name of some curves together: `plain` takes them stacked, (curves, ..., NODES).
 
-    drawn: the draws (DRAWS, NODES) of each about the curves that it is given. A range is lowered by as much as noise
-    makes the calm curve's larger, never below zero; calm (NODES,): of each curve, its own where not given.
+    drawn: the draws (DRAWS, NODES) of each about the curves that it is given. A range is lowered by the
+    median of what noise adds to that of the calm curve, never below zero; calm (NODES,): of each curve, its own where
+    not given.
     """
     values = plain(np.stack([curve.y for curve in curves]))
     calm = [curve.calm for curve in curves] if calm is None else calm
     still, moved = plain(np.stack(calm)), plain(np.stack(drawn(calm)))
-    excess = {name: max(float(np.mean(moved[name]) - still[name]), 0.0) for name in ranges & values.keys()}
+    excess = {name: max(float(np.median(moved[name]) - still[name]), 0.0) for name in ranges & values.keys()}
     draws = plain(np.stack(drawn([curve.y for curve in curves])))
     # The place of an extreme was chosen by the noise that is there: about the noisy curve it would be chosen again.
     draws = {name: moved[name] if name.endswith("_at_deg") else draw for name, draw in draws.items()}
