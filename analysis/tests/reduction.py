@@ -88,7 +88,7 @@ def reduced(laps: Laps) -> Reduced:
         notes = (f"wild readings left out: {', '.join(map(str, wild.sum(axis=1)))} of {len(keep)} (g1, g2)", *notes)
     rate = SENSE[laps.direction] * 2 * np.pi / laps.lap_s
     rows = float(keep.sum()) / laps.count
-    readings = float(np.count_nonzero(np.diff(laps.g_mm, axis=0), axis=0).min()) / laps.count
+    readings = min(np.count_nonzero(g_mm[1:] != g_mm[:-1]) for g_mm in laps.g_mm.T) / laps.count
     blur = abs(rate) * laps.u_t_s
     return Reduced(nodes, order, rows, readings, laps.lap_s, laps.apart_s, rate, steps, beneath, blur, notes)
 
