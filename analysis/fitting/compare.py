@@ -18,9 +18,9 @@ from analysis.reading.tables import PoseTable
 from analysis.reporting.evaluate import Evaluated, evaluate
 from analysis.reporting.results import Result, result_of
 from analysis.tests.circle import CircleResult
-from analysis.tests.curve import PHI
 from analysis.tests.places import hold_targets
 from analysis.tests.radial import Radial
+from analysis.tests.reduction import PHI
 from analysis.tests.repeatability import Repeatability
 from rigs.errors import FileError
 from rigs.rig import Rig

@@ -79,7 +79,7 @@ def bursts(laps: Array) -> Mask:
         apart = laps[lap] - others
         leaves = np.abs(apart - _around(apart))
         # Where the curve jumps, rows that fall a little elsewhere make laps differ, too.
-        bad = beyond_neighbours(leaves) & (leaves > _changes(others))
+        bad = beyond_neighbours(leaves) & (leaves > changes(others))
         bad &= np.abs(laps[lap] - _around(laps[lap])) > np.abs(others - _around(others))
         if bad.any():
             wide = np.any([np.roll(bad, by) for by in range(-_RINGS, _RINGS + 1)], axis=0)
@@ -110,7 +110,7 @@ def without_level_steps(laps: Array, level_sd: float, apart_s: float, per_mm: fl
     return level, slips[slips != 0].tolist()
 
 
-def _changes(lap: Array) -> Array:
+def changes(lap: Array) -> Array:
     """How far (NODES,) a lap goes within two nodes, its sine and second order left away."""
     spectrum = np.fft.rfft(lap)
     spectrum[:3] = 0.0

@@ -18,8 +18,10 @@ _JUMPS = 2.0
 """Times what the curve changes by within some rows."""
 _SORTING = ((0, 5), (0, 3), (1, 6), (2, 4), (0, 1), (3, 5), (2, 6), (2, 3), (3, 6), (4, 5), (1, 4), (1, 3), (3, 4))
 """Compare and exchange, after which the fourth of seven is their median (Devillard, Fast median search, 1998)."""
-_SMOOTH = 1e-3
-"""What is left of a sawtooth's harmonic that noise has smoothed away."""
+_SEEN = 0.35
+"""Of a step: readings without noise may show as much, where the curve goes on by about a step from one to the next."""
+_HARMONICS = 5
+"""Of a sawtooth, which hold nine tenths of its energy."""
 _BLOCK = 1 << 16
 """Rows at a time, so that they stay in the processor's cache."""
 
@@ -85,26 +87,36 @@ def noise_beneath(values: Array, step: float) -> float:
     """Standard deviation of the white noise of readings (n,) before they were rounded to `step`.
 
     By third differences, which a smooth curve barely passes (Gasser, Sroka and Jennen-Steinmetz 1986), and by their
-    median, so that jumps do not count; the variance of rounding, step²/12, is taken off.
+    median, so that jumps do not count; the variance of rounding, step²/12, is taken off. Differences of rounded
+    readings are whole steps: their median is that of grouped data. Noise of less than a third of a step is taken for
+    none.
     """
     third = np.abs(np.diff(values[:_SAMPLE], 3))
-    variance = float(np.median(third) / 0.6745) ** 2 / 20.0 if len(third) else 0.0
-    return float(np.sqrt(max(variance - step**2 / 12, 0.0)))
+    if len(third) == 0:
+        return 0.0
+    median = _grouped_median(third, step) if step else float(np.median(third))
+    noise = float(np.sqrt(max((median / 0.6745) ** 2 / 20.0 - step**2 / 12, 0.0)))
+    return noise if noise > _SEEN * step else 0.0
 
 
-def rounding_error(curve: Array, step: float, noise: float, phase: Array) -> Array:
+def _grouped_median(values: Array, step: float) -> float:
+    """Median of sizes (n,) that were rounded to `step`, as if those of one group lay evenly in it."""
+    counts = np.bincount(np.rint(values / step).astype(np.int64))
+    bounds = np.concatenate([[0.0], (np.arange(len(counts)) + 0.5) * step])
+    return float(np.interp(len(values) / 2, np.concatenate([[0], np.cumsum(counts)]), bounds))
+
+
+def rounding_error(curve: Array, step: float, noise: float, phase: Array) -> tuple[Array, Array]:
     """Mean errors (m, n) by rounding a closed curve (n,) of readings with noise, for m places `phase` (m,) of the
-    steps.
+    steps; and the variance (n,) of a reading's own about that mean.
 
     The sawtooth of rounding as a Fourier series (Widrow and Kollár, Quantization Noise, 2008): noise smooths it, and so
-    does the curve's own slope between two points.
+    does the curve's own slope between two points, where each reading falls on another part of the sawtooth.
     """
+    k = np.arange(1, _HARMONICS + 1)[:, None]
     slope = (np.roll(curve, -1) - np.roll(curve, 1)) / 2
-    error = np.zeros((len(phase), len(curve)))
-    for k in range(1, 6):
-        smoothed = float(np.exp(-2 * (np.pi * k * noise / step) ** 2))
-        if smoothed < _SMOOTH:
-            break
-        left = (-1) ** k * step / (np.pi * k) * smoothed
-        error += left * np.sinc(k * slope / step) * np.sin(2 * np.pi * k * (curve + phase[:, None]) / step)
-    return error
+    whole = (-1.0) ** k * step / (np.pi * k) * np.exp(-2 * (np.pi * k * noise / step) ** 2)
+    mean = whole * np.sinc(k * slope / step)
+    at, by = 2 * np.pi * k * curve / step, 2 * np.pi * k * phase / step
+    errors: Array = np.cos(by).T @ (mean * np.sin(at)) + np.sin(by).T @ (mean * np.cos(at))
+    return errors, (whole**2 - mean**2).sum(axis=0) / 2

@@ -28,7 +28,7 @@ _STEPS = 4.0
 _TURNS_BACK_RAD = np.radians(20.0)
 """Less is the noise of the feedback, or a program that finds its start."""
 _SEEN = 4000
-"""Rows by which turning back is seen."""
+"""Rows by which turning back and standing still are seen."""
 _REPORTS_S = 0.002
 """No controller reports oftener than each 2 ms (RTDE of the e-Series); gauges may."""
 _BLOCK = 4096
@@ -199,7 +199,7 @@ def _is_motion(where: str, table: CircleTable) -> None:
     if not np.isfinite(table.q).all():
         row = int(np.argmin(np.isfinite(table.q).all(axis=1))) + 1
         raise FileError(where, f"row {row} has a joint angle that is no number", "leave such rows out")
-    if np.ptp(table.q, axis=0).max() < _STANDING_RAD:
+    if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < _STANDING_RAD:
         raise FileError(where, "the robot stood still", "start the circle program once the recording runs")
 
 
@@ -208,12 +208,9 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
 
     Raises FileError where a joint jumps further than it can run in the middle of the circle.
     """
-    speed = np.radians([axis.speed_deg_s for axis in rig.robot.axes])
     t_s, q = table.t_s[rows], table.q[rows]
-    step = np.abs(np.diff(q, axis=0))
-    over = step > _JUMP_RAD + _JUMP_SPEEDS * speed * np.abs(np.diff(t_s))[:, None]
     begin, end = 0, len(q)
-    for row, axis in np.argwhere(over).tolist() if over.any() else ():
+    for row, axis, step in _leaps(t_s, q, rig):
         before, after = phi[rows.start + begin : rows.start + row + 1], phi[rows.start + row + 1 : rows.stop]
         if row < begin:
             continue
@@ -225,10 +222,23 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
         else:
             raise FileError(
                 where,
-                f"{rig.robot.axes[axis].name} jumps by {np.degrees(step[row, axis]):.1f}° at {t_s[row + 1]:.3f} s",
+                f"{rig.robot.axes[axis].name} jumps by {np.degrees(step):.1f}° at {t_s[row + 1]:.3f} s",
                 "see the feedback's units and wrap-around, or leave the bad rows out",
             )
     return slice(rows.start + begin, rows.start + end)
+
+
+def _leaps(t_s: Array, q: Array, rig: Rig) -> list[tuple[int, int, float]]:
+    """Row before, axis and size, rad, of each step between two rows that no joint can run; axis by axis, since a run
+    may be long."""
+    found = []
+    for axis, joint in enumerate(q.T):
+        step = np.abs(np.diff(joint))
+        if step.max(initial=0.0) > _JUMP_RAD:
+            run_rad = np.radians(rig.robot.axes[axis].speed_deg_s) * np.abs(np.diff(t_s))
+            over = np.flatnonzero(step > _JUMP_RAD + _JUMP_SPEEDS * run_rad)
+            found += [(row, axis, float(step[row])) for row in over.tolist()]
+    return sorted(found)
 
 
 def _is_this_direction(where: str, forth: float, back: float, direction: str) -> None:

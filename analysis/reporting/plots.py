@@ -15,9 +15,10 @@ from analysis.model.circle import Reversal, frame_of, reversals
 from analysis.model.programs import circle_of
 from analysis.reporting.results import Result
 from analysis.tests.circle import CircleResult
-from analysis.tests.curve import PHI, at_resolution
+from analysis.tests.curve import at_resolution
 from analysis.tests.pose import PoseResult
 from analysis.tests.radial import Radial
+from analysis.tests.reduction import PHI
 from analysis.tests.repeatability import Repeatability
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}

@@ -7,7 +7,7 @@ maximum less its minimum the error band. Which figures are taken besides, yaw an
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from analysis.reporting.quantity import Quantity
 from analysis.tests.checks import hold_alive, hold_numbers, hold_radius
 from analysis.tests.circularity import Circularity
 from analysis.tests.circularity import evaluate as evaluate_distance
-from analysis.tests.curve import PHI, SEED, Curve, at_resolution, curve_of, figures, nodes_of, reduced
+from analysis.tests.curve import SEED, Curve, at_resolution, curve_of, figures
+from analysis.tests.reduction import PHI, nodes_of, reduced
 from rigs.errors import FileError
 
 Plain = Callable[[Array, float], Mapping[str, Array]]
@@ -87,40 +88,55 @@ class CircleResult:
     u_scale: float
 
 
-def evaluate_angle(
-    laps: Laps,
-    baseline_mm: float,
-    baseline_u_mm: float,
-    u_lag_s: float,
-    plain: Plain,
-    where: str,
-    like: tuple[LapNoise, LapNoise] | None = None,
-) -> CircleResult:
-    """The figures of a run's laps by `plain`, ranges corrected for noise, each with its uncertainty.
+@dataclass(frozen=True)
+class AngleTest:
+    """Yaw or roll. figures_at: its plain figures; notes_of: what it says of a result, of a run named where, besides.
+    The latter raises FileError for readings that are not of this test."""
 
-    like: noise of the angle and of the distance in another run of the cell, for a run of one lap. Raises FileError for
-    readings that no ball link gives.
-    """
-    _hold(laps, baseline_mm, where)
-    run = reduced(laps)
+    figures_at: Plain
+    notes_of: Callable[[CircleResult, str], tuple[str, ...]]
 
-    def angle_of(g_mm: Array) -> Array:
-        return angle(g_mm[..., 0], g_mm[..., 1], baseline_mm)
+    def evaluate(
+        self,
+        laps: Laps,
+        baseline_mm: float,
+        baseline_u_mm: float,
+        u_lag_s: float,
+        where: str = "the run",
+        like: tuple[LapNoise, LapNoise] | None = None,
+    ) -> CircleResult:
+        """The figures of a run's laps, ranges corrected for noise, each with its uncertainty.
 
-    curve = curve_of(run, angle_of, np.sqrt(2) / abs(baseline_mm), 0, like and like[0])
-    radius, u_scale = laps.frame.radius, baseline_u_mm / abs(baseline_mm)
-    rng = np.random.default_rng(SEED)
-    lag_s, scale = rng.normal(0.0, u_lag_s, DRAWS), 1.0 + rng.normal(0.0, u_scale, DRAWS)
+        like: noise of the angle and of the distance in another run of the cell, for a run of one lap. Raises FileError
+        for readings that no ball link gives.
+        """
+        _hold(laps, baseline_mm, where)
+        run = reduced(laps)
 
-    def drawn(curves: Sequence[Array]) -> list[Array]:
-        return [curve.drawn(curves[0], lag_s, scale)]
+        def angle_of(g_mm: Array) -> Array:
+            return angle(g_mm[..., 0], g_mm[..., 1], baseline_mm)
 
-    found = figures(lambda y: plain(y[0], radius), [curve], drawn, len(laps.phi), RANGES)
-    sine = Sine(*(float(part) for part in sine_of(curve.y)))
-    residual = at_resolution(curve.y - sine(PHI))
-    distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
-    notes = (*laps.notes, *run.notes, *_about_noise(curve))
-    return CircleResult(laps, curve.y, residual, sine, found, len(laps.phi), notes, curve, distance, u_lag_s, u_scale)
+        curve = curve_of(run, angle_of, np.sqrt(2) / abs(baseline_mm), 0, like and like[0])
+        radius, u_scale = laps.frame.radius, baseline_u_mm / abs(baseline_mm)
+        rng = np.random.default_rng(SEED)
+        lag_s, scale = rng.normal(0.0, u_lag_s, DRAWS), 1.0 + rng.normal(0.0, u_scale, DRAWS)
+
+        def drawn(curves: Sequence[Array]) -> list[Array]:
+            return [curve.drawn(curves[0], lag_s, scale)]
+
+        found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, len(laps.phi), RANGES)
+        sine = Sine(*(float(part) for part in sine_of(curve.y)))
+        residual = at_resolution(curve.y - sine(PHI))
+        distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
+        notes = (*laps.notes, *run.notes, *_about_noise(curve))
+        count = len(laps.phi)
+        result = CircleResult(laps, curve.y, residual, sine, found, count, notes, curve, distance, u_lag_s, u_scale)
+        return replace(result, notes=(*notes, *self.notes_of(result, where)))
+
+    def plain_figures(self, phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
+        """The plain figures of a noise-free curve y (n,) rad over phi (n,) rad, by the definitions of
+        docs/geometry.md."""
+        return {name: float(value) for name, value in self.figures_at(nodes_of(phi, y), radius_mm).items()}
 
 
 def _about_noise(curve: Curve) -> tuple[str, ...]:

@@ -22,7 +22,8 @@ from analysis.noise.spectrum import DRAWS, NODES, LapNoise
 from analysis.reading.laps import Laps
 from analysis.reporting.quantity import Quantity
 from analysis.tests.checks import hold_alive, hold_radius
-from analysis.tests.curve import PHI, SEED, Curve, Reduced, at_resolution, curve_of, figures, nodes_of
+from analysis.tests.curve import SEED, Curve, at_resolution, curve_of, figures
+from analysis.tests.reduction import PHI, Reduced, nodes_of
 
 RANGES = frozenset({"circular_deviation_mm"})
 _ROUNDS = 4

@@ -13,20 +13,23 @@ and moves them apart, which is the worst it can do."""
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from analysis.noise.cell import NoiseSource
 from analysis.noise.spectrum import DRAWS, NODES
 from analysis.reporting.quantity import Quantity
 from analysis.tests.circle import CircleResult
 from analysis.tests.circularity import circle_at, fit_circle
-from analysis.tests.curve import PHI, SEED, Curve, at_resolution, calmed, figures, nodes_of
+from analysis.tests.curve import SEED, Curve, at_resolution, calmed, figures
 from analysis.tests.lag import lag_of
+from analysis.tests.largest import largest
+from analysis.tests.reduction import PHI, nodes_of
 from rigs.errors import FileError
 
-RANGES = frozenset({"hysteresis_max_deg", "hysteresis_max_mm", "circular_deviation_mm"})
+RANGES = frozenset({"circular_deviation_mm"})
 _ELSEWHERE_MM = 0.06
 """A ball that moved by more than this was touched: three times what clamping and temperature do in a cell."""
 _ALIKE = 0.5
@@ -62,8 +65,21 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Pa
     samples = acw.samples + cw.samples
     calm = [*_calm(acw.curve, cw.curve), *_calm(acw.distance.curve, cw.distance.curve)]
     found = figures(lambda y: figures_at(y, radius), curves, drawn, samples, RANGES, calm)
+    found |= _largest(curves, drawn([curve.y for curve in curves]), samples, found["hysteresis_mean_deg"].noise)
     lag = lag_of([(curves[0], curves[1]), (curves[2], curves[3])], [radius, 1.0], samples)
     return Pair(found, lag)
+
+
+def _largest(curves: Sequence[Curve], draws: Sequence[Array], samples: int, noise: NoiseSource) -> dict[str, Quantity]:
+    """The largest hysteresis of angle and distance, and the place of that of the angle, of curves and their draws
+    (DRAWS, NODES) in the order of figures_at."""
+    found = []
+    for k, unit, scale in ((0, "deg", np.degrees(1.0)), (2, "mm", 1.0)):
+        between = scale * at_resolution(curves[k].y - curves[k + 1].y)
+        errors = scale * at_resolution(draws[k] - draws[k + 1]) - between
+        blur = float(np.hypot(curves[k].blur, curves[k + 1].blur) / np.sqrt(2))
+        found += [replace(figure, noise=noise) for figure in largest(between, errors, blur, unit, samples)]
+    return dict(zip(("hysteresis_max_deg", "hysteresis_max_at_deg", "hysteresis_max_mm"), found, strict=False))
 
 
 def _calm(acw: Curve, cw: Curve) -> tuple[Array, Array]:

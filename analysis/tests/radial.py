@@ -181,17 +181,20 @@ def _plain(
 
 
 def _repeatability(cells: Cells, scatter: Scatter) -> dict[str, Quantity]:
-    """RP along the radius where there are three visits or more; its uncertainty as in the repeatability test."""
+    """RP along the radius where there are three visits or more; its uncertainty as in the repeatability test.
+
+    By ISO 9283, 7.2.2, it is of the poses as they were attained: a drift between the visits is in it.
+    """
     often = np.isfinite(cells.g_mm).sum(axis=-1) >= _RP_VISITS
     if not often.any():
         return {}
-    x = np.where(often[..., None], cells.g_mm - scatter.drift_mm, np.nan)
+    x = np.where(often[..., None], cells.g_mm, np.nan)
 
     def largest_and_mean(readings: Array) -> dict[str, Array]:
         found = rp(readings[..., often, :, None])
         return {"rp_mm": found.max(axis=-1), "rp_mean_mm": found.mean(axis=-1)}
 
-    return of_scatter(largest_and_mean, x, scatter)
+    return of_scatter(largest_and_mean, x, scatter, scatter.drift_mm)
 
 
 def _cells(table: RadialTable, where: str) -> Cells:

@@ -25,16 +25,18 @@ def half_width(off: Array) -> float:
     return float(np.quantile(np.abs(off), _SHARE)) / 2
 
 
-def of_scatter(plain: Plain, readings: Array, scatter: Scatter) -> dict[str, Quantity]:
+def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array | float = 0.0) -> dict[str, Quantity]:
     """Figures of readings (t, k, n), NaN where there is none. value: as the standard has it; u: of its distance from
     its expectation, were the test made again and again with the same scatter about each cell's mean. Of each draw of
     the scatter a few such tests are made; they lie too near to their own mean, by a known factor. The expectation is
-    that of a gauge without steps, and nobody knows where between two steps a cell lies.
+    that of a gauge without steps, and nobody knows where between two steps a cell lies. drift_mm like the readings:
+    what of them drifted, which is no scatter and happens in each of these tests.
     """
     rng = np.random.default_rng(_SEED)
     there = np.isfinite(readings)
-    mean = np.where(there, readings, 0.0).sum(axis=-1, keepdims=True) / np.maximum(there.sum(axis=-1, keepdims=True), 1)
-    middle = np.where(there, mean, np.nan)
+    still = np.where(there, readings - drift_mm, 0.0)
+    mean = still.sum(axis=-1, keepdims=True) / np.maximum(there.sum(axis=-1, keepdims=True), 1)
+    middle = np.where(there, mean + drift_mm, np.nan)
     few = replace(scatter, sd_mm=scatter.sd_mm[::2], tail=scatter.tail[::2]).beneath(rng)
     if scatter.step_mm:
         middle = middle + scatter.step_mm * rng.uniform(-0.5, 0.5, (len(few.tail), *mean.shape))

@@ -5,43 +5,29 @@ ball along n gives the constant atan(h/R), which no one can tell from a differen
 that is there is the robot's, or the tilt of the plane really driven; the orientation error is by definition
 (docs/geometry.md) what is left without it. The paper takes no sine off its figures 10 and 11, whose extremes lie
 135° apart, so the range of the whole angle is reported beside the band.
+
+Figures: band_deg and where the orientation error is largest and smallest, max_at_deg and min_at_deg; range_deg of the
+whole angle, range_max_at_deg and range_min_at_deg; amplitude_deg, shift_deg and offset_deg of the sine. Band and range
+are noise-corrected; phi from 0 to 360.
 """
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.noise.spectrum import LapNoise
-from analysis.reading.laps import Laps
-from analysis.tests.circle import CircleResult, eccentricities, error_of, evaluate_angle, sine_figures
-from analysis.tests.curve import PHI, nodes_of
+from analysis.tests.circle import AngleTest, CircleResult, eccentricities, error_of, sine_figures
+from analysis.tests.reduction import PHI
 
 _CLEAR_MM = 0.2
 _ALIKE = 0.3
 """A robot's own sine is as large as an eccentricity of _CLEAR_MM, and points its way, by chance only."""
 
 
-def evaluate(
-    laps: Laps,
-    baseline_mm: float,
-    baseline_u_mm: float,
-    u_lag_s: float,
-    where: str = "the roll run",
-    like: tuple[LapNoise, LapNoise] | None = None,
-) -> CircleResult:
-    """The roll figures of a run's laps.
-
-    figures: band_deg and where the orientation error is largest and smallest, max_at_deg and min_at_deg;
-    range_deg of the whole angle, range_max_at_deg and range_min_at_deg; amplitude_deg, shift_deg and offset_deg
-    of the sine. Band and range are noise-corrected; phi from 0 to 360. Raises FileError.
-    """
-    result = evaluate_angle(laps, baseline_mm, baseline_u_mm, u_lag_s, figures_at, where, like)
-    height = laps.frame.radius * np.tan(result.sine.A)
+def _notes(result: CircleResult, where: str) -> tuple[str, ...]:
+    height = result.laps.frame.radius * np.tan(result.sine.A)
     note = f"the offset is the ball {height:.3f} mm along n, or the gauges' zeros, or both: roll cannot tell"
-    return dataclasses.replace(result, notes=(*result.notes, note, *_like_yaw(result)))
+    return (note, *_like_yaw(result))
 
 
 def _like_yaw(result: CircleResult) -> tuple[str, ...]:
@@ -51,11 +37,6 @@ def _like_yaw(result: CircleResult) -> tuple[str, ...]:
     if size < _CLEAR_MM or np.linalg.norm(as_yaw - by_distance) > _ALIKE * size:
         return ()
     return (f"this looks like a yaw run: the angle's sine is that of the {size:.2f} mm that the ball is off centre",)
-
-
-def plain_figures(phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
-    """The plain figures of a noise-free curve y (n,) rad over phi (n,) rad."""
-    return {name: float(value) for name, value in figures_at(nodes_of(phi, y), radius_mm).items()}
 
 
 def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
@@ -69,3 +50,7 @@ def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
         "range_max_at_deg": at[np.argmax(whole, axis=-1)],
         "range_min_at_deg": at[np.argmin(whole, axis=-1)],
     }
+
+
+_TEST = AngleTest(figures_at, _notes)
+evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures

@@ -3,20 +3,18 @@
 The angle between link and tool over circle angle phi is a sine, since the base-ball never sits in the
 circle's centre: yaw = atan2(-e_u sin + e_v cos, R - …), whose first harmonic is (-e_u sin + e_v cos)/R exactly.
 The distance, the mean of the gauges, tells the same eccentricity a second time. Where the two are opposite,
-the gauges are swapped; where they differ grossly, a note says so.
+the gauges are swapped, and the run is refused; where they differ grossly, a note says so.
+
+Figures: band_deg (noise-corrected), amplitude_deg, shift_deg, offset_deg of the sine; eccentricity_u_mm and _v_mm of
+the base-ball from the circle's centre along u and v = n × u, eccentricity_mm its length.
 """
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.noise.spectrum import LapNoise
-from analysis.reading.laps import Laps
-from analysis.tests.circle import CircleResult, eccentricities, evaluate_angle, sine_figures, sine_of
-from analysis.tests.curve import nodes_of
+from analysis.tests.circle import AngleTest, CircleResult, eccentricities, sine_figures, sine_of
 from rigs.errors import FileError
 
 _CLEAR_MM = 0.1
@@ -24,31 +22,6 @@ _CLEAR_MM = 0.1
 _APART_MM = 0.2
 _APART = 0.5
 """Eccentricities that differ by more than both, the second a share of the larger, are hardly of one ball."""
-
-
-def evaluate(
-    laps: Laps,
-    baseline_mm: float,
-    baseline_u_mm: float,
-    u_lag_s: float,
-    where: str = "the yaw run",
-    like: tuple[LapNoise, LapNoise] | None = None,
-) -> CircleResult:
-    """The yaw figures of a run's laps.
-
-    figures: band_deg (noise-corrected), amplitude_deg, shift_deg, offset_deg of the sine; eccentricity_u_mm
-    and _v_mm of the base-ball from the circle's centre along u and v = n × u, eccentricity_mm its length.
-    Raises FileError, for swapped gauges too.
-    """
-    result = evaluate_angle(laps, baseline_mm, baseline_u_mm, u_lag_s, figures_at, where, like)
-    by_angle, by_distance = eccentricities(result)
-    _hold_order(by_angle, by_distance, where)
-    return dataclasses.replace(result, notes=result.notes + _disagree(by_angle, by_distance))
-
-
-def plain_figures(phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
-    """The plain figures of a noise-free curve y (n,) rad over phi (n,) rad, by the definitions of docs/geometry.md."""
-    return {name: float(value) for name, value in figures_at(nodes_of(phi, y), radius_mm).items()}
 
 
 def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
@@ -59,6 +32,13 @@ def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
         "eccentricity_v_mm": radius_mm * b,
         "eccentricity_mm": radius_mm * np.hypot(a, b),
     }
+
+
+def _notes(result: CircleResult, where: str) -> tuple[str, ...]:
+    """Whether both eccentricities are of one ball. Raises FileError where the gauges are swapped."""
+    by_angle, by_distance = eccentricities(result)
+    _hold_order(by_angle, by_distance, where)
+    return _disagree(by_angle, by_distance)
 
 
 def _disagree(by_angle: Array, by_distance: Array) -> tuple[str, ...]:
@@ -81,3 +61,7 @@ def _hold_order(by_angle: Array, by_distance: Array, where: str) -> None:
             f"at ({by_distance[0]:.2f}, {by_distance[1]:.2f}) mm: g1 and g2 are swapped",
             "swap their offset_mm in the rig file, or the columns",
         )
+
+
+_TEST = AngleTest(figures_at, _notes)
+evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures

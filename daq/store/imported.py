@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from daq.store import durable
 from daq.store.chunk import to_parquet, with_opening
-from daq.store.manifest import ImportedTable, Manifest, chunk_name, iso_now, new_manifest
+from daq.store.manifest import ImportedTable, Manifest, chunk_name, hold_operator, iso_now, new_manifest
 from daq.store.recording import describe
 from daq.store.schema import TABLE
 from rigs.errors import CellError, FileError
@@ -36,8 +36,8 @@ def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
     """Make the run directory `path` of a table of double, int64 and string columns without nulls.
 
     source, source_sha256: name and checksum of the file that the table was read from. The run's name is
-    that of its directory. Raises FileError where path exists, CellError when the disk refuses; then
-    nothing is left of it.
+    that of its directory. Raises FileError where path exists or the operator holds control characters, CellError when
+    the disk refuses; then nothing is left of it.
     """
     columns = {field.name: str(field.type) for field in table.schema}
     manifest = new_manifest(
@@ -46,8 +46,12 @@ def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
         direction=direction,
         rig_name=rig_name,
         rig_text=rig_text,
+<<<<<<< HEAD
         operator=operator,
         placement=placement,
+=======
+        operator=hold_operator(str(path), operator),
+>>>>>>> close
         streams={},
         table=ImportedTable.model_validate({"file": source, "sha256": source_sha256, "columns": columns}),
     )

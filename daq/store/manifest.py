@@ -41,6 +41,15 @@ def in_one_line(text: str) -> str:
     return text
 
 
+def hold_operator(where: str, name: str) -> str:
+    """The name of who measured, as a run may carry it. Raises FileError for one with control characters."""
+    try:
+        return in_one_line(storable(name))
+    except ValueError:
+        what = f"cannot be measured by {name!r}, which holds control characters"
+        raise FileError(where, what, "give --operator in one line of plain text") from None
+
+
 Operator = Annotated[Text, AfterValidator(in_one_line)]
 """Who measures, as it is entered; manifests of older runs may hold any text."""
 Placement = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{0,64}$")]

@@ -11,8 +11,12 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from daq.store import durable
+<<<<<<< HEAD
 from daq.store.manifest import PLACEMENT_RULE, Manifest, first_error, in_one_line, iso_now, load_manifest
 from daq.store.schema import storable
+=======
+from daq.store.manifest import Manifest, hold_operator, iso_now, load_manifest
+>>>>>>> close
 from rigs.errors import CellError, FileError
 from rigs.vocabulary import CIRCLES, Direction, TestName
 
@@ -65,9 +69,13 @@ def _relabelled(
     if test is not None or direction is not None:
         words = _test_and_direction(run, manifest, test or manifest.test, direction)
     if operator is not None:
+<<<<<<< HEAD
         words["operator"] = _operator(run, operator)
     if placement is not None:
         words["placement"] = placement
+=======
+        words["operator"] = hold_operator(str(run), operator)
+>>>>>>> close
     at = iso_now()
     changes = [
         {"at": at, "field": field, "old": old, "new": new}
@@ -81,14 +89,6 @@ def _relabelled(
         return Manifest.model_validate(manifest.model_dump() | words | {"relabelled": [*history, *changes]})
     except ValidationError as error:
         raise FileError(str(run), first_error(error), PLACEMENT_RULE) from None
-
-
-def _operator(run: Path, name: str) -> str:
-    try:
-        return in_one_line(storable(name))
-    except ValueError:
-        what = f"cannot be measured by {name!r}, which holds control characters"
-        raise FileError(str(run), what, "give --operator in one line of plain text") from None
 
 
 def _test_and_direction(

@@ -29,10 +29,10 @@ LATE_NS = 100_000_000
 """Some cycles of the robot."""
 
 
-def _captured(folder: Path, gauges: str) -> tuple[str, Path]:
-    """A quick lap, recorded and captured: the rig file's text and its run."""
+def _captured(folder: Path, gauges: str, laps: int) -> tuple[str, Path]:
+    """Quick laps, recorded and captured: the rig file's text and its run."""
     data = yaml.safe_load(rig_text(gauges, timeout_s=0.5))
-    data["tests"]["circle"]["speed_mm_s"] = 60
+    data["tests"]["circle"] |= {"speed_mm_s": 60, "laps": laps}
     text = yaml.safe_dump(data)
     robot = EmulatedRobot(parse(text, "quick"), seed=7)
     folder.mkdir()
@@ -85,7 +85,7 @@ def _is_refused(done: CompletedProcess[str], stream: str) -> bool:
 
 @pytest.mark.parametrize("gauges", ["sylvac", "keyence"])
 def test_a_replayed_lap_has_the_figures_of_the_original(tmp_path: Path, gauges: str) -> None:
-    text, original = _captured(tmp_path / "cell", gauges)
+    text, original = _captured(tmp_path / "cell", gauges, laps=2)
     done = _analysed(tmp_path, original)
     if "no data" in done.stderr:
         pytest.skip(f"this computer held up the lap: {done.stderr}")
@@ -106,7 +106,7 @@ def test_a_replayed_lap_has_the_figures_of_the_original(tmp_path: Path, gauges: 
 def test_a_run_from_a_replay_that_is_out_of_step_is_marked_and_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    text, _ = _captured(tmp_path / "cell", "keyence")
+    text, _ = _captured(tmp_path / "cell", "keyence", laps=1)
     punctual = Speaking._play
 
     def late(self: Speaking, now_ns: int) -> Step:

@@ -18,17 +18,20 @@ TRIES = 3
 """A busy computer holds up the emulated instruments for a part of the lap, which is then rightly refused."""
 
 
-def _quick(gauges: str) -> str:
+def _quick(gauges: str, laps: int) -> str:
     data = yaml.safe_load(rig_text(gauges, timeout_s=0.5))
-    data["tests"]["circle"]["speed_mm_s"] = 100
+    data["tests"]["circle"] |= {"speed_mm_s": 100, "laps": laps}
     return yaml.safe_dump(data)
 
 
 @pytest.mark.parametrize(
-    ("gauges", "direction"), [("keyence", "acw"), ("modbus", "cw"), ("polled", "acw"), ("tcp", "cw")]
+    ("gauges", "direction", "laps"),
+    [("keyence", "acw", 2), ("modbus", "cw", 1), ("polled", "acw", 2), ("tcp", "cw", 1)],
 )
-def test_a_lap_is_recorded_analysed_and_agrees_with_the_truth(tmp_path: Path, gauges: str, direction: str) -> None:
-    text = _quick(gauges)
+def test_laps_are_recorded_analysed_and_agree_with_the_truth(
+    tmp_path: Path, gauges: str, direction: str, laps: int
+) -> None:
+    text = _quick(gauges, laps)
     rig = load_hidden("ur10e").within(parse(text, "quick"))
     robot = EmulatedRobot(rig, seed=7)
     (tmp_path / "truth.json").write_text(json.dumps(truth(rig, robot.traces)))

@@ -16,8 +16,8 @@ from analysis.reading.tables import CircleTable
 from analysis.reporting.evaluate import evaluate
 from analysis.tests import circularity, pair, roll, yaw
 from analysis.tests.circle import CircleResult
-from analysis.tests.curve import reduced
 from analysis.tests.places import doubts_of
+from analysis.tests.reduction import reduced
 from analysis.tests.turns import apart, beside, turns
 from rigs.errors import FileError
 from rigs.load import load, parse

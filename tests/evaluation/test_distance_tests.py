@@ -165,6 +165,20 @@ def test_a_drift_that_the_visits_show_makes_no_band() -> None:
     assert np.median(result.scatter.sd_mm) == pytest.approx(0.003, rel=0.3)
 
 
+def test_repeatability_keeps_the_drift_between_the_visits() -> None:
+    """ISO 9283, 7.2.2, takes the poses as they were attained: by a steady drift of d from visit to visit, d, 0 and d
+    from their mean."""
+    once = planted.hemisphere()
+    rows = np.tile(np.arange(len(once.g_mm)), 3)
+    part = {name: getattr(once, name)[rows] for name in ("target", "polar", "azimuth", "orientation", "q")}
+    t_s, step = 4.0 * np.arange(len(rows)), 0.02
+    g = np.random.default_rng(5).normal(0, 0.0005, len(rows)) + 3 * step * t_s / t_s[-1]
+    found = radial.evaluate(dataclasses.replace(once, **part, t_s=t_s, g_mm=g), 400.0, 0.0005).figures["rp_mean_mm"]
+    drifted = np.array([step, 0.0, step])
+    assert found.value == pytest.approx(drifted.mean() + 3 * drifted.std(ddof=1), rel=0.05)
+    assert found.u < 0.1 * found.value, "the drift is no scatter"
+
+
 def test_one_wild_reading_moves_figures_less_than_two_u() -> None:
     twice = planted.hemisphere(visits=2)
     g = planted.true_radial(twice) + np.random.default_rng(6).normal(0, 0.01, len(twice.g_mm))

@@ -14,8 +14,9 @@ from analysis.reading.simulated_runs import write_simulated
 from analysis.reporting.report import as_object, as_tables, write_report
 from analysis.reporting.results import analyse_run
 from analysis.reporting.truth import compare, verdict
-from analysis.tests.curve import Curve, curve_of, reduced
+from analysis.tests.curve import Curve, curve_of
 from analysis.tests.lag import lag_of
+from analysis.tests.reduction import reduced
 from rigs.effects import Effect, TimeLag
 from rigs.load import load, load_hidden
 from rigs.rig import Rig

@@ -231,6 +231,14 @@ def test_nothing_is_made_of_a_bad_table(tmp_path: Path) -> None:
     assert not (tmp_path / "r").exists()
 
 
+@pytest.mark.parametrize("name", ["a\nb", "a\x1b[2Jb", "a\tb"])
+def test_an_operator_with_control_characters_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "t.csv").write_text(csv_text(plain("yaw")))
+    with pytest.raises(FileError, match="holds control characters; give --operator in one line"):
+        import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="yaw", direction=None, operator=name)
+    assert not (tmp_path / "r").exists()
+
+
 def test_what_an_evaluation_will_refuse_is_told_at_once(tmp_path: Path) -> None:
     rows = {name: cells[:100] for name, cells in plain("yaw").items()}
     (tmp_path / "t.csv").write_text(csv_text(rows))
