@@ -46,12 +46,8 @@ def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
         direction=direction,
         rig_name=rig_name,
         rig_text=rig_text,
-<<<<<<< HEAD
-        operator=operator,
-        placement=placement,
-=======
         operator=hold_operator(str(path), operator),
->>>>>>> close
+        placement=placement,
         streams={},
         table=ImportedTable.model_validate({"file": source, "sha256": source_sha256, "columns": columns}),
     )

@@ -11,12 +11,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from daq.store import durable
-<<<<<<< HEAD
-from daq.store.manifest import PLACEMENT_RULE, Manifest, first_error, in_one_line, iso_now, load_manifest
-from daq.store.schema import storable
-=======
-from daq.store.manifest import Manifest, hold_operator, iso_now, load_manifest
->>>>>>> close
+from daq.store.manifest import PLACEMENT_RULE, Manifest, first_error, hold_operator, iso_now, load_manifest
 from rigs.errors import CellError, FileError
 from rigs.vocabulary import CIRCLES, Direction, TestName
 
@@ -69,13 +64,9 @@ def _relabelled(
     if test is not None or direction is not None:
         words = _test_and_direction(run, manifest, test or manifest.test, direction)
     if operator is not None:
-<<<<<<< HEAD
-        words["operator"] = _operator(run, operator)
+        words["operator"] = hold_operator(str(run), operator)
     if placement is not None:
         words["placement"] = placement
-=======
-        words["operator"] = hold_operator(str(run), operator)
->>>>>>> close
     at = iso_now()
     changes = [
         {"at": at, "field": field, "old": old, "new": new}

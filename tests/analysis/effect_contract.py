@@ -9,13 +9,13 @@ from functools import cache
 from typing import get_args
 
 import numpy as np
+from analysis.diagnose.evidence import Background
 
 from analysis.correction.constants import joint_zeros, link_constants
 from analysis.correction.support import supports
 from analysis.diagnose.blocks import blocks_of
 from analysis.diagnose.candidates import candidates_for
 from analysis.diagnose.diagnosis import Named
-from analysis.diagnose.evidence import Background
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.observed import see
 from analysis.diagnose.plan import Plan, plan
