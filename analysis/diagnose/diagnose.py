@@ -18,8 +18,9 @@ from analysis.diagnose.leftover import leftovers
 from analysis.diagnose.locate import places
 from analysis.diagnose.look import Look, looked
 from analysis.diagnose.naming import Rivalry
+from analysis.diagnose.neighbourhoods import parted
 from analysis.diagnose.parting import parting
-from analysis.diagnose.proof import gain_of_each, gap, judged, without
+from analysis.diagnose.proof import gain_of_each, gap, without
 from analysis.diagnose.runs import about
 from analysis.diagnose.settle import grown
 from analysis.diagnose.signatures import parts
@@ -47,19 +48,24 @@ def diagnose(
 ) -> Diagnosis:
     """Diagnose runs of one robot beside the model of a rig; judge on runs left out and at an unseen place.
 
-    tolerance_um: from which on a name is material; the scatter of one run where None. Raises FileError for runs of
+    tolerance_um: from which on a name is material; the scatter of one run where None. Of poses, where no run is held
+    out, a fifth of their neighbourhoods in joint space is. Raises FileError for runs of
     another robot, or that cannot be read as what they say.
     """
     begin_s = time.perf_counter()
     progress("reading the runs")
-    runs = about(rig, used)
+    runs, judges = about(rig, used), about(rig, held_out)
+    if not judges:
+        runs, judges = parted(runs)
     look = looked(runs, progress)
     progress("proving it on runs left out")
     kept = look.state.refined.effects
-    names = [run.run.manifest.name for run in used]
-    train = gap(runs, kept, look.linear, names)
-    outside = [judged(rig, them, kept, look.linear) for them in (held_out, unseen)]
-    gains = gain_of_each(look, about(rig, held_out))
+    train = gap(runs, look, _names(used))
+    outside = [
+        gap(them, look, names) if them else None
+        for them, names in ((judges, _names(held_out or used)), (about(rig, unseen), _names(unseen)))
+    ]
+    gains = gain_of_each(look, judges)
     limits = limits_um(look.linear, tolerance_um)
     whole = [_named(look, k, limits, gains[k], without(runs, kept, k, look.linear.setups)) for k in range(len(kept))]
     shaken = swing(grown(runs, kept), look.linear.setups)
@@ -99,6 +105,10 @@ def diagnose(
         maps=maps_of(linear.blocks, before, after),
         seconds=time.perf_counter() - begin_s,
     )
+
+
+def _names(runs: Sequence[Measured]) -> list[str]:
+    return [run.run.manifest.name for run in runs]
 
 
 def _named(look: Look, k: int, limits: Array, gain: float | None, gap_without_um: float) -> Named:

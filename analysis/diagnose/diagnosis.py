@@ -84,14 +84,18 @@ class Remainder:
 
 @dataclass(frozen=True)
 class Gap:
-    """Root mean square in µm of what a model leaves of readings, set-up fitted, before and after the effects are in it;
-    runs: their names; noise_floor_um: what noise and scatter of a
-    run give by themselves, of which a set-up fitted to it may take up a part."""
+    """Root mean square in µm of what a model leaves of readings, set-up fitted, before and after the effects are in it.
+
+    runs: their names; noise_floor_um: what noise and scatter of a run give by themselves, of which a set-up fitted to
+    it may take up a part; calibrated_um: with a healthy arm's share of everything taken out as well, as far as the runs
+    used show it.
+    """
 
     runs: tuple[str, ...]
     before_um: float
     after_um: float
     noise_floor_um: float
+    calibrated_um: float
 
 
 @dataclass(frozen=True)

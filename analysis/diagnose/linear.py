@@ -64,8 +64,7 @@ class Linear:
 
     def set_up(self, values: Array) -> Array:
         """Values (N, …) less what set-ups could take up."""
-        used = np.linalg.norm(self.U, axis=0) > 0
-        basis, _ = np.linalg.qr(self.U[:, used])
+        basis = basis_of(self.U)
         fitted: Array = values - basis @ (basis.T @ values)
         return fitted
 
@@ -156,6 +155,12 @@ class Linear:
         for block, rows, begin, end in zip(self.blocks, self.rows, ends, ends[1:], strict=False):
             columns[rows, begin:end] = block.white(block.scatter_mm)
         return columns
+
+
+def basis_of(columns: Array) -> Array:
+    """An orthonormal basis of columns (N, s), those that are nothing left out."""
+    basis, _ = np.linalg.qr(columns[:, np.linalg.norm(columns, axis=0) > 0])
+    return np.asarray(basis, dtype=float)
 
 
 def _with(model: Model, *effects: Effect) -> Model:

@@ -6,33 +6,55 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from analysis.diagnose.blocks import Block, entries
+from analysis.diagnose.blocks import Block, blocks_of, entries
 from analysis.diagnose.diagnosis import Gap
-from analysis.diagnose.linear import Linear
+from analysis.diagnose.linear import Linear, basis_of
 from analysis.diagnose.look import Look
 from analysis.diagnose.observed import Seen
-from analysis.diagnose.runs import about
 from analysis.diagnose.settle import grown, settled
-from analysis.diagnose.worth import scatter_um
+from analysis.diagnose.worth import plain_worth, rms_um, scatter_um
 from analysis.fitting.observation import residuals_of, rms
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
-from analysis.reading.loading import Measured
 from rigs.effects import Effect
-from rigs.rig import Rig
 
 
-def gap(runs: Sequence[Seen], effects: Sequence[Effect], linear: Linear, names: Sequence[str]) -> Gap:
+def gap(runs: Sequence[Seen], look: Look, names: Sequence[str]) -> Gap:
     """Runs, with their names, before and after effects are in their model, set-ups fitted both times."""
+    effects = look.state.refined.effects
     setups, before = settled(runs)
-    after = settled(grown(runs, effects), setups)[1] if effects else before
-    floor = _floor(linear, {run.name for run in runs})
-    return Gap(tuple(names), 1e3 * rms(before), 1e3 * rms(after), floor)
+    setups, after = settled(grown(runs, effects), setups) if effects else (setups, before)
+    floor = _floor(look.linear, {run.name for run in runs})
+    return Gap(tuple(names), 1e3 * rms(before), 1e3 * rms(after), floor, _calibrated_um(look, runs, setups))
 
 
-def judged(rig: Rig, runs: Sequence[Measured], effects: Sequence[Effect], linear: Linear) -> Gap | None:
-    """The frozen model on runs that had no part in it."""
-    return gap(about(rig, runs), effects, linear, [run.run.manifest.name for run in runs]) if runs else None
+def _calibrated_um(look: Look, runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> float:
+    """What is left of runs, rms in µm, with a healthy arm's share of everything taken out beside the names."""
+    known = {block.name: k for k, block in enumerate(look.linear.blocks)}
+    energy, count = 0.0, 0
+    for run in runs:
+        k = known.get(run.name)
+        left = _left_of(run, look.linear.blocks[k], look) if k is not None else None
+        um = _elsewhere_um(look, run, setups) if left is None or k is None else _there_um(look, k, left)
+        energy, count = energy + len(run.one.rows) * um**2, count + len(run.one.rows)
+    return float(np.sqrt(energy / count))
+
+
+def _there_um(look: Look, k: int, left: Array) -> float:
+    """Of a run of a block that was looked at, left (N,) in standard deviations."""
+    rows, linear = look.linear.rows[k], look.linear
+    values = left - look.posterior.healthy_share[rows]
+    basis = basis_of(linear.U[rows])
+    return rms_um(linear.blocks[k], (values - basis @ (basis.T @ values)) * linear.blocks[k].sd_mm)
+
+
+def _elsewhere_um(look: Look, run: Seen, setups: Mapping[str, SetUp]) -> float:
+    """Of a run at another place, radius or speed."""
+    effects, forms = look.state.refined.effects, look.naming.columns.forms
+    alone = Linear(blocks_of([run], setups, effects), setups, effects)
+    sizes = np.repeat([form.size for form in forms], [len(form.columns) for form in forms])
+    share = alone.columns([effect for form in forms for effect in form.effects]) / sizes
+    return plain_worth(alone, alone.set_up(alone.y - share @ look.posterior.mean[: share.shape[1]])).whole_um
 
 
 def gain_of_each(look: Look, runs: Sequence[Seen]) -> list[float | None]:
@@ -48,12 +70,11 @@ def gain_of_each(look: Look, runs: Sequence[Seen]) -> list[float | None]:
     whole, gained, judged_by = 0.0, np.zeros(len(effects)), 0
     for block, rows in zip(linear.blocks, linear.rows, strict=True):
         for run in runs:
-            left = _left_of(run, block, look) if run.name == block.name else None
-            if left is None or len(left) != len(block.y_mm):
+            left = _left_of(run, block, look)
+            if left is None:
                 continue
             judged_by += 1
-            U = linear.U[rows]
-            basis, _ = np.linalg.qr(U[:, np.linalg.norm(U, axis=0) > 0])
+            basis = basis_of(linear.U[rows])
 
             def energy(change: Array, left: Array = left, basis: Array = basis, block: Block = block) -> float:
                 values = left + change
@@ -66,8 +87,10 @@ def gain_of_each(look: Look, runs: Sequence[Seen]) -> list[float | None]:
 
 
 def _left_of(run: Seen, block: Block, look: Look) -> Array | None:
-    """What the names leave of one run, (N,) in standard deviations of a block of its kind; None where it did not stand
-    before and after as those did."""
+    """What the names leave of one run, (N,) in standard deviations of a block of its kind; None where the run is of
+    another kind or place, or did not stand before and after as those did."""
+    if run.name != block.name or run.model.rig != block.model.rig:
+        return None
     sampling = run.sampling
     if sampling and block.sampling and not block.sampling.stands:
         sampling = sampling.without_stands()

@@ -1,7 +1,7 @@
 """A swing of the link, which begins anew with every run: looked for in the time of each run, not along the circle.
 
 Its phase differs from run to run, so repeats average it out and no fit along the circle sees it. What all runs share is
-its frequency: their spectra, each over its own noise, are added.
+its frequency: the spectra of what they are off the mean of their repeats, each over its own noise, are added.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.diagnose.observed import Seen
+from analysis.diagnose.observed import GRID, Seen
 from analysis.fitting.observation import residuals_of
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
@@ -34,24 +34,25 @@ class Swing:
 
 
 def swing(runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> Swing | None:
-    """The strongest swing of all circles, None where there is no circle to look at."""
-    circles = [run for run in runs if run.sampling]
-    if not circles:
+    """The strongest swing of all circles, None where none was repeated.
+
+    What repeats share is not of it: a gear's waves come at the same angles in every run, a swing at its own times.
+    """
+    left = _apart(runs, setups)
+    if not left:
         return None
-    seconds = max(float(np.ptp(run.one.path.t_s)) for run in circles)
-    rate = min(len(run.one.path.t_s) / float(np.ptp(run.one.path.t_s)) for run in circles)
+    seconds = max(float(np.ptp(one.t_s)) for one in left)
+    rate = min(len(one.t_s) / float(np.ptp(one.t_s)) for one in left)
     f = np.arange(_LOWEST_HZ, 0.45 * rate, 0.25 / seconds)
     if len(f) < 2 * _width(f):
         return None
-    over, squares, count = np.zeros(len(f)), np.zeros(len(f)), 0
-    noise = []
-    for run in circles:
-        power, n = _power(run, setups, f)
+    over, squares, noise, count = np.zeros(len(f)), np.zeros(len(f)), [], len(left)
+    for one in left:
+        power, n = _power(one, f), len(one.t_s)
         level = _level(power, _width(f))
         over += power / level
-        squares += 4 * (power - level) / n
-        noise.append(2 * float(np.median(level)) / n)
-        count += 1
+        squares += 4 * (power - level) / n / one.share
+        noise.append(2 * float(np.median(level)) / n / one.share)
     k = int(np.argmax(over))
     # Each run has two unknowns of its own, amplitude and phase: of n runs the sum of powers is a gamma of shape n.
     gain = float(over[k] - count - count * np.log(max(over[k] / count, 1.0))) - float(np.log(len(f)))
@@ -61,17 +62,44 @@ def swing(runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> Swing | None:
     return Swing(effect, min(amplitude, 1.0), {"amplitude_mm": sd, "frequency_hz": 0.125 / seconds}, gain)
 
 
+@dataclass(frozen=True)
+class _Apart:
+    """What one run is off the mean of its repeats: t_s (n,), left_mm (n,) of the mean of the gauges; share of a swing's
+    power that is in it."""
+
+    t_s: Array
+    left_mm: Array
+    share: float
+
+
+def _apart(runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> list[_Apart]:
+    groups: dict[str, list[Seen]] = {}
+    for run in runs:
+        if run.sampling:
+            groups.setdefault(run.name, []).append(run)
+    found = []
+    for group in groups.values():
+        if len(group) < 2:
+            continue
+        left = [residuals_of(run.model, [run.one], setups)[0].mean(axis=1) for run in group]
+        mean = np.mean(
+            [run.sampling.gridded(one) for run, one in zip(group, left, strict=True) if run.sampling], axis=0
+        )
+        for run, one in zip(group, left, strict=True):
+            assert run.sampling is not None  # noqa: S101 - circles only
+            phi, rows = run.sampling.phi, run.one.rows[: len(run.sampling.phi)]
+            shared = np.interp(phi, 2 * np.pi * np.arange(GRID) / GRID, mean, period=2 * np.pi)
+            found.append(_Apart(run.one.path.t_s[rows], one[: len(phi)] - shared, 1 - 1 / len(group)))
+    return found
+
+
 def _width(f: Array) -> int:
     return int(_NEAR_HZ / (f[1] - f[0]))
 
 
-def _power(run: Seen, setups: Mapping[str, SetUp], f: Array) -> tuple[Array, int]:
-    """|sum r exp(-i 2 pi f t)|² / n (F,) mm² of the mean of the gauges, at the uneven instants of the lap."""
-    (residual,) = residuals_of(run.model, [run.one], setups)
-    assert run.sampling is not None  # noqa: S101 - circles only
-    n = len(run.sampling.phi)
-    r = residual[:n].mean(axis=1)
-    t = run.one.path.t_s[run.one.rows[:n]]
+def _power(one: _Apart, f: Array) -> Array:
+    """|sum r exp(-i 2 pi f t)|² / n (F,) mm² at the uneven instants of the laps."""
+    t, r = one.t_s, one.left_mm
     r = r - np.polynomial.Polynomial.fit(t, r, 3)(t)
     turn = np.exp(-2j * np.pi * (f[1] - f[0]) * t)
     wave = r * np.exp(-2j * np.pi * f[0] * t)
@@ -79,7 +107,8 @@ def _power(run: Seen, setups: Mapping[str, SetUp], f: Array) -> tuple[Array, int
     for k in range(len(f)):
         found[k] = wave.sum()
         wave = wave * turn
-    return np.abs(found) ** 2 / n, n
+    power: Array = np.abs(found) ** 2 / len(t)
+    return power
 
 
 def _level(power: Array, width: int) -> Array:

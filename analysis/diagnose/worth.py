@@ -39,7 +39,7 @@ def worth(linear: Linear, change: Array) -> Worth:
 
 def plain_worth(linear: Linear, change: Array) -> Worth:
     """Of a change (N,) as it is."""
-    return Worth(np.array([_rms_um(*one) for one in zip(linear.blocks, linear.in_mm(change), strict=True)]))
+    return Worth(np.array([rms_um(*one) for one in zip(linear.blocks, linear.in_mm(change), strict=True)]))
 
 
 def limits_um(linear: Linear, tolerance_um: float | None) -> Array:
@@ -55,13 +55,13 @@ def scatter_um(linear: Linear) -> Array:
     moved = linear.set_up(linear.Z)
     whole = linear.in_mm(np.sqrt(1 + (moved**2).sum(axis=1)))
     return np.array([
-        _rms_um(block, np.sqrt(block.count) * (one if block.sampling else np.full(len(one), np.median(one))))
+        rms_um(block, np.sqrt(block.count) * (one if block.sampling else np.full(len(one), np.median(one))))
         for block, one in zip(linear.blocks, whole, strict=True)
     ])  # fmt: skip
 
 
-def _rms_um(block: Block, entries_mm: Array) -> float:
-    """Per reading of a gauge; of poses the distance."""
+def rms_um(block: Block, entries_mm: Array) -> float:
+    """Root mean square in µm of a block's entries (N,) mm: per reading of a gauge; of poses the distance."""
     if block.sampling:
         energy, count = float((entries_mm[: len(ORDER_OF)] ** 2).sum()), 2 * GRID
     else:

@@ -85,6 +85,7 @@ def _gap(gap: Gap | None) -> dict[str, Any] | None:
     return {
         "before": gap.before_um,
         "after": gap.after_um,
+        "calibrated": gap.calibrated_um,
         "noise_floor": gap.noise_floor_um,
         "runs": list(gap.runs),
     }

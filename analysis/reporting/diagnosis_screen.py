@@ -106,14 +106,14 @@ def _slight(found: Diagnosis) -> str:
 
 def _gaps(found: Diagnosis) -> list[RenderableType]:
     effects = bool(standing(found))
-    headings = ("before", "after", "noise floor", "closed") if effects else ("rms", "noise floor")
+    last = ("calibrated", "noise floor")
+    headings = ("before", "after", *last, "closed") if effects else ("rms", *last)
     table = _plain_table("µm rms", *headings, right=headings)
     places = (("runs used", found.train), ("run left out", found.held_out), ("unseen place", found.unseen))
     for name, gap in places:
         if gap is not None:
-            cells = (
-                (gap.before_um, gap.after_um, gap.noise_floor_um) if effects else (gap.before_um, gap.noise_floor_um)
-            )
+            ends = (gap.calibrated_um, gap.noise_floor_um)
+            cells = (gap.before_um, gap.after_um, *ends) if effects else (gap.before_um, *ends)
             table.add_row(name, *map(_number, cells), *([_percent(gap)] if effects else []))
     return [table]
 

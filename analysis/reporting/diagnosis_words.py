@@ -104,10 +104,8 @@ def whole_lap(place: Place) -> bool:
 
 
 def closed(gap: Gap) -> float:
-    """Share of the gap's energy above the noise floor that the effects remove; nan where there is no gap."""
-    floor = gap.noise_floor_um**2
-    before = gap.before_um**2 - floor
-    return 1 - max(0.0, gap.after_um**2 - floor) / before if before > 0 else math.nan
+    """Share of the gap's energy that the names and a healthy arm's share of everything remove; nan without a gap."""
+    return 1 - (gap.calibrated_um / gap.before_um) ** 2 if gap.before_um > 0 else math.nan
 
 
 def shortened(names: Iterable[str]) -> str:
