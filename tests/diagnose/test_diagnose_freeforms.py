@@ -14,13 +14,12 @@ from analysis.diagnose.freeforms import free_forms, strangest
 from analysis.diagnose.linear import Linear
 from rigs.effects import Backlash, JointOffset
 
-
 _SURE = 7.0
 """Log evidence that any name must win (its price and the number of names)."""
 
 
 def _beside(linear: Linear, left: Array, known: Array | None = None, more: Array | None = None) -> Posterior:
-    """What is left (N,), beside noise and set-ups; known: columns (N, q) of free size; more: of standard deviation 1."""
+    """What is left (N,) beside noise and set-ups; known: columns (N, q) of free size; more: of standard deviation 1."""
     T = np.empty((len(left), 0)) if known is None else known
     q = T.shape[1]
     return no_background(linear, more).posterior(Known(left, T, 1e-6 * np.eye(q), np.zeros(q)))

@@ -62,7 +62,8 @@ def test_the_screen_tells_name_size_gap_and_remedy() -> None:
         "231–243°",
         "352–8°",
         "targets 3–7",
-        "99.7 %",
+        "calibrated",
+        "92.3 %",
         "take up the play",
         "circle of radius 140 mm (expected: 12 sigma)",
         "joint_offset 1 6, link_geometry 6.a, time_lag",
@@ -108,7 +109,7 @@ def test_the_object_has_the_keys_of_the_documents(verdict: Verdict) -> None:
     assert bool(told["effects"]) == (verdict in ("named", "ambiguous", "outside_library"))
     assert told["remainder"].keys() >= {"um", "share", "words"} and told["remainder"]["share"] == 0.05
     assert told["gap"]["unit"] == "um" and told["gap"]["unseen_place"] is None
-    assert told["gap"]["held_out"].keys() >= {"before", "after", "noise_floor"}
+    assert told["gap"]["held_out"].keys() >= {"before", "after", "calibrated", "noise_floor"}
     assert told["where"][0] == {
         "channel": "yaw", "direction": "cw", "part": "angle", "from_deg": 231.4, "to_deg": 243.0, "joint": 1,
         "why": "reversal", "rms_um": 14.21, "sigma": 22.4,
@@ -128,7 +129,7 @@ def test_effects_and_rivals_of_the_object() -> None:
 
 
 def test_what_is_not_known_is_null() -> None:
-    nothing = Gap((), math.nan, math.inf, math.nan)
+    nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
     odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
     left = (Leftover("yaw", None, "angle", None, math.nan, "?"),)
     told = as_object(diagnosis(train=nothing, effects=(odd,), left=left, level=np.float64(0.2)))
@@ -145,7 +146,7 @@ def test_every_verdict_has_its_picture(verdict: Verdict, tmp_path: Path) -> None
 
 
 def test_a_picture_of_little_and_one_of_much(tmp_path: Path) -> None:
-    nothing = Gap((), math.nan, math.nan, math.nan)
+    nothing = Gap((), math.nan, math.nan, math.nan, math.nan)
     picture(diagnosis("not_testable_here", curves=(), maps=(), train=nothing, groups=())).savefig(
         tmp_path / "little.png", dpi=40
     )
@@ -215,4 +216,5 @@ def test_figures_in_words() -> None:
     assert shortened(["a 2", "b", "a 1"]) == "a 1 2, b"
     assert stretch(PLACES[2]) == stretch(replace(PLACES[2], from_deg=82.0, to_deg=81.0)) == "whole lap"
     assert stretch(replace(PLACES[3], from_deg=4, to_deg=4)) == "target 4"
-    assert closed(Gap((), 5.0, 3.0, 3.0)) == 1 and math.isnan(closed(Gap((), 3.0, 3.0, 3.0)))
+    assert closed(Gap((), 5.0, 4.0, 1.0, 3.0)) == pytest.approx(0.64)
+    assert math.isnan(closed(Gap((), 0.0, 0.0, 0.0, 0.0)))
