@@ -18,6 +18,9 @@ from rigs.vocabulary import Direction, TestName
 _TOLD = 4
 _LEAST = 2.0
 """Times the energy of the noise from which on a band is worth a line."""
+_CLEAR = 6.0
+"""Standard deviations by which a band exceeds its noise, so that few readings are not told by chance: of five, noise
+alone does once in some thousands."""
 _SLOW = 30
 """Orders below this are compared between the directions."""
 
@@ -27,14 +30,20 @@ class _Band:
     block: Block
     part: str
     orders: tuple[int, int] | None
+    count: int
     energy_mm2: float
     ratio: float
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it exceeds its noise by more than chance does."""
+        return self.ratio > max(_LEAST, 1 + _CLEAR * np.sqrt(2 / self.count))
 
 
 def leftovers(blocks: Sequence[Block], left: Array) -> tuple[Leftover, ...]:
     """The bands that exceed their noise, in words, those with most energy in mm² first; left (N,): in standard
     deviations."""
-    found = [band for band in _bands(blocks, left) if band.ratio > _LEAST]
+    found = [band for band in _bands(blocks, left) if band.is_clear]
     found.sort(key=lambda band: -band.energy_mm2)
     parity = _parity(blocks, left)
     return tuple(_told(band, parity) for band in found[:_TOLD])
@@ -57,7 +66,7 @@ def _bands(blocks: Sequence[Block], left: Array) -> Iterator[_Band]:
 
 def _band(block: Block, part: str, orders: tuple[int, int] | None, own: Array, here: Integers) -> _Band:
     energy = float(((own[here] * block.sd_mm[here]) ** 2).sum())
-    return _Band(block, part, orders, energy, float(np.mean(own[here] ** 2)))
+    return _Band(block, part, orders, len(here), energy, float(np.mean(own[here] ** 2)))
 
 
 def _parity(blocks: Sequence[Block], left: Array) -> dict[tuple[TestName, str], float]:

@@ -57,7 +57,9 @@ def swing(runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> Swing | None:
     # Each run has two unknowns of its own, amplitude and phase: of n runs the sum of powers is a gamma of shape n.
     gain = float(over[k] - count - count * np.log(max(over[k] / count, 1.0))) - float(np.log(len(f)))
     amplitude = float(np.sqrt(max(squares[k] / count, 0.0)))
-    sd = float(np.sqrt(np.mean(noise) / count))
+    # Of a swing of n runs, whose phases are of their own, the mean takes 1/n ± √(1 - 1/n)/n of the power.
+    phases = amplitude**2 * float(np.mean([0.25 * (1 - one.share) / one.share for one in left]))
+    sd = float(np.sqrt((np.mean(noise) + phases) / count))
     effect = swing_of(float(f[k]), min(amplitude, 1.0))
     return Swing(effect, min(amplitude, 1.0), {"amplitude_mm": sd, "frequency_hz": 0.125 / seconds}, gain)
 

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.diagnose.background import Background
 from analysis.diagnose.blocks import blocks_of
+from analysis.diagnose.columns import Columns, Form
 from analysis.diagnose.diagnose import diagnose
 from analysis.diagnose.diagnosis import Diagnosis
-from analysis.diagnose.evidence import Background
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.observed import Seen, see
 from analysis.diagnose.settle import settled
@@ -113,14 +114,14 @@ def healthy() -> Linear:
     """Two yaw circles each way of a healthy robot, about the set-up fitted to them."""
     runs = seen(circles(seed=90))
     setups, _ = settled(runs)
-    return Linear(blocks_of(runs, setups)[0], setups)
+    return Linear(blocks_of(runs, setups), setups)
 
 
 def holding(linear: Linear, y: Array) -> Linear:
     """The same with another residual (N,) in standard deviations."""
-    ends = np.cumsum([len(block.y) for block in linear.blocks])[:-1]
-    parts = np.split(y, ends)
-    return Linear([replace(block, y=part) for block, part in zip(linear.blocks, parts, strict=True)], linear.setups)
+    parts = [y[rows] * block.sd_mm for rows, block in zip(linear.rows, linear.blocks, strict=True)]
+    blocks = [replace(block, y_mm=part) for block, part in zip(linear.blocks, parts, strict=True)]
+    return Linear(blocks, linear.setups)
 
 
 def shown_by(linear: Linear, effects: Sequence[Effect]) -> Array:
@@ -135,6 +136,20 @@ def white(linear: Linear, seed: int) -> Array:
     return np.random.default_rng(seed).normal(0.0, 1.0, len(linear.y))
 
 
-def no_background(linear: Linear) -> Background:
-    """Noise alone."""
-    return Background(np.zeros((len(linear.y), 1)))
+def columns_of(X: Array, band: NDArray[np.int64], forms: Sequence[Form] = ()) -> Columns:
+    """Columns (N, p) given as numbers: those of forms first, then those of set-ups."""
+    made = Columns.__new__(Columns)
+    made.X, made.band, made.forms = X, band, tuple(forms)
+    made.count = np.bincount(band)
+    made.K = np.stack([made.products(band == b) for b in range(len(made.count))])
+    ends = sum(len(form.columns) for form in forms)
+    made.set_ups = slice(ends, X.shape[1])
+    return made
+
+
+def no_background(linear: Linear, more: Array | None = None) -> Background:
+    """Noise and set-ups alone, with `more` (N, p) columns of standard deviation 1."""
+    other = np.empty((len(linear.y), 0)) if more is None else more
+    X = np.concatenate([linear.U, other], axis=1)
+    variance = np.concatenate([np.full(linear.U.shape[1], 100.0), np.ones(other.shape[1])])
+    return Background(columns_of(X, np.zeros(len(X), dtype=np.int64)), np.ones(len(X)), variance)

@@ -79,8 +79,8 @@ def _standing(run: Measured) -> Measured:
 def test_nobody_knows_where_in_its_play_a_joint_stood_before_the_run() -> None:
     runs = seen([_standing(run) for run in circles()])
     setups, _ = settled(runs)
-    linear = Linear(blocks_of(runs, setups)[0], setups)
-    assert [len(block.y) for block in linear.blocks] == [len(ORDER_OF) + 4] * 2
+    linear = Linear(blocks_of(runs, setups), setups)
+    assert [len(block.y_mm) for block in linear.blocks] == [len(ORDER_OF) + 4] * 2
     # Such a column shows before the lap, in its own run; what a set-up does is taken out everywhere.
     assert _before_the_lap(linear) == [1, 1]
 
@@ -97,7 +97,7 @@ def _before_the_lap(linear: Linear) -> list[int]:
     counts, begin = [], 0
     for block in linear.blocks:
         first = begin + len(ORDER_OF) + np.arange(2)
-        begin += len(block.y)
-        if len(block.y) > len(ORDER_OF):
+        begin += len(block.y_mm)
+        if len(block.y_mm) > len(ORDER_OF):
             counts.append(int((energy[first].sum(axis=0) > 0.8).sum()))
     return counts

@@ -53,8 +53,8 @@ def _simulated(linear: Linear, effects: tuple[Effect, ...]) -> Array:
 @pytest.mark.parametrize("effect", SMALL, ids=lambda effect: effect.effect)
 def test_a_column_is_the_difference_of_two_simulations(effect: Effect) -> None:
     linear = healthy()
-    column = linear.columns([effect])[:, 0]
-    wanted = linear.projected(_simulated(linear, (effect,)))
+    column = linear.set_up(linear.columns([effect])[:, 0])
+    wanted = linear.set_up(_simulated(linear, (effect,)))
     assert np.linalg.norm(wanted) > 1
     assert np.linalg.norm(column - wanted) < 0.02 * np.linalg.norm(wanted)
 
@@ -72,13 +72,13 @@ def test_what_a_ball_or_a_zero_can_do_leaves_nothing() -> None:
     for term, moved in enumerate(0.02 * np.eye(5)):
         there = linear.placed(moved)
         shift = np.concatenate([block.whitened(linear.adding(k, ())(there)) for k, block in enumerate(linear.blocks)])
-        assert np.linalg.norm(linear.projected(shift)) < 5e-3 * max(np.linalg.norm(shift), 1.0), term
+        assert np.linalg.norm(linear.set_up(shift)) < 5e-3 * max(np.linalg.norm(shift), 1.0), term
 
 
 def test_terms_of_poses_are_where_an_instrument_stands_its_turn_and_its_target() -> None:
     runs = seen([poses(1)])
     setups, _ = settled(runs)
-    linear = Linear(blocks_of(runs, setups)[0], setups)
+    linear = Linear(blocks_of(runs, setups), setups)
     assert linear.stands.tolist() == [True] * 3 + [False] * 6
     there = linear.placed(np.arange(1.0, 10.0))["pose"]
     before = setups["pose"]
@@ -91,7 +91,7 @@ def test_terms_of_poses_are_where_an_instrument_stands_its_turn_and_its_target()
 def test_a_turn_of_axis_1_is_a_shift_of_the_ball() -> None:
     linear = healthy()
     turn = JointOffset(axis=1, offset_deg=0.01)
-    assert np.linalg.norm(linear.columns([turn])) < 0.02 * np.linalg.norm(linear.raw([turn]))
+    assert np.linalg.norm(linear.set_up(linear.columns([turn]))) < 0.02 * np.linalg.norm(linear.columns([turn]))
 
 
 def test_the_residual_is_exact_for_large_effects_and_moved_set_ups() -> None:
@@ -107,16 +107,16 @@ def test_the_residual_is_exact_for_large_effects_and_moved_set_ups() -> None:
         parts.append(block.whitened(grown.g_mm[block.one.rows] - base))
     there = holding(linear, np.concatenate(parts))
     whole = np.linalg.norm(np.concatenate(parts))
-    assert np.linalg.norm(there.leaving(effects)({"yaw": planted()})) < 1e-3 * whole
-    assert np.linalg.norm(there.leaving(effects[:1])({"yaw": planted()})) > 1e-2 * whole
+    assert np.linalg.norm(there.left(effects, {"yaw": planted()})) < 1e-3 * whole
+    assert np.linalg.norm(there.left(effects[:1], {"yaw": planted()})) > 1e-2 * whole
     off = replace(planted(), zeros_mm=np.array([0.1, 0.0]))
-    assert np.linalg.norm(there.leaving(effects)({"yaw": off})) > 10
+    assert np.linalg.norm(there.left(effects, {"yaw": off})) > 10
 
 
 def test_nothing_named_leaves_the_residual() -> None:
     linear = healthy()
     y = white(linear, 1)
-    np.testing.assert_allclose(holding(linear, y).leaving(())(linear.setups), y, atol=1e-9)
+    np.testing.assert_allclose(holding(linear, y).left(()), y, atol=1e-9)
 
 
 def test_jolts_at_every_sample_are_an_offset() -> None:
@@ -125,7 +125,7 @@ def test_jolts_at_every_sample_are_an_offset() -> None:
     block = linear.blocks[1]
     for sample in block.one.path.rows[block.one.rows]:
         whole += linear.jolt(1, 3, int(sample), angle)
-    first = len(linear.blocks[0].y)
+    first = len(linear.blocks[0].y_mm)
     assert not whole[:first].any()
-    offset = linear.raw([JointOffset(axis=3, offset_deg=angle)])[first:, 0]
+    offset = linear.columns([JointOffset(axis=3, offset_deg=angle)])[first:, 0]
     assert np.linalg.norm(whole[first:] - offset) < 1e-3 * np.linalg.norm(offset)

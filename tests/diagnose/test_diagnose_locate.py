@@ -84,8 +84,8 @@ def test_what_the_gauges_see_apart_is_an_angle() -> None:
 def test_targets_that_are_off_are_counted_and_the_worst_is_named() -> None:
     runs = seen([measured(table_of("radial", None, 1), "radial", "radial")])
     setups, _ = settled(runs)
-    (block,), _ = blocks_of(runs, setups)
-    left = np.random.default_rng(1).normal(0.0, 1.0, len(block.y)) * block.sd_mm
+    (block,) = blocks_of(runs, setups)
+    left = np.random.default_rng(1).normal(0.0, 1.0, len(block.y_mm)) * block.sd_mm
     assert places([block], [left]) == ()
     left[[4, 9]] = [0.05, -0.08]
     (place,) = places([block], [left])

@@ -1,84 +1,108 @@
-"""Noise from repeats: its spectrum by bands, and how runs sit elsewhere; assumed where nothing is repeated."""
+"""Noise from repeats: its shape, a level for each run, how runs lie elsewhere; assumed where nothing is repeated."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from cells import Array, circles, seen, table_of
+from cells import Array, circles, measured, no_background, seen, table_of
 
 from analysis.diagnose.blocks import blocks_of
-from analysis.diagnose.noise import RunNoise, noise_of, reading_sd, shaken_by
+from analysis.diagnose.linear import Linear
+from analysis.diagnose.noise import CircleNoise, Repeated, circle_noise, shaken_by, target_sd
 from analysis.diagnose.observed import ORDER_OF
 from analysis.diagnose.settle import settled
 from analysis.fitting.observation import observe
 from analysis.model.predict import model_of, nominal_setup
+from analysis.noise.cell import SLOW_MM, TARGET_MM, WHITE_MM
 
-BANDS = (0, 4, 18, 90, len(ORDER_OF))
 HALF = len(ORDER_OF) // 2
-RNG = np.random.default_rng(11)
-SHAKEN = RNG.normal(0.0, 0.005, (len(ORDER_OF), 9))
-PLANTED_MM = np.where(ORDER_OF < 18, 0.004, 0.001) * np.where(np.arange(len(ORDER_OF)) < HALF, 1.0, 0.5)
+SHAKEN = np.random.default_rng(11).normal(0.0, 0.005, (len(ORDER_OF), 9))
+SHAPE_MM = np.where(ORDER_OF < 18, 0.004, 0.001) * np.where(np.arange(len(ORDER_OF)) < HALF, 1.0, 0.5)
+LEVELS = (1.0, 2.0, 4.0, 1.5)
+"""Of four runs: a gauge's level in a real cell differs from run to run by a factor of four."""
 
 
-def _repeats(count: int, joints: float, ball: float, seed: int) -> Array:
-    rng = np.random.default_rng(seed)
+def _repeats(seed: int, levels: tuple[float, ...] = (1.0,) * 4, joints: float = 0.0, ball: float = 0.0) -> Repeated:
+    rng, count = np.random.default_rng(seed), len(levels)
     elsewhere = rng.normal(size=(count, 9)) * ([joints] * 6 + [ball] * 3)
-    systematic = rng.normal(0.0, 0.1, len(ORDER_OF))
-    return systematic + elsewhere @ SHAKEN.T + rng.normal(0.0, PLANTED_MM, (count, len(ORDER_OF)))
+    noise = np.array(levels)[:, None] * rng.normal(0.0, SHAPE_MM, (count, len(ORDER_OF)))
+    return Repeated("yaw", rng.normal(0.0, 0.1, len(ORDER_OF)) + elsewhere @ SHAKEN.T + noise, SHAKEN)
 
 
-def _noise(joints: float, ball: float, seed: int = 0) -> RunNoise:
-    groups = [(_repeats(4, joints, ball, 10 * seed + k), SHAKEN) for k in range(4)]
-    return noise_of(groups, ORDER_OF, BANDS, 1.0)
+def _noise(*, levels: tuple[float, ...] = (1.0,) * 4, joints: float = 0.0, ball: float = 0.0) -> CircleNoise:
+    return circle_noise([_repeats(k, levels, joints, ball) for k in range(4)], 1.0)
 
 
-def test_a_planted_spectrum_is_found_whatever_the_scatter() -> None:
-    for scatter in (0.0, 3.0):
-        found = _noise(scatter, scatter)
-        assert found.measured
-        np.testing.assert_allclose(found.sd_mm, PLANTED_MM, rtol=0.25)
+@pytest.mark.parametrize("scatter", [0.0, 3.0])
+def test_a_planted_spectrum_is_found_whatever_the_scatter(scatter: float) -> None:
+    found = _noise(joints=scatter, ball=scatter)
+    assert found.measured
+    for sd in found.sd_mm:
+        np.testing.assert_allclose(np.median(sd / SHAPE_MM), 1.0, rtol=0.15)
+    np.testing.assert_allclose(np.mean(np.concatenate(found.sd_mm), axis=0), SHAPE_MM, rtol=0.35)
+
+
+def test_each_run_has_its_own_level() -> None:
+    for sd in _noise(levels=LEVELS).sd_mm:
+        np.testing.assert_allclose(np.median(sd / SHAPE_MM, axis=1), LEVELS, rtol=0.3)
+
+
+def test_two_runs_share_a_level() -> None:
+    """Their difference says nothing of which is the noisier."""
+    (sd,) = circle_noise([_repeats(5, (1.0, 3.0))], 1.0).sd_mm
+    np.testing.assert_allclose(sd[0], sd[1])
+    np.testing.assert_allclose(np.median(sd[0] / SHAPE_MM), np.sqrt(5), rtol=0.2)
 
 
 @pytest.mark.parametrize(("joints", "ball"), [(0.0, 0.0), (2.0, 0.5), (0.25, 5.0)])
 def test_planted_scatter_is_found_within_a_factor(joints: float, ball: float) -> None:
-    found = [_noise(joints, ball, seed) for seed in range(3)]
-    for planted_size, sizes in ((joints, [f.joints for f in found]), (ball, [f.ball for f in found])):
-        assert planted_size / 2 <= np.median(sizes) <= max(2 * planted_size, 0.1)
-    assert found[0].scatter(6).tolist() == [found[0].joints] * 6
-    assert found[0].scatter(9).tolist() == [found[0].joints] * 6 + [found[0].ball] * 3
+    noise = _noise(joints=joints, ball=ball)
+    for planted, found in zip((joints, ball), noise.scattered["yaw"], strict=True):
+        assert planted / 2 <= found <= max(2 * planted, 0.3)
+    assert noise.scatter("yaw", 6).tolist() == [noise.scattered["yaw"][0]] * 6
+    assert noise.scatter("yaw", 9)[6:].tolist() == [noise.scattered["yaw"][1]] * 3
+    np.testing.assert_allclose(noise.scatter("radial", 9), noise.scatter("yaw", 9))
 
 
 def test_noise_is_assumed_where_nothing_is_repeated() -> None:
-    found = noise_of([(_repeats(1, 0, 0, 1), SHAKEN), (_repeats(1, 0, 0, 2), SHAKEN)], ORDER_OF, BANDS, 1.0)
-    assert not found.measured and (found.joints, found.ball) == (1.0, 1.0)
-    assert (found.sd_mm > 5e-4).all() and (found.sd_mm < 0.02).all()
-    few = noise_of([(_repeats(1, 0, 0, 1), SHAKEN), (_repeats(2, 0, 0, 2), SHAKEN)], ORDER_OF, BANDS, 1.0)
+    found = circle_noise([_repeats(1, (1.0,)), _repeats(2, (1.0,))], 1.0)
+    assert not found.measured and [len(sd) for sd in found.sd_mm] == [1, 1]
+    # A channel of HALF entries holds HALF times the mean square of its readings.
+    power = (found.sd_mm[0][0, :HALF] ** 2).mean()
+    assert power == pytest.approx(WHITE_MM.rms**2 + SLOW_MM.rms**2, rel=0.01)
+    few = circle_noise([_repeats(1, (1.0,)), _repeats(2, (1.0, 1.0))], 1.0)
     assert few.measured
 
 
+def _targets(rows: Array) -> tuple[Array, bool]:
+    return target_sd(Repeated("radial", rows, np.eye(rows.shape[1])[:, :1]), np.arange(rows.shape[1]))
+
+
 def test_readings_at_targets_are_as_noisy_as_their_repeats() -> None:
-    noise = RunNoise(np.full(len(ORDER_OF), 0.003), 1.0, 1.0, measured=True, order=ORDER_OF, averaged=1.0)
-    rows = 0.4 + np.random.default_rng(5).normal(0.0, 0.02, (5, 400))
-    sd = reading_sd(rows, np.zeros((400, 9)), noise, np.zeros(6), poses=False)
-    np.testing.assert_allclose(sd, 0.02, rtol=0.1)
+    sd, is_measured = _targets(0.4 + np.random.default_rng(5).normal(0.0, 0.02, (5, 400)))
+    assert is_measured and np.median(sd[1:]) == pytest.approx(0.02, rel=0.1)
 
 
-def test_a_single_reading_has_the_noise_of_the_circles_and_of_rounding() -> None:
-    noise = RunNoise(np.full(len(ORDER_OF), 0.003), 1.0, 1.0, measured=True, order=ORDER_OF, averaged=1.0)
-    shaken = np.zeros((7, 9))
-    shaken[:, 2] = 0.002
-    plain = reading_sd(np.zeros((1, 7)), shaken, noise, np.zeros(6), poses=False)
-    np.testing.assert_allclose(plain, 0.003)
-    # One scatter of 0.0002° is one `shaken`; a rounding twice that moves twice as far.
-    coarse = reading_sd(np.zeros((1, 7)), shaken, noise, np.array([0, 0, 4e-4, 0, 0, 0]), poses=False)
-    np.testing.assert_allclose(coarse, np.hypot(0.003, 0.004))
-    # A grid that leaves half the power of white noise stands for readings of twice that.
-    halved = reading_sd(np.zeros((1, 7)), np.zeros((7, 9)), replace(noise, averaged=0.5), np.zeros(6), poses=False)
-    np.testing.assert_allclose(halved, 0.003 * np.sqrt(2))
-    guessed = replace(noise, measured=False)
-    assert (reading_sd(np.zeros((1, 7)), shaken, guessed, np.zeros(6), poses=True) > 0.01).all()
+def test_each_target_has_its_own_scatter() -> None:
+    planted = np.where(np.arange(400) % 2, 0.06, 0.006)
+    sd, _ = _targets(np.random.default_rng(6).normal(0.0, planted, (8, 400)))
+    assert np.median(sd[1::2]) > 2.5 * np.median(sd[2::2])
+
+
+def test_a_wild_reading_is_that_of_its_target_alone() -> None:
+    rows = np.random.default_rng(7).normal(0.0, 0.02, (5, 400))
+    plain, _ = _targets(rows)
+    rows[0, 1:400:40] += 2.0
+    wild, _ = _targets(rows)
+    others = np.arange(400) % 40 != 1
+    np.testing.assert_allclose(wild[others], plain[others], rtol=0.05)
+    assert (wild[1::40] > 10 * np.median(wild)).all()
+
+
+def test_targets_that_were_reached_once_have_the_scatter_of_real_cells() -> None:
+    sd, is_measured = _targets(np.zeros((1, 30)))
+    assert not is_measured
+    np.testing.assert_allclose(sd, TARGET_MM.rms)
 
 
 def test_scatter_shows_as_far_as_it_moves_the_tool() -> None:
@@ -92,10 +116,17 @@ def test_scatter_shows_as_far_as_it_moves_the_tool() -> None:
     assert 0.5 < np.abs(shaken[:, 0]).max() / (np.radians(2e-4) * np.hypot(930.8, 87.8)) < 1.01
 
 
-def test_simulated_repeats_tell_their_own_scatter_and_give_white_residuals() -> None:
+def test_simulated_repeats_show_their_own_scatter_and_give_white_residuals() -> None:
     runs = seen(circles(seed=3, count=4))
     setups, _ = settled(runs)
-    blocks, noise = blocks_of(runs, setups)
-    assert [block.count for block in blocks] == [4, 4]
-    assert noise.measured and 0.3 <= noise.joints <= 3
-    assert np.mean(np.concatenate([block.y for block in blocks]) ** 2) == pytest.approx(1.0, abs=0.12)
+    blocks = blocks_of(runs, setups)
+    assert [block.count for block in blocks] == [4, 4] and all(block.measured for block in blocks)
+    linear = Linear(blocks, setups)
+    energy = linear.y @ no_background(linear, linear.Z).solved(linear.y)
+    assert energy / len(linear.y) == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_single_run_is_said_to_have_assumed_noise() -> None:
+    runs = seen([*circles(seed=3, count=1), measured(table_of("radial", None, 1), "radial", "radial")])
+    blocks = blocks_of(runs, settled(runs)[0])
+    assert not any(block.measured for block in blocks if block.sampling)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from cells import RIG, table_of
 
 from analysis.diagnose.rounding import smooth
@@ -26,20 +25,18 @@ def _table() -> CircleTable:
 def test_a_path_without_rounding_hardly_changes() -> None:
     one = observe(model_of(RIG), _table(), "run")
     found = smooth(one)
-    assert np.abs(found.observation.path.q - one.path.q)[INNER].max() < np.radians(2e-4)
-    assert found.rounding_deg.max() < 1e-4
+    assert np.abs(found.path.q - one.path.q)[INNER].max() < np.radians(2e-4)
 
 
-def test_a_rounded_path_comes_back_and_its_step_is_told() -> None:
+def test_a_rounded_path_comes_back() -> None:
     table = _table()
     rounded = replace(table, q=np.radians(STEP_DEG * np.round(np.degrees(table.q) / STEP_DEG)))
     one = observe(model_of(RIG), rounded, "run")
     found = smooth(one)
     inner = one.rows
-    off = np.degrees(found.observation.path.q - table.q)[inner]
+    off = np.degrees(found.path.q - table.q)[inner]
     assert np.sqrt((off**2).mean()) < STEP_DEG / 8
     assert np.sqrt((np.degrees(one.path.q - table.q)[inner] ** 2).mean()) > STEP_DEG / 4
-    assert found.rounding_deg[0] == pytest.approx(STEP_DEG / np.sqrt(12), rel=0.15)
 
 
 def test_uneven_rows_are_weighed_by_their_time() -> None:
@@ -48,10 +45,10 @@ def test_uneven_rows_are_weighed_by_their_time() -> None:
     kept = np.random.default_rng(3).random(len(table.t_s)) > 0.2
     part = replace(table, t_s=table.t_s[kept], q=table.q[kept], g_mm=table.g_mm[kept])
     found = smooth(observe(model_of(RIG), part, "run"))
-    assert np.abs(found.observation.path.q - part.q)[INNER].max() < np.radians(1.5e-3)
+    assert np.abs(found.path.q - part.q)[INNER].max() < np.radians(1.5e-3)
 
 
 def test_targets_are_left_alone() -> None:
     one = observe(model_of(RIG), table_of("radial", None, 1), "run")
     found = smooth(one)
-    assert found.observation is one and not found.rounding_deg.any()
+    assert found is one

@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from handmade import PLACES, PLAY, RIG, ZERO, curve, diagnosis, poses, sphere
+from handmade import PLACES, PLAY, RIG, SMALL, ZERO, curve, diagnosis, poses, sphere
 from rich.console import Console
 
 from analysis.diagnose.diagnosis import Diagnosis, Gap, Leftover, Verdict
@@ -28,7 +28,7 @@ from rigs.load import load
 
 VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 TEXT = load("paper-fanuc")[1]
-KEYS = {"verdict", "effects", "where", "gap", "setup", "not_testable", "next_test"}
+KEYS = {"verdict", "effects", "remainder", "where", "gap", "setup", "not_testable", "next_test"}
 """Those of docs/diagnosis.md that scripts rely on."""
 
 
@@ -43,9 +43,11 @@ def test_the_screen_fits_80_columns_and_keeps_its_order(verdict: Verdict) -> Non
     text = _printed(diagnosis(verdict))
     assert max(map(len, text.splitlines())) <= 80
     headings = ["Where they disagree", "What the model says", "Still unexplained", "What these tests cannot tell"]
-    if verdict in ("named", "ambiguous"):
+    if verdict in ("named", "ambiguous", "outside_library"):
         headings.insert(1, "What is missing")
         headings.append("What to do")
+    if verdict == "not_testable_here":
+        headings.remove("Still unexplained")
     headings.append("Which test next")
     places = [text.index(heading) for heading in headings]
     assert places == sorted(places)
@@ -60,7 +62,8 @@ def test_the_screen_tells_name_size_gap_and_remedy() -> None:
         "231–243°",
         "352–8°",
         "targets 3–7",
-        "99.7 %",
+        "calibrated",
+        "92.3 %",
         "take up the play",
         "circle of radius 140 mm (expected: 12 sigma)",
         "joint_offset 1 6, link_geometry 6.a, time_lag",
@@ -81,9 +84,15 @@ def test_a_link_constant_is_told_where_it_is_to_be_entered() -> None:
     assert "(d6 in" in a5.model_copy(update={"field": "d"}).remedy()
 
 
-def test_withdrawn_names_are_told_as_such() -> None:
-    text = _printed(diagnosis("outside_library"))
-    assert "withdrawn" in text and "What to do" not in text and "0.0521" not in text
+def test_names_stay_listed_outside_the_library_with_what_is_left_beside_them() -> None:
+    text = " ".join(_printed(diagnosis("outside_library"), width=120).split())
+    for words in ("0.0521", "worth µm", "What to do", "take up the play", "1.4 µm (5 % of the gap): yaw cw, angle"):
+        assert words in text, words
+
+
+def test_what_is_too_small_to_matter_is_below_the_names() -> None:
+    text = " ".join(_printed(diagnosis("named", effects=(PLAY, SMALL)), width=120).split())
+    assert "too small to matter: joint_offset 5 (0.9 µm)" in text and text.count("re-master axis 5") == 0
 
 
 def test_the_screen_stays_short_when_there_is_much() -> None:
@@ -97,10 +106,10 @@ def test_the_object_has_the_keys_of_the_documents(verdict: Verdict) -> None:
     told = as_object(diagnosis(verdict))
     assert told["verdict"] == verdict and told.keys() >= KEYS
     assert told.keys() >= {"why", "groups", "left", "doubts", "runs", "level", "repeats_measured", "seconds"}
-    assert bool(told["effects"]) == (verdict in ("named", "ambiguous"))
-    assert bool(told["withdrawn"]) == (verdict == "outside_library")
+    assert bool(told["effects"]) == (verdict in ("named", "ambiguous", "outside_library"))
+    assert told["remainder"].keys() >= {"um", "share", "words"} and told["remainder"]["share"] == 0.05
     assert told["gap"]["unit"] == "um" and told["gap"]["unseen_place"] is None
-    assert told["gap"]["held_out"].keys() >= {"before", "after", "noise_floor"}
+    assert told["gap"]["held_out"].keys() >= {"before", "after", "calibrated", "noise_floor"}
     assert told["where"][0] == {
         "channel": "yaw", "direction": "cw", "part": "angle", "from_deg": 231.4, "to_deg": 243.0, "joint": 1,
         "why": "reversal", "rms_um": 14.21, "sigma": 22.4,
@@ -115,11 +124,12 @@ def test_effects_and_rivals_of_the_object() -> None:
     assert (rival["effect"], rival["axis"], rival["field"]) == ("link_geometry", 5, "a")
     assert rival["parameters"]["delta"] == {"value": 0.5871, "sd": 0.023} and rival["posterior"] == 0.36
     (play,) = as_object(diagnosis("named"))["effects"]
+    assert (play["worth_um"], play["material"], play["held_out_gain"]) == (5.78, True, 0.91)
     assert play["parameters"]["preload"] == {"value": 0.0, "sd": None}
 
 
 def test_what_is_not_known_is_null() -> None:
-    nothing = Gap((), math.nan, math.inf, math.nan)
+    nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
     odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
     left = (Leftover("yaw", None, "angle", None, math.nan, "?"),)
     told = as_object(diagnosis(train=nothing, effects=(odd,), left=left, level=np.float64(0.2)))
@@ -136,7 +146,7 @@ def test_every_verdict_has_its_picture(verdict: Verdict, tmp_path: Path) -> None
 
 
 def test_a_picture_of_little_and_one_of_much(tmp_path: Path) -> None:
-    nothing = Gap((), math.nan, math.nan, math.nan)
+    nothing = Gap((), math.nan, math.nan, math.nan, math.nan)
     picture(diagnosis("not_testable_here", curves=(), maps=(), train=nothing, groups=())).savefig(
         tmp_path / "little.png", dpi=40
     )
@@ -166,12 +176,17 @@ def test_the_files_of_a_named_effect(tmp_path: Path) -> None:
     model_of(load(extended)[0])
 
 
-@pytest.mark.parametrize(("verdict", "files"), [("ambiguous", 3), ("outside_library", 2), ("within_tolerance", 2)])
+@pytest.mark.parametrize(("verdict", "files"), [("ambiguous", 3), ("outside_library", 3), ("within_tolerance", 2)])
 def test_a_rig_file_is_written_only_where_a_name_stands(verdict: Verdict, files: int, tmp_path: Path) -> None:
     written = write(diagnosis(verdict), TEXT, tmp_path)
     assert len(written) == files == len(list(tmp_path.iterdir()))
     if verdict == "ambiguous":
         assert [effect.effect for effect in load(written[-1])[0].effects] == ["joint_offset"]
+
+
+def test_only_material_names_go_into_the_rig_file(tmp_path: Path) -> None:
+    written = write(diagnosis("named", effects=(PLAY, SMALL)), TEXT, tmp_path)
+    assert [effect.effect for effect in load(written[-1])[0].effects] == ["backlash"]
 
 
 def test_a_directory_in_use_is_refused(tmp_path: Path) -> None:
@@ -201,4 +216,5 @@ def test_figures_in_words() -> None:
     assert shortened(["a 2", "b", "a 1"]) == "a 1 2, b"
     assert stretch(PLACES[2]) == stretch(replace(PLACES[2], from_deg=82.0, to_deg=81.0)) == "whole lap"
     assert stretch(replace(PLACES[3], from_deg=4, to_deg=4)) == "target 4"
-    assert closed(Gap((), 5.0, 3.0, 3.0)) == 1 and math.isnan(closed(Gap((), 3.0, 3.0, 3.0)))
+    assert closed(Gap((), 5.0, 4.0, 1.0, 3.0)) == pytest.approx(0.64)
+    assert math.isnan(closed(Gap((), 0.0, 0.0, 0.0, 0.0)))

@@ -7,11 +7,11 @@ import pytest
 from cells import circles, measured, seen, shaken, table_of
 
 from analysis.diagnose.settle import settled
-from analysis.diagnose.shake import Swing, swing
+from analysis.diagnose.swing import Swing, swing
 from analysis.reading.loading import Measured
 
 SURE = 7.0
-"""Log evidence that any name must win (search.PRICE and the number of names)."""
+"""Log evidence that any name must win (its price and the number of names)."""
 
 
 def _swing(runs: list[Measured]) -> Swing | None:
