@@ -29,16 +29,17 @@ HIDDEN: dict[str, tuple[Effect, ...]] = {
 
 
 def _names(found: Diagnosis) -> list[str]:
-    return sorted(name_of(one.effect) for one in found.effects)
+    """The material ones."""
+    return sorted(name_of(one.effect) for one in found.effects if one.material)
 
 
 @pytest.mark.parametrize("seed", [11, 12, 13])
 def test_a_healthy_robot_draws_no_name(seed: int) -> None:
     found = found_in(circles(seed=seed))
     assert found.verdict == "within_tolerance"
-    assert found.effects == () and found.next_test is None
+    assert _names(found) == [] and found.next_test is None
     assert found.repeated and found.doubts == ()
-    assert found.train.before_um == found.train.after_um < 2 * found.train.noise_floor_um
+    assert found.train.before_um < 2 * found.train.noise_floor_um
 
 
 @pytest.mark.parametrize("case", HIDDEN)
@@ -52,14 +53,16 @@ def test_what_is_hidden_is_named_with_its_size(case: str) -> None:
         one = next(one for one in found.effects if name_of(one.effect) == name_of(truth))
         field = size_field(truth)
         assert abs(getattr(one.effect, field) - getattr(truth, field)) < 3 * one.sd[field]
-        assert one.posterior > 0.95 and one.remedy
+        assert one.posterior > 0.95 and one.remedy and one.worth_um > 3
+        assert one.held_out_gain and 0.2 < one.held_out_gain < 1.05
         assert one.gap_without_um > 1.2 * found.train.after_um
         if len(truths) == 1:
             assert one.gap_without_um == pytest.approx(found.train.before_um, rel=1e-3)
     assert found.where and found.held_out and found.unseen
     for gap in (found.train, found.held_out, found.unseen):
         assert gap.before_um > 1.5 * gap.noise_floor_um
-        assert gap.after_um < 1.3 * gap.noise_floor_um
+        assert gap.after_um < 2 * gap.noise_floor_um
+        assert gap.calibrated_um < 1.3 * gap.noise_floor_um
     assert found.held_out.runs == ("yaw-cw-0",) and found.unseen.runs == ("elsewhere",)
 
 
@@ -67,12 +70,12 @@ def test_an_effect_deleted_from_the_vocabulary_is_outside_the_library(monkeypatc
     def fewer(linear: Linear) -> Sequence[Candidate]:
         return [one for one in candidates_for(linear) if one.effect.effect != "reversal_spike"]
 
-    runs = circles((ReversalSpike(axis=2, amplitude_deg=0.005, decay_s=0.3),), seed=16)
+    runs = circles((ReversalSpike(axis=2, amplitude_deg=0.05, decay_s=0.3),), seed=16)
     monkeypatch.setattr(engine, "candidates_for", fewer)
     found = found_in(runs)
     assert found.verdict == "outside_library"
-    # What was tried is told, but nothing of it stands in the model, and what is left is described.
-    assert found.train.after_um == found.train.before_um
+    assert found.remainder.um > 10 and found.remainder.um > sum(one.worth_um for one in found.effects if one.material)
+    assert "it looks like" in found.remainder.words and found.remainder.words in found.why
     assert found.left and all("cycles a lap" in left.words for left in found.left)
     assert any(place.why.startswith("reversal") for place in found.where)
 
@@ -92,9 +95,9 @@ def test_rivals_that_the_circle_cannot_part_are_ambiguous_with_a_next_test() -> 
 
 
 def test_a_swing_that_begins_anew_with_every_run_is_named() -> None:
-    found = found_in([shaken(run, 9.4, 0.001, phase) for run, phase in zip(circles(seed=18), PHASES, strict=True)])
+    found = found_in([shaken(run, 9.4, 0.008, phase) for run, phase in zip(circles(seed=18), PHASES, strict=True)])
     assert found.verdict == "named" and _names(found) == ["vibration"]
     (one,) = found.effects
     assert isinstance(one.effect, Vibration)
     assert one.effect.frequency_hz == pytest.approx(9.4, abs=0.05)
-    assert one.effect.amplitude_mm == pytest.approx(0.001, rel=0.1)
+    assert one.effect.amplitude_mm == pytest.approx(0.008, abs=2 * one.sd["amplitude_mm"])
