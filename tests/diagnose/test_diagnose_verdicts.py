@@ -7,12 +7,15 @@ from collections.abc import Sequence
 import pytest
 from cells import RIG, circles, found_in, measured, shaken
 
+from analysis.diagnose import diagnose as verdicts
 from analysis.diagnose import look as engine
 from analysis.diagnose.candidates import Candidate, candidates_for, name_of
+from analysis.diagnose.diagnose import diagnose
 from analysis.diagnose.diagnosis import Diagnosis
 from analysis.diagnose.linear import Linear
 from analysis.model.simulate import simulate
 from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError, Vibration, size_field
+from rigs.errors import FileError
 
 CIRCLE = RIG.tests.circle.model_copy(update={"centre_mm": (870.0, 30.0, 250.0)}) if RIG.tests.circle else None
 ELSEWHERE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": CIRCLE})})
@@ -101,3 +104,23 @@ def test_a_swing_that_begins_anew_with_every_run_is_named() -> None:
     assert isinstance(one.effect, Vibration)
     assert one.effect.frequency_hz == pytest.approx(9.4, abs=0.05)
     assert one.effect.amplitude_mm == pytest.approx(0.008, abs=2 * one.sd["amplitude_mm"])
+
+
+@pytest.mark.parametrize(("tolerance_um", "verdict"), [(0.0, "named"), (1000.0, "within_tolerance")])
+def test_a_tolerance_decides_what_matters(tolerance_um: float, verdict: str) -> None:
+    """The name stays listed, with what it is worth, where it does not."""
+    runs = circles((JointOffset(axis=3, offset_deg=0.02),), seed=14)
+    found = diagnose(RIG, runs, (), (), lambda doing: None, tolerance_um)
+    assert found.verdict == verdict
+    one = next(one for one in found.effects if name_of(one.effect) == "joint_offset 3")
+    assert one.material == (verdict == "named") and 10 < one.worth_um < 100
+
+
+def test_a_next_test_that_cannot_be_simulated_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*given: object) -> None:
+        raise FileError("cell.yaml", "has a hemisphere that the arm cannot reach", "move it")
+
+    monkeypatch.setattr(verdicts, "parting", refused)
+    found = found_in(circles((JointOffset(axis=5, offset_deg=0.05),), seed=17))
+    assert found.verdict == "ambiguous" and found.next_test is None
+    assert any("cannot reach" in doubt for doubt in found.doubts)
