@@ -37,7 +37,7 @@ class _Band:
     @property
     def is_clear(self) -> bool:
         """Whether it exceeds its noise by more than chance does."""
-        return self.ratio > max(_LEAST, 1 + _CLEAR * np.sqrt(2 / self.count))
+        return bool(self.ratio > max(_LEAST, 1 + _CLEAR * np.sqrt(2 / self.count)))
 
 
 def leftovers(blocks: Sequence[Block], left: Array) -> tuple[Leftover, ...]:

@@ -75,9 +75,9 @@ class Plan:
 def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3) -> Plan:
     """What tests of a rig, each driven `runs` times in each direction, can and cannot tell apart.
 
-    Noise is that of a good cell; the ball is off centre, where given by the rig file's eccentricity_mm. The plausible
-    size of an effect is a healthy arm's, or that of 7 sigma where this is larger. Raises FileError where the arm cannot
-    do a test.
+    Noise and scatter are assumed as wide as real cells have them; the ball is off centre, where given by the rig file's
+    eccentricity_mm. The plausible size of an effect is a healthy arm's, or that of 7 sigma where this is larger. Raises
+    FileError where the arm cannot do a test.
     """
     view = View(rig, tests, runs)
     candidates = candidates_for(view.linear)

@@ -1,6 +1,7 @@
 """What effects would add to the readings of tests not yet driven, and how far apart that is.
 
-Signatures are whitened by the noise of a good cell, less what the set-up could do as well. A further test has a set-up
+Signatures are whitened by noise and scatter, assumed as wide as real cells have them, less what the set-up could do as
+well. A further test has a set-up
 of its own, so products of signatures simply add: those of the tests planned and those of the further one.
 """
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from analysis.diagnose.blocks import blocks_of
 from analysis.diagnose.diagnosis import ODDS
-from analysis.diagnose.linear import Linear
+from analysis.diagnose.linear import Linear, basis_of
 from analysis.diagnose.observed import see
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp, model_of, nominal_setup
@@ -54,14 +55,21 @@ class View:
         setups = {run.one.setup: _setup(rig, run.one.table) for run in seen}
         self.linear = Linear(blocks_of(seen, setups), setups)
         self._repeats = np.sqrt(runs)
-        self._basis, _ = np.linalg.qr(np.concatenate([self.linear.U, self.linear.Z], axis=1))
+        left, size, _ = np.linalg.svd(self.linear.Z, full_matrices=False)
+        self._scatter, self._taken = left, 1 - 1 / np.sqrt(1 + size**2)
+        self._basis = basis_of(self._white(self.linear.U))
+
+    def _white(self, columns: Array) -> Array:
+        """Columns (N, p) over the noise with the scatter from run to run, (1 + ZZ')^(-1/2) of them."""
+        white: Array = columns - self._scatter @ (self._taken[:, None] * (self._scatter.T @ columns))
+        return white
 
     def _projected(self, columns: Array) -> Array:
         return columns - self._basis @ (self._basis.T @ columns)
 
     def columns(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
         """Signatures (N, p), zero where the set-up takes them up, and their lengths (p,) before it does."""
-        raw = self.linear.columns(effects)
+        raw = self._white(self.linear.columns(effects))
         own, whole = self._projected(raw), np.linalg.norm(raw, axis=0)
         own[:, np.linalg.norm(own, axis=0) < _OWN_SHARE * whole] = 0.0
         return self._repeats * own, self._repeats * whole

@@ -165,8 +165,9 @@ def diagnosed(name: str) -> None:
     assert bool(candidates) == (VOCABULARY[name].swinging(5.0, 0.01) is None)
     assert all(np.isclose(size_of(one.effect), one.size * one.effect.healthy) for one in candidates)
     assert all((one.size == one.effect.STRAIGHT) or is_play(one.effect) for one in candidates)
-    columns = Columns(linear, candidates)
-    assert {form.name for form in columns.forms} <= {one.name for one in candidates}
+    columns = Columns(linear, candidates_for(linear))
+    seen = {form.name for form in columns.forms} | set(columns.not_seen)
+    assert {one.name for one in candidates} <= seen
     background = Background(columns, np.ones(len(linear.y)), columns.variance(0.0))
     found = refine(linear, background, [scaled(fault(name), 0.7)])
     (effect,) = found.effects

@@ -97,14 +97,13 @@ def test_a_wrong_effect_in_the_rig_file_is_doubted_and_taken_back() -> None:
 
 
 def test_targets_that_nothing_explains_are_outside_the_library() -> None:
-    """Readings off by 50 µm here and there."""
+    """Some targets off by a few tenths of a millimetre, each time the same: no scatter."""
     table = table_of("radial", None, 27)
     assert isinstance(table, RadialTable)
-    off = np.random.default_rng(27).normal(0.0, 0.05, len(table.g_mm))
+    off = np.random.default_rng(27).normal(0.0, 0.4, int(table.target.max()) + 1)[table.target]
     found = found_in([measured(replace(table, g_mm=table.g_mm + off), "radial", "radial")])
     assert found.verdict == "outside_library"
-    assert found.train.after_um == found.train.before_um
-    assert found.left[0].part == "targets" and "times their noise" in found.left[0].words
+    assert found.left[0].part == "targets" and "times the noise" in found.left[0].words
     assert found.where[0].test == "radial" and "targets" in found.where[0].why
 
 
