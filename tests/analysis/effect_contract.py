@@ -9,7 +9,6 @@ from functools import cache
 from typing import get_args
 
 import numpy as np
-from analysis.diagnose.evidence import Background
 
 from analysis.correction.constants import joint_zeros, link_constants
 from analysis.correction.support import supports
