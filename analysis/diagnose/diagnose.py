@@ -28,12 +28,14 @@ from analysis.diagnose.swing import Swing, swing
 from analysis.diagnose.worth import Worth, limits_um, plain_worth, worth
 from analysis.kinematics.arm import Array
 from analysis.reading.loading import Measured
-from rigs.effect import name_of
+from rigs.effect import healthy_size, name_of, size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
 
 _ENOUGH = 3
 """Readings for each set-up term, at least, without which nothing can be told."""
+FAULT = 5.0
+"""Healthy sizes, at the level of the arm at hand, from which on an effect is a fault."""
 CERTAIN = 20.0 / 21.0
 """Odds of 20 to 1 among rivals, below which a name is ambiguous."""
 
@@ -112,11 +114,14 @@ def _names(runs: Sequence[Measured]) -> list[str]:
 
 
 def _named(look: Look, k: int, limits: Array, gain: float | None, gap_without_um: float) -> Named:
-    """One name with what it is worth; one that makes runs left out worse is not material, whatever it moves."""
+    """One name with what it is worth; one that makes runs left out worse, or that is no larger than arms like this one
+    show of it, is not material, whatever it moves."""
     effects, rivalry = look.state.refined.effects, look.rivalries[k]
     rest = [effect for other, effect in enumerate(effects) if other != k]
     own = worth(look.linear, look.linear.left(rest) - look.state.refined.left)
-    material = own.is_material(limits) and (gain is None or gain > 0) and rivalry.odds > 0.5
+    size = abs(float(getattr(effects[k], size_field(effects[k])))) / healthy_size(effects[k])
+    fault = size > FAULT * look.state.level
+    material = fault and own.is_material(limits) and (gain is None or gain > 0) and rivalry.odds > 0.5
     return Named(
         effects[k], look.state.refined.sd(k), rivalry.odds, _rivals(rivalry), gap_without_um, effects[k].remedy(),
         own.whole_um, material, gain,
