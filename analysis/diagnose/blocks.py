@@ -19,7 +19,7 @@ from analysis.diagnose.noise import (
     shaken_by,
     target_sd,
 )
-from analysis.diagnose.observed import ORDER_OF, Sampling, Seen
+from analysis.diagnose.observed import ORDER_OF, ORDERS, Sampling, Seen
 from analysis.diagnose.settle import grown
 from analysis.fitting.observation import Observation, residuals_of
 from analysis.kinematics.arm import Array
@@ -28,7 +28,7 @@ from analysis.reading.tables import Integers, PoseTable, RadialTable, Repeatabil
 from analysis.tests.pose import groups as visits
 from rigs.effects import Effect
 
-EDGES = (0, 3, 8, 16, 30, 60, 120, len(ORDER_OF))
+EDGES = (0, 3, 8, 16, 30, 60, 120, ORDERS)
 """Edges of the bands of orders, within which what no effect explains may have a strength of its own."""
 _SLOW = 8
 """Orders below this are as slow as a robot that stands."""
@@ -43,7 +43,8 @@ class Block:
     model: of their rig file; one: the first of them, whose feedback stands for all; y_mm (N,): their weighted mean
     residual; sd_mm (N,) of it, scatter aside; scatter_mm (N, c): what one standard deviation of the scatter of joints
     and ball adds to it; band (N,): of which entries share a strength; count of runs; apart_mm: how far a run is from
-    their mean, rms (nan for one run); measured: whether the noise is from repeats.
+    their mean, rms (nan for one run); measured: whether the noise is from repeats; places: what runs that repeat
+    these share.
     """
 
     name: str
@@ -57,6 +58,7 @@ class Block:
     count: int
     apart_mm: float
     measured: bool
+    places: bytes
 
     def whitened(self, values: Array) -> Array:
         """Readings (m, k, …) mm in standard deviations of the noise: (N, …)."""
@@ -74,16 +76,16 @@ def entries(values: Array, sampling: Sampling | None) -> Array:
 
 def blocks_of(runs: Sequence[Seen], setups: Mapping[str, SetUp], known: Sequence[Effect] = ()) -> list[Block]:
     """Blocks of all runs about fitted set-ups; their residuals have no part of known effects any more."""
-    groups: dict[str, list[Seen]] = {}
+    groups: dict[tuple[str, bytes], list[Seen]] = {}
     for run in runs:
-        groups.setdefault(run.name, []).append(run)
-    gathered = [_gathered(name, members, setups, known) for name, members in groups.items()]
+        groups.setdefault((run.name, places_of(run)), []).append(run)
+    gathered = [_gathered(name, members, setups, known) for (name, _), members in groups.items()]
     circles = [raw for raw in gathered if raw.first.sampling]
     grids = [raw.first.sampling.averaged for raw in circles if raw.first.sampling]
     orders = len(ORDER_OF)
     repeats = [Repeated(raw.first.one.setup, raw.rows[:, :orders], raw.shaken[:orders]) for raw in circles]
     noise = circle_noise(repeats, float(np.mean(grids)) if grids else 1.0)
-    sds = dict(zip([raw.name for raw in circles], noise.sd_mm, strict=True))
+    sds = dict(zip([raw.name for raw in circles], noise.sd_mm, strict=True))  # a circle's name is its own
     numbers = {name: k for k, name in enumerate(dict.fromkeys(raw.first.one.setup for raw in gathered))}
     return [
         _circle_block(raw, sds[raw.name], noise, numbers[raw.first.one.setup])
@@ -91,6 +93,13 @@ def blocks_of(runs: Sequence[Seen], setups: Mapping[str, SetUp], known: Sequence
         else _target_block(raw, noise, numbers[raw.first.one.setup])
         for raw in gathered
     ]
+
+
+def places_of(run: Seen) -> bytes:
+    """What must be equal for two runs to repeat each other reading by reading; circles do by their name."""
+    if run.sampling:
+        return b""
+    return _keys(run.one).tobytes()
 
 
 @dataclass(frozen=True)
@@ -134,7 +143,7 @@ def _circle_block(raw: _Raw, sd_mm: Array, noise: CircleNoise, number: int) -> B
     scatter = raw.shaken * noise.scatter(raw.first.one.setup, raw.shaken.shape[1]) * np.linalg.norm(weight)
     return Block(
         raw.name, raw.first.model, raw.first.one, sampling, weight @ raw.rows, sd, scatter,
-        band + number * len(EDGES), len(raw.rows), raw.apart_mm, noise.measured,
+        band + number * len(EDGES), len(raw.rows), raw.apart_mm, noise.measured, places_of(raw.first),
     )  # fmt: skip
 
 
@@ -147,21 +156,29 @@ def _target_block(raw: _Raw, noise: CircleNoise, number: int) -> Block:
     band = np.full(len(sd), number * len(EDGES))
     y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)
     return Block(
-        raw.name, raw.first.model, raw.first.one, None, y, sd, scatter, band, count, raw.apart_mm, measured
+        raw.name, raw.first.model, raw.first.one, None, y, sd, scatter,
+        band, count, raw.apart_mm, measured, places_of(raw.first),
     )  # fmt: skip
 
 
 def _alike(one: Observation) -> Integers:
     """A number for each entry that readings of the same place, reached the same way, share."""
-    table, rows = one.table, one.rows
-    if isinstance(table, RadialTable):
-        keys = np.stack([table.target, table.orientation], axis=1)[rows]
-    elif isinstance(table, RepeatabilityTable):
-        keys = np.stack([table.target, np.unique(table.approach, return_inverse=True)[1]], axis=1)[rows]
-    else:
-        visit = visits(table.q[rows], _SAME_RAD)
+    table, keys = one.table, _keys(one)
+    if isinstance(table, PoseTable):
+        visit = visits(table.q[one.rows], _SAME_RAD)
         keys = np.stack([np.repeat(visit, 3), np.tile(np.arange(3), len(visit))], axis=1)
     return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
+
+
+def _keys(one: Observation) -> Integers:
+    """Where and how each reading was taken: whole numbers (m, k)."""
+    table, rows = one.table, one.rows
+    if isinstance(table, RadialTable):
+        return np.stack([table.target, table.orientation], axis=1)[rows]
+    if isinstance(table, RepeatabilityTable):
+        ways = np.select([table.approach == "out", table.approach == "in"], [1, 2], 0)
+        return np.stack([table.target, ways], axis=1)[rows]
+    return np.round(table.q[rows] / _SAME_RAD).astype(np.int64)
 
 
 def _standing_sd(sd_mm: Array, sampling: Sampling) -> Array:

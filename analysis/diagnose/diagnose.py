@@ -19,6 +19,7 @@ from analysis.diagnose.locate import places
 from analysis.diagnose.look import Look, looked
 from analysis.diagnose.naming import Rivalry
 from analysis.diagnose.neighbourhoods import parted
+from analysis.diagnose.observed import Seen
 from analysis.diagnose.parting import parting
 from analysis.diagnose.proof import gain_of_each, gap, without
 from analysis.diagnose.runs import about
@@ -26,6 +27,7 @@ from analysis.diagnose.settle import grown
 from analysis.diagnose.signatures import parts
 from analysis.diagnose.swing import Swing, swing
 from analysis.diagnose.worth import Worth, limits_um, plain_worth, worth
+from analysis.fitting.setups import terms_of
 from analysis.kinematics.arm import Array
 from analysis.reading.loading import Measured
 from rigs.effect import healthy_size, name_of, size_field
@@ -36,6 +38,8 @@ _ENOUGH = 3
 """Readings for each set-up term, at least, without which nothing can be told."""
 FAULT = 5.0
 """Healthy sizes, at the level of the arm at hand, from which on an effect is a fault."""
+LIKELY = 0.2
+"""Odds among rivals from which on a name is told at all: three that do the same have a third each."""
 CERTAIN = 20.0 / 21.0
 """Odds of 20 to 1 among rivals, below which a name is ambiguous."""
 
@@ -59,6 +63,7 @@ def diagnose(
     runs, judges = about(rig, used), about(rig, held_out)
     if not judges:
         runs, judges = parted(runs)
+    _hold_enough(runs)
     look = looked(runs, progress)
     progress("proving it on runs left out")
     kept = look.state.refined.effects
@@ -109,6 +114,13 @@ def diagnose(
     )
 
 
+def _hold_enough(runs: Sequence[Seen]) -> None:
+    """Raises FileError where there are fewer readings than terms of the set-ups."""
+    terms = sum({run.one.setup: terms_of(run.one.table) for run in runs}.values())
+    if (count := sum(run.one.values.size for run in runs)) < terms:
+        raise FileError("RUN…", f"{count} readings are fewer than the {terms} terms of the set-up", "give more runs")
+
+
 def _names(runs: Sequence[Measured]) -> list[str]:
     return [run.run.manifest.name for run in runs]
 
@@ -121,7 +133,7 @@ def _named(look: Look, k: int, limits: Array, gain: float | None, gap_without_um
     own = worth(look.linear, look.linear.left(rest) - look.state.refined.left)
     size = abs(float(getattr(effects[k], size_field(effects[k])))) / healthy_size(effects[k])
     fault = size > FAULT * look.state.level
-    material = fault and own.is_material(limits) and (gain is None or gain > 0) and rivalry.odds > 0.5
+    material = fault and own.is_material(limits) and (gain is None or gain > 0) and rivalry.odds > LIKELY
     return Named(
         effects[k], look.state.refined.sd(k), rivalry.odds, _rivals(rivalry), gap_without_um, effects[k].remedy(),
         own.whole_um, material, gain,
@@ -162,7 +174,8 @@ def _remainder(look: Look, limits: Array) -> tuple[Remainder, bool]:
 def _in_words(look: Look) -> str:
     first = leftovers(look.linear.blocks, look.posterior.left)[:1]
     where = [f"{one.test}{f' {one.direction}' * bool(one.direction)}, {one.part}: {one.words}" for one in first]
-    return "; ".join([*where, f"it looks like {strangest(look.linear, look.posterior).words}"])
+    form = strangest(look.linear, look.posterior)
+    return "; ".join([*where, f"it looks like {form.words}" if form.gain > 0 else "it has no simple form"])
 
 
 def _verdict(look: Look, found: Sequence[Named], left: Remainder, *, is_material: bool) -> tuple[Verdict, str]:
@@ -180,7 +193,9 @@ def _verdict(look: Look, found: Sequence[Named], left: Remainder, *, is_material
         return "within_tolerance", f"nothing stands out of the scatter and of what a healthy arm shows anyway{gain}"
     doubtful = [one for one in material if one.posterior < CERTAIN]
     if doubtful:
-        return "ambiguous", f"these tests do not tell {name_of(doubtful[0].effect)} from its rivals"
+        name = name_of(doubtful[0].effect)
+        rivals = f"these tests do not tell {name} from its rivals"
+        return "ambiguous", rivals if doubtful[0].rivals else f"{name} is likely, and not certain"
     return "named", "each name explains what no other does"
 
 

@@ -23,6 +23,9 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
     circles = [block for block in blocks if block.sampling]
     if circles and not circles[0].measured:
         doubts.append("no circle was repeated: its noise is assumed, as wide as real cells have it; repeat each circle")
+    alone = [block.name for block in circles if block.measured and block.count < 2]
+    if alone:
+        doubts.append(f"{', '.join(alone)} was driven once: its noise is taken to be that of the other circles")
     once = [block.name for block in blocks if not block.sampling and not block.measured]
     if once:
         doubts.append(f"no target of {', '.join(once)} was visited twice: its scatter is assumed; visit targets again")

@@ -139,7 +139,7 @@ def _at_targets(block: Block, left: Array) -> list[Place]:
     table = block.one.table
     if isinstance(table, PoseTable):
         size = np.sqrt((left.reshape(-1, 3) ** 2).sum(axis=1))
-        noise, number = block.sd_mm.reshape(-1, 3).mean(axis=1) * np.sqrt(3), np.arange(1, len(size) + 1)
+        noise, number = block.sd_mm.reshape(-1, 3).mean(axis=1) * np.sqrt(3), block.one.rows + 1
         what = "poses"
     else:
         assert not isinstance(table, CircleTable)  # noqa: S101 - circles have a sampling

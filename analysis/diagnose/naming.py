@@ -127,7 +127,7 @@ class Naming:
         return state, posterior, tuple(self.rivalry(state, posterior, place) for place in every)
 
     def not_testable(self, state: State, posterior: Posterior) -> tuple[str, ...]:
-        """Names that these tests would not show at 100 healthy sizes, beside all that may be there anyway."""
+        """Names that these tests would not show at the size of a large fault, beside all that may be there anyway."""
         sigma = posterior.gains(self.columns.forms, state.level)[2]
         named = {name_of(effect) for effect in state.refined.effects}
         seen = {form.name for form, one in zip(self.columns.forms, sigma, strict=True) if LARGEST * one > _SEEN}

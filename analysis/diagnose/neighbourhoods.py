@@ -25,7 +25,9 @@ def folds_of(q: Array, folds: int) -> Integers:
     """The fold of each pose (n,): neighbourhoods dealt whole, the largest first to the smallest fold."""
     from scipy.cluster.vq import kmeans2  # noqa: PLC0415 - slow to import, needed here only
 
-    _, group = kmeans2(q, GROUPS, minit="++", rng=np.random.default_rng(0))
+    places, place = np.unique(np.round(q, 3), axis=0, return_inverse=True)
+    _, group = kmeans2(places, min(GROUPS, max(1, len(places) // _FEWEST)), minit="++", rng=np.random.default_rng(0))
+    group = group[place.ravel()]
     fold, filled = np.zeros(len(q), dtype=np.int64), np.zeros(folds)
     for number in np.argsort(-np.bincount(group, minlength=GROUPS)):
         k = int(np.argmin(filled))

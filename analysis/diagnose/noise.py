@@ -34,6 +34,10 @@ _SLOW = 30
 _SLOW_HALF = 5.0
 """The order at which assumed slow noise has half its power: a correlation of 1.5 s along a lap of 45 s."""
 _LEAST_MM = 1e-5
+_LEAST_FREE = 0.1
+"""Of a reading that the scatter of a run could do nearly all of."""
+_LEAST_LEVEL = 1e-6
+"""Of a run that repeats another to the last digit."""
 _AGREEMENT = 4.0
 """Degrees of freedom that all targets together lend to the variance of one: as many as real cells' scatter, different
 by a factor of ten between targets, makes likely (Smyth 2004)."""
@@ -156,10 +160,10 @@ def _levels(own: Array, free: Array) -> Array:
     q = np.stack([(own[:, part == _PART] ** 2).sum(axis=1) / free[part == _PART].sum() for part in range(4)], axis=1)
     total = q.sum(axis=0) * n / (n - 1)
     if n < 3:
-        return np.tile(np.sqrt(total / n), (n, 1))
+        return np.tile(np.maximum(np.sqrt(total / n), _LEAST_LEVEL), (n, 1))
     each = (q - total / n**2) / (1 - 2 / n)
     # The quietest of few runs can come out at nothing; none is less than a quarter of their mean level.
-    level: Array = np.sqrt(np.maximum(each, total / n / 16))
+    level: Array = np.maximum(np.sqrt(np.maximum(each, total / n / 16)), _LEAST_LEVEL)
     return level
 
 
@@ -195,7 +199,9 @@ def target_sd(repeated: Repeated, alike: NDArray[np.int64]) -> tuple[Array, bool
     together is not in it. alike (N,): a number that readings of the same place and approach share."""
     span, mean = _span(repeated.shaken), repeated.rows.mean(axis=0)
     apart = repeated.rows - mean
-    rows = mean + apart - (apart @ span) @ span.T
+    # What the scatter of a run could do is taken off, and what is left made as large as it was before.
+    free = np.maximum(1 - (span**2).sum(axis=1), _LEAST_FREE)
+    rows = mean + (apart - (apart @ span) @ span.T) / np.sqrt(free)
     squares, freedom = np.zeros(rows.shape[1]), np.zeros(rows.shape[1])
     away = []
     for number in np.unique(alike):

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from analysis.diagnose.blocks import Block, blocks_of, entries
+from analysis.diagnose.blocks import Block, blocks_of, entries, places_of
 from analysis.diagnose.diagnosis import Gap
 from analysis.diagnose.linear import Linear, basis_of
 from analysis.diagnose.look import Look
@@ -30,10 +30,10 @@ def gap(runs: Sequence[Seen], look: Look, names: Sequence[str]) -> Gap:
 
 def _calibrated_um(look: Look, runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> float:
     """What is left of runs, rms in µm, with a healthy arm's share of everything taken out beside the names."""
-    known = {block.name: k for k, block in enumerate(look.linear.blocks)}
+    known = {(block.name, block.places): k for k, block in enumerate(look.linear.blocks)}
     energy, count = 0.0, 0
     for run in runs:
-        k = known.get(run.name)
+        k = known.get((run.name, places_of(run)))
         left = _left_of(run, look.linear.blocks[k], look) if k is not None else None
         um = _elsewhere_um(look, run, setups) if left is None or k is None else _there_um(look, k, left)
         energy, count = energy + len(run.one.rows) * um**2, count + len(run.one.rows)
@@ -89,7 +89,7 @@ def gain_of_each(look: Look, runs: Sequence[Seen]) -> list[float | None]:
 def _left_of(run: Seen, block: Block, look: Look) -> Array | None:
     """What the names leave of one run, (N,) in standard deviations of a block of its kind; None where the run is of
     another kind or place, or did not stand before and after as those did."""
-    if run.name != block.name or run.model.rig != block.model.rig:
+    if (run.name, places_of(run)) != (block.name, block.places) or run.model.rig != block.model.rig:
         return None
     sampling = run.sampling
     if sampling and block.sampling and not block.sampling.stands:

@@ -42,9 +42,10 @@ def swing(runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> Swing | None:
     if not left:
         return None
     seconds = max(float(np.ptp(one.t_s)) for one in left)
-    rate = min(len(one.t_s) / float(np.ptp(one.t_s)) for one in left)
+    # Between laps there may be a gap: the pace is that of most rows.
+    rate = min(1 / float(np.median(np.diff(one.t_s))) for one in left)
     f = np.arange(_LOWEST_HZ, 0.45 * rate, 0.25 / seconds)
-    if len(f) < 2 * _width(f):
+    if len(f) < 2 or len(f) < 2 * _width(f):
         return None
     over, squares, noise, count = np.zeros(len(f)), np.zeros(len(f)), [], len(left)
     for one in left:
