@@ -63,5 +63,5 @@ def test_the_commands_take_the_table(told: tuple[str, Path]) -> None:
     fit = ("calibrate", "d", "--fit", "joint_offset,link_geometry", "--share", "0.3", "--json", "-o", "ur10-d.yaml")
     found = json.loads(rig(*fit))
     assert found["rms_mm"]["left_out"]["after"] == pytest.approx(0.399, abs=0.02)
-    assert any(held["what"] == "joint_offset 1" for held in found["held"])
+    assert any(one["what"] == "joint_offset 1" for one in found["mixed"])
     assert "good" in rig("check", "ur10-d.yaml")
