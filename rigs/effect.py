@@ -70,12 +70,12 @@ class Scope:
 @dataclass(frozen=True)
 class FreeShape:
     """A shape that is fitted with the size: what is expected, and how far it may be off. tried: the value at which a
-    search looks for it, and how much of it, beside the size, is plausible; None where a search does not."""
+    search looks for it; None where a search does not."""
 
     field: str
     expected: float
     spread: float
-    tried: tuple[float, float] | None = None
+    tried: float | None = None
 
 
 @dataclass(frozen=True)
@@ -143,8 +143,6 @@ class Effect(Part, ABC):
     PLACE: ClassVar[Place] = NOWHERE
     STRAIGHT: ClassVar[float] = 1.0
     """Healthy sizes up to which twice the size does twice as much. 0: never, as in a play."""
-    STANDS_FOR: ClassVar[int] = 1
-    """How many forms of one place one of them stands for, where a healthy arm shows a little of all."""
     FREE: ClassVar[tuple[FreeShape, ...]] = ()
     STRETCHED: ClassVar[tuple[StretchedShape, ...]] = ()
 

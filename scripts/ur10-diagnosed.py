@@ -18,8 +18,9 @@ from ur10 import FIT, read
 
 from analysis.diagnose.look import Look, looked
 from analysis.diagnose.neighbourhoods import parted
-from analysis.diagnose.observed import see
+from analysis.diagnose.observed import Seen, see
 from analysis.diagnose.proof import gap
+from analysis.diagnose.verdict import names_of
 from analysis.diagnose.worth import limits_um, worth
 from analysis.fitting.calibrate import calibrate
 from analysis.fitting.estimate import fit
@@ -33,16 +34,10 @@ LISTED = 12
 """Healthy shares that are printed, the most worth first."""
 
 
-def names_of(look: Look) -> list[tuple[str, float]]:
+def material(look: Look, seen: Seen) -> list[tuple[str, float]]:
     """Material names, each with what it is worth in µm."""
-    effects, limits = look.state.refined.effects, limits_um(look.linear, None)
-    found = []
-    for k, effect in enumerate(effects):
-        rest = [other for j, other in enumerate(effects) if j != k]
-        own = worth(look.linear, look.linear.left(rest) - look.state.refined.left)
-        if own.is_material(limits):
-            found.append((label_of(effect), own.whole_um))
-    return found
+    found = names_of(look, [seen], [None] * len(look.state.refined.effects), limits_um(look.linear, None))
+    return [(label_of(one.effect), one.worth_um) for one in found if one.material]
 
 
 def shares_of(look: Look) -> list[tuple[str, float]]:
@@ -72,11 +67,12 @@ def judged(rig: Rig, table: PoseTable, series: str, folds: int, only: int) -> No
         look = looked([used], lambda doing: None)
         after = gap([left_out], look, [series])
         rows.append((len(left_out.one.rows), plain.before_mm[1], plain.after_mm[1], 1e-3 * after.calibrated_um))
-        names.update(name for name, _ in names_of(look))
+        own = material(look, used)
+        names.update(name for name, _ in own)
         print(
             f"  fold {k + 1}, {rows[-1][0]} poses left out: nominal {rows[-1][1]:.3f}, 24 DH parameters "
             f"{rows[-1][2]:.3f}, diagnosed {rows[-1][3]:.3f} mm rms; level {look.state.level:.2f}; "
-            f"material names: {told(names_of(look))}; {time.perf_counter() - begin:.0f} s",
+            f"material names: {told(own)}; {time.perf_counter() - begin:.0f} s",
             flush=True,
         )
     weight = np.array([row[0] for row in rows])
@@ -90,7 +86,7 @@ def whole(rig: Rig, table: PoseTable, series: str, others: dict[str, PoseTable])
     begin = time.perf_counter()
     seen = see(model_of(rig), table, f"series {series}")
     look = looked([seen], lambda doing: None)
-    print(f"  of the whole series, {time.perf_counter() - begin:.0f} s: material names {told(names_of(look))}")
+    print(f"  of the whole series, {time.perf_counter() - begin:.0f} s: material names {told(material(look, seen))}")
     print(f"  a healthy arm's share of everything, at {look.state.level:.2f} times its size: "
           f"{told(shares_of(look)[:LISTED])}")  # fmt: skip
     plain = calibrate(rig, [seen.one], [], FIT).after.model.effects

@@ -134,7 +134,6 @@ class Posterior:
         fault, pick, sigma = np.full((3, len(forms)), -np.inf)
         sigma[:] = 0.0
         width = np.array([len(form.columns) for form in forms])
-        sizes = fault_sizes(level)
         for q in np.unique(width).tolist():
             members = np.flatnonzero(width == q)
             cols = np.array([forms[k].columns for k in members.tolist()])
@@ -150,11 +149,9 @@ class Posterior:
             values, turn = np.linalg.eigh(precision)
             values = np.maximum(values, 0.0)
             seen = np.einsum("nij,ni->nj", turn, eta) ** 2
-            now = _evidence(values, seen, prior.mean(axis=1))
-            faults = np.stack([_evidence(values, seen, np.full(len(members), size**2 / q)) for size in sizes])
-            top = faults.max(axis=0)
-            fault[members] = top + np.log(np.exp(faults - top).mean(axis=0)) - now
-            pick[members] = _evidence(values, seen, np.full(len(members), level**2 / q)) - now
+            now = _evidence(values, seen, prior.mean(axis=1)[:, None])
+            fault[members] = fault_evidence(values, seen, level) - now
+            pick[members] = _evidence(values, seen, level**2 / q) - now
             sigma[members] = np.sqrt(values.max(axis=1))
             if q == 1:
                 wrong = [
@@ -172,7 +169,7 @@ class Posterior:
         eta = weighted.T @ (self.r - T @ self.known)
         values, turn = np.linalg.eigh(precision)
         seen = (turn.T @ eta) ** 2
-        return float(_evidence(np.maximum(values, 0.0)[None], seen[None], np.array([level**2 / len(eta)]))[0])
+        return float(_evidence(np.maximum(values, 0.0), seen, level**2 / len(eta)))
 
     def size(self, form: Form) -> Array:
         """The coefficients (q,) that a form would have as a fault, in healthy sizes."""
@@ -184,8 +181,24 @@ class Posterior:
         return found
 
 
-def _evidence(values: Array, seen: Array, variance: Array) -> Array:
-    """F(V) of cavities: precision's eigenvalues (n, q), squares of η along them (n, q), prior variance (n,)."""
-    V = variance[:, None]
-    found: Array = 0.5 * (seen / (values + 1 / V) - np.log1p(V * values)).sum(axis=1)
+def fault_evidence(values: Array, seen: Array, level: float) -> Array:
+    """Log evidence (…) of cavities for a fault of any size, over none.
+
+    values (…, q): the precision's eigenvalues; seen (…, q): squares of η along them.
+    """
+    each = np.stack([_evidence(values, seen, size**2 / values.shape[-1]) for size in fault_sizes(level)])
+    top = each.max(axis=0)
+    found: Array = top + np.log(np.exp(each - top).mean(axis=0))
+    return found
+
+
+def gain_over_healthy(precision: float, eta: float, level: float) -> float:
+    """Log evidence of one cavity for a fault over a healthy share; precision and eta: for one healthy size."""
+    values, seen = np.array([precision]), np.array([eta**2])
+    return float(fault_evidence(values, seen, level) - _evidence(values, seen, level**2))
+
+
+def _evidence(values: Array, seen: Array, variance: Array | float) -> Array:
+    """F(V) (…) of cavities: precision's eigenvalues (…, q), squares of η along them (…, q), prior variance V."""
+    found: Array = 0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1)
     return found

@@ -42,9 +42,8 @@ class Block:
 
     model: of their rig file; one: the first of them, whose feedback stands for all; y_mm (N,): their weighted mean
     residual; sd_mm (N,) of it, scatter aside; scatter_mm (N, c): what one standard deviation of the scatter of joints
-    and ball adds to it; band (N,): of which entries share a strength; count of runs; apart_mm: how far a run is from
-    their mean, rms (nan for one run); measured: whether the noise is from repeats; places: what runs that repeat
-    these share.
+    and ball adds to it; band (N,): of which entries share a strength; count of runs; measured: whether the noise is
+    from repeats; places: what runs that repeat these share.
     """
 
     name: str
@@ -56,7 +55,6 @@ class Block:
     scatter_mm: Array
     band: Integers
     count: int
-    apart_mm: float
     measured: bool
     places: bytes
 
@@ -111,13 +109,6 @@ class _Raw:
     rows: Array
     shaken: Array
 
-    @property
-    def apart_mm(self) -> float:
-        """How far a run is from their mean, rms."""
-        count, size = self.rows.shape
-        away = self.rows - self.rows.mean(axis=0)
-        return float(np.sqrt((away**2).sum() / ((count - 1) * size))) if count > 1 else float("nan")
-
 
 def _gathered(name: str, members: Sequence[Seen], setups: Mapping[str, SetUp], known: Sequence[Effect]) -> _Raw:
     # Where one run did not stand before and after, none is compared by it.
@@ -143,7 +134,7 @@ def _circle_block(raw: _Raw, sd_mm: Array, noise: CircleNoise, number: int) -> B
     scatter = raw.shaken * noise.scatter(raw.first.one.setup, raw.shaken.shape[1]) * np.linalg.norm(weight)
     return Block(
         raw.name, raw.first.model, raw.first.one, sampling, weight @ raw.rows, sd, scatter,
-        band + number * len(EDGES), len(raw.rows), raw.apart_mm, noise.measured, places_of(raw.first),
+        band + number * len(EDGES), len(raw.rows), noise.measured, places_of(raw.first),
     )  # fmt: skip
 
 
@@ -157,7 +148,7 @@ def _target_block(raw: _Raw, noise: CircleNoise, number: int) -> Block:
     y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)
     return Block(
         raw.name, raw.first.model, raw.first.one, None, y, sd, scatter,
-        band, count, raw.apart_mm, measured, places_of(raw.first),
+        band, count, measured, places_of(raw.first),
     )  # fmt: skip
 
 

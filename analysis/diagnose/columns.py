@@ -24,15 +24,10 @@ from rigs.effects import Effect, one_sided
 _SET_UP_MM = 10.0
 """How far a set-up may be off from where it was first fitted: decides only what readings hardly show, such as a ball's
 height above a circle's plane."""
-
-
 _SHOWS = 3.0
 """Sigmas, were the set-up known, that the largest fault must have to be worth a column."""
 LARGEST = 68.0
 """Of a fault, in healthy sizes."""
-
-_Variant = tuple[str, tuple[Effect, ...], float]
-"""Name, effects and their size."""
 
 
 @dataclass(frozen=True)
@@ -53,26 +48,28 @@ class Form:
 
 
 class Columns:
-    """Of one linearisation. forms; X (N, p): columns at a healthy size, then those of set-ups by mm, then those of the
-    scatter; products by band: K (b, p, p)."""
+    """Of one linearisation.
+
+    forms; among: how many of them each name has; X (N, p): columns at a healthy size, then those of set-ups by mm, then
+    those of the scatter; K (b, p, p): their products by band.
+    """
 
     def __init__(self, linear: Linear, candidates: Sequence[Candidate]) -> None:
-        variants = [variant for one in candidates for variant in _variants(one)]
-        effects = [effect for _, each, _ in variants for effect in each]
-        sizes = np.repeat([size for _, _, size in variants], [len(each) for _, each, _ in variants])
-        columns = linear.columns(effects) / sizes
-        self.not_seen, variants, columns = _seen(variants, columns)
-        among = Counter(name for name, _, _ in variants)
-        ends = np.cumsum([len(each) for _, each, _ in variants]).tolist()
+        every = [form for one in candidates for form in _in_each_shape(one)]
+        sizes = np.repeat([one.size for one in every], [len(one.effects) for one in every])
+        columns = linear.columns([effect for one in every for effect in one.effects]) / sizes
+        self.not_seen, kept, columns = _seen(every, columns)
+        self.among = Counter(one.name for one in kept)
+        ends = np.cumsum([len(one.effects) for one in kept]).tolist()
         self.forms = tuple(
-            Form(name, each, size, tuple(range(end - len(each), end)), among[name])
-            for (name, each, size), end in zip(variants, ends, strict=True)
+            Form(one.name, one.effects, one.size, tuple(range(end - len(one.effects), end)), self.among[one.name])
+            for one, end in zip(kept, ends, strict=True)
         )
         # Every joint of a healthy arm has some play, and where in it a run began nobody knows.
         plays = [healthy(one.effect) for one in candidates if is_play(one.effect)]
         begins = begin_columns(linear, list({name_of(play): play for play in plays}.values()))
         self.X = np.concatenate([columns, linear.U, linear.Z, begins], axis=1)
-        numbers = {name: k for k, name in enumerate(among)}
+        numbers = {name: k for k, name in enumerate(self.among)}
         own = np.concatenate([np.full(len(form.columns), numbers[form.name]) for form in self.forms])
         self.name_of_column = np.concatenate([own, np.full(self.X.shape[1] - len(own), -1)])
         share = np.concatenate(
@@ -118,18 +115,16 @@ class Columns:
         return variance
 
 
-def _seen(variants: Sequence[_Variant], columns: Array) -> tuple[tuple[str, ...], list[_Variant], Array]:
+def _seen(every: Sequence[Candidate], columns: Array) -> tuple[tuple[str, ...], list[Candidate], Array]:
     """Names that no size would show, the forms that would show, and their columns."""
-    ends = np.cumsum([len(each) for _, each, _ in variants]).tolist()
+    widths = [len(one.effects) for one in every]
     sigma = LARGEST * np.linalg.norm(columns, axis=0)
-    shows = [
-        bool(sigma[end - len(each) : end].max() > _SHOWS) for (_, each, _), end in zip(variants, ends, strict=True)
-    ]
-    kept = [variant for variant, there in zip(variants, shows, strict=True) if there]
-    names = {name for name, _, _ in kept}
-    hidden = tuple(dict.fromkeys(name for name, _, _ in variants if name not in names))
-    return hidden, kept, columns[:, np.repeat(shows, [len(each) for _, each, _ in variants])]
+    shows = [bool(own.max() > _SHOWS) for own in np.split(sigma, np.cumsum(widths)[:-1])]
+    kept = [one for one, there in zip(every, shows, strict=True) if there]
+    names = {one.name for one in kept}
+    hidden = tuple(dict.fromkeys(one.name for one in every if one.name not in names))
+    return hidden, kept, columns[:, np.repeat(shows, widths)]
 
 
-def _variants(one: Candidate) -> list[_Variant]:
-    return [(one.name, one.effects, one.size), *((one.name, (shape.more,), one.size) for shape in one.shapes)]
+def _in_each_shape(one: Candidate) -> list[Candidate]:
+    return [one, *(replace(one, effects=(effect,)) for effect in one.shaped)]

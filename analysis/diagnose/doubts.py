@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from analysis.diagnose.blocks import Block
-from analysis.diagnose.candidates import name_of
 from analysis.diagnose.observed import Seen
 from analysis.diagnose.settle import settled
 from analysis.fitting.observation import rms
 from analysis.reading.tables import CircleTable
+from rigs.effect import name_of
 from rigs.rig import Rig
 
 _BETTER = 0.97

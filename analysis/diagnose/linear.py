@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.diagnose.blocks import Block
 from analysis.fitting.observation import predicted, seen
@@ -67,11 +66,6 @@ class Linear:
         basis = basis_of(self.U)
         fitted: Array = values - basis @ (basis.T @ values)
         return fitted
-
-    @property
-    def stands(self) -> NDArray[np.bool_]:
-        """Which terms of the set-ups say where a ball, or an instrument, stands, (s,)."""
-        return np.concatenate([np.arange(terms_of(table)) < 3 for table in self._tables.values()])
 
     def placed(self, moved: Array) -> dict[str, SetUp]:
         """The set-ups with their terms moved by (s,) mm."""
@@ -140,7 +134,7 @@ class Linear:
         return slopes
 
     def _setup_columns(self) -> Array:
-        columns = np.zeros((len(self.y), len(self.stands)))
+        columns = np.zeros((len(self.y), sum(map(terms_of, self._tables.values()))))
         for block, rows, scene, base in zip(self.blocks, self.rows, self._scenes, self._base, strict=True):
             model, setup = _with(block.model, *self.known), self.setups[block.one.setup]
             terms = self.terms[block.one.setup]

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -15,8 +16,9 @@ from analysis.diagnose.blocks import blocks_of
 from analysis.diagnose.candidates import candidates_for
 from analysis.diagnose.columns import Columns
 from analysis.diagnose.linear import Linear
-from analysis.diagnose.naming import Naming, Rivalry, State
+from analysis.diagnose.naming import Naming, State
 from analysis.diagnose.observed import Seen
+from analysis.diagnose.rivalry import Rivalry, defended
 from analysis.diagnose.settle import settled
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect
@@ -36,7 +38,13 @@ class Look:
     posterior: Posterior
     rivalries: tuple[Rivalry, ...]
 
-    @property
+    @cached_property
+    def changes(self) -> list[Array]:
+        """What each name adds to the readings beside the others (N,), in standard deviations."""
+        effects, left = self.state.refined.effects, self.state.refined.left
+        return [self.linear.left([*effects[:k], *effects[k + 1 :]]) - left for k in range(len(effects))]
+
+    @cached_property
     def first(self) -> Array:
         """What the model leaves without the names (N,), in standard deviations, set-ups fitted."""
         return self.linear.set_up(self.linear.left(()))
@@ -64,7 +72,7 @@ def looked(runs: Sequence[Seen], progress: Callable[[str], None]) -> Look:
         if float(np.sqrt(np.mean(bent**2))) < _BENT:
             break
     progress("holding names against their rivals")
-    state, posterior, rivalries = naming.defended(state, posterior)
+    state, posterior, rivalries = defended(naming, state, posterior)
     return Look(linear, naming, state, posterior, rivalries)
 
 

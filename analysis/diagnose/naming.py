@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.diagnose.background import Background, Posterior, fault_sizes
+from analysis.diagnose.background import Background, Posterior, gain_over_healthy
 from analysis.diagnose.columns import LARGEST, Columns, Form
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.noise import LEAST_ASSUMED
@@ -23,9 +23,9 @@ from analysis.kinematics.arm import Array
 from rigs.effect import PHASE, name_of
 from rigs.effects import Effect, healthy_size, size_field
 
-FAULTS = 2.0
+_FAULTS = 2.0
 """Names that an arm which somebody diagnoses may have, before anything is measured."""
-DEPTH = 24
+_DEPTH = 24
 """Most names: real arms that nobody calibrated have 9 to 14."""
 _ROUNDS = 30
 """Names and forms looked for in a row, most."""
@@ -47,22 +47,6 @@ _BETWEEN = np.linspace(-0.6, 0.6, 9)
 """Orders that are tried about the one of a form, in distances to its neighbour."""
 _SEEN = 4.0
 """Sigmas at which the largest fault would be named at all."""
-_NEAR = 10.0
-"""Log evidence behind a name within which its rivals are fitted on the simulator."""
-_SWAPS = 4
-_RIVALS = 4
-_MISSED = 0.9
-"""Share of a name's evidence at which a rival's linear form, not fitted yet, is tried."""
-
-
-@dataclass(frozen=True)
-class Rivalry:
-    """A name beside its rivals: log evidence for the name; rivals, best first, with their own; odds of the name, and of
-    each rival."""
-
-    gain: float
-    odds: float
-    rivals: tuple[tuple[State, float], ...]
 
 
 @dataclass(frozen=True)
@@ -83,10 +67,9 @@ class State:
 class Naming:
     """Names for what one linearisation leaves."""
 
-    def __init__(self, linear: Linear, columns: Columns, depth: int = DEPTH) -> None:
-        self.linear, self.columns, self.depth = linear, columns, depth
-        names = dict.fromkeys(form.name for form in columns.forms)
-        self.prior = float(np.log(FAULTS / len(names)))
+    def __init__(self, linear: Linear, columns: Columns) -> None:
+        self.linear, self.columns = linear, columns
+        self.prior = float(np.log(_FAULTS / max(len(columns.among), 1)))
         self._among = np.log([form.among for form in columns.forms])
         assumed = np.concatenate([np.full(len(b.y_mm), not b.measured) for b in linear.blocks])
         self._least = np.where(np.bincount(columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
@@ -98,7 +81,7 @@ class Naming:
         """The names that pay, beginning with some."""
         ones = np.ones(len(self.columns.count))
         state = State(self._empty(), strength=ones, robust=np.ones(len(self.linear.y)))
-        state = replace(state, refined=refine(self.linear, self._background(state), effects))
+        state = replace(state, refined=refine(self.linear, self.background(state), effects))
         state = self._settled(self._settled(state)[0])[0]
         # Faults not named yet look like an arm that shows more of everything: names come first, then the level.
         for most in (1.0, _LEVELS[-1]):
@@ -110,21 +93,6 @@ class Naming:
                     break
                 state = changed
         return self._settled(self.fitted(state, state.refined.effects))
-
-    def defended(self, state: State, posterior: Posterior) -> tuple[State, Posterior, tuple[Rivalry, ...]]:
-        """Each name held against its rivals; one that does better takes its place, and names are looked for again."""
-        for _ in range(_SWAPS):
-            rivalries = []
-            for place in range(len(state.refined.effects)):
-                one = self.rivalry(state, posterior, place)
-                rivalries.append(one)
-                if one.rivals and one.rivals[0][1] > one.odds:
-                    state, posterior = self.explained(one.rivals[0][0].refined.effects)
-                    break
-            else:
-                return state, posterior, tuple(rivalries)
-        every = range(len(state.refined.effects))
-        return state, posterior, tuple(self.rivalry(state, posterior, place) for place in every)
 
     def not_testable(self, state: State, posterior: Posterior) -> tuple[str, ...]:
         """Names that these tests would not show at the size of a large fault, beside all that may be there anyway."""
@@ -138,7 +106,8 @@ class Naming:
         none = np.empty((len(self.linear.y), 0))
         return Refined((), (), np.empty(0), np.empty((0, 0)), self.linear.y, none, none)
 
-    def _background(self, state: State) -> Background:
+    def background(self, state: State) -> Background:
+        """All that is not named, in a state."""
         columns = self.columns
         variance = columns.variance(state.level)
         for k in state.picks:
@@ -152,12 +121,12 @@ class Naming:
     def _settled(self, state: State) -> tuple[State, Posterior]:
         """Level, strengths and robust weights as likely as what is taken to be there makes them."""
         for _ in range(_SETTLING):
-            posterior = self._background(state).posterior(state.refined.known)
+            posterior = self.background(state).posterior(state.refined.known)
             state = replace(
                 state, level=self._level(state, posterior), strength=self._strength(state, posterior),
                 robust=self._robust(posterior),
             )  # fmt: skip
-        return state, self._background(state).posterior(state.refined.known)
+        return state, self.background(state).posterior(state.refined.known)
 
     def _level(self, state: State, posterior: Posterior) -> float:
         """Of the background: the mean square of what each name shows over what it could show in an arm at level one.
@@ -222,24 +191,16 @@ class Naming:
         healthy, variance = healthy_size(effect), posterior.known_covariance[row, row]
         precision = max(1 / variance - refined.unknowns[row].spread ** -2, 0.0) * healthy**2
         eta = (refined.values[row] + posterior.known[row]) / variance * healthy
-        forms = [form for form in self.columns.forms if form.name == name_of(effect)]
-        fault = _normal(precision, eta, fault_sizes(state.level) ** 2)
-        top = float(fault.max())
-        fault_mean = top + float(np.log(np.exp(fault - top).mean()))
-        among = max(len(forms), 1)
-        return (
-            fault_mean
-            - float(_normal(precision, eta, np.array([state.level**2]))[0])
-            + self.prior
-            - float(np.log(among))
-        )
+        return gain_over_healthy(precision, eta, state.level) + self.price(effect)
+
+    def price(self, effect: Effect) -> float:
+        """Log odds of a name beforehand, and of its form among its forms."""
+        return self.prior - float(np.log(self.columns.among[name_of(effect)] or 1))
 
     def without(self, state: State, place: int) -> State:
         """Without one name, the others fitted again."""
-        rest = [effect for k, effect in enumerate(state.refined.effects) if k != place]
-        state = replace(state, refined=self._empty()) if not rest else state
-        bare = replace(state, refined=replace(state.refined, effects=tuple(rest)))
-        return replace(state, refined=refine(self.linear, self._background(bare), rest))
+        effects = state.refined.effects
+        return self.fitted(state, [*effects[:place], *effects[place + 1 :]])
 
     def gains(self, state: State, posterior: Posterior) -> tuple[Array, Array]:
         """Log odds (n,) of each form as a fault over a healthy arm, which may show all of its name in this one form,
@@ -252,11 +213,11 @@ class Naming:
         return fault, pick
 
     def _grown(self, state: State, posterior: Posterior) -> State | None:
-        """With the best of a name, of a healthy arm's single form and of a strength of its own, if one pays."""
+        """With the better of a name and of a healthy arm's single form, if one pays."""
         forms = self.columns.forms
         fault, pick = self.gains(state, posterior)
         fault[[form.name in state.refused for form in forms]] = -np.inf
-        if len(state.refined.effects) >= self.depth:
+        if len(state.refined.effects) >= _DEPTH:
             fault[:] = -np.inf
         best = max(float(fault.max()), float(pick.max()))
         if best <= 0:
@@ -267,7 +228,8 @@ class Naming:
             return replace(state, picks=state.picks | {k})
         k = int(np.argmax(fault))
         self._tune(state, posterior, k)
-        return self._named(state, posterior, self.columns.forms[k])
+        form = self.columns.forms[k]
+        return self.fitted(state, (*state.refined.effects, started(form, posterior.size(form))))
 
     def _tune(self, state: State, posterior: Posterior, k: int) -> None:
         """Give a wave the order, between those of its neighbours, that explains most."""
@@ -284,66 +246,13 @@ class Naming:
         best = int(np.argmax([posterior.gain_of_columns(pair, state.level) for pair in pairs]))
         self.columns = columns.tuned(k, tuple(effects[2 * best : 2 * best + 2]), pairs[best])
 
-    def _named(self, state: State, posterior: Posterior, form: Form) -> State:
-        effects = (*state.refined.effects, started(form, posterior.size(form)))
-        return self.fitted(state, effects)
-
     def fitted(self, state: State, effects: Sequence[Effect]) -> State:
         """With some names, fitted together."""
         picks = frozenset(
             k for k in state.picks if not any(is_same(self.columns.forms[k], effect) for effect in effects)
         )
         bare = replace(state, picks=picks, refined=replace(self._empty(), effects=tuple(effects)))
-        return replace(bare, refined=refine(self.linear, self._background(bare), effects))
-
-    def evidence(self, state: State) -> float:
-        """Log evidence of what is taken to be there, prices of the names paid, but for a constant."""
-        background, known = self._background(state), state.refined.known
-        T, r = known.T, known.r
-        weighted = background.solved(T)
-        normal = T.T @ weighted + known.precision
-        right = weighted.T @ r + known.precision @ known.mean
-        cost = float(r @ background.solved(r)) + float(known.mean @ known.precision @ known.mean)
-        cost -= float(right @ np.linalg.solve(normal, right))
-        occam = np.linalg.slogdet(normal)[1] - np.linalg.slogdet(known.precision)[1] + background.logdet
-        return -0.5 * (cost + float(occam)) + sum(self._price(effect, state.level) for effect in state.refined.effects)
-
-    def _price(self, effect: Effect, level: float) -> float:
-        """Log odds of a name beforehand, of its form among its forms, and of its size over the fit's wide prior."""
-        among = sum(form.name == name_of(effect) for form in self.columns.forms) or 1
-        size = float(getattr(effect, size_field(effect))) / healthy_size(effect)
-        sizes = fault_sizes(level)
-        likely = np.exp(-0.5 * (size / sizes) ** 2) / sizes
-        wide = -0.5 * (size / LARGEST) ** 2 - np.log(LARGEST)
-        return self.prior - float(np.log(among)) + float(np.log(likely.mean() + 1e-300)) - float(wide)
-
-    def rivalry(self, state: State, posterior: Posterior, place: int) -> Rivalry:
-        """A name against what could stand in its place: what explains no less without it, and nothing beside it."""
-        forms, effect = self.columns.forms, state.refined.effects[place]
-        beside = self.gains(state, posterior)[0]
-        rest = self.without(state, place)
-        bare = self.evidence(rest)
-        gain = self.evidence(state) - bare
-        alone_posterior = self._background(rest).posterior(rest.refined.known)
-        alone = self.gains(rest, alone_posterior)[0]
-        score = alone - np.maximum(beside, 0.0)
-        rivals: list[tuple[State, float]] = []
-        seen: set[str] = set()
-        for k in np.argsort(-score):
-            if len(rivals) == _RIVALS or not score[k] > min(gain - _NEAR, _MISSED * gain):
-                break
-            if forms[k].name in seen or is_same(forms[k], effect):
-                continue
-            tried = self.fitted(rest, [*rest.refined.effects, started(forms[k], alone_posterior.size(forms[k]))])
-            if is_alike(tried.refined.effects[-1], effect):
-                continue
-            seen.add(forms[k].name)
-            rivals.append((tried, self.evidence(tried) - bare - max(float(beside[k]), 0.0)))
-        scores = np.array([gain, 0.0, *(own for _, own in rivals)])
-        weight = np.exp(scores - scores.max())
-        odds = weight / weight.sum()
-        order = np.argsort(-odds[2:])
-        return Rivalry(gain, float(odds[0]), tuple((rivals[k][0], float(odds[2 + k])) for k in order))
+        return replace(bare, refined=refine(self.linear, self.background(bare), effects))
 
 
 def started(form: Form, size: Array) -> Effect:
@@ -367,9 +276,3 @@ def is_alike(one: Effect, effect: Effect) -> bool:
         return False
     order, other = getattr(one, "order", None), getattr(effect, "order", None)
     return order is None or other is None or max(order, other) / min(order, other) < _NEAR_ORDER
-
-
-def _normal(precision: float, eta: float, variance: Array) -> Array:
-    """F(V) of one coefficient, for several V."""
-    found: Array = 0.5 * (eta**2 / (precision + 1 / variance) - np.log1p(variance * precision))
-    return found

@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.diagnose.candidates import Candidate, candidates_for, label_of, name_of
+from analysis.diagnose.candidates import Candidate, candidates_for
 from analysis.diagnose.parting import Answer, Parting, answers, best_first
 from analysis.diagnose.sights import Sight, by_name, sights_of, unseen
 from analysis.diagnose.signatures import ALIKE, DETECTABLE, NOTHING, Signatures, View, parts, shows
 from analysis.kinematics.arm import Array
+from rigs.effect import label_of, name_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.vocabulary import CIRCLES, TestName

@@ -50,7 +50,7 @@ def _there_um(look: Look, k: int, left: Array) -> float:
 
 def _elsewhere_um(look: Look, run: Seen, setups: Mapping[str, SetUp]) -> float:
     """Of a run at another place, radius or speed."""
-    effects, forms = look.state.refined.effects, look.naming.columns.forms
+    effects, forms = look.state.refined.effects, look.posterior.background.columns.forms
     alone = Linear(blocks_of([run], setups, effects), setups, effects)
     sizes = np.repeat([form.size for form in forms], [len(form.columns) for form in forms])
     share = alone.columns([effect for form in forms for effect in form.effects]) / sizes
@@ -63,11 +63,9 @@ def gain_of_each(look: Look, runs: Sequence[Seen]) -> list[float | None]:
 
     The set-up is fitted to each run anew; a healthy arm's share of everything is taken as the runs used have it.
     """
-    linear, effects = look.linear, look.state.refined.effects
-    rest = [[effect for other, effect in enumerate(effects) if other != k] for k in range(len(effects))]
-    changes = [linear.left(others) - look.state.refined.left for others in rest]
+    linear, changes = look.linear, look.changes
     healthy, before = look.posterior.healthy_share, linear.left(()) - look.state.refined.left
-    whole, gained, judged_by = 0.0, np.zeros(len(effects)), 0
+    whole, gained, judged_by = 0.0, np.zeros(len(changes)), 0
     for block, rows in zip(linear.blocks, linear.rows, strict=True):
         for run in runs:
             left = _left_of(run, block, look)
@@ -83,7 +81,7 @@ def gain_of_each(look: Look, runs: Sequence[Seen]) -> list[float | None]:
             after = energy(-healthy[rows])
             whole += energy(before[rows])
             gained += [energy(change[rows] - healthy[rows]) - after for change in changes]
-    return [float(one / whole) for one in gained] if judged_by else [None] * len(effects)
+    return [float(one / whole) for one in gained] if judged_by else [None] * len(changes)
 
 
 def _left_of(run: Seen, block: Block, look: Look) -> Array | None:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.diagnose.candidates import Candidate, label_of, name_of
+from analysis.diagnose.candidates import Candidate
 from analysis.diagnose.parting import Parting
 from analysis.diagnose.signatures import DETECTABLE, LARGEST, NOTHING, View, shows
 from analysis.kinematics.arm import Array
-from rigs.effect import healthy
+from rigs.effect import healthy, label_of, name_of
 from rigs.effects import Effect, healthy_size, turned
 
 _ON_AXIS = 0.02

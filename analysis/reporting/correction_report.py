@@ -17,9 +17,9 @@ from analysis.correction.constants import CONSTANTS, Correction, corrected_table
 from analysis.correction.correct import Corrections
 from analysis.correction.path import write_path
 from analysis.correction.support import Support
-from analysis.diagnose.candidates import label_of
 from analysis.reporting.parameters import quantity_of
 from analysis.reporting.whole import whole
+from rigs.effect import label_of
 from rigs.effects import size_field
 from rigs.errors import FileError
 

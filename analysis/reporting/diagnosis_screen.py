@@ -10,7 +10,6 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from analysis.diagnose.candidates import name_of
 from analysis.diagnose.diagnosis import Diagnosis, Gap, Verdict
 from analysis.reporting.diagnosis_words import (
     beside_size,
@@ -26,6 +25,7 @@ from analysis.reporting.diagnosis_words import (
     told,
 )
 from analysis.reporting.whole import whole
+from rigs.effect import name_of
 
 _COLOUR: dict[Verdict, str] = {
     "named": "bold green",

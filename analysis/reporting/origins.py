@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from analysis.diagnose.candidates import name_of
+from rigs.effect import name_of
 from rigs.effects import Effect
 
 _MOST_NAMED = 5

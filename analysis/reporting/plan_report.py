@@ -11,7 +11,6 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.diagnose.candidates import name_of
 from analysis.diagnose.diagnosis import ODDS
 from analysis.diagnose.parting import Parting
 from analysis.diagnose.plan import Pair, Plan
@@ -19,6 +18,7 @@ from analysis.diagnose.sights import Sight
 from analysis.diagnose.signatures import ALIKE, parts, shows
 from analysis.reporting.parameters import quantity_of
 from analysis.reporting.whole import whole
+from rigs.effect import name_of
 from rigs.effects import Effect, healthy_size, size_field
 
 _MOST = 3

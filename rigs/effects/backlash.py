@@ -37,7 +37,7 @@ class Backlash(Effect):
     STAGE = "joint"
     PLACE = AT_AXIS
     STRAIGHT = 0.0
-    FREE = (FreeShape("transit", 0.2, 0.4, tried=(1.0, 0.5)), FreeShape("preload", 0.0, 0.15, tried=(1.0, 0.2)))
+    FREE = (FreeShape("transit", 0.2, 0.4, tried=1.0), FreeShape("preload", 0.0, 0.15, tried=1.0))
 
     def apply(self, scene: S) -> S:
         """The joint lags; the trace begins in the middle of the play."""

@@ -26,7 +26,7 @@ class Compliance(Effect):
 
     STAGE = "joint"
     PLACE = AT_AXIS
-    FREE = (FreeShape("payload_kg", _HANGS_KG, 7.0, tried=(_HEAVY_KG, 0.7)),)
+    FREE = (FreeShape("payload_kg", _HANGS_KG, 7.0, tried=_HEAVY_KG),)
 
     def apply(self, scene: S) -> S:
         """The joint gives way in the direction in which gravity pulls it."""

@@ -46,7 +46,6 @@ class TransmissionError(Effect):
     PLACE = Place(
         rf"(?:(?P<axis>[1-6])(?::(?P<order>{NUMBER}))?)?", "4:2 (axis:order)", {"axis": "123456", "order": "12"}
     )
-    STANDS_FOR = 3
     FREE = (FreeShape("third", 0.0, 0.3),)
     STRETCHED = (StretchedShape("order", 0.03, least=0.5),)
 
@@ -86,7 +85,7 @@ class TransmissionError(Effect):
 
 
 def _orders_for(turned: float) -> list[int]:
-    """Integers up to 12, then in steps that a joint which turns so far (in turns) parts; refinement finds the rest."""
+    """Orders as far apart as a joint that turns so far (in turns) parts, low ones by a third; fits find the rest."""
     orders, order = [], 1.0
     while order <= _MOST_ORDER:
         if order * turned < _MOST_WAVES:

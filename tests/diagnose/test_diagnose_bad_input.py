@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from cells import RIG, circles, found_in, measured, poses, table_of
 
-from analysis.diagnose.candidates import name_of
 from analysis.diagnose.diagnosis import Diagnosis
 from analysis.reading.laps import laps_of
 from analysis.reading.loading import Measured
 from analysis.reading.tables import CircleTable, RadialTable
+from rigs.effect import name_of
 from rigs.effects import Backlash, Effect, JointOffset
 from rigs.errors import FileError
 from rigs.rig import Rig

@@ -9,11 +9,12 @@ from cells import RIG, circles, found_in, measured, shaken
 
 from analysis.diagnose import diagnose as verdicts
 from analysis.diagnose import look as engine
-from analysis.diagnose.candidates import Candidate, candidates_for, name_of
+from analysis.diagnose.candidates import Candidate, candidates_for
 from analysis.diagnose.diagnose import diagnose
 from analysis.diagnose.diagnosis import Diagnosis
 from analysis.diagnose.linear import Linear
 from analysis.model.simulate import simulate
+from rigs.effect import name_of
 from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError, Vibration, size_field
 from rigs.errors import FileError
 
