@@ -17,7 +17,7 @@ import numpy as np
 from ur10 import FIT, read
 
 from analysis.diagnose.look import Look, looked
-from analysis.diagnose.neighbourhoods import parted
+from analysis.diagnose.neighbourhoods import without_a_fold
 from analysis.diagnose.observed import Seen, see
 from analysis.diagnose.proof import gap
 from analysis.diagnose.verdict import names_of
@@ -62,7 +62,7 @@ def judged(rig: Rig, table: PoseTable, series: str, folds: int, only: int) -> No
     names: Counter[str] = Counter()
     for k in range(only or folds):
         begin = time.perf_counter()
-        (used,), (left_out,) = parted([seen], folds, k)
+        (used,), (left_out,) = without_a_fold([seen], folds, k)
         plain = calibrate(rig, [used.one], [left_out.one], FIT)
         look = looked([used], lambda doing: None)
         after = gap([left_out], look, [series])

@@ -14,7 +14,7 @@ from analysis.diagnose.doubts import doubts_of_rig, doubts_of_runs
 from analysis.diagnose.leftover import leftovers
 from analysis.diagnose.locate import places
 from analysis.diagnose.look import looked
-from analysis.diagnose.neighbourhoods import parted
+from analysis.diagnose.neighbourhoods import without_a_fold
 from analysis.diagnose.observed import Seen
 from analysis.diagnose.parting import parting
 from analysis.diagnose.proof import gain_of_each, gap
@@ -49,7 +49,7 @@ def diagnose(
     progress("reading the runs")
     runs, judges = about(rig, used), about(rig, held_out)
     if not judges:
-        runs, judges = parted(runs)
+        runs, judges = without_a_fold(runs)
     _hold_enough(runs)
     look = looked(runs, progress)
     progress("proving it on runs left out")

@@ -11,31 +11,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.fitting.observation import Observation
+from analysis.kinematics.arm import Array
+from analysis.reading.tables import Integers
 from rigs.errors import FileError
 
-_GROUPS = 20
+GROUPS = 20
+"""Neighbourhoods of joint space."""
+_FEWEST = 5
+"""Places that a neighbourhood has on the mean, at the least."""
 
 
 def split(one: Observation, share: float, groups: bool, seed: int) -> tuple[Observation, Observation]:
     """An observation in two: what is used, and a `share` of its readings that is left out."""
     rng = np.random.default_rng(seed)
-    left_out = _neighbourhoods(one, share, rng) if groups else rng.permutation(len(one.rows)) < share * len(one.rows)
-    return _part(one, ~left_out), _part(one, left_out)
+    left_out = _left_out(one, share, rng) if groups else rng.permutation(len(one.rows)) < share * len(one.rows)
+    return part(one, ~left_out), part(one, left_out)
 
 
-def _part(one: Observation, keep: NDArray[np.bool_]) -> Observation:
+def part(one: Observation, keep: NDArray[np.bool_]) -> Observation:
+    """Some of the readings; the path, so where each pose was approached from, stays whole."""
     return replace(one, rows=one.rows[keep], values=one.values[keep])
 
 
-def _neighbourhoods(one: Observation, share: float, rng: np.random.Generator) -> NDArray[np.bool_]:
+def neighbourhoods(q: Array, rng: np.random.Generator) -> Integers:
+    """The neighbourhood of each reading (n,), by its joints q (n, 6): k-means, visits of one place together."""
     from scipy.cluster.vq import kmeans2  # noqa: PLC0415 - slow to import, needed here only
 
+    places, place = np.unique(np.round(q, 3), axis=0, return_inverse=True)
+    _, group = kmeans2(places, min(GROUPS, max(1, len(places) // _FEWEST)), minit="++", rng=rng)
+    return np.asarray(group[place.ravel()], dtype=np.int64)
+
+
+def _left_out(one: Observation, share: float, rng: np.random.Generator) -> NDArray[np.bool_]:
     q = one.table.q[one.rows]
-    if len(q) < 2 * _GROUPS:
+    if len(q) < 2 * GROUPS:
         raise FileError(
             "--groups", f"{len(q)} readings make no neighbourhoods", "leave out single ones: without --groups"
         )
-    _, group = kmeans2(q, min(_GROUPS, len(q) // 5), minit="++", rng=rng)
+    group = neighbourhoods(q, rng)
     left_out = np.zeros(len(q), dtype=bool)
     for number in rng.permutation(group.max() + 1):
         if left_out.sum() >= share * len(q):
