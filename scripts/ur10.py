@@ -21,7 +21,8 @@ from analysis.fitting.observation import Observation, observe
 from analysis.fitting.split import split
 from analysis.kinematics.arm import Array, arm_of, forward
 from analysis.model.ball_link import readings
-from analysis.model.predict import Path as Motion
+from analysis.model.hysteresis import Motion
+from analysis.model.predict import Path as Driven
 from analysis.model.predict import model_of
 from analysis.model.programs import circle_of, hemisphere_of
 from analysis.reading.csv_tables import columns_of
@@ -58,7 +59,7 @@ def placed(table: PoseTable, rig: Rig, test: str) -> tuple[Rig, Observation]:
     ball = place.mean(axis=0) + T[:, :3, 2].mean(axis=0) * LINK_MM
     rig = with_ball(rig, ball, tool_mm)
     zero = np.zeros(n)
-    motion = Motion(zero, table.q, np.arange(n))
+    motion = Driven(Motion(zero, table.q), np.arange(n))
     if test == "radial":
         g_mm = (np.linalg.norm(place - ball, axis=1) - LINK_MM)[:, None]
         one = np.ones(n, dtype=np.int64)

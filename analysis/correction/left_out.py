@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.kinematics.arm import Array
+from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, model_of, moved
 from rigs.effects import Effect
 from rigs.rig import Rig
@@ -48,4 +49,4 @@ def _driven(q: Array, side: float, begin_s: float) -> Path:
     one = np.arange(len(along)) * (_SWING_S / _STEPS)
     starts = begin_s + np.arange(len(q)) * (one[-1] + _REST_S)
     rows = np.arange(len(q)) * len(one) + 2 * _STEPS
-    return Path((starts[:, None] + one).ravel(), swings.reshape(-1, 6), rows)
+    return Path(Motion((starts[:, None] + one).ravel(), swings.reshape(-1, 6)), rows)

@@ -21,6 +21,7 @@ from analysis.kinematics.arm import Arm, Array, arm_of, forward, pose_error
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
+from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, model_of, moved
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -110,7 +111,7 @@ def _posture(rig: Rig, arm: Arm) -> Array:
 
 def _reached(model: Model, q: Array) -> Array:
     """Where the real arm's tool stands, (n, 4, 4), told q (n, 6) rad; no effect here looks at what was before."""
-    return moved(model, Path(np.arange(len(q), dtype=float), q, np.arange(len(q)))).T
+    return moved(model, Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)))).T
 
 
 def _uncertainty(model: Model, used: Sequence[Support], q: Array) -> Array:

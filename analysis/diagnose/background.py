@@ -46,41 +46,52 @@ class Background:
     """Noise weights (N,) of each reading, and prior variances (p,) of all columns."""
 
     def __init__(self, columns: Columns, weight: Array, variance: Array) -> None:
+        from scipy.linalg import cholesky  # noqa: PLC0415 - slow to import
+
         self.columns, self.weight, self.variance = columns, weight, variance
         self._root = np.sqrt(variance)
-        self._gram = self._weighted_gram()
-        M = self._root[:, None] * self._gram * self._root
+        M = self._root[:, None] * self._weighted_gram() * self._root
         M[np.diag_indices_from(M)] += 1.0
-        self._chol = np.linalg.cholesky(M)
-        self._WX = weight[:, None] * columns.X
+        self._chol = np.asarray(cholesky(M, lower=True, overwrite_a=True, check_finite=False), dtype=float)
 
     def _weighted_gram(self) -> Array:
-        columns, gram = self.columns, np.zeros(self.columns.K.shape[1:])
-        for b in range(len(columns.count)):
-            rows = columns.band == b
+        """X'WX (p, p), from the products of bands whose readings weigh alike."""
+        columns, gram = self.columns, self.columns.gram.copy()
+        for b, products in enumerate(columns.K):
+            rows = columns.rows[b]
             own = self.weight[rows]
-            if np.ptp(own) == 0:
-                gram += own[0] * columns.K[b]
-            else:
+            if np.ptp(own) > 0:
                 part = columns.X[rows]
-                gram += part.T @ (own[:, None] * part)
+                gram += part.T @ ((own - 1)[:, None] * part)
+            elif own[0] != 1:
+                gram += (own[0] - 1) * products
         return gram
 
-    def halved(self, values: Array) -> Array:
-        """L⁻¹ √V X'W values, (p, …)."""
+    def projected(self, values: Array) -> Array:
+        """X'W values, (p, k) for values (N, k)."""
+        found: Array = self.columns.X.T @ (self.weight[:, None] * values)
+        return found
+
+    def halved(self, projected: Array) -> Array:
+        """L⁻¹ √V X'W values, (p, k), from X'W values."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
-        right = self._root.reshape(-1, *[1] * (values.ndim - 1)) * (self._WX.T @ values)
+        right = self._root[:, None] * projected
         return np.asarray(solve_triangular(self._chol, right, lower=True, check_finite=False), dtype=float)
 
+    def products(self, values: Array) -> Array:
+        """values' C⁻¹ values, (k, k) for values (N, k)."""
+        half = self.halved(self.projected(values))
+        found: Array = values.T @ (self.weight[:, None] * values) - half.T @ half
+        return found
+
     def solved(self, values: Array) -> Array:
-        """C⁻¹ values, (N, …)."""
+        """C⁻¹ values, (N, k) for values (N, k)."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
-        tail = [1] * (values.ndim - 1)
-        back = solve_triangular(self._chol, self.halved(values), lower=True, trans=1, check_finite=False)
-        weighted = self.weight.reshape(-1, *tail) * values
-        found: Array = weighted - self._WX @ (self._root.reshape(-1, *tail) * back)
+        half = self.halved(self.projected(values))
+        back = solve_triangular(self._chol, half, lower=True, trans=1, check_finite=False)
+        found: Array = self.weight[:, None] * (values - self.columns.X @ (self._root[:, None] * back))
         return found
 
     @property
@@ -91,15 +102,27 @@ class Background:
     @cached_property
     def covariance(self) -> Array:
         """A (p, p) of all coefficients, nothing known beside them."""
-        from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+        from scipy.linalg.lapack import dpotri  # noqa: PLC0415 - slow to import
 
-        half = solve_triangular(self._chol, np.diag(self._root), lower=True, check_finite=False)
-        found: Array = half.T @ half
+        inverse, _ = dpotri(self._chol, lower=True)
+        whole = np.tril(inverse)
+        whole += np.tril(inverse, -1).T
+        found: Array = self._root[:, None] * whole * self._root
         return found
 
     def posterior(self, known: Known) -> Posterior:
         """Of all coefficients, beside what is known."""
         return Posterior(self, known)
+
+    def evidence(self, known: Known) -> float:
+        """Log density of the readings beside what is known, but for a constant."""
+        q = len(known.mean)
+        products = self.products(np.column_stack([known.T, known.r]))
+        normal = products[:q, :q] + known.precision
+        right = products[:q, q] + known.precision @ known.mean
+        cost = products[q, q] + known.mean @ known.precision @ known.mean - right @ np.linalg.solve(normal, right)
+        occam = np.linalg.slogdet(normal)[1] - np.linalg.slogdet(known.precision)[1] + self.logdet
+        return -0.5 * float(cost + occam)
 
 
 class Posterior:
@@ -108,16 +131,17 @@ class Posterior:
 
     def __init__(self, background: Background, known: Known) -> None:
         self.background = background
-        r, T = known.r, known.T
+        r, T, q = known.r, known.T, len(known.mean)
         self.r, self.known_columns = r, T
-        weighted = background.solved(T)
-        normal = T.T @ weighted + known.precision
-        right = weighted.T @ r + known.precision @ known.mean
-        self.known_covariance = np.linalg.inv(normal)
-        self.known = self.known_covariance @ right
+        values = np.column_stack([T, r])
+        projected = background.projected(values)
+        half = background.halved(projected)
+        products = values.T @ (background.weight[:, None] * values) - half.T @ half
+        self.known_covariance = np.linalg.inv(products[:q, :q] + known.precision)
+        self.known = self.known_covariance @ (products[:q, q] + known.precision @ known.mean)
         A = background.covariance
-        B = A @ (background._WX.T @ T)
-        self.mean = A @ (background._WX.T @ (r - T @ self.known))
+        B = A @ projected[:, :q]
+        self.mean = A @ projected[:, q] - B @ self.known
         self.A = A + B @ self.known_covariance @ B.T
         self.left = r - T @ self.known - background.columns.X @ self.mean
 
@@ -149,9 +173,9 @@ class Posterior:
             values, turn = np.linalg.eigh(precision)
             values = np.maximum(values, 0.0)
             seen = np.einsum("nij,ni->nj", turn, eta) ** 2
-            now = _evidence(values, seen, prior.mean(axis=1)[:, None])
+            now = cavity_evidence(values, seen, prior.mean(axis=1)[:, None])
             fault[members] = fault_evidence(values, seen, level) - now
-            pick[members] = _evidence(values, seen, level**2 / q) - now
+            pick[members] = cavity_evidence(values, seen, level**2 / q) - now
             sigma[members] = np.sqrt(values.max(axis=1))
             if q == 1:
                 wrong = [
@@ -162,14 +186,18 @@ class Posterior:
 
     def gain_of_columns(self, columns: Array, level: float) -> float:
         """Log evidence for columns (N, q) beside all else, their coefficients together one healthy size at a level."""
-        background, T = self.background, self.known_columns
-        weighted = background.solved(columns)
-        across = T.T @ weighted
-        precision = columns.T @ weighted - across.T @ self.known_covariance @ across
-        eta = weighted.T @ (self.r - T @ self.known)
+        precision, eta = self.cavity(columns)
         values, turn = np.linalg.eigh(precision)
         seen = (turn.T @ eta) ** 2
-        return float(_evidence(np.maximum(values, 0.0), seen, level**2 / len(eta)))
+        return float(cavity_evidence(np.maximum(values, 0.0), seen, level**2 / len(eta)))
+
+    def cavity(self, columns: Array) -> tuple[Array, Array]:
+        """What the readings say of columns (N, q) beside all else: Λ (q, q) and η (q,)."""
+        T, q = self.known_columns, self.known_columns.shape[1]
+        products = self.background.products(np.column_stack([T, columns, self.r - T @ self.known]))
+        across = products[:q, q:-1]
+        precision: Array = products[q:-1, q:-1] - across.T @ self.known_covariance @ across
+        return precision, products[q:-1, -1]
 
     def size(self, form: Form) -> Array:
         """The coefficients (q,) that a form would have as a fault, in healthy sizes."""
@@ -177,8 +205,7 @@ class Posterior:
         inverse = np.linalg.inv(self.A[np.ix_(cols, cols)])
         eta = inverse @ self.mean[cols]
         precision = inverse - np.diag(1 / self.background.variance[cols])
-        found: Array = np.linalg.solve(precision + np.eye(len(cols)) / LARGEST**2, eta)
-        return found
+        return np.asarray(np.linalg.solve(precision + np.eye(len(cols)) / LARGEST**2, eta), dtype=float)
 
 
 def fault_evidence(values: Array, seen: Array, level: float) -> Array:
@@ -186,19 +213,13 @@ def fault_evidence(values: Array, seen: Array, level: float) -> Array:
 
     values (…, q): the precision's eigenvalues; seen (…, q): squares of η along them.
     """
-    each = np.stack([_evidence(values, seen, size**2 / values.shape[-1]) for size in fault_sizes(level)])
+    each = np.stack([cavity_evidence(values, seen, size**2 / values.shape[-1]) for size in fault_sizes(level)])
     top = each.max(axis=0)
     found: Array = top + np.log(np.exp(each - top).mean(axis=0))
     return found
 
 
-def gain_over_healthy(precision: float, eta: float, level: float) -> float:
-    """Log evidence of one cavity for a fault over a healthy share; precision and eta: for one healthy size."""
-    values, seen = np.array([precision]), np.array([eta**2])
-    return float(fault_evidence(values, seen, level) - _evidence(values, seen, level**2))
-
-
-def _evidence(values: Array, seen: Array, variance: Array | float) -> Array:
+def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Array:
     """F(V) (…) of cavities: precision's eigenvalues (…, q), squares of η along them (…, q), prior variance V."""
     found: Array = 0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1)
     return found

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,7 +50,7 @@ class Columns:
     """Of one linearisation.
 
     forms; among: how many of them each name has; X (N, p): columns at a healthy size, then those of set-ups by mm, then
-    those of the scatter; K (b, p, p): their products by band.
+    those of the scatter; rows: of each band; K (b, p, p): products of the columns by band, gram (p, p) over all.
     """
 
     def __init__(self, linear: Linear, candidates: Sequence[Candidate]) -> None:
@@ -84,30 +83,15 @@ class Columns:
             ]
         )
         self.set_ups = slice(len(share), len(share) + linear.U.shape[1])
-        self.band = np.unique(linear.band, return_inverse=True)[1]
-        self.count: NDArray[np.int64] = np.bincount(self.band)
-        self.K = np.stack([self.products(self.band == b) for b in range(len(self.count))])
+        self.divide(np.unique(linear.band, return_inverse=True)[1])
 
-    def tuned(self, k: int, effects: tuple[Effect, ...], columns: Array) -> Columns:
-        """With other effects and their columns (N, q) in the place of a form's."""
-        other = copy(self)
-        form = replace(self.forms[k], effects=effects)
-        own = list(form.columns)
-        other.forms = (*self.forms[:k], form, *self.forms[k + 1 :])
-        other.X, other.K = self.X.copy(), self.K.copy()
-        other.X[:, own] = columns
-        for b in range(len(self.count)):
-            rows = self.band == b
-            across = other.X[rows].T @ columns[rows]
-            other.K[b][:, own] = across
-            other.K[b][own, :] = across.T
-        return other
-
-    def products(self, rows: NDArray[np.bool_]) -> Array:
-        """Products (p, p) of the columns over some rows."""
-        part = self.X[rows]
-        products: Array = part.T @ part
-        return products
+    def divide(self, band: NDArray[np.int64]) -> None:
+        """Products of the columns by the band (N,) of their readings."""
+        self.band = band
+        self.count: NDArray[np.int64] = np.bincount(band)
+        self.rows = [np.flatnonzero(band == b) for b in range(len(self.count))]
+        self.K = np.stack([self.X[rows].T @ self.X[rows] for rows in self.rows])
+        self.gram: Array = self.K.sum(axis=0)
 
     def variance(self, level: float) -> Array:
         """Prior variance (p,) of each column's coefficient, in an arm with `level` times a healthy one's everything."""

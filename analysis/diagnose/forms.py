@@ -13,7 +13,6 @@ import numpy as np
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.observed import ORDER_OF
 from analysis.kinematics.arm import Array
-from analysis.model.hysteresis import turns
 from rigs.effects import Effect, turned
 
 _JOLT = 0.4
@@ -21,14 +20,13 @@ _MOST_DEG = 5.0
 """By which a joint is turned to see what it does; a play is never so wide."""
 
 
-def form_columns(linear: Linear, effects: Sequence[Effect]) -> Array:
-    """What departures from the page may add, one standard deviation each: (N, f) in standard deviations."""
-    departures = [effect.departures() for effect in effects]
-    beside = [effect for one in departures for effect in one.beside]
-    begins = begin_columns(linear, effects)
-    jolts = [_jolts(linear, *one.jolt) for one in departures if one.jolt]
-    sticks = [_sticks(linear, *one.stick) for one in departures if one.stick]
-    return np.concatenate([linear.columns(beside), begins, *jolts, *sticks], axis=1)
+def form_columns(linear: Linear, effect: Effect) -> Array:
+    """What departures of an effect may add, one standard deviation each: (N, f) in standard deviations."""
+    own = effect.departures()
+    parts = [linear.columns(own.beside), begin_columns(linear, [effect])]
+    parts += [_jolts(linear, *own.jolt)] if own.jolt else []
+    parts += [_sticks(linear, *own.stick)] if own.stick else []
+    return np.concatenate(parts, axis=1)
 
 
 def begin_columns(linear: Linear, effects: Sequence[Effect]) -> Array:
@@ -59,7 +57,7 @@ def _jolts(linear: Linear, axis: int, size_deg: float) -> Array:
         if not block.sampling:
             continue
         path = block.one.path
-        for when, _ in turns(path.t_s, path.q[:, axis - 1]):
+        for when, _ in path.motion.reversals(axis):
             after = int(np.searchsorted(path.t_s, when))
             columns += [
                 linear.jolt(k, axis, sample, min(_JOLT * size_deg, 1.0))

@@ -50,13 +50,9 @@ class Stranger:
 
 def strangest(linear: Linear, posterior: Posterior) -> Stranger:
     """The free form that explains most of what names leave, beside all else, as strongly as is likely."""
-    known = posterior.known_columns
 
     def gain(columns: Array) -> float:
-        weighted = posterior.background.solved(columns)
-        across = known.T @ weighted
-        products = columns.T @ weighted - across.T @ posterior.known_covariance @ across
-        return _gain(products, weighted.T @ (posterior.r - known @ posterior.known))
+        return _gain(*posterior.cavity(columns))
 
     return max((Stranger(form.words, gain(form.columns)) for form in free_forms(linear)), key=lambda one: one.gain)
 

@@ -64,16 +64,16 @@ def looked(runs: Sequence[Seen], progress: Callable[[str], None]) -> Look:
         progress("what each effect would show" + " (once more)" * (turn > 0))
         naming = Naming(linear, Columns(linear, candidates_for(linear)))
         progress("searching for names")
-        state, posterior = naming.explained(known)
+        state = naming.explained(naming.begun(known))
         known = state.refined.effects
-        moved = posterior.mean[naming.columns.set_ups]
+        moved = naming.posterior(state).mean[naming.columns.set_ups]
         setups = linear.placed(moved)
         bent = linear.left(known, setups) - (state.refined.left - linear.U @ moved)
         if float(np.sqrt(np.mean(bent**2))) < _BENT:
             break
     progress("holding names against their rivals")
-    state, posterior, rivalries = defended(naming, state, posterior)
-    return Look(linear, naming, state, posterior, rivalries)
+    state, rivalries = defended(naming, state)
+    return Look(linear, naming, state, naming.posterior(state), rivalries)
 
 
 def _first_of_each(runs: Sequence[Seen]) -> list[Seen]:

@@ -1,20 +1,21 @@
-"""Which names explain the readings: names, a healthy arm's gears and what no effect explains compete by evidence.
+"""Which effects explain the readings: faults, what a healthy arm shows, and what has no name compete by evidence.
 
 What is left in a band of orders, or at targets, beyond the noise has a strength of its own, found anew each round: a
-free form that every name has to beat. Each round the better of two is added: a form as a fault, or a form as the one
-gear (or spike) that a healthy arm shows of its name. Names that no longer pay are dropped; sizes and shapes of names
-are fitted on the simulator before the next is looked for.
+free form that every effect has to beat. Each round the form that explains most is added as an effect, its size and
+shape fitted on the simulator before the next is looked for, for what a wrong shape leaves would draw wrong names. A
+healthy arm's play or gear that shows is fitted like a fault: which of the two an effect is, its size says. Effects that
+no longer pay are dropped.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from analysis.diagnose.background import Background, Posterior, gain_over_healthy
+from analysis.diagnose.background import Background, Posterior, cavity_evidence, fault_evidence, fault_sizes
 from analysis.diagnose.columns import LARGEST, Columns, Form
 from analysis.diagnose.linear import Linear
 from analysis.diagnose.noise import LEAST_ASSUMED
@@ -24,13 +25,13 @@ from rigs.effect import PHASE, name_of
 from rigs.effects import Effect, healthy_size, size_field
 
 _FAULTS = 2.0
-"""Names that an arm which somebody diagnoses may have, before anything is measured."""
-_DEPTH = 24
-"""Most names: real arms that nobody calibrated have 9 to 14."""
-_ROUNDS = 30
-"""Names and forms looked for in a row, most."""
-_PICK_PRICE = 3.0
-"""Log evidence that a healthy arm's single form must win: less changes no verdict."""
+"""Faults that an arm which somebody diagnoses may have, before anything is measured."""
+_DEPTH = 40
+"""Most effects that are fitted: real arms that nobody calibrated have 9 to 14 faults, and as many healthy ones show."""
+_ROUNDS = 60
+"""Effects looked for in a row, most."""
+_HEALTHY_PRICE = 3.0
+"""Log evidence that a healthy arm's single form must win to be fitted: less changes no verdict."""
 _BAND_PRICE, _TARGET_PRICE = 3.0, 8.0
 """Log evidence that a strength of its own must win in a band of orders, and at targets, where tails are heavy."""
 _TAIL = 4.0
@@ -42,34 +43,42 @@ _LEVEL_SPREAD = 1.4
 """Of the logarithm of a level about that of a healthy arm: a factor of four either way."""
 _NEAR_ORDER = 1.15
 """Orders of one gear nearer than this are one wave."""
-_SETTLING = 2
 _BETWEEN = np.linspace(-0.6, 0.6, 9)
 """Orders that are tried about the one of a form, in distances to its neighbour."""
 _SEEN = 4.0
 """Sigmas at which the largest fault would be named at all."""
+_FAULT = 4.0
+"""Healthy sizes, at the level of the arm at hand, from which on an effect is a fault: these have 5 to 100
+(real-cells.md), and of the 70 names of a healthy arm one in 200 arms has one as large."""
+_SURE = 5.0
+"""Log evidence by its cavity from which on an effect is not tried to be left out."""
 
 
 @dataclass(frozen=True)
 class State:
-    """What is taken to be there. refined: names, fitted; picks: forms that a healthy arm shows alone of their name;
-    level of the background, and the most that it may be; strength (b,) of what is left in each band, over noise;
-    robust (N,): weights of readings; refused: names that did not pay."""
+    """What is taken to be there. refined: effects, fitted; origins: numbers of the forms that they come from, -1 where
+    from none; level of the background, and the most that it may be; strength (b,) of what is left in each band, over
+    noise; robust (N,): weights of readings; refused: numbers of forms that did not pay."""
 
     refined: Refined
-    picks: frozenset[int] = frozenset()
-    level: float = 1.0
-    strength: Array = field(default_factory=lambda: np.ones(0))
-    robust: Array = field(default_factory=lambda: np.ones(0))
-    refused: frozenset[str] = frozenset()
+    origins: tuple[int, ...]
+    level: float
+    strength: Array
+    robust: Array
+    refused: frozenset[int] = frozenset()
     most: float = 1.0
+
+    def is_fault(self, place: int) -> bool:
+        """Whether an effect is larger than arms like this one show of it."""
+        return abs(size_of(self.refined.effects[place])) > _FAULT * max(self.level, 1.0)
 
 
 class Naming:
-    """Names for what one linearisation leaves."""
+    """Effects for what one linearisation leaves."""
 
     def __init__(self, linear: Linear, columns: Columns) -> None:
         self.linear, self.columns = linear, columns
-        self.prior = float(np.log(_FAULTS / max(len(columns.among), 1)))
+        self._fault_price = float(np.log(_FAULTS / max(len(columns.among), 1)))
         self._among = np.log([form.among for form in columns.forms])
         assumed = np.concatenate([np.full(len(b.y_mm), not b.measured) for b in linear.blocks])
         self._least = np.where(np.bincount(columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
@@ -77,22 +86,37 @@ class Naming:
         self._targets = targets
         self._band_price = np.where(np.bincount(columns.band, targets) > 0, _TARGET_PRICE, _BAND_PRICE)
 
-    def explained(self, effects: Sequence[Effect] = ()) -> tuple[State, Posterior]:
-        """The names that pay, beginning with some."""
-        ones = np.ones(len(self.columns.count))
-        state = State(self._empty(), strength=ones, robust=np.ones(len(self.linear.y)))
-        state = replace(state, refined=refine(self.linear, self.background(state), effects))
-        state = self._settled(self._settled(state)[0])[0]
+    def begun(self, effects: Sequence[Effect] = ()) -> State:
+        """Some effects, fitted, in an arm of healthy level and noise as it was found."""
+        strength, robust = np.ones(len(self.columns.count)), np.ones(len(self.linear.y))
+        bare = State(self._bare(effects), (-1,) * len(effects), 1.0, strength, robust)
+        state = replace(bare, refined=refine(self.linear, self.background(bare), effects))
+        for _ in range(2):
+            state = self._settled(state, self.posterior(state))
+        return state
+
+    def explained(self, state: State) -> State:
+        """With the effects that pay, and without those that do not."""
         # Faults not named yet look like an arm that shows more of everything: names come first, then the level.
         for most in (1.0, _LEVELS[-1]):
             state = replace(state, most=most)
             for _ in range(_ROUNDS):
-                state, posterior = self._settled(state)
-                changed = self._dropped(state, posterior) or self._grown(state, posterior)
+                posterior = self.posterior(state)
+                state = self._settled(state, posterior)
+                changed = (
+                    self._dropped(state, posterior, 0.0)
+                    or self._grown(state, posterior)
+                    or self._dropped(state, posterior, _SURE)
+                )
                 if changed is None:
                     break
                 state = changed
-        return self._settled(self.fitted(state, state.refined.effects))
+        state = self._fitted_again(state)
+        return self._settled(state, self.posterior(state))
+
+    def posterior(self, state: State) -> Posterior:
+        """Of everything, in a state."""
+        return self.background(state).posterior(state.refined.known)
 
     def not_testable(self, state: State, posterior: Posterior) -> tuple[str, ...]:
         """Names that these tests would not show at the size of a large fault, beside all that may be there anyway."""
@@ -102,50 +126,47 @@ class Naming:
         hidden = dict.fromkeys([*self.columns.not_seen, *(form.name for form in self.columns.forms)])
         return tuple(name for name in hidden if name not in seen | named)
 
-    def _empty(self) -> Refined:
+    def _bare(self, effects: Sequence[Effect]) -> Refined:
+        """Effects whose sizes nobody knows yet."""
         none = np.empty((len(self.linear.y), 0))
-        return Refined((), (), np.empty(0), np.empty((0, 0)), self.linear.y, none, none)
+        return Refined(tuple(effects), (), np.empty(0), np.empty((0, 0)), self.linear.y, none, ())
 
     def background(self, state: State) -> Background:
-        """All that is not named, in a state."""
+        """All that is not fitted as an effect, in a state."""
         columns = self.columns
         variance = columns.variance(state.level)
-        for k in state.picks:
-            form = columns.forms[k]
-            variance[list(form.columns)] = state.level**2 / len(form.columns)
+        fitted: dict[str, list[Effect]] = {}
+        for effect in state.refined.effects:
+            fitted.setdefault(name_of(effect), []).append(effect)
         for form in columns.forms:
-            if any(is_same(form, effect) for effect in state.refined.effects):
+            if any(is_same(form, effect) for effect in fitted.get(form.name, ())):
                 variance[list(form.columns)] = 0.0
         return Background(columns, state.robust / state.strength[columns.band], variance)
 
-    def _settled(self, state: State) -> tuple[State, Posterior]:
+    def _settled(self, state: State, posterior: Posterior) -> State:
         """Level, strengths and robust weights as likely as what is taken to be there makes them."""
-        for _ in range(_SETTLING):
-            posterior = self.background(state).posterior(state.refined.known)
-            state = replace(
-                state, level=self._level(state, posterior), strength=self._strength(state, posterior),
-                robust=self._robust(posterior),
-            )  # fmt: skip
-        return state, self.background(state).posterior(state.refined.known)
+        return replace(
+            state, level=self._level(state, posterior), strength=self._strength(state, posterior),
+            robust=self._robust(posterior),
+        )  # fmt: skip
 
     def _level(self, state: State, posterior: Posterior) -> float:
         """Of the background: the mean square of what each name shows over what it could show in an arm at level one.
 
-        A name counts once however many forms it has, since a gear shows in a few of its orders; a fault not yet named
-        has little weight."""
+        A name counts once however many forms it has, since a gear shows in a few of its orders; a fault has little
+        weight."""
         columns, variance = self.columns, posterior.background.variance
-        cols = np.flatnonzero(columns.healthy > 0)
-        there = variance[cols] > 0
-        cols = cols[there]
-        names = columns.name_of_column[cols]
-        expected = columns.healthy[cols]
+        cols = np.flatnonzero((columns.healthy > 0) & (variance > 0))
         freedom = np.clip(1 - np.diag(posterior.A)[cols] / variance[cols], 0.0, 1.0)
-        squares = np.asarray(np.bincount(names, posterior.mean[cols] ** 2), dtype=float)
-        whole, seen = np.bincount(names, expected), np.bincount(names, expected * freedom)
+        names, count = columns.name_of_column[cols], len(columns.among)
+        squares = np.asarray(np.bincount(names, posterior.mean[cols] ** 2, count), dtype=float)
+        seen = np.asarray(np.bincount(names, columns.healthy[cols] * freedom, count), dtype=float)
+        for k, name in enumerate(columns.among):
+            if own := [size_of(effect) for effect in state.refined.effects if name_of(effect) == name]:
+                squares[k] += np.sum(np.square(own))
+                seen[k] = 1.0
         weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / state.level**2)
-        share = seen / np.maximum(whole, 1e-9)
-        squares = squares / np.maximum(whole, 1e-9)
-        likely = -share.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
+        likely = -seen.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
         likely -= np.log(_LEVELS) ** 2 / (2 * _LEVEL_SPREAD**2)
         return float(min(_LEVELS[np.argmax(likely)], state.most))
 
@@ -174,90 +195,110 @@ class Naming:
         gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - self._band_price
         return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self._least, 1.0))
 
-    def _dropped(self, state: State, posterior: Posterior) -> State | None:
-        """Without the name that pays least, if one does not pay."""
-        gains = [self.gain_of(state, posterior, k) for k in range(len(state.refined.effects))]
-        if not gains or min(gains) >= 0:
+    def _dropped(self, state: State, posterior: Posterior, sure: float) -> State | None:
+        """Without the effect that pays least, if one does not pay; those whose cavity gains more than `sure` do."""
+        doubtful = [k for k in range(len(state.refined.effects)) if self.gain_of(state, posterior, k) < sure]
+        if not doubtful:
             return None
-        place = int(np.argmin(gains))
-        refused = state.refused | {name_of(state.refined.effects[place])}
-        return replace(self.without(state, place), refused=refused)
+        whole = self.evidence(state)
+        without = {k: self.without(state, k) for k in doubtful}
+        gains = {k: whole - self.evidence(tried) for k, tried in without.items()}
+        place = min(gains, key=lambda k: gains[k])
+        if gains[place] >= 0:
+            return None
+        effect, rest = state.refined.effects[place], without[place]
+        own = {k for k, form in enumerate(self.columns.forms) if is_same(form, effect)} | {state.origins[place]}
+        moved = refine(self.linear, self.background(rest), rest.refined.effects, rest.refined)
+        return replace(rest, refined=moved, refused=state.refused | own)
 
     def gain_of(self, state: State, posterior: Posterior, place: int) -> float:
-        """Log evidence for a name over its healthy share, by the cavity of its size, prices paid."""
+        """Log evidence, about, for an effect over an even share of a healthy arm, by the cavity of its size."""
         refined = state.refined
         effect = refined.effects[place]
         row = next(k for k, u in enumerate(refined.unknowns) if u.effect == place)
         healthy, variance = healthy_size(effect), posterior.known_covariance[row, row]
-        precision = max(1 / variance - refined.unknowns[row].spread ** -2, 0.0) * healthy**2
-        eta = (refined.values[row] + posterior.known[row]) / variance * healthy
-        return gain_over_healthy(precision, eta, state.level) + self.price(effect)
+        values = np.array([max(1 / variance - refined.unknowns[row].spread ** -2, 0.0) * healthy**2])
+        seen = np.array([((refined.values[row] + posterior.known[row]) / variance * healthy) ** 2])
+        among = self.columns.among[name_of(effect)] or 1
+        share = cavity_evidence(values, seen, state.level**2 / among)
+        fault = fault_evidence(values, seen, state.level) - share + self._fault_price
+        healthy_one = cavity_evidence(values, seen, state.level**2) - share - _HEALTHY_PRICE
+        return float(max(fault, healthy_one)) - float(np.log(among))
 
-    def price(self, effect: Effect) -> float:
-        """Log odds of a name beforehand, and of its form among its forms."""
-        return self.prior - float(np.log(self.columns.among[name_of(effect)] or 1))
+    def price(self, effect: Effect, level: float) -> float:
+        """Log odds of an effect of its size and form beforehand, over those of the fit's wide prior."""
+        size, sizes = size_of(effect), fault_sizes(level)
+        fault = self._fault_price + np.log(np.mean(np.exp(-0.5 * (size / sizes) ** 2) / sizes) + 1e-300)
+        healthy_one = -_HEALTHY_PRICE - 0.5 * (size / level) ** 2 - np.log(level)
+        wide = -0.5 * (size / LARGEST) ** 2 - np.log(LARGEST)
+        return float(np.logaddexp(fault, healthy_one) - wide - np.log(self.columns.among[name_of(effect)] or 1))
+
+    def evidence(self, state: State) -> float:
+        """Log evidence of what is taken to be there, but for a constant."""
+        own = self.background(state).evidence(state.refined.known)
+        return own + sum(self.price(effect, state.level) for effect in state.refined.effects)
 
     def without(self, state: State, place: int) -> State:
-        """Without one name, the others fitted again."""
-        effects = state.refined.effects
-        return self.fitted(state, [*effects[:place], *effects[place + 1 :]])
+        """Without one effect, the others as they were: what is known of them moves in the posterior."""
+        kept = state.refined.without(place)
+        origins = (*state.origins[:place], *state.origins[place + 1 :])
+        return replace(state, refined=replace(kept, left=self.linear.left(kept.effects)), origins=origins)
 
     def gains(self, state: State, posterior: Posterior) -> tuple[Array, Array]:
-        """Log odds (n,) of each form as a fault over a healthy arm, which may show all of its name in this one form,
-        and of that over an even share."""
-        forms = self.columns.forms
-        fault, pick, _ = posterior.gains(forms, state.level)
-        pick = np.where(self._among > 0, pick - self._among - _PICK_PRICE, -np.inf)
-        pick[list(state.picks)] = -np.inf
-        fault = fault + self.prior - self._among - np.maximum(pick, 0.0)
-        return fault, pick
+        """Log odds (n,) of each form as a fault, and as what a healthy arm shows of its name, over an even share."""
+        fault, alone, _ = posterior.gains(self.columns.forms, state.level)
+        return fault + self._fault_price - self._among, alone - _HEALTHY_PRICE - self._among
 
     def _grown(self, state: State, posterior: Posterior) -> State | None:
-        """With the better of a name and of a healthy arm's single form, if one pays."""
-        forms = self.columns.forms
-        fault, pick = self.gains(state, posterior)
-        fault[[form.name in state.refused for form in forms]] = -np.inf
+        """With the effect that explains most, if one pays."""
         if len(state.refined.effects) >= _DEPTH:
-            fault[:] = -np.inf
-        best = max(float(fault.max()), float(pick.max()))
-        if best <= 0:
             return None
-        if float(fault.max()) < best:
-            k = int(np.argmax(pick))
-            self._tune(state, posterior, k)
-            return replace(state, picks=state.picks | {k})
-        k = int(np.argmax(fault))
-        self._tune(state, posterior, k)
-        form = self.columns.forms[k]
-        return self.fitted(state, (*state.refined.effects, started(form, posterior.size(form))))
+        gain = np.maximum(*self.gains(state, posterior))
+        gain[[k for k in state.refused if k >= 0]] = -np.inf
+        k = int(np.argmax(gain))
+        return self.grown(state, posterior, k) if gain[k] > 0 else None
 
-    def _tune(self, state: State, posterior: Posterior, k: int) -> None:
-        """Give a wave the order, between those of its neighbours, that explains most."""
-        form, columns = self.columns.forms[k], self.columns
+    def grown(self, state: State, posterior: Posterior, k: int) -> State:
+        """With a form as an effect, fitted."""
+        effects = (*state.refined.effects, self._tuned(state, posterior, self.columns.forms[k]))
+        bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
+        return replace(bare, refined=refine(self.linear, self.background(bare), effects, state.refined))
+
+    def _tuned(self, state: State, posterior: Posterior, form: Form) -> Effect:
+        """A form of the size that it would have as a fault; a wave of the order, between those of its neighbours, that
+        explains most."""
         effect: Any = form.effects[0]
         if not hasattr(effect, "order"):
-            return
-        orders = np.array([getattr(one.effects[0], "order", np.nan) for one in columns.forms if one.name == form.name])
-        nearest = float(np.sort(np.abs(orders - effect.order))[1]) if len(orders) > 1 else 0.0
-        tried = effect.order + nearest * _BETWEEN
+            return started(form.effects, posterior.size(form))
+        near = [abs(_order(one.effects[0]) - effect.order) for one in self.columns.forms if one.name == form.name]
+        tried = effect.order + (sorted(near)[1] if len(near) > 1 else 0.0) * _BETWEEN
         effects = [one.model_copy(update={"order": float(order)}) for order in tried for one in form.effects]
         waves = self.linear.columns(effects) / form.size
-        pairs = [waves[:, 2 * i : 2 * i + 2] for i in range(len(tried))]
-        best = int(np.argmax([posterior.gain_of_columns(pair, state.level) for pair in pairs]))
-        self.columns = columns.tuned(k, tuple(effects[2 * best : 2 * best + 2]), pairs[best])
+        cavities = [posterior.cavity(waves[:, 2 * i : 2 * i + 2]) for i in range(len(tried))]
+        values = [np.linalg.eigh(precision) for precision, _ in cavities]
+        gains = [
+            cavity_evidence(np.maximum(power, 0.0), (turn.T @ eta) ** 2, LARGEST**2)
+            for (power, turn), (_, eta) in zip(values, cavities, strict=True)
+        ]
+        best = int(np.argmax(gains))
+        precision, eta = cavities[best]
+        size: Array = np.asarray(np.linalg.solve(precision + np.eye(2) / LARGEST**2, eta), dtype=float)
+        return started(effects[2 * best : 2 * best + 2], size)
 
-    def fitted(self, state: State, effects: Sequence[Effect]) -> State:
-        """With some names, fitted together."""
-        picks = frozenset(
-            k for k in state.picks if not any(is_same(self.columns.forms[k], effect) for effect in effects)
-        )
-        bare = replace(state, picks=picks, refined=replace(self._empty(), effects=tuple(effects)))
-        return replace(bare, refined=refine(self.linear, self.background(bare), effects))
+    def _fitted_again(self, state: State) -> State:
+        """All effects fitted together."""
+        effects = state.refined.effects
+        return replace(state, refined=refine(self.linear, self.background(state), effects))
 
 
-def started(form: Form, size: Array) -> Effect:
-    """A form as an effect of a size given by its coefficients, in healthy sizes."""
-    effect = form.effects[0]
+def size_of(effect: Effect) -> float:
+    """The size of an effect in healthy ones."""
+    return float(getattr(effect, size_field(effect))) / healthy_size(effect)
+
+
+def started(effects: Sequence[Effect], size: Array) -> Effect:
+    """The effect that columns of effects make with coefficients size (q,), in healthy sizes."""
+    effect = effects[0]
     field_name, healthy = size_field(effect), healthy_size(effect)
     if len(size) == 2:
         phase = float(np.degrees(np.arctan2(size[1], size[0])))
@@ -274,5 +315,10 @@ def is_alike(one: Effect, effect: Effect) -> bool:
     """Whether two effects are the same name in other sizes and shapes; waves of other orders are not."""
     if name_of(one) != name_of(effect):
         return False
-    order, other = getattr(one, "order", None), getattr(effect, "order", None)
-    return order is None or other is None or max(order, other) / min(order, other) < _NEAR_ORDER
+    order, other = _order(one), _order(effect)
+    return np.isnan(order) or np.isnan(other) or max(order, other) / min(order, other) < _NEAR_ORDER
+
+
+def _order(effect: Effect) -> float:
+    """Of a gear's wave; not a number for all else."""
+    return float(getattr(effect, "order", np.nan))

@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.diagnose.rounding import smooth
-from analysis.fitting.observation import Observation, observe
+from analysis.fitting.observation import Observation, observe, predicted
 from analysis.kinematics.arm import Array
-from analysis.model.predict import Model
+from analysis.model.predict import Model, nominal_setup
 from analysis.noise.readings import is_wild
 from analysis.reading.laps import laps_of
 from analysis.reading.tables import CircleTable, Integers, Table
@@ -113,9 +113,14 @@ def see(model: Model, table: Table, where: str) -> Seen:
     if not isinstance(table, CircleTable):
         return Seen(model, observe(model, table, where), None)
     table = averaged(calm(table), _rows_a_lap(table, model, where) // _ROWS)
-    one = smooth(observe(model, table, where))
-    sampling, rows = _sampled(table, model, one, where)
-    return Seen(model, replace(one, rows=rows, values=table.g_mm[rows]), sampling)
+    lap = observe(model, table, where)
+    smoothed = smooth(lap)
+    sampling, rows = _sampled(table, model, smoothed, where)
+    raw, one = replace(lap, rows=rows), replace(smoothed, rows=rows)
+    # Servo ripple is real: the readings are those of the smooth path once what the joints did beside it is taken off.
+    setup = nominal_setup(model.rig, table)
+    ripple = predicted(model, raw, setup) - predicted(model, one, setup)
+    return Seen(model, replace(one, values=table.g_mm[rows] - ripple), sampling)
 
 
 def calm(table: CircleTable) -> CircleTable:

@@ -8,8 +8,8 @@ an effect because no gear, ball or brake is ideal (`forms`) is allowed for in pr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -30,6 +30,9 @@ _ENOUGH = 0.02
 """Half a chi-square that a round must gain to go on."""
 
 
+_One = TypeVar("_One")
+
+
 @dataclass(frozen=True)
 class Unknown:
     """One number to be found: which effect, which field; expected value and prior spread."""
@@ -44,7 +47,8 @@ class Unknown:
 class Refined:
     """Effects with fitted sizes and shapes. unknowns, their values (q,) and covariance (q, q); left (N,): what they
     leave of the readings, in standard deviations, set-ups and all else as they were; tangents (N, q): what a little
-    more of each unknown would add; departures (N, f): what may stand beside them, one standard deviation each."""
+    more of each unknown would add; beside, of each effect (N, f): what may stand beside it, one standard deviation
+    each."""
 
     effects: tuple[Effect, ...]
     unknowns: tuple[Unknown, ...]
@@ -52,7 +56,7 @@ class Refined:
     covariance: Array
     left: Array
     tangents: Array
-    departures: Array
+    beside: tuple[Array, ...]
 
     def sd(self, effect: int) -> dict[str, float]:
         """Standard uncertainty of each fitted parameter of one effect."""
@@ -62,33 +66,54 @@ class Refined:
     @property
     def known(self) -> Known:
         """What is known beside the background, about these values."""
-        precision = [unknown.spread**-2 for unknown in self.unknowns] + [1.0] * self.departures.shape[1]
+        T = np.concatenate([self.tangents, *self.beside], axis=1)
+        allowed = T.shape[1] - len(self.values)
+        precision = [unknown.spread**-2 for unknown in self.unknowns] + [1.0] * allowed
         away = np.array([unknown.expected for unknown in self.unknowns]) - self.values
-        T = np.concatenate([self.tangents, self.departures], axis=1)
-        return Known(self.left, T, np.diag(precision), np.concatenate([away, np.zeros(self.departures.shape[1])]))
+        return Known(self.left, T, np.diag(precision), np.concatenate([away, np.zeros(allowed)]))
+
+    def without(self, place: int) -> Refined:
+        """The same without one effect, the others as they were; what is then left is still to be found."""
+        kept = [k for k, unknown in enumerate(self.unknowns) if unknown.effect != place]
+        unknowns = [replace(self.unknowns[k], effect=_before(self.unknowns[k].effect, place)) for k in kept]
+        return replace(
+            self, effects=_all_but(self.effects, place), unknowns=tuple(unknowns), values=self.values[kept],
+            covariance=self.covariance[np.ix_(kept, kept)], tangents=self.tangents[:, kept],
+            beside=_all_but(self.beside, place),
+        )  # fmt: skip
 
 
-def refine(linear: Linear, background: Background, effects: Sequence[Effect]) -> Refined:
-    """Fit sizes and shapes of effects, from where they are. None leaves the residual as it is."""
-    return _Problem(linear, background, effects).solved(effects)
+def refine(linear: Linear, background: Background, effects: Sequence[Effect], fitted: Refined | None = None) -> Refined:
+    """Fit sizes and shapes of effects, from where they are. None leaves the residual as it is.
+
+    fitted: an earlier fit of the first of these effects. They move with the others along the tangents that they had
+    there, which costs a fraction and is off by how far they move; fit all once more where no more effects follow.
+    """
+    return _Problem(linear, background, effects, fitted).solved(effects)
 
 
 class _Problem:
-    def __init__(self, linear: Linear, background: Background, effects: Sequence[Effect]) -> None:
+    def __init__(
+        self, linear: Linear, background: Background, effects: Sequence[Effect], fitted: Refined | None
+    ) -> None:
         self.linear, self.background = linear, background
-        self.forms = form_columns(linear, effects)
-        self.unknowns = _unknowns(effects)
+        self.old = len(fitted.effects) if fitted else 0
+        self.unknowns = [*(fitted.unknowns if fitted else ()), *_unknowns(effects, self.old)]
+        self.tangents = fitted.tangents if fitted else np.empty((len(linear.y), 0))
+        self.beside = (*(fitted.beside if fitted else ()), *(form_columns(linear, one) for one in effects[self.old :]))
         self.expected = np.array([u.expected for u in self.unknowns])
         self.spread = np.array([u.spread for u in self.unknowns])
-        self._weighted_forms = background.solved(self.forms)
-        own = self.forms.T @ self._weighted_forms
+        beside = np.concatenate([np.empty((len(linear.y), 0)), *self.beside], axis=1)
+        self._weighted_beside = background.solved(beside)
+        own = beside.T @ self._weighted_beside
         own[np.diag_indices_from(own)] += 1.0
         self._inverse = np.linalg.inv(own)
 
-    def _solved(self, values: Array) -> Array:
-        """(C + FF')⁻¹ values, F what may stand beside the effects."""
-        found: Array = self.background.solved(values)
-        return found - self._weighted_forms @ (self._inverse @ (self._weighted_forms.T @ values))
+    def _products(self, values: Array) -> Array:
+        """values' (C + FF')⁻¹ values, F what may stand beside the effects: (k, k) for values (N, k)."""
+        across = self._weighted_beside.T @ values
+        found: Array = self.background.products(values) - across.T @ self._inverse @ across
+        return found
 
     def solved(self, effects: Sequence[Effect]) -> Refined:
         """Levenberg's damping, within the bounds of what the parameters may be."""
@@ -96,11 +121,11 @@ class _Problem:
         x = np.array([float(getattr(now[u.effect], u.field)) for u in self.unknowns])
         r = self.linear.left(now)
         cost, damping = self._cost(r, x), 1e-4
-        for _ in range(_ROUNDS if now else 0):
-            J = self._slopes(now)
-            weighted = self._solved(J)
-            H = J.T @ weighted + np.diag(1 / self.spread**2)
-            gradient = weighted.T @ r - (x - self.expected) / self.spread**2
+        J = self._slopes(now)
+        for _ in range(_ROUNDS if len(x) else 0):
+            products = self._products(np.column_stack([J, r]))
+            H = products[:-1, :-1] + np.diag(1 / self.spread**2)
+            gradient = products[:-1, -1] - (x - self.expected) / self.spread**2
             for _ in range(_TRIES):
                 step = np.linalg.solve(H + damping * np.diag(np.diag(H)), gradient)
                 tried = self._bounded(now, x + step)
@@ -114,26 +139,27 @@ class _Problem:
                 break
             gained = cost - there_cost
             x, now, r, cost, damping = tried, there, there_r, there_cost, damping / 10
+            J = self._slopes(now)
             if gained < _ENOUGH:
                 break
-        J = self._slopes(now)
-        H = J.T @ self._solved(J) + np.diag(1 / self.spread**2)
+        H = self._products(J) + np.diag(1 / self.spread**2)
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
-        return Refined(tuple(now), tuple(self.unknowns), x, covariance, r, J, self.forms)
+        return Refined(tuple(now), tuple(self.unknowns), x, covariance, r, J, self.beside)
 
     def _cost(self, r: Array, x: Array) -> float:
-        return float(r @ self._solved(r)) + float((((x - self.expected) / self.spread) ** 2).sum())
+        return float(self._products(r[:, None])[0, 0]) + float((((x - self.expected) / self.spread) ** 2).sum())
 
     def _slopes(self, effects: Sequence[Any]) -> Array:
         """Derivatives (N, q) of what effects add: one effect at a time, since they add."""
-        steps = np.array([_step(effects[unknown.effect], unknown) for unknown in self.unknowns])
+        unknowns = self.unknowns[self.tangents.shape[1] :]
+        steps = np.array([_step(effects[unknown.effect], unknown) for unknown in unknowns])
         changed = [
             effects[u.effect].model_copy(update={u.field: float(getattr(effects[u.effect], u.field)) + step})
-            for u, step in zip(self.unknowns, steps, strict=True)
+            for u, step in zip(unknowns, steps, strict=True)
         ]
-        base = self.linear.columns(effects)[:, [u.effect for u in self.unknowns]]
-        slopes: Array = (self.linear.columns(changed) - base) / steps
-        return slopes
+        base = self.linear.columns(effects[self.old :])[:, [u.effect - self.old for u in unknowns]]
+        slopes = (self.linear.columns(changed) - base) / steps
+        return np.concatenate([self.tangents, slopes], axis=1)
 
     def _bounded(self, effects: Sequence[Any], x: Array) -> Array:
         held = x.copy()
@@ -163,10 +189,10 @@ class _Problem:
         return made
 
 
-def _unknowns(effects: Sequence[Effect]) -> list[Unknown]:
-    """What is to be found of some effects."""
+def _unknowns(effects: Sequence[Effect], first: int) -> list[Unknown]:
+    """What is to be found of effects from the first to be fitted on."""
     found = []
-    for k, effect in enumerate(effects):
+    for k, effect in enumerate(effects[first:], start=first):
         found.append(Unknown(k, size_field(effect), 0.0, LARGEST * healthy_size(effect)))
         if is_wave(effect):
             found.append(Unknown(k, PHASE, float(getattr(effect, PHASE)), 360.0))
@@ -182,3 +208,12 @@ def _step(effect: Any, unknown: Unknown) -> float:
     size = 1e-3 * unknown.spread if unknown.field != size_field(effect) else 0.05 * healthy_size(effect)
     _, high = bounds(effect, unknown.field)
     return -size if getattr(effect, unknown.field) + size > high else size
+
+
+def _all_but(items: tuple[_One, ...], place: int) -> tuple[_One, ...]:
+    return (*items[:place], *items[place + 1 :])
+
+
+def _before(number: int, place: int) -> int:
+    """A number, once the one at a place is gone."""
+    return number - (number > place)

@@ -13,6 +13,7 @@ import numpy as np
 
 from analysis.fitting.observation import Observation
 from analysis.kinematics.arm import Array
+from analysis.model.hysteresis import Motion
 from analysis.reading.tables import CircleTable
 
 _HALF_S = 0.2
@@ -26,7 +27,7 @@ def smooth(one: Observation) -> Observation:
     laps = one.path.rows[one.rows]
     q = one.path.q.copy()
     q[laps] = _parabolas(one.path.t_s, one.path.q)[laps]
-    return replace(one, path=replace(one.path, q=q))
+    return replace(one, path=replace(one.path, motion=Motion(one.path.t_s, q)))
 
 
 def _parabolas(t_s: Array, q: Array) -> Array:

@@ -16,12 +16,12 @@ from analysis.diagnose.rivalry import Rivalry
 from analysis.diagnose.swing import Swing
 from analysis.diagnose.worth import Worth, limits_um, plain_worth, worth
 from analysis.kinematics.arm import Array
-from rigs.effect import healthy_size, name_of, size_field
+from rigs.effect import name_of
 
 _ENOUGH = 3
 """Readings for each set-up term, at least, without which nothing can be told."""
-_FAULT = 5.0
-"""Healthy sizes, at the level of the arm at hand, from which on an effect is a fault."""
+_HEALTHY = 0.05
+"""Odds that a healthy arm shows it anyway, from which on nothing is reported as a fault."""
 _LIKELY = 0.2
 """Odds among rivals from which on a name is told at all: three that do the same have a third each."""
 _CERTAIN = ODDS / (1 + ODDS)
@@ -44,9 +44,8 @@ def _named(look: Look, k: int, gain: float | None, limits: Array, gap_without_um
     show of it, is not material, whatever it moves."""
     effects, rivalry = look.state.refined.effects, look.rivalries[k]
     own = worth(look.linear, look.changes[k])
-    size = abs(float(getattr(effects[k], size_field(effects[k])))) / healthy_size(effects[k])
-    fault = size > _FAULT * look.state.level
-    material = fault and own.is_material(limits) and (gain is None or gain > 0) and rivalry.odds > _LIKELY
+    likely = rivalry.odds > _LIKELY and rivalry.nothing < _HEALTHY
+    material = look.state.is_fault(k) and own.is_material(limits) and (gain is None or gain > 0) and likely
     return Named(
         effects[k], look.state.refined.sd(k), rivalry.odds, _rivals(rivalry), gap_without_um, effects[k].remedy(),
         own.whole_um, material, gain,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+
 import numpy as np
 
 from analysis.kinematics.arm import Array
@@ -11,6 +13,21 @@ _TURN_RAD = np.radians(0.003)
 """Less than this is an encoder's noise, not a reversal."""
 _NEAR_S = 0.25
 _LEAST = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Reported angles q (n, 6) rad at t_s (n,). Where its joints turn back is found once, whoever asks for it."""
+
+    t_s: Array
+    q: Array
+    _reversals: dict[int, list[tuple[float, float]]] = field(default_factory=dict, init=False, repr=False)
+
+    def reversals(self, axis: int) -> list[tuple[float, float]]:
+        """When a joint (1 … 6) turns back, s, and the direction (±1) it takes then."""
+        if axis not in self._reversals:
+            self._reversals[axis] = turns(self.t_s, self.q[:, axis - 1])
+        return self._reversals[axis]
 
 
 def turns(t_s: Array, x: Array) -> list[tuple[float, float]]:

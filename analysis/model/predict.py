@@ -17,12 +17,14 @@ from analysis.kinematics.arm import Arm, Array, arm_of, forward
 from analysis.model.ball_link import readings
 from analysis.model.circle import frame_of
 from analysis.model.gravity import Load, load_of
+from analysis.model.hysteresis import Motion
 from analysis.model.programs import beside, circle_of, hemisphere_of, repeatability_of
 from analysis.model.scene import Scene, apply
 from analysis.model.targets import hemisphere_frame, target_angles
 from analysis.reading.tables import CircleTable, Integers, PoseTable, RepeatabilityTable, Table
 from rigs.effects import Effect
 from rigs.rig import Rig
+from rigs.scene import STAGES
 
 _NOTHING = np.empty(0)
 _VISIT_S = 4.0
@@ -33,12 +35,23 @@ _VISIT_S = 4.0
 class Path:
     """The reported motion behind a table, with the places passed between its readings.
 
-    t_s (n,); q (n, 6) rad; rows (m,): which samples are the table's readings.
+    motion of n samples; rows (m,): which of them are the table's readings; stands: whether the robot stood at each,
+    long enough that it does not matter by which clock.
     """
 
-    t_s: Array
-    q: Array
+    motion: Motion
     rows: Integers
+    stands: bool = False
+
+    @property
+    def t_s(self) -> Array:
+        """Times (n,) s."""
+        return self.motion.t_s
+
+    @property
+    def q(self) -> Array:
+        """Reported angles (n, 6) rad."""
+        return self.motion.q
 
 
 @dataclass(frozen=True)
@@ -85,7 +98,7 @@ def nominal_setup(rig: Rig, table: Table) -> SetUp:
 def path_of(model: Model, table: Table) -> Path:
     """The motion behind a table: as recorded, or with the approaches that the test prescribes."""
     if isinstance(table, CircleTable):
-        return Path(table.t_s, table.q, np.arange(len(table.q)))
+        return Path(Motion(table.t_s, table.q), np.arange(len(table.q)))
     t_s = np.zeros(len(table.q)) if isinstance(table, PoseTable) else table.t_s
     came_from = _came_from(model, table) if isinstance(table, RepeatabilityTable) else None
     return _standing(t_s, table.q, came_from)
@@ -103,7 +116,8 @@ def _standing(t_s: Array, q: Array, came_from: Array | None) -> Path:
     times = np.array([-0.3, 0.0, 0.3] if came_from is None else [-0.5, -0.3, 0.0, 0.3]) * beat
     count = len(places)
     path_t = (t[:, None] + times).ravel()
-    return Path(path_t, np.stack(places, axis=1).reshape(-1, 6), count * np.arange(len(q)) + count - 2)
+    path_q = np.stack(places, axis=1).reshape(-1, 6)
+    return Path(Motion(path_t, path_q), count * np.arange(len(q)) + count - 2, stands=True)
 
 
 def _came_from(model: Model, table: RepeatabilityTable) -> Array:
@@ -147,8 +161,7 @@ def moved(model: Model, path: Path) -> Scene:
     scene = Scene(
         arm=model.arm,
         load=model.load,
-        t_s=path.t_s,
-        q=path.q,
+        motion=path.motion,
         link_q=path.q,
         T=_NOTHING,
         contact=_NOTHING,
@@ -156,6 +169,6 @@ def moved(model: Model, path: Path) -> Scene:
         offsets_mm=_NOTHING,
         g_mm=_NOTHING,
     )
-    for stage in ("time", "arm", "joint"):
+    for stage in STAGES[path.stands : STAGES.index("tool")]:
         scene = apply(model.effects, stage, scene)
     return apply(model.effects, "tool", replace(scene, T=forward(scene.arm, scene.link_q)))

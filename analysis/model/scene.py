@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, link_frames
 from analysis.model.gravity import Load, torques
-from analysis.model.hysteresis import turns
+from analysis.model.hysteresis import Motion
 from rigs.effects import Effect
 from rigs.scene import Stage
 
@@ -18,21 +18,30 @@ from rigs.scene import Stage
 class Scene:
     """n samples in order of time.
 
-    t_s (n,); q, link_q (n, 6) rad; T (n, 4, 4) of the tool in the world; contact (n,) rad: angle around the ball at
-    which the link touches it; form_mm (n,): what the ball's form adds to the distance; offsets_mm (k,): places of the
-    gauges on the baseline; g_mm (n, k): readings. What a stage has not reached yet is empty.
+    motion: as reported; link_q (n, 6) rad; T (n, 4, 4) of the tool in the world; contact (n,) rad: angle around the
+    ball at which the link touches it; form_mm (n,): what the ball's form adds to the distance; offsets_mm (k,): places
+    of the gauges on the baseline; g_mm (n, k): readings. What a stage has not reached yet is empty.
     """
 
     arm: Arm
     load: Load
-    t_s: Array
-    q: Array
+    motion: Motion
     link_q: Array
     T: Array
     contact: Array
     form_mm: Array
     offsets_mm: Array
     g_mm: Array
+
+    @property
+    def t_s(self) -> Array:
+        """Times (n,) s."""
+        return self.motion.t_s
+
+    @property
+    def q(self) -> Array:
+        """Reported angles (n, 6) rad."""
+        return self.motion.q
 
     @property
     def base_mm(self) -> Array:
@@ -58,7 +67,7 @@ class Scene:
 
     def reversals(self, axis: int) -> list[tuple[float, float]]:
         """When a joint (1 … 6) turns back, s, and the direction (±1) it takes then."""
-        return turns(self.t_s, self.q[:, axis - 1])
+        return self.motion.reversals(axis)
 
     def torques(self, payload_kg: float = 0.0) -> Array:
         """Torque of gravity on each joint (n, 6) Nm, with so much more at the flange."""
@@ -74,7 +83,7 @@ class Scene:
     def taken_at(self, t_s: Array) -> Scene:
         """As reported at other instants t_s (n,)."""
         q = self.reported_at(t_s)
-        return replace(self, q=q, link_q=q)
+        return replace(self, motion=Motion(self.t_s, q), link_q=q)
 
     def with_constant(self, field: str, axis: int, delta: float) -> Scene:
         """A constant of the arm (a, d in mm; alpha, beta in rad) of an axis (1 … 6) changed by delta."""

@@ -139,9 +139,8 @@ def white(linear: Linear, seed: int) -> Array:
 def columns_of(X: Array, band: NDArray[np.int64], forms: Sequence[Form] = ()) -> Columns:
     """Columns (N, p) given as numbers: those of forms first, then those of set-ups."""
     made = Columns.__new__(Columns)
-    made.X, made.band, made.forms = X, band, tuple(forms)
-    made.count = np.bincount(band)
-    made.K = np.stack([made.products(band == b) for b in range(len(made.count))])
+    made.X, made.forms = X, tuple(forms)
+    made.divide(band)
     ends = sum(len(form.columns) for form in forms)
     made.set_ups = slice(ends, X.shape[1])
     return made
