@@ -80,11 +80,13 @@ class FreeShape:
 
 @dataclass(frozen=True)
 class StretchedShape:
-    """A shape that is fitted from where one of the forms has it, and may be off by a share of that, or by least."""
+    """A shape that is fitted from where one of the forms has it, and may be off by a share of that, or by least; a fit
+    takes it no lower than low."""
 
     field: str
     share: float
     least: float = 0.0
+    low: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from analysis.diagnose.linear import Linear
 from analysis.diagnose.noise import LEAST_ASSUMED
 from analysis.diagnose.refine import Refined, refine
 from analysis.kinematics.arm import Array
-from rigs.effect import PHASE, name_of
+from rigs.effect import PHASE, is_play, name_of, scaled
 from rigs.effects import Effect, healthy_size, size_field
 
 _FAULTS = 2.0
@@ -30,7 +30,7 @@ _DEPTH = 40
 """Most effects that are fitted: real arms that nobody calibrated have 9 to 14 faults, and as many healthy ones show."""
 _ROUNDS = 60
 """Effects looked for in a row, most."""
-_HEALTHY_PRICE = 3.0
+_HEALTHY_PRICE = 6.0
 """Log evidence that a healthy arm's single form must win to be fitted: less changes no verdict."""
 _BAND_PRICE, _TARGET_PRICE = 3.0, 8.0
 """Log evidence that a strength of its own must win in a band of orders, and at targets, where tails are heavy."""
@@ -47,11 +47,14 @@ _BETWEEN = np.linspace(-0.6, 0.6, 9)
 """Orders that are tried about the one of a form, in distances to its neighbour."""
 _SEEN = 4.0
 """Sigmas at which the largest fault would be named at all."""
-_FAULT = 4.0
-"""Healthy sizes, at the level of the arm at hand, from which on an effect is a fault: these have 5 to 100
-(real-cells.md), and of the 70 names of a healthy arm one in 200 arms has one as large."""
+_FAULT = 5.0
+"""Healthy sizes from which on an effect is a fault (real-cells.md); fewer in an arm that shows less of everything."""
 _SURE = 5.0
 """Log evidence by its cavity from which on an effect is not tried to be left out."""
+_MUCH = 50.0
+"""Log evidence of an effect beside which the others are fitted again before the next is looked for."""
+_PLAY_STARTS = (0.5, 1.0, 1.9)
+"""Widths, in those that a linear fit finds, from which the width of a play is fitted."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +72,8 @@ class State:
     most: float = 1.0
 
     def is_fault(self, place: int) -> bool:
-        """Whether an effect is larger than arms like this one show of it."""
-        return abs(size_of(self.refined.effects[place])) > _FAULT * max(self.level, 1.0)
+        """Whether an effect is larger than healthy arms, and arms like this one, show of it."""
+        return abs(size_of(self.refined.effects[place])) > _FAULT * min(self.level, 1.0)
 
 
 class Naming:
@@ -201,15 +204,14 @@ class Naming:
         if not doubtful:
             return None
         whole = self.evidence(state)
-        without = {k: self.without(state, k) for k in doubtful}
-        gains = {k: whole - self.evidence(tried) for k, tried in without.items()}
+        gains = {k: whole - self.evidence(self._lacking(state, k)) for k in doubtful}
         place = min(gains, key=lambda k: gains[k])
-        if gains[place] >= 0:
+        rest = self.without(state, place)
+        if whole >= self.evidence(rest):
             return None
-        effect, rest = state.refined.effects[place], without[place]
+        effect = state.refined.effects[place]
         own = {k for k, form in enumerate(self.columns.forms) if is_same(form, effect)} | {state.origins[place]}
-        moved = refine(self.linear, self.background(rest), rest.refined.effects, rest.refined)
-        return replace(rest, refined=moved, refused=state.refused | own)
+        return replace(rest, refused=state.refused | own)
 
     def gain_of(self, state: State, posterior: Posterior, place: int) -> float:
         """Log evidence, about, for an effect over an even share of a healthy arm, by the cavity of its size."""
@@ -239,7 +241,12 @@ class Naming:
         return own + sum(self.price(effect, state.level) for effect in state.refined.effects)
 
     def without(self, state: State, place: int) -> State:
-        """Without one effect, the others as they were: what is known of them moves in the posterior."""
+        """Without one effect, the others moved into its place as far as they can."""
+        bare = self._lacking(state, place)
+        return replace(bare, refined=refine(self.linear, self.background(bare), bare.refined.effects, bare.refined))
+
+    def _lacking(self, state: State, place: int) -> State:
+        """Without one effect, the others as they were: the posterior moves them, along straight lines."""
         kept = state.refined.without(place)
         origins = (*state.origins[:place], *state.origins[place + 1 :])
         return replace(state, refined=replace(kept, left=self.linear.left(kept.effects)), origins=origins)
@@ -256,11 +263,22 @@ class Naming:
         gain = np.maximum(*self.gains(state, posterior))
         gain[[k for k in state.refused if k >= 0]] = -np.inf
         k = int(np.argmax(gain))
-        return self.grown(state, posterior, k) if gain[k] > 0 else None
+        if not gain[k] > 0:
+            return None
+        changed = self.grown(state, posterior, k)
+        return self._fitted_again(changed) if gain[k] > _MUCH else changed
 
     def grown(self, state: State, posterior: Posterior, k: int) -> State:
-        """With a form as an effect, fitted."""
-        effects = (*state.refined.effects, self._tuned(state, posterior, self.columns.forms[k]))
+        """With a form as an effect, fitted; the others move along the tangents that they had."""
+        effect = self._tuned(state, posterior, self.columns.forms[k])
+        # What a play does to a joint that turns back is not proportional to it: a fit may end in the wrong place.
+        sizes = _PLAY_STARTS if is_play(effect) else (1.0,)
+        tried = [self._beside(state, scaled(effect, size), k) for size in sizes]
+        return tried[0] if len(tried) == 1 else max(tried, key=self.evidence)
+
+    def _beside(self, state: State, effect: Effect, k: int) -> State:
+        """With one more effect, which comes from a form, fitted."""
+        effects = (*state.refined.effects, effect)
         bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
         return replace(bare, refined=refine(self.linear, self.background(bare), effects, state.refined))
 
@@ -272,18 +290,13 @@ class Naming:
             return started(form.effects, posterior.size(form))
         near = [abs(_order(one.effects[0]) - effect.order) for one in self.columns.forms if one.name == form.name]
         tried = effect.order + (sorted(near)[1] if len(near) > 1 else 0.0) * _BETWEEN
+        tried = tried[tried >= min(effect.order, max(one.low for one in effect.STRETCHED))]
         effects = [one.model_copy(update={"order": float(order)}) for order in tried for one in form.effects]
-        waves = self.linear.columns(effects) / form.size
-        cavities = [posterior.cavity(waves[:, 2 * i : 2 * i + 2]) for i in range(len(tried))]
-        values = [np.linalg.eigh(precision) for precision, _ in cavities]
-        gains = [
-            cavity_evidence(np.maximum(power, 0.0), (turn.T @ eta) ** 2, LARGEST**2)
-            for (power, turn), (_, eta) in zip(values, cavities, strict=True)
-        ]
-        best = int(np.argmax(gains))
-        precision, eta = cavities[best]
-        size: Array = np.asarray(np.linalg.solve(precision + np.eye(2) / LARGEST**2, eta), dtype=float)
-        return started(effects[2 * best : 2 * best + 2], size)
+        precision, eta = posterior.cavity(self.linear.columns(effects) / form.size)
+        pairs = [slice(2 * i, 2 * i + 2) for i in range(len(tried))]
+        sizes = [np.linalg.solve(precision[own, own] + np.eye(2) / LARGEST**2, eta[own]) for own in pairs]
+        best = int(np.argmax([size @ eta[own] for size, own in zip(sizes, pairs, strict=True)]))
+        return started(effects[pairs[best]], np.asarray(sizes[best], dtype=float))
 
     def _fitted_again(self, state: State) -> State:
         """All effects fitted together."""

@@ -35,12 +35,13 @@ _One = TypeVar("_One")
 
 @dataclass(frozen=True)
 class Unknown:
-    """One number to be found: which effect, which field; expected value and prior spread."""
+    """One number to be found: which effect, which field; expected value and prior spread; how low it may be."""
 
     effect: int
     field: str
     expected: float
     spread: float
+    low: float = -np.inf
 
 
 @dataclass(frozen=True)
@@ -180,7 +181,7 @@ class _Problem:
             return max(low, -most), min(high, most)
         # A shape stays near what is plausible, wherever a first step would throw it.
         reach = _FURTHEST * unknown.spread
-        return max(low, unknown.expected - reach), min(high, unknown.expected + reach)
+        return max(low, unknown.low, unknown.expected - reach), min(high, unknown.expected + reach)
 
     def _with(self, effects: Sequence[Any], x: Array) -> list[Any]:
         made = list(effects)
@@ -198,7 +199,9 @@ def _unknowns(effects: Sequence[Effect], first: int) -> list[Unknown]:
             found.append(Unknown(k, PHASE, float(getattr(effect, PHASE)), 360.0))
         for stretched in effect.STRETCHED:
             begin = float(getattr(effect, stretched.field))
-            found.append(Unknown(k, stretched.field, begin, max(stretched.share * begin, stretched.least)))
+            found.append(
+                Unknown(k, stretched.field, begin, max(stretched.share * begin, stretched.least), stretched.low)
+            )
         found += [Unknown(k, free.field, free.expected, free.spread) for free in effect.FREE]
     return found
 

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.diagnose.naming import Naming, State, is_alike, is_same
+from analysis.diagnose.naming import Naming, State
 from analysis.diagnose.worth import LEAST_UM, worth
 from rigs.effect import name_of
 
-_NEAR = 10.0
-"""Log evidence behind a name within which its rivals are fitted on the simulator."""
+_NEAR = 6.0
+"""Log evidence behind a name within which its rivals are fitted on the simulator: further back they have odds of less
+than 1 in 400."""
 _MISSED = 0.9
 """Share of a name's evidence at which a rival's linear form, not fitted yet, is tried."""
 _SWAPS = 4
@@ -76,10 +77,10 @@ def rivalry(naming: Naming, state: State, place: int) -> Rivalry:
     for k in np.argsort(-score).tolist():
         if len(rivals) == _RIVALS or not score[k] > min(gain - _NEAR, _MISSED * gain):
             break
-        if forms[k].name in seen or is_same(forms[k], effect):
+        if forms[k].name in seen or forms[k].name == name_of(effect):
             continue
         tried = naming.grown(rest, alone, k)
-        if is_alike(tried.refined.effects[-1], effect):
+        if name_of(tried.refined.effects[-1]) == name_of(effect):
             continue
         seen.add(name_of(tried.refined.effects[-1]))
         own = naming.evidence(tried) - bare - float(beside[k])

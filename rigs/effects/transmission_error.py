@@ -47,7 +47,8 @@ class TransmissionError(Effect):
         rf"(?:(?P<axis>[1-6])(?::(?P<order>{NUMBER}))?)?", "4:2 (axis:order)", {"axis": "123456", "order": "12"}
     )
     FREE = (FreeShape("third", 0.0, 0.3),)
-    STRETCHED = (StretchedShape("order", 0.03, least=0.5),)
+    # What goes less often than once a turn does not come back with the joint: no gear makes it.
+    STRETCHED = (StretchedShape("order", 0.03, least=0.5, low=1.0),)
 
     def apply(self, scene: S) -> S:
         """N = 1 is an eccentric wheel; the gear ratio, twice the wave generator, the tooth mesh are others."""

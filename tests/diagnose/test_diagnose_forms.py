@@ -22,12 +22,12 @@ GEAR = TransmissionError(axis=1, order=20, amplitude_deg=0.02, phase_deg=30)
 
 
 def test_an_offset_has_one_form_only() -> None:
-    assert form_columns(healthy(), [JointOffset(axis=3, offset_deg=0.1)]).shape == (len(healthy().y), 0)
+    assert form_columns(healthy(), JointOffset(axis=3, offset_deg=0.1)).shape == (len(healthy().y), 0)
 
 
 def test_a_gear_has_its_second_and_third_harmonic_in_any_phase() -> None:
     linear = healthy()
-    found = form_columns(linear, [GEAR])
+    found = form_columns(linear, GEAR)
     assert found.shape[1] == 4
     for order in (40.0, 60.0):
         harmonic = linear.columns([GEAR.model_copy(update={"order": order, "phase_deg": 75.0})])[:, 0]
@@ -51,7 +51,7 @@ def test_a_gear_has_its_second_and_third_harmonic_in_any_phase() -> None:
 def test_forms_grow_with_the_effect(effect: TransmissionError | GaugeCyclic | BallForm, count: int) -> None:
     size = "amplitude_deg" if isinstance(effect, TransmissionError) else "amplitude_mm"
     half = effect.model_copy(update={size: getattr(effect, size) / 2})
-    once, twice = form_columns(healthy(), [half]), form_columns(healthy(), [effect])
+    once, twice = form_columns(healthy(), half), form_columns(healthy(), effect)
     assert twice.shape[1] == count
     np.testing.assert_allclose(twice, 2 * once, atol=1e-3 * np.abs(twice).max())
 
@@ -60,9 +60,9 @@ def test_a_spike_may_come_a_sample_sooner_or_later_at_every_turn() -> None:
     linear = healthy()
     spike = ReversalSpike(axis=2, amplitude_deg=0.02, decay_s=0.2)
     turned = sum(len(turns(block.one.path.t_s, block.one.path.q[:, 1])) for block in linear.blocks)
-    found = form_columns(linear, [spike])
+    found = form_columns(linear, spike)
     assert turned >= 4 and found.shape[1] >= 2 * turned
-    other = form_columns(linear, [spike.model_copy(update={"amplitude_deg": -0.04})])
+    other = form_columns(linear, spike.model_copy(update={"amplitude_deg": -0.04}))
     np.testing.assert_allclose(other, 2 * found)
 
 
@@ -92,7 +92,7 @@ def test_a_run_without_stands_tells_nothing_of_where_a_play_began() -> None:
 
 def _before_the_lap(linear: Linear) -> list[int]:
     """How many columns of a play have most of their energy where each circle stands before its lap."""
-    found = form_columns(linear, [Backlash(axis=2, width_deg=0.1)])
+    found = form_columns(linear, Backlash(axis=2, width_deg=0.1))
     energy = found**2 / np.maximum((found**2).sum(axis=0), 1e-9)
     counts, begin = [], 0
     for block in linear.blocks:
