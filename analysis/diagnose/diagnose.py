@@ -47,7 +47,7 @@ def diagnose(
     """
     begin_s = time.perf_counter()
     progress("reading the runs")
-    runs, judges = about(rig, used), about(rig, held_out)
+    (runs, judges, elsewhere), placed = about(rig, used, held_out, unseen)
     if not judges:
         runs, judges = without_a_fold(runs)
     _hold_enough(runs)
@@ -56,7 +56,7 @@ def diagnose(
     train = gap(runs, look, _names(used))
     outside = [
         gap(them, look, names) if them else None
-        for them, names in ((judges, _names(held_out or used)), (about(rig, unseen), _names(unseen)))
+        for them, names in ((judges, _names(held_out or used)), (elsewhere, _names(unseen)))
     ]
     limits = limits_um(look.linear, tolerance_um)
     named = names_of(look, runs, gain_of_each(look, judges), limits)
@@ -64,7 +64,7 @@ def diagnose(
     named.sort(key=lambda one: (not one.material, -one.worth_um))
     remainder, is_material = remainder_of(look, limits)
     verdict, why = verdict_of(look, named, remainder, is_material=is_material)
-    doubts = [*doubts_of_runs(look.linear.blocks), *doubts_of_rig(rig, runs)]
+    doubts = [*placed, *doubts_of_runs(look.linear.blocks), *doubts_of_rig(rig, runs)]
     next_test = None
     if verdict == "ambiguous":
         progress("which test would part the rivals")

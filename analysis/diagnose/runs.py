@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import accumulate
 
 from analysis.diagnose.observed import Seen, see
 from analysis.fitting.observation import with_placement
+from analysis.fitting.placements import parted, with_enough
 from analysis.model.predict import model_of
 from analysis.reading.loading import Measured
 from rigs.errors import FileError
 from rigs.rig import Rig
 
 
-def about(rig: Rig, runs: Sequence[Measured]) -> list[Seen]:
-    """Each run with the circle and targets of its own rig file. Raises FileError for one of another robot."""
-    seen: list[Seen] = []
+def about(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Seen]], list[str]]:
+    """The runs of each use as a diagnosis sees them, with the circle and targets of their own rig files; and what they
+    show of where they stand, in words.
+
+    All runs of one cell and placement share a set-up and its name, whatever they are used for; those of a set-up that
+    takes up all their readings are left out. Raises FileError for a run of another robot.
+    """
+    runs = [run for use in uses for run in use]
     cells: list[Rig] = []
+    seen: list[Seen] = []
     for run in runs:
         if run.rig.robot != rig.robot:
             raise FileError(
@@ -33,7 +41,27 @@ def about(rig: Rig, runs: Sequence[Measured]) -> list[Seen]:
         # Another circle or other gauges are another set-up.
         setup = placed.setup + f" {place + 1}" * (place > 0)
         seen.append(replace(one, one=replace(placed, setup=setup)))
-    return seen
+    found, told = _parted(seen, [run.run.manifest.name for run in runs])
+    ends = list(accumulate(map(len, uses)))
+    parts = []
+    for use, end in zip(uses, ends, strict=True):
+        own = found[end - len(use) : end]
+        enough, too_few = with_enough([run.one for run in own]) if own else ([], [])
+        parts.append([own[k] for k in enough])
+        told += too_few
+    return parts, told
+
+
+def _parted(seen: Sequence[Seen], names: Sequence[str]) -> tuple[list[Seen], list[str]]:
+    """Runs with a set-up for each frame that those of a set-up show, and what was found, in words."""
+    found, told = list(seen), []
+    for setup in dict.fromkeys(run.one.setup for run in seen):
+        places = [k for k, run in enumerate(seen) if run.one.setup == setup]
+        own, words = parted(seen[places[0]].model, [seen[k].one for k in places], [names[k] for k in places])
+        for k, one in zip(places, own, strict=True):
+            found[k] = replace(seen[k], one=one)
+        told += words
+    return found, told
 
 
 def refuse_copies(runs: Sequence[Measured]) -> None:
