@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import accumulate
 
+from analysis.diagnose.exchanged import exchanged
 from analysis.diagnose.observed import Seen, see
 from analysis.fitting.observation import with_placement
 from analysis.fitting.placements import parted, with_enough
@@ -17,12 +17,33 @@ from rigs.rig import Rig
 
 def about(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Seen]], list[str]]:
     """The runs of each use as a diagnosis sees them, with the circle and targets of their own rig files; and what they
-    show of where they stand, in words.
+    show of where they stand and how they are wired, in words.
 
-    All runs of one cell and placement share a set-up and its name, whatever they are used for; those of a set-up that
-    takes up all their readings are left out. Raises FileError for a run of another robot.
+    All runs of one cell and placement share a set-up and its name, whatever they are used for. Left out are those whose
+    gauges are exchanged, and those of a set-up that takes up all their readings. Raises FileError for a run of another
+    robot.
     """
     runs = [run for use in uses for run in use]
+    names = [run.run.manifest.name for run in runs]
+    use_of = [number for number, use in enumerate(uses) for _ in use]
+    seen = _laid(rig, runs)
+    wrong = exchanged(seen)
+    kept = [k for k in range(len(runs)) if k not in wrong]
+    found, told = _parted([seen[k] for k in kept], [names[k] for k in kept])
+    for k in wrong:
+        what = f"{names[k]} is left out: its gauges read as g1 and g2 exchanged, against its repeats"
+        told.insert(0, f"{what}; see the cables, or import it with the columns exchanged")
+    parts = []
+    for number in range(len(uses)):
+        own = [run for k, run in zip(kept, found, strict=True) if use_of[k] == number]
+        enough, too_few = with_enough([run.one for run in own]) if own else ([], [])
+        parts.append([own[k] for k in enough])
+        told += too_few
+    return parts, told
+
+
+def _laid(rig: Rig, runs: Sequence[Measured]) -> list[Seen]:
+    """Runs about a rig with the circle and targets of their own, set-ups named by test, placement and cell."""
     cells: list[Rig] = []
     seen: list[Seen] = []
     for run in runs:
@@ -41,15 +62,7 @@ def about(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Seen]], list[s
         # Another circle or other gauges are another set-up.
         setup = placed.setup + f" {place + 1}" * (place > 0)
         seen.append(replace(one, one=replace(placed, setup=setup)))
-    found, told = _parted(seen, [run.run.manifest.name for run in runs])
-    ends = list(accumulate(map(len, uses)))
-    parts = []
-    for use, end in zip(uses, ends, strict=True):
-        own = found[end - len(use) : end]
-        enough, too_few = with_enough([run.one for run in own]) if own else ([], [])
-        parts.append([own[k] for k in enough])
-        told += too_few
-    return parts, told
+    return seen
 
 
 def _parted(seen: Sequence[Seen], names: Sequence[str]) -> tuple[list[Seen], list[str]]:
