@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
+from analysis.diagnose.arrivals import early_readings
 from analysis.diagnose.curves import curves_of, maps_of
 from analysis.diagnose.diagnosis import Diagnosis, Named, NextTest
 from analysis.diagnose.doubts import doubts_of_rig, doubts_of_runs
@@ -64,7 +65,7 @@ def diagnose(
     named.sort(key=lambda one: (not one.material, -one.worth_um))
     remainder, is_material = remainder_of(look, limits)
     verdict, why = verdict_of(look, named, remainder, is_material=is_material)
-    doubts = [*placed, *doubts_of_runs(look.linear.blocks), *doubts_of_rig(rig, runs)]
+    doubts = [*placed, *early_readings(look), *doubts_of_runs(look.linear.blocks), *doubts_of_rig(rig, runs)]
     next_test = None
     if verdict == "ambiguous":
         progress("which test would part the rivals")
