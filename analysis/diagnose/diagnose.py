@@ -61,7 +61,9 @@ def diagnose(
     ]
     limits = limits_um(look.linear, tolerance_um)
     named = names_of(look, runs, gain_of_each(look, judges), limits)
-    named += swinging(swing(grown(runs, look.state.refined.effects), look.linear.setups), limits, train.after_um)
+    circles = [block.sampling is not None for block in look.linear.blocks]
+    found = swing(grown(runs, look.state.refined.effects), look.linear.setups)
+    named += swinging(found, limits[circles], train.after_um)
     named.sort(key=lambda one: (not one.material, -one.worth_um))
     remainder, is_material = remainder_of(look, limits)
     verdict, why = verdict_of(look, named, remainder, is_material=is_material)

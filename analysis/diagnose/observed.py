@@ -95,11 +95,13 @@ def _difference(values: Array) -> Array:
 
 @dataclass(frozen=True)
 class Seen:
-    """One run. model: of its own rig file; one: its observation, smooth, the rows of stands behind those of the lap."""
+    """One run. model: of its own rig file; one: its observation, smooth, the rows of stands behind those of the lap;
+    wild: how many readings of a circle leave their neighbours and follow them here."""
 
     model: Model
     one: Observation
     sampling: Sampling | None
+    wild: int = 0
 
     @property
     def name(self) -> str:
@@ -112,10 +114,12 @@ def see(model: Model, table: Table, where: str) -> Seen:
     """A run's table. Raises FileError for a circle that is none."""
     if not isinstance(table, CircleTable):
         return Seen(model, observe(model, table, where), None)
-    table = averaged(calm(table), _rows_a_lap(table, model, where) // _ROWS)
+    sound = calm(table)
+    wild = int(np.count_nonzero(sound.g_mm != table.g_mm))
+    table = averaged(sound, _rows_a_lap(table, model, where) // _ROWS)
     one = smooth(observe(model, table, where))
     sampling, rows = _sampled(table, model, one, where)
-    return Seen(model, replace(one, rows=rows, values=table.g_mm[rows]), sampling)
+    return Seen(model, replace(one, rows=rows, values=table.g_mm[rows]), sampling, wild)
 
 
 def calm(table: CircleTable) -> CircleTable:

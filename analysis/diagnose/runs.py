@@ -11,6 +11,7 @@ from analysis.fitting.observation import with_placement
 from analysis.fitting.placements import parted, with_enough
 from analysis.model.predict import model_of
 from analysis.reading.loading import Measured
+from analysis.reading.tables import CircleTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -33,6 +34,12 @@ def about(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Seen]], list[s
     for k in wrong:
         what = f"{names[k]} is left out: its gauges read as g1 and g2 exchanged, against its repeats"
         told.insert(0, f"{what}; see the cables, or import it with the columns exchanged")
+    if wild := {names[k]: seen[k].wild for k in kept if seen[k].wild}:
+        circles = [table for table in (runs[k].table for k in kept) if isinstance(table, CircleTable)]
+        readings = sum(table.g_mm.size for table in circles)
+        most = max(wild, key=lambda name: wild[name])
+        what = f"{sum(wild.values())} of {readings} readings of circles are wild and follow their neighbours"
+        told.append(f"{what} (most, {wild[most]}, in {most})")
     parts = []
     for number in range(len(uses)):
         own = [run for k, run in zip(kept, found, strict=True) if use_of[k] == number]
