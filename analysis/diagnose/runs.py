@@ -11,9 +11,12 @@ from analysis.fitting.observation import with_placement
 from analysis.fitting.placements import parted, with_enough
 from analysis.model.predict import model_of
 from analysis.reading.loading import Measured
-from analysis.reading.tables import CircleTable
+from analysis.reading.tables import CircleTable, Table
 from rigs.errors import FileError
 from rigs.rig import Rig
+
+_FEW = 1e-3
+"""Share of wild readings that is not told: where a play is crossed, some sound ones are taken for wild."""
 
 
 def about(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Seen]], list[str]]:
@@ -34,12 +37,7 @@ def about(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Seen]], list[s
     for k in wrong:
         what = f"{names[k]} is left out: its gauges read as g1 and g2 exchanged, against its repeats"
         told.insert(0, f"{what}; see the cables, or import it with the columns exchanged")
-    if wild := {names[k]: seen[k].wild for k in kept if seen[k].wild}:
-        circles = [table for table in (runs[k].table for k in kept) if isinstance(table, CircleTable)]
-        readings = sum(table.g_mm.size for table in circles)
-        most = max(wild, key=lambda name: wild[name])
-        what = f"{sum(wild.values())} of {readings} readings of circles are wild and follow their neighbours"
-        told.append(f"{what} (most, {wild[most]}, in {most})")
+    told += _wild([(names[k], seen[k].wild, runs[k].table) for k in kept])
     parts = []
     for number in range(len(uses)):
         own = [run for k, run in zip(kept, found, strict=True) if use_of[k] == number]
@@ -47,6 +45,17 @@ def about(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Seen]], list[s
         parts.append([own[k] for k in enough])
         told += too_few
     return parts, told
+
+
+def _wild(counted: Sequence[tuple[str, int, Table]]) -> list[str]:
+    """How many readings of circles are wild, in words, from the name, wild readings and table of each run."""
+    circles = [(name, wild, table.g_mm.size) for name, wild, table in counted if isinstance(table, CircleTable)]
+    wild, readings = sum(one[1] for one in circles), sum(one[2] for one in circles)
+    if wild <= _FEW * readings:
+        return []
+    most = max(circles, key=lambda one: one[1])
+    what = f"{wild} of {readings} readings of circles are wild and follow their neighbours"
+    return [f"{what} (most, {most[1]}, in {most[0]})"]
 
 
 def _laid(rig: Rig, runs: Sequence[Measured]) -> list[Seen]:

@@ -164,7 +164,8 @@ def test_one_reading_in_a_hundred_that_is_wild_is_counted_and_follows_its_neighb
     (words,) = [words for words in told if "readings of circles are wild" in words]
     assert abs(int(words.split()[0]) - hits) < 0.1 * hits
     for one, other in zip(found, sound, strict=True):
-        assert float(np.abs(one.one.values - other.one.values).max()) < 0.02
+        # Two wild neighbours out of seven still leave their median; more, now and then, do not.
+        assert float(np.mean(np.abs(one.one.values - other.one.values) > 0.02)) < 0.002
 
 
 def test_a_program_out_of_reach_costs_the_next_test_only() -> None:
