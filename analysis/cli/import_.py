@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.files.layout import JointSource
 from rigs.vocabulary import Direction, TestName
 
 
@@ -22,6 +23,9 @@ def import_(
     ] = None,
     operator: Annotated[str, typer.Option(help="Who measured; without it, the user.")] = "",
     placement: Annotated[str, typer.Option(help="Where instrument or ball stood, by a name of yours.")] = "",
+    joints: Annotated[
+        JointSource, typer.Option(help="Which are the robot's: columns qN_deg, or qN_commanded_deg.")
+    ] = "measured",
 ) -> None:
     """Make a run of a table of measurements; every bad row is named with its line and the reason."""
     import getpass  # noqa: PLC0415
@@ -36,6 +40,7 @@ def import_(
         direction=direction,
         operator=operator or getpass.getuser(),
         placement=placement,
+        joints=joints,
     )
     for doubt in doubts:
         typer.echo(f"doubt: {doubt}", err=True)

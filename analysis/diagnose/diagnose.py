@@ -8,6 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 
+from analysis.diagnose.arrivals import early_readings
 from analysis.diagnose.curves import curves_of, maps_of
 from analysis.diagnose.diagnosis import Diagnosis, Named, NextTest
 from analysis.diagnose.doubts import doubts_of_rig, doubts_of_runs
@@ -47,7 +48,7 @@ def diagnose(
     """
     begin_s = time.perf_counter()
     progress("reading the runs")
-    runs, judges = about(rig, used), about(rig, held_out)
+    (runs, judges, elsewhere), placed = about(rig, used, held_out, unseen)
     if not judges:
         runs, judges = without_a_fold(runs)
     _hold_enough(runs)
@@ -56,15 +57,17 @@ def diagnose(
     train = gap(runs, look, _names(used))
     outside = [
         gap(them, look, names) if them else None
-        for them, names in ((judges, _names(held_out or used)), (about(rig, unseen), _names(unseen)))
+        for them, names in ((judges, _names(held_out or used)), (elsewhere, _names(unseen)))
     ]
     limits = limits_um(look.linear, tolerance_um)
     named = names_of(look, runs, gain_of_each(look, judges), limits)
-    named += swinging(swing(grown(runs, look.state.refined.effects), look.linear.setups), limits, train.after_um)
+    circles = [block.sampling is not None for block in look.linear.blocks]
+    found = swing(grown(runs, look.state.refined.effects), look.linear.setups)
+    named += swinging(found, limits[circles], train.after_um)
     named.sort(key=lambda one: (not one.material, -one.worth_um))
     remainder, is_material = remainder_of(look, limits)
     verdict, why = verdict_of(look, named, remainder, is_material=is_material)
-    doubts = [*doubts_of_runs(look.linear.blocks), *doubts_of_rig(rig, runs)]
+    doubts = [*placed, *early_readings(look), *doubts_of_runs(look.linear.blocks), *doubts_of_rig(rig, runs)]
     next_test = None
     if verdict == "ambiguous":
         progress("which test would part the rivals")

@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.diagnose.blocks import Block
 from analysis.fitting.observation import predicted, seen
-from analysis.fitting.setups import moved_setup, terms_of
+from analysis.fitting.setups import columns_of, moved_setup
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, moved
 from analysis.model.scene import apply
@@ -35,11 +35,7 @@ class Linear:
         ]
         self._slopes = [self._slope(block, base) for block, base in zip(blocks, self._base, strict=True)]
         self._tables = {block.one.setup: block.one.table for block in blocks}
-        counts = [terms_of(table) for table in self._tables.values()]
-        ends = np.cumsum(counts).tolist()
-        self.terms = {
-            name: slice(end - count, end) for name, end, count in zip(self._tables, ends, counts, strict=True)
-        }
+        self.terms = columns_of(self._tables)
         sizes = [len(block.y_mm) for block in blocks]
         self.rows = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)]
         self.y = np.concatenate([block.white(block.y_mm) for block in blocks])
@@ -134,11 +130,11 @@ class Linear:
         return slopes
 
     def _setup_columns(self) -> Array:
-        columns = np.zeros((len(self.y), sum(map(terms_of, self._tables.values()))))
+        columns = np.zeros((len(self.y), 1 + max(map(max, self.terms.values()))))
         for block, rows, scene, base in zip(self.blocks, self.rows, self._scenes, self._base, strict=True):
             model, setup = _with(block.model, *self.known), self.setups[block.one.setup]
             terms = self.terms[block.one.setup]
-            for k, step in enumerate(_STEP_MM * np.eye(terms.stop - terms.start), start=terms.start):
+            for k, step in zip(terms, _STEP_MM * np.eye(len(terms)), strict=True):
                 changed = seen(model, block.one, scene, moved_setup(setup, block.one.table, step))
                 columns[rows, k] = block.whitened(changed - base) / _STEP_MM
         return columns

@@ -95,11 +95,13 @@ def _difference(values: Array) -> Array:
 
 @dataclass(frozen=True)
 class Seen:
-    """One run. model: of its own rig file; one: its observation, smooth, the rows of stands behind those of the lap."""
+    """One run. model: of its own rig file; one: its observation, smooth, the rows of stands behind those of the lap;
+    wild: how many readings of a circle leave their neighbours and follow them here."""
 
     model: Model
     one: Observation
     sampling: Sampling | None
+    wild: int = 0
 
     @property
     def name(self) -> str:
@@ -112,7 +114,9 @@ def see(model: Model, table: Table, where: str) -> Seen:
     """A run's table. Raises FileError for a circle that is none."""
     if not isinstance(table, CircleTable):
         return Seen(model, observe(model, table, where), None)
-    table = averaged(calm(table), _rows_a_lap(table, model, where) // _ROWS)
+    sound = calm(table)
+    wild = int(np.count_nonzero(sound.g_mm != table.g_mm))
+    table = averaged(sound, _rows_a_lap(table, model, where) // _ROWS)
     lap = observe(model, table, where)
     smoothed = smooth(lap)
     sampling, rows = _sampled(table, model, smoothed, where)
@@ -120,7 +124,7 @@ def see(model: Model, table: Table, where: str) -> Seen:
     # Servo ripple is real: the readings are those of the smooth path once what the joints did beside it is taken off.
     setup = nominal_setup(model.rig, table)
     ripple = predicted(model, raw, setup) - predicted(model, one, setup)
-    return Seen(model, replace(one, values=table.g_mm[rows] - ripple), sampling)
+    return Seen(model, replace(one, values=table.g_mm[rows] - ripple), sampling, wild)
 
 
 def calm(table: CircleTable) -> CircleTable:

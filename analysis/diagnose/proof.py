@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from analysis.diagnose.linear import Linear, basis_of
 from analysis.diagnose.look import Look
 from analysis.diagnose.observed import Seen
 from analysis.diagnose.settle import grown, settled
-from analysis.diagnose.worth import plain_worth, rms_um, scatter_um
+from analysis.diagnose.worth import rms_um, scatter_um
 from analysis.fitting.observation import residuals_of, rms
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
@@ -30,72 +31,88 @@ def gap(runs: Sequence[Seen], look: Look, names: Sequence[str]) -> Gap:
 
 def _calibrated_um(look: Look, runs: Sequence[Seen], setups: Mapping[str, SetUp]) -> float:
     """What is left of runs, rms in µm, with a healthy arm's share of everything taken out beside the names."""
-    known = {(block.name, block.places): k for k, block in enumerate(look.linear.blocks)}
     energy, count = 0.0, 0
     for run in runs:
-        k = known.get((run.name, places_of(run)))
-        left = _left_of(run, look.linear.blocks[k], look) if k is not None else None
-        um = _elsewhere_um(look, run, setups) if left is None or k is None else _there_um(look, k, left)
+        judged = _there(look, run) or _elsewhere(look, run, setups)
+        um = rms_um(judged.block, judged.set_up(judged.left) * judged.block.sd_mm)
         energy, count = energy + len(run.one.rows) * um**2, count + len(run.one.rows)
     return float(np.sqrt(energy / count))
 
 
-def _there_um(look: Look, k: int, left: Array) -> float:
-    """Of a run of a block that was looked at, left (N,) in standard deviations."""
-    rows, linear = look.linear.rows[k], look.linear
-    values = left - look.posterior.healthy_share[rows]
-    basis = basis_of(linear.U[rows])
-    return rms_um(linear.blocks[k], (values - basis @ (basis.T @ values)) * linear.blocks[k].sd_mm)
-
-
-def _elsewhere_um(look: Look, run: Seen, setups: Mapping[str, SetUp]) -> float:
-    """Of a run at another place, radius or speed."""
-    effects, forms = look.state.refined.effects, look.posterior.background.columns.forms
-    alone = Linear(blocks_of([run], setups, effects), setups, effects)
-    sizes = np.repeat([form.size for form in forms], [len(form.columns) for form in forms])
-    share = alone.columns([effect for form in forms for effect in form.effects]) / sizes
-    return plain_worth(alone, alone.set_up(alone.y - share @ look.posterior.mean[: share.shape[1]])).whole_um
-
-
 def gain_of_each(look: Look, runs: Sequence[Seen]) -> list[float | None]:
     """By name: the share of the gap's energy on runs left out that it removes beside everything else that was found;
-    None where no run of a test and direction that was looked at was left out.
+    None where no run was left out.
 
     The set-up is fitted to each run anew; a healthy arm's share of everything is taken as the runs used have it.
     """
-    linear, changes = look.linear, look.changes
-    healthy, before = look.posterior.healthy_share, linear.left(()) - look.state.refined.left
-    whole, gained, judged_by = 0.0, np.zeros(len(changes)), 0
-    for block, rows in zip(linear.blocks, linear.rows, strict=True):
-        for run in runs:
-            left = _left_of(run, block, look)
-            if left is None:
-                continue
-            judged_by += 1
-            basis = basis_of(linear.U[rows])
-
-            def energy(change: Array, left: Array = left, basis: Array = basis, block: Block = block) -> float:
-                values = left + change
-                return float((((values - basis @ (basis.T @ values)) * block.sd_mm) ** 2).sum())
-
-            after = energy(-healthy[rows])
-            whole += energy(before[rows])
-            gained += [energy(change[rows] - healthy[rows]) - after for change in changes]
-    return [float(one / whole) for one in gained] if judged_by else [None] * len(changes)
+    whole, gained = 0.0, np.zeros(len(look.changes))
+    for run in runs:
+        judged = _there(look, run) or _elsewhere(look, run, look.linear.setups)
+        after = judged.energy(judged.left)
+        whole += judged.energy(judged.before)
+        gained += [judged.energy(judged.left + change) - after for change in judged.changes]
+    return [float(one / whole) for one in gained] if whole else [None] * len(gained)
 
 
-def _left_of(run: Seen, block: Block, look: Look) -> Array | None:
-    """What the names leave of one run, (N,) in standard deviations of a block of its kind; None where the run is of
-    another kind or place, or did not stand before and after as those did."""
-    if (run.name, places_of(run)) != (block.name, block.places) or run.model.rig != block.model.rig:
+@dataclass(frozen=True)
+class _Judged:
+    """One run by the names and the healthy share that other runs showed, in standard deviations of a block (N,).
+
+    before: what it leaves without them; left: with all of them; changes: what taking each name out again adds; basis
+    (N, s): orthonormal, of what its set-up could take up."""
+
+    block: Block
+    before: Array
+    left: Array
+    changes: Sequence[Array]
+    basis: Array
+
+    def set_up(self, values: Array) -> Array:
+        """Values (N,) less what the set-up could take up."""
+        fitted: Array = values - self.basis @ (self.basis.T @ values)
+        return fitted
+
+    def energy(self, values: Array) -> float:
+        """Of values (N,) in mm², the set-up fitted."""
+        return float(((self.set_up(values) * self.block.sd_mm) ** 2).sum())
+
+
+def _there(look: Look, run: Seen) -> _Judged | None:
+    """A run where others of its kind were looked at; None where there was none, or where it did not stand before and
+    after as those did."""
+    linear = look.linear
+    kinds = [(block.name, block.places) for block in linear.blocks]
+    kind = (run.name, places_of(run))
+    if kind not in kinds or run.model.rig != linear.blocks[kinds.index(kind)].model.rig:
         return None
+    k = kinds.index(kind)
+    block, rows = linear.blocks[k], linear.rows[k]
     sampling = run.sampling
     if sampling and block.sampling and not block.sampling.stands:
         sampling = sampling.without_stands()
     (with_names,) = grown([run], look.state.refined.effects)
-    (left,) = residuals_of(with_names.model, [with_names.one], look.linear.setups)
-    found = entries(left, sampling)
-    return block.white(found) if len(found) == len(block.y_mm) else None
+    (residual,) = residuals_of(with_names.model, [with_names.one], linear.setups)
+    found = entries(residual, sampling)
+    if len(found) != len(block.y_mm):
+        return None
+    left = block.white(found)
+    before = left + (linear.left(()) - look.state.refined.left)[rows]
+    changes = [change[rows] for change in look.changes]
+    return _Judged(block, before, left - look.posterior.healthy_share[rows], changes, basis_of(linear.U[rows]))
+
+
+def _elsewhere(look: Look, run: Seen, setups: Mapping[str, SetUp]) -> _Judged:
+    """A run at places, or in a way, that no other was looked at: other poses, another radius, another speed."""
+    effects, forms = look.state.refined.effects, look.posterior.background.columns.forms
+    placed = setups if run.one.setup in setups else settled(grown([run], effects))[0]
+    alone = Linear(blocks_of([run], placed, effects), placed, effects)
+    sizes = np.repeat([form.size for form in forms], [len(form.columns) for form in forms])
+    share = alone.columns([effect for form in forms for effect in form.effects]) / sizes
+    left = alone.left(effects)
+    changes = [alone.left([*effects[:k], *effects[k + 1 :]]) - left for k in range(len(effects))]
+    with_share = alone.y - share @ look.posterior.mean[: share.shape[1]]
+    (block,) = alone.blocks
+    return _Judged(block, alone.left(()), with_share, changes, basis_of(alone.U))
 
 
 def without(runs: Sequence[Seen], effects: Sequence[Effect], k: int, setups: Mapping[str, SetUp]) -> float:

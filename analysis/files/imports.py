@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from analysis.files.layout import JointSource
 from analysis.files.read import read_csv
 from analysis.files.units import check_units
 from analysis.reading.csv_tables import table_from
@@ -17,7 +18,7 @@ from rigs.rig import Rig
 from rigs.vocabulary import Direction, TestName
 
 
-def import_table(
+def import_table(  # noqa: PLR0913 - one keyword for each option of the command
     source: Path,
     run: Path,
     *,
@@ -26,6 +27,7 @@ def import_table(
     direction: Direction | None,
     operator: str,
     placement: str = "",
+    joints: JointSource = "measured",
 ) -> list[str]:
     """Make a run directory of a table file. What a person should know of it, in words.
 
@@ -34,7 +36,7 @@ def import_table(
     if run.exists():
         raise FileError(str(run), "is there already", "give the run a directory of its own")
     rig, rig_text = load(rig_file)
-    read = read_csv(source, test, rig, direction)
+    read = read_csv(source, test, rig, direction, joints)
     table = table_from(read.table, test, read.direction, str(source))
     doubts = check_units(table, rig, str(source))
     write_table_run(

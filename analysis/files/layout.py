@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 from rigs.vocabulary import TestName
 
 JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
+COMMANDED = tuple(f"q{axis}_commanded_deg" for axis in range(1, 7))
+"""Joints as they were commanded, beside those of JOINTS."""
+JointSource = Literal["measured", "commanded"]
 PLACE = ("x_mm", "y_mm", "z_mm")
 TURN = ("rx_deg", "ry_deg", "rz_deg")
 WORDS = {"direction": ("acw", "cw"), "approach": ("none", "out", "in")}

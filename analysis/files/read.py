@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from analysis.files.cells import Value, value
 from analysis.files.header import check_header
-from analysis.files.layout import COUNTS, LAYOUTS, WORDS
+from analysis.files.layout import COMMANDED, COUNTS, JOINTS, LAYOUTS, WORDS, JointSource
 from analysis.files.problems import Problem, TableFileError
 from analysis.files.sequence import check_sequence
 from daq.store.schema import ColumnType, table_schema
@@ -42,19 +42,29 @@ class TableFile:
     table: pa.Table
 
 
-def read_csv(path: Path, test: TestName, rig: Rig, direction: Direction | None = None) -> TableFile:
+def read_csv(
+    path: Path, test: TestName, rig: Rig, direction: Direction | None = None, joints: JointSource = "measured"
+) -> TableFile:
     """Read a table of docs/geometry.md.
 
-    direction: of a circle whose table has no direction column; the column is then added after t_s.
+    direction: of a circle whose table has no direction column; the column is then added after t_s. joints: which of two
+    sets of columns are the robot's; the other is kept under a name that says what it is.
     Raises FileError for a file that cannot be read, TableFileError with every mistake in it.
     """
     data = _bytes(path)
-    table = parse_csv(_text(str(path), data), str(path), test, rig, direction)
+    table = parse_csv(_text(str(path), data), str(path), test, rig, direction, joints)
     words = table["direction"][0].as_py() if "direction" in LAYOUTS[test].required else None
     return TableFile(path, hashlib.sha256(data).hexdigest(), words, table)
 
 
-def parse_csv(text: str, where: str, test: TestName, rig: Rig, direction: Direction | None = None) -> pa.Table:
+def parse_csv(
+    text: str,
+    where: str,
+    test: TestName,
+    rig: Rig,
+    direction: Direction | None = None,
+    joints: JointSource = "measured",
+) -> pa.Table:
     """The table in the text of a file; `where` names it in errors. See `read_csv`."""
     if direction and "direction" not in LAYOUTS[test].required:
         raise FileError(where, f"a {test} table has no direction", "leave --direction out")
@@ -62,6 +72,8 @@ def parse_csv(text: str, where: str, test: TestName, rig: Rig, direction: Direct
     _, names = next(rows, (1, []))
     if not any(names):
         raise FileError(where, "is empty", "give a table with a header line")
+    if joints == "commanded":
+        names = _commanded(names, where)
     check_header(where, names, test, direction is not None)
     columns, lines, problems = _columns(rows, names, test)
     if not lines and not problems:
@@ -72,6 +84,16 @@ def parse_csv(text: str, where: str, test: TestName, rig: Rig, direction: Direct
     if problems:
         raise TableFileError(where, problems)
     return pa.table(columns, schema=table_schema({name: _type(name, test) for name in columns}))
+
+
+def _commanded(names: list[str], where: str) -> list[str]:
+    """Column names with the commanded joints as the robot's, and those measured by a name that says so."""
+    if missing := [name for name in COMMANDED if name not in names]:
+        what = f"has no {', '.join(missing)}, which --joints commanded takes"
+        raise FileError(where, what, "name the columns of the commanded joints so, or leave --joints out")
+    measured = tuple(name.replace("_deg", "_measured_deg") for name in JOINTS)
+    other = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *measured), strict=True))
+    return [other.get(name, name) for name in names]
 
 
 def _bytes(path: Path) -> bytes:

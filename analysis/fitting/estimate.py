@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.fitting.observation import Observation, residuals_of, rms
-from analysis.fitting.setups import BALL_MM, FRAME_TERMS, begun, moved_setup, terms_of
+from analysis.fitting.setups import BALL_MM, columns_of, moved_setup, settled
 from analysis.fitting.weighing import Weighing, equal
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp
@@ -82,7 +82,7 @@ def fit(
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, needed here only
 
     weighing = weighing or equal(observations, len(free))
-    placed = dict(setups or begun(model, observations))
+    placed = dict(setups or settled([(model, one) for one in observations]))
     problem = _Problem(model, observations, tuple(free), placed, weighing)
     start = problem.start() if near is None else near.unknowns.copy()
     low, high = problem.bounds(start)
@@ -109,7 +109,7 @@ class _Problem:
     ) -> None:
         self.model, self.observations, self.free, self.setups = model, observations, free, setups
         self.weighing = weighing
-        self._columns = self._terms()
+        self._columns = columns_of({name: self._table(name) for name in setups})
         self._owners = [
             {name for name, columns in self._columns.items() if k in columns}
             for k in range(1 + max(max(columns) for columns in self._columns.values()))
@@ -182,21 +182,6 @@ class _Problem:
             if not isinstance(self._table(name), PoseTable)
         ]
         return np.concatenate([*rows, x[len(self._owners) :] / self.weighing.spread])
-
-    def _terms(self) -> dict[str, list[int]]:
-        """Which unknowns are the terms of each set-up; all placements of poses share the tool's."""
-        columns: dict[str, list[int]] = {}
-        tool: list[int] = []
-        count = 0
-        for name in self.setups:
-            poses = isinstance(self._table(name), PoseTable)
-            own = list(range(count, count + (FRAME_TERMS if poses else terms_of(self._table(name)))))
-            count += len(own)
-            if poses and not tool:
-                tool = list(range(count, count + terms_of(self._table(name)) - FRAME_TERMS))
-                count += len(tool)
-            columns[name] = own + tool * poses
-        return columns
 
     def _table(self, name: str) -> Table:
         return next(one.table for one in self.observations if one.setup == name)

@@ -35,6 +35,8 @@ _STRAIGHT_MM = 0.2
 FRAME_TERMS = 6
 """The first terms of a pose set-up, the instrument's; the others are the tool's, which all placements share."""
 
+Parts = Sequence[tuple[Model, Observation]]
+
 
 def terms_of(table: Table) -> int:
     """How many terms a set-up has in a table's test."""
@@ -53,54 +55,83 @@ def moved_setup(setup: SetUp, table: Table, change: Array) -> SetUp:
     return replace(setup, ball=setup.ball + change[:3], zeros_mm=setup.zeros_mm + change[3:])
 
 
-def begun(model: Model, observations: Sequence[Observation]) -> dict[str, SetUp]:
-    """Set-ups to begin a fit with, each settled by itself; placements of poses have the tool of the one with most."""
-    named: dict[str, list[Observation]] = {}
-    for one in observations:
-        named.setdefault(one.setup, []).append(one)
-    count = {name: sum(one.values.size for one in own) for name, own in named.items()}
-    poses = [name for name, own in named.items() if isinstance(own[0].table, PoseTable)]
-    most = max(poses, key=lambda name: count[name], default=None)
-    alone = [name for name in named if name == most or name not in poses]
-    found = settled([(model, one) for name in alone for one in named[name]])
-    for name in poses:
-        if name != most and most is not None:
-            bare = replace(found[most], T_instrument_world=np.eye(4))
-            places = np.concatenate([predicted(model, one, bare) for one in named[name]])
-            seen_there = np.concatenate([one.values for one in named[name]])
-            found[name] = replace(bare, T_instrument_world=best_rigid(places, seen_there))
-    return found
+def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
+    """Which unknowns are the terms of each set-up; all placements of poses share the tool's."""
+    columns: dict[str, list[int]] = {}
+    tool: list[int] = []
+    count = 0
+    for name, table in tables.items():
+        poses = isinstance(table, PoseTable)
+        own = list(range(count, count + (FRAME_TERMS if poses else terms_of(table))))
+        count += len(own)
+        if poses and not tool:
+            tool = list(range(count, count + terms_of(table) - FRAME_TERMS))
+            count += len(tool)
+        columns[name] = own + tool * poses
+    return columns
 
 
-def settled(parts: Sequence[tuple[Model, Observation]], setups: Mapping[str, SetUp] | None = None) -> dict[str, SetUp]:
+def settled(parts: Parts, setups: Mapping[str, SetUp] | None = None) -> dict[str, SetUp]:
     """Set-ups fitted to observations, each with its model as it is. `setups`: where to begin.
 
     Gauss-Newton in short steps: a set-up is off by a millimetre or so, and readings are nearly straight in that.
+    Placements of poses are fitted together, with one tool.
     """
     named: dict[str, list[tuple[Model, Observation]]] = {}
     for model, one in parts:
         named.setdefault(one.setup, []).append((model, one))
-    begun = setups or {}
-    return {name: _placed(own, begun[name] if name in begun else _begun(*own[0])) for name, own in named.items()}
+    begun = {name: setups[name] for name in named if setups and name in setups}
+    poses = [name for name, own in named.items() if isinstance(own[0][1].table, PoseTable)]
+    begun |= _poses_begun({name: named[name] for name in poses}, begun)
+    groups = [[name] for name in named if name not in poses] + [poses] * bool(poses)
+    found: dict[str, SetUp] = {}
+    for group in groups:
+        starts = {
+            name: begun.get(name) or nominal_setup(named[name][0][0].rig, named[name][0][1].table) for name in group
+        }
+        found |= _placed([part for name in group for part in named[name]], starts)
+    return {name: found[name] for name in named}
 
 
-def _begun(model: Model, one: Observation) -> SetUp:
-    """A set-up as it was meant, an instrument's place by its readings."""
-    setup = nominal_setup(model.rig, one.table)
-    if isinstance(one.table, PoseTable):
-        return replace(setup, T_instrument_world=best_rigid(predicted(model, one, setup), one.values))
-    return setup
+def _poses_begun(named: Mapping[str, Parts], begun: Mapping[str, SetUp]) -> dict[str, SetUp]:
+    """Placements of poses that nobody has placed yet: with the tool of one that is, or else of that with most poses;
+    instruments where their readings have them."""
+    new = [name for name in named if name not in begun]
+    if not new:
+        return {}
+    found: dict[str, SetUp] = {}
+    known = next((begun[name] for name in named if name in begun), None)
+    if known is None:
+        most = max(new, key=lambda name: sum(one.values.size for _, one in named[name]))
+        model, one = named[most][0]
+        start = _at_instrument(nominal_setup(model.rig, one.table), named[most])
+        known = _placed(named[most], {most: start})[most] if len(new) > 1 else start
+        found[most] = known
+    return found | {name: _at_instrument(known, named[name]) for name in new if name not in found}
 
 
-def _placed(parts: Sequence[tuple[Model, Observation]], start: SetUp) -> SetUp:
-    table = parts[0][1].table
-    poses, count = isinstance(table, PoseTable), terms_of(table)
+def _at_instrument(setup: SetUp, parts: Parts) -> SetUp:
+    """A set-up with its instrument where poses were seen from."""
+    bare = replace(setup, T_instrument_world=np.eye(4))
+    places = np.concatenate([predicted(model, one, bare) for model, one in parts])
+    seen_there = np.concatenate([one.values for _, one in parts])
+    return replace(bare, T_instrument_world=best_rigid(places, seen_there))
+
+
+def _placed(parts: Parts, starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
+    """Set-ups that share terms, fitted together from where they start."""
+    tables = {one.setup: one.table for _, one in parts}
+    columns = columns_of(tables)
+    poses, count = isinstance(parts[0][1].table, PoseTable), 1 + max(map(max, columns.values()))
     scenes = [moved(model, one.path) for model, one in parts]
 
+    def at(change: Array) -> dict[str, SetUp]:
+        return {name: moved_setup(starts[name], table, change[columns[name]]) for name, table in tables.items()}
+
     def left(change: Array) -> Array:
-        setup = moved_setup(start, table, change)
+        placed = at(change)
         return np.concatenate([
-            (one.values - seen(model, one, scene, setup)).ravel()
+            (one.values - seen(model, one, scene, placed[one.setup])).ravel()
             for (model, one), scene in zip(parts, scenes, strict=True)
         ])  # fmt: skip
 
@@ -109,8 +140,7 @@ def _placed(parts: Sequence[tuple[Model, Observation]], start: SetUp) -> SetUp:
     for turn in range(_ROUNDS):
         r = left(so_far)
         if turn < 2 or np.abs(change).max() > _STRAIGHT_MM:
-            steps = so_far + _STEP_MM * np.eye(count)
-            J = np.stack([(r - left(at)) / _STEP_MM for at in steps], axis=1)
+            J = np.stack([(r - left(step)) / _STEP_MM for step in so_far + _STEP_MM * np.eye(count)], axis=1)
         # A ball as far off as it may be costs as much as what is left now: far from the end it is held the firmer.
         held = np.where(ball, (r @ r) / BALL_MM**2, 1e-12)
         change = np.linalg.solve(J.T @ J + np.diag(held), J.T @ r - held * so_far)
@@ -119,4 +149,4 @@ def _placed(parts: Sequence[tuple[Model, Observation]], start: SetUp) -> SetUp:
         so_far = so_far + change
         if np.abs(change).max() < _ENOUGH_MM:
             break
-    return moved_setup(start, table, so_far)
+    return at(so_far)

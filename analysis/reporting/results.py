@@ -103,6 +103,8 @@ def by_test(results: Sequence[Result]) -> list[list[Result]]:
 
 def _same_cell(one: Result, other: Result) -> bool:
     rig, its = one.measured.rig, other.measured.rig
+    if one.measured.run.manifest.placement != other.measured.run.manifest.placement:
+        return False
     place = "circle" if isinstance(one.found, CircleResult) else "hemisphere"
     alike = rig.name == its.name and rig.robot == its.robot
     return one.test == other.test and alike and getattr(rig.tests, place) == getattr(its.tests, place)

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from cells import RIG, circles, found_in, measured, poses, table_of
 
-from analysis.diagnose.diagnosis import Diagnosis
+from analysis.diagnose.diagnose import _next_test, diagnose
+from analysis.diagnose.diagnosis import Diagnosis, Named, Rival
+from analysis.diagnose.runs import about
 from analysis.reading.laps import laps_of
 from analysis.reading.loading import Measured
 from analysis.reading.tables import CircleTable, RadialTable
@@ -146,3 +148,44 @@ def test_runs_about_two_balls_have_two_set_ups() -> None:
     runs = circles(seed=30)
     found = found_in([*runs[:2], *(replace(run, rig=there) for run in runs[2:])])
     assert len(found.setups) == 2 and found.verdict == "within_tolerance"
+
+
+def test_one_reading_in_a_hundred_that_is_wild_is_counted_and_follows_its_neighbours() -> None:
+    rng = np.random.default_rng(35)
+    runs, wild, hits = circles((PLAY,), seed=35), [], 0
+    for run in runs:
+        table = run.table
+        assert isinstance(table, CircleTable)
+        hit = rng.random(table.g_mm.shape) < 0.01
+        off = rng.choice([-1, 1], table.g_mm.shape) * rng.uniform(0.05, 1.0, table.g_mm.shape)
+        wild.append(replace(run, table=replace(table, g_mm=table.g_mm + hit * off)))
+        hits += int(hit.sum())
+    ((found,), told), ((sound,), _) = about(RIG, wild), about(RIG, runs)
+    (words,) = [words for words in told if "readings of circles are wild" in words]
+    assert abs(int(words.split()[0]) - hits) < 0.1 * hits
+    for one, other in zip(found, sound, strict=True):
+        # Two wild neighbours out of seven still leave their median; more, now and then, do not.
+        assert float(np.mean(np.abs(one.one.values - other.one.values) > 0.02)) < 0.002
+
+
+def test_a_program_out_of_reach_costs_the_next_test_only() -> None:
+    assert RIG.tests.circle and RIG.tests.hemisphere
+    far = RIG.tests.model_copy(
+        update={
+            "circle": RIG.tests.circle.model_copy(update={"centre_mm": (9000.0, 0.0, 0.0)}),
+            "hemisphere": RIG.tests.hemisphere.model_copy(update={"centre_mm": (9000.0, 0.0, 0.0)}),
+        }
+    )
+    one = Rival(JointOffset(axis=3, offset_deg=0.2), {}, 0.5)
+    name = Named(JointOffset(axis=5, offset_deg=0.2), {}, 0.5, (one,), 100.0, "", 100.0, True, None)
+    test, doubts = _next_test(RIG.model_copy(update={"tests": far}), [name], circles(seed=36, count=1))
+    assert test is None and len(doubts) == 1
+    assert doubts[0].startswith("no further test could be tried on this rig file: ")
+
+
+def test_every_name_is_material_where_nothing_is_tolerated() -> None:
+    found = diagnose(RIG, circles((PLAY,), seed=37), [], [], lambda doing: None, tolerance_um=0.0)
+    assert found.verdict in ("named", "ambiguous") and found.effects[0].material
+    assert name_of(found.effects[0].effect) == "backlash 1"
+    healthy = diagnose(RIG, circles(seed=37), [], [], lambda doing: None, tolerance_um=0.0)
+    assert _sure_of(healthy) == set()

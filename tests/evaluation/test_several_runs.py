@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
+from typer.testing import CliRunner
 
+from analysis.cli import app
 from analysis.reading.simulated_runs import write_simulated
 from analysis.reporting.report import as_object, as_tables, write_report
-from analysis.reporting.results import Result, analyse_run, analyse_runs
+from analysis.reporting.results import Result, analyse_run, analyse_runs, by_test
 from analysis.reporting.truth import compare
 from rigs.errors import FileError
 from rigs.load import load, load_hidden
@@ -54,6 +56,18 @@ def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps: list
     assert band["sd_between_runs"] == pytest.approx(np.std(singles, ddof=1))
     # Student's law with one degree of freedom.
     assert band["u"] >= 0.99 * 6.98 * band["sd_between_runs"] / np.sqrt(2)
+
+
+def test_runs_of_two_placements_are_not_pooled(tmp_path: Path) -> None:
+    runs = list(write_simulated(RIG, TEXT, "yaw", ("acw", "cw"), [1, 2], None, tmp_path, csv=False))
+    for run in runs[2:]:
+        done = CliRunner().invoke(app, ["relabel", str(run), "--placement", "door"])
+        assert done.exit_code == 0, done.exception
+    results = analyse_runs(runs)
+    assert [[one.name for one in group] for group in by_test(results)] == [
+        [run.name for run in runs[:2]],
+        [run.name for run in runs[2:]],
+    ]
 
 
 def test_one_run_says_what_is_not_in_its_uncertainty(laps: list[Result]) -> None:

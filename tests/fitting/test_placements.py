@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from independent_arm import Array, Cell, Seen, bad_zeros, cell, postures
+from independent_arm import Array, Cell, Seen, bad_zeros, cell, healthy, postures
 from typer.testing import CliRunner
 
 from analysis.cli import app
@@ -128,3 +129,30 @@ def test_a_placement_can_be_named_afterwards(tmp_path: Path, arm: tuple[Cell, np
     assert manifest.placement == "door" and manifest.relabelled[-1].field == "placement"
     bad = CliRunner().invoke(app, ["relabel", str(run), "--placement", "by the door"])
     assert isinstance(bad.exception, FileError) and "name a placement with" in str(bad.exception)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_two_placements_are_diagnosed_as_one_arm(tmp_path: Path, named: bool) -> None:
+    rng = np.random.default_rng(5)
+    wrong = healthy(rng)
+    wrong.offset[2] = np.radians(0.4)
+    arm = cell("ur10e", wrong, rng), rng
+    places = [("--placement", name) if named else () for name in ("door", "wall", "floor")]
+    runs = [
+        _run(tmp_path, "first", _poses(arm, 60), *places[0]),
+        _run(tmp_path, "second", _poses(arm, 60, FAR), *places[1]),
+        _run(tmp_path, "three", _poses(arm, 3, -FAR), *places[2]),
+    ]
+    done = CliRunner().invoke(app, ["diagnose", *map(str, runs), "--json"])
+    assert done.exit_code == 0, done.exception
+    answer = json.loads(done.stdout)
+    (one,) = [one for one in answer["effects"] if one["material"]]
+    assert one["name"] == "joint_offset 3" and one["held_out_gain"] > 0.5
+    offset = one["parameters"]["offset_deg"]
+    assert abs(offset["value"] - np.degrees(wrong.offset[2])) < max(4 * offset["sd"], 0.05)
+    frames = set(answer["setup"])
+    assert frames == (
+        {"pose at door", "pose at wall", "pose at floor"} if named else {"pose", "pose, frame 2", "pose, frame 3"}
+    )
+    said = [doubt for doubt in answer["doubts"] if "do not stand in one frame" in doubt]
+    assert len(said) == (0 if named else 1)
