@@ -70,18 +70,11 @@ def test_the_papers_circle_cannot_tell_axis_5s_zero_from_a5_and_another_radius_c
     assert pair.sigma < ALIKE
     assert any({"joint_offset 5", "link_geometry 6.a"} <= set(group) for group in circle_alone.groups)
     helps = {one.test: one.sigma for one in pair.further}
+    assert pair.further[0].test == "circle of radius 140 mm, 100 mm nearer to axis 1"
+    assert pair.further[0].sigma > 2 * ALIKE
     # Neither speed nor place nor repeats do.
     for test in ("circle at 100 mm/s", "circle 100 mm nearer to axis 1", "repeatability"):
         assert helps[test] < min(ALIKE, helps["circle of radius 140 mm, 100 mm nearer to axis 1"]), test
-
-
-def test_a_circle_of_140_mm_parts_faults_of_them_in_the_noise_of_real_cells() -> None:
-    first, *_ = _parted(RIG, FAULTS, CIRCLE)
-    assert first.sigma > ALIKE
-    small = {one.test: one.sigma for one in _parted(RIG, [ZERO_5, A5], CIRCLE)}
-    large = {one.test: one.sigma for one in _parted(RIG, FAULTS, CIRCLE)}
-    test = "circle of radius 140 mm, 100 mm nearer to axis 1"
-    assert large[test] > ALIKE and large[test] == pytest.approx(5 * small[test], rel=0.05)
 
 
 def _left_um(rig: Rig, a5: Effect) -> float:
@@ -158,7 +151,8 @@ def test_the_ball_off_the_axis_is_what_shows_axis_6(circle_alone: Plan) -> None:
     assert spike.further[0].test == "circle with the ball 40 mm off axis 6"
 
 
-def test_a_test_that_the_arm_cannot_drive_is_told_and_not_advised() -> None:
+def test_a_test_that_the_arm_cannot_drive_is_told_and_not_advised(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("analysis.diagnose.parting.Foresight", lambda *_: None)
     slow = [axis.model_copy(update={"speed_deg_s": 80.0}) for axis in RIG.robot.axes]
     rig = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": tuple(slow)})})
     found, impossible = beside(rig, ("roll",), *planned(rig, ("roll",), 3))
@@ -175,7 +169,8 @@ def test_a_rival_may_take_any_size_sign_and_phase() -> None:
     ):
         (found,) = _parted(NO_CIRCLE, [one, other], ["radial"])
         assert found.sigma < 0.05
-    (found,) = _parted(NO_CIRCLE, [gear, gear.model_copy(update={"order": 3.0})], ["radial"])
+    large = gear.model_copy(update={"amplitude_deg": 0.1})
+    (found,) = _parted(NO_CIRCLE, [large, large.model_copy(update={"order": 3.0})], ["radial"])
     assert found.sigma > ALIKE
 
 
