@@ -118,7 +118,10 @@ def _next_test(
         return None, []
     tests = tuple(dict.fromkeys(run.run.manifest.test for run in used))
     rivals, linear = (one.effect, one.rivals[0].effect), look.linear
-    further = parting(rig, rivals, tests, linear.blocks, linear.setups, look.state.level)
+    try:
+        further = parting(rig, rivals, tests, linear.blocks, linear.setups, look.state.level)
+    except FileError as error:
+        return None, [f"no further test could be tried on this rig file: {error}"]
     if not further:
         return None, ["no further test could be tried on this rig file"]
     if not parts(further[0].sigma):
