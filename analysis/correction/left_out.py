@@ -27,13 +27,14 @@ _LATE_S = 1e6
 
 
 def left_out_mm(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
-    """Root mean square (n,) mm of what effects that are not corrected do to the places of joint angles q (n, 6) rad."""
+    """Root mean square (n, e) mm of what each effect that is not corrected does to the places of joint angles q (n, 6)
+    rad."""
     nothing = model_of(rig, ())
-    squares = np.zeros(len(q))
+    squares = np.zeros((len(q), len(effects)))
     for path in (_driven(q, side, begin_s) for side in (1.0, -1.0) for begin_s in (0.0, _LATE_S)):
         places = _places(nothing, path)
-        for effect in effects:
-            squares += ((_places(model_of(rig, (effect,)), path) - places) ** 2).sum(axis=1) / 4
+        for k, effect in enumerate(effects):
+            squares[:, k] += ((_places(model_of(rig, (effect,)), path) - places) ** 2).sum(axis=1) / 4
     return np.sqrt(squares)
 
 

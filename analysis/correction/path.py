@@ -21,9 +21,9 @@ from analysis.files.write import write_csv, write_new
 from analysis.kinematics.arm import Array
 from rigs.errors import FileError
 
-ADDED = ("missed_mm", "u_mm")
-"""Columns that a corrected path has beside those given: how far the arm missed the target, and the uncertainty of where
-it stands now, with what is not corrected."""
+ADDED = ("missed_mm", "left_out_mm", "u_mm")
+"""Columns that a corrected path has beside those given: how far the arm missed the target, what effects that are not
+corrected still do to it, and the uncertainty of where it stands now, with that."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,8 @@ def write_path(path: TargetPath, found: Corrected, output: Path) -> None:
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
     for name, corrected in zip(path.names, values.T, strict=True):
         columns[name] = (np.round(corrected, 7) + 0.0).tolist()  # no -0.0
-    columns |= {"missed_mm": np.round(found.missed_mm, 6).tolist(), "u_mm": np.round(found.u_mm, 6).tolist()}
+    told = (found.missed_mm, np.linalg.norm(found.left_out_mm, axis=1), found.u_mm)
+    columns |= {name: np.round(mm, 6).tolist() for name, mm in zip(ADDED, told, strict=True)}
     write_new(output, lambda file: write_csv(pa.table(columns), file))
 
 

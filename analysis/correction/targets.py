@@ -23,6 +23,7 @@ from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Model, Path, model_of, moved
+from rigs.effect import label_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -36,13 +37,15 @@ class Corrected:
     """Targets of a path, each with what is known of it.
 
     q (n, 6) rad: corrected angles; T (n, 4, 4): where the nominal arm stands at them; missed_mm (n,): how far the
-    corrected effects had the real arm miss; left_out_mm (n,): root mean square of what the others still do to it;
-    u_mm (n,): standard uncertainty of the place, by those of the effects and what is left out; doubts in words.
+    corrected effects had the real arm miss; left_out_mm (n, e): root mean square of what each effect that is not
+    corrected still does to it, by the names left_out (e,); u_mm (n,): standard uncertainty of the place, by those of
+    the effects and what is left out; doubts in words.
     """
 
     q: Array
     T: Array
     missed_mm: Array
+    left_out: tuple[str, ...]
     left_out_mm: Array
     u_mm: Array
     doubts: tuple[str, ...]
@@ -71,13 +74,15 @@ def corrected(rig: Rig, found: Sequence[Support], q: Array, lines: Sequence[int]
         error = np.abs(pose_error(reached, wanted)).max(axis=1)
         raise _singular(lines[int(error.argmax())], where)
     _hold_limits(model.arm, angles, lines, where)
-    left_out = left_out_mm(rig, [one.effect for one in found if one.use == "none"], angles)
+    rest = [one.effect for one in found if one.use == "none"]
+    left_out = left_out_mm(rig, rest, angles)
     return Corrected(
         angles,
         forward(model.arm, angles),
         _distance(_reached(model, q), wanted),
+        tuple(map(label_of, rest)),
         left_out,
-        np.hypot(_uncertainty(model, used, angles), left_out),
+        np.hypot(_uncertainty(model, used, angles), np.linalg.norm(left_out, axis=1)),
         tuple(beyond_effects([one.effect for one in used], angles, "an effect corrected here")),
     )
 

@@ -81,7 +81,11 @@ def blocks_of(runs: Sequence[Seen], setups: Mapping[str, SetUp], known: Sequence
     circles = [raw for raw in gathered if raw.first.sampling]
     grids = [raw.first.sampling.averaged for raw in circles if raw.first.sampling]
     orders = len(ORDER_OF)
-    repeats = [Repeated(raw.first.one.setup, raw.rows[:, :orders], raw.shaken[:orders]) for raw in circles]
+    repeats = [
+        Repeated(raw.first.one.setup, raw.rows[:, :orders], raw.shaken[:orders], len(raw.first.sampling.share))
+        for raw in circles
+        if raw.first.sampling
+    ]
     noise = circle_noise(repeats, float(np.mean(grids)) if grids else 1.0)
     sds = dict(zip([raw.name for raw in circles], noise.sd_mm, strict=True))  # a circle's name is its own
     numbers = {name: k for k, name in enumerate(dict.fromkeys(raw.first.one.setup for raw in gathered))}

@@ -12,16 +12,16 @@ from analysis.diagnose.arrivals import early_readings
 from analysis.diagnose.curves import curves_of, maps_of
 from analysis.diagnose.diagnosis import Diagnosis, Named, NextTest
 from analysis.diagnose.doubts import doubts_of_rig, doubts_of_runs
+from analysis.diagnose.foresight import parts
 from analysis.diagnose.leftover import leftovers
 from analysis.diagnose.locate import places
-from analysis.diagnose.look import looked
+from analysis.diagnose.look import Look, looked
 from analysis.diagnose.neighbourhoods import without_a_fold
 from analysis.diagnose.observed import Seen
 from analysis.diagnose.parting import parting
 from analysis.diagnose.proof import gain_of_each, gap
 from analysis.diagnose.runs import about
 from analysis.diagnose.settle import grown
-from analysis.diagnose.signatures import parts
 from analysis.diagnose.swing import swing
 from analysis.diagnose.verdict import doubtful, names_of, remainder_of, swinging, verdict_of
 from analysis.diagnose.worth import limits_um
@@ -71,7 +71,7 @@ def diagnose(
     next_test = None
     if verdict == "ambiguous":
         progress("which test would part the rivals")
-        next_test, doubt = _next_test(rig, named, used)
+        next_test, doubt = _next_test(rig, named, used, look)
         doubts += doubt
     linear, before = look.linear, look.linear.in_mm(look.first)
     after = linear.in_mm(look.left)
@@ -111,17 +111,23 @@ def _names(runs: Sequence[Measured]) -> list[str]:
     return [run.run.manifest.name for run in runs]
 
 
-def _next_test(rig: Rig, named: Sequence[Named], used: Sequence[Measured]) -> tuple[NextTest | None, list[str]]:
-    """The test that parts the first doubtful name from its nearest rival best; a doubt where there is none."""
+def _next_test(
+    rig: Rig, named: Sequence[Named], used: Sequence[Measured], look: Look
+) -> tuple[NextTest | None, list[str]]:
+    """The test that, beside the runs there are, parts the first doubtful name from its nearest rival best; a doubt
+    where there is none."""
     one = next((one for one in doubtful(named) if one.rivals), None)
     if one is None:
         return None, []
     tests = tuple(dict.fromkeys(run.run.manifest.test for run in used))
+    rivals, linear = (one.effect, one.rivals[0].effect), look.linear
     try:
-        further = parting(rig, (one.effect, one.rivals[0].effect), tests)
+        further = parting(rig, rivals, tests, linear.blocks, linear.setups, look.state.level)
     except FileError as error:
         return None, [f"no further test could be tried on this rig file: {error}"]
-    if not further or not parts(further[0].sigma):
+    if not further:
+        return None, ["no further test could be tried on this rig file"]
+    if not parts(further[0].sigma):
         return None, [f"no other test parts {name_of(one.effect)} from its rivals: their corrections do the same"]
     return NextTest(further[0].test, further[0].why, further[0].sigma), []
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
-from analysis.diagnose.blocks import Block
+from analysis.diagnose.blocks import Block, entries
 from analysis.fitting.observation import predicted, seen
 from analysis.fitting.setups import columns_of, moved_setup
 from analysis.kinematics.arm import Array
@@ -56,6 +57,16 @@ class Linear:
             block.white(block.y_mm) - block.whitened(self.adding(k, effects)(placed))
             for k, block in enumerate(self.blocks)
         ])  # fmt: skip
+
+    def showing(self, effects: Sequence[Effect]) -> Linear:
+        """The same runs as they would read with effects in the place of the known ones, and no noise."""
+        other = copy(self)
+        other.blocks = tuple(
+            replace(block, y_mm=entries(self.adding(k, effects)(self.setups), block.sampling))
+            for k, block in enumerate(self.blocks)
+        )
+        other.y = np.concatenate([block.white(block.y_mm) for block in other.blocks])
+        return other
 
     def set_up(self, values: Array) -> Array:
         """Values (N, …) less what set-ups could take up."""

@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnose.observed import ORDER_OF
+from analysis.diagnose.observed import GRID, ORDER_OF, by_orders, curve
 from analysis.fitting.observation import Observation, predicted, seen
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, moved
@@ -33,6 +33,11 @@ _SLOW = 30
 """Orders below this share a level, and those above: servo ripple and path errors are slow, a probe's noise is not."""
 _SLOW_HALF = 5.0
 """The order at which assumed slow noise has half its power: a correlation of 1.5 s along a lap of 45 s."""
+WANDERING = 0.5
+"""Share of the energy of a run's scatter that changes along the run, where nothing is measured: encoders and warming up
+move joints and ball smoothly. Repeats show that as slow noise, and few of them take all of it for constant as well."""
+_WANDERS = 3
+"""Orders that this change has, in cycles a run."""
 _LEAST_MM = 1e-5
 _LEAST_FREE = 0.1
 """Of a reading that the scatter of a run could do nearly all of."""
@@ -49,11 +54,13 @@ POSE_MM = 0.04
 
 @dataclass(frozen=True)
 class Repeated:
-    """Repeated runs of one test and direction: set-up, rows (n, N) mm, what unit scatter does to them, (N, c) mm."""
+    """Repeated runs of one test and direction: set-up, rows (n, N) mm, what unit scatter does to them, (N, c) mm; laps
+    of each, of which a row is the mean."""
 
     setup: str
     rows: Array
     shaken: Array
+    laps: int = 1
 
 
 @dataclass(frozen=True)
@@ -95,9 +102,16 @@ def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
     free = [1 - (span**2).sum(axis=1) for span in spans]
     repeated = [k for k, rows in enumerate(own) if len(rows) > 1]
     if not repeated:
-        sd = _assumed(averaged)
-        assumed = {"": (JOINT_DEG.rms / SCATTER_DEG, BALL_MM.rms / SCATTER_MM)}
-        return CircleNoise(tuple(np.tile(sd, (len(rows), 1)) for rows in own), assumed, measured=False)
+        scattered = {"": (JOINT_DEG.rms / SCATTER_DEG, BALL_MM.rms / SCATTER_MM)}
+        assumed = CircleNoise((), scattered, measured=False)
+        noisy = [
+            np.hypot(
+                _assumed(averaged, group.laps),
+                _wandering(group.shaken * assumed.scatter(group.setup, group.shaken.shape[1]), group.laps),
+            )
+            for group in groups
+        ]
+        return replace(assumed, sd_mm=tuple(np.tile(one, (len(rows), 1)) for one, rows in zip(noisy, own, strict=True)))
     levels = {k: np.ones((len(own[k]), 4)) for k in repeated}
     shape = np.ones(len(ORDER_OF))
     for _ in range(3):
@@ -121,14 +135,38 @@ _PART: Integers = np.asarray((np.arange(len(ORDER_OF)) >= len(ORDER_OF) // 2) * 
 """Which of the four levels of a run an entry has."""
 
 
-def _assumed(averaged: float) -> Array:
-    """Standard deviation (N,) mm of the entries of one run, as wide as real cells have it."""
+def _assumed(averaged: float, laps: int) -> Array:
+    """Standard deviation (N,) mm of the entries of one run of some laps, as wide as real cells have it."""
     count = len(ORDER_OF) // 2
     slow = 1 / (1 + (ORDER_OF / _SLOW_HALF) ** 2)
     # A channel of `count` unitary entries holds `count` times the mean square of its readings.
-    slow *= SLOW_MM.rms**2 * count / slow[:count].sum()
+    slow *= SLOW_MM.rms**2 / laps * count / slow[:count].sum()
     sd: Array = np.sqrt(WHITE_MM.rms**2 * averaged + slow)
     return sd
+
+
+def _wandering(scatter_mm: Array, laps: int) -> Array:
+    """Standard deviation (N,) mm, by bands, of what scatter adds to the mean of some laps where it changes along a run;
+    scatter_mm (N, c): what all of it would add if it did not."""
+    angle = 2 * np.pi * np.arange(GRID) / GRID
+    # The mean of laps keeps only what comes back in each.
+    orders = [order // laps for order in range(1, _WANDERS + 1) if order % laps == 0]
+    variance = np.zeros(len(scatter_mm))
+    still = np.stack([curve(column) for column in scatter_mm.T], axis=2)
+    for wave in (turn(order * angle) for order in orders for turn in (np.cos, np.sin)):
+        variance += WANDERING / _WANDERS * (by_orders(wave[:, None, None] * still) ** 2).sum(axis=1)
+    for entries in _bands():
+        variance[entries] = variance[entries].mean()
+    sd: Array = np.sqrt(variance)
+    return sd
+
+
+def _bands() -> list[Integers]:
+    """The entries of each channel and band in which noise is pooled."""
+    half = len(ORDER_OF) // 2
+    channels = (np.arange(half), np.arange(half, len(ORDER_OF)))
+    bands = [(channel, low, high) for channel in channels for low, high in pairwise(_BANDS)]
+    return [channel[(ORDER_OF[channel] >= low) & (ORDER_OF[channel] < high)] for channel, low, high in bands]
 
 
 def _span(columns: Array) -> Array:
@@ -141,13 +179,11 @@ def _shape(own: Sequence[Array], free: Sequence[Array]) -> Array:
     """Standard deviation (N,) of runs at level one, by channel and band, of what scatter cannot have done."""
     squares = sum((rows**2).sum(axis=0) for rows in own)
     freedom = sum((len(rows) - 1) * share for rows, share in zip(own, free, strict=True))
-    shape, half = np.empty(len(ORDER_OF)), len(ORDER_OF) // 2
-    for channel in (np.arange(half), np.arange(half, len(ORDER_OF))):
-        for low, high in pairwise(_BANDS):
-            band = channel[(ORDER_OF[channel] >= low) & (ORDER_OF[channel] < high)]
-            free_here = max(np.asarray(freedom)[band].sum(), 1.0)
-            # Few repeats leave a band's noise uncertain; a little more than its mean keeps the tails honest.
-            shape[band] = np.sqrt(np.asarray(squares)[band].sum() / free_here * (1 + 2 / free_here))
+    shape = np.empty(len(ORDER_OF))
+    for band in _bands():
+        free_here = max(np.asarray(freedom)[band].sum(), 1.0)
+        # Few repeats leave a band's noise uncertain; a little more than its mean keeps the tails honest.
+        shape[band] = np.sqrt(np.asarray(squares)[band].sum() / free_here * (1 + 2 / free_here))
     return np.maximum(shape, _LEAST_MM)
 
 

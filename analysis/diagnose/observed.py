@@ -49,11 +49,7 @@ class Sampling:
 
     def vector(self, values: Array) -> Array:
         """Readings (m, 2, …) of two gauges to (N, …): orders of sum and difference (unitary), then stands."""
-        grid = self.gridded(values)
-        parts = []
-        for channel in (_sum(grid), _difference(grid)):
-            spectrum = np.fft.rfft(channel, axis=0, norm="ortho")
-            parts += [spectrum[:1].real, np.sqrt(2) * spectrum[1:ORDERS].real, np.sqrt(2) * spectrum[1:ORDERS].imag]
+        parts = [by_orders(self.gridded(values))]
         for rows in self.stands:
             mean = values[rows].mean(axis=0, keepdims=True)
             parts += [_sum(mean), _difference(mean)]
@@ -67,6 +63,15 @@ class Sampling:
     def without_stands(self) -> Sampling:
         """The same for the lap alone."""
         return replace(self, stands=(), stand_share=np.empty(0))
+
+
+def by_orders(readings: Array) -> Array:
+    """Readings (GRID, 2, …) at the grid to the orders of sum and difference, (N, …); `curve` is its inverse."""
+    parts = []
+    for channel in (_sum(readings), _difference(readings)):
+        spectrum = np.fft.rfft(channel, axis=0, norm="ortho")
+        parts += [spectrum[:1].real, np.sqrt(2) * spectrum[1:ORDERS].real, np.sqrt(2) * spectrum[1:ORDERS].imag]
+    return np.concatenate(parts)
 
 
 def curve(vector: Array) -> Array:

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
-import numpy as np
-
+from analysis.diagnose.blocks import Block
+from analysis.diagnose.foresight import Foresight
 from analysis.diagnose.further import further_tests
-from analysis.diagnose.signatures import Signatures, View
-from analysis.kinematics.arm import Array
-from rigs.effect import is_play, phases, scaled
-from rigs.effects import Effect, healthy_size, size_field
+from analysis.diagnose.planned import planned
+from analysis.model.predict import SetUp
+from rigs.effect import phases
+from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.vocabulary import TestName
 
-_SMALL = 1e-3
-"""Of a healthy size: signatures of rivals are taken there."""
+_ELSEWHERE = " further"
+"""Set-ups of a further test are not those of the runs there are."""
 
 
 @dataclass(frozen=True)
@@ -31,51 +31,58 @@ class Parting:
     why: str
 
 
-def parting(rig: Rig, effects: Sequence[Effect], tests: Sequence[TestName], runs: int = 3) -> list[Parting]:
-    """For rival effects at their sizes, each possible further test with the sigma by which it parts the two nearest.
-
-    tests: those there are already, a pose test left out, for it has no program; all are taken as driven `runs` times in
-    each direction. Best first; empty for fewer than two effects. Raises FileError where the arm cannot do `tests`.
-    """
-    if len(effects) < 2:
-        return []
-    asked = Signatures(
-        [phases(scaled(effect, _smaller(effect))) for effect in effects], np.array([_smaller(one) for one in effects])
-    )
-    programmed = [test for test in tests if test != "pose"]
-    known = asked.products(View(rig, programmed, runs)) if programmed else np.array(0.0)
-    found = []
-    for answer in answers(rig, tests, runs, asked)[0]:
-        products = known + answer.products
-        apart = asked.apart(products, asked.lengths(products))
-        nearest = min(float(apart[i, j]) for i, j in permutations(range(len(effects)), 2))
-        found.append(Parting(answer.test, nearest, answer.why))
-    return list(best_first(found))
-
-
 @dataclass(frozen=True)
-class Answer:
-    """A further test in words, why it may help, and the products (p, p) of what is asked in it."""
+class Beside:
+    """A further test in words, why it may help, and what is foreseen of it and of the runs there are together."""
 
     test: str
     why: str
-    products: Array
+    foresight: Foresight
 
 
-def answers(
-    rig: Rig, tests: Sequence[TestName], runs: int, asked: Signatures
-) -> tuple[list[Answer], list[tuple[str, str]]]:
-    """Of each further test that the arm can drive, what it shows; and those that it cannot, with the reason."""
+def parting(
+    rig: Rig,
+    effects: Sequence[Effect],
+    tests: Sequence[TestName],
+    blocks: Sequence[Block],
+    setups: Mapping[str, SetUp],
+    level: float = 1.0,
+    runs: int = 3,
+) -> tuple[Parting, ...]:
+    """For rival effects at their sizes, each possible further test with the sigma by which it parts the two nearest.
+
+    tests, blocks, setups: those there are already; a further test is taken as driven `runs` times in each direction.
+    Best first; empty for fewer than two effects.
+    """
+    if len(effects) < 2:
+        return ()
+    found = [
+        Parting(one.test, min(one.foresight.apart([a], phases(b)) for a, b in permutations(effects, 2)), one.why)
+        for one in beside(rig, tests, blocks, setups, level, runs)[0]
+    ]
+    return best_first(found)
+
+
+def beside(
+    rig: Rig,
+    tests: Sequence[TestName],
+    blocks: Sequence[Block],
+    setups: Mapping[str, SetUp],
+    level: float = 1.0,
+    runs: int = 3,
+) -> tuple[list[Beside], list[tuple[str, str]]]:
+    """Each further test that the arm can drive, beside the blocks there are; and those that it cannot, with the
+    reason."""
     found, impossible = [], []
     for further in further_tests(rig, tests):
         refused = ""
         for words, moved in further.choices:
             try:
-                view = View(moved, further.tests, runs)
+                more, places = planned(moved, further.tests, runs, _ELSEWHERE)
             except FileError as error:
                 refused = refused or error.what
                 continue
-            found.append(Answer(words, further.why, asked.products(view)))
+            found.append(Beside(words, further.why, Foresight([*blocks, *more], {**setups, **places}, level)))
             break
         else:
             impossible.append((further.choices[0][0], refused))
@@ -85,10 +92,3 @@ def answers(
 def best_first(found: Sequence[Parting]) -> tuple[Parting, ...]:
     """By how much they part."""
     return tuple(sorted(found, key=lambda one: -one.sigma))
-
-
-def _smaller(effect: Effect) -> float:
-    """The share of an effect that is so small that its signature is straight; the set-up would take up what bends of a
-    large one. A play is not twice itself, and stays."""
-    size: float = abs(getattr(effect, size_field(effect)))
-    return 1.0 if is_play(effect) or size == 0 else _SMALL * healthy_size(effect) / size

@@ -1,7 +1,7 @@
 """What tests can and cannot tell apart, before anything is measured, and which further test parts what is alike.
 
-Two names are alike where one, at a plausible size, is so near to what the other can do at any size that the odds
-between them leave both standing.
+Two names are alike where one, a fault that shows, is so near to what the other can do at any size that the odds between
+them leave both standing.
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.diagnose.candidates import Candidate, candidates_for
-from analysis.diagnose.parting import Answer, Parting, answers, best_first
+from analysis.diagnose.candidates import Candidate
+from analysis.diagnose.foresight import ALIKE, Foresight, parts, shows
+from analysis.diagnose.parting import Beside, Parting, beside, best_first
+from analysis.diagnose.planned import planned
 from analysis.diagnose.sights import Sight, by_name, sights_of, unseen
-from analysis.diagnose.signatures import ALIKE, DETECTABLE, NOTHING, Signatures, View, parts, shows
-from analysis.kinematics.arm import Array
-from rigs.effect import label_of, name_of
+from rigs.effect import healthy, healthy_size, label_of, name_of, scaled
+from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.vocabulary import CIRCLES, TestName
@@ -24,8 +25,8 @@ from rigs.vocabulary import CIRCLES, TestName
 
 @dataclass(frozen=True)
 class Pair:
-    """Two names that are alike, a gear with the order at which it is most. sigma: by which one, at a plausible size, is
-    parted from the other at any; others: how many other forms of them (orders, widths) are alike too."""
+    """Two names that are alike, a gear with the order at which it is most. sigma: by which one, a fault that shows, is
+    parted from the other at any size; others: how many other orders of them are alike too."""
 
     names: tuple[str, str]
     sigma: float
@@ -76,34 +77,25 @@ class Plan:
 def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3) -> Plan:
     """What tests of a rig, each driven `runs` times in each direction, can and cannot tell apart.
 
-    Noise and scatter are assumed as wide as real cells have them; the ball is off centre, where given by the rig file's
-    eccentricity_mm. The plausible size of an effect is a healthy arm's, or that of 7 sigma where this is larger. Raises
-    FileError where the arm cannot do a test.
+    It is foreseen by the law of a diagnosis: the same noise, as wide as real cells have it, and the same healthy
+    background. The ball is off centre, where given by the rig file's eccentricity_mm. Raises FileError where the arm
+    cannot do a test.
     """
-    view = View(rig, tests, runs)
-    candidates = candidates_for(view.linear)
-    signatures = Signatures([one.effects for one in candidates], np.array([one.size for one in candidates]))
-    products = signatures.products(view)
-    sigma = signatures.lengths(products)
-    sights = sights_of(candidates, sigma, view)
-    alike = _alike(candidates, signatures.apart(products, np.maximum(sigma, DETECTABLE)), sigma)
-    hidden = [sight for sight in sights if sight.hidden]
-
-    rivals = [candidates[k] for near in alike.values() for k in near.candidates]
-    forms = [one.effects for one in rivals] + [(sight.effect,) for sight in hidden]
-    asked = Signatures(forms, np.array([one.size for one in rivals] + [1.0] * len(hidden)))
-    known = asked.products(view)
-    possible, impossible = answers(rig, tests, runs, asked)
-    nowhere = unseen(sights)
-    names = [name_of(sight.effect) for sight in hidden]
-    further, gains = _helps(possible, asked, known, [name if name in nowhere else "" for name in names])
-    helped = iter(further[len(alike) :])
+    blocks, setups = planned(rig, tests, runs)
+    foresight = Foresight(blocks, setups)
+    chosen, sights = sights_of(foresight)
+    near = _alike(foresight, chosen, sights)
+    possible, impossible = beside(rig, tests, blocks, setups, runs=runs)
+    further, gains = _helps(possible, near, unseen(sights))
     return Plan(
         tuple(tests),
         runs,
-        tuple(replace(sight, further=next(helped)) if sight.hidden else sight for sight in sights),
-        _groups(list(alike)),
-        tuple(_pair(near, candidates, found) for near, found in zip(alike.values(), further, strict=False)),
+        tuple(replace(sight, further=further.get(name_of(sight.effect), ())) for sight in sights),
+        _groups([(name_of(one.first[0]), name_of(one.second[0])) for one in near]),
+        tuple(
+            Pair((label_of(one.first[0]), label_of(one.second[0])), one.sigma, one.others, further[one.names])
+            for one in near
+        ),
         gains,
         tuple(impossible),
     )
@@ -124,32 +116,40 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
 
 @dataclass(frozen=True)
 class _Near:
-    """Two candidates by number, the nearest of two names; how near, and how many others of these names are too."""
+    """The nearest forms of two names, at a size at which each shows as a fault; how near, and how many other forms of
+    these names are near too."""
 
+    first: tuple[Effect, ...]
+    second: tuple[Effect, ...]
     sigma: float
-    candidates: tuple[int, int]
-    others: int
+    others: int = 0
+
+    @property
+    def names(self) -> tuple[str, str]:
+        return name_of(self.first[0]), name_of(self.second[0])
 
 
-def _alike(candidates: Sequence[Candidate], apart: Array, sigma: Array) -> dict[tuple[str, str], _Near]:
-    """Pairs of names nearer than ALIKE either way. Orders of one gear are no rivals of each other."""
-    seen = np.array([shows(one) for one in sigma])
-    near = np.minimum(apart, apart.T)
-    alike: dict[tuple[str, str], _Near] = {}
-    places = np.argwhere(np.triu(near < ALIKE, 1) & np.outer(seen, seen))
-    for i, j in places[np.argsort(near[tuple(places.T)])].tolist():
-        names = candidates[i].name, candidates[j].name
-        first = alike.get(names)
-        if first:
-            alike[names] = replace(first, others=first.others + 1)
-        elif names[0] != names[1]:
-            alike[names] = _Near(float(near[i, j]), (i, j), 0)
-    return alike
+def _alike(foresight: Foresight, chosen: Sequence[Candidate], sights: Sequence[Sight]) -> list[_Near]:
+    """Pairs of names nearer than ALIKE either way, the nearest first. Orders of one gear are not rivals."""
+    seen = [k for k, sight in enumerate(sights) if not sight.hidden]
+    sizes = np.array([max(foresight.least, sights[k].limit / healthy_size(sights[k].effect)) for k in seen])
+    faults = [
+        tuple(scaled(healthy(effect), size) for effect in chosen[k].effects)
+        for k, size in zip(seen, sizes, strict=True)
+    ]
+    found: dict[tuple[str, str], _Near] = {}
+    for i, j in foresight.near([chosen[k] for k in seen], sizes):
+        one = _Near(faults[i], faults[j], _apart(foresight, faults[i], faults[j]))
+        if one.sigma < ALIKE:
+            known = found.get(one.names)
+            nearer = one if known is None or one.sigma < known.sigma else known
+            found[one.names] = replace(nearer, others=known.others + 1 if known else 0)
+    return sorted(found.values(), key=lambda one: one.sigma)
 
 
-def _pair(near: _Near, candidates: Sequence[Candidate], further: tuple[Parting, ...]) -> Pair:
-    first, second = (label_of(candidates[k].effect) for k in near.candidates)
-    return Pair((first, second), near.sigma, near.others, further)
+def _apart(foresight: Foresight, first: Sequence[Effect], second: Sequence[Effect]) -> float:
+    """Sigmas by which two names are parted, whichever of them is there."""
+    return min(foresight.apart(first, second), foresight.apart(second, first))
 
 
 def _groups(pairs: Sequence[tuple[str, str]]) -> tuple[tuple[str, ...], ...]:
@@ -163,25 +163,24 @@ def _groups(pairs: Sequence[tuple[str, str]]) -> tuple[tuple[str, ...], ...]:
 
 
 def _helps(
-    answers: Sequence[Answer], asked: Signatures, known: Array, hidden: Sequence[str]
-) -> tuple[list[tuple[Parting, ...]], tuple[Gain, ...]]:
-    """What further tests do for the items asked: both of each pair first, then the hidden ones, by their names where
-    these show nowhere else. Returns for each pair and each hidden one the tests, best first; and what each test gains,
-    the most first."""
-    plausible = np.maximum(1.0, DETECTABLE / np.maximum(asked.lengths(known), NOTHING))
-    items = len(plausible) - len(hidden)
+    possible: Sequence[Beside], near: Sequence[_Near], hidden: Sequence[str]
+) -> tuple[dict[str | tuple[str, str], tuple[Parting, ...]], tuple[Gain, ...]]:
+    """What further tests do for each pair of names and for each name that is hidden, best first; and what each test
+    gains, the most first."""
+    asked: list[str | tuple[str, str]] = [*hidden, *(one.names for one in near)]
+    further: dict[str | tuple[str, str], list[Parting]] = {one: [] for one in asked}
     gains = []
-    further: list[list[Parting]] = []
-    for answer in answers:
-        length = asked.lengths(known + answer.products)
-        apart = asked.apart(known + answer.products, length * plausible)
-        parted = [float(min(apart[k, k + 1], apart[k + 1, k])) for k in range(0, items, 2)]
-        shown = length[items:].tolist()
-        further.append([Parting(answer.test, sigma, answer.why) for sigma in (*parted, *shown)])
-        names = {name for name, sigma in zip(hidden, shown, strict=True) if name and shows(sigma)}
-        gains.append(Gain(answer.test, answer.why, sum(map(parts, parted)), len(names)))
-    questions = range(items // 2 + len(hidden))
+    for one in possible:
+        sigma: dict[str | tuple[str, str], float] = {
+            pair.names: _apart(one.foresight, pair.first, pair.second) for pair in near
+        }
+        parted = sum(map(parts, sigma.values()))
+        sds = {name: one.foresight.sd_of_name(name) for name in hidden}
+        gains.append(Gain(one.test, one.why, parted, sum(map(shows, sds.values()))))
+        sigma |= {name: 1 / sd for name, sd in sds.items()}
+        for what, own in sigma.items():
+            further[what].append(Parting(one.test, own, one.why))
     return (
-        [best_first([of_test[k] for of_test in further]) for k in questions],
+        {what: best_first(found) for what, found in further.items()},
         tuple(sorted(gains, key=lambda gain: -(gain.parts + gain.shows))),
     )

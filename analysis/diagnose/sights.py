@@ -1,4 +1,4 @@
-"""How one name shows in tests not yet driven: the size from which on it does, or why it does not at any."""
+"""How one name shows in runs that are not driven yet: how surely its size will be known, or why it is not seen."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.diagnose.candidates import Candidate
+from analysis.diagnose.columns import LARGEST
+from analysis.diagnose.foresight import DETECTABLE, Foresight, shows
+from analysis.diagnose.linear import Linear
 from analysis.diagnose.parting import Parting
-from analysis.diagnose.signatures import DETECTABLE, LARGEST, NOTHING, View, shows
 from analysis.kinematics.arm import Array
 from rigs.effect import healthy, label_of, name_of
 from rigs.effects import Effect, healthy_size, turned
@@ -18,48 +20,64 @@ _ON_AXIS = 0.02
 """An axis that moves the readings by less than this share of what the strongest does goes through the ball."""
 _NUDGE_DEG = 0.02
 """By which joints are turned to see what moves the readings; what counts is one joint against another."""
+_OWN_SHARE = 0.02
+"""Of an effect that no set-up could do; less is what the straight lines of a linearisation leave of curved ones."""
+_NOTHING = 1e-3
+"""Sigmas that are none."""
 
 
 @dataclass(frozen=True)
 class Sight:
-    """How one name shows. effect: at a healthy size; sigma: of that; limit: the size that shows at 7 sigma, in the
-    effect's own unit; hidden: why it is not seen, empty where it is; further: tests by the sigma of a healthy size."""
+    """How one name shows. effect: at a healthy size; sd: standard uncertainty of a fault's size, in the effect's own
+    unit; hidden: why it is not seen, empty where it is; further: tests by the sigma of a healthy size."""
 
     name: str
     effect: Effect
-    sigma: float
-    limit: float
+    sd: float
     hidden: str
     further: tuple[Parting, ...] = ()
 
-
-def sights_of(candidates: Sequence[Candidate], sigma: Array, view: View) -> list[Sight]:
-    """How each name shows, a gear by its orders, in the middle one of its variants; sigma (n,): of a healthy size."""
-    labels = [label_of(one.effect) for one in candidates]
-    zeros = view.columns([turned(axis, _NUDGE_DEG) for axis in range(1, 7)])[1]
-    sights = []
-    for label in dict.fromkeys(labels):
-        variants = sorted((k for k, other in enumerate(labels) if other == label), key=lambda k: sigma[k])
-        k = variants[len(variants) // 2]
-        effect = healthy(candidates[k].effect)
-        limit = healthy_size(effect) * DETECTABLE / sigma[k] if sigma[k] > 0 else np.inf
-        hidden = "" if shows(sigma[k]) else _reason(effect, sigma[k] > 0, float(view.columns([effect])[1][0]), zeros)
-        sights.append(Sight(label, effect, float(sigma[k]), float(limit), hidden))
-    return sights
+    @property
+    def limit(self) -> float:
+        """The size that shows at 7 sigma, in the effect's own unit."""
+        return DETECTABLE * self.sd
 
 
-def _reason(effect: Effect, own: bool, whole: float, zeros: Array) -> str:
-    """Why an effect is not seen. own: whether some of it no set-up could do; whole: its sigmas were the set-up known;
-    zeros (6,): those of each joint's zero."""
-    axis = getattr(effect, "axis", None)
-    through_ball = axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max()
-    if whole > NOTHING and not own:
+def sights_of(foresight: Foresight) -> tuple[list[Candidate], list[Sight]]:
+    """How each name shows, a gear by its orders, in the middle one of its forms; and the candidates that are these."""
+    forms: dict[str, list[Candidate]] = {}
+    for one in foresight.candidates:
+        forms.setdefault(label_of(one.effect), []).append(one)
+    zeros = _sigma(foresight.linear, [turned(axis, _NUDGE_DEG) for axis in range(1, 7)])
+    chosen, sights = [], []
+    for label, own in forms.items():
+        one = sorted(own, key=lambda form: form.size)[len(own) // 2]
+        effect, sd = healthy(one.effect), foresight.sd(one)
+        hidden = "" if shows(sd) else _reason(foresight.linear, effect, zeros)
+        chosen.append(one)
+        sights.append(Sight(label, effect, sd * healthy_size(effect), hidden))
+    return chosen, sights
+
+
+def _reason(linear: Linear, effect: Effect, zeros: Array) -> str:
+    """Why an effect is not seen; zeros (6,): sigmas of each joint's zero, were the set-up known."""
+    column = linear.columns([effect])[:, 0]
+    whole, own = float(np.linalg.norm(column)), float(np.linalg.norm(linear.set_up(column)))
+    if whole > _NOTHING and own < _OWN_SHARE * whole:
         return "the set-up takes it up: the ball's place and the gauges' zeros, which are always fitted"
-    if through_ball:
+    axis = getattr(effect, "axis", None)
+    if axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():
         return f"the ball lies on axis {axis}"
-    if LARGEST * whole < NOTHING:
+    if LARGEST * whole < _NOTHING:
         return effect.idle
-    return f"too small: even {LARGEST:g} times a healthy arm's stays below {DETECTABLE:g} sigma"
+    if LARGEST * own < DETECTABLE:
+        return f"too small: even {LARGEST:g} times a healthy arm's stays below {DETECTABLE:g} sigma"
+    return "what a healthy arm shows of everything else hides it"
+
+
+def _sigma(linear: Linear, effects: Sequence[Effect]) -> Array:
+    sigma: Array = np.linalg.norm(linear.columns(effects), axis=0)
+    return sigma
 
 
 def by_name(sights: Sequence[Sight]) -> dict[str, tuple[Sight, ...]]:

@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
+import numpy as np
 import yaml
 from rich.console import Group, RenderableType
 from rich.table import Table
@@ -17,12 +18,16 @@ from analysis.correction.constants import CONSTANTS, Correction, corrected_table
 from analysis.correction.correct import Corrections
 from analysis.correction.path import write_path
 from analysis.correction.support import Support
+from analysis.correction.targets import Corrected
+from analysis.kinematics.arm import Array
 from analysis.reporting.parameters import quantity_of
 from analysis.reporting.whole import whole
 from rigs.effect import label_of
 from rigs.effects import size_field
 from rigs.errors import FileError
 
+_TOLD_MM = 1e-3
+"""What an effect that is not corrected does to a target is told from here on."""
 _HEAD = """\
 # What the cell {name} can use of the effects in its rig file, {date}. Of three ways it takes one for each effect:
 # joint_zeros: master each axis so that it reads `add_deg` more where it stands.
@@ -71,10 +76,26 @@ def _lines(found: Corrections) -> list[str]:
         lines.append(
             f"{path.name}: {_count(len(targets.q))}, missed by up to {targets.missed_mm.max():.3f} mm before; "
             f"reached to ± {targets.u_mm.max():.3f} mm after (standard uncertainty at the worst target), "
-            f"{_small(targets.left_out_mm.max())} of it by effects that are not corrected"
+            f"{_small(_left_out(targets).max())} of it by effects that are not corrected"
         )
+        each = [(name, mm) for name, mm in _budget(targets).items() if mm >= _TOLD_MM]
+        if each:
+            parts = ", ".join(f"{name} {_small(mm)}" for name, mm in each)
+            lines.append(f"not corrected, at its worst target, rms of both sides, cold and warm: {parts}")
         lines += targets.doubts
     return lines or ["nothing here can be corrected"]
+
+
+def _left_out(targets: Corrected) -> Array:
+    """What all effects that are not corrected still do to each target, (n,) mm."""
+    left_out: Array = np.linalg.norm(targets.left_out_mm, axis=1)
+    return left_out
+
+
+def _budget(targets: Corrected) -> dict[str, float]:
+    """What each effect that is not corrected does to the target that it moves most, mm, the largest first."""
+    worst = dict(zip(targets.left_out, targets.left_out_mm.max(axis=0).tolist(), strict=True))
+    return dict(sorted(worst.items(), key=lambda one: -one[1]))
 
 
 def _count(targets: int) -> str:
@@ -82,7 +103,7 @@ def _count(targets: int) -> str:
 
 
 def _small(mm: float) -> str:
-    return "less than 0.001 mm" if mm < 1e-3 else f"{mm:.3f} mm"
+    return "less than 0.001 mm" if mm < _TOLD_MM else f"{mm:.3f} mm"
 
 
 def as_object(found: Corrections, written: Sequence[Path]) -> dict[str, Any]:
@@ -90,10 +111,11 @@ def as_object(found: Corrections, written: Sequence[Path]) -> dict[str, Any]:
     path = None
     if found.path:
         targets = found.path[2]
-        largest = {"missed": targets.missed_mm, "left_out": targets.left_out_mm, "u": targets.u_mm}
+        largest = {"missed": targets.missed_mm, "left_out": _left_out(targets), "u": targets.u_mm}
         path = {
             "targets": len(targets.q),
             "largest_mm": {name: float(mm.max()) for name, mm in largest.items()},
+            "left_out_mm": _budget(targets),
             "doubts": list(targets.doubts),
         }
     return {**_contents(found), "path": path, "files": [str(file) for file in written]}

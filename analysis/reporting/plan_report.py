@@ -6,21 +6,26 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from analysis.diagnose.columns import LARGEST
 from analysis.diagnose.diagnosis import ODDS
+from analysis.diagnose.foresight import ALIKE, DETECTABLE, parts, shows
 from analysis.diagnose.parting import Parting
 from analysis.diagnose.plan import Pair, Plan
+from analysis.diagnose.planned import ASSUMED_JOINT_DEG, ASSUMED_UM
 from analysis.diagnose.sights import Sight
-from analysis.diagnose.signatures import ALIKE, parts, shows
 from analysis.reporting.parameters import quantity_of
 from analysis.reporting.whole import whole
 from rigs.effect import name_of
 from rigs.effects import Effect, healthy_size, size_field
 
+FAULT = 5.0
+"""Healthy sizes from which on a diagnosis tells an effect as a fault."""
 _MOST = 3
 """Further tests told for one pair."""
 _MOST_PAIRS = 6
@@ -33,14 +38,21 @@ def as_table(plan: Plan) -> RenderableType:
     head = Text(f"{tests}: {plan.runs} runs each, circles in both directions", style="bold")
     unseen = len(plan.unseen)
     small = sum(all(map(_small, forms)) for forms in plan.names.values())
-    words = f"{len(plan.names)} names: {small} show at a healthy arm's size or less (gears at every order), "
+    words = f"{len(plan.names)} names: {small} show as soon as they are faults (gears at every order), "
     words += f"{len(plan.names) - small - unseen} at more, {unseen} at none; {len(plan.pairs)} pairs look alike\n"
-    return Group(head, Text(words), _axes(plan), Text(), _others(plan), _alike(plan), _hidden(plan), *_advice(plan))
+    tables = (_axes(plan), Text(), _others(plan), _alike(plan), _hidden(plan))
+    return Group(head, Text(noise_in_words()), Text(words), *tables, *_advice(plan))
+
+
+def noise_in_words() -> str:
+    """The noise that a plan assumes."""
+    um = ", ".join(f"{name} {um:.1f} µm" for name, um in ASSUMED_UM.items())
+    return f"noise assumed, rms of one run: {um}, each joint, from run to run {ASSUMED_JOINT_DEG:.4f}°"
 
 
 def _small(sight: Sight) -> bool:
-    """Whether it shows at a healthy arm's size."""
-    return not sight.hidden and sight.limit <= healthy_size(sight.effect)
+    """Whether it shows from the size on at which it is a fault."""
+    return not sight.hidden and sight.limit <= FAULT * healthy_size(sight.effect)
 
 
 def _axes(plan: Plan) -> Table:
@@ -82,7 +94,7 @@ def _unit(effect: Effect) -> str:
 
 
 def _title(of: str) -> str:
-    return f"{of}: smallest size that shows at 7 σ"
+    return f"{of}: smallest size that shows at {DETECTABLE:g} σ"
 
 
 def _by_seat(plan: Plan, *, joints: bool) -> dict[str, dict[str, list[Sight]]]:
@@ -101,14 +113,14 @@ def _limit(sights: Sequence[Sight], between: str = " … ") -> Text:
     if not seen:
         return Text("–" if sights else "", style="red")
     low, high = f"{min(seen):.2g}", f"{max(seen):.2g}"
-    style = "green" if max(seen) <= healthy_size(sights[0].effect) else "yellow"
+    style = "green" if all(map(_small, sights)) else "yellow"
     return Text(low if low == high else f"{low}{between}{high}", style=style)
 
 
 def _alike(plan: Plan) -> RenderableType:
     if not plan.pairs:
         return Text("all that shows can be told apart", style="green")
-    title = f"cannot be told apart ({ODDS:g} to 1, at a plausible size)"
+    title = f"cannot be told apart ({ODDS:g} to 1, at the size at which they show as faults)"
     table = Table(title=title, title_style="bold", title_justify="left")
     table.add_column("names")
     table.add_column("apart", justify="right")
@@ -153,24 +165,28 @@ def _parted(pair: Pair) -> Text:
 def _hidden(plan: Plan) -> RenderableType:
     if not plan.hidden:
         return Text("nothing is hidden", style="green")
-    table = Table(title="not seen at any plausible size", title_style="bold", title_justify="left")
+    table = Table(title=f"not seen at {LARGEST:g} healthy sizes", title_style="bold", title_justify="left")
     table.add_column("names")
     table.add_column("why", ratio=1)
-    table.add_column("shown, at a healthy size, by", ratio=1)
+    table.add_column("shown by", ratio=1)
     together: dict[tuple[str, str], list[Sight]] = {}
     for sight in plan.hidden:
-        helps = [one.test for one in sight.further if shows(one.sigma)]
+        helps = [one.test for one in sight.further if one.sigma and shows(1 / one.sigma)]
         together.setdefault((sight.hidden, helps[0] if helps else ""), []).append(sight)
     for (why, test), sights in together.items():
         orders = Counter(_kind(sight.name) for sight in sights)
         names = [name if count == 1 else f"{name}, {count} forms" for name, count in orders.items()]
-        told = f"{test}: {_range([one.further[0].sigma for one in sights])} σ" if test else "no test here"
+        told = (
+            f"{test}, {_range([one.further[0].sigma for one in sights])} σ at a healthy size"
+            if test
+            else "no test here"
+        )
         table.add_row("\n".join(names), why, told)
     return whole(table)
 
 
 def _range(sigmas: Sequence[float]) -> str:
-    low, high = f"{min(sigmas):.1f}", f"{max(sigmas):.1f}"
+    low, high = f"{min(sigmas):.2g}", f"{max(sigmas):.2g}"
     return low if low == high else f"{low} … {high}"
 
 
@@ -189,6 +205,7 @@ def as_object(plan: Plan) -> dict[str, Any]:
     return {
         "tests": list(plan.tests),
         "runs": plan.runs,
+        "noise": {"source": "assumed", "um": ASSUMED_UM, "joint_deg": ASSUMED_JOINT_DEG},
         "alike_below_sigma": ALIKE,
         "effects": [_effect(sight) for sight in plan.sights],
         "groups": [list(group) for group in plan.groups],
@@ -208,7 +225,7 @@ def _effect(sight: Sight) -> dict[str, Any]:
         "name": sight.name,
         "unit": sight.effect.unit(size_field(sight.effect)),
         "healthy": healthy_size(sight.effect),
-        "sigma_at_healthy": sight.sigma,
+        "sd": sight.sd if np.isfinite(sight.sd) else None,
         "limit": None if sight.hidden else sight.limit,
     }
     return dict(told) | ({"hidden": sight.hidden, "further": _partings(sight.further)} if sight.hidden else {})

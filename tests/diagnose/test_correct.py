@@ -162,8 +162,60 @@ def test_what_is_left_out_goes_into_the_uncertainty(tmp_path: Path, effect: Effe
     # Warm in half of all cases: 100 ppm of the distance from the base, over the square root of two.
     turned = np.hypot(place[:, 0], place[:, 1])
     wanted = np.linalg.norm(place, axis=1) * 1e-4 / np.sqrt(2) if joint_rad is None else joint_rad * turned
-    np.testing.assert_allclose(targets[2].left_out_mm, wanted, rtol=0.15, atol=1e-6)
-    np.testing.assert_allclose(targets[2].u_mm, np.hypot(sure[2].u_mm, targets[2].left_out_mm), rtol=1e-6)
+    left_out_mm = targets[2].left_out_mm[:, 0]
+    np.testing.assert_allclose(left_out_mm, wanted, rtol=0.15, atol=1e-6)
+    np.testing.assert_allclose(targets[2].u_mm, np.hypot(sure[2].u_mm, left_out_mm), rtol=1e-6)
+
+
+def _stands_mm(q_deg: Array) -> Array:
+    """Where the ball of the paper's arm stands (3,), by the table of Craig's constants in its rig file."""
+    robot = yaml.safe_load(load("paper-fanuc")[1])["robot"]
+    T, theta_deg = np.eye(4), np.array(robot["coupling"]) @ q_deg
+    for axis, turned_deg in zip(robot["axes"], theta_deg, strict=True):
+        ca, sa = (turn(np.radians(axis.get("alpha_deg", 0.0))) for turn in (np.cos, np.sin))
+        c, s = (turn(np.radians(turned_deg + axis.get("offset_deg", 0.0))) for turn in (np.cos, np.sin))
+        d = axis.get("d_mm", 0.0)
+        T = T @ np.array(
+            [
+                [c, -s, 0, axis.get("a_mm", 0.0)],
+                [s * ca, c * ca, -sa, -d * sa],
+                [s * sa, c * sa, ca, d * ca],
+                [0, 0, 0, 1],
+            ]
+        )
+    place: Array = (T @ [*robot["tool"]["xyz_mm"], 1.0])[:3]
+    return place
+
+
+def test_the_command_tells_what_a_play_that_it_leaves_out_does_to_each_target(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a forward kinematics of its own: half the play either way, at the angles that the cell is given."""
+    play = Backlash(axis=2, width_deg=0.1, found=_found(width_deg=0.002))
+    cell, path, out = tmp_path / "cell.yaml", _path(tmp_path), tmp_path / "out"
+    cell.write_text(extended(load("paper-fanuc")[1], [ZERO_3, play], "cell"))
+    monkeypatch.setenv("COLUMNS", "300")
+    done = CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", str(out)])
+    assert done.exit_code == 0, done.output
+    told = _written(out / "corrected-path.csv", tuple(HEAD.split(",")[1:]))
+    half, off = np.eye(6)[1] * 0.05, np.eye(6)[2] * 0.05
+    away = [[np.linalg.norm(_stands_mm(q + off + way * half) - _stands_mm(q + off)) for way in (1, -1)] for q in told]
+    play_mm = np.sqrt(np.mean(np.square(away), axis=1))
+    assert play_mm.max() > 0.5
+    left_out_mm = _written(out / "corrected-path.csv", ("left_out_mm",))[:, 0]
+    np.testing.assert_allclose(left_out_mm, play_mm, rtol=0.01)
+    u_mm = [np.linalg.norm(_stands_mm(q + off * 1.04) - _stands_mm(q + off)) for q in told]
+    np.testing.assert_allclose(
+        _written(out / "corrected-path.csv", ("u_mm",))[:, 0], np.hypot(play_mm, u_mm), rtol=0.01
+    )
+    stands = [np.linalg.norm(_stands_mm(q + off) - _stands_mm(sent)) for q, sent in zip(told, TARGETS, strict=True)]
+    assert max(stands) < 1e-4
+    assert f"{left_out_mm.max():.3f} mm of it by effects that are not corrected" in done.stdout
+    assert f"backlash 2 {left_out_mm.max():.3f} mm" in done.stdout
+    found = json.loads(
+        CliRunner().invoke(app, ["correct", str(cell), "--path", str(path), "-o", f"{out}2", "--json"]).stdout
+    )
+    assert found["path"]["left_out_mm"]["backlash 2"] == pytest.approx(play_mm.max(), rel=0.01)
 
 
 def test_a_spike_that_is_left_out_counts_with_what_is_left_of_it_on_arrival(tmp_path: Path) -> None:
@@ -173,7 +225,7 @@ def test_a_spike_that_is_left_out_counts_with_what_is_left_of_it_on_arrival(tmp_
         targets = correct_rig(_rig(ZERO_3, spike), _path(tmp_path)).path
         assert targets
         place = forward(arm_of(RIG.robot), targets[2].q)[:, :3, 3]
-        left[decay_s] = targets[2].left_out_mm / (np.radians(0.05) * np.hypot(place[:, 0], place[:, 1]))
+        left[decay_s] = targets[2].left_out_mm[:, 0] / (np.radians(0.05) * np.hypot(place[:, 0], place[:, 1]))
     assert (left[0.1] > 0.2).all() and (left[0.1] < 1).all() and (left[0.02] < 0.5 * left[0.1]).all()
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from cells import Array, circles, measured, no_background, seen, table_of
@@ -65,7 +67,8 @@ def test_planted_scatter_is_found_within_a_factor(joints: float, ball: float) ->
 
 
 def test_noise_is_assumed_where_nothing_is_repeated() -> None:
-    found = circle_noise([_repeats(1, (1.0,)), _repeats(2, (1.0,))], 1.0)
+    still = [replace(_repeats(seed, (1.0,)), shaken=1e-9 * SHAKEN) for seed in (1, 2)]
+    found = circle_noise(still, 1.0)
     assert not found.measured and [len(sd) for sd in found.sd_mm] == [1, 1]
     # A channel of HALF entries holds HALF times the mean square of its readings.
     power = (found.sd_mm[0][0, :HALF] ** 2).mean()
