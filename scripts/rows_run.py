@@ -19,8 +19,8 @@ from analysis.reading.tables import CircleTable
 from daq.protocol.conversation import NO_TIME
 from daq.store import RunWriter
 from daq.store.chunk import Salvage
-from daq.store.recording import store
 from daq.store.schema import schema_of
+from daq.store.stream_writer import store
 from daq.store.writer import CHUNK_ROWS
 from rigs.load import load
 

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from daq.client import Client, find_socket
+from daq.acquisition.streams import Stream, streams_of
 from daq.doctor.computer import examine_computer
 from daq.doctor.finding import Finding, Verdict, doubtful, ok, wrong
 from daq.doctor.ports import examine_port
 from daq.doctor.trial import examine_conversation
-from daq.streams import Stream, streams_of
+from daq.service.client import Client, find_socket
 from rigs.errors import CellError
 from rigs.rig import Rig
 

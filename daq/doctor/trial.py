@@ -11,11 +11,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from daq.acquisition.streams import Stream
 from daq.doctor.finding import Finding, doubtful, ok, wrong
-from daq.links import Link, LinkLost
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
-from daq.runner import converse
-from daq.streams import Stream
+from daq.wire.links import Link, LinkLost
+from daq.wire.session import converse
 from rigs.errors import CellError
 from rigs.links import Line
 

@@ -15,15 +15,15 @@ from typing import Protocol
 
 import yaml
 
+from daq.acquisition.streams import ROBOT, streams_of
 from daq.emulators.own_cycle import STEADY, Unsteady
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.punctual import Punctual
 from daq.emulators.tcp_port import TcpPort
 from daq.emulators.udp_port import UdpPort
-from daq.links import LinkLost
 from daq.protocol.conversation import Device
-from daq.runner import converse
-from daq.streams import ROBOT, streams_of
+from daq.wire.links import LinkLost
+from daq.wire.session import converse
 from rigs.links import tcp_address, udp_address
 from rigs.rig import Rig
 

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Protocol
 
 from daq import feedback, gauges
+from daq.acquisition.streams import ROBOT, gauge_groups
 from daq.emulators.cell import NONE, Adversity, Cell
 from daq.emulators.own_clock import OwnClock
 from daq.emulators.own_cycle import STEADY, Unsteady
 from daq.emulators.timed import timed_device, timed_read
 from daq.protocol.conversation import Device
-from daq.streams import ROBOT, gauge_groups
 from rigs.feedback import carries_signal
 from rigs.rig import Rig
 

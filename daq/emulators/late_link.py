@@ -6,7 +6,7 @@ import random
 import time
 from collections import deque
 
-from daq.runner import ByteLink
+from daq.wire.session import ByteLink
 
 
 class LateLink:

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
 
-from daq.capture import Mark, Piece
 from daq.emulators.timebase import Steps, Timebase
 from daq.protocol.conversation import Step
+from daq.wire.capture import Mark, Piece
 
 _LOOK_NS = 20_000_000
 """How often it is looked whether the replay has begun."""

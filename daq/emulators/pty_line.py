@@ -21,7 +21,7 @@ from pathlib import Path
 
 from daq.emulators.latency_timer import LatencyTimer
 from daq.emulators.uart import heard
-from daq.links import LinkLost
+from daq.wire.links import LinkLost
 from rigs.links import Line
 
 _SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()}

@@ -16,13 +16,13 @@ from pathlib import Path
 
 import yaml
 
-from daq.capture import Capture, Mark, Piece
+from daq.acquisition.replay_marks import out_of_step_line
+from daq.acquisition.streams import ROBOT, Stream, streams_of
 from daq.emulators.cell import Cell
 from daq.emulators.played import Answering, Exchanges, Speaking
 from daq.emulators.timebase import Steps, Timebase, bearable_ns, u_asked_ns, u_cycle_ns
 from daq.protocol.polled import Polled
-from daq.replayed import out_of_step_line
-from daq.streams import ROBOT, Stream, streams_of
+from daq.wire.capture import Capture, Mark, Piece
 from rigs.errors import FileError
 from rigs.links import tcp_address, udp_address
 from rigs.rig import Rig

@@ -11,9 +11,9 @@ import threading
 from collections.abc import Callable
 
 from daq.emulators.late_link import LateLink
-from daq.links import Link, LinkLost
 from daq.protocol.conversation import Conversation
-from daq.runner import converse
+from daq.wire.links import Link, LinkLost
+from daq.wire.session import converse
 
 _ACCEPT_S = 0.2
 

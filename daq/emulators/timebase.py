@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from daq.capture import Mark, Piece
+from daq.wire.capture import Mark, Piece
 
 _HEAD_START_NS = 100_000_000
 """How much later than in the capture the host hears everything. Its threads start some 10 ms after its ports are open,

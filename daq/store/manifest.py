@@ -19,7 +19,7 @@ from typing import Annotated, Literal
 import pyarrow as pa
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from daq.clocks import read_clocks
+from daq.acquisition.host_clock import read_clocks
 from daq.store.durable import replace
 from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, ColumnType, schema_of, storable, table_schema
 from rigs.errors import FileError

@@ -20,9 +20,9 @@ from pydantic import ValidationError
 from daq.store import durable
 from daq.store.chunk import Salvage, from_parquet, opening_in, salvage, with_opening
 from daq.store.manifest import MANIFEST, Chunk, Manifest, chunk_name, load_manifest, parse_chunk, sha256
-from daq.store.recording import describe, store
 from daq.store.run import read_chunk
 from daq.store.schema import FAULTS
+from daq.store.stream_writer import describe, store
 from rigs.errors import CellError, FileError
 
 TORN = ".torn"

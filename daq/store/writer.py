@@ -27,9 +27,9 @@ from daq.store import durable
 from daq.store.chunk import with_opening
 from daq.store.manifest import Clock, Ending, Manifest, clock_now, iso_now, new_manifest
 from daq.store.memory import give_back
-from daq.store.recording import OpenChunk, Recorder
 from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES, require_room
 from daq.store.schema import FAULTS, schema_of
+from daq.store.stream_writer import OpenChunk, Recorder
 from rigs.errors import CellError
 from rigs.vocabulary import Direction, TestName
 

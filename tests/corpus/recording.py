@@ -23,9 +23,9 @@ import yaml
 from bench import BIN, Bench, ByHand, rig_text
 
 from daq import gauges
-from daq.capture import HEAD, Capture, Mark, Piece, read_capture
+from daq.acquisition.streams import streams_of
 from daq.protocol.conversation import Conversation, Device, Fault, Item, Sample, Step
-from daq.streams import streams_of
+from daq.wire.capture import HEAD, Capture, Mark, Piece, read_capture
 from rigs.load import parse
 from rigs.rig import Rig
 

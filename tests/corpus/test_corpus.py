@@ -12,8 +12,8 @@ import pytest
 from bench import PATIENCE_S, Bench
 from recording import HERE, heard
 
-from daq.capture import Capture, read_capture
 from daq.emulators import Replay
+from daq.wire.capture import Capture, read_capture
 from rigs.errors import FileError
 from rigs.load import parse
 

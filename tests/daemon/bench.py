@@ -15,8 +15,8 @@ from typing import Any
 
 import yaml
 
-from daq.client import Client
 from daq.emulators import Cell, Motion, emulated
+from daq.service.client import Client
 from rigs.load import SHIPPED, parse
 
 PATIENCE_S = 20.0

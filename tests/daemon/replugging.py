@@ -20,7 +20,7 @@ import numpy as np
 import yaml
 from bench import PATIENCE_S, Bench, rig_text
 
-from daq.client import Client
+from daq.service.client import Client
 from daq.store import Run, read_run, verify
 
 STEP_NS = 1_000_000

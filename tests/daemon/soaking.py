@@ -18,14 +18,14 @@ from statistics import median
 from bench import Bench, rig_text
 from replugging import Clockwork, swallow
 
-from daq.client import Client
-from daq.inbox import Inbox
-from daq.label import Label
+from daq.acquisition.stream_buffer import Inbox
+from daq.acquisition.streams import JOINTS
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.pace import Pace
-from daq.recorder import Recorder
+from daq.recording.label import Label
+from daq.recording.recorder import Recorder
+from daq.service.client import Client
 from daq.store import RunWriter, verify
-from daq.streams import JOINTS
 
 GROWTH_MB = 8.0
 """Between the second third and the last; less is the allocator's breath."""

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import pytest
 
-from daq.automatic import Automat, Command, Start, Stop
+from daq.acquisition.pretrigger import Recent
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.recent import Recent
+from daq.recording.trigger import Automat, Command, Start, Stop
 from rigs.automatic import Rule
 
 S = 1_000_000_000

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from analysis.cli import app
 from analysis.reading.events import rule_of
-from daq.automatic import Automat, Start, Stop
 from daq.protocol.conversation import NO_TIME, Sample
+from daq.recording.trigger import Automat, Start, Stop
 from daq.store import RunWriter, read_run
 from rigs.automatic import Automatic
 from rigs.errors import FileError

@@ -13,13 +13,13 @@ import pytest
 import yaml
 from bench import OFF, Bench, rig_text
 
-from daq.attendant import Attendant
-from daq.inbox import Inbox
-from daq.label import Label
+from daq.acquisition.stream_buffer import Inbox
+from daq.acquisition.streams import streams_of
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.recorder import Recorder
+from daq.recording.arbiter import Attendant
+from daq.recording.label import Label
+from daq.recording.recorder import Recorder
 from daq.store import Manifest, RunWriter, durable, load_manifest, read_run, verify
-from daq.streams import streams_of
 from rigs.errors import CellError
 from rigs.load import parse
 

@@ -17,7 +17,7 @@ import pytest
 import yaml
 from bench import BIN, OFF, Bench, rig_text
 
-from daq.client import Client
+from daq.service.client import Client
 from daq.store import read_run
 from rigs.errors import RigError
 

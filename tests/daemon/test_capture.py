@@ -11,8 +11,8 @@ from bench import BIN, PATIENCE_S, Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq import tap
-from daq.capture import HEAD, Capture, Mark, Piece, read_capture
+from daq.acquisition import capture_writer
+from daq.wire.capture import HEAD, Capture, Mark, Piece, read_capture
 from rigs.errors import FileError
 
 PIECES = st.builds(
@@ -87,9 +87,9 @@ def test_the_daemon_keeps_what_it_sends_and_hears_and_refuses_a_file_that_is_the
 def test_a_capture_that_grows_too_long_or_loses_its_disk_ends_and_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    monkeypatch.setattr(tap, "LARGEST", 3000)
-    monkeypatch.setattr(tap, "_ROOM", 10)
-    found = tap.Tap(tmp_path / "log", [])
+    monkeypatch.setattr(capture_writer, "LARGEST", 3000)
+    monkeypatch.setattr(capture_writer, "_ROOM", 10)
+    found = capture_writer.Tap(tmp_path / "log", [])
     for number in range(15):
         found.note("g1", Mark.CAME, bytes(100) + str(number).encode())
     found.start()

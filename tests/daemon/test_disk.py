@@ -12,16 +12,16 @@ from typing import Any
 
 import pytest
 
-import daq.disk
-import daq.inbox
-import daq.quiet_log
-import daq.recorder
-import daq.recording
-import daq.waiting
-from daq.inbox import Inbox
-from daq.label import Label
+import daq.acquisition.stream_buffer
+import daq.recording.active_run
+import daq.recording.io_worker
+import daq.recording.rate_limited_log
+import daq.recording.recorder
+import daq.recording.suspended
+from daq.acquisition.stream_buffer import Inbox
 from daq.protocol.conversation import Sample
-from daq.recorder import Recorder
+from daq.recording.label import Label
+from daq.recording.recorder import Recorder
 from daq.store import RunWriter, durable, load_manifest, read_run, verify
 from rigs.errors import CellError
 
@@ -46,7 +46,7 @@ class Written:
 
     def deliver(self, count: int = 10) -> None:
         """From every reader."""
-        now = daq.recorder.time.monotonic_ns()
+        now = daq.recording.recorder.time.monotonic_ns()
         for inbox in self.inboxes.values():
             inbox.deliver([Sample((float(self.delivered + i),), now, now, now, 8) for i in range(count)])
         self.delivered += count
@@ -99,9 +99,9 @@ def test_the_log_names_a_direction_where_there_is_one(tmp_path: Path, caplog: py
 
 @pytest.fixture
 def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Written:
-    monkeypatch.setattr(daq.waiting, "_FIRST_PAUSE_S", 0.02)
-    monkeypatch.setattr(daq.disk, "_SYNC_S", 0.0)
-    monkeypatch.setattr(daq.quiet_log, "_QUIET_S", 0.0)
+    monkeypatch.setattr(daq.recording.suspended, "_FIRST_PAUSE_S", 0.02)
+    monkeypatch.setattr(daq.recording.io_worker, "_SYNC_S", 0.0)
+    monkeypatch.setattr(daq.recording.rate_limited_log, "_QUIET_S", 0.0)
     return Written(tmp_path)
 
 
@@ -236,7 +236,7 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
         syncing.set()
         assert done.wait(20)
 
-    monkeypatch.setattr(daq.quiet_log, "_SLOW_S", 0.0)
+    monkeypatch.setattr(daq.recording.rate_limited_log, "_SLOW_S", 0.0)
     monkeypatch.setattr(os, "fsync", slow)
     written.deliver()
     written.recorder._round()
@@ -281,7 +281,7 @@ def test_a_sync_that_hangs_holds_so_much_in_memory_and_the_rest_is_counted(
 
     monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
     monkeypatch.setattr("daq.store.writer.MOST_PENDING", 30)
-    monkeypatch.setattr(daq.inbox, "_ROOM", 40)
+    monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 40)
     monkeypatch.setattr(os, "fsync", hang)
     try:
         for _ in range(12):
@@ -391,8 +391,8 @@ def test_a_slow_write_keeps_no_reader_waiting(
         assert done.wait(20)
         return write(fd, data, offset)
 
-    monkeypatch.setattr(daq.inbox, "_ROOM", 50)
-    monkeypatch.setattr(daq.quiet_log, "_SLOW_S", 0.0)
+    monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 50)
+    monkeypatch.setattr(daq.recording.rate_limited_log, "_SLOW_S", 0.0)
     monkeypatch.setattr(os, "pwrite", slow)
     writing = threading.Thread(target=written.round)
     writing.start()
@@ -443,8 +443,8 @@ def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
 def test_what_comes_while_a_run_begins_has_its_bound(
     written: Written, making: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daq.beginning.MOST_PENDING", 30)
-    monkeypatch.setattr(daq.inbox, "_ROOM", 40)
+    monkeypatch.setattr("daq.recording.pending_run.MOST_PENDING", 30)
+    monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 40)
     asked, done = making
     written.recorder.stop_run().result()
     beginning = written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
@@ -462,12 +462,12 @@ def test_a_former_run_that_takes_long_to_bring_back_holds_nothing_up(
 ) -> None:
     reviving, done = threading.Event(), threading.Event()
 
-    def slow(path: Path, revive: Callable[[Path], None] = daq.recorder.revive) -> None:
+    def slow(path: Path, revive: Callable[[Path], None] = daq.recording.recorder.revive) -> None:
         reviving.set()
         assert done.wait(20)
         revive(path)
 
-    monkeypatch.setattr(daq.recorder, "revive", slow)
+    monkeypatch.setattr(daq.recording.recorder, "revive", slow)
     written.round()
     with failing(errno.EIO, "fsync"):
         written.round()
@@ -516,7 +516,7 @@ def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_fir
     written: Written, making: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What it missed stands in the run that nobody wanted any more, and nothing of it in the next."""
-    monkeypatch.setattr(daq.waiting, "_FIRST_PAUSE_S", 60.0)  # tried again when this says so
+    monkeypatch.setattr(daq.recording.suspended, "_FIRST_PAUSE_S", 60.0)  # tried again when this says so
     asked, done = making
     written.round()
     with failing(errno.EIO, "fsync"):
@@ -571,7 +571,7 @@ def test_an_error_in_the_program_while_a_run_begins_is_told_and_ends_the_daemon(
     written.deliver()
     ended: list[type[BaseException]] = []
     monkeypatch.setattr(threading, "excepthook", lambda args: ended.append(args.exc_type))
-    monkeypatch.setattr(daq.recording.Watch, "see", lambda *_: 1 / 0)
+    monkeypatch.setattr(daq.recording.active_run.Watch, "see", lambda *_: 1 / 0)
     beginning = written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
     with pytest.raises(ZeroDivisionError):
         beginning.result(20)

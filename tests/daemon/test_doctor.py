@@ -18,16 +18,16 @@ import pytest
 import yaml
 from bench import Bench, ByHand, rig_text
 
-from daq.client import Client
+from daq.acquisition.streams import Stream, streams_of
 from daq.doctor import Finding, Verdict, computer, examine, ports, trial
 from daq.doctor.examine import told
 from daq.emulators import emulated
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.uart import heard
-from daq.links import open_link
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.runner import ByteLink
-from daq.streams import Stream, streams_of
+from daq.service.client import Client
+from daq.wire.links import open_link
+from daq.wire.session import ByteLink
 from rigs.links import Line
 from rigs.load import parse
 

@@ -13,13 +13,13 @@ import pytest
 from bench import Bench, rig_text
 
 import daq.feedback
-from daq.client import Client
-from daq.control import ControlServer
-from daq.inbox import Inbox
-from daq.links import Link
+from daq.acquisition.reader import Reader
+from daq.acquisition.stream_buffer import Inbox
+from daq.acquisition.streams import Stream, streams_of
 from daq.protocol.conversation import Fault, FaultKind
-from daq.reader import Reader
-from daq.streams import Stream, streams_of
+from daq.service.client import Client
+from daq.service.control import ControlServer
+from daq.wire.links import Link
 from rigs.errors import CellError
 from rigs.feedback import URRTDE, LineFeed
 from rigs.load import parse

@@ -73,7 +73,7 @@ def test_what_is_installed_is_removed_and_what_people_made_stays(tmp_path: Path)
         assert (tmp_path / place).stat().st_mode & 0o777 == 0o644
     for program in ("rig", "rigd"):
         assert (tmp_path / "opt/rig/bin" / program).read_text().startswith("#!/opt/rig/bin/python")
-    assert list((tmp_path / "opt/rig").glob("lib/python*/site-packages/daq/rigd.py"))
+    assert list((tmp_path / "opt/rig").glob("lib/python*/site-packages/daq/service/rigd.py"))
     assert str((tmp_path / "usr/local/bin/rig").readlink()) == "/opt/rig/bin/rig"
     install("--remove")
     left = {path for path in tmp_path.rglob("*") if not path.is_dir()}

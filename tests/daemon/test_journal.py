@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from analysis.cli.logs import line
-from daq import journal
+from daq.service import journal
 from rigs.errors import CellError
 
 STAMP = "1795168800000000"

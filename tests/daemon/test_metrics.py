@@ -14,10 +14,10 @@ from bench import Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.drift import DriftWatch
-from daq.housekeeper import Housekeeper, write_whole
-from daq.prometheus import Metric, render
+from daq.acquisition.clock_drift import DriftWatch
 from daq.protocol.conversation import NO_TIME, FaultKind, Sample
+from daq.service.maintenance import Housekeeper, write_whole
+from daq.service.metrics import Metric, render
 from rigs.errors import CellError
 
 _LINE = re.compile(r'([a-zA-Z_:][a-zA-Z0-9_:]*)(?:\{((?:[a-zA-Z_]\w*="(?:[^"\\\n]|\\["\\n])*",?)*)\})? (\S+)', re.ASCII)

@@ -17,11 +17,11 @@ import pytest
 import yaml
 from bench import PATIENCE_S, Bench, rig_text
 
-from daq.inbox import Inbox
-from daq.links import LinkLost, open_link
-from daq.reader import Reader
+from daq.acquisition.reader import Reader
+from daq.acquisition.stream_buffer import Inbox
+from daq.acquisition.streams import Stream, streams_of
 from daq.store import read_run
-from daq.streams import Stream, streams_of
+from daq.wire.links import LinkLost, open_link
 from rigs.errors import CellError
 from rigs.links import Line
 from rigs.load import parse

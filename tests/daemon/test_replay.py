@@ -15,10 +15,10 @@ import yaml
 from bench import BIN, PATIENCE_S, Bench, rig_text
 
 from analysis.model.emulated import EmulatedRobot
-from daq.capture import read_capture
 from daq.emulators import Replay
 from daq.emulators.played import Speaking
 from daq.protocol.conversation import Step
+from daq.wire.capture import read_capture
 from rigs.errors import FileError
 from rigs.load import parse
 

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from daq.capture import Mark, Piece
+from daq.acquisition.replay_marks import ReplayWatch, out_of_step_line
 from daq.emulators.played import Answering, Exchanges, Speaking
 from daq.emulators.replay import Heard
 from daq.emulators.timebase import Steps, Timebase
 from daq.protocol.conversation import FaultKind
-from daq.replayed import ReplayWatch, out_of_step_line
+from daq.wire.capture import Mark, Piece
 
 MS = 1_000_000
 HEAD = 100 * MS

@@ -15,15 +15,15 @@ import pytest
 from bench import PATIENCE_S, rig_text
 from replugging import KINDS, Clockwork, replug, wrong
 
-import daq.reader
-import daq.recorder
-import daq.streams
-from daq.inbox import Inbox
-from daq.links import Link, LinkLost, open_link
+import daq.acquisition.reader
+import daq.acquisition.streams
+import daq.recording.recorder
+from daq.acquisition.reader import Reader
+from daq.acquisition.stream_buffer import Inbox
+from daq.acquisition.streams import Stream, streams_of
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
-from daq.reader import Reader
 from daq.store import Run, read_run
-from daq.streams import Stream, streams_of
+from daq.wire.links import Link, LinkLost, open_link
 from rigs.errors import CellError
 from rigs.links import Line
 from rigs.load import parse
@@ -100,8 +100,8 @@ def test_names_that_go_while_they_are_listed_end_no_reader(monkeypatch: pytest.M
 
 
 def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(daq.reader, "_FIRST_PAUSE_S", 0.001)
-    monkeypatch.setattr(daq.reader, "_LONGEST_PAUSE_S", 0.001)
+    monkeypatch.setattr(daq.acquisition.reader, "_FIRST_PAUSE_S", 0.001)
+    monkeypatch.setattr(daq.acquisition.reader, "_LONGEST_PAUSE_S", 0.001)
     gauge = streams_of(parse(rig_text(), "bench"))[0]
     stream = Stream(gauge.name, ("g1_mm",), gauge.port, gauge.line, _OneReading)
     inbox, attempts, ended = Inbox(stream.name, stream.columns), [], threading.Event()
@@ -114,7 +114,7 @@ def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch
             ended.set()
         raise CellError("g1", "no such port" if len(attempts) < 20 else "permission denied", "plug it in")
 
-    monkeypatch.setattr(daq.streams, "open_link", opened)
+    monkeypatch.setattr(daq.acquisition.streams, "open_link", opened)
     reader = Reader(stream, inbox, Link("g1", -1, lambda: None))
     reader.start()
     assert ended.wait(PATIENCE_S)
@@ -155,7 +155,7 @@ def test_faults_held_back_to_be_told_as_one_are_told_when_the_link_is_lost() -> 
 def test_what_says_more_of_a_fault_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     """The end of an outage within ten seconds of its beginning is no repetition."""
     inbox = Inbox("g1", ("g1_mm",))
-    recorder = daq.recorder.Recorder({"g1": inbox}, _no_run, lambda: None)
+    recorder = daq.recording.recorder.Recorder({"g1": inbox}, _no_run, lambda: None)
     inbox.deliver([Fault(FaultKind.DISCONNECTED, 1, "lost"), Fault(FaultKind.DISCONNECTED, 2, "back", 0)])
     inbox.deliver([Fault(FaultKind.DISCONNECTED, 3, "lost")])
     with caplog.at_level(logging.INFO, "rigd"):

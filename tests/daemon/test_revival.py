@@ -15,9 +15,9 @@ import pytest
 from bench import PATIENCE_S, Bench, rig_text
 
 from daq.protocol.conversation import Sample
-from daq.revival import Revival
 from daq.store import RunWriter, durable, load_manifest, read_run, verify
 from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES
+from daq.store.startup_recovery import Revival
 
 WHO: dict[str, Any] = {"rig_name": "r", "rig_text": "", "operator": "", "streams": {"g1": ("g1_mm",)}}
 
@@ -106,9 +106,9 @@ def test_a_directory_that_nobody_may_look_into_keeps_no_run_from_being_recovered
 
 SMALL_DISK = 'mount -t tmpfs -o size="$0" tmpfs runs && exec "$@"'
 IMPATIENT = """
-import daq.waiting
-daq.waiting._FIRST_PAUSE_S = daq.waiting._LONGEST_PAUSE_S = 0.2
-from daq.rigd import main
+import daq.recording.suspended
+daq.recording.suspended._FIRST_PAUSE_S = daq.recording.suspended._LONGEST_PAUSE_S = 0.2
+from daq.service.rigd import main
 main()
 """
 

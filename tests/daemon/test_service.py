@@ -86,7 +86,7 @@ def test_the_group_may_read_a_run_and_use_the_socket(bench: Bench) -> None:
 def _failing_daemon(bench: Bench, patch: str) -> Bench:
     """The daemon with an error in the program, which `patch` plants."""
     program = bench.folder / "rigd.py"
-    program.write_text(f"import sys; sys.path.pop(0)\n{patch}\nfrom daq.rigd import main; main()")
+    program.write_text(f"import sys; sys.path.pop(0)\n{patch}\nfrom daq.service.rigd import main; main()")
     return bench.start(program=[sys.executable, program])
 
 
@@ -106,7 +106,7 @@ def host(feedback):
 daq.feedback.host = host
 """
 BROKEN_WRITER = """
-from daq.recorder import Recorder
+from daq.recording.recorder import Recorder
 take, rounds = Recorder._take, []
 def break_down(self, *, sync):
     rounds.append(self._recording)

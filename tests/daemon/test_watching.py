@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from daq.inbox import Inbox
-from daq.label import Label
+from daq.acquisition.plausibility import IN_ERROR_S, STUCK_S, TIMES_IN_ERROR, Watch
+from daq.acquisition.stream_buffer import Inbox
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
-from daq.recorder import Recorder
+from daq.recording.label import Label
+from daq.recording.recorder import Recorder
 from daq.store import RunWriter, read_run
-from daq.watching import IN_ERROR_S, STUCK_S, TIMES_IN_ERROR, Watch
 
 S = 1_000_000_000
 G1, ROBOT = ("g1_mm",), tuple(f"q{axis}_deg" for axis in range(1, 7))

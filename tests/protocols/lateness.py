@@ -17,13 +17,13 @@ from drivers import GAUGES
 from simulated import S, simulate
 
 import daq.gauges
+from daq.acquisition.reader import Reader
+from daq.acquisition.stream_buffer import Inbox, faults_of, samples_of
+from daq.acquisition.streams import Stream
 from daq.emulators.pty_line import PtyLine
-from daq.inbox import Inbox, faults_of, samples_of
 from daq.protocol.conversation import Device, Fault, FaultKind, Item, Sample, Step
 from daq.protocol.polled import Polled
-from daq.reader import Reader
-from daq.runner import converse
-from daq.streams import Stream
+from daq.wire.session import converse
 from rigs.gauges import Gauge
 
 TIMEOUT_S = 0.05

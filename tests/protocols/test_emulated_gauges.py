@@ -15,9 +15,9 @@ import yaml
 from drivers import LINE, NEEDED
 from simulated import S, simulate
 
+from daq.acquisition.streams import streams_of
 from daq.emulators.instruments import gauge_device
 from daq.protocol.conversation import NO_TIME, Fault, Sample
-from daq.streams import streams_of
 from rigs.load import SHIPPED, parse
 from rigs.problems import RigFileError
 

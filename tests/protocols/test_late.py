@@ -10,7 +10,7 @@ from lateness import TIMEOUT_S, Numbered, polled, simulated, wired
 from simulated import S, simulate
 
 import daq.gauges
-from daq.inbox import samples_of
+from daq.acquisition.stream_buffer import samples_of
 from daq.protocol.conversation import Device, FaultKind, Step
 from daq.protocol.framing import Message
 from daq.protocol.modbus import RtuRequests

@@ -13,7 +13,7 @@ import pytest
 from store_cases import assert_holds, crash, finished, record, samples, sync
 
 from daq.store import RunWriter, load_manifest, read_run, recover, verify
-from daq.store.recording import Recorder
+from daq.store.stream_writer import Recorder
 from rigs.errors import CellError, FileError
 
 HERE = Path(__file__).parent
@@ -332,7 +332,7 @@ def test_failed_fsync_condemns_the_writer(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_a_run_that_could_not_be_closed_is_not_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     writer = record(tmp_path)
-    monkeypatch.setattr("daq.store.recording.to_parquet", refuse)
+    monkeypatch.setattr("daq.store.stream_writer.to_parquet", refuse)
     with pytest.raises(CellError, match="No space left"):
         writer.close("complete", "told to stop", {"g1": {"samples": 12}})
     monkeypatch.undo()
@@ -347,7 +347,7 @@ def test_a_run_that_could_not_be_closed_is_not_complete(tmp_path: Path, monkeypa
 def test_chunk_that_could_not_be_closed_is_closed_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     writer = record(tmp_path, batches=1, chunk_rows=8)
     writer.append("g1", samples(4, 1, 4))
-    monkeypatch.setattr("daq.store.recording.to_parquet", refuse)
+    monkeypatch.setattr("daq.store.stream_writer.to_parquet", refuse)
     with pytest.raises(CellError, match="No space left"):
         sync(writer)
     monkeypatch.undo()

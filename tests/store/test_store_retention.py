@@ -13,7 +13,7 @@ from store_cases import finished, record
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from daq.janitor import Janitor
+from daq.service.maintenance import Janitor
 from daq.store import durable, mark_exported, mark_kept, survey, verify
 from daq.store.marks import MARKS, Export, Marks, load_marks
 from daq.store.retention import RunInfo, decide, delete, look

@@ -8,14 +8,13 @@ from typing import Any
 
 import pytest
 
-import daq.recorder
+import daq.recording.recorder
 import daq.store.writer
-from daq.clocks import Readings, read_clocks
-from daq.clockwatch import HOST, ClockWatch
-from daq.inbox import Inbox
-from daq.label import Label
+from daq.acquisition.host_clock import HOST, ClockWatch, Readings, read_clocks
+from daq.acquisition.stream_buffer import Inbox
 from daq.protocol.conversation import Sample
-from daq.recorder import Recorder
+from daq.recording.label import Label
+from daq.recording.recorder import Recorder
 from daq.store import RunWriter, read_run
 from daq.store.manifest import Clock
 
@@ -71,7 +70,7 @@ def test_this_computers_clocks_are_read_together() -> None:
 def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, monkeypatch: Any) -> None:
     """The wall clock is set by an hour while a recording runs."""
     now = [START]
-    monkeypatch.setattr(daq.recorder, "read_clocks", lambda: now[0])
+    monkeypatch.setattr(daq.recording.recorder, "read_clocks", lambda: now[0])
     anchor = Clock(monotonic_ns=now[0].monotonic_ns, unix_ns=now[0].wall_ns, bracket_ns=0)
     monkeypatch.setattr(daq.store.writer, "clock_now", lambda: anchor)
     inbox = Inbox("g1", ("g1_mm",))
@@ -91,7 +90,7 @@ def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, 
         return writer
 
     recorder = Recorder({"g1": inbox}, create, lambda: None)
-    monkeypatch.setattr(daq.recorder, "require_readings", lambda inboxes, test: None)
+    monkeypatch.setattr(daq.recording.recorder, "require_readings", lambda inboxes, test: None)
     path = recorder.start_run(Label(name="a", test="radial")).result()
     now[0] = later(START, 10.0, stepped_s=3600.0)
     anchor = Clock(monotonic_ns=now[0].monotonic_ns, unix_ns=now[0].wall_ns, bracket_ns=0)

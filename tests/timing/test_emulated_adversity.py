@@ -17,9 +17,9 @@ from daq.emulators.own_clock import OwnClock
 from daq.emulators.own_cycle import OwnCycle, Unsteady
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.timed import timed_read
-from daq.links import open_link
 from daq.protocol.conversation import Item, Sample
-from daq.runner import converse
+from daq.wire.links import open_link
+from daq.wire.session import converse
 from rigs.feedback import URRTDE
 from rigs.links import Line
 from rigs.load import load

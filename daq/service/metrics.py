@@ -5,14 +5,16 @@ Counters begin at zero with the daemon, and every kind of fault is there from th
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
 
-from daq.clockwatch import HOST
-from daq.prometheus import Labels, Metric, render
+from daq.acquisition.host_clock import HOST
 from daq.protocol.conversation import FaultKind
 
 Status = Mapping[str, Any]
+Labels = Mapping[str, str]
 _RETENTION = {
     "runs": ("rig_runs", "gauge", "Runs of this rig on the disk."),
     "bytes": ("rig_runs_bytes", "gauge", "Bytes of these runs."),
@@ -110,3 +112,44 @@ def _automatic(automatic: Status | None) -> Iterator[Metric]:
 
 def _one(name: str, words: str, value: float | None) -> Metric:
     return Metric(name, "gauge", words, () if value is None else (({}, value),))
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One name with its values; a counter's name ends in `_total`, and a unit is in the name."""
+
+    name: str
+    kind: Literal["gauge", "counter"]
+    help: str
+    values: tuple[tuple[Labels, float], ...]
+
+
+def render(metrics: Iterable[Metric]) -> str:
+    """The text of metrics, those without a value left out."""
+    return "".join(_block(metric) for metric in metrics if metric.values)
+
+
+def _block(metric: Metric) -> str:
+    head = f"# HELP {metric.name} {_escaped(metric.help)}\n# TYPE {metric.name} {metric.kind}\n"
+    return head + "".join(f"{metric.name}{_labels(labels)} {_number(value)}\n" for labels, value in metric.values)
+
+
+def _labels(labels: Labels) -> str:
+    written = ",".join(f'{name}="{_quoted(value)}"' for name, value in labels.items())
+    return f"{{{written}}}" if written else ""
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", r"\\").replace("\n", r"\n")
+
+
+def _quoted(text: str) -> str:
+    return _escaped(text).replace('"', r"\"")
+
+
+def _number(value: float) -> str:
+    if math.isnan(value):
+        return "NaN"
+    if math.isinf(value):
+        return "+Inf" if value > 0 else "-Inf"
+    return repr(value) if isinstance(value, float) and not value.is_integer() else str(int(value))

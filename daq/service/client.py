@@ -8,7 +8,7 @@ import socket
 from pathlib import Path
 from typing import Any
 
-from daq.control import ANSWERS_S, connect, socket_directory
+from daq.service.control import ANSWERS_S, connect, socket_directory
 from rigs.errors import CellError, RigError
 
 _KNOCK_S = 1.0

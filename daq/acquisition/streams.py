@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from daq import feedback, gauges
-from daq.links import DEAD_S, Link, open_link
 from daq.protocol.conversation import Host
+from daq.wire.links import DEAD_S, Link, open_link
 from rigs.feedback import SIGNAL, carries_signal
 from rigs.links import Line
 from rigs.rig import Rig
@@ -25,7 +25,7 @@ _PATIENCE = 3
 class Stream:
     """One link: what it is called, where it is, what its samples hold, and who speaks on it.
 
-    dead_s, listens: see `daq.links.open_link`.
+    dead_s, listens: see `daq.wire.links.open_link`.
     """
 
     name: str

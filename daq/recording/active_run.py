@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from daq.clockwatch import HOST
-from daq.inbox import faults_of, samples_of
-from daq.label import Label
+from daq.acquisition.host_clock import HOST
+from daq.acquisition.plausibility import Watch
+from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.protocol.conversation import Fault, FaultKind, Item
+from daq.recording.label import Label
 from daq.store import RunWriter
-from daq.watching import Watch
 
 
 class Recording:

@@ -1,7 +1,8 @@
 """The writer's side: drains every inbox, and while a recording runs, puts what came onto the disk.
 
 One lock guards the recording, and one thread does the periodic work; the readers never take that lock, and whoever
-holds it never waits for the disk to sync: other threads do (`daq.disk`), also to begin a run and to bring one back.
+holds it never waits for the disk to sync: other threads do (`daq.recording.io_worker`), also to begin a run and to
+bring one back.
 A disk that is nearly full or fails ends the run, not the daemon and not the recording: what was synced
 stays, what comes meanwhile is counted, and a run that names the former goes on when the disk lets it.
 """
@@ -17,21 +18,19 @@ from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
 
-from daq.beginning import Beginning, Ended, pass_on
-from daq.clocks import read_clocks
-from daq.clockwatch import HOST, ClockWatch
-from daq.disk import Disk
-from daq.inbox import Inbox, faults_of, samples_of
-from daq.label import Label
+from daq.acquisition.host_clock import HOST, ClockWatch, read_clocks
+from daq.acquisition.pretrigger import Recent
+from daq.acquisition.stream_buffer import Inbox, faults_of, samples_of
 from daq.protocol.conversation import Fault, FaultKind, Item
-from daq.quiet_log import QuietLog
-from daq.readiness import require_readings
-from daq.recent import Recent
-from daq.recording import Recording
-from daq.revival import revive
+from daq.recording.active_run import Recording
+from daq.recording.io_worker import Disk
+from daq.recording.label import Label
+from daq.recording.pending_run import Beginning, Ended, pass_on, require_readings
+from daq.recording.rate_limited_log import QuietLog
+from daq.recording.suspended import Waiting
 from daq.store import NearlyFull, RunWriter
 from daq.store.manifest import Ending
-from daq.waiting import Waiting
+from daq.store.startup_recovery import revive
 from rigs.errors import CellError, RigError
 
 log = logging.getLogger("rigd")

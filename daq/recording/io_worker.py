@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
-from daq.quiet_log import QuietLog
+from daq.recording.rate_limited_log import QuietLog
 from daq.store import RunWriter
 from daq.store.memory import keep_large_blocks_apart
 from daq.store.writer import Work

@@ -11,13 +11,13 @@ import threading
 import time
 from collections.abc import Sequence
 
-from daq.capture import Mark
-from daq.inbox import Inbox
-from daq.links import Link, LinkLost
+from daq.acquisition.capture_writer import Tap
+from daq.acquisition.stream_buffer import Inbox
+from daq.acquisition.streams import Stream
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
-from daq.runner import converse
-from daq.streams import Stream
-from daq.tap import Tap
+from daq.wire.capture import Mark
+from daq.wire.links import Link, LinkLost
+from daq.wire.session import converse
 from rigs.errors import CellError
 
 _FIRST_PAUSE_S = 0.2

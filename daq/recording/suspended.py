@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from daq.label import Label
+from daq.recording.label import Label
 from daq.store.manifest import load_manifest
 from rigs.errors import CellError, FileError
 

@@ -16,12 +16,12 @@ from concurrent.futures import Future
 from datetime import UTC, datetime
 from pathlib import Path
 
-from daq.automatic import Automat, Command, Start, Stop
-from daq.beginning import Ended
-from daq.inbox import samples_of
-from daq.label import Label
+from daq.acquisition.stream_buffer import samples_of
 from daq.protocol.conversation import Item, Sample
-from daq.recorder import Recorder
+from daq.recording.label import Label
+from daq.recording.pending_run import Ended
+from daq.recording.recorder import Recorder
+from daq.recording.trigger import Automat, Command, Start, Stop
 from daq.store.manifest import Ending
 from rigs.automatic import Automatic, Rule
 from rigs.errors import RigError

@@ -15,9 +15,9 @@ from typing import Annotated
 
 import typer
 
-from daq import journal
-from daq.control import socket_directory
-from daq.daemon import Daemon
+from daq.service import journal
+from daq.service.control import socket_directory
+from daq.service.daemon import Daemon
 from daq.store.manifest import Ending
 from rigs.errors import RigError
 from rigs.load import load

@@ -13,9 +13,9 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from pathlib import Path
 
-from daq.capture import HEAD, Mark, Piece
-from daq.runner import ByteLink
-from daq.streams import Stream
+from daq.acquisition.streams import Stream
+from daq.wire.capture import HEAD, Mark, Piece
+from daq.wire.session import ByteLink
 from rigs.errors import FileError
 
 log = logging.getLogger("rigd")

@@ -12,26 +12,25 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from daq.attendant import Attendant
-from daq.clockwatch import HOST
-from daq.control import ControlServer, Lock
-from daq.drift import DriftWatch
-from daq.housekeeper import Housekeeper
-from daq.inbox import Inbox, samples_of
-from daq.janitor import Janitor
-from daq.label import NAME_RULE, Label
-from daq.links import Link
-from daq.metrics import metrics_text
-from daq.notify import notify, watchdog_s
+from daq.acquisition.capture_writer import Tap
+from daq.acquisition.clock_drift import DriftWatch
+from daq.acquisition.host_clock import HOST
+from daq.acquisition.reader import Reader
+from daq.acquisition.replay_marks import ReplayWatch
+from daq.acquisition.stream_buffer import Inbox, samples_of
+from daq.acquisition.streams import ROBOT, streams_of
 from daq.protocol.conversation import Item
-from daq.reader import Reader
-from daq.recorder import Recorder
-from daq.replayed import ReplayWatch
-from daq.revival import Revival
+from daq.recording.arbiter import Attendant
+from daq.recording.label import NAME_RULE, Label
+from daq.recording.recorder import Recorder
+from daq.service.control import ControlServer, Lock
+from daq.service.maintenance import Housekeeper, Janitor
+from daq.service.metrics import metrics_text
+from daq.service.sd_notify import notify, watchdog_s
 from daq.store import RunWriter
 from daq.store.manifest import Ending
-from daq.streams import ROBOT, streams_of
-from daq.tap import Tap
+from daq.store.startup_recovery import Revival
+from daq.wire.links import Link
 from rigs.errors import CellError, RigError
 from rigs.rig import Rig
 from rigs.vocabulary import CIRCLES
