@@ -25,7 +25,7 @@ _ROOM = 200_000
 _WRITE_S = 0.5
 
 
-class Tap(threading.Thread):
+class CaptureWriter(threading.Thread):
     """The capture of one daemon, from its start to `stop`."""
 
     def __init__(self, path: Path, streams: Sequence[Stream]) -> None:
@@ -43,11 +43,11 @@ class Tap(threading.Thread):
             raise FileError(str(path), error.strerror or str(error), "give --capture another file") from None
         self._size = self._file.write("".join(f"{line}\n" for line in [HEAD, *map(_described, streams)]))
 
-    def on(self, stream: str, link: ByteLink) -> ByteLink:
+    def captured(self, stream: str, link: ByteLink) -> ByteLink:
         """The link, with a tap on it."""
-        return _Tapped(self, stream, link)
+        return _CapturedLink(self, stream, link)
 
-    def note(self, stream: str, mark: Mark, data: bytes) -> None:
+    def add(self, stream: str, mark: Mark, data: bytes) -> None:
         """Something happens on a stream now."""
         piece = Piece(time.monotonic_ns(), stream, mark, data)
         with self._lock:
@@ -101,20 +101,20 @@ class Tap(threading.Thread):
             log.error("capture %s ended: %s", self._path, why)
 
 
-class _Tapped:
+class _CapturedLink:
     """A link whose bytes are noted as they pass."""
 
-    def __init__(self, tap: Tap, stream: str, link: ByteLink) -> None:
-        self._tap, self._stream, self._link = tap, stream, link
+    def __init__(self, writer: CaptureWriter, stream: str, link: ByteLink) -> None:
+        self._writer, self._stream, self._link = writer, stream, link
 
     def read(self, timeout_s: float) -> bytes:
         data = self._link.read(timeout_s)
         if data:
-            self._tap.note(self._stream, Mark.CAME, data)
+            self._writer.add(self._stream, Mark.CAME, data)
         return data
 
     def write(self, data: bytes) -> None:
-        self._tap.note(self._stream, Mark.SENT, data)
+        self._writer.add(self._stream, Mark.SENT, data)
         self._link.write(data)
 
 

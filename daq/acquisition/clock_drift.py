@@ -30,7 +30,7 @@ class ClockState:
     late_s: float
 
 
-class DriftWatch:
+class DriftMonitor:
     """The minima of the last ten minutes."""
 
     def __init__(self) -> None:

@@ -20,7 +20,7 @@ _TRIES = 10
 
 
 @dataclass(frozen=True)
-class Readings:
+class ClockReadings:
     """The three clocks, ns: true of one instant to within bracket_ns. boot_ns goes on while the computer sleeps."""
 
     monotonic_ns: int
@@ -29,25 +29,25 @@ class Readings:
     bracket_ns: int = 0
 
 
-def read_clocks() -> Readings:
+def read_clocks() -> ClockReadings:
     """Now; of some tries the one that the scheduler interrupted least."""
     return min((_read() for _ in range(_TRIES)), key=lambda tried: tried.bracket_ns)
 
 
-def _read() -> Readings:
+def _read() -> ClockReadings:
     before = time.monotonic_ns()
     wall_ns, boot_ns = time.time_ns(), time.clock_gettime_ns(time.CLOCK_BOOTTIME)
     after = time.monotonic_ns()
-    return Readings((before + after) // 2, wall_ns, boot_ns, after - before)
+    return ClockReadings((before + after) // 2, wall_ns, boot_ns, after - before)
 
 
-class ClockWatch:
+class HostClockMonitor:
     """Compares each look at the clocks with the last that had news."""
 
-    def __init__(self, first: Readings) -> None:
+    def __init__(self, first: ClockReadings) -> None:
         self._known = first
 
-    def look(self, now: Readings) -> list[Fault]:
+    def check(self, now: ClockReadings) -> list[Fault]:
         """What has happened to the clocks since."""
         known = self._known
         slept_ns = (now.boot_ns - known.boot_ns) - (now.monotonic_ns - known.monotonic_ns)

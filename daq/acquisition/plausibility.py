@@ -30,7 +30,7 @@ _STILL_DEG = 0.1
 
 
 @dataclass
-class _Gauge:
+class _GaugeState:
     """What one gauge has shown: the reading it has now, since when, how often, and where the robot was then."""
 
     reading: float = math.nan
@@ -38,33 +38,33 @@ class _Gauge:
     count: int = 0
     travel_deg: float = 0.0
     finest_mm: float = math.inf
-    told: bool = False
+    reported: bool = False
 
 
 @dataclass
-class Watch:
+class PlausibilityCheck:
     """Watches the streams of one recording. touching: its gauges touch all along."""
 
     touching: bool
-    _gauges: dict[str, _Gauge] = field(default_factory=dict)
+    _gauges: dict[str, _GaugeState] = field(default_factory=dict)
     _joints: tuple[float, ...] = ()
     _travel_deg: float = 0.0
     _errors: dict[str, deque[int]] = field(default_factory=dict)
     _in_error: dict[str, bool] = field(default_factory=dict)
 
-    def see(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
+    def check(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
         """What passed on a stream since the last call, in order; what there is to doubt about it."""
         samples = [item for item in items if isinstance(item, Sample)]
         if "q1_deg" in columns:
             self._follow(samples)
             return []
-        told = self._unsteady(stream, items)
+        doubts = self._intermittent(stream, items)
         for place, column in enumerate(columns if self.touching else ()):
-            gauge = self._gauges.setdefault(column, _Gauge())
+            gauge = self._gauges.setdefault(column, _GaugeState())
             for sample in samples:
-                told += self._reads(column, gauge, sample.values[place], sample.last_byte_ns)
-            told += self._stuck(column, gauge, samples)
-        return told
+                doubts += self._update(column, gauge, sample.values[place], sample.last_byte_ns)
+            doubts += self._sticking(column, gauge, samples)
+        return doubts
 
     def _follow(self, samples: Sequence[Sample]) -> None:
         """How far the robot has moved, by the joint that moved most; once a call is often enough."""
@@ -76,47 +76,49 @@ class Watch:
             self._travel_deg += moved_deg if self._joints else 0.0
             self._joints = joints
 
-    def _reads(self, column: str, gauge: _Gauge, value_mm: float, at_ns: int) -> list[Fault]:
+    def _update(self, column: str, gauge: _GaugeState, value_mm: float, at_ns: int) -> list[Fault]:
         if value_mm == gauge.reading or math.isnan(value_mm):
             gauge.count += value_mm == gauge.reading
             return []
-        freed = [_doubt(at_ns, f"{_name(column)} moves again", 0)] if gauge.told else []
+        freed = [_doubtful(at_ns, f"{_name(column)} moves again", 0)] if gauge.reported else []
         step_mm = abs(value_mm - gauge.reading)
         gauge.finest_mm = gauge.finest_mm if math.isnan(step_mm) else min(gauge.finest_mm, step_mm)
-        gauge.reading, gauge.since_ns, gauge.count, gauge.told = value_mm, at_ns, 1, False
+        gauge.reading, gauge.since_ns, gauge.count, gauge.reported = value_mm, at_ns, 1, False
         gauge.travel_deg = self._travel_deg
         return freed
 
-    def _stuck(self, column: str, gauge: _Gauge, samples: Sequence[Sample]) -> list[Fault]:
-        if gauge.told or not samples or gauge.count < STUCK_READINGS:
+    def _sticking(self, column: str, gauge: _GaugeState, samples: Sequence[Sample]) -> list[Fault]:
+        if gauge.reported or not samples or gauge.count < STUCK_READINGS:
             return []
         now_ns = samples[-1].last_byte_ns
         seconds, moved_deg = (now_ns - gauge.since_ns) / 1e9, self._travel_deg - gauge.travel_deg
         if seconds < STUCK_S or moved_deg < (STUCK_DEG if gauge.finest_mm < COARSE_MM else COARSE_DEG):
             return []
-        gauge.told = True
+        gauge.reported = True
         what = f"has shown exactly {gauge.reading:.4f} mm for {seconds:.0f} s while the robot moved {moved_deg:.0f}°"
-        return [_doubt(now_ns, f"{_name(column)} {what}: is its plunger free, is the display on HOLD?")]
+        return [_doubtful(now_ns, f"{_name(column)} {what}: is its plunger free, is the display on HOLD?")]
 
-    def _unsteady(self, stream: str, items: Sequence[Item]) -> list[Fault]:
+    def _intermittent(self, stream: str, items: Sequence[Item]) -> list[Fault]:
         times = self._errors.setdefault(stream, deque(maxlen=TIMES_IN_ERROR))
-        told = []
+        doubts = []
         for item in items:
             error = isinstance(item, Fault) and item.kind is FaultKind.DEVICE_ERROR
             if isinstance(item, Fault) and error and not self._in_error.get(stream, False):
                 times.append(item.at_ns)
                 if len(times) == TIMES_IN_ERROR and (span_s := (item.at_ns - times[0]) / 1e9) <= IN_ERROR_S:
                     what = f"went in and out of error {TIMES_IN_ERROR} times in {span_s:.0f} s ({item.detail})"
-                    told.append(_doubt(item.at_ns, f"{stream} {what}: does the whole motion lie within its range?"))
+                    doubts.append(
+                        _doubtful(item.at_ns, f"{stream} {what}: does the whole motion lie within its range?")
+                    )
                     times.clear()
             if error or isinstance(item, Sample):
                 self._in_error[stream] = error
-        return told
+        return doubts
 
 
 def _name(column: str) -> str:
     return column.removesuffix("_mm")
 
 
-def _doubt(at_ns: int, detail: str, count: int = 1) -> Fault:
+def _doubtful(at_ns: int, detail: str, count: int = 1) -> Fault:
     return Fault(FaultKind.DOUBTFUL, at_ns, detail, count)

@@ -11,7 +11,7 @@ from daq.protocol.conversation import Item, Sample
 KEPT_NS = 5_000_000_000
 
 
-class Recent:
+class PretriggerBuffer:
     """Items of the last five seconds and of the rounds since then; some thousands a stream."""
 
     def __init__(self, streams: Iterable[str]) -> None:

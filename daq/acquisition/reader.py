@@ -11,13 +11,13 @@ import threading
 import time
 from collections.abc import Sequence
 
-from daq.acquisition.capture_writer import Tap
-from daq.acquisition.stream_buffer import Inbox
+from daq.acquisition.capture_writer import CaptureWriter
+from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 from daq.wire.capture import Mark
 from daq.wire.links import Link, LinkLost
-from daq.wire.session import converse
+from daq.wire.session import run_conversation
 from rigs.errors import CellError
 
 _FIRST_PAUSE_S = 0.2
@@ -27,9 +27,9 @@ _LONGEST_PAUSE_S = 5.0
 class Reader(threading.Thread):
     """Reads one stream into its inbox until told to stop."""
 
-    def __init__(self, stream: Stream, inbox: Inbox, link: Link, tap: Tap | None = None) -> None:
+    def __init__(self, stream: Stream, buffer: StreamBuffer, link: Link, capture: CaptureWriter | None = None) -> None:
         super().__init__(name=f"read {stream.name}", daemon=True)
-        self._stream, self._inbox, self._tap = stream, inbox, tap
+        self._stream, self._buffer, self._capture = stream, buffer, capture
         self._link: Link | None = link
         self._stop_asked = threading.Event()
         self._pause_s = _FIRST_PAUSE_S
@@ -45,7 +45,7 @@ class Reader(threading.Thread):
     def run(self) -> None:
         """The thread's body."""
         while not self._stop_asked.is_set():
-            self._inbox.beat()
+            self._buffer.beat()
             if self._link is None:
                 self._reopen()
             else:
@@ -54,69 +54,69 @@ class Reader(threading.Thread):
             self._link.close()
 
     def _read(self, link: Link) -> None:
-        self._inbox.connected = True
-        self._note(Mark.OPENED, self._stream.port)
-        tapped = self._tap.on(self._stream.name, link) if self._tap else link
+        self._buffer.connected = True
+        self._capture_mark(Mark.OPENED, self._stream.port)
+        recorded = self._capture.captured(self._stream.name, link) if self._capture else link
 
         def deliver(items: Sequence[Item]) -> None:
-            link.heed(items)
+            link.note_items(items)
             self._deliver(items)
 
         def alive() -> None:
-            self._inbox.beat()
-            if left_out := link.left_out():
-                self._inbox.deliver(left_out)
+            self._buffer.beat()
+            if take_ignored := link.take_ignored():
+                self._buffer.deliver(take_ignored)
 
         conversation = self._stream.host()
         try:
-            converse(tapped, conversation, deliver, self._stop_asked.is_set, alive)
+            run_conversation(recorded, conversation, deliver, self._stop_asked.is_set, alive)
             reason = "the conversation could not go on"
         except LinkLost as error:
             reason = str(error)
         finally:
-            self._inbox.connected = False
+            self._buffer.connected = False
             link.close()
             self._link = None
-        self._note(Mark.LOST, reason)
-        self._inbox.deliver(conversation.lost(time.monotonic_ns()))
+        self._capture_mark(Mark.LOST, reason)
+        self._buffer.deliver(conversation.lost(time.monotonic_ns()))
         if not self._stop_asked.is_set():
             self._lost_ns = self._lost_ns or time.monotonic_ns()
-            self._tell(f"{self._stream.port} lost: {reason}; opening it again", 1)
-            self._wait()
+            self._report(f"{self._stream.port} lost: {reason}; opening it again", 1)
+            self._back_off()
 
     def _deliver(self, items: Sequence[Item]) -> None:
         if self._lost_ns is not None and any(isinstance(item, Sample) for item in items):
-            self._back(self._lost_ns)
-        self._inbox.deliver(items)
+            self._end_outage(self._lost_ns)
+        self._buffer.deliver(items)
 
     def _reopen(self) -> None:
         try:
-            with self._inbox.opening():
+            with self._buffer.opening():
                 self._link = self._stream.open()
         except CellError as error:
             if str(error) not in self._reasons:
                 self._reasons.add(str(error))
-                self._tell(str(error), 0)
-            self._wait()
+                self._report(str(error), 0)
+            self._back_off()
 
-    def _wait(self) -> None:
+    def _back_off(self) -> None:
         """Back off, doubling up to a bound, without missing a heartbeat."""
         until = time.monotonic() + self._pause_s
         while not self._stop_asked.wait(min(0.2, max(0.0, until - time.monotonic()))):
-            self._inbox.beat()
+            self._buffer.beat()
             if time.monotonic() >= until:
                 break
         self._pause_s = min(_LONGEST_PAUSE_S, 2 * self._pause_s)
 
-    def _back(self, lost_ns: int) -> None:
+    def _end_outage(self, lost_ns: int) -> None:
         """The outage ends."""
         self._lost_ns, self._pause_s = None, _FIRST_PAUSE_S
         self._reasons.clear()
-        self._tell(f"{self._stream.port} is back after {(time.monotonic_ns() - lost_ns) / 1e9:.1f} s", 0)
+        self._report(f"{self._stream.port} is back after {(time.monotonic_ns() - lost_ns) / 1e9:.1f} s", 0)
 
-    def _note(self, mark: Mark, text: str) -> None:
-        if self._tap:
-            self._tap.note(self._stream.name, mark, text.encode("ascii", "replace"))
+    def _capture_mark(self, mark: Mark, text: str) -> None:
+        if self._capture:
+            self._capture.add(self._stream.name, mark, text.encode("ascii", "replace"))
 
-    def _tell(self, detail: str, count: int) -> None:
-        self._inbox.deliver([Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), detail, count)])
+    def _report(self, detail: str, count: int) -> None:
+        self._buffer.deliver([Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), detail, count)])

@@ -20,14 +20,14 @@ def out_of_step_line(stream: str, off_ns: float) -> str:
     return f"{stream} {off_ns / 1e6:+.1f}\n"
 
 
-class ReplayWatch:
+class ReplayMarks:
     """Follows the file from where it ends now."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._read = len(self._lines())
 
-    def news(self) -> list[tuple[str, Fault]]:
+    def read_new(self) -> list[tuple[str, Fault]]:
         """What was added since the last look: names of streams, and the fault of each."""
         lines = self._lines()[self._read :]
         self._read += len(lines)

@@ -36,7 +36,7 @@ class StreamState:
 
 
 @dataclass
-class Inbox:
+class StreamBuffer:
     """Thread-safe; one reader delivers, one writer drains, anybody asks for the state."""
 
     name: str

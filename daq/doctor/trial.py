@@ -15,7 +15,7 @@ from daq.acquisition.streams import Stream
 from daq.doctor.finding import Finding, doubtful, ok, wrong
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 from daq.wire.links import Link, LinkLost
-from daq.wire.session import converse
+from daq.wire.session import run_conversation
 from rigs.errors import CellError
 from rigs.links import Line
 
@@ -108,12 +108,12 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
         return time.monotonic() >= until
 
     def deliver(new: Sequence[Item]) -> None:
-        link.heed(new)
+        link.note_items(new)
         items.extend(new)
 
     try:
-        converse(counted, stream.host(), deliver, ended)
-        items += link.left_out()
+        run_conversation(counted, stream.host(), deliver, ended)
+        items += link.take_ignored()
     except LinkLost as lost:
         items.append(Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), f"the link was lost: {lost}"))
     finally:

@@ -23,7 +23,7 @@ from daq.emulators.tcp_port import TcpPort
 from daq.emulators.udp_port import UdpPort
 from daq.protocol.conversation import Device
 from daq.wire.links import LinkLost
-from daq.wire.session import converse
+from daq.wire.session import run_conversation
 from rigs.links import tcp_address, udp_address
 from rigs.rig import Rig
 
@@ -171,7 +171,7 @@ class Cell:
         def serve() -> None:
             while not self._stop.is_set() and name not in self._silenced:
                 with contextlib.suppress(LinkLost):
-                    converse(line, Punctual(made(), line) if paced else made(), lambda _: None, ended)
+                    run_conversation(line, Punctual(made(), line) if paced else made(), lambda _: None, ended)
                 self._stop.wait(_NOTICE_S)
                 if not plugged.is_set():
                     line.unplug()

@@ -25,7 +25,7 @@ _AROUND = 8
 """Exchanges before and after a request among which its own is sought: an instrument takes few kinds in turn."""
 
 
-class Speaking:
+class StreamingPlayer:
     """An instrument that speaks unasked: every piece at its instant, and none before what the host was to say first."""
 
     def __init__(self, pieces: Sequence[Piece], time: Timebase, steps: Steps, *, hangs_up: bool, calls: bool) -> None:
@@ -55,7 +55,7 @@ class Speaking:
         first = next((piece for piece in self._pieces if piece.mark is Mark.SENT), None)
         if first is not None:
             self._time.begin(now_ns, first.at_ns)
-        self._heard += data
+        self._replayed += data
         return self._play(now_ns)
 
     def tick(self, now_ns: int) -> Step:
@@ -68,7 +68,7 @@ class Speaking:
             spoken.pop()  # nothing was said after it
         self._left, self._whole = deque(spoken), len(spoken)
         self._end_ns = self._pieces[-1].at_ns if self._pieces else 0
-        self._heard = bytearray()
+        self._replayed = bytearray()
         self._knocked_ns: int | None = None
 
     def _play(self, now_ns: int) -> Step:
@@ -88,11 +88,11 @@ class Speaking:
                 self._steps.said(piece.at_ns, now_ns - due_ns)
                 self.sent += 1
                 return Step(piece.data, wake_ns=now_ns)
-            if len(self._heard) < len(piece.data) and now_ns < due_ns + _PATIENCE_NS:
+            if len(self._replayed) < len(piece.data) and now_ns < due_ns + _PATIENCE_NS:
                 return Step(wake_ns=due_ns + _PATIENCE_NS)
             self._left.popleft()
-            self._steps.otherwise += self._heard[: len(piece.data)] != piece.data
-            del self._heard[: len(piece.data)]
+            self._steps.otherwise += self._replayed[: len(piece.data)] != piece.data
+            del self._replayed[: len(piece.data)]
         self._steps.judge()
         if not self._hangs_up:
             return Step()
@@ -168,7 +168,7 @@ class Exchanges:
         return cls(found, asked_ns, pieces[0].at_ns, pieces[-1].at_ns, period_ns, longest)
 
 
-class Answering:
+class AnsweringPlayer:
     """An instrument that is asked: each question gets what was said to the one nearest in time."""
 
     def __init__(self, exchanges: Exchanges, time: Timebase, steps: Steps, *, hangs_up: bool) -> None:
@@ -191,7 +191,7 @@ class Answering:
     def received(self, data: bytes, now_ns: int) -> Step:
         if self._exchanges.all:
             self._time.begin(now_ns, self._exchanges.asked_ns[0])
-        self._heard += data
+        self._replayed += data
         return self._play(now_ns, asked=True)
 
     def tick(self, now_ns: int) -> Step:
@@ -200,7 +200,7 @@ class Answering:
     def _begin(self) -> None:
         self._turn = self._time.turn
         self.done = not self._exchanges.all
-        self._heard = bytearray()
+        self._replayed = bytearray()
         self._last = -1
         """The exchange that was played last."""
         self._saying: deque[Piece] = deque()
@@ -243,14 +243,14 @@ class Answering:
         """Choose what to say, once a question is complete."""
         if at_ns >= self._exchanges.end_ns:
             return
-        found = self._nearest(at_ns, bytes(self._heard))
+        found = self._nearest(at_ns, bytes(self._replayed))
         if found is None:
-            if len(self._heard) >= self._exchanges.longest:
+            if len(self._replayed) >= self._exchanges.longest:
                 self._steps.otherwise += 1
-                self._heard.clear()
+                self._replayed.clear()
             return
         number, answers = found
-        self._heard.clear()
+        self._replayed.clear()
         self._skip_to(number)
         self._steps.repeated += number <= self._last
         self._last = max(self._last, number)

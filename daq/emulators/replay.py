@@ -19,7 +19,7 @@ import yaml
 from daq.acquisition.replay_marks import out_of_step_line
 from daq.acquisition.streams import ROBOT, Stream, streams_of
 from daq.emulators.cell import Cell
-from daq.emulators.played import Answering, Exchanges, Speaking
+from daq.emulators.played import AnsweringPlayer, Exchanges, StreamingPlayer
 from daq.emulators.timebase import Steps, Timebase, bearable_ns, u_asked_ns, u_cycle_ns
 from daq.protocol.polled import Polled
 from daq.wire.capture import Capture, Mark, Piece
@@ -30,7 +30,7 @@ from rigs.rig import Rig
 _OVER_NS = 5_000_000_000
 """So long after the end nobody comes any more for what is left."""
 
-Player = Speaking | Answering
+Player = StreamingPlayer | AnsweringPlayer
 
 
 class Replay:
@@ -55,10 +55,11 @@ class Replay:
             for stream in streams
         }
         """How each stream keeps its time."""
-        self._heard = {
-            stream.name: _heard(stream, heard[stream.name], self._time, self.steps[stream.name]) for stream in streams
+        self._replayed = {
+            stream.name: _replayed(stream, heard[stream.name], self._time, self.steps[stream.name])
+            for stream in streams
         }
-        self.cell = Cell(rig, self._heard, paced=False)
+        self.cell = Cell(rig, self._replayed, paced=False)
         self.unmarked = ""
         """Why a mark could not be written: the replay is then over, since nobody would know what is out of step."""
         if self._marks:
@@ -72,7 +73,7 @@ class Replay:
     def done(self) -> bool:
         """Whether everything is played."""
         over = self._time.is_past(time.monotonic_ns(), self._end_ns + _OVER_NS)
-        return over or bool(self.unmarked) or all(heard.done for heard in self._heard.values())
+        return over or bool(self.unmarked) or all(heard.done for heard in self._replayed.values())
 
     @property
     def otherwise(self) -> int:
@@ -95,7 +96,7 @@ class Replay:
             self.unmarked = error.strerror or str(error)
 
 
-class Heard:
+class ReplayedStream:
     """What one stream was heard to say, a connection after the other; called for the device of the next one.
 
     When the host leaves a connection before its end, everything begins anew for all streams: else this one would be
@@ -128,17 +129,17 @@ class Heard:
         return self._playing
 
 
-def _heard(stream: Stream, pieces: Sequence[Piece], time: Timebase, steps: Steps) -> Heard:
+def _replayed(stream: Stream, pieces: Sequence[Piece], time: Timebase, steps: Steps) -> ReplayedStream:
     """What plays a stream."""
     hangs_up = tcp_address(stream.port) is not None
     calls = udp_address(stream.port) is not None and stream.listens
     connections: list[Callable[[], Player]] = [
-        partial(Answering, Exchanges.of(one), time, steps, hangs_up=hangs_up)
+        partial(AnsweringPlayer, Exchanges.of(one), time, steps, hangs_up=hangs_up)
         if _is_asked(stream)
-        else partial(Speaking, one, time, steps, hangs_up=hangs_up, calls=calls)
+        else partial(StreamingPlayer, one, time, steps, hangs_up=hangs_up, calls=calls)
         for one in _connections(stream, pieces)
     ]
-    return Heard(connections, partial(Speaking, (), time, steps, hangs_up=hangs_up, calls=False), time)
+    return ReplayedStream(connections, partial(StreamingPlayer, (), time, steps, hangs_up=hangs_up, calls=False), time)
 
 
 def _is_asked(stream: Stream) -> bool:

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from daq.emulators.late_link import LateLink
 from daq.protocol.conversation import Conversation
 from daq.wire.links import Link, LinkLost
-from daq.wire.session import converse
+from daq.wire.session import run_conversation
 
 _ACCEPT_S = 0.2
 
@@ -65,7 +65,7 @@ class TcpPort:
         link = Link("emulated", sock.fileno(), sock.close)
         late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
         with contextlib.suppress(LinkLost):
-            converse(late, self._device(), lambda _: None, ended)
+            run_conversation(late, self._device(), lambda _: None, ended)
         link.close()
 
     def hang_up(self) -> None:

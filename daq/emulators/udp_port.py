@@ -16,7 +16,7 @@ from collections.abc import Callable
 from daq.emulators.late_link import LateLink
 from daq.protocol.conversation import Conversation
 from daq.wire.links import Link, LinkLost
-from daq.wire.session import converse
+from daq.wire.session import run_conversation
 
 _AGAIN_S = 0.2
 _HOST = "127.0.0.1"
@@ -70,7 +70,7 @@ class UdpPort:
         link = Link("emulated", sock.fileno(), sock.close)
         late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
         try:
-            converse(late, self._device(), lambda _: None, ended)
+            run_conversation(late, self._device(), lambda _: None, ended)
         except LinkLost:
             return  # nobody has the peer's port: the daemon has not started, or has ended
 

@@ -30,7 +30,7 @@ def host(feedback: ABBEGM) -> Host:
 
 def device(feedback: ABBEGM, read: Read) -> Device:
     """The controller's side."""
-    return _Controller(read)
+    return _EGMController(read)
 
 
 def _decode(data: bytes) -> Position | Refused:
@@ -48,7 +48,7 @@ def _decode(data: bytes) -> Position | Refused:
     return Position(angles_deg[:6], seconds, number_in(header, 1) % 2**32)
 
 
-class _Controller:
+class _EGMController:
     """The controller while it streams."""
 
     EPOCH_S = 1_700_000_000

@@ -34,7 +34,7 @@ def host(feedback: FANUCStreamMotion) -> Host:
 
 def device(feedback: FANUCStreamMotion, read: Read) -> Device:
     """The controller's side."""
-    return _Controller(read)
+    return _StreamMotionController(read)
 
 
 def _decode(data: bytes) -> Position | Refused:
@@ -46,7 +46,7 @@ def _decode(data: bytes) -> Position | Refused:
     return Position(tuple(pose_joints_currents[9:15]), stamp_ms / 1000, number)
 
 
-class _Controller:
+class _StreamMotionController:
     """The controller: the status each cycle, from the request on until it is asked to stop."""
 
     STAMP_START_MS = 86_400_000

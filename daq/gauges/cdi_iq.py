@@ -14,7 +14,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
-from daq.protocol.texts import Answering, Asking, Reading, Show, Trouble, garbled, in_mm
+from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
 from rigs.serial_gauges import CDIIQ
 
 _END = b"\r\n"
@@ -31,7 +31,7 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 def host(gauges: Sequence[CDIIQ]) -> Host:
     """Our side; one gauge a cable."""
-    return Polled(Asking(gauges, b"R\r", Lines(_END), _read), gauges[0].timeout_s)
+    return Polled(TextDialect(gauges, b"R\r", Lines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[CDIIQ], read: Read) -> Device:
@@ -47,7 +47,7 @@ def device(gauges: Sequence[CDIIQ], read: Read) -> Device:
             return b"OUT OF BOUNDS" + _END
         return f"{'-' if value < 0 else '+'}{number}, {'MM' if units == 'mm' else 'IN'}".encode() + _END
 
-    return Answering(gauges, read, Lines(b"\r"), answer)
+    return TextDevice(gauges, read, Lines(b"\r"), answer)
 
 
 def _read(data: bytes, gauge: CDIIQ) -> Reading:

@@ -17,7 +17,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines, Sized
 from daq.protocol.polled import Polled
-from daq.protocol.texts import Answering, Asking, Reading, Show, Trouble, garbled, in_mm
+from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
 from rigs.serial_gauges import HeidenhainND281B
 
 _STX, _ENQ, _END = b"\x02", b"\x05", b"\r\n"
@@ -31,7 +31,7 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 def host(gauges: Sequence[HeidenhainND281B]) -> Host:
     """Our side; one gauge a cable."""
-    return Polled(Asking(gauges, _STX, Lines(_END), _read), gauges[0].timeout_s)
+    return Polled(TextDialect(gauges, _STX, Lines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[HeidenhainND281B], read: Read) -> Device:
@@ -49,7 +49,7 @@ def device(gauges: Sequence[HeidenhainND281B], read: Read) -> Device:
         sign = "-" if good and value < 0 else "+"
         return f"{sign}{number} {_SIGN[units] if good else '?'}  ".encode() + _END
 
-    return Answering(gauges, read, Sized(1, lambda head: 1), answer)
+    return TextDevice(gauges, read, Sized(1, lambda head: 1), answer)
 
 
 def _read(data: bytes, gauge: HeidenhainND281B) -> Reading:

@@ -17,7 +17,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
-from daq.protocol.texts import CHECK, Answering, Asking, Reading, Show, Trouble, garbled, in_mm, mm
+from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm, mm
 from rigs.probe import Probe
 from rigs.serial_gauges import MagnescaleLT
 
@@ -34,7 +34,7 @@ _CHECK = f"{CHECK}, and that its delimiter is CR LF"
 
 def host(gauges: Sequence[MagnescaleLT]) -> Host:
     """Our side."""
-    return Polled(Asking(gauges, _REQUEST + _END, Lines(_END), _read, _CHECK), gauges[0].timeout_s)
+    return Polled(TextDialect(gauges, _REQUEST + _END, Lines(_END), _read, _CHECK), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
@@ -47,7 +47,7 @@ def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
         channels = range(1, max(values) + 1)
         return b" ".join(_name(k) + written(values.get(k, 0.0)) for k in channels) + _END
 
-    return Answering(gauges, read, Lines(_END), answer)
+    return TextDevice(gauges, read, Lines(_END), answer)
 
 
 def _read(data: bytes, gauge: MagnescaleLT) -> Reading:

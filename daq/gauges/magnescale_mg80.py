@@ -15,7 +15,7 @@ from daq.gauges.magnescale_lt import value_of, written
 from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
-from daq.protocol.texts import CHECK, Answering, Asking, Reading, Show, Trouble, garbled
+from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled
 from rigs.serial_gauges import MagnescaleMG80
 
 _END = b"\r\n"
@@ -25,8 +25,8 @@ _LENGTH = 13
 def host(gauges: Sequence[MagnescaleMG80]) -> Host:
     """Our side; one gauge a line."""
     request = gauges[0].request.encode() + _END
-    asking = Asking(gauges, request, Lines(_END), _read, f"{CHECK}, and `request`")
-    return Polled(asking, gauges[0].timeout_s)
+    dialect = TextDialect(gauges, request, Lines(_END), _read, f"{CHECK}, and `request`")
+    return Polled(dialect, gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MagnescaleMG80], read: Read) -> Device:
@@ -42,7 +42,7 @@ def device(gauges: Sequence[MagnescaleMG80], read: Read) -> Device:
         header = f"{gauge.address}N{unit}{'G' if good else 'E'}".encode()
         return header + (written(value) if good else b"  Error ") + _END
 
-    return Answering(gauges, read, Lines(_END), answer)
+    return TextDevice(gauges, read, Lines(_END), answer)
 
 
 def _read(data: bytes, gauge: MagnescaleMG80) -> Reading:

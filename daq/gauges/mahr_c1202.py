@@ -14,7 +14,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
-from daq.protocol.texts import SIGNED, Answering, Asking, Reading, Show, Trouble, garbled, in_mm
+from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
 from rigs.serial_gauges import MahrC1202
 
 _END = b"\r"
@@ -25,7 +25,7 @@ _FORMAT = {"mm": "+09.4f", "um": "+07.2f", "inch": "+09.5f"}
 def host(gauges: Sequence[MahrC1202]) -> Host:
     """Our side."""
     request = b"?" if len(gauges) > 1 else b"M%d?" % gauges[0].channel
-    return Polled(Asking(gauges, request + _END, Lines(_END), _read), gauges[0].timeout_s)
+    return Polled(TextDialect(gauges, request + _END, Lines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
@@ -40,7 +40,7 @@ def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
         values = dict(zip((gauge.channel for gauge in gauges), show(), strict=True))
         return b";".join(_written(k, values.get(k, math.nan), gauges[0].units) for k in asked) + _END
 
-    return Answering(gauges, read, Lines(_END), answer)
+    return TextDevice(gauges, read, Lines(_END), answer)
 
 
 def _read(data: bytes, gauge: MahrC1202) -> Reading:

@@ -12,7 +12,7 @@ from daq.gauges import Read, mitutoyo_usb
 from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
-from daq.protocol.texts import Asking, Reading, Trouble, garbled, in_mm
+from daq.protocol.texts import Reading, TextDialect, Trouble, garbled, in_mm
 from rigs.serial_gauges import MitutoyoQMHeight
 
 _LENGTH = 12
@@ -21,7 +21,7 @@ _UNIT = {3: b"mm", 4: b"inch", 5: b"inch"}
 
 def host(gauges: Sequence[MitutoyoQMHeight]) -> Host:
     """Our side; one gauge a cable."""
-    return Polled(Asking(gauges, b"1\r", Lines(b"\r"), _read), gauges[0].timeout_s)
+    return Polled(TextDialect(gauges, b"1\r", Lines(b"\r"), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MitutoyoQMHeight], read: Read) -> Device:

@@ -12,7 +12,7 @@ from daq.protocol.framing import Message
 from daq.protocol.modbus import fits, pack, unpack
 from daq.protocol.polled import Polled
 from daq.protocol.probes import Probes
-from daq.protocol.registers import Asking, Held, Registers, Serving, pack_verdict, verdict
+from daq.protocol.registers import Held, RegisterDevice, RegisterDialect, Registers, pack_verdict, verdict
 from rigs.modbus import ModbusMap
 from rigs.probe import MM_PER_UNIT
 
@@ -20,18 +20,18 @@ from rigs.probe import MM_PER_UNIT
 def host(gauges: Sequence[ModbusMap]) -> Host:
     """Our side; one gauge a link."""
     (gauge,) = gauges
-    return Polled(asking(gauge), gauge.timeout_s, gauge.rate_hz)
+    return Polled(dialect(gauge), gauge.timeout_s, gauge.rate_hz)
 
 
 def device(gauges: Sequence[ModbusMap], read: Read) -> Device:
     """The gauge's side."""
     (gauge,) = gauges
-    return Serving(gauge, held(gauge, read))
+    return RegisterDevice(gauge, held(gauge, read))
 
 
-def asking(gauge: ModbusMap, probes: Probes | None = None) -> Asking:
+def dialect(gauge: ModbusMap, probes: Probes | None = None) -> RegisterDialect:
     """The read of this block; `probes`: see there."""
-    return Asking(gauge, partial(_reading, gauge), probes)
+    return RegisterDialect(gauge, partial(_reading, gauge), probes)
 
 
 def held(gauge: ModbusMap, read: Read) -> Held:

@@ -56,7 +56,7 @@ class Then(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class Reply:
     """What a message says, and what it means for the exchange.
 
     No items: a step on the way to a reading, which neither begins nor ends a run of faults.
@@ -66,7 +66,7 @@ class Heard:
     then: Then = Then.ASK
 
 
-class Dialect(Protocol):
+class PolledDialect(Protocol):
     """What one instrument adds to asking and being answered."""
 
     @property
@@ -81,14 +81,14 @@ class Dialect(Protocol):
     def request(self) -> bytes:
         """The next request."""
 
-    def read(self, message: Message, requested_ns: int) -> Heard:
+    def read(self, message: Message, requested_ns: int) -> Reply:
         """What a message means as an answer to the request of that time."""
 
 
 class Polled:
     """The host's side of an instrument that speaks when spoken to."""
 
-    def __init__(self, dialect: Dialect, timeout_s: float, rate_hz: float = math.inf) -> None:
+    def __init__(self, dialect: PolledDialect, timeout_s: float, rate_hz: float = math.inf) -> None:
         self._dialect = dialect
         self._period_ns = round(1e9 / rate_hz)
         self._timeout_s = timeout_s
@@ -115,11 +115,11 @@ class Polled:
             return self._discard(len(messages), now_ns)
         items: list[Item] = []
         for position, message in enumerate(messages, 1):
-            heard = self._read(message)
-            if heard.items:
-                items += self._bursts.merge(heard.items, now_ns)
-            if heard.then is not Then.WAIT:
-                return self._go_on(heard.then, items, len(messages) - position, now_ns)
+            reply = self._read(message)
+            if reply.items:
+                items += self._bursts.merge(reply.items, now_ns)
+            if reply.then is not Then.WAIT:
+                return self._go_on(reply.then, items, len(messages) - position, now_ns)
         if now_ns >= self._wake_ns:
             return self._give_up(items, now_ns)
         return Step(items=tuple(items), wake_ns=self._wake_ns)
@@ -137,9 +137,9 @@ class Polled:
         late = self._late(now_ns) if self._requested_ns == NO_TIME else []
         return (*self._bursts.end(), *late)
 
-    def _read(self, message: Message | Fault) -> Heard:
+    def _read(self, message: Message | Fault) -> Reply:
         if isinstance(message, Fault):
-            return Heard((message,), Then.DRAIN)
+            return Reply((message,), Then.DRAIN)
         return self._dialect.read(message, self._requested_ns)
 
     def _go_on(self, then: Then, items: list[Item], surplus: int, now_ns: int) -> Step:

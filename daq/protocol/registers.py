@@ -17,7 +17,7 @@ from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, ReadInpu
 from daq.protocol.conversation import Fault, FaultKind, Sample, Step
 from daq.protocol.framing import Message
 from daq.protocol.modbus import Block, Wire, pack, unpack
-from daq.protocol.polled import Heard, Then
+from daq.protocol.polled import Reply, Then
 from daq.protocol.probes import Probes
 from rigs.modbus import StatusRegister
 
@@ -39,7 +39,7 @@ _REMEDY = {
 _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
 
 
-class Asking:
+class RegisterDialect:
     """The host's dialect: the read of the block."""
 
     reset = b""
@@ -58,19 +58,19 @@ class Asking:
         self._number = self._number % 0xFFFF + 1
         return self._wire.request(self._number)
 
-    def read(self, message: Message, requested_ns: int) -> Heard:
+    def read(self, message: Message, requested_ns: int) -> Reply:
         at_ns = message.last_byte_ns
         unit, number, content = self._wire.open(message.data)
         if not content:
             return _garbled("checksum wrong; check the cable and the line's settings", at_ns)
         if self._wire.numbered and number != self._number:
             detail = f"answer {number} came while waiting for {self._number}; make timeout_s longer"
-            return Heard((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
+            return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
         if unit != self._block.unit or content[0] & 0x7F != self._block.function:
             return _garbled(f"answer of unit {unit}, function {content[0] & 0x7F}; check `unit`", at_ns)
         return self._answer(content, message, requested_ns)
 
-    def _answer(self, content: bytes, message: Message, requested_ns: int) -> Heard:
+    def _answer(self, content: bytes, message: Message, requested_ns: int) -> Reply:
         """What a sound answer of this instrument means, or one to an earlier request."""
         at_ns, probes = message.last_byte_ns, self.probes
         pdu = self._wire.decode(content)
@@ -79,17 +79,17 @@ class Asking:
             return _garbled(f"{message.size} bytes answer a read of {self._block.count} registers", at_ns)
         if other:
             detail = "an answer came after its time, told by its length; make timeout_s longer"
-            return Heard((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
+            return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
         probes.answered()
         if probes.probing:
-            return Heard(())
+            return Reply(())
         if probes.doubtful:
             detail = "an answer came of which nobody knows whether it is late, left out; make timeout_s longer"
-            return Heard((Fault(FaultKind.LATE, at_ns, detail),), Then.DRAIN)
+            return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.DRAIN)
         if pdu.isError():
-            return Heard((_refusal(pdu.exception_code, at_ns),), Then.PAUSE)
+            return Reply((_refusal(pdu.exception_code, at_ns),), Then.PAUSE)
         item = self._reading(pdu.registers, message, requested_ns)
-        return Heard((item,), Then.ASK if isinstance(item, Sample) else Then.PAUSE)
+        return Reply((item,), Then.ASK if isinstance(item, Sample) else Then.PAUSE)
 
 
 def verdict(registers: Registers, status: StatusRegister | None, block: Block, at_ns: int) -> int | Fault:
@@ -112,8 +112,8 @@ def pack_verdict(registers: list[int], status: StatusRegister | None, block: Blo
         pack(registers, status, block, known[0] if good else min(set(range(len(known) + 1)) - set(known)))
 
 
-def _garbled(detail: str, at_ns: int) -> Heard:
-    return Heard((Fault(FaultKind.GARBLED, at_ns, detail),), Then.DRAIN)
+def _garbled(detail: str, at_ns: int) -> Reply:
+    return Reply((Fault(FaultKind.GARBLED, at_ns, detail),), Then.DRAIN)
 
 
 def _refusal(code: int, at_ns: int) -> Fault:
@@ -124,7 +124,7 @@ def _refusal(code: int, at_ns: int) -> Fault:
     return Fault(FaultKind.DEVICE_ERROR, at_ns, f"exception {code} {name.name}: {remedy}")
 
 
-class Serving:
+class RegisterDevice:
     """The instrument's side: it holds the block and nothing else, or some further ones."""
 
     def __init__(self, block: Block, registers: Held, *further: tuple[Block, Held]) -> None:

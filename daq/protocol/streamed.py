@@ -15,7 +15,7 @@ from daq.protocol.framing import Framer, Message
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class Reaction:
     """What a message says and what is to be sent for it; `hang_up`: no more can come of this link."""
 
     items: tuple[Item, ...] = ()
@@ -23,7 +23,7 @@ class Heard:
     hang_up: bool = False
 
 
-class Dialect(Protocol):
+class StreamedDialect(Protocol):
     """What one peer adds to speaking unasked."""
 
     @property
@@ -36,17 +36,17 @@ class Dialect(Protocol):
     def start(self) -> bytes:
         """What sets it going."""
 
-    def read(self, message: Message | Fault) -> Heard:
+    def read(self, message: Message | Fault) -> Reaction:
         """What a message means, or a place where the stream could not be cut."""
 
-    def silent(self) -> Heard:
+    def silent(self) -> Reaction:
         """What to do about a silence."""
 
 
 class Streamed:
     """The host's side of a peer that speaks unasked."""
 
-    def __init__(self, dialect: Dialect, timeout_s: float) -> None:
+    def __init__(self, dialect: StreamedDialect, timeout_s: float) -> None:
         self._dialect = dialect
         self._timeout_s = timeout_s
         self._timeout_ns = round(timeout_s * 1e9)
@@ -62,12 +62,12 @@ class Streamed:
         send, items = b"", list[Item]()
         if not self._over:
             for message in self._dialect.frames.feed(data, now_ns):
-                heard = self._dialect.read(message)
-                items += self._bursts.merge(heard.items, now_ns)
-                send += heard.send
+                reaction = self._dialect.read(message)
+                items += self._bursts.merge(reaction.items, now_ns)
+                send += reaction.send
                 if not isinstance(message, Fault):
                     self._wake_ns = now_ns + self._timeout_ns
-                if heard.hang_up:
+                if reaction.hang_up:
                     return self._finish(send, items)
         return self._watch(send, items, now_ns)
 
@@ -84,9 +84,9 @@ class Streamed:
             detail = f"nothing for {self._timeout_s:g} s; {self._dialect.check}"
             items += [*self._bursts.end(), Fault(FaultKind.SILENT, now_ns, detail)]
             self._wake_ns = now_ns + self._timeout_ns
-            heard = self._dialect.silent()
-            send += heard.send
-            if heard.hang_up:
+            reaction = self._dialect.silent()
+            send += reaction.send
+            if reaction.hang_up:
                 return self._finish(send, items)
         return Step(send, tuple(items), self._wake_ns)
 

@@ -18,7 +18,7 @@ from typing import Generic, TypeVar
 
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
 from daq.protocol.framing import Framer, Message
-from daq.protocol.polled import Heard, Then
+from daq.protocol.polled import Reply, Then
 from rigs.probe import MM_PER_UNIT, Probe, Units
 
 CHECK = "check the cable, that the gauge is on, and the line's settings"
@@ -81,7 +81,7 @@ def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -
     return (Sample(values, requested_ns, message.first_byte_ns, at_ns, message.size), *faults)
 
 
-class Asking(Generic[ProbeT]):
+class TextDialect(Generic[ProbeT]):
     """The same request again and again (a dialect of `daq.protocol.polled`)."""
 
     def __init__(
@@ -103,16 +103,16 @@ class Asking(Generic[ProbeT]):
     def request(self) -> bytes:
         return self._request
 
-    def read(self, message: Message, requested_ns: int) -> Heard:
+    def read(self, message: Message, requested_ns: int) -> Reply:
         readings = [self._read(message.data, gauge) for gauge in self._gauges]
         items = items_of(message, requested_ns, readings)
         if isinstance(items[0], Sample):
-            return Heard(items)
+            return Reply(items)
         thens = {reading.then for reading in readings if isinstance(reading, Trouble)}
-        return Heard(items, Then.DRAIN if Then.DRAIN in thens else Then.PAUSE)
+        return Reply(items, Then.DRAIN if Then.DRAIN in thens else Then.PAUSE)
 
 
-class Answering:
+class TextDevice:
     """An instrument that speaks when spoken to.
 
     `answer` gives what it says to a command, and empty bytes for nothing; a command that nobody can cut is empty.

@@ -6,14 +6,14 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 
 from daq.acquisition.host_clock import HOST
-from daq.acquisition.plausibility import Watch
+from daq.acquisition.plausibility import PlausibilityCheck
 from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.recording.label import Label
 from daq.store import RunWriter
 
 
-class Recording:
+class ActiveRun:
     """counters: stream → samples, and faults of each kind."""
 
     def __init__(self, label: Label, writer: RunWriter, since_ns: int, columns: Mapping[str, Sequence[str]]) -> None:
@@ -21,7 +21,7 @@ class Recording:
         self.label, self.writer, self.since_ns = label, writer, since_ns
         self.counters: dict[str, Counter[str]] = {name: Counter() for name in columns}
         self._columns = columns
-        self._watch = Watch(touching=label.test in ("yaw", "roll"))
+        self._plausibility = PlausibilityCheck(touching=label.test in ("yaw", "roll"))
 
     @property
     def taken(self) -> Counter[str]:
@@ -37,7 +37,7 @@ class Recording:
                 self.counters[stream][fault.kind] += fault.count
         self.writer.append(stream, samples)
         self.writer.append_faults(stream, faults)
-        return self._watch.see(stream, self._columns[stream], items)
+        return self._plausibility.check(stream, self._columns[stream], items)
 
     def put_clock(self, faults: Sequence[Fault]) -> None:
         """Steps of the wall clock, and what time it is since."""

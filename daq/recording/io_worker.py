@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from typing import Any, TypeVar
 
-from daq.recording.rate_limited_log import QuietLog
+from daq.recording.rate_limited_log import RateLimitedLog
 from daq.store import RunWriter
 from daq.store.memory import keep_large_blocks_apart
 from daq.store.writer import Work
@@ -21,35 +21,35 @@ _SYNC_S = 0.5
 _Result = TypeVar("_Result")
 
 
-class Disk:
+class IoWorker:
     """The thread, and what it is at."""
 
-    def __init__(self, told: QuietLog) -> None:
+    def __init__(self, warnings: RateLimitedLog) -> None:
         keep_large_blocks_apart()
-        self._told = told
+        self._warnings = warnings
         self._thread = ThreadPoolExecutor(1, "disk")
-        self._beginner = ThreadPoolExecutor(1, "begin")
+        self._creator = ThreadPoolExecutor(1, "begin")
         self._under_way: tuple[Work, Future[None]] | None = None
         self._closing: Future[Any] | None = None
         self._begun_s = self._synced_s = 0.0
         self.synced: Mapping[str, int] = {}
         """Rows of each sample stream of the run that are known to be on the disk."""
 
-    def go_on(self, writer: RunWriter) -> None:
+    def advance(self, writer: RunWriter) -> None:
         """Note what is through and begin the next: a sync twice a second, between two a chunk. Raises CellError."""
         closed_one = False
         if self._under_way is not None:
             work, waiting = self._under_way
             closed_one = work.synced is None
-            self._told.slow("closing of a chunk" if closed_one else "sync", time.monotonic() - self._begun_s)
+            self._warnings.warn_slow("closing of a chunk" if closed_one else "sync", time.monotonic() - self._begun_s)
             if not waiting.done():
                 return
             self._under_way = None
             writer.end_work(waiting.exception())
             self.synced = self.synced if work.synced is None else work.synced
-        self._begin(writer, may_close=not closed_one)
+        self._submit_next(writer, may_close=not closed_one)
 
-    def _begin(self, writer: RunWriter, *, may_close: bool) -> None:
+    def _submit_next(self, writer: RunWriter, *, may_close: bool) -> None:
         now = time.monotonic()
         work = writer.begin_roll() if may_close else None
         if work is None and now - self._synced_s >= _SYNC_S:
@@ -57,28 +57,28 @@ class Disk:
         if work is not None:
             self._begun_s, self._under_way = now, (work, self._thread.submit(work.wait))
 
-    def last(self, closing: Callable[[], _Result]) -> Future[_Result]:
+    def submit_close(self, close: Callable[[], _Result]) -> Future[_Result]:
         """To close the run, after what is under way.
 
         What that comes to matters no more: closing does all of it again that was not done, and proves it.
         """
         self._under_way, self.synced = None, {}
-        self._closing = closed = self._thread.submit(closing)
+        self._closing = closed = self._thread.submit(close)
         return closed
 
-    def begin(self, making: Callable[[], None]) -> None:
+    def submit_create(self, create: Callable[[], None]) -> None:
         """To make a run; the closing of the one before does not hold it up. What it raises is an error in the program
         and ends that, as in any thread."""
-        self._beginner.submit(making).add_done_callback(_fail)
+        self._creator.submit(create).add_done_callback(_fail)
 
     @property
     def is_closing(self) -> bool:
         """Whether a run that was ended is still being closed."""
         return self._closing is not None and not self._closing.done()
 
-    def rest(self) -> None:
+    def shut_down(self) -> None:
         """Returns when all is done."""
-        self._beginner.shutdown()
+        self._creator.shutdown()
         self._thread.shutdown()
 
 

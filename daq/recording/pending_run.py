@@ -8,10 +8,10 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from daq.acquisition.stream_buffer import Inbox, samples_of
+from daq.acquisition.stream_buffer import StreamBuffer, samples_of
 from daq.protocol.conversation import Fault, Item
 from daq.recording.label import Label
-from daq.recording.suspended import Waiting
+from daq.recording.suspended import SuspendedRecording
 from daq.store.manifest import Ending
 from daq.store.writer import MOST_PENDING
 from rigs.errors import CellError
@@ -21,7 +21,7 @@ _FRESH_S = 3.0
 
 
 @dataclass(frozen=True)
-class Ended:
+class EndedRun:
     """A recording that was stopped. counters: stream → samples, and faults of each kind."""
 
     path: Path
@@ -29,7 +29,7 @@ class Ended:
 
 
 @dataclass(eq=False)
-class Beginning:
+class PendingRun:
     """From the wish for a run until the disk has it, or refuses.
 
     waited: the recording without a run that it goes on from. kept: what came since, and before where it was wished.
@@ -37,23 +37,23 @@ class Beginning:
     """
 
     label: Label
-    waited: Waiting | None
+    resumes: SuspendedRecording | None
     kept: dict[str, list[Item]]
     clock: list[Fault] = field(default_factory=list)
     since_ns: int = field(default_factory=time.monotonic_ns)
     begun: Future[Path] = field(default_factory=Future)
     stop: tuple[Ending, str] | None = None
-    ended: Future[Ended] = field(default_factory=Future)
+    ended: Future[EndedRun] = field(default_factory=Future)
 
     @property
     def is_after_failure(self) -> bool:
         """Whether it goes on from a run that the disk ended, so that another recording may take its place."""
-        return self.waited is not None and not self.waited.at_once
+        return self.resumes is not None and not self.resumes.at_once
 
     @property
     def follows(self) -> str:
         """Name of the run that it goes on from, empty for none."""
-        return self.waited.former.name if self.waited else ""
+        return self.resumes.previous.name if self.resumes else ""
 
     def keep(self, stream: str, items: Iterable[Item]) -> None:
         """For the run."""
@@ -63,29 +63,29 @@ class Beginning:
         """Whether so much of a stream is kept that no more of it should be taken."""
         return len(self.kept[stream]) >= MOST_PENDING
 
-    def end(self, exit_status: Ending, reason: str) -> Future[Ended]:
+    def end(self, exit_status: Ending, reason: str) -> Future[EndedRun]:
         """As soon as it has begun."""
         self.stop = (exit_status, reason)
         return self.ended
 
-    def refused(self, error: Exception) -> None:
+    def reject(self, error: Exception) -> None:
         """Nothing becomes of it; what was kept counts as missed where it was to go on."""
-        if self.waited is not None:
+        if self.resumes is not None:
             for name, items in self.kept.items():
-                self.waited.missed[name] += len(samples_of(items))
-            self.waited.put_off()
-        self.failed(error)
+                self.resumes.missed[name] += len(samples_of(items))
+            self.resumes.postpone()
+        self.fail(error)
 
-    def failed(self, error: Exception) -> None:
+    def fail(self, error: Exception) -> None:
         """For whoever waits."""
         self.begun.set_exception(error)
         self.ended.set_exception(error)
 
 
-def pass_on(of: Future[Ended], to: Future[Ended]) -> None:
+def forward_result(of: Future[EndedRun], to: Future[EndedRun]) -> None:
     """What becomes of the one becomes of the other."""
 
-    def through(done: Future[Ended]) -> None:
+    def through(done: Future[EndedRun]) -> None:
         if error := done.exception():
             to.set_exception(error)
         else:
@@ -94,11 +94,11 @@ def pass_on(of: Future[Ended], to: Future[Ended]) -> None:
     of.add_done_callback(through)
 
 
-def require_readings(inboxes: Mapping[str, Inbox], test: TestName) -> None:
+def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> None:
     """Raises CellError for a gauge that the test needs, or the robot, that is not there or shows nothing."""
     needed = {"g1_mm", "q1_deg"} | ({"g2_mm"} if test in ("yaw", "roll") else set())
     for column in sorted(needed):
-        found = [inbox.state() for inbox in inboxes.values() if column in inbox.columns]
+        found = [buffer.state() for buffer in buffers.values() if column in buffer.columns]
         what = "robot" if column == "q1_deg" else column.removesuffix("_mm")
         if not found:
             raise CellError(what, f"the {test} test needs it, the rig file has none", f"add gauges.{what}")

@@ -6,17 +6,17 @@ import logging
 import time
 
 log = logging.getLogger("rigd")
-_QUIET_S = 10.0
+_INTERVAL_S = 10.0
 _SLOW_S = 2.0
 
 
-class QuietLog:
+class RateLimitedLog:
     """The log of one daemon; the streams and kinds are few, and so is what it keeps."""
 
     def __init__(self) -> None:
-        self._told: dict[tuple[str, str], tuple[float, int]] = {}
+        self._last: dict[tuple[str, str], tuple[float, int]] = {}
 
-    def tell(self, name: str, kind: str, detail: str, count: int = 1) -> None:
+    def warn(self, name: str, kind: str, detail: str, count: int = 1) -> None:
         """Log a fault, the same kind again at most every ten seconds, with how many were not told.
 
         What says more of one that was told (count 0) comes once by itself.
@@ -24,16 +24,16 @@ class QuietLog:
         if not count:
             log.info("%s: %s", name, detail)
             return
-        told_at, untold = self._told.get((name, kind), (-1e9, 0))
+        warned_at, suppressed = self._last.get((name, kind), (-1e9, 0))
         now = time.monotonic()
-        if now - told_at < _QUIET_S:
-            self._told[name, kind] = (told_at, untold + count)
+        if now - warned_at < _INTERVAL_S:
+            self._last[name, kind] = (warned_at, suppressed + count)
             return
-        more = f" ({untold} more since the last such line)" if untold else ""
+        more = f" ({suppressed} more since the last such line)" if suppressed else ""
         log.warning("%s: %s: %s%s", name, kind, detail, more)
-        self._told[name, kind] = (now, 0)
+        self._last[name, kind] = (now, 0)
 
-    def slow(self, what: str, seconds: float) -> None:
+    def warn_slow(self, what: str, seconds: float) -> None:
         """Tell what the disk takes its time for, where it does."""
         if seconds > _SLOW_S:
-            self.tell("disk", f"slow {what}", f"has taken {seconds:.1f} s; readers do not wait for it")
+            self.warn("disk", f"slow {what}", f"has taken {seconds:.1f} s; readers do not wait for it")

@@ -18,24 +18,24 @@ from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
 
-from daq.acquisition.host_clock import HOST, ClockWatch, read_clocks
-from daq.acquisition.pretrigger import Recent
-from daq.acquisition.stream_buffer import Inbox, faults_of, samples_of
+from daq.acquisition.host_clock import HOST, HostClockMonitor, read_clocks
+from daq.acquisition.pretrigger import PretriggerBuffer
+from daq.acquisition.stream_buffer import StreamBuffer, faults_of, samples_of
 from daq.protocol.conversation import Fault, FaultKind, Item
-from daq.recording.active_run import Recording
-from daq.recording.io_worker import Disk
+from daq.recording.active_run import ActiveRun
+from daq.recording.io_worker import IoWorker
 from daq.recording.label import Label
-from daq.recording.pending_run import Beginning, Ended, pass_on, require_readings
-from daq.recording.rate_limited_log import QuietLog
-from daq.recording.suspended import Waiting
+from daq.recording.pending_run import EndedRun, PendingRun, forward_result, require_readings
+from daq.recording.rate_limited_log import RateLimitedLog
+from daq.recording.suspended import SuspendedRecording
 from daq.store import NearlyFull, RunWriter
 from daq.store.manifest import Ending
-from daq.store.startup_recovery import revive
+from daq.store.startup_recovery import recover_and_log
 from rigs.errors import CellError, RigError
 
 log = logging.getLogger("rigd")
 _ROUND_S = 0.25
-_MOST_LEAVING = 2
+_MOST_STOPPED_EARLY = 2
 """Runs stopped before the disk had made them, which it may owe us: what each has kept is in memory."""
 _LEAST_PAUSE_S = 0.1
 """For who waits to start or stop a recording on a slow disk."""
@@ -46,29 +46,29 @@ class Recorder(threading.Thread):
 
     def __init__(
         self,
-        inboxes: Mapping[str, Inbox],
+        buffers: Mapping[str, StreamBuffer],
         create: Callable[[Label, str], RunWriter],
         after_round: Callable[[], None],
-        listen: Callable[[str, Sequence[Item]], None] = lambda name, items: None,
+        on_items: Callable[[str, Sequence[Item]], None] = lambda name, items: None,
     ) -> None:
         """create: begins a run of this label that follows the run of that name, none for an empty one.
 
         listen: hears what every stream brought, while the recorder works; it may only keep it.
         """
         super().__init__(name="write", daemon=True)
-        self._inboxes, self._create, self._after_round = inboxes, create, after_round
-        self._listen = listen
-        self._recent = Recent(inboxes)
+        self._buffers, self._create, self._after_round = buffers, create, after_round
+        self._on_items = on_items
+        self._pretrigger = PretriggerBuffer(buffers)
         self._lock = threading.Lock()
         self._stop_asked = threading.Event()
-        self._recording: Recording | None = None
-        self._waiting: Waiting | None = None
-        self._beginning: Beginning | None = None
-        self._leaving: list[Beginning] = []
+        self._active: ActiveRun | None = None
+        self._suspended: SuspendedRecording | None = None
+        self._pending: PendingRun | None = None
+        self._stopped_early: list[PendingRun] = []
         """Stopped before the disk had made their runs."""
-        self._told = QuietLog()
-        self._disk = Disk(self._told)
-        self._clocks = ClockWatch(read_clocks())
+        self._warnings = RateLimitedLog()
+        self._io = IoWorker(self._warnings)
+        self._host_clock = HostClockMonitor(read_clocks())
         self.host_faults: Counter[str] = Counter()
         """Of the computer itself, by kind, since the daemon started."""
         self.last_end = ""
@@ -85,22 +85,22 @@ class Recorder(threading.Thread):
     def _round(self) -> None:
         with self._lock:
             begun = time.monotonic()
-            self._recent.trim()
+            self._pretrigger.trim()
             try:
-                self._take(sync=True)
+                self._drain_buffers(sync=True)
             except NearlyFull as error:
-                self._end_for_now("interrupted", error.what)
+                self._suspend("interrupted", error.what)
             except CellError as error:
-                self._end_for_now("failed", str(error))
-            if self._recording is not None and self._recording.writer.is_long:
-                self._end_for_now("complete", "long enough: another run follows")
-            self._try_again()
-            self._told.slow("write", time.monotonic() - begun)
+                self._suspend("failed", str(error))
+            if self._active is not None and self._active.writer.is_long:
+                self._suspend("complete", "long enough: another run follows")
+            self._resume()
+            self._warnings.warn_slow("write", time.monotonic() - begun)
         self._after_round()
 
     def require_readings(self, label: Label) -> None:
         """Raises CellError where a recording of this label could not start, for a gauge that is silent."""
-        require_readings(self._inboxes, label.test)
+        require_readings(self._buffers, label.test)
 
     def start_run(self, label: Label, since_ns: int | None = None) -> Future[Path]:
         """Begin a recording, with the readings since then that are still at hand.
@@ -109,224 +109,226 @@ class Recorder(threading.Thread):
         Raises CellError: one runs already, a gauge is silent.
         """
         with self._lock:
-            runs = self._recording or self._beginning
-            if runs is not None and not (isinstance(runs, Beginning) and runs.is_after_failure):
+            runs = self._active or self._pending
+            if runs is not None and not (isinstance(runs, PendingRun) and runs.is_after_failure):
                 raise CellError(f"recording {runs.label.name}", "already running", "stop it: rig record stop")
-            if len(self._leaving) >= _MOST_LEAVING:
-                raise CellError("the disk", f"has not made the last {_MOST_LEAVING} runs yet", "wait, or mend it")
+            if len(self._stopped_early) >= _MOST_STOPPED_EARLY:
+                raise CellError("the disk", f"has not made the last {_MOST_STOPPED_EARLY} runs yet", "wait, or mend it")
             self.require_readings(label)
-            self._take(sync=False)
-            if self._beginning is not None:
-                self._leave(self._beginning, "interrupted", f"{label.name} was started")
-            self._give_up()
-            kept = {name: [] if since_ns is None else self._recent.since(name, since_ns) for name in self._inboxes}
-            beginning = Beginning(label, None, kept)
-            beginning.since_ns = since_ns or beginning.since_ns
-            return self._begin(beginning)
+            self._drain_buffers(sync=False)
+            if self._pending is not None:
+                self._stop_early(self._pending, "interrupted", f"{label.name} was started")
+            self._abandon()
+            kept = {name: [] if since_ns is None else self._pretrigger.since(name, since_ns) for name in self._buffers}
+            pending = PendingRun(label, None, kept)
+            pending.since_ns = since_ns or pending.since_ns
+            return self._request_run(pending)
 
-    def stop_run(self, exit_status: Ending = "complete", reason: str = "stopped by rig record stop") -> Future[Ended]:
+    def stop_run(
+        self, exit_status: Ending = "complete", reason: str = "stopped by rig record stop"
+    ) -> Future[EndedRun]:
         """End the recording; closed when the future says so, which raises CellError where it cannot be.
 
         Raises CellError where none runs.
         """
         with self._lock:
-            self._take(sync=False)
-            if self._beginning is not None:
-                return self._leave(self._beginning, exit_status, reason)
-            if self._recording is None:
-                why = f" (the last one: {self.last_end}{self._give_up()})" if self.last_end else ""
+            self._drain_buffers(sync=False)
+            if self._pending is not None:
+                return self._stop_early(self._pending, exit_status, reason)
+            if self._active is None:
+                why = f" (the last one: {self.last_end}{self._abandon()})" if self.last_end else ""
                 raise CellError("rigd", f"nothing is being recorded{why}", "start it: rig record start NAME …")
-            return self._close(self._recording, exit_status, reason)
+            return self._close(self._active, exit_status, reason)
 
     def shut_down(self, exit_status: Ending, why: str) -> Path | None:
         """End thread and recording; returns the directory of a recording that was cut short."""
         self._stop_asked.set()
         self.join()
         with self._lock:
-            runs = self._recording is not None or self._beginning is not None
+            runs = self._active is not None or self._pending is not None
             if not runs:
-                self._give_up()
+                self._abandon()
         try:
             return self.stop_run(exit_status, why).result().path if runs else None
         except RigError as error:
             log.error("%s", error)
             return None
         finally:
-            self._disk.rest()
+            self._io.shut_down()
 
     def state(self) -> dict[str, object]:
         """For people: what is being recorded and since when, or how the last recording ended."""
-        beginning, waiting = self._beginning, self._waiting  # first: what has begun since is then seen as recording
-        recording = self._recording
-        if recording is None:
-            waits = waiting if waiting is not None and not waiting.at_once else None
+        pending, suspended = self._pending, self._suspended  # first: what has begun since is then seen as recording
+        active = self._active
+        if active is None:
+            waits = suspended if suspended is not None and not suspended.at_once else None
             return {
                 "recording": None,
-                "beginning": beginning.label.name if beginning else None,
-                "closing": self._disk.is_closing or bool(self._leaving),
+                "beginning": pending.label.name if pending else None,
+                "closing": self._io.is_closing or bool(self._stopped_early),
                 "last_end": self.last_end,
                 "waiting": waits.label.name if waits else None,
                 "missed": dict(waits.missed) if waits else {},
             }
         return {
-            "recording": recording.label.name,
-            "test": recording.label.test,
-            "direction": recording.label.direction,
-            "run": str(recording.writer.path),
-            "seconds": round((time.monotonic_ns() - recording.since_ns) / 1e9, 1),
-            "samples": {name: recording.counters[name]["samples"] for name in self._inboxes},
-            "synced": {name: self._disk.synced.get(name, 0) for name in self._inboxes},
+            "recording": active.label.name,
+            "test": active.label.test,
+            "direction": active.label.direction,
+            "run": str(active.writer.path),
+            "seconds": round((time.monotonic_ns() - active.since_ns) / 1e9, 1),
+            "samples": {name: active.counters[name]["samples"] for name in self._buffers},
+            "synced": {name: self._io.synced.get(name, 0) for name in self._buffers},
         }
 
-    def _begin(self, beginning: Beginning) -> Future[Path]:
-        self._beginning = beginning
-        self._disk.begin(partial(self._make, beginning))
-        return beginning.begun
+    def _request_run(self, pending: PendingRun) -> Future[Path]:
+        self._pending = pending
+        self._io.submit_create(partial(self._create_run, pending))
+        return pending.begun
 
-    def _make(self, beginning: Beginning) -> None:
+    def _create_run(self, pending: PendingRun) -> None:
         """In a thread of the disk's: make the run, and take it into use."""
         try:
-            lost = self._lost(beginning.waited) if beginning.waited else {}
-            writer = self._create(beginning.label, beginning.follows)
+            lost_samples = self._not_recorded(pending.resumes) if pending.resumes else {}
+            writer = self._create(pending.label, pending.follows)
         except Exception as error:  # noqa: BLE001 - whoever waits for the run is told
             with self._lock:
-                self._refused(beginning, error)
+                self._refuse(pending, error)
             return
         with self._lock:
             try:
-                self._begun(beginning, writer, lost)
+                self._created(pending, writer, lost_samples)
             except Exception as error:
-                self._forget(beginning)
-                beginning.failed(error)
+                self._forget(pending)
+                pending.fail(error)
                 raise
 
-    def _refused(self, beginning: Beginning, error: Exception) -> None:
-        self._forget(beginning)
-        beginning.refused(error)
+    def _refuse(self, pending: PendingRun, error: Exception) -> None:
+        self._forget(pending)
+        pending.reject(error)
         if not isinstance(error, RigError):
-            log.error("recording %s: not begun, for an error in the program", beginning.label.name, exc_info=error)
-        if beginning.stop is not None:
-            _given_up(beginning.waited)
-        elif beginning.waited is not None and isinstance(error, RigError):
-            self._told.tell("recording", "waits", f"{error} (samples missed: {beginning.waited.words()})")
+            log.error("recording %s: not begun, for an error in the program", pending.label.name, exc_info=error)
+        if pending.stop is not None:
+            _abandoned(pending.resumes)
+        elif pending.resumes is not None and isinstance(error, RigError):
+            self._warnings.warn("recording", "waits", f"{error} (samples missed: {pending.resumes.missed_text()})")
 
-    def _forget(self, beginning: Beginning) -> None:
-        if beginning.stop is None:
-            self._beginning = None
-        elif beginning in self._leaving:
-            self._leaving.remove(beginning)
+    def _forget(self, pending: PendingRun) -> None:
+        if pending.stop is None:
+            self._pending = None
+        elif pending in self._stopped_early:
+            self._stopped_early.remove(pending)
 
-    def _begun(self, beginning: Beginning, writer: RunWriter, lost: Mapping[str, int]) -> None:
-        label = beginning.label
-        columns = {name: inbox.columns for name, inbox in self._inboxes.items()}
-        recording = Recording(label, writer, beginning.since_ns, columns)
-        after = f", after {beginning.follows}" if beginning.follows else ""
+    def _created(self, pending: PendingRun, writer: RunWriter, lost_samples: Mapping[str, int]) -> None:
+        label = pending.label
+        columns = {name: buffer.columns for name, buffer in self._buffers.items()}
+        active = ActiveRun(label, writer, pending.since_ns, columns)
+        after = f", after {pending.follows}" if pending.follows else ""
         what = f"{label.test} {label.direction}" if label.direction else label.test
         log.info("recording %s (%s) to %s%s", label.name, what, writer.path, after)
-        told = {name: recording.put(name, items) for name, items in beginning.kept.items()}
-        recording.put_clock(beginning.clock)
-        for name, count in lost.items():
-            why = f": {beginning.waited.why}" if beginning.waited else ""
-            detail = f"{count} samples not recorded after {beginning.follows}{why}"
+        told = {name: active.put(name, items) for name, items in pending.kept.items()}
+        active.put_clock(pending.clock)
+        for name, count in lost_samples.items():
+            why = f": {pending.resumes.why}" if pending.resumes else ""
+            detail = f"{count} samples not recorded after {pending.follows}{why}"
             told[name].append(Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, count))
-        if beginning.stop is None:
-            self._recording, self._waiting = recording, None
+        if pending.stop is None:
+            self._active, self._suspended = active, None
             for name, faults in told.items():
-                self._inboxes[name].deliver(faults)
+                self._buffers[name].deliver(faults)
         else:
             for name, faults in told.items():
-                self._tell(name, faults)
-                self._inboxes[name].count(faults)
-                recording.put(name, faults)
-            pass_on(self._close(recording, *beginning.stop), beginning.ended)
-        self._forget(beginning)  # only now: `state` sees no moment with neither
-        beginning.begun.set_result(writer.path)
+                self._warn(name, faults)
+                self._buffers[name].count(faults)
+                active.put(name, faults)
+            forward_result(self._close(active, *pending.stop), pending.ended)
+        self._forget(pending)  # only now: `state` sees no moment with neither
+        pending.begun.set_result(writer.path)
 
-    def _leave(self, beginning: Beginning, exit_status: Ending, reason: str) -> Future[Ended]:
+    def _stop_early(self, pending: PendingRun, exit_status: Ending, reason: str) -> Future[EndedRun]:
         """The run that begins is to end as soon as it is there: what comes from now on is not for it."""
-        self._beginning = self._waiting = None
-        self._leaving.append(beginning)
+        self._pending = self._suspended = None
+        self._stopped_early.append(pending)
         self.last_end = f"{exit_status}: {reason}"
-        return beginning.end(exit_status, reason)
+        return pending.end(exit_status, reason)
 
-    def _take(self, *, sync: bool) -> None:
+    def _drain_buffers(self, *, sync: bool) -> None:
         """Empty every inbox, into the run where there is one; at its end also those whose run is behind."""
-        for name, inbox in self._inboxes.items():
-            to = self._beginning or (self._recording.writer if self._recording is not None else None)
+        for name, buffer in self._buffers.items():
+            to = self._pending or (self._active.writer if self._active is not None else None)
             if sync and to is not None and to.is_behind(name):
                 continue  # an inbox has its bound, and counts what finds no room
-            items = inbox.drain()
-            self._tell(name, faults_of(items))
-            self._listen(name, items)
-            self._recent.add(name, items)
-            if self._beginning is not None:
-                self._beginning.keep(name, items)
-            elif self._waiting is not None:
-                self._waiting.missed[name] += len(samples_of(items))
-            if self._recording is not None:
-                inbox.deliver(self._recording.put(name, items))
-        self._watch_clocks()
-        if sync and self._recording is not None:
-            self._recording.writer.write()
-            self._disk.go_on(self._recording.writer)
+            items = buffer.drain()
+            self._warn(name, faults_of(items))
+            self._on_items(name, items)
+            self._pretrigger.add(name, items)
+            if self._pending is not None:
+                self._pending.keep(name, items)
+            elif self._suspended is not None:
+                self._suspended.missed[name] += len(samples_of(items))
+            if self._active is not None:
+                buffer.deliver(self._active.put(name, items))
+        self._check_clocks()
+        if sync and self._active is not None:
+            self._active.writer.write()
+            self._io.advance(self._active.writer)
 
-    def _end_for_now(self, exit_status: Ending, why: str) -> None:
+    def _suspend(self, exit_status: Ending, why: str) -> None:
         """End the run and not the recording: what was taken and not stored counts as missed."""
-        recording = self._recording
-        if recording is None:
+        active = self._active
+        if active is None:
             return
-        path, at_once = recording.writer.path, exit_status == "complete"
-        closing = self._close(recording, exit_status, why)
-        self._waiting = Waiting(recording.label, path, why, closing, recording.taken, at_once=at_once)
+        path, at_once = active.writer.path, exit_status == "complete"
+        closing = self._close(active, exit_status, why)
+        self._suspended = SuspendedRecording(active.label, path, why, closing, active.taken, at_once=at_once)
         if not at_once:
             log.error("%s: ended for now, %s: %s; goes on when the disk lets it", path, exit_status, why)
 
-    def _try_again(self) -> None:
+    def _resume(self) -> None:
         """Go on in another run, where one is waited for and the disk lets us."""
-        if self._waiting is not None and self._beginning is None and self._waiting.is_due():
-            self._begin(Beginning(self._waiting.label, self._waiting, {name: [] for name in self._inboxes}))
+        if self._suspended is not None and self._pending is None and self._suspended.is_due():
+            self._request_run(PendingRun(self._suspended.label, self._suspended, {name: [] for name in self._buffers}))
 
-    def _lost(self, waiting: Waiting) -> Mapping[str, int]:
+    def _not_recorded(self, suspended: SuspendedRecording) -> Mapping[str, int]:
         """What is in no run, once the former is brought back. Raises CellError where that is gone."""
-        waiting.require_former()
-        if waiting.at_once:
+        suspended.require_previous_run()
+        if suspended.at_once:
             return {}
         try:
-            revive(waiting.former)
+            recover_and_log(suspended.previous)
         except RigError as error:
-            self._told.tell("recording", "former", str(error))
-        return waiting.lost()
+            self._warnings.warn("recording", "former", str(error))
+        return suspended.lost_samples()
 
-    def _give_up(self) -> str:
+    def _abandon(self) -> str:
         """Wait no longer for the disk; what that means in words, empty where nothing waited."""
-        waiting, self._waiting = self._waiting, None
-        return _given_up(waiting)
+        suspended, self._suspended = self._suspended, None
+        return _abandoned(suspended)
 
-    def _tell(self, name: str, faults: Sequence[Fault]) -> None:
+    def _warn(self, name: str, faults: Sequence[Fault]) -> None:
         for fault in faults:
-            self._told.tell(name, fault.kind, fault.detail, fault.count)
+            self._warnings.warn(name, fault.kind, fault.detail, fault.count)
 
-    def _watch_clocks(self) -> None:
+    def _check_clocks(self) -> None:
         """Tell where the wall clock was set or the computer slept, and keep what time it is since."""
-        faults = self._clocks.look(read_clocks())
-        self._tell(HOST, faults)
+        faults = self._host_clock.check(read_clocks())
+        self._warn(HOST, faults)
         self.host_faults[FaultKind.CLOCK] += len(faults)
-        if self._beginning is not None:
-            self._beginning.clock += faults
-        elif self._recording is not None:
-            self._recording.put_clock(faults)
+        if self._pending is not None:
+            self._pending.clock += faults
+        elif self._active is not None:
+            self._active.put_clock(faults)
 
-    def _close(self, recording: Recording, exit_status: Ending, reason: str) -> Future[Ended]:
+    def _close(self, active: ActiveRun, exit_status: Ending, reason: str) -> Future[EndedRun]:
         """Let go of the run; the disk's thread closes it."""
-        self._recording = None
+        self._active = None
         self.last_end = f"{exit_status}: {reason}"
-        return self._disk.last(partial(self._end, recording, exit_status, reason))
+        return self._io.submit_close(partial(self._close_run, active, exit_status, reason))
 
-    def _end(self, recording: Recording, exit_status: Ending, reason: str) -> Ended:
+    def _close_run(self, active: ActiveRun, exit_status: Ending, reason: str) -> EndedRun:
         """In the disk's thread. Raises CellError where the end cannot be written."""
-        path, counters = recording.writer.path, recording.counters
+        path, counters = active.writer.path, active.counters
         try:
-            recording.writer.close(exit_status, reason, counters)
+            active.writer.close(exit_status, reason, counters)
         except CellError as error:
             self.last_end = f"failed: {error}"
             log.error("recording ended, %s", self.last_end)
@@ -336,13 +338,13 @@ class Recorder(threading.Thread):
             log.exception("%s: not closed, for an error in the program; rig recover %s", path, path)
             raise
         log.info("recording ended, %s", self.last_end)
-        return Ended(path, {name: dict(counter) for name, counter in counters.items()})
+        return EndedRun(path, {name: dict(counter) for name, counter in counters.items()})
 
 
-def _given_up(waiting: Waiting | None) -> str:
+def _abandoned(suspended: SuspendedRecording | None) -> str:
     """What it means that nobody waits for the disk any more, in words; empty where nothing waited."""
-    if waiting is None:
+    if suspended is None:
         return ""
-    told = f"; it waited for the disk and waits no longer, samples missed: {waiting.words()}"
-    log.warning("recording %s: ended%s", waiting.label.name, told)
+    told = f"; it waited for the disk and waits no longer, samples missed: {suspended.missed_text()}"
+    log.warning("recording %s: ended%s", suspended.label.name, told)
     return told

@@ -23,7 +23,7 @@ _LONGEST_PAUSE_S = 60.0
 
 
 @dataclass
-class Waiting:
+class SuspendedRecording:
     """From the end of the former run to the begin of the next.
 
     closing: of the former. taken: samples of each stream that it was given; missed: those that came since.
@@ -31,7 +31,7 @@ class Waiting:
     """
 
     label: Label
-    former: Path
+    previous: Path
     why: str
     closing: Future[Any]
     taken: Counter[str]
@@ -44,25 +44,25 @@ class Waiting:
         """Whether to try now."""
         return self.at_once or (self.closing.done() and time.monotonic() >= self._try_at_s)
 
-    def put_off(self) -> None:
+    def postpone(self) -> None:
         """It was tried in vain; pauses double up to a bound."""
         self.at_once = False
         self._try_at_s = time.monotonic() + self._pause_s
         self._pause_s = min(2 * self._pause_s, _LONGEST_PAUSE_S)
 
-    def require_former(self) -> None:
+    def require_previous_run(self) -> None:
         """Nothing goes below the mount point of a disk that is not there. Raises CellError."""
-        if not self.former.is_dir():
-            raise CellError(str(self.former), "is gone", "bring the disk back that holds it")
+        if not self.previous.is_dir():
+            raise CellError(str(self.previous), "is gone", "bring the disk back that holds it")
 
-    def words(self) -> str:
+    def missed_text(self) -> str:
         """What is missed so far."""
         return ", ".join(f"{count} of {name}" for name, count in self.missed.items() if count) or "none"
 
-    def lost(self) -> Mapping[str, int]:
+    def lost_samples(self) -> Mapping[str, int]:
         """What is in no run: the missed, and of the taken what the former does not hold (all, where it cannot say)."""
         held: Counter[str] = Counter()
         with suppress(FileError):
-            for chunk in load_manifest(self.former).chunks:
+            for chunk in load_manifest(self.previous).chunks:
                 held[chunk.stream] += chunk.rows
         return +self.missed + (self.taken - held)

@@ -26,14 +26,14 @@ _STOOD_NS = 3 * _S // 10
 """A robot that only passes its start posture does not stand there."""
 _TAIL_NS = 10 * _S
 """A robot that drives on when its signal is over: the run ends without its standing still."""
-_UNHEARD_NS = 10 * _S
+_SILENT_NS = 10 * _S
 _STILL_DEG = 0.02
 """Encoders at rest flicker by less; the slowest circle moves some joint by more in a second."""
 AXES = 6
 
 
 @dataclass(frozen=True)
-class Start:
+class StartRun:
     """Begin a run for this rule, whose event was at `at_ns`."""
 
     rule: Rule
@@ -41,7 +41,7 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Stop:
+class StopRun:
     """End the run that was started; `in_order`: as the rule means it to end."""
 
     at_ns: int
@@ -49,58 +49,60 @@ class Stop:
     in_order: bool = True
 
 
-Command = Start | Stop
+Command = StartRun | StopRun
 
 
-class Automat:
+class Trigger:
     """The state between two samples of the robot."""
 
     def __init__(self, rules: Sequence[Rule]) -> None:
         self._rules = rules
-        self._stand = _Stand()
-        self._signal = _Signal()
+        self._standstill = _Standstill()
+        self._signal = _SettledSignal()
         self._departures = [(rule, _Departure(rule.when)) for rule in rules if rule.when.from_deg]
         self._running: Rule | None = None
         self._over_ns: int | None = None
         """When the running rule's event ended; None while its signal is on."""
-        self._heard_ns = 0
+        self._last_sample_ns = 0
 
     @property
     def signal(self) -> float:
         """The robot's signal as it is now, nan where it has none or was not heard yet."""
         return self._signal.value
 
-    def hear(self, sample: Sample) -> list[Command]:
+    def feed(self, sample: Sample) -> list[Command]:
         """What to do about a sample of the robot: its angles in degrees, then its signal where it has one."""
-        at_ns = self._heard_ns = sample.last_byte_ns
+        at_ns = self._last_sample_ns = sample.last_byte_ns
         joints = sample.values[:AXES]
-        self._stand.feed(joints, at_ns)
+        self._standstill.feed(joints, at_ns)
         changed_ns = self._signal.feed(sample.values[AXES], at_ns) if len(sample.values) > AXES else None
         started = self._started(joints, at_ns, changed_ns)
         if started is None:
             return self._ended(at_ns, changed_ns)
-        commands: list[Command] = [Stop(started.at_ns, "the next began")] if self._running else []
+        commands: list[Command] = [StopRun(started.at_ns, "the next began")] if self._running else []
         self._running = started.rule
         self._over_ns = at_ns if started.rule.when.signal is None else None
         return [*commands, started]
 
     def tick(self, now_ns: int) -> list[Command]:
         """What to do about the time that has passed: a robot that is not heard may be off."""
-        if self._running is None or now_ns - self._heard_ns < _UNHEARD_NS:
+        if self._running is None or now_ns - self._last_sample_ns < _SILENT_NS:
             return []
-        return self._stop(Stop(now_ns, f"the robot was not heard for {_UNHEARD_NS // _S} s", in_order=False))
+        return self._stop(StopRun(now_ns, f"the robot was not heard for {_SILENT_NS // _S} s", in_order=False))
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """The run it had asked for is not there: refused, or ended by somebody else. The next event starts anew."""
         self._running = None
 
-    def _started(self, joints: Sequence[float], at_ns: int, changed_ns: int | None) -> Start | None:
-        left = [(rule, departure.feed(joints, self._stand.since_ns, at_ns)) for rule, departure in self._departures]
+    def _started(self, joints: Sequence[float], at_ns: int, changed_ns: int | None) -> StartRun | None:
+        left = [
+            (rule, departure.feed(joints, self._standstill.since_ns, at_ns)) for rule, departure in self._departures
+        ]
         if changed_ns is not None:
             for rule in self._rules:
                 if rule.when.signal == self._signal.value:
-                    return Start(rule, changed_ns)
-        return next((Start(rule, left_ns) for rule, left_ns in left if left_ns is not None), None)
+                    return StartRun(rule, changed_ns)
+        return next((StartRun(rule, left_ns) for rule, left_ns in left if left_ns is not None), None)
 
     def _ended(self, at_ns: int, changed_ns: int | None) -> list[Command]:
         rule = self._running
@@ -110,18 +112,18 @@ class Automat:
             self._over_ns = changed_ns
         if self._over_ns is None:
             return []
-        if at_ns - max(self._over_ns, self._stand.since_ns) >= rule.still_s * _S:
-            return self._stop(Stop(at_ns, "the robot stands still"))
+        if at_ns - max(self._over_ns, self._standstill.since_ns) >= rule.still_s * _S:
+            return self._stop(StopRun(at_ns, "the robot stands still"))
         if rule.when.signal is not None and at_ns - self._over_ns >= _TAIL_NS:
-            return self._stop(Stop(at_ns, f"its signal was over for {_TAIL_NS // _S} s"))
+            return self._stop(StopRun(at_ns, f"its signal was over for {_TAIL_NS // _S} s"))
         return []
 
-    def _stop(self, stop: Stop) -> list[Command]:
+    def _stop(self, stop: StopRun) -> list[Command]:
         self._running = None
         return [stop]
 
 
-class _Stand:
+class _Standstill:
     """Since when the robot stands where it is."""
 
     def __init__(self) -> None:
@@ -133,7 +135,7 @@ class _Stand:
             self._at, self.since_ns = joints, at_ns
 
 
-class _Signal:
+class _SettledSignal:
     """The signal's last settled value."""
 
     def __init__(self) -> None:

@@ -39,7 +39,7 @@ def socket_directory() -> Path:
     return Path(f"/tmp/rigd-{os.getuid()}")  # noqa: S108 - made with mode 0700, and refused if another's
 
 
-class Lock:
+class InstanceLock:
     """One daemon a rig: an flock that the system releases whatever happens to the daemon."""
 
     def __init__(self, rig: str, path: Path) -> None:

@@ -12,24 +12,24 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from daq.acquisition.capture_writer import Tap
-from daq.acquisition.clock_drift import DriftWatch
+from daq.acquisition.capture_writer import CaptureWriter
+from daq.acquisition.clock_drift import DriftMonitor
 from daq.acquisition.host_clock import HOST
 from daq.acquisition.reader import Reader
-from daq.acquisition.replay_marks import ReplayWatch
-from daq.acquisition.stream_buffer import Inbox, samples_of
+from daq.acquisition.replay_marks import ReplayMarks
+from daq.acquisition.stream_buffer import StreamBuffer, samples_of
 from daq.acquisition.streams import ROBOT, streams_of
 from daq.protocol.conversation import Item
-from daq.recording.arbiter import Attendant
+from daq.recording.arbiter import Arbiter
 from daq.recording.label import NAME_RULE, Label
 from daq.recording.recorder import Recorder
-from daq.service.control import ControlServer, Lock
-from daq.service.maintenance import Housekeeper, Janitor
+from daq.service.control import ControlServer, InstanceLock
+from daq.service.maintenance import Maintenance, RunRetention
 from daq.service.metrics import metrics_text
 from daq.service.sd_notify import notify, watchdog_s
 from daq.store import RunWriter
 from daq.store.manifest import Ending
-from daq.store.startup_recovery import Revival
+from daq.store.startup_recovery import StartupRecovery
 from daq.wire.links import Link
 from rigs.errors import CellError, RigError
 from rigs.rig import Rig
@@ -61,27 +61,27 @@ class Daemon:
         self._rig, self._rig_text, self._runs = rig, rig_text, runs
         self._streams = streams_of(rig)
         with ExitStack() as undo:
-            self._lock = Lock(rig.name, socket_path.with_suffix(".lock"))
+            self._lock = InstanceLock(rig.name, socket_path.with_suffix(".lock"))
             undo.callback(self._lock.release)
             links = self._open_links()
             for link in links.values():
                 undo.callback(link.close)
-            self._inboxes = {stream.name: Inbox(stream.name, stream.columns) for stream in self._streams}
-            self._recorder = Recorder(self._inboxes, self._create, self._after_round, self._listen)
-            self._attendant = Attendant(self._recorder, rig.automatic)
-            self._clocks = {stream.name: DriftWatch() for stream in self._streams}
-            self._janitor = Janitor(runs, rig.name, rig.retention) if rig.retention else None
-            self._housekeeper = Housekeeper(metrics, lambda: metrics_text(self._status()), self._janitor)
-            self._replay = ReplayWatch(Path(rig.replay)) if rig.replay else None
+            self._buffers = {stream.name: StreamBuffer(stream.name, stream.columns) for stream in self._streams}
+            self._recorder = Recorder(self._buffers, self._create, self._after_round, self._on_items)
+            self._arbiter = Arbiter(self._recorder, rig.automatic)
+            self._drift = {stream.name: DriftMonitor() for stream in self._streams}
+            self._retention = RunRetention(runs, rig.name, rig.retention) if rig.retention else None
+            self._maintenance = Maintenance(metrics, lambda: metrics_text(self._status()), self._retention)
+            self._replay = ReplayMarks(Path(rig.replay)) if rig.replay else None
             self._control = ControlServer(socket_path, self.answer)
             undo.callback(self._control.close)
-            self._tap = Tap(capture, self._streams) if capture else None
-            self._readers = [Reader(s, self._inboxes[s.name], links[s.name], self._tap) for s in self._streams]
+            self._capture = CaptureWriter(capture, self._streams) if capture else None
+            self._readers = [Reader(s, self._buffers[s.name], links[s.name], self._capture) for s in self._streams]
             undo.pop_all()
-        self._revival = Revival(runs)
-        _tell_where_runs_go(runs)
-        threads = (*self._readers, self._recorder, self._housekeeper, self._revival)
-        for thread in (*threads, *filter(None, [self._tap])):
+        self._startup_recovery = StartupRecovery(runs)
+        _warn_if_not_writable(runs)
+        threads = (*self._readers, self._recorder, self._maintenance, self._startup_recovery)
+        for thread in (*threads, *filter(None, [self._capture])):
             thread.start()
         ports = ", ".join(f"{stream.name} on {stream.port}" for stream in self._streams)
         log.info("serving %s: %s; control socket %s", rig.name, ports, socket_path)
@@ -93,17 +93,17 @@ class Daemon:
         The control socket first, so that nobody starts a recording that nobody ends.
         """
         notify("STOPPING=1")
-        self._housekeeper.stop()
+        self._maintenance.stop()
         self._control.close()
-        self._revival.stop()
+        self._startup_recovery.stop()
         cut_short = self._recorder.shut_down(exit_status, why)
         for reader in self._readers:
             reader.stop()
-        for thread in (*self._readers, self._revival):
+        for thread in (*self._readers, self._startup_recovery):
             thread.join(_LEAVE_S)
-        if self._tap:
-            self._tap.stop(_LEAVE_S)
-        self._housekeeper.join(_LEAVE_S)
+        if self._capture:
+            self._capture.stop(_LEAVE_S)
+        self._maintenance.join(_LEAVE_S)
         self._lock.release()
         return cut_short
 
@@ -115,9 +115,9 @@ class Daemon:
             case "metrics":
                 return {"text": metrics_text(self._status())}
             case "record_start":
-                return {"run": str(self._attendant.start(_label(request)))}
+                return {"run": str(self._arbiter.start(_label(request)))}
             case "record_stop":
-                ended = self._attendant.stop()
+                ended = self._arbiter.stop()
                 return {"run": str(ended.path), "counters": ended.counters}
             case other:
                 known = "known: status, metrics, record_start, record_stop"
@@ -155,36 +155,36 @@ class Daemon:
         return {
             "rig": self._rig.name,
             "baseline_mm": self._rig.gauges.baseline_mm,
-            "streams": {s.name: {"port": s.port, **vars(self._inboxes[s.name].state())} for s in self._streams},
+            "streams": {s.name: {"port": s.port, **vars(self._buffers[s.name].state())} for s in self._streams},
             HOST: dict(self._recorder.host_faults),
-            "clocks": {name: vars(clock) for name, watch in self._clocks.items() if (clock := watch.state())},
-            "automatic": self._attendant.state(),
-            "retention": self._janitor.state() if self._janitor else None,
+            "clocks": {name: vars(clock) for name, watch in self._drift.items() if (clock := watch.state())},
+            "automatic": self._arbiter.state(),
+            "retention": self._retention.state() if self._retention else None,
             "disk": _disk(self._runs),
             **self._recorder.state(),
         }
 
-    def _listen(self, name: str, items: Sequence[Item]) -> None:
-        self._clocks[name].feed(samples_of(items))
+    def _on_items(self, name: str, items: Sequence[Item]) -> None:
+        self._drift[name].feed(samples_of(items))
         if name == ROBOT:
-            self._attendant.hear(items)
+            self._arbiter.feed(items)
 
     def _after_round(self) -> None:
-        self._attendant.round()
+        self._arbiter.after_round()
         self._mark_replay()
         self._feed_watchdog()
 
     def _mark_replay(self) -> None:
         """What a replay could not keep in step is a fault of its stream, in the run that is being recorded."""
-        for stream, fault in self._replay.news() if self._replay else ():
-            if stream in self._inboxes:
-                self._inboxes[stream].deliver([fault])
+        for stream, fault in self._replay.read_new() if self._replay else ():
+            if stream in self._buffers:
+                self._buffers[stream].deliver([fault])
 
     def _feed_watchdog(self) -> None:
         """After each round of the recorder: alive only while every reader goes round as well."""
         if watchdog_s() is None:
             return
-        if all(inbox.alive(_HEART_STOPS_S) for inbox in self._inboxes.values()):
+        if all(buffer.alive(_HEART_STOPS_S) for buffer in self._buffers.values()):
             notify("WATCHDOG=1")
 
 
@@ -199,7 +199,7 @@ class Unreachable(CellError):
         return [str(error) for error in self._errors]
 
 
-def _tell_where_runs_go(runs: Path) -> None:
+def _warn_if_not_writable(runs: Path) -> None:
     """A warning at the start, where every recording would be refused; whoever mends it needs no restart."""
     try:
         runs.mkdir(parents=True, exist_ok=True)

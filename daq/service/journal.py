@@ -37,20 +37,20 @@ def is_journal(fd: int = 2) -> bool:
     return (device, inode) == (str(status.st_dev), str(status.st_ino))
 
 
-def told(text: str, severity: int) -> str:
+def with_severity(text: str, severity: int) -> str:
     """Text for standard error; where that is the journal, it takes every line for one of this severity."""
     return "\n".join(f"<{severity}>{line}" for line in text.splitlines()) if is_journal() else text
 
 
 def formatter() -> logging.Formatter:
     """For the daemon's log: the journal gets severities and stamps the lines itself, others get both in words."""
-    return _Telling() if is_journal() else logging.Formatter(_READABLE)
+    return _JournalFormatter() if is_journal() else logging.Formatter(_READABLE)
 
 
-class _Telling(logging.Formatter):
+class _JournalFormatter(logging.Formatter):
     def format(self, record: logging.LogRecord) -> str:
         severity = next((severity for level, severity in _OF_LEVEL if record.levelno >= level), DEBUG)
-        return told(super().format(record), severity)
+        return with_severity(super().format(record), severity)
 
 
 @dataclass(frozen=True)

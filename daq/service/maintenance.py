@@ -21,23 +21,23 @@ from rigs.errors import CellError, FileError
 log = logging.getLogger("rigd")
 _METRICS_S = 10.0
 _RETENTION_S = 600.0
-_TELL_AGAIN_S = 3600.0
-_BREATH_S = 0.002
+_WARN_AGAIN_S = 3600.0
+_PAUSE_S = 0.002
 """Between two runs: reading a thousand manifests in one go would hold up the readers of this process."""
 
 
-class Housekeeper(threading.Thread):
+class Maintenance(threading.Thread):
     """Writes the metrics every ten seconds and goes over the runs every ten minutes, until told to stop."""
 
-    def __init__(self, metrics: Path | None, text: Callable[[], str], janitor: Janitor | None) -> None:
+    def __init__(self, metrics: Path | None, text: Callable[[], str], retention: RunRetention | None) -> None:
         """Raises CellError where the file of metrics cannot be written."""
         super().__init__(name="keep house", daemon=True)
-        self._metrics, self._text, self._janitor = metrics, text, janitor
+        self._metrics, self._text, self._retention = metrics, text, retention
         self._stop_asked = threading.Event()
-        self._told = False
+        self._warned = False
         if metrics is not None:
             try:
-                write_whole(metrics, text())
+                write_atomically(metrics, text())
             except OSError as error:
                 what = f"cannot be written: {error.strerror or error}"
                 raise CellError(str(metrics), what, "give another --metrics") from None
@@ -48,11 +48,11 @@ class Housekeeper(threading.Thread):
 
     def run(self) -> None:
         """The thread's body."""
-        look_at = time.monotonic()
+        due_s = time.monotonic()
         while not self._stop_asked.is_set():
-            if self._janitor is not None and time.monotonic() >= look_at:
-                self._janitor.round()
-                look_at = time.monotonic() + _RETENTION_S
+            if self._retention is not None and time.monotonic() >= due_s:
+                self._retention.apply()
+                due_s = time.monotonic() + _RETENTION_S
             self._write_metrics()
             self._stop_asked.wait(_METRICS_S)
         if self._metrics is not None:
@@ -63,15 +63,15 @@ class Housekeeper(threading.Thread):
         if self._metrics is None:
             return
         try:
-            write_whole(self._metrics, self._text())
-            self._told = False
+            write_atomically(self._metrics, self._text())
+            self._warned = False
         except OSError as error:
-            if not self._told:
+            if not self._warned:
                 log.warning("metrics: %s cannot be written: %s", self._metrics, error.strerror or error)
-            self._told = True
+            self._warned = True
 
 
-def write_whole(path: Path, text: str) -> None:
+def write_atomically(path: Path, text: str) -> None:
     """Put text under a name all at once; who reads the file finds the old or the new. Raises OSError.
 
     Not synced: what was measured of a daemon that is gone need not survive a cut of power.
@@ -86,19 +86,19 @@ def write_whole(path: Path, text: str) -> None:
         raise
 
 
-class Janitor:
+class RunRetention:
     """Deletes what may go, as far as it has to."""
 
     def __init__(self, runs: Path, rig_name: str, limits: Retention) -> None:
         self._runs, self._rig_name, self._limits = runs, rig_name, limits
-        self._told_at = -_TELL_AGAIN_S
+        self._warned_at = -_WARN_AGAIN_S
         self.deleted = 0
         self.deleted_bytes = 0
         self.over_bytes = 0
         self.runs = 0
         self.runs_bytes = 0
 
-    def round(self) -> None:
+    def apply(self) -> None:
         """Once over all runs of this rig."""
         try:
             found = self._found()
@@ -114,7 +114,7 @@ class Janitor:
             found = [replace(run, marks=None) if run.path in stuck else run for run in found if run.path not in gone]
             decision = decide(found, self._limits, time.time())
         self.over_bytes, self.runs, self.runs_bytes = decision.over, len(found), sum(run.size for run in found)
-        self._tell()
+        self._warn_over_limit()
 
     def state(self) -> dict[str, int]:
         """Runs there are and their bytes, those deleted since the start, and bytes beyond the limit that must stay."""
@@ -129,7 +129,7 @@ class Janitor:
     def _found(self) -> list[RunInfo]:
         found = []
         for run in survey(self._runs) if self._runs.exists() else ():
-            time.sleep(_BREATH_S)
+            time.sleep(_PAUSE_S)
             if run.manifest is None or run.manifest.rig_name == self._rig_name:
                 found.append(run)
         return found
@@ -148,11 +148,11 @@ class Janitor:
         log.info("retention: deleted %s, %.0f days old, %.1f MB, exported to %s", run.path, days, run.size / 1e6, copy)
         return True
 
-    def _tell(self) -> None:
+    def _warn_over_limit(self) -> None:
         """That there is too much of what may not go, once an hour."""
-        if not self.over_bytes or time.monotonic() - self._told_at < _TELL_AGAIN_S:
+        if not self.over_bytes or time.monotonic() - self._warned_at < _WARN_AGAIN_S:
             return
-        self._told_at = time.monotonic()
+        self._warned_at = time.monotonic()
         more, remedy = self.over_bytes / 1e9, "export some (rig export), or let go of kept ones (rig keep --not)"
         log.warning(
             "retention: %.2f GB more than allowed in %s, and no run may be deleted; %s", more, self._runs, remedy

@@ -22,7 +22,7 @@ from daq.store.chunk import Salvage, from_parquet, opening_in, salvage, with_ope
 from daq.store.manifest import MANIFEST, Chunk, Manifest, chunk_name, load_manifest, parse_chunk, sha256
 from daq.store.run import read_chunk
 from daq.store.schema import FAULTS
-from daq.store.stream_writer import describe, store
+from daq.store.stream_writer import describe, store_chunk
 from rigs.errors import CellError, FileError
 
 TORN = ".torn"
@@ -127,7 +127,7 @@ class _Repair:
             broken = self.path / chunk_name(stream, number)
             if broken.exists():
                 self._set_aside(broken, "damaged, made anew from the recording chunk")
-            chunk = store(self.path, stream, number, found, schema)
+            chunk = store_chunk(self.path, stream, number, found, schema)
         if chunk:
             self._list(chunk)
         if found.damage or found.unread:

@@ -18,7 +18,7 @@ from rigs.errors import RigError
 log = logging.getLogger("rigd")
 
 
-class Revival(threading.Thread):
+class StartupRecovery(threading.Thread):
     """Recovers every unclosed run of a directory, the latest first, and ends."""
 
     def __init__(self, runs: Path) -> None:
@@ -37,7 +37,7 @@ class Revival(threading.Thread):
                 return
             try:
                 if is_unclosed(path):
-                    revive(path)
+                    recover_and_log(path)
             except RigError as error:
                 log.warning("not recovered: %s", error)
             except Exception:  # no odd old run may keep the cell from recording new ones
@@ -62,7 +62,7 @@ def _may_be_run(path: Path) -> bool:
         return False
 
 
-def revive(path: Path) -> None:
+def recover_and_log(path: Path) -> None:
     """Recover one run and log what came of it. Raises RigError."""
     done = recover(path)
     if done.nothing_to_do:

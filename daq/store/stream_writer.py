@@ -81,7 +81,7 @@ class Sync:
 
 
 @dataclass
-class Recorder:
+class StreamWriter:
     """What is pending, recorded and closed of one stream of a run.
 
     open: what is written to, or waits to be synced once it was ended. full: ended, synced and being closed.
@@ -149,7 +149,7 @@ class Recorder:
         found = salvage(chunk.path.read_bytes(), self.schema)
         if found.damage or found.rows != chunk.rows:
             raise OSError(errno.EIO, f"{chunk.path.name} reads back {found.damage or 'short'}")
-        return store(self.run, self.stream, chunk.number, found, self.schema)
+        return store_chunk(self.run, self.stream, chunk.number, found, self.schema)
 
     def forget(self, chunk: OpenChunk) -> None:
         """Delete a chunk whose rows the manifest now lists elsewhere."""
@@ -169,7 +169,7 @@ class Recorder:
             self.open = None
 
 
-def store(run: Path, stream: str, number: int, found: Salvage, schema: pa.Schema) -> Chunk:
+def store_chunk(run: Path, stream: str, number: int, found: Salvage, schema: pa.Schema) -> Chunk:
     """Make a Parquet chunk of verified batches, durably. Raises OSError."""
     table = table_of(found.batches, schema)
     data = to_parquet(table)

@@ -29,7 +29,7 @@ from daq.store.manifest import Clock, Ending, Manifest, clock_now, iso_now, new_
 from daq.store.memory import give_back
 from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES, require_room
 from daq.store.schema import FAULTS, schema_of
-from daq.store.stream_writer import OpenChunk, Recorder
+from daq.store.stream_writer import OpenChunk, StreamWriter
 from rigs.errors import CellError
 from rigs.vocabulary import Direction, TestName
 
@@ -64,7 +64,7 @@ class RunWriter:
 
     path: Path
     manifest: Manifest
-    _recorders: dict[str, Recorder]
+    _writers: dict[str, StreamWriter]
     _lock: int
     _chunk_rows: int
     _failure: CellError | None = None
@@ -111,19 +111,19 @@ class RunWriter:
         except OSError as error:
             remedy = "make room or choose another directory"
             raise CellError(str(runs), f"cannot be written: {_words(error)}", remedy) from error
-        recorders = {
-            stream: Recorder(path, stream, with_opening(schema_of(stream, columns), manifest.opening()))
+        writers = {
+            stream: StreamWriter(path, stream, with_opening(schema_of(stream, columns), manifest.opening()))
             for stream, columns in manifest.all_streams.items()
         }
-        return cls(path, manifest, recorders, held, chunk_rows)
+        return cls(path, manifest, writers, held, chunk_rows)
 
     def append(self, stream: str, samples: Iterable[Sample]) -> None:
         """Take samples of one stream; they are kept in memory until `write` or `sync`."""
-        self._recorders[stream].append(samples)
+        self._writers[stream].append(samples)
 
     def append_faults(self, stream: str, faults: Iterable[Fault]) -> None:
         """Take faults that happened on one stream."""
-        self._recorders[FAULTS].append((stream, fault) for fault in faults)
+        self._writers[FAULTS].append((stream, fault) for fault in faults)
 
     @property
     def is_long(self) -> bool:
@@ -132,19 +132,19 @@ class RunWriter:
 
     def is_behind(self, stream: str) -> bool:
         """Whether so much of a stream, or of faults, waits for the disk that no more of it should be appended."""
-        return max(len(self._recorders[name].pending) for name in (stream, FAULTS)) >= MOST_PENDING
+        return max(len(self._writers[name].pending) for name in (stream, FAULTS)) >= MOST_PENDING
 
     def stored(self) -> dict[str, int]:
         """Rows of each sample stream handed to the operating system so far: after a sync, on the disk."""
-        return {stream: self._recorders[stream].rows for stream in self.manifest.streams}
+        return {stream: self._writers[stream].rows for stream in self.manifest.streams}
 
     def room_to_close(self) -> int:
         """Bytes that it takes at the most to write what is pending, close every chunk and end the run.
 
         The opening manifest is in the head of a chunk once and in its Parquet file three times.
         """
-        chunks = sum(recorder.bytes_to_close() for recorder in self._recorders.values())
-        return chunks + (2 + 4 * len(self._recorders)) * len(self.manifest.to_json())
+        chunks = sum(writer.bytes_to_close() for writer in self._writers.values())
+        return chunks + (2 + 4 * len(self._writers)) * len(self.manifest.to_json())
 
     def anchor(self) -> None:
         """Keep what time it is now, in the manifest with the next sync: the wall clock has been set."""
@@ -167,10 +167,10 @@ class RunWriter:
     def begin_sync(self) -> Work:
         """To sync everything written so far; chunks that are full or old end with it, and are synced first."""
         with self._guarded():
-            for recorder in self._recorders.values():
-                if recorder.open and not recorder.full and self._is_due(recorder.open):
-                    recorder.open.end()
-            syncs = [sync for recorder in self._recorders.values() if (sync := recorder.begin_sync())]
+            for writer in self._writers.values():
+                if writer.open and not writer.full and self._is_due(writer.open):
+                    writer.open.end()
+            syncs = [sync for writer in self._writers.values() if (sync := writer.begin_sync())]
             syncs.sort(key=lambda sync: not sync.chunk.ended)  # whose next rows are held back
             anchored = [self._save_anchors] if self._anchors != self.manifest.anchors else []
             return Work([*(sync.wait for sync in syncs), *anchored], self.stored())
@@ -188,8 +188,8 @@ class RunWriter:
 
         One, since it takes its time, in which nothing is synced: several streams' may be due at once.
         """
-        full = [(chunk.born_ns, name) for name, recorder in self._recorders.items() if (chunk := recorder.full)]
-        return Work([partial(self._roll, self._recorders[min(full)[1]]), give_back]) if full else None
+        full = [(chunk.born_ns, name) for name, writer in self._writers.items() if (chunk := writer.full)]
+        return Work([partial(self._roll, self._writers[min(full)[1]]), give_back]) if full else None
 
     def end_work(self, error: BaseException | None) -> None:
         """What became of it: the error that `Work.wait` raised, or none. Raises CellError for one."""
@@ -207,7 +207,7 @@ class RunWriter:
         of the run, and only then raises CellError for what it could not do.
         """
         steps = [] if self._failure else [self._write]
-        steps += [partial(self._end, recorder) for recorder in self._recorders.values()]
+        steps += [partial(self._end, writer) for writer in self._writers.values()]
         problems = [problem for step in [*steps, give_back] if (problem := _attempt(step))]
         if problems and exit_status != "failed":
             exit_status, reason = "failed", f"{reason}; {_words(problems[0])}".lstrip("; ")
@@ -221,36 +221,36 @@ class RunWriter:
             }
         )
         problems += [problem] if (problem := _attempt(partial(self.manifest.save, self.path))) else []
-        for recorder in self._recorders.values():
-            recorder.release()
+        for writer in self._writers.values():
+            writer.release()
         durable.close(self._lock)
         if problems:
             raise _refused(self.path, problems[0]) from problems[0]
 
     def _counted(self, stream: str, counts: Mapping[str, int]) -> dict[str, int]:
         told = {str(kind): count for kind, count in counts.items()}
-        return {**told, "samples": self._recorders[stream].rows} if stream in self._recorders else told
+        return {**told, "samples": self._writers[stream].rows} if stream in self._writers else told
 
     def _write(self) -> None:
-        for recorder in self._recorders.values():
-            recorder.write()
+        for writer in self._writers.values():
+            writer.write()
 
     def _is_due(self, chunk: OpenChunk) -> bool:
         return chunk.rows >= self._chunk_rows or time.monotonic_ns() - chunk.born_ns >= CHUNK_AGE_NS
 
-    def _end(self, recorder: Recorder) -> None:
+    def _end(self, writer: StreamWriter) -> None:
         """Close all that there is of a stream, with the rows that a sync held back."""
-        while recorder.unclosed():
-            self._roll(recorder)
+        while writer.unclosed():
+            self._roll(writer)
             if not self._failure:
-                recorder.write()
+                writer.write()
 
-    def _roll(self, recorder: Recorder) -> None:
-        chunk = recorder.unclosed()[0]
+    def _roll(self, writer: StreamWriter) -> None:
+        chunk = writer.unclosed()[0]
         if chunk.rows:  # none when the disk refused the first frame
-            listed = recorder.finish(chunk)
+            listed = writer.finish(chunk)
             self._save(chunks=(*self.manifest.chunks, listed))
-        recorder.forget(chunk)
+        writer.forget(chunk)
 
     def _save_anchors(self) -> None:
         self._save(anchors=self._anchors)

@@ -38,7 +38,7 @@ DEAD_S = 10.0
 """A TCP connection that brings nothing for so long is lost, unless the instrument is given more time to answer."""
 _QUEUE = 1 << 20
 """Bytes of datagrams that may wait for a reader held up; the system may allow fewer."""
-_TELL_S = 1.0
+_REPORT_EVERY_S = 1.0
 _IFLAG = 0
 """Place of the input modes in what tcgetattr gives."""
 _BITS = {7: serial.SEVENBITS, 8: serial.EIGHTBITS}
@@ -70,7 +70,7 @@ class Link:
         """What has come, waiting at most `timeout_s` for it; empty when nothing came. Raises LinkLost."""
         try:
             if not select.select([self], [], [], max(0.0, timeout_s))[0]:
-                self._still_there()
+                self._check_alive()
                 return b""
             data = os.read(self._fd, 65536)
         except BlockingIOError:
@@ -82,7 +82,7 @@ class Link:
         self._heard_s = time.monotonic()
         return data
 
-    def _still_there(self) -> None:
+    def _check_alive(self) -> None:
         if time.monotonic() - self._heard_s > self._dead_s:
             raise LinkLost(f"nothing came for {self._dead_s:g} s, the other end may be gone")
 
@@ -101,10 +101,10 @@ class Link:
         with contextlib.suppress(OSError):
             self._close()
 
-    def heed(self, items: Sequence[Item]) -> None:
+    def note_items(self, items: Sequence[Item]) -> None:
         """What the conversation made of what was read last."""
 
-    def left_out(self) -> list[Fault]:
+    def take_ignored(self) -> list[Fault]:
         """What came on the link and was not for us, since this was last asked."""
         return []
 
@@ -118,11 +118,11 @@ class UdpLink(Link):
     def __init__(self, name: str, sock: socket.socket, peer: Address | None) -> None:
         super().__init__(name, sock.fileno(), sock.close)
         self._sock = sock
-        self._given = peer is not None
+        self._peer_is_fixed = peer is not None
         self._peer = self._sender = peer
         self._strangers = 0
         self._stranger: Address | None = None
-        self._told_s = -math.inf
+        self._reported_s = -math.inf
 
     def read(self, timeout_s: float) -> bytes:
         """The next datagram of the peer, waiting at most `timeout_s`; empty for none. Raises LinkLost."""
@@ -152,9 +152,9 @@ class UdpLink(Link):
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None
 
-    def heed(self, items: Sequence[Item]) -> None:
+    def note_items(self, items: Sequence[Item]) -> None:
         """A sample makes its sender the peer; after a silence anyone may be it."""
-        if self._given:
+        if self._peer_is_fixed:
             return
         for item in items:
             if isinstance(item, Sample):
@@ -162,16 +162,17 @@ class UdpLink(Link):
             elif item.kind is FaultKind.SILENT:
                 self._peer = None
 
-    def left_out(self) -> list[Fault]:
+    def take_ignored(self) -> list[Fault]:
         now_s = time.monotonic()
-        if not self._strangers or self._stranger is None or now_s - self._told_s < _TELL_S:
+        if not self._strangers or self._stranger is None or now_s - self._reported_s < _REPORT_EVERY_S:
             return []
-        count, self._strangers, self._told_s = self._strangers, 0, now_s
-        detail = f"datagrams from {_words(self._stranger)} left out; {_words(self._peer)} is being read; stop the other"
+        count, self._strangers, self._reported_s = self._strangers, 0, now_s
+        stranger, peer = _address_text(self._stranger), _address_text(self._peer)
+        detail = f"datagrams from {stranger} left out; {peer} is being read; stop the other"
         return [Fault(FaultKind.STRANGER, time.monotonic_ns(), detail, count)]
 
 
-def _words(address: Address | None) -> str:
+def _address_text(address: Address | None) -> str:
     return f"{address[0]}:{address[1]}" if address else "nobody"
 
 
@@ -222,12 +223,12 @@ def _open_tcp(name: str, address: tuple[str, int], dead_s: float) -> Link:
     except OSError as error:
         raise CellError(where, error.strerror or str(error), "check address and network") from None
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    _watch(sock, dead_s)
+    _set_keepalive(sock, dead_s)
     sock.setblocking(False)
     return Link(name, sock.fileno(), sock.close, dead_s)
 
 
-def _watch(sock: socket.socket, dead_s: float) -> None:
+def _set_keepalive(sock: socket.socket, dead_s: float) -> None:
     """Have the system ask a silent peer whether it is there, and give up what nobody acknowledges, before `dead_s`."""
     part_s = max(1, round(dead_s / 5))
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -246,7 +247,7 @@ def _open_serial(name: str, port: str, line: Line) -> Link:
         if line.parity != "N":
             _check_parity(device.fileno())
     except serial.SerialException as error:
-        raise CellError(where, *_serial_trouble(error)) from None
+        raise CellError(where, *_serial_problem(error)) from None
     except (OSError, ValueError, termios.error) as error:
         raise CellError(where, f"no serial device ({error})", "give the path of a serial port") from None
     return Link(name, device.fileno(), device.close)
@@ -280,7 +281,7 @@ def _check_parity(fd: int) -> None:
     termios.tcsetattr(fd, termios.TCSANOW, settings)
 
 
-def _serial_trouble(error: serial.SerialException) -> tuple[str, str]:
+def _serial_problem(error: serial.SerialException) -> tuple[str, str]:
     text = str(error)
     if "exclusively lock" in text or "busy" in text:
         return "in use by another program", "stop the other program (another rigd, a terminal)"

@@ -22,7 +22,7 @@ class ByteLink(Protocol):
         """Send all of it. Raises LinkLost."""
 
 
-def converse(
+def run_conversation(
     link: ByteLink,
     conversation: Conversation,
     deliver: Callable[[Sequence[Item]], None],

@@ -18,7 +18,7 @@ from statistics import median
 from bench import Bench, rig_text
 from replugging import Clockwork, swallow
 
-from daq.acquisition.stream_buffer import Inbox
+from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import JOINTS
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.pace import Pace
@@ -74,26 +74,26 @@ def in_real_time(folder: Path, minutes: float, every_s: float) -> Iterator[Held]
 
 def accelerated(folder: Path, minutes: float, times: float, every_s: float) -> Iterator[Held]:
     """The same in so many times real time, with a fault a second of each stream, without links and readers."""
-    inboxes = {name: Inbox(name, columns) for name, columns in COLUMNS.items()}
-    recorder = Recorder(inboxes, lambda label, _: _create(folder, label), lambda: None)
+    buffers = {name: StreamBuffer(name, columns) for name, columns in COLUMNS.items()}
+    recorder = Recorder(buffers, lambda label, _: _create(folder, label), lambda: None)
     recorder.start()
-    _deliver(inboxes, {name: Pace(rate, 0) for name, rate in RATES_HZ.items()}, 0)
+    _deliver(buffers, {name: Pace(rate, 0) for name, rate in RATES_HZ.items()}, 0)
     path = recorder.start_run(Label(name="soak", test="yaw", direction="acw")).result()
     paces = {name: Pace(rate, 0) for name, rate in RATES_HZ.items()}
     began, told_s, recorded_s = time.monotonic(), -math.inf, 0.0
     while recorded_s < minutes * 60:
         recorded_s += SLICE_S * times
-        _deliver(inboxes, paces, round(recorded_s * 1e9))
+        _deliver(buffers, paces, round(recorded_s * 1e9))
         time.sleep(max(0.0, began + recorded_s / times - time.monotonic()))
         if time.monotonic() - told_s > every_s:
             told_s = time.monotonic()
-            samples = sum(inbox.state().counters["samples"] for inbox in inboxes.values())
+            samples = sum(buffer.state().counters["samples"] for buffer in buffers.values())
             yield held(os.getpid(), recorded_s / 60, samples)
     ended = recorder.stop_run().result()
     recorder.shut_down("complete", "")
-    for name, inbox in inboxes.items():
+    for name, buffer in buffers.items():
         kept = ended.counters[name]
-        assert kept["samples"] == inbox.state().counters["samples"] - 1, f"{name}: {kept}"
+        assert kept["samples"] == buffer.state().counters["samples"] - 1, f"{name}: {kept}"
     assert verify(path) == []
 
 
@@ -102,13 +102,13 @@ def _create(folder: Path, label: Label) -> RunWriter:
     return RunWriter.create(folder, name=label.name, test=label.test, direction=label.direction, **about)  # type: ignore[arg-type]
 
 
-def _deliver(inboxes: dict[str, Inbox], paces: dict[str, Pace], until_ns: int) -> None:
+def _deliver(buffers: dict[str, StreamBuffer], paces: dict[str, Pace], until_ns: int) -> None:
     now_ns = time.monotonic_ns()
-    for name, inbox in inboxes.items():
+    for name, buffer in buffers.items():
         value = math.sin(until_ns * 1e-9)
-        width = len(inbox.columns)
-        inbox.deliver([Sample((value,) * width, NO_TIME, at, now_ns, 9) for at in paces[name].due(until_ns)])
-        inbox.deliver([Fault(FaultKind.GARBLED, now_ns, f"{value} is no reading")])
+        width = len(buffer.columns)
+        buffer.deliver([Sample((value,) * width, NO_TIME, at, now_ns, 9) for at in paces[name].due(until_ns)])
+        buffer.deliver([Fault(FaultKind.GARBLED, now_ns, f"{value} is no reading")])
 
 
 def wrong(rows: list[Held]) -> list[str]:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import pytest
 
-from daq.acquisition.pretrigger import Recent
+from daq.acquisition.pretrigger import PretriggerBuffer
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.recording.trigger import Automat, Command, Start, Stop
+from daq.recording.trigger import Command, StartRun, StopRun, Trigger
 from rigs.automatic import Rule
 
 S = 1_000_000_000
@@ -28,7 +28,7 @@ class Robot:
     """Speaks at 100 Hz; moves its first joint when told to."""
 
     def __init__(self, *rules: Rule) -> None:
-        self.automat = Automat(rules)
+        self.trigger = Trigger(rules)
         self.now_ns = 7 * S
         self.q1 = 0.0
         self.did: list[Command] = []
@@ -40,12 +40,12 @@ class Robot:
             self.now_ns += S // 100
             self.q1 += deg_s / 100
             values = (self.q1, *HOME[1:], *signal)
-            self.did += self.automat.hear(Sample(values, NO_TIME, self.now_ns, self.now_ns, 60))
+            self.did += self.trigger.feed(Sample(values, NO_TIME, self.now_ns, self.now_ns, 60))
         return self.did
 
     def silent(self, seconds: float) -> list[Command]:
         self.now_ns += round(seconds * S)
-        return self.automat.tick(self.now_ns)
+        return self.trigger.tick(self.now_ns)
 
     def ago(self, command: Command) -> float:
         return (self.now_ns - command.at_ns) / S
@@ -55,10 +55,10 @@ def test_a_signal_starts_and_its_end_and_a_stand_stop() -> None:
     robot = Robot(CW, ACW)
     assert robot.does(5, 0) == []
     (start,) = robot.does(20, 1, deg_s=10)
-    assert isinstance(start, Start) and start.rule is CW and robot.ago(start) == pytest.approx(19.99)
+    assert isinstance(start, StartRun) and start.rule is CW and robot.ago(start) == pytest.approx(19.99)
     assert robot.does(1.9, 0) == []
     (stop,) = robot.does(1, 0)
-    assert isinstance(stop, Stop) and stop.in_order and "stands still" in stop.why
+    assert isinstance(stop, StopRun) and stop.in_order and "stands still" in stop.why
     assert robot.does(60, 0) == []
 
 
@@ -77,7 +77,7 @@ def test_a_robot_that_drives_on_ends_the_run_too() -> None:
     robot.does(5, 1, deg_s=10)
     assert robot.does(9.5, 0, deg_s=10) == []
     (stop,) = robot.does(1, 0, deg_s=10)
-    assert isinstance(stop, Stop) and "over for 10 s" in stop.why
+    assert isinstance(stop, StopRun) and "over for 10 s" in stop.why
 
 
 def test_the_next_lap_ends_the_one_before() -> None:
@@ -85,11 +85,13 @@ def test_the_next_lap_ends_the_one_before() -> None:
     robot.does(1, 0)
     robot.does(5, 1, deg_s=10)
     stop, start = robot.does(5, 2, deg_s=-10)
-    assert isinstance(stop, Stop) and stop.in_order and isinstance(start, Start) and start.rule is ACW
+    assert isinstance(stop, StopRun) and stop.in_order and isinstance(start, StartRun) and start.rule is ACW
     assert stop.at_ns == start.at_ns
     robot.does(0.5, 0, deg_s=10)
     stop, start = robot.does(5, 2, deg_s=10)
-    assert isinstance(stop, Stop) and isinstance(start, Start) and start.rule is ACW, "the same again is a new lap"
+    assert isinstance(stop, StopRun) and isinstance(start, StartRun) and start.rule is ACW, (
+        "the same again is a new lap"
+    )
 
 
 def test_outputs_that_switch_one_after_the_other_are_one_change() -> None:
@@ -97,7 +99,7 @@ def test_outputs_that_switch_one_after_the_other_are_one_change() -> None:
     robot.does(1, 0)
     assert robot.does(0.05, 1) == []
     (start,) = robot.does(1, 3)
-    assert isinstance(start, Start) and start.rule.when.signal == 3
+    assert isinstance(start, StartRun) and start.rule.when.signal == 3
 
 
 def test_a_signal_that_only_flickers_neither_starts_nor_ends() -> None:
@@ -114,7 +116,7 @@ def test_a_signal_that_only_flickers_neither_starts_nor_ends() -> None:
 def test_a_signal_that_is_on_when_first_heard_is_no_start(before: Sequence[float]) -> None:
     robot = Robot(CW)
     assert [command for value in before for command in robot.does(5, value, deg_s=3)] == []
-    assert robot.automat.signal == 1
+    assert robot.trigger.signal == 1
     robot.does(1, 0)
     assert len(robot.does(5, 1)) == 1
 
@@ -134,7 +136,7 @@ def test_a_robot_that_is_not_heard_any_more_ends_the_run() -> None:
     robot.does(1, 1, deg_s=1)
     assert robot.silent(9) == []
     (stop,) = robot.silent(2)
-    assert isinstance(stop, Stop) and not stop.in_order and "not heard" in stop.why
+    assert isinstance(stop, StopRun) and not stop.in_order and "not heard" in stop.why
     assert robot.silent(100) == []
 
 
@@ -149,7 +151,7 @@ def test_what_is_forgotten_is_not_ended() -> None:
     robot = Robot(CW)
     robot.does(1, 0)
     robot.does(5, 1)
-    robot.automat.forget()
+    robot.trigger.reset()
     assert robot.does(5, 1) + robot.does(60, 0) == []
     assert len(robot.does(1, 1)) == 1
 
@@ -166,11 +168,11 @@ def test_a_departure_starts_with_the_direction_it_takes(deg_s: float, direction:
     assert robot.does(3) == []
     left_ns = robot.now_ns
     (start,) = robot.does(max(10, 4 / abs(deg_s)), deg_s=deg_s)
-    assert isinstance(start, Start) and start.rule.direction == direction
+    assert isinstance(start, StartRun) and start.rule.direction == direction
     assert abs(start.at_ns - left_ns) < 0.1 * S
     assert robot.does(1.9) == []
     (stop,) = robot.does(1)
-    assert isinstance(stop, Stop) and stop.in_order
+    assert isinstance(stop, StopRun) and stop.in_order
 
 
 def test_only_a_robot_that_stood_departs() -> None:
@@ -189,18 +191,18 @@ def test_a_robot_that_leaves_for_elsewhere_has_not_departed() -> None:
 def test_two_laps_with_a_stand_at_the_start_between_are_two_runs() -> None:
     robot = Robot(rule(from_deg=HOME, to_deg=ON))
     robot.does(2)
-    assert [type(c) for c in robot.does(9, deg_s=4)] == [Start]
+    assert [type(c) for c in robot.does(9, deg_s=4)] == [StartRun]
     assert robot.does(9, deg_s=-4) == []
     assert robot.does(0.5) == []
-    assert [type(c) for c in robot.does(9, deg_s=4)] == [Stop, Start]
+    assert [type(c) for c in robot.does(9, deg_s=4)] == [StopRun, StartRun]
 
 
 def test_stops_at_targets_shorter_than_still_s_are_one_run() -> None:
     robot = Robot(rule("radial", None, 5, from_deg=HOME, to_deg=ON))
     robot.does(2)
     did = [command for _ in range(10) for command in (*robot.does(2, deg_s=5), *robot.does(4))]
-    assert [type(command) for command in did] == [Start]
-    assert [type(command) for command in robot.does(2)] == [Stop]
+    assert [type(command) for command in did] == [StartRun]
+    assert [type(command) for command in robot.does(2)] == [StopRun]
 
 
 def test_encoders_that_flicker_at_rest_stand_still() -> None:
@@ -211,7 +213,7 @@ def test_encoders_that_flicker_at_rest_stand_still() -> None:
     for number in range(300):
         robot.q1 += 0.005 * (-1) ** number
         stops += robot.does(0.01, 0)
-    assert [type(command) for command in stops] == [Stop]
+    assert [type(command) for command in stops] == [StopRun]
 
 
 def test_a_robot_that_creeps_does_not_stand_still() -> None:
@@ -225,7 +227,7 @@ def test_a_robot_that_creeps_does_not_stand_still() -> None:
 
 
 def test_five_seconds_and_the_whole_last_round_are_at_hand() -> None:
-    recent = Recent(["robot"])
+    recent = PretriggerBuffer(["robot"])
     stamps = [number * S // 10 for number in range(1000)]
     samples = [Sample((1.0,), NO_TIME, at_ns, at_ns, 60) for at_ns in stamps]
     recent.add("robot", samples[:800])

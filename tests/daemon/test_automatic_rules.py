@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from analysis.cli import app
 from analysis.reading.events import rule_of
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.recording.trigger import Automat, Start, Stop
+from daq.recording.trigger import StartRun, StopRun, Trigger
 from daq.store import RunWriter, read_run
 from rigs.automatic import Automatic
 from rigs.errors import FileError
@@ -144,12 +144,12 @@ def test_the_rule_of_a_run_knows_its_program_again(
     rule = rule_of(read_run(lap(tmp_path, q1_deg, test=test)))
     assert (rule.test, rule.direction, rule.still_s) == (test, "cw" if test == "yaw" else None, still_s)
     again = np.append(q1_deg + 0.01, np.full(400, q1_deg[-1] + 0.01))
-    automat = Automat([rule])
-    commands = [command for sample in samples(again) for command in automat.hear(sample)]
-    assert [type(command) for command in commands] == [Start, Stop]
+    trigger = Trigger([rule])
+    commands = [command for sample in samples(again) for command in trigger.feed(sample)]
+    assert [type(command) for command in commands] == [StartRun, StopRun]
     assert commands[0].at_ns == pytest.approx(2e9, abs=1e8)
-    automat = Automat([rule])
-    assert [command for sample in samples(-again) for command in automat.hear(sample)] == []
+    trigger = Trigger([rule])
+    assert [command for sample in samples(-again) for command in trigger.feed(sample)] == []
 
 
 def test_the_rule_of_a_run_with_a_signal_waits_for_it(tmp_path: Path) -> None:

@@ -13,10 +13,10 @@ import pytest
 import yaml
 from bench import OFF, Bench, rig_text
 
-from daq.acquisition.stream_buffer import Inbox
+from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import streams_of
 from daq.protocol.conversation import NO_TIME, Sample
-from daq.recording.arbiter import Attendant
+from daq.recording.arbiter import Arbiter
 from daq.recording.label import Label
 from daq.recording.recorder import Recorder
 from daq.store import Manifest, RunWriter, durable, load_manifest, read_run, verify
@@ -52,7 +52,7 @@ def _ended(bench: Bench) -> list[tuple[Path, Manifest]]:
     return [(path, manifest) for path, manifest in found if manifest.exit_status != "recording"]
 
 
-def _recording(direction: str) -> Any:
+def _active(direction: str) -> Any:
     return lambda state: (
         state["recording"]
         and state["direction"] == direction
@@ -74,7 +74,7 @@ def test_a_program_after_the_other_is_a_run_each(printing: Bench) -> None:
     assert said["automatic"]["waits_for"] == ["signal 1: yaw cw", "signal 2: yaw acw"] and said["recording"] is None
     for program, direction in ((1, "cw"), (2, "acw")):
         cell.motion.program = program
-        cell.until(_recording(direction))
+        cell.until(_active(direction))
     cell.motion.program = 0
     cell.until(lambda state: state["recording"] is None and not state["closing"])
     (first, one), (second, other) = _ended(cell)
@@ -127,53 +127,53 @@ def test_a_silent_gauge_is_why_nothing_started(cell: Bench) -> None:
     cell.until(lambda state: state["recording"] and state["automatic"]["why_not"] == "")
 
 
-def _by_hand(tmp_path: Path) -> tuple[Recorder, Attendant, dict[str, Inbox]]:
+def _by_hand(tmp_path: Path) -> tuple[Recorder, Arbiter, dict[str, StreamBuffer]]:
     """The attendant and the recorder without their threads."""
     text = _text("ur_rtde", still_s=0.2)
     rig = parse(text, "bench")
-    inboxes = {stream.name: Inbox(stream.name, stream.columns) for stream in streams_of(rig)}
-    columns = {name: inbox.columns for name, inbox in inboxes.items()}
+    buffers = {stream.name: StreamBuffer(stream.name, stream.columns) for stream in streams_of(rig)}
+    columns = {name: buffer.columns for name, buffer in buffers.items()}
 
     def create(label: Label, follows: str) -> RunWriter:
         more = {"rig_name": rig.name, "rig_text": text, "streams": columns, "follows": follows}
         return RunWriter.create(tmp_path, **label.model_dump(), **more)
 
-    recorder = Recorder(inboxes, create, lambda: None)
-    return recorder, Attendant(recorder, rig.automatic), inboxes
+    recorder = Recorder(buffers, create, lambda: None)
+    return recorder, Arbiter(recorder, rig.automatic), buffers
 
 
-def _signal_on(attendant: Attendant, inboxes: dict[str, Inbox], on: range) -> None:
+def _signal_on(arbiter: Arbiter, buffers: dict[str, StreamBuffer], on: range) -> None:
     """Two seconds of the robot, one of its outputs on in some of the 200 samples; the gauges read."""
     now_ns = time.monotonic_ns()
-    inboxes["g1_g2"].deliver([Sample((1.0, 2.0), NO_TIME, now_ns, now_ns, 60)])
+    buffers["g1_g2"].deliver([Sample((1.0, 2.0), NO_TIME, now_ns, now_ns, 60)])
     stamps = [now_ns - 2_000_000_000 + 10_000_000 * number for number in range(200)]
     samples = [Sample((0.0,) * 6 + (float(n in on),), NO_TIME, at, at, 60) for n, at in enumerate(stamps)]
-    inboxes["robot"].deliver(samples)
-    attendant.hear(samples)
+    buffers["robot"].deliver(samples)
+    arbiter.feed(samples)
 
 
 def test_a_recording_that_cannot_be_ends_none(tmp_path: Path) -> None:
-    recorder, attendant, inboxes = _by_hand(tmp_path)
-    _signal_on(attendant, inboxes, range(50, 200))
-    attendant.round()
-    recorder._disk._beginner.submit(lambda: None).result()
+    recorder, arbiter, buffers = _by_hand(tmp_path)
+    _signal_on(arbiter, buffers, range(50, 200))
+    arbiter.after_round()
+    recorder._io._creator.submit(lambda: None).result()
     name = recorder.state()["recording"]
-    inboxes["g1_g2"]._last["g2_mm"] = (2.0, 0)
+    buffers["g1_g2"]._last["g2_mm"] = (2.0, 0)
     with pytest.raises(CellError, match="g2: no reading"):
-        attendant.start(Label(name="mine", test="yaw", direction="cw"))
+        arbiter.start(Label(name="mine", test="yaw", direction="cw"))
     assert name and recorder.state()["recording"] == name
-    attendant.start(Label(name="mine", test="radial"))
+    arbiter.start(Label(name="mine", test="radial"))
     assert recorder.state()["recording"] == "mine"
-    attendant.stop()
-    recorder._disk.rest()
+    arbiter.stop()
+    recorder._io.shut_down()
 
 
 def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
     """Without threads the blink has its length on any machine."""
-    recorder, attendant, inboxes = _by_hand(tmp_path)
-    _signal_on(attendant, inboxes, range(50, 80))
-    attendant.round()
-    recorder._disk.rest()
+    recorder, arbiter, buffers = _by_hand(tmp_path)
+    _signal_on(arbiter, buffers, range(50, 80))
+    arbiter.after_round()
+    recorder._io.shut_down()
     (path,) = tmp_path.iterdir()
     manifest = read_run(path).manifest
     assert manifest.exit_status == "interrupted" and manifest.reason == "the robot stands still; only 0.50 s long"
@@ -181,40 +181,40 @@ def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
 
 
 def test_a_disk_that_refuses_is_why_nothing_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    recorder, attendant, inboxes = _by_hand(tmp_path)
-    _signal_on(attendant, inboxes, range(50, 200))
+    recorder, arbiter, buffers = _by_hand(tmp_path)
+    _signal_on(arbiter, buffers, range(50, 200))
     monkeypatch.setattr(durable, "free_bytes", lambda _: 0)
-    attendant.round()
-    recorder._disk._beginner.submit(lambda: None).result()
-    attendant.round()
-    state = attendant.state()
+    arbiter.after_round()
+    recorder._io._creator.submit(lambda: None).result()
+    arbiter.after_round()
+    state = arbiter.state()
     assert state is not None and (state["refused"], state["started"], state["recording"]) == (1, 0, None)
     assert "yaw cw" in str(state["why_not"]) and "disk nearly full" in str(state["why_not"])
     assert recorder.state()["waiting"] is None and list(tmp_path.iterdir()) == []
-    recorder._disk.rest()
+    recorder._io.shut_down()
 
 
 def test_people_come_first_while_the_disk_is_still_asked_for_the_automats_run(
     tmp_path: Path, making: tuple[threading.Event, threading.Event]
 ) -> None:
     asked, done = making
-    recorder, attendant, inboxes = _by_hand(tmp_path)
-    _signal_on(attendant, inboxes, range(50, 200))
-    attendant.round()
+    recorder, arbiter, buffers = _by_hand(tmp_path)
+    _signal_on(arbiter, buffers, range(50, 200))
+    arbiter.after_round()
     assert asked.wait(20)
     mine: list[Path] = []
-    person = threading.Thread(target=lambda: mine.append(attendant.start(Label(name="mine", test="radial"))))
+    person = threading.Thread(target=lambda: mine.append(arbiter.start(Label(name="mine", test="radial"))))
     person.start()
     while recorder.state()["beginning"] != "mine":
         person.join(0.01)
     done.set()
     person.join(20)
-    attendant.round()
-    state = attendant.state()
+    arbiter.after_round()
+    state = arbiter.state()
     assert recorder.state()["recording"] == "mine"
     assert state is not None and (state["started"], state["refused"], state["recording"]) == (1, 0, None)
-    attendant.stop()
-    recorder._disk.rest()
+    arbiter.stop()
+    recorder._io.shut_down()
     (theirs,) = [path for path in tmp_path.iterdir() if path not in mine]
     manifest = load_manifest(theirs)
     assert (manifest.exit_status, manifest.reason) == ("interrupted", "a person started mine")
@@ -225,18 +225,18 @@ def test_a_lap_that_begins_before_the_disk_has_the_one_before_is_kept_as_that_is
     tmp_path: Path, making: tuple[threading.Event, threading.Event]
 ) -> None:
     asked, done = making
-    recorder, attendant, inboxes = _by_hand(tmp_path)
-    _signal_on(attendant, inboxes, range(50, 80))
-    attendant.round()
+    recorder, arbiter, buffers = _by_hand(tmp_path)
+    _signal_on(arbiter, buffers, range(50, 80))
+    arbiter.after_round()
     assert asked.wait(20)
-    _signal_on(attendant, inboxes, range(50, 200))
-    attendant.round()
+    _signal_on(arbiter, buffers, range(50, 200))
+    arbiter.after_round()
     done.set()
-    recorder._disk._beginner.submit(lambda: None).result()
-    attendant.round()
-    state = attendant.state()
+    recorder._io._creator.submit(lambda: None).result()
+    arbiter.after_round()
+    state = arbiter.state()
     assert state is not None and (state["started"], state["refused"]) == (2, 0)
     assert recorder.state()["recording"] == state["recording"]
-    attendant.stop()
-    recorder._disk.rest()
+    arbiter.stop()
+    recorder._io.shut_down()
     assert len(list(tmp_path.iterdir())) == 2 and all(verify(path) == [] for path in tmp_path.iterdir())

@@ -89,14 +89,14 @@ def test_a_capture_that_grows_too_long_or_loses_its_disk_ends_and_says_so(
 ) -> None:
     monkeypatch.setattr(capture_writer, "LARGEST", 3000)
     monkeypatch.setattr(capture_writer, "_ROOM", 10)
-    found = capture_writer.Tap(tmp_path / "log", [])
+    found = capture_writer.CaptureWriter(tmp_path / "log", [])
     for number in range(15):
-        found.note("g1", Mark.CAME, bytes(100) + str(number).encode())
+        found.add("g1", Mark.CAME, bytes(100) + str(number).encode())
     found.start()
     until = time.monotonic() + PATIENCE_S
     while "grown" not in caplog.text and time.monotonic() < until:
         if " ! 5\n" in (tmp_path / "log").read_text():
-            found.note("g1", Mark.SENT, bytes(1000))
+            found.add("g1", Mark.SENT, bytes(1000))
         time.sleep(0.01)
     found.stop(20)
     capture = read_capture(tmp_path / "log")

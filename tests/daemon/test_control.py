@@ -13,7 +13,7 @@ import daq.service.client
 import daq.service.control
 from daq.recording.label import Label
 from daq.service.client import Client, find_socket
-from daq.service.control import ControlServer, Lock, reply
+from daq.service.control import ControlServer, InstanceLock, reply
 from daq.store import RunWriter, load_manifest
 from rigs.errors import CellError
 
@@ -43,13 +43,13 @@ def test_a_lock_on_a_disk_that_takes_no_more_is_a_lock(tmp_path: Path, monkeypat
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "write", full)
-        lock = Lock("cell", tmp_path / "cell.lock")
+        lock = InstanceLock("cell", tmp_path / "cell.lock")
     with pytest.raises(CellError, match="process unknown"):
-        Lock("cell", tmp_path / "cell.lock")
+        InstanceLock("cell", tmp_path / "cell.lock")
     lock.release()
-    lock = Lock("cell", tmp_path / "cell.lock")
+    lock = InstanceLock("cell", tmp_path / "cell.lock")
     with pytest.raises(CellError, match=f"process {os.getpid()}"):
-        Lock("cell", tmp_path / "cell.lock")
+        InstanceLock("cell", tmp_path / "cell.lock")
     lock.release()
 
 

@@ -18,7 +18,7 @@ import daq.recording.io_worker
 import daq.recording.rate_limited_log
 import daq.recording.recorder
 import daq.recording.suspended
-from daq.acquisition.stream_buffer import Inbox
+from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
 from daq.recording.label import Label
 from daq.recording.recorder import Recorder
@@ -33,8 +33,8 @@ class Written:
 
     def __init__(self, folder: Path) -> None:
         self.runs = folder / "runs"
-        self.inboxes = {name: Inbox(name, columns) for name, columns in COLUMNS.items()}
-        self.recorder = Recorder(self.inboxes, self._create, lambda: None)
+        self.buffers = {name: StreamBuffer(name, columns) for name, columns in COLUMNS.items()}
+        self.recorder = Recorder(self.buffers, self._create, lambda: None)
         self.delivered = 0
         self.deliver()
         self.path = self.recorder.start_run(Label(name="lap", test="yaw", direction="cw")).result()
@@ -47,8 +47,8 @@ class Written:
     def deliver(self, count: int = 10) -> None:
         """From every reader."""
         now = daq.recording.recorder.time.monotonic_ns()
-        for inbox in self.inboxes.values():
-            inbox.deliver([Sample((float(self.delivered + i),), now, now, now, 8) for i in range(count)])
+        for buffer in self.buffers.values():
+            buffer.deliver([Sample((float(self.delivered + i),), now, now, now, 8) for i in range(count)])
         self.delivered += count
 
     def round(self, count: int = 10) -> dict[str, Any]:
@@ -56,13 +56,13 @@ class Written:
         self.deliver(count)
         for _ in range(4):  # of a sync and of the closing of a chunk: begun, and what became of it
             self.recorder._round()
-            self.recorder._disk._thread.submit(lambda: None).result()
+            self.recorder._io._thread.submit(lambda: None).result()
             self.begun()
         return self.recorder.state()
 
     def begun(self) -> None:
         """When the run that is to begin has begun, or was refused."""
-        self.recorder._disk._beginner.submit(lambda: None).result()
+        self.recorder._io._creator.submit(lambda: None).result()
 
     def until_it_goes_on(self) -> None:
         """Rounds until another run has begun, then some more readings for it, and its end."""
@@ -101,7 +101,7 @@ def test_the_log_names_a_direction_where_there_is_one(tmp_path: Path, caplog: py
 def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Written:
     monkeypatch.setattr(daq.recording.suspended, "_FIRST_PAUSE_S", 0.02)
     monkeypatch.setattr(daq.recording.io_worker, "_SYNC_S", 0.0)
-    monkeypatch.setattr(daq.recording.rate_limited_log, "_QUIET_S", 0.0)
+    monkeypatch.setattr(daq.recording.rate_limited_log, "_INTERVAL_S", 0.0)
     return Written(tmp_path)
 
 
@@ -135,7 +135,7 @@ def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
     assert len(read_run(written.path).streams["robot"]["q1_deg"]) == 20, "whole, the last readings too"
     assert written.round()["missed"] == {"g1": 10, "g2": 10, "robot": 10}
     monkeypatch.setattr(durable, "free_bytes", lambda _: 30_000_000)
-    written.recorder._waiting._try_at_s = 0.0  # type: ignore[union-attr]
+    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
     assert written.round()["recording"] is None, "more room is needed to begin than to go on"
     monkeypatch.undo()
     written.until_it_goes_on()
@@ -165,7 +165,7 @@ def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(
     with failing(number, *calls):
         state = written.round()
         assert state["recording"] is None and os.strerror(number) in str(state["last_end"])
-        written.recorder._waiting._try_at_s = 0.0  # type: ignore[union-attr]
+        written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
         assert written.round()["waiting"] == "lap"
         with pytest.raises(CellError):
             RunWriter.create(written.runs, **_plain())
@@ -185,7 +185,7 @@ def test_nothing_is_written_below_the_mount_point_of_a_disk_that_is_away(written
     with failing(errno.EIO, "pwrite"):
         written.round()
     away = written.runs.rename(written.runs.with_name("away"))
-    written.recorder._waiting._try_at_s = 0.0  # type: ignore[union-attr]
+    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
     assert written.round()["waiting"] == "lap"
     assert not written.runs.exists()
     away.rename(written.runs)
@@ -247,9 +247,7 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
             written.recorder._round()
         state = written.recorder.state()
         assert (state["samples"]["g1"], state["synced"]["g1"]) == (90, 0)  # type: ignore[index]
-        assert written.recorder._recording.writer.stored()["g1"] == 90, (
-            "with the system, where a kill does not reach it"
-        )  # type: ignore[union-attr]
+        assert written.recorder._active.writer.stored()["g1"] == 90, "with the system, where a kill does not reach it"  # type: ignore[union-attr]
     finally:
         done.set()
     written.round(0)
@@ -264,7 +262,7 @@ def test_a_run_that_an_error_in_the_program_keeps_open_is_told(
     """Nobody asks what became of a run that the robot ended."""
     monkeypatch.setattr(RunWriter, "close", lambda *_: 1 / 0)
     written.recorder.stop_run()
-    written.recorder._disk.rest()
+    written.recorder._io.shut_down()
     assert f"{written.path}: not closed" in caplog.text and "ZeroDivisionError" in caplog.text
     assert str(written.recorder.state()["last_end"]).startswith("failed")
 
@@ -288,10 +286,10 @@ def test_a_sync_that_hangs_holds_so_much_in_memory_and_the_rest_is_counted(
             written.deliver()
             written.recorder._round()
         assert syncing.wait(20)
-        assert written.recorder._recording is not None
-        writer = written.recorder._recording.writer
-        assert len(writer._recorders["g1"].pending) == 30
-        assert written.inboxes["g1"].state().waiting == 40
+        assert written.recorder._active is not None
+        writer = written.recorder._active.writer
+        assert len(writer._writers["g1"].pending) == 30
+        assert written.buffers["g1"].state().waiting == 40
     finally:
         done.set()
     ended = written.recorder.stop_run().result()
@@ -350,8 +348,8 @@ def test_closing_a_chunk_keeps_nothing_from_the_disk(
     for _ in range(4):  # each would wait for ever, were it to wait for the disk
         written.deliver()
         written.recorder._round()
-    assert written.recorder._recording is not None
-    assert written.recorder._recording.writer.stored()["g1"] == written.delivered, (
+    assert written.recorder._active is not None
+    assert written.recorder._active.writer.stored()["g1"] == written.delivered, (
         "with the system, where no kill reaches it"
     )
     done.set()
@@ -401,7 +399,7 @@ def test_a_slow_write_keeps_no_reader_waiting(
         for _ in range(8):  # each would wait for ever, were it to wait for the disk
             written.deliver()
         assert written.recorder.state()["recording"] == "lap"
-        assert written.inboxes["g1"].state().counters == {"samples": 100, "dropped": 30}
+        assert written.buffers["g1"].state().counters == {"samples": 100, "dropped": 30}
     finally:
         done.set()
         writing.join(20)
@@ -462,16 +460,16 @@ def test_a_former_run_that_takes_long_to_bring_back_holds_nothing_up(
 ) -> None:
     reviving, done = threading.Event(), threading.Event()
 
-    def slow(path: Path, revive: Callable[[Path], None] = daq.recording.recorder.revive) -> None:
+    def slow(path: Path, recover_and_log: Callable[[Path], None] = daq.recording.recorder.recover_and_log) -> None:
         reviving.set()
         assert done.wait(20)
-        revive(path)
+        recover_and_log(path)
 
-    monkeypatch.setattr(daq.recording.recorder, "revive", slow)
+    monkeypatch.setattr(daq.recording.recorder, "recover_and_log", slow)
     written.round()
     with failing(errno.EIO, "fsync"):
         written.round()
-    written.recorder._waiting._try_at_s = 0.0  # type: ignore[union-attr]
+    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
     while not reviving.is_set():
         written.deliver()
         written.recorder._round()
@@ -498,7 +496,7 @@ def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(
     with failing(errno.EIO, "fsync"):
         written.round()
     monkeypatch.setattr(durable, "make_directory", refuse)
-    written.recorder._waiting._try_at_s = 0.0  # type: ignore[union-attr]
+    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
     while not asked.is_set():
         written.recorder._round()
     written.deliver(7)
@@ -523,7 +521,7 @@ def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_fir
         written.round()
     written.deliver(7)
     written.recorder._round()
-    written.recorder._waiting._try_at_s = 0.0  # type: ignore[union-attr]
+    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
     while not asked.is_set():
         written.recorder._round()
     beginning = written.recorder.start_run(Label(name="next", test="radial"))
@@ -537,7 +535,7 @@ def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_fir
     assert (follower.exit_status, follower.reason) == ("interrupted", "next was started")
     assert (
         follower.counters["g1"] == {"samples": 0, "dropped": 7}
-        and written.inboxes["g1"].state().counters["dropped"] == 7
+        and written.buffers["g1"].state().counters["dropped"] == 7
     )
     assert manifests["next"].counters["g1"] == {"samples": 5}
     assert all(verify(path) == [] for path in written.runs.iterdir())
@@ -571,9 +569,9 @@ def test_an_error_in_the_program_while_a_run_begins_is_told_and_ends_the_daemon(
     written.deliver()
     ended: list[type[BaseException]] = []
     monkeypatch.setattr(threading, "excepthook", lambda args: ended.append(args.exc_type))
-    monkeypatch.setattr(daq.recording.active_run.Watch, "see", lambda *_: 1 / 0)
+    monkeypatch.setattr(daq.recording.active_run.PlausibilityCheck, "check", lambda *_: 1 / 0)
     beginning = written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
     with pytest.raises(ZeroDivisionError):
         beginning.result(20)
-    written.recorder._disk.rest()
+    written.recorder._io.shut_down()
     assert ended == [ZeroDivisionError] and written.recorder.state()["beginning"] is None

@@ -14,7 +14,7 @@ from bench import Bench, rig_text
 
 import daq.feedback
 from daq.acquisition.reader import Reader
-from daq.acquisition.stream_buffer import Inbox
+from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream, streams_of
 from daq.protocol.conversation import Fault, FaultKind
 from daq.service.client import Client
@@ -70,18 +70,18 @@ def test_a_port_that_takes_long_to_open_is_no_reader_that_hangs(monkeypatch: pyt
 
     monkeypatch.setattr(Stream, "open", resolve)
     robot = streams_of(parse(rig_text(), "bench"))[-1]
-    inbox = Inbox(robot.name, robot.columns)
-    reader = Reader(robot, inbox, _lost(robot))
+    buffer = StreamBuffer(robot.name, robot.columns)
+    reader = Reader(robot, buffer, _lost(robot))
     reader.start()
     try:
         assert opening.wait(10)
         time.sleep(0.2)
-        assert inbox.alive(0.1)
+        assert buffer.alive(0.1)
         resolved.set()
         reader.stop()
         reader.join(5)
         time.sleep(0.2)
-        assert not inbox.alive(0.1), "a reader that goes round no more is told from one that opens its port"
+        assert not buffer.alive(0.1), "a reader that goes round no more is told from one that opens its port"
     finally:
         resolved.set()
         reader.stop()

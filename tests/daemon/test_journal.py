@@ -58,7 +58,7 @@ def test_standard_error_that_leads_elsewhere_is_told_in_words(monkeypatch: pytes
     assert not journal.is_journal()
     record = logging.LogRecord("rigd", logging.WARNING, "", 0, "g1", (), None)
     assert journal.formatter().format(record).endswith(" WARNING g1")
-    assert journal.told("error: x", journal.ERROR) == "error: x"
+    assert journal.with_severity("error: x", journal.ERROR) == "error: x"
 
 
 def test_the_daemon_itself_marks_its_lines(tmp_path: Path) -> None:

@@ -14,9 +14,9 @@ from bench import Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
-from daq.acquisition.clock_drift import DriftWatch
+from daq.acquisition.clock_drift import DriftMonitor
 from daq.protocol.conversation import NO_TIME, FaultKind, Sample
-from daq.service.maintenance import Housekeeper, write_whole
+from daq.service.maintenance import Maintenance, write_atomically
 from daq.service.metrics import Metric, render
 from rigs.errors import CellError
 
@@ -105,24 +105,24 @@ def test_a_file_of_metrics_that_cannot_be_written_any_more_ends_nothing(
 ) -> None:
     folder = tmp_path / "there"
     folder.mkdir()
-    keeper = Housekeeper(folder / "rig.prom", lambda: "x 1\n", None)
+    keeper = Maintenance(folder / "rig.prom", lambda: "x 1\n", None)
     (folder / "rig.prom").unlink()
     folder.rmdir()
     for _ in range(3):
         keeper._write_metrics()
     assert len(caplog.records) == 1 and "cannot be written" in caplog.text
     with pytest.raises(CellError):
-        Housekeeper(folder / "rig.prom", lambda: "x 1\n", None)
+        Maintenance(folder / "rig.prom", lambda: "x 1\n", None)
 
 
 def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
     path = tmp_path / "rig.prom"
-    write_whole(path, "old\n")
-    write_whole(path, "a directory's name \udcff\n")
+    write_atomically(path, "old\n")
+    write_atomically(path, "a directory's name \udcff\n")
     assert path.read_text() == "a directory's name ?\n"
     path.with_name(f".rig.prom.{os.getpid()}").mkdir()
     with pytest.raises(OSError, match="directory"):
-        write_whole(path, "new\n")
+        write_atomically(path, "new\n")
     assert path.read_text() == "a directory's name ?\n"
 
 
@@ -140,7 +140,7 @@ def _samples(seconds: float, ppm: float, start_s: float, rng: random.Random, dev
 
 
 def test_the_drift_of_a_clock_shows_through_late_messages() -> None:
-    watch, rng = DriftWatch(), random.Random(3)
+    watch, rng = DriftMonitor(), random.Random(3)
     watch.feed(_samples(9, 30, 500, rng))
     assert watch.state() is None
     watch.feed(_samples(300, 30, 509, rng, 1009))
@@ -150,7 +150,7 @@ def test_the_drift_of_a_clock_shows_through_late_messages() -> None:
 
 
 def test_a_clock_that_begins_anew_is_watched_anew() -> None:
-    watch, rng = DriftWatch(), random.Random(4)
+    watch, rng = DriftMonitor(), random.Random(4)
     watch.feed(_samples(100, 0, 500, rng))
     watch.feed(_samples(25, 0, 600, rng, device_s=3.0))
     state = watch.state()
@@ -158,6 +158,6 @@ def test_a_clock_that_begins_anew_is_watched_anew() -> None:
 
 
 def test_an_instrument_without_a_clock_has_no_drift() -> None:
-    watch = DriftWatch()
+    watch = DriftMonitor()
     watch.feed([Sample((1.0,), NO_TIME, number, number, 7) for number in range(100)])
     assert watch.state() is None

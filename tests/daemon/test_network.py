@@ -18,7 +18,7 @@ import yaml
 from bench import PATIENCE_S, Bench, rig_text
 
 from daq.acquisition.reader import Reader
-from daq.acquisition.stream_buffer import Inbox
+from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream, streams_of
 from daq.store import read_run
 from daq.wire.links import LinkLost, open_link
@@ -45,11 +45,11 @@ def _until(so: Callable[[], Any]) -> None:
 @contextlib.contextmanager
 def _reading(stream: Stream) -> Iterator[Callable[[str], int]]:
     """A reader on its link; gives what counts its samples and faults."""
-    inbox = Inbox(stream.name, stream.columns)
-    reader = Reader(stream, inbox, stream.open())
+    buffer = StreamBuffer(stream.name, stream.columns)
+    reader = Reader(stream, buffer, stream.open())
     reader.start()
     try:
-        yield lambda kind: inbox.state().counters.get(kind, 0)
+        yield lambda kind: buffer.state().counters.get(kind, 0)
     finally:
         reader.stop()
         reader.join(5)

@@ -16,7 +16,7 @@ from bench import BIN, PATIENCE_S, Bench, rig_text
 
 from analysis.model.emulated import EmulatedRobot
 from daq.emulators import Replay
-from daq.emulators.played import Speaking
+from daq.emulators.played import StreamingPlayer
 from daq.protocol.conversation import Step
 from daq.wire.capture import read_capture
 from rigs.errors import FileError
@@ -107,13 +107,13 @@ def test_a_run_from_a_replay_that_is_out_of_step_is_marked_and_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text, _ = _captured(tmp_path / "cell", "keyence", laps=1)
-    punctual = Speaking._play
+    punctual = StreamingPlayer._play
 
-    def late(self: Speaking, now_ns: int) -> Step:
+    def late(self: StreamingPlayer, now_ns: int) -> Step:
         step = punctual(self, now_ns)
         return step if step.send or step.wake_ns is None else replace(step, wake_ns=step.wake_ns + LATE_NS)
 
-    monkeypatch.setattr(Speaking, "_play", late)  # the robot; a Keyence answers
+    monkeypatch.setattr(StreamingPlayer, "_play", late)  # the robot; a Keyence answers
     run, replay = _replayed(tmp_path / "replayed", text, tmp_path / "cell" / "cell.log")
     assert replay.steps["robot"].seconds_out > 3
     assert _is_refused(_analysed(tmp_path, run), "robot")

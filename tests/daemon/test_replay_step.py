@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from daq.acquisition.replay_marks import ReplayWatch, out_of_step_line
-from daq.emulators.played import Answering, Exchanges, Speaking
-from daq.emulators.replay import Heard
+from daq.acquisition.replay_marks import ReplayMarks, out_of_step_line
+from daq.emulators.played import AnsweringPlayer, Exchanges, StreamingPlayer
+from daq.emulators.replay import ReplayedStream
 from daq.emulators.timebase import Steps, Timebase
 from daq.protocol.conversation import FaultKind
 from daq.wire.capture import Mark, Piece
@@ -37,15 +37,15 @@ def steps(*, of_asked: bool = True) -> Steps:
     return Steps(BEAR, asked=of_asked)
 
 
-def speaking(pieces: Sequence[Piece], time: Timebase, kept: Steps, *, calls: bool = False) -> Speaking:
-    return Speaking(pieces, time, kept, hangs_up=False, calls=calls)
+def speaking(pieces: Sequence[Piece], time: Timebase, kept: Steps, *, calls: bool = False) -> StreamingPlayer:
+    return StreamingPlayer(pieces, time, kept, hangs_up=False, calls=calls)
 
 
-def answering(pieces: Sequence[Piece], kept: Steps) -> Answering:
+def answering(pieces: Sequence[Piece], kept: Steps) -> AnsweringPlayer:
     """Of a replay whose capture began at 0."""
     time = Timebase()
     time.begin(-HEAD, 0)
-    return Answering(Exchanges.of(pieces), time, kept, hangs_up=False)
+    return AnsweringPlayer(Exchanges.of(pieces), time, kept, hangs_up=False)
 
 
 ROUNDS = [piece for k in range(5) for piece in (asked(10 * k, b"?\r"), came(10 * k + 8, b"%d\r" % k))]
@@ -149,12 +149,12 @@ def test_one_that_calls_begins_once_somebody_is_there() -> None:
 def test_a_host_that_leaves_before_the_end_begins_everything_anew() -> None:
     time, kept = Timebase(), steps(of_asked=False)
 
-    def play(pieces: Sequence[Piece]) -> Speaking:
-        return Speaking(pieces, time, kept, hangs_up=True, calls=False)
+    def play(pieces: Sequence[Piece]) -> StreamingPlayer:
+        return StreamingPlayer(pieces, time, kept, hangs_up=True, calls=False)
 
     gauge = speaking([asked(0, b"go"), came(3, b"a"), came(90, b"b")], time, steps(of_asked=False))
     connections = [came(0, b"1"), came(50, b"2"), lost(60)], [came(80, b"3"), lost(99)]
-    heard = Heard([partial(play, one) for one in connections], partial(play, ()), time)
+    heard = ReplayedStream([partial(play, one) for one in connections], partial(play, ()), time)
     gauge.received(b"go", -HEAD)
     assert heard().connected(0).send == b"1"
     assert gauge.tick(3 * MS).send == b"a"
@@ -187,12 +187,12 @@ def test_a_second_that_is_further_off_than_the_figures_bear_is_told(of_asked: bo
 
 def test_the_daemon_hears_what_is_added_and_whole(tmp_path: Path) -> None:
     file = tmp_path / "marks"
-    assert ReplayWatch(file).news() == []
+    assert ReplayMarks(file).read_new() == []
     file.write_text(out_of_step_line("g1", 3e6))
-    watch = ReplayWatch(file)
-    assert watch.news() == []
+    watch = ReplayMarks(file)
+    assert watch.read_new() == []
     with file.open("a") as marks:
         marks.write(out_of_step_line("robot", -4.2e6) + "nonsense\n" + "g1 +7")
-    ((stream, fault),) = watch.news()
+    ((stream, fault),) = watch.read_new()
     assert stream == "robot" and fault.kind is FaultKind.OUT_OF_STEP and "-4.2 ms" in fault.detail
-    assert watch.news() == []
+    assert watch.read_new() == []

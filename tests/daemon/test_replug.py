@@ -19,7 +19,7 @@ import daq.acquisition.reader
 import daq.acquisition.streams
 import daq.recording.recorder
 from daq.acquisition.reader import Reader
-from daq.acquisition.stream_buffer import Inbox
+from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream, streams_of
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
 from daq.store import Run, read_run
@@ -104,7 +104,7 @@ def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch
     monkeypatch.setattr(daq.acquisition.reader, "_LONGEST_PAUSE_S", 0.001)
     gauge = streams_of(parse(rig_text(), "bench"))[0]
     stream = Stream(gauge.name, ("g1_mm",), gauge.port, gauge.line, _OneReading)
-    inbox, attempts, ended = Inbox(stream.name, stream.columns), [], threading.Event()
+    buffer, attempts, ended = StreamBuffer(stream.name, stream.columns), [], threading.Event()
 
     def opened(*_: object, **__: object) -> Link:
         attempts.append(None)
@@ -115,17 +115,17 @@ def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch
         raise CellError("g1", "no such port" if len(attempts) < 20 else "permission denied", "plug it in")
 
     monkeypatch.setattr(daq.acquisition.streams, "open_link", opened)
-    reader = Reader(stream, inbox, Link("g1", -1, lambda: None))
+    reader = Reader(stream, buffer, Link("g1", -1, lambda: None))
     reader.start()
     assert ended.wait(PATIENCE_S)
     reader.stop()
     reader.join()
-    faults = [item for item in inbox.drain() if isinstance(item, Fault)]
+    faults = [item for item in buffer.drain() if isinstance(item, Fault)]
     assert {fault.kind for fault in faults} == {FaultKind.DISCONNECTED}
     told = [(fault.count, fault.detail.split(": ")[-1].split(";")[0].split(" after ")[0]) for fault in faults]
     lost, back = (1, "the conversation could not go on"), (0, f"{stream.port} is back")
     assert told == [lost, (0, "no such port"), (0, "permission denied"), back, lost, (0, "permission denied")]
-    assert inbox.state().counters["disconnected"] == 2
+    assert buffer.state().counters["disconnected"] == 2
 
 
 class _Breaking(Link):
@@ -146,18 +146,18 @@ class _Breaking(Link):
 
 def test_faults_held_back_to_be_told_as_one_are_told_when_the_link_is_lost() -> None:
     stream = streams_of(parse(rig_text("sylvac"), "bench"))[0]
-    inbox = Inbox(stream.name, stream.columns)
+    buffer = StreamBuffer(stream.name, stream.columns)
     link = _Breaking(b"ERR0\r", 50)
-    Reader(stream, inbox, link)._read(link)
-    assert inbox.state().counters == {"device_error": 50, "disconnected": 1}
+    Reader(stream, buffer, link)._read(link)
+    assert buffer.state().counters == {"device_error": 50, "disconnected": 1}
 
 
 def test_what_says_more_of_a_fault_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
     """The end of an outage within ten seconds of its beginning is no repetition."""
-    inbox = Inbox("g1", ("g1_mm",))
-    recorder = daq.recording.recorder.Recorder({"g1": inbox}, _no_run, lambda: None)
-    inbox.deliver([Fault(FaultKind.DISCONNECTED, 1, "lost"), Fault(FaultKind.DISCONNECTED, 2, "back", 0)])
-    inbox.deliver([Fault(FaultKind.DISCONNECTED, 3, "lost")])
+    buffer = StreamBuffer("g1", ("g1_mm",))
+    recorder = daq.recording.recorder.Recorder({"g1": buffer}, _no_run, lambda: None)
+    buffer.deliver([Fault(FaultKind.DISCONNECTED, 1, "lost"), Fault(FaultKind.DISCONNECTED, 2, "back", 0)])
+    buffer.deliver([Fault(FaultKind.DISCONNECTED, 3, "lost")])
     with caplog.at_level(logging.INFO, "rigd"):
         recorder.start()
         recorder.shut_down("complete", "")

@@ -17,7 +17,7 @@ from bench import PATIENCE_S, Bench, rig_text
 from daq.protocol.conversation import Sample
 from daq.store import RunWriter, durable, load_manifest, read_run, verify
 from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES
-from daq.store.startup_recovery import Revival
+from daq.store.startup_recovery import StartupRecovery
 
 WHO: dict[str, Any] = {"rig_name": "r", "rig_text": "", "operator": "", "streams": {"g1": ("g1_mm",)}}
 
@@ -74,8 +74,8 @@ def test_odd_directories_are_left_alone_and_told(tmp_path: Path, caplog: pytest.
         (tmp_path / name / file).write_bytes(data)
     (tmp_path / "file").touch()
     before = sorted(tmp_path.rglob("*"))
-    Revival(tmp_path).run()
-    Revival(tmp_path / "none").run()
+    StartupRecovery(tmp_path).run()
+    StartupRecovery(tmp_path / "none").run()
     assert sorted(tmp_path.rglob("*")) == before
     (told,) = caplog.messages
     assert "not recovered: " in told and "newer" in told and "another version" in told
@@ -89,8 +89,8 @@ def test_a_directory_that_nobody_may_look_into_keeps_no_run_from_being_recovered
     writer = RunWriter.create(tmp_path, name="lap", test="radial", direction=None, **WHO)
     writer.append("g1", [Sample((0.5,), 1, 2, 3, 8)])
     writer.sync()
-    for recorder in writer._recorders.values():
-        recorder.release()
+    for stream_writer in writer._writers.values():
+        stream_writer.release()
     durable.close(writer._lock)  # as the system does when it is killed
     iterdir = Path.iterdir
 
@@ -100,7 +100,7 @@ def test_a_directory_that_nobody_may_look_into_keeps_no_run_from_being_recovered
         return iterdir(self)
 
     monkeypatch.setattr(Path, "iterdir", refuse)
-    Revival(tmp_path).run()
+    StartupRecovery(tmp_path).run()
     assert load_manifest(writer.path).exit_status == "recovered"
 
 

@@ -107,13 +107,13 @@ daq.feedback.host = host
 """
 BROKEN_WRITER = """
 from daq.recording.recorder import Recorder
-take, rounds = Recorder._take, []
+take, rounds = Recorder._drain_buffers, []
 def break_down(self, *, sync):
-    rounds.append(self._recording)
+    rounds.append(self._active)
     if sync and len(list(filter(None, rounds))) == 4:
         raise TypeError("no such thing")
     return take(self, sync=sync)
-Recorder._take = break_down
+Recorder._drain_buffers = break_down
 """
 
 

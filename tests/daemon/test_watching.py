@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from daq.acquisition.plausibility import IN_ERROR_S, STUCK_S, TIMES_IN_ERROR, Watch
-from daq.acquisition.stream_buffer import Inbox
+from daq.acquisition.plausibility import IN_ERROR_S, STUCK_S, TIMES_IN_ERROR, PlausibilityCheck
+from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
 from daq.recording.label import Label
 from daq.recording.recorder import Recorder
@@ -28,11 +28,13 @@ def _seen(
     seconds: int, reads: Callable[[float], float], turns: Callable[[float], float], *, touching: bool = True
 ) -> list[Fault]:
     """What is told of a gauge at 10 Hz beside a robot, looked at twice a second as the recorder does."""
-    watch, told = Watch(touching), list[Fault]()
+    plausibility, told = PlausibilityCheck(touching), list[Fault]()
     for half in range(2 * seconds):
         times_s = [(half + k / 5) / 2 for k in range(5)]
-        told += watch.see("g1", G1, [_sample([reads(t_s)], round(t_s * S)) for t_s in times_s])
-        told += watch.see("robot", ROBOT, [_sample([0, turns(t_s), 0, 0, 0, 0], round(t_s * S)) for t_s in times_s])
+        told += plausibility.check("g1", G1, [_sample([reads(t_s)], round(t_s * S)) for t_s in times_s])
+        told += plausibility.check(
+            "robot", ROBOT, [_sample([0, turns(t_s), 0, 0, 0, 0], round(t_s * S)) for t_s in times_s]
+        )
     return told
 
 
@@ -76,7 +78,7 @@ def test_a_gauge_that_goes_in_and_out_of_error_is_told() -> None:
             _sample([1.0], 2 * k * S),
             *[Fault(FaultKind.DEVICE_ERROR, (2 * k + 1) * S, "ERR3: out of range")] * 3,
         ]
-    told = Watch(True).see("g1", G1, items)
+    told = PlausibilityCheck(True).check("g1", G1, items)
     assert [fault.kind for fault in told] == [FaultKind.DOUBTFUL] * 2
     assert told[0].detail.startswith("g1 went in and out of error 5 times in 8 s (ERR3: out of range)")
     rarely = [
@@ -84,23 +86,25 @@ def test_a_gauge_that_goes_in_and_out_of_error_is_told() -> None:
         for k in range(9)
         for item in (_sample([1.0], 1), Fault(FaultKind.DEVICE_ERROR, k * round(IN_ERROR_S) * S, ""))
     ]
-    assert Watch(True).see("g1", G1, rarely) == []
-    assert Watch(True).see("g1", G1, [Fault(FaultKind.DEVICE_ERROR, k * S, "ERR0") for k in range(50)]) == []
+    assert PlausibilityCheck(True).check("g1", G1, rarely) == []
+    assert (
+        PlausibilityCheck(True).check("g1", G1, [Fault(FaultKind.DEVICE_ERROR, k * S, "ERR0") for k in range(50)]) == []
+    )
 
 
 def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path: Path) -> None:
-    inboxes = {"g1": Inbox("g1", G1), "robot": Inbox("robot", ROBOT)}
-    recorder = Recorder(inboxes, lambda label, _: _create(tmp_path, label), lambda: None)
+    buffers = {"g1": StreamBuffer("g1", G1), "robot": StreamBuffer("robot", ROBOT)}
+    recorder = Recorder(buffers, lambda label, _: _create(tmp_path, label), lambda: None)
     now_ns = time.monotonic_ns()
-    inboxes["g1"].deliver([_sample([0.1], now_ns)])
-    inboxes["robot"].deliver([_sample([0.0] * 6, now_ns)])
+    buffers["g1"].deliver([_sample([0.1], now_ns)])
+    buffers["robot"].deliver([_sample([0.0] * 6, now_ns)])
     recorder.start_run(Label(name="x", test="radial")).result()
     for _ in range(TIMES_IN_ERROR):
-        inboxes["g1"].deliver([_sample([0.1], now_ns), Fault(FaultKind.DEVICE_ERROR, now_ns, "ERR3")])
+        buffers["g1"].deliver([_sample([0.1], now_ns), Fault(FaultKind.DEVICE_ERROR, now_ns, "ERR3")])
     recorder.start()
-    while FaultKind.DOUBTFUL not in inboxes["g1"].state().counters:
+    while FaultKind.DOUBTFUL not in buffers["g1"].state().counters:
         time.sleep(0.02)
-    assert "in and out of error" in inboxes["g1"].state().last_fault
+    assert "in and out of error" in buffers["g1"].state().last_fault
     ended = recorder.stop_run().result()
     recorder.shut_down("complete", "")
     assert ended.counters["g1"][FaultKind.DOUBTFUL] == 1

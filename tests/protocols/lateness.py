@@ -18,12 +18,12 @@ from simulated import S, simulate
 
 import daq.gauges
 from daq.acquisition.reader import Reader
-from daq.acquisition.stream_buffer import Inbox, faults_of, samples_of
+from daq.acquisition.stream_buffer import StreamBuffer, faults_of, samples_of
 from daq.acquisition.streams import Stream
 from daq.emulators.pty_line import PtyLine
 from daq.protocol.conversation import Device, Fault, FaultKind, Item, Sample, Step
 from daq.protocol.polled import Polled
-from daq.wire.session import converse
+from daq.wire.session import run_conversation
 from rigs.gauges import Gauge
 
 TIMEOUT_S = 0.05
@@ -88,22 +88,22 @@ def wired(gauge: Gauge, requests: int, seed: int) -> Late:
     line = PtyLine(gauge.line)
     device = _Dawdling(daq.gauges.device([gauge], instrument.read), dice)
     stream = Stream("g1", ("g1_mm",), line.port, gauge.line, partial(daq.gauges.host, [gauge]))
-    inbox, items = Inbox(stream.name, stream.columns), list[Item]()
-    serve = Thread(target=converse, args=(line, device, lambda _: None, stop.is_set))
-    reader = Reader(stream, inbox, stream.open())
+    buffer, items = StreamBuffer(stream.name, stream.columns), list[Item]()
+    serve = Thread(target=run_conversation, args=(line, device, lambda _: None, stop.is_set))
+    reader = Reader(stream, buffer, stream.open())
     serve.start()
     reader.start()
     try:
         while len(instrument.taken_ns) < requests:
             time.sleep(0.05)
-            items += inbox.drain()
+            items += buffer.drain()
     finally:
         reader.stop()
         reader.join()
         stop.set()
         serve.join()
         line.close()
-    samples = samples_of([*items, *inbox.drain()])
+    samples = samples_of([*items, *buffer.drain()])
     shifted = sum(not sample.requested_ns <= instrument.took_ns(sample) <= sample.first_byte_ns for sample in samples)
     return Late(len(instrument.taken_ns), len(samples), shifted, _counted(faults_of(items)))
 

@@ -85,14 +85,14 @@ Change = Link | Rename | Unlink | Write | Cut | Sync | Mark
 
 
 @dataclass
-class Disk:
+class IoWorker:
     """names: directory → its entries; data: file → its bytes."""
 
     names: dict[int, dict[str, int]] = field(default_factory=lambda: {ROOT: {}})
     data: dict[int, bytearray] = field(default_factory=dict)
 
     @classmethod
-    def read(cls, root: Path) -> Disk:
+    def read(cls, root: Path) -> IoWorker:
         """What a directory holds now."""
         disk = cls()
         places = {root: ROOT}
@@ -104,10 +104,10 @@ class Disk:
                 disk.data[number] = bytearray(path.read_bytes())
         return disk
 
-    def copy(self) -> Disk:
+    def copy(self) -> IoWorker:
         """Another with the same."""
         names = {node: dict(entries) for node, entries in self.names.items()}
-        return Disk(names, {node: bytearray(data) for node, data in self.data.items()})
+        return IoWorker(names, {node: bytearray(data) for node, data in self.data.items()})
 
     def make(self, link: Link) -> None:
         """A new node, which has no name yet."""
@@ -137,7 +137,7 @@ class Watched:
     """`os` with a log of what is changed below root, on a disk of some capacity in bytes; before: what was there."""
 
     def __init__(self, root: Path, capacity: int = 1 << 40) -> None:
-        self.before = Disk.read(root)
+        self.before = IoWorker.read(root)
         self.log: list[Change] = []
         self.capacity, self.peak = capacity, 0
         self._nodes = {str(root): ROOT}
@@ -243,7 +243,7 @@ def watched(root: Path, capacity: int = 1 << 40) -> Iterator[Watched]:
         durable.os = os
 
 
-def survivors(before: Disk, log: list[Change], random: Random | None) -> Disk:
+def survivors(before: IoWorker, log: list[Change], random: Random | None) -> IoWorker:
     """A state after a power cut that followed these changes; without chance, the one where nothing is lost."""
     synced = {change.node: index for index, change in enumerate(log) if isinstance(change, Sync)}
     keep_names, keep_bytes = (random.choice(_KEPT), random.choice(_KEPT)) if random else (1.0, 1.0)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from random import Random
 
-from powercut import BLOCK, Change, Disk, Mark, Watched, survivors, watched
+from powercut import BLOCK, Change, IoWorker, Mark, Watched, survivors, watched
 from store_cases import STREAMS, assert_rows, fault, samples, start
 
 from daq.store import RunWriter, load_manifest, read_run, recover, verify
@@ -27,7 +27,7 @@ ENDED = "ended"
 class Recording:
     """The changes of a recording, and the disk as it was before; full: a quota ended it."""
 
-    before: Disk
+    before: IoWorker
     log: list[Change]
     full: bool
 
@@ -83,12 +83,12 @@ def _one_round(writer: RunWriter, watch: Watched, random: Random) -> None:
 
 def _append(writer: RunWriter, random: Random) -> None:
     for stream, columns in STREAMS.items():
-        recorder = writer._recorders[stream]
-        first = recorder.rows + len(recorder.pending)
+        stream_writer = writer._writers[stream]
+        first = stream_writer.rows + len(stream_writer.pending)
         writer.append(stream, samples(random.choice((0, 1, 4, 30)), len(columns), first))
     if random.random() < 0.7:
-        recorder = writer._recorders["faults"]
-        writer.append_faults("g1", [fault(recorder.rows + len(recorder.pending) + 1)])
+        stream_writer = writer._writers["faults"]
+        writer.append_faults("g1", [fault(stream_writer.rows + len(stream_writer.pending) + 1)])
 
 
 def _meanwhile(writer: RunWriter, work: Work, random: Random) -> None:
@@ -105,7 +105,7 @@ def _meanwhile(writer: RunWriter, work: Work, random: Random) -> None:
 
 
 def _rows(writer: RunWriter) -> dict[str, int]:
-    return {stream: recorder.rows for stream, recorder in writer._recorders.items()}
+    return {stream: stream_writer.rows for stream, stream_writer in writer._writers.items()}
 
 
 def trial(recorded: Recording, scratch: Path, seed: int) -> Outcome:

@@ -79,8 +79,8 @@ def finished(runs: Path, batches: int = 5, chunk_rows: int = 8) -> Path:
 
 def crash(writer: RunWriter) -> Path:
     """What a kill leaves of a run: files as they are, and nobody holding the lock."""
-    for recorder in writer._recorders.values():
-        recorder.release()
+    for stream_writer in writer._writers.values():
+        stream_writer.release()
     os.close(writer._lock)
     return writer.path
 

@@ -13,7 +13,7 @@ import pytest
 from store_cases import assert_holds, crash, finished, record, samples, sync
 
 from daq.store import RunWriter, load_manifest, read_run, recover, verify
-from daq.store.stream_writer import Recorder
+from daq.store.stream_writer import StreamWriter
 from rigs.errors import CellError, FileError
 
 HERE = Path(__file__).parent
@@ -90,7 +90,7 @@ def test_crash_while_closing_a_chunk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str, when: str, nth: int
 ) -> None:
     writer = record(tmp_path, batches=5, chunk_rows=8)
-    owner = type(writer.manifest) if step == "save" else Recorder
+    owner = type(writer.manifest) if step == "save" else StreamWriter
     original, calls = getattr(owner, step), iter(range(1, 100))
 
     def crashing(*arguments: object) -> object:
@@ -144,8 +144,8 @@ def test_damaged_parquet_beside_its_recording_chunk(tmp_path: Path) -> None:
 
 def test_whole_parquet_is_not_replaced_by_a_torn_recording_chunk(tmp_path: Path) -> None:
     writer = record(tmp_path)
-    recorder = writer._recorders["g1"]
-    recorder.finish(recorder.unclosed()[0])
+    stream_writer = writer._writers["g1"]
+    stream_writer.finish(stream_writer.unclosed()[0])
     path = crash(writer)
     (path / "g1-0001.arrow").write_bytes(b"torn")
     recover(path)

@@ -13,7 +13,7 @@ from store_cases import finished, record
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from daq.service.maintenance import Janitor
+from daq.service.maintenance import RunRetention
 from daq.store import durable, mark_exported, mark_kept, survey, verify
 from daq.store.marks import MARKS, Export, Marks, load_marks
 from daq.store.retention import RunInfo, decide, delete, look
@@ -178,27 +178,27 @@ def test_whatever_there_is_nothing_goes_that_may_not_and_not_more_than_has_to(
 def test_a_round_deletes_tells_and_counts(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     runs = tmp_path / "runs"
-    janitor = Janitor(runs, "cell", Retention(gigabytes=0.001))
-    janitor.round()
-    assert janitor.state()["runs"] == 0, "no directory yet"
+    retention = RunRetention(runs, "cell", Retention(gigabytes=0.001))
+    retention.apply()
+    assert retention.state()["runs"] == 0, "no directory yet"
     first, second, stays = _exported(runs), _exported(runs), finished(runs)
     (stays / "g1-0001.parquet").write_bytes(bytes(1_100_000))
-    janitor.round()
+    retention.apply()
     assert [path.exists() for path in (first, second, stays)] == [False, False, True]
-    state = janitor.state()
+    state = retention.state()
     assert (state["deleted"], state["runs"]) == (2, 1) and state["deleted_bytes"] > 0
     assert 100_000 < state["over_bytes"] < 200_000 and state["bytes"] - state["over_bytes"] == 1_000_000
     assert caplog.text.count("retention: deleted") == 2 and "exported to" in caplog.text
-    janitor.round()
+    retention.apply()
     assert caplog.text.count("more than allowed") == 1, "not each time"
 
 
 def test_runs_of_another_rig_are_nobodys_business_here(tmp_path: Path) -> None:
     theirs = _exported(tmp_path)
-    janitor = Janitor(tmp_path, "other", Retention(days=1, gigabytes=0.001))
+    retention = RunRetention(tmp_path, "other", Retention(days=1, gigabytes=0.001))
     (theirs / "big").write_bytes(bytes(2_000_000))
-    janitor.round()
-    assert theirs.exists() and janitor.state()["runs"] == 0
+    retention.apply()
+    assert theirs.exists() and retention.state()["runs"] == 0
 
 
 def test_a_directory_that_nobody_may_look_into_stops_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -215,7 +215,7 @@ def test_a_directory_that_nobody_may_look_into_stops_nothing(tmp_path: Path, mon
     monkeypatch.setattr(Path, "stat", refuse)
     assert [run.path for run in survey(tmp_path)] == [path]
     (path / "big").write_bytes(bytes(2_000_000))
-    Janitor(tmp_path, "cell", Retention(gigabytes=0.001)).round()
+    RunRetention(tmp_path, "cell", Retention(gigabytes=0.001)).apply()
     assert not path.exists()
 
 
@@ -241,7 +241,7 @@ def test_a_deletion_that_was_cut_off_leaves_no_half_run(tmp_path: Path, monkeypa
         with pytest.raises(OSError, match="cut off"):
             delete(path)
     assert not path.exists() and list(survey(tmp_path)) == [] and len(list(tmp_path.iterdir())) == 1
-    Janitor(tmp_path, "cell", Retention(days=1)).round()
+    RunRetention(tmp_path, "cell", Retention(days=1)).apply()
     assert list(tmp_path.iterdir()) == []
 
 
@@ -255,7 +255,7 @@ def test_a_run_that_cannot_be_deleted_stops_no_other(tmp_path: Path, monkeypatch
         return rename(self, target)
 
     monkeypatch.setattr(Path, "rename", refuse)
-    janitor = Janitor(tmp_path, "cell", Retention(gigabytes=0.001))
+    retention = RunRetention(tmp_path, "cell", Retention(gigabytes=0.001))
     (stuck / "big").write_bytes(bytes(2_000_000))
-    janitor.round()
-    assert stuck.exists() and not other.exists() and janitor.deleted == 1
+    retention.apply()
+    assert stuck.exists() and not other.exists() and retention.deleted == 1

@@ -89,7 +89,7 @@ def test_a_run_of_many_chunks_is_whole_and_says_when_it_is_long(
             writer.append("robot", samples(4, 2, rows))
             rows += 4
             sync(writer)
-            assert not any(recorder.pending for recorder in writer._recorders.values())
+            assert not any(stream_writer.pending for stream_writer in writer._writers.values())
         writer.close("complete", "long enough", {})
     assert len(load_manifest(writer.path).chunks) == 60
     assert verify(writer.path) == []
