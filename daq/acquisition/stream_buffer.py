@@ -65,7 +65,7 @@ class StreamBuffer:
                     self._counters[FaultKind.DROPPED] += 1
 
     def count(self, faults: Sequence[Fault]) -> None:
-        """From the writer: these are in a run that has ended, and not for the one that goes on."""
+        """Count faults that the recorder found itself and has written into the run; they are not delivered again."""
         with self._lock:
             for fault in faults:
                 self._note(fault)

@@ -29,7 +29,13 @@ class ActiveRun:
         return Counter({name: counter["samples"] for name, counter in self.counters.items()})
 
     def put(self, stream: str, items: Sequence[Item]) -> list[Fault]:
-        """Into the run; what there is to doubt about it, which is for the stream to tell."""
+        """Write items into the run, and behind them what is doubtful about them. Returns these doubts, to report."""
+        self._write(stream, items)
+        doubts = self._plausibility.check(stream, self._columns[stream], items)
+        self._write(stream, doubts)
+        return doubts
+
+    def _write(self, stream: str, items: Sequence[Item]) -> None:
         samples, faults = samples_of(items), faults_of(items)
         self.counters[stream]["samples"] += len(samples)
         for fault in faults:
@@ -37,7 +43,6 @@ class ActiveRun:
                 self.counters[stream][fault.kind] += fault.count
         self.writer.append(stream, samples)
         self.writer.append_faults(stream, faults)
-        return self._plausibility.check(stream, self._columns[stream], items)
 
     def put_clock(self, faults: Sequence[Fault]) -> None:
         """Steps of the wall clock, and what time it is since."""

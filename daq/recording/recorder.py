@@ -225,21 +225,18 @@ class Recorder(threading.Thread):
         after = f", after {pending.follows}" if pending.follows else ""
         what = f"{label.test} {label.direction}" if label.direction else label.test
         log.info("recording %s (%s) to %s%s", label.name, what, writer.path, after)
-        told = {name: active.put(name, items) for name, items in pending.kept.items()}
+        for name, items in pending.kept.items():
+            self._report(name, active.put(name, items))
         active.put_clock(pending.clock)
         for name, count in lost_samples.items():
             why = f": {pending.resumes.why}" if pending.resumes else ""
             detail = f"{count} samples not recorded after {pending.follows}{why}"
-            told[name].append(Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, count))
+            dropped = [Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, count)]
+            active.put(name, dropped)
+            self._report(name, dropped)
         if pending.stop is None:
             self._active, self._suspended = active, None
-            for name, faults in told.items():
-                self._buffers[name].deliver(faults)
         else:
-            for name, faults in told.items():
-                self._warn(name, faults)
-                self._buffers[name].count(faults)
-                active.put(name, faults)
             forward_result(self._close(active, *pending.stop), pending.ended)
         self._forget(pending)  # only now: `state` sees no moment with neither
         pending.begun.set_result(writer.path)
@@ -266,7 +263,7 @@ class Recorder(threading.Thread):
             elif self._suspended is not None:
                 self._suspended.missed[name] += len(samples_of(items))
             if self._active is not None:
-                buffer.deliver(self._active.put(name, items))
+                self._report(name, self._active.put(name, items))
         self._check_clocks()
         if sync and self._active is not None:
             self._active.writer.write()
@@ -307,6 +304,11 @@ class Recorder(threading.Thread):
     def _warn(self, name: str, faults: Sequence[Fault]) -> None:
         for fault in faults:
             self._warnings.warn(name, fault.kind, fault.detail, fault.count)
+
+    def _report(self, name: str, faults: Sequence[Fault]) -> None:
+        """Log and count faults of a stream that were found here and are in the run already."""
+        self._warn(name, faults)
+        self._buffers[name].count(faults)
 
     def _check_clocks(self) -> None:
         """Tell where the wall clock was set or the computer slept, and keep what time it is since."""

@@ -111,6 +111,23 @@ def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path: Path) -> None:
     assert [fault["stream"] for fault in read_run(ended.path).faults if fault["kind"] == "doubtful"] == ["g1"]
 
 
+def test_a_doubt_about_the_last_readings_before_a_stop_is_in_that_run(tmp_path: Path) -> None:
+    buffers = {"g1": StreamBuffer("g1", G1), "robot": StreamBuffer("robot", ROBOT)}
+    recorder = Recorder(buffers, lambda label, _: _create(tmp_path, label), lambda: None)
+    now_ns = time.monotonic_ns()
+    buffers["g1"].deliver([_sample([0.1], now_ns)])
+    buffers["robot"].deliver([_sample([0.0] * 6, now_ns)])
+    recorder.start_run(Label(name="x", test="radial")).result()
+    for _ in range(TIMES_IN_ERROR):
+        buffers["g1"].deliver([_sample([0.1], now_ns), Fault(FaultKind.DEVICE_ERROR, now_ns, "ERR3")])
+    ended = recorder.stop_run().result()
+    recorder.start()
+    recorder.shut_down("complete", "")
+    assert ended.counters["g1"][FaultKind.DOUBTFUL] == 1
+    assert [fault["stream"] for fault in read_run(ended.path).faults if fault["kind"] == "doubtful"] == ["g1"]
+    assert buffers["g1"].state().counters[FaultKind.DOUBTFUL] == 1 and buffers["g1"].drain() == []
+
+
 def _create(folder: Path, label: Label) -> RunWriter:
     streams = {"g1": G1, "robot": ROBOT}
     about = {"rig_name": "x", "rig_text": "", "operator": "", "streams": streams}
