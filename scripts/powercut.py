@@ -1,4 +1,4 @@
-"""Crash states of a recording on a disk that forgets what was not synced (see tests/store/powercut.py)."""
+"""Crash states of a recording on a disk that forgets what was not synced (see tests/daq/store/powercut.py)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "store"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "daq" / "store"))
 
 from powercut import IoWorker, survivors
 from powercut_trial import Outcome, Recording, recording, trial

@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "daemon"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "daq"))
 
 from soaking import accelerated, in_real_time, wrong
 

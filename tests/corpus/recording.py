@@ -1,6 +1,6 @@
 """How the captures of this corpus were made: `rigd --capture` on emulated cells in which something goes wrong.
 
-`PYTHONPATH=tests/daemon python tests/corpus/recording.py NAME…` makes them anew, and `test_corpus.py` holds the drivers
+`PYTHONPATH=tests/daq python tests/corpus/recording.py NAME…` makes them anew, and `test_corpus.py` holds the drivers
 to what each has said since. A capture of a real cell belongs here too: rig file, `cell.log`, what `heard` makes of it.
 """
 

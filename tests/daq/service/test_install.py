@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 INSTALL = ROOT / "scripts" / "install"
 FILES = {
     "usr/local/lib/sysusers.d/rig.conf": "rig.sysusers",

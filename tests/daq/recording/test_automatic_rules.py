@@ -48,7 +48,7 @@ retention: {days: 90, gigabytes: 200}"""
 
 
 def test_the_example_of_the_documents_is_good() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "recording.md").read_text()
+    page = (Path(__file__).parents[3] / "docs" / "recording.md").read_text()
     (example,) = re.findall(r"```yaml\n(feedback: .*?)```", page, re.S)
     data = yaml.safe_load(UR10E) | yaml.safe_load(example)
     assert len(data["automatic"]["rules"]) == 3 and told("", yaml.safe_dump(data)) == []

@@ -17,7 +17,7 @@ from daq.store.stream_writer import StreamWriter
 from rigs.errors import CellError, FileError
 
 HERE = Path(__file__).parent
-ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE.parents[1]), str(HERE)])}
+ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE.parents[2]), str(HERE)])}
 
 
 def python(code: str, *arguments: object) -> list[str]:

@@ -15,7 +15,7 @@ from bench import PATIENCE_S, Bench
 
 from daq.store import read_run
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 UNIT = ROOT / "systemd" / "rigd@.service"
 
 
