@@ -1,7 +1,9 @@
-"""Writes a capture while the daemon runs: a tap on every link, one thread that writes for all of them.
+"""Writing a capture while the daemon runs: every link is recorded, and one thread writes for all of them.
 
-A tap only appends to a list: no reader waits for this disk either. Room is bounded, and what finds none is counted in
-the file itself. A capture that has grown to `LARGEST` bytes, or whose disk fails, ends and says so; the daemon goes on.
+Recording a piece only appends it to a list, so no reader waits for this disk. The list is bounded, and pieces that find
+no room are counted in
+the file itself. A capture that has grown to `LARGEST` bytes, or whose disk fails, ends with a line in the log; the
+daemon goes on.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ _WRITE_S = 0.5
 
 
 class CaptureWriter(threading.Thread):
-    """The capture of one daemon, from its start to `stop`."""
+    """Writes the capture of one daemon, from its start to `stop`."""
 
     def __init__(self, path: Path, streams: Sequence[Stream]) -> None:
         """Creates the file. Raises FileError where it is there already or cannot be made."""
@@ -44,11 +46,11 @@ class CaptureWriter(threading.Thread):
         self._size = self._file.write("".join(f"{line}\n" for line in [HEAD, *map(_described, streams)]))
 
     def captured(self, stream: str, link: ByteLink) -> ByteLink:
-        """The link, with a tap on it."""
+        """Return the link, with every piece that passes it recorded."""
         return _CapturedLink(self, stream, link)
 
     def add(self, stream: str, mark: Mark, data: bytes) -> None:
-        """Something happens on a stream now."""
+        """Record what happens on a stream now."""
         piece = Piece(time.monotonic_ns(), stream, mark, data)
         with self._lock:
             if self._open and len(self._pieces) < _ROOM:
@@ -57,14 +59,14 @@ class CaptureWriter(threading.Thread):
                 self._left_out[stream] += 1
 
     def stop(self, within_s: float) -> None:
-        """Write what there is and close the file; a disk that takes longer is left behind, and its capture is cut."""
+        """Write what is left and close the file; if the disk takes longer than this, the capture ends early."""
         self._stop_asked.set()
         self.join(within_s)
         if self.is_alive():
-            log.error("capture %s: its disk does not take the rest; it ends early", self._path)
+            log.error("capture %s ends early: its disk does not accept the rest", self._path)
 
     def run(self) -> None:
-        """The thread's body."""
+        """Do the work until `stop`: the body of the thread."""
         while not self._stop_asked.wait(_WRITE_S):
             self._write()
         self._write()
@@ -102,7 +104,7 @@ class CaptureWriter(threading.Thread):
 
 
 class _CapturedLink:
-    """A link whose bytes are noted as they pass."""
+    """A link whose bytes are recorded as they pass."""
 
     def __init__(self, writer: CaptureWriter, stream: str, link: ByteLink) -> None:
         self._writer, self._stream, self._link = writer, stream, link

@@ -31,7 +31,7 @@ class ClockState:
 
 
 class DriftMonitor:
-    """The minima of the last ten minutes."""
+    """Follows an instrument's clock by the minima of the last ten minutes."""
 
     def __init__(self) -> None:
         self._minima: deque[tuple[float, float]] = deque(maxlen=_WINDOWS)
@@ -40,7 +40,7 @@ class DriftMonitor:
         self._late_s = math.nan
 
     def feed(self, samples: Iterable[Sample]) -> None:
-        """Samples in order of arrival; those without a time of their own are passed over."""
+        """Take samples in order of arrival; those without a time of their own are ignored."""
         for sample in samples:
             if math.isnan(sample.device_time_s):
                 continue
@@ -56,7 +56,7 @@ class DriftMonitor:
             self._least, self._most = min(self._least, offset_s), max(self._most, offset_s)
 
     def state(self) -> ClockState | None:
-        """As of the last whole window; None before there is one."""
+        """Return the state as of the last complete window; None before there is one."""
         if not self._minima:
             return None
         return ClockState(self._minima[-1][1], _drift_ppm(self._minima), self._late_s)

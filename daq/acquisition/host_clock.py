@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from daq.protocol.conversation import Fault, FaultKind
 
 HOST = "host"
-"""The stream that faults of the computer itself are told on."""
+"""The name under which faults of the computer itself are reported, in place of a stream's."""
 _STEP_NS = 10_000_000
 _TRIES = 10
 
@@ -30,7 +30,7 @@ class ClockReadings:
 
 
 def read_clocks() -> ClockReadings:
-    """Now; of some tries the one that the scheduler interrupted least."""
+    """Read the three clocks now: of several tries the one that the scheduler interrupted least."""
     return min((_read() for _ in range(_TRIES)), key=lambda tried: tried.bracket_ns)
 
 
@@ -42,13 +42,13 @@ def _read() -> ClockReadings:
 
 
 class HostClockMonitor:
-    """Compares each look at the clocks with the last that had news."""
+    """Compares each reading of the clocks with the last one that showed a change."""
 
     def __init__(self, first: ClockReadings) -> None:
         self._known = first
 
     def check(self, now: ClockReadings) -> list[Fault]:
-        """What has happened to the clocks since."""
+        """Return what has happened to the clocks since then, as faults."""
         known = self._known
         slept_ns = (now.boot_ns - known.boot_ns) - (now.monotonic_ns - known.monotonic_ns)
         set_ns = (now.wall_ns - known.wall_ns) - (now.boot_ns - known.boot_ns)

@@ -1,4 +1,4 @@
-"""Readings that are well-formed and hard to believe, told while there is still time to do something about it.
+"""Readings that are well-formed but implausible, reported while there is still time to do something about it.
 
 The daemon knows no kinematics, so two things only. A gauge that *sticks*: the same number again and again while the
 robot moves, in a test whose gauges touch all along (in the others the robot also moves between two touches). A probe
@@ -31,7 +31,7 @@ _STILL_DEG = 0.1
 
 @dataclass
 class _GaugeState:
-    """What one gauge has shown: the reading it has now, since when, how often, and where the robot was then."""
+    """What one gauge has shown: its present reading, since when, how often, and where the robot was then."""
 
     reading: float = math.nan
     since_ns: int = 0
@@ -43,7 +43,7 @@ class _GaugeState:
 
 @dataclass
 class PlausibilityCheck:
-    """Watches the streams of one recording. touching: its gauges touch all along."""
+    """Checks the streams of one recording. touching: whether its gauges touch the ball all the time."""
 
     touching: bool
     _gauges: dict[str, _GaugeState] = field(default_factory=dict)
@@ -53,7 +53,7 @@ class PlausibilityCheck:
     _in_error: dict[str, bool] = field(default_factory=dict)
 
     def check(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
-        """What passed on a stream since the last call, in order; what there is to doubt about it."""
+        """Take what came on a stream since the last call, in order; return what is doubtful about it."""
         samples = [item for item in items if isinstance(item, Sample)]
         if "q1_deg" in columns:
             self._follow(samples)

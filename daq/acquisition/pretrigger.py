@@ -12,23 +12,23 @@ KEPT_NS = 5_000_000_000
 
 
 class PretriggerBuffer:
-    """Items of the last five seconds and of the rounds since then; some thousands a stream."""
+    """Holds the items of the last five seconds and of the rounds since then: some thousands for each stream."""
 
     def __init__(self, streams: Iterable[str]) -> None:
         self._items: dict[str, deque[Item]] = {name: deque() for name in streams}
 
     def add(self, stream: str, items: Sequence[Item]) -> None:
-        """Keep these."""
+        """Keep items that have come on a stream."""
         self._items[stream].extend(items)
 
     def trim(self) -> None:
-        """Forget what came five seconds before the newest; once in a round, so that a round of any length is whole."""
+        """Drop what is five seconds older than the newest item; once a round, so that a long round stays whole."""
         for kept in self._items.values():
             while kept and _at_ns(kept[0]) < _at_ns(kept[-1]) - KEPT_NS:
                 kept.popleft()
 
     def since(self, stream: str, since_ns: int) -> list[Item]:
-        """What came from then on, in order."""
+        """Return what came from `since_ns` on, in order."""
         return [item for item in self._items[stream] if _at_ns(item) >= since_ns]
 
 

@@ -1,7 +1,7 @@
-"""One thread a link: opens it, runs the conversation, and opens it again whenever it is lost.
+"""The reader thread of a link: it opens the link, runs the conversation, and opens it again whenever it is lost.
 
 A link that is lost makes one DISCONNECTED fault. Until the next sample it is the same outage, however often the port
-refuses to open: each reason for that is told once, and the first sample tells how long the outage was, both as faults
+refuses to open: each reason for that is reported once, and the first sample ends it with its length, both as faults
 of count 0. Between two attempts the reader pauses, longer each time up to a bound.
 """
 
@@ -25,7 +25,7 @@ _LONGEST_PAUSE_S = 5.0
 
 
 class Reader(threading.Thread):
-    """Reads one stream into its inbox until told to stop."""
+    """Reads one stream into its buffer until it is stopped."""
 
     def __init__(self, stream: Stream, buffer: StreamBuffer, link: Link, capture: CaptureWriter | None = None) -> None:
         super().__init__(name=f"read {stream.name}", daemon=True)
@@ -34,16 +34,16 @@ class Reader(threading.Thread):
         self._stop_asked = threading.Event()
         self._pause_s = _FIRST_PAUSE_S
         self._lost_ns: int | None = None
-        """Since when there is an outage; None while there is none."""
+        """When the present outage began; None while the link is up."""
         self._reasons: set[str] = set()
-        """Why the port would not open, as told in this outage."""
+        """Why the port did not open, as reported in this outage."""
 
     def stop(self) -> None:
         """Ask the thread to end; join it afterwards."""
         self._stop_asked.set()
 
     def run(self) -> None:
-        """The thread's body."""
+        """Do the work until `stop`: the body of the thread."""
         while not self._stop_asked.is_set():
             self._buffer.beat()
             if self._link is None:
@@ -109,7 +109,7 @@ class Reader(threading.Thread):
         self._pause_s = min(_LONGEST_PAUSE_S, 2 * self._pause_s)
 
     def _end_outage(self, lost_ns: int) -> None:
-        """The outage ends."""
+        """End the outage and report how long it was."""
         self._lost_ns, self._pause_s = None, _FIRST_PAUSE_S
         self._reasons.clear()
         self._report(f"{self._stream.port} is back after {(time.monotonic_ns() - lost_ns) / 1e9:.1f} s", 0)

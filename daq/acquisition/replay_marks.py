@@ -1,4 +1,4 @@
-"""What rigd learns from a replay: the file that `rig replay` writes where its instruments are out of step.
+"""The file in which `rig replay` marks each second that was out of step, and which rigd follows while it records.
 
 The rig file of a replayed cell names it (`replay:`). Each line is a second of a stream that was too far from its time;
 it becomes a fault of that stream, in the run that is being recorded, and nobody takes figures from such a run.
@@ -16,19 +16,19 @@ _LINE = re.compile(r"(\S+) ([+-][0-9.]+)")
 
 
 def out_of_step_line(stream: str, off_ns: float) -> str:
-    """A line of the file: for a second of this stream the median error of its time."""
+    """Return a line of the file: the median error of this stream's time over one second."""
     return f"{stream} {off_ns / 1e6:+.1f}\n"
 
 
 class ReplayMarks:
-    """Follows the file from where it ends now."""
+    """Reads the file from where it ends now."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._read = len(self._lines())
 
     def read_new(self) -> list[tuple[str, Fault]]:
-        """What was added since the last look: names of streams, and the fault of each."""
+        """Return what was added since the last call: names of streams, and the fault of each."""
         lines = self._lines()[self._read :]
         self._read += len(lines)
         found = []
@@ -38,7 +38,7 @@ class ReplayMarks:
         return found
 
     def _lines(self) -> list[str]:
-        """The whole lines; none where the replay, and its file with it, is gone."""
+        """Return the complete lines; none if the replay, and its file with it, is gone."""
         try:
             return self._path.read_text(encoding="utf-8").split("\n")[:-1]
         except OSError:

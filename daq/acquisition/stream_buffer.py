@@ -1,7 +1,7 @@
-"""Between a reader and the writer: what one stream has delivered and nobody has written yet.
+"""The buffer between a reader and the recorder: what one stream has delivered and nobody has written yet.
 
-The reader only ever appends here; it waits for no disk and no other thread. Room is bounded, and what
-finds none is counted as a fault of its own.
+The reader only ever appends here; it waits for no disk and no other thread. Room is bounded, and items that
+find none are counted as a fault of its own kind.
 """
 
 from __future__ import annotations
@@ -23,7 +23,10 @@ _RATE_OVER = 200
 
 @dataclass(frozen=True)
 class StreamState:
-    """What a person wants to know of a stream now. last: column → value; age_s: column → since its last good value."""
+    """The state of a stream as it is shown to people.
+
+    last: column → last good value; age_s: column → time since then.
+    """
 
     connected: bool
     rate_hz: float
@@ -32,17 +35,17 @@ class StreamState:
     counters: dict[str, int]
     last_fault: str
     waiting: int
-    """Items that the writer has not taken yet."""
+    """Items that the recorder has not taken yet."""
 
 
 @dataclass
 class StreamBuffer:
-    """Thread-safe; one reader delivers, one writer drains, anybody asks for the state."""
+    """Holds the items of one stream; thread-safe: one reader delivers, one recorder drains, any thread may ask."""
 
     name: str
     columns: tuple[str, ...]
     heartbeat_ns: int = 0
-    """When the reader last went round its loop, with or without data: what the watchdog is fed by."""
+    """When the reader last completed its loop, with or without data; the watchdog depends on it."""
     connected: bool = False
     _opening: bool = False
     _lock: threading.Lock = field(default_factory=threading.Lock)
@@ -54,7 +57,7 @@ class StreamBuffer:
     _last_fault: str = ""
 
     def deliver(self, items: Sequence[Item]) -> None:
-        """From the reader: keep these."""
+        """Keep items that the reader has received."""
         with self._lock:
             for item in items:
                 self._note(item)
@@ -71,7 +74,7 @@ class StreamBuffer:
                 self._note(fault)
 
     def drain(self) -> list[Item]:
-        """For the writer: everything since the last call, in order, each once."""
+        """Return everything since the last call, in order, for the recorder."""
         with self._lock:
             items = list(self._items)
             self._items.clear()
@@ -82,12 +85,12 @@ class StreamBuffer:
         return items
 
     def beat(self) -> None:
-        """From the reader: still going round."""
+        """Note that the reader is still running."""
         self.heartbeat_ns = time.monotonic_ns()
 
     @contextmanager
     def opening(self) -> Iterator[None]:
-        """From the reader: it waits for the system to open a port, which may take a resolver's time."""
+        """Mark the time in which the reader waits for the system to open a port, which may need name resolution."""
         self._opening = True
         try:
             yield
@@ -96,11 +99,11 @@ class StreamBuffer:
             self._opening = False
 
     def alive(self, within_s: float) -> bool:
-        """Whether the reader went round so lately, or is opening its port."""
+        """Return whether the reader completed its loop within this time, or is opening its port."""
         return self._opening or time.monotonic_ns() - self.heartbeat_ns < within_s * 1e9
 
     def state(self) -> StreamState:
-        """As of now."""
+        """Return the state of the stream as of now."""
         now = time.monotonic_ns()
         with self._lock:
             return StreamState(
@@ -132,10 +135,10 @@ class StreamBuffer:
 
 
 def samples_of(items: Sequence[Item]) -> list[Sample]:
-    """The samples among items."""
+    """Return the samples among items."""
     return [item for item in items if isinstance(item, Sample)]
 
 
 def faults_of(items: Sequence[Item]) -> list[Fault]:
-    """The faults among items."""
+    """Return the faults among items."""
     return [item for item in items if isinstance(item, Fault)]

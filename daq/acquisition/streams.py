@@ -18,12 +18,12 @@ JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
 _NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
 """Robots are reached over the network, which has no line settings."""
 _PATIENCE = 3
-"""Time-outs without a word after which a TCP connection is lost."""
+"""Silent time-outs after which a TCP connection counts as lost."""
 
 
 @dataclass(frozen=True)
 class Stream:
-    """One link: what it is called, where it is, what its samples hold, and who speaks on it.
+    """One link: its name, its port, the columns of its samples, and the conversation that runs on it.
 
     dead_s, listens: see `daq.wire.links.open_link`.
     """
@@ -37,12 +37,12 @@ class Stream:
     listens: bool = False
 
     def open(self) -> Link:
-        """The link. Raises CellError with the remedy."""
+        """Open the link. Raises CellError with the remedy."""
         return open_link(self.name, self.port, self.line, dead_s=self.dead_s, listens=self.listens)
 
 
 def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
-    """Names of the gauges, those on one port together."""
+    """Return the names of the gauges, with those on one port grouped together."""
     by_port: dict[str, list[str]] = {}
     for name, gauge in rig.gauges:
         by_port.setdefault(gauge.port, []).append(name)
@@ -50,7 +50,7 @@ def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
 
 
 def streams_of(rig: Rig) -> list[Stream]:
-    """All streams of a rig, the robot last."""
+    """Return all streams of a rig, the robot last."""
     members = dict(rig.gauges)
     found = []
     for names in gauge_groups(rig):

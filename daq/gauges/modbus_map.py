@@ -59,7 +59,7 @@ def _clock_s(gauge: ModbusMap, registers: Registers) -> float:
 
 
 def _registers(gauge: ModbusMap, reading_mm: float, now_ns: int) -> list[int] | None:
-    """All registers; None where there is no reading and no status register to say so."""
+    """All registers; None where there is not a reading and no status register to say so."""
     raw = (reading_mm / MM_PER_UNIT[gauge.units] - gauge.value.offset) / gauge.value.scale
     good = fits(raw, gauge.value)
     if not good and gauge.status is None:

@@ -206,5 +206,5 @@ class Polled:
         count = self._discarded + self._dialect.frames.pending
         if not (self._telling and count):
             return []
-        detail = "came when no answer was awaited and left out; if it recurs, make timeout_s longer"
+        detail = "a message came while no answer was expected and was ignored; if this recurs, increase timeout_s"
         return [Fault(FaultKind.LATE, now_ns, detail, count)]

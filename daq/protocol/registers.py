@@ -64,7 +64,7 @@ class RegisterDialect:
         if not content:
             return _garbled("checksum wrong; check the cable and the line's settings", at_ns)
         if self._wire.numbered and number != self._number:
-            detail = f"answer {number} came while waiting for {self._number}; make timeout_s longer"
+            detail = f"answer {number} came while waiting for {self._number}; increase timeout_s"
             return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
         if unit != self._block.unit or content[0] & 0x7F != self._block.function:
             return _garbled(f"answer of unit {unit}, function {content[0] & 0x7F}; check `unit`", at_ns)
@@ -78,13 +78,13 @@ class RegisterDialect:
         if pdu is None or (other and self._wire.numbered):
             return _garbled(f"{message.size} bytes answer a read of {self._block.count} registers", at_ns)
         if other:
-            detail = "an answer came after its time, told by its length; make timeout_s longer"
+            detail = "an answer came too late, recognised by its length, and was ignored; increase timeout_s"
             return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
         probes.answered()
         if probes.probing:
             return Reply(())
         if probes.doubtful:
-            detail = "an answer came of which nobody knows whether it is late, left out; make timeout_s longer"
+            detail = "an answer came that may belong to an earlier request, and was ignored; increase timeout_s"
             return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.DRAIN)
         if pdu.isError():
             return Reply((_refusal(pdu.exception_code, at_ns),), Then.PAUSE)
@@ -128,7 +128,7 @@ class RegisterDevice:
     """The instrument's side: it holds the block and nothing else, or some further ones."""
 
     def __init__(self, block: Block, registers: Held, *further: tuple[Block, Held]) -> None:
-        """registers: the whole block as of a time; None where there is no reading and nothing to say so with."""
+        """registers: the whole block as of a time; None where there is not a reading and nothing to say so with."""
         self.sent = 0
         """Answers from the first block."""
         self._block = block

@@ -46,7 +46,7 @@ Reading = float | Trouble
 
 def garbled(data: bytes) -> Trouble:
     """The message is none of this protocol."""
-    return Trouble(f"{shown(data)} is no reading; check the line's settings", FaultKind.GARBLED, Then.DRAIN)
+    return Trouble(f"{shown(data)} is not a reading; check the line's settings", FaultKind.GARBLED, Then.DRAIN)
 
 
 def shown(data: bytes) -> str:

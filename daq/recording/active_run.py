@@ -1,4 +1,4 @@
-"""A run that is being written: what it is of, what it was given, and what there is to doubt about that."""
+"""A run that is being written: its label, what was put into it, and what is doubtful about that."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from daq.store import RunWriter
 
 
 class ActiveRun:
-    """counters: stream → samples, and faults of each kind."""
+    """Writes the items of all streams into one run. counters: stream → samples, and faults of each kind."""
 
     def __init__(self, label: Label, writer: RunWriter, since_ns: int, columns: Mapping[str, Sequence[str]]) -> None:
         """columns: of each stream."""
@@ -25,11 +25,11 @@ class ActiveRun:
 
     @property
     def taken(self) -> Counter[str]:
-        """Samples of each stream that it was given."""
+        """The number of samples of each stream that were put into it."""
         return Counter({name: counter["samples"] for name, counter in self.counters.items()})
 
     def put(self, stream: str, items: Sequence[Item]) -> list[Fault]:
-        """Write items into the run, and behind them what is doubtful about them. Returns these doubts, to report."""
+        """Write items into the run, then the faults that say what is doubtful about them, which are returned."""
         self._write(stream, items)
         doubts = self._plausibility.check(stream, self._columns[stream], items)
         self._write(stream, doubts)
@@ -45,7 +45,7 @@ class ActiveRun:
         self.writer.append_faults(stream, faults)
 
     def put_clock(self, faults: Sequence[Fault]) -> None:
-        """Steps of the wall clock, and what time it is since."""
+        """Write steps of the wall clock, and an anchor for the time since then."""
         if faults:
             self.counters.setdefault(HOST, Counter())[FaultKind.CLOCK] += len(faults)
             self.writer.append_faults(HOST, faults)

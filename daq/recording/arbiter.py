@@ -1,7 +1,8 @@
-"""Who starts and ends recordings: people, and the automat of the rig file. People come first.
+"""Who starts and ends recordings: people, and the trigger of the rig file. People take precedence.
 
-The recorder tells what the robot's stream brought; after each of its rounds the automat hears it here, and what it
-commands is done. One lock makes a decision and its deed one, so that the automat never ends a person's recording.
+The recorder passes on what came on the robot's stream; after each of its rounds the trigger is fed with it here, and
+its commands are carried out. One lock covers a decision and its execution, so that the trigger never ends a recording
+that a person started.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from rigs.errors import RigError
 log = logging.getLogger("rigd")
 OPERATOR = "automatic"
 _BEFORE_NS = 1_000_000_000
-"""Of what came before the event, so much belongs to the run."""
+"""This much of what came before the event belongs to the run."""
 _SHORT_S = 1.0
 
 
@@ -43,21 +44,21 @@ class Arbiter:
         self._deciding = threading.Lock()
         self._samples: deque[Sample] = deque()
         self._own_run: str | None = None
-        """Name of the run that the automat started and that still goes on."""
+        """Name of the run that the trigger started and that is still being recorded."""
         self._starting: deque[tuple[str, str, Future[Path]]] = deque()
-        """Title, name and run of each start of which the disk has said nothing yet."""
+        """Title, name and run of each start that the disk has not confirmed yet."""
         self._started_ns = 0
         self._started = 0
         self._refused = 0
         self._why_not = ""
 
     def feed(self, items: Sequence[Item]) -> None:
-        """From the recorder, in the midst of its work: what the robot's stream brought."""
+        """Keep what came on the robot's stream; the recorder calls this in the middle of its work."""
         if self._rules:
             self._samples.extend(samples_of(items))
 
     def after_round(self) -> None:
-        """After each round of the recorder: the automat hears what came, and is obeyed."""
+        """Feed the trigger with what came, and execute its commands; the recorder calls this after each round."""
         if not self._rules:
             return
         with self._deciding:
@@ -68,7 +69,7 @@ class Arbiter:
             self._execute(self._trigger.tick(time.monotonic_ns()))
 
     def start(self, label: Label) -> Path:
-        """A person starts a recording; the automat's gives way, where this one can be. Raises CellError."""
+        """Start a recording for a person; one that the trigger started is ended for it. Raises CellError."""
         with self._deciding:
             if self._own_run_continues():
                 self._recorder.require_readings(label)
@@ -78,14 +79,14 @@ class Arbiter:
         return beginning.result()
 
     def stop(self) -> EndedRun:
-        """A person ends a recording, whoever started it, and waits until it is closed. Raises CellError."""
+        """End a recording for a person, whoever started it, and wait until it is closed. Raises CellError."""
         with self._deciding:
             closing = self._recorder.stop_run()
             self._own_run_continues()
         return closing.result()
 
     def state(self) -> dict[str, object] | None:
-        """For people: what the automat waits for, whether it records, why it did not; None where it has no rules."""
+        """Return what the trigger waits for, whether it records, and why it did not; None if it has no rules."""
         if not self._rules:
             return None
         return {
@@ -121,7 +122,7 @@ class Arbiter:
         self._own_run, self._started_ns = label.name, start.at_ns
 
     def _collect_starts(self) -> None:
-        """What the disk has said of starts."""
+        """Take note of the starts that the disk has confirmed or refused."""
         while self._starting and self._starting[0][2].done():
             title, name, begun = self._starting.popleft()
             error = begun.exception()
@@ -153,12 +154,12 @@ class Arbiter:
             log.error("%s", error)
 
     def _current_recording(self) -> object:
-        """Name of the recording that goes on, also while it begins or waits for the disk; None for none."""
+        """Return the name of the present recording, also while it begins or waits for the disk; None without one."""
         state = self._recorder.state()
         return state["recording"] or state["beginning"] or state["waiting"]
 
     def _own_run_continues(self) -> bool:
-        """Whether the automat's run is still being recorded: a full disk or a person may have ended it."""
+        """Return whether the trigger's run is still being recorded; a full disk or a person may have ended it."""
         if self._own_run is not None and self._current_recording() != self._own_run:
             self._own_run = None
             self._trigger.reset()
@@ -166,6 +167,6 @@ class Arbiter:
 
 
 def _name(rule: Rule) -> str:
-    """Unique and in order of time: `20261120T101500.250Z-yaw-cw`."""
+    """Return a name that is unique and sorts by time: `20261120T101500.250Z-yaw-cw`."""
     now = datetime.now(UTC)
     return f"{now:%Y%m%dT%H%M%S}.{now.microsecond // 1000:03d}Z-{rule.title.replace(' ', '-')}"

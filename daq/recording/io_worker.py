@@ -1,7 +1,8 @@
-"""Who waits for the disk: one thread, one piece of work at a time, in order; another for a run that is to begin.
+"""The threads that wait for the disk: one does one piece of work at a time, in order; another creates runs.
 
-To sync, to close a chunk that is full, to end a run or to begin one: on a slow disk each may take seconds. Meanwhile
-the recorder goes on emptying inboxes, writing what came to where a kill does not reach it, and feeding the watchdog.
+To sync, to close a full chunk, to end a run or to create one may each take seconds on a slow disk. Meanwhile
+the recorder goes on draining buffers, handing what came to the operating system, which survives a kill of the process,
+and feeding the watchdog.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ _Result = TypeVar("_Result")
 
 
 class IoWorker:
-    """The thread, and what it is at."""
+    """Runs the work of the disk in threads, and knows what is under way."""
 
     def __init__(self, warnings: RateLimitedLog) -> None:
         keep_large_blocks_apart()
@@ -36,7 +37,7 @@ class IoWorker:
         """Rows of each sample stream of the run that are known to be on the disk."""
 
     def advance(self, writer: RunWriter) -> None:
-        """Note what is through and begin the next: a sync twice a second, between two a chunk. Raises CellError."""
+        """Note what is finished and begin the next: a sync twice a second, a chunk between two. Raises CellError."""
         closed_one = False
         if self._under_way is not None:
             work, waiting = self._under_way
@@ -58,7 +59,7 @@ class IoWorker:
             self._begun_s, self._under_way = now, (work, self._thread.submit(work.wait))
 
     def submit_close(self, close: Callable[[], _Result]) -> Future[_Result]:
-        """To close the run, after what is under way.
+        """Close the run, after the work that is under way.
 
         What that comes to matters no more: closing does all of it again that was not done, and proves it.
         """
@@ -67,7 +68,7 @@ class IoWorker:
         return closed
 
     def submit_create(self, create: Callable[[], None]) -> None:
-        """To make a run; the closing of the one before does not hold it up. What it raises is an error in the program
+        """Create a run; closing the one before does not delay it. What it raises is an error in the program
         and ends that, as in any thread."""
         self._creator.submit(create).add_done_callback(_fail)
 
@@ -77,7 +78,7 @@ class IoWorker:
         return self._closing is not None and not self._closing.done()
 
     def shut_down(self) -> None:
-        """Returns when all is done."""
+        """Wait until all work is done."""
         self._creator.shutdown()
         self._thread.shutdown()
 

@@ -1,4 +1,4 @@
-"""What a recording is called."""
+"""The label of a recording: its name, its test, and who measures."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NAME_RULE = "use up to 64 letters, digits, . _ and -, a letter or digit first"
 
 
 class Label(Part):
-    """What a person says of a recording when it starts."""
+    """What a person enters about a recording when it starts."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$")]
     test: TestName

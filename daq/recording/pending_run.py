@@ -1,4 +1,4 @@
-"""A run that the disk is being asked for, which on a slow one takes seconds: what comes meanwhile belongs to it."""
+"""A run that is being created, which takes seconds on a slow disk; what comes meanwhile belongs to it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FRESH_S = 3.0
 
 @dataclass(frozen=True)
 class EndedRun:
-    """A recording that was stopped. counters: stream → samples, and faults of each kind."""
+    """A run that was ended. counters: stream → samples, and faults of each kind."""
 
     path: Path
     counters: dict[str, dict[str, int]]
@@ -30,10 +30,10 @@ class EndedRun:
 
 @dataclass(eq=False)
 class PendingRun:
-    """From the wish for a run until the disk has it, or refuses.
+    """A run from its request until it exists on the disk, or is refused.
 
-    waited: the recording without a run that it goes on from. kept: what came since, and before where it was wished.
-    clock: faults of the computer's clock. begun: its directory; raises what refused it. stop: it is to end at once.
+    resumes: the suspended recording that it continues. kept: what came since, and before that if it was asked for.
+    clock: faults of the computer's clock. begun: its directory, or the error that refused it. stop: it ends at once.
     """
 
     label: Label
@@ -47,29 +47,29 @@ class PendingRun:
 
     @property
     def is_after_failure(self) -> bool:
-        """Whether it goes on from a run that the disk ended, so that another recording may take its place."""
+        """Whether it continues a run that the disk ended, so that another recording may take its place."""
         return self.resumes is not None and not self.resumes.at_once
 
     @property
     def follows(self) -> str:
-        """Name of the run that it goes on from, empty for none."""
+        """The name of the run that it continues; empty without one."""
         return self.resumes.previous.name if self.resumes else ""
 
     def keep(self, stream: str, items: Iterable[Item]) -> None:
-        """For the run."""
+        """Keep items of a stream for the run."""
         self.kept[stream].extend(items)
 
     def is_behind(self, stream: str) -> bool:
-        """Whether so much of a stream is kept that no more of it should be taken."""
+        """Return whether so much of a stream is kept that no more of it should be drained."""
         return len(self.kept[stream]) >= MOST_PENDING
 
     def end(self, exit_status: Ending, reason: str) -> Future[EndedRun]:
-        """As soon as it has begun."""
+        """End the run as soon as it has begun; the future has the ended run."""
         self.stop = (exit_status, reason)
         return self.ended
 
     def reject(self, error: Exception) -> None:
-        """Nothing becomes of it; what was kept counts as missed where it was to go on."""
+        """Give up the run; if it was to continue a recording, what was kept counts as missed."""
         if self.resumes is not None:
             for name, items in self.kept.items():
                 self.resumes.missed[name] += len(samples_of(items))
@@ -77,13 +77,13 @@ class PendingRun:
         self.fail(error)
 
     def fail(self, error: Exception) -> None:
-        """For whoever waits."""
+        """Pass an error on to those who wait for the run to begin or to end."""
         self.begun.set_exception(error)
         self.ended.set_exception(error)
 
 
 def forward_result(of: Future[EndedRun], to: Future[EndedRun]) -> None:
-    """What becomes of the one becomes of the other."""
+    """Give the second future the result or the error of the first one."""
 
     def through(done: Future[EndedRun]) -> None:
         if error := done.exception():
@@ -95,13 +95,14 @@ def forward_result(of: Future[EndedRun], to: Future[EndedRun]) -> None:
 
 
 def require_readings(buffers: Mapping[str, StreamBuffer], test: TestName) -> None:
-    """Raises CellError for a gauge that the test needs, or the robot, that is not there or shows nothing."""
+    """Raise CellError if a gauge that the test needs, or the robot, is missing or has no fresh reading."""
     needed = {"g1_mm", "q1_deg"} | ({"g2_mm"} if test in ("yaw", "roll") else set())
     for column in sorted(needed):
         found = [buffer.state() for buffer in buffers.values() if column in buffer.columns]
         what = "robot" if column == "q1_deg" else column.removesuffix("_mm")
         if not found:
-            raise CellError(what, f"the {test} test needs it, the rig file has none", f"add gauges.{what}")
+            raise CellError(what, f"the {test} test needs it, but the rig file has none", f"add gauges.{what}")
         if found[0].age_s.get(column, 1e9) > _FRESH_S:
-            last = found[0].last_fault or "nothing came at all"
-            raise CellError(what, f"no reading in the last {_FRESH_S:.0f} s ({last})", "mend it, then start again")
+            last = found[0].last_fault or "nothing was received"
+            stale = f"no reading in the last {_FRESH_S:.0f} s ({last})"
+            raise CellError(what, stale, "fix the cause, then start the recording again")

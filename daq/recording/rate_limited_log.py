@@ -1,4 +1,4 @@
-"""Warnings that would come in floods, told now and then with how many were not."""
+"""A log of repeated warnings: each kind is logged at most every ten seconds, with the number of those left out."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ _SLOW_S = 2.0
 
 
 class RateLimitedLog:
-    """The log of one daemon; the streams and kinds are few, and so is what it keeps."""
+    """Logs the faults of one daemon; streams and kinds are few, and so is what it remembers."""
 
     def __init__(self) -> None:
         self._last: dict[tuple[str, str], tuple[float, int]] = {}
 
     def warn(self, name: str, kind: str, detail: str, count: int = 1) -> None:
-        """Log a fault, the same kind again at most every ten seconds, with how many were not told.
+        """Log a fault; the same kind is logged again after ten seconds at the earliest, with the number left out.
 
-        What says more of one that was told (count 0) comes once by itself.
+        A fault of count 0, which adds details to an earlier one, is logged at once.
         """
         if not count:
             log.info("%s: %s", name, detail)
@@ -34,6 +34,6 @@ class RateLimitedLog:
         self._last[name, kind] = (now, 0)
 
     def warn_slow(self, what: str, seconds: float) -> None:
-        """Tell what the disk takes its time for, where it does."""
+        """Log what the disk has been slow with, if it was."""
         if seconds > _SLOW_S:
             self.warn("disk", f"slow {what}", f"has taken {seconds:.1f} s; readers do not wait for it")

@@ -1,10 +1,10 @@
-"""The writer's side: drains every inbox, and while a recording runs, puts what came onto the disk.
+"""The recorder: drains the buffer of every stream and, while a recording runs, writes what came to the disk.
 
 One lock guards the recording, and one thread does the periodic work; the readers never take that lock, and whoever
 holds it never waits for the disk to sync: other threads do (`daq.recording.io_worker`), also to begin a run and to
 bring one back.
-A disk that is nearly full or fails ends the run, not the daemon and not the recording: what was synced
-stays, what comes meanwhile is counted, and a run that names the former goes on when the disk lets it.
+A disk that is nearly full or fails ends the run, but neither the daemon nor the recording: what was synced
+stays, what comes meanwhile is counted, and another run that names the previous one follows when the disk allows it.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ from rigs.errors import CellError, RigError
 log = logging.getLogger("rigd")
 _ROUND_S = 0.25
 _MOST_STOPPED_EARLY = 2
-"""Runs stopped before the disk had made them, which it may owe us: what each has kept is in memory."""
+"""The most runs that may be stopped before they exist on the disk: what each of them keeps is in memory."""
 _LEAST_PAUSE_S = 0.1
-"""For who waits to start or stop a recording on a slow disk."""
+"""The shortest pause: others wait for the lock to start or stop a recording on a slow disk."""
 
 
 class Recorder(threading.Thread):
@@ -51,9 +51,9 @@ class Recorder(threading.Thread):
         after_round: Callable[[], None],
         on_items: Callable[[str, Sequence[Item]], None] = lambda name, items: None,
     ) -> None:
-        """create: begins a run of this label that follows the run of that name, none for an empty one.
+        """create: begins a run of this label that continues the run of that name, or none if the name is empty.
 
-        listen: hears what every stream brought, while the recorder works; it may only keep it.
+        on_items: is called with what came on every stream, while the recorder works; it may only keep it.
         """
         super().__init__(name="write", daemon=True)
         self._buffers, self._create, self._after_round = buffers, create, after_round
@@ -65,16 +65,16 @@ class Recorder(threading.Thread):
         self._suspended: SuspendedRecording | None = None
         self._pending: PendingRun | None = None
         self._stopped_early: list[PendingRun] = []
-        """Stopped before the disk had made their runs."""
+        """Runs that were stopped before they existed on the disk."""
         self._warnings = RateLimitedLog()
         self._io = IoWorker(self._warnings)
         self._host_clock = HostClockMonitor(read_clocks())
         self.host_faults: Counter[str] = Counter()
-        """Of the computer itself, by kind, since the daemon started."""
+        """Faults of the computer itself, by kind, since the daemon started."""
         self.last_end = ""
 
     def run(self) -> None:
-        """The thread's body: a round every quarter of a second; later only where one takes longer."""
+        """Do a round every quarter of a second, later only if one takes longer: the body of the thread."""
         pause_s = _ROUND_S
         while not self._stop_asked.wait(pause_s):
             begun = time.monotonic()
@@ -99,21 +99,22 @@ class Recorder(threading.Thread):
         self._after_round()
 
     def require_readings(self, label: Label) -> None:
-        """Raises CellError where a recording of this label could not start, for a gauge that is silent."""
+        """Raise CellError if a recording of this label could not start because a gauge is silent."""
         require_readings(self._buffers, label.test)
 
     def start_run(self, label: Label, since_ns: int | None = None) -> Future[Path]:
-        """Begin a recording, with the readings since then that are still at hand.
+        """Begin a recording, with the readings since `since_ns` that are still in memory.
 
-        The future has its directory as soon as the disk does, and raises CellError where it refuses.
-        Raises CellError: one runs already, a gauge is silent.
+        The future has its directory as soon as it exists, and raises CellError if the disk refuses.
+        Raises CellError if a recording runs already or a gauge is silent.
         """
         with self._lock:
             runs = self._active or self._pending
             if runs is not None and not (isinstance(runs, PendingRun) and runs.is_after_failure):
                 raise CellError(f"recording {runs.label.name}", "already running", "stop it: rig record stop")
             if len(self._stopped_early) >= _MOST_STOPPED_EARLY:
-                raise CellError("the disk", f"has not made the last {_MOST_STOPPED_EARLY} runs yet", "wait, or mend it")
+                what = f"is still creating the last {_MOST_STOPPED_EARLY} runs, which were stopped early"
+                raise CellError("disk", what, "try again in some seconds; if it stays so, run rig doctor")
             self.require_readings(label)
             self._drain_buffers(sync=False)
             if self._pending is not None:
@@ -127,9 +128,9 @@ class Recorder(threading.Thread):
     def stop_run(
         self, exit_status: Ending = "complete", reason: str = "stopped by rig record stop"
     ) -> Future[EndedRun]:
-        """End the recording; closed when the future says so, which raises CellError where it cannot be.
+        """End the recording; the future has the run when it is closed, and raises CellError if it cannot be closed.
 
-        Raises CellError where none runs.
+        Raises CellError if nothing is being recorded.
         """
         with self._lock:
             self._drain_buffers(sync=False)
@@ -141,7 +142,7 @@ class Recorder(threading.Thread):
             return self._close(self._active, exit_status, reason)
 
     def shut_down(self, exit_status: Ending, why: str) -> Path | None:
-        """End thread and recording; returns the directory of a recording that was cut short."""
+        """End the thread and the recording; return the directory of a recording that was cut short."""
         self._stop_asked.set()
         self.join()
         with self._lock:
@@ -157,7 +158,7 @@ class Recorder(threading.Thread):
             self._io.shut_down()
 
     def state(self) -> dict[str, object]:
-        """For people: what is being recorded and since when, or how the last recording ended."""
+        """Return what is being recorded and since when, or how the last recording ended."""
         pending, suspended = self._pending, self._suspended  # first: what has begun since is then seen as recording
         active = self._active
         if active is None:
@@ -186,7 +187,7 @@ class Recorder(threading.Thread):
         return pending.begun
 
     def _create_run(self, pending: PendingRun) -> None:
-        """In a thread of the disk's: make the run, and take it into use."""
+        """Create the run and begin to use it; called in a thread of the disk's."""
         try:
             lost_samples = self._not_recorded(pending.resumes) if pending.resumes else {}
             writer = self._create(pending.label, pending.follows)
@@ -206,7 +207,7 @@ class Recorder(threading.Thread):
         self._forget(pending)
         pending.reject(error)
         if not isinstance(error, RigError):
-            log.error("recording %s: not begun, for an error in the program", pending.label.name, exc_info=error)
+            log.error("recording %s: not started because of an internal error", pending.label.name, exc_info=error)
         if pending.stop is not None:
             _abandoned(pending.resumes)
         elif pending.resumes is not None and isinstance(error, RigError):
@@ -242,18 +243,18 @@ class Recorder(threading.Thread):
         pending.begun.set_result(writer.path)
 
     def _stop_early(self, pending: PendingRun, exit_status: Ending, reason: str) -> Future[EndedRun]:
-        """The run that begins is to end as soon as it is there: what comes from now on is not for it."""
+        """Let the pending run end as soon as it exists: what comes from now on does not belong to it."""
         self._pending = self._suspended = None
         self._stopped_early.append(pending)
         self.last_end = f"{exit_status}: {reason}"
         return pending.end(exit_status, reason)
 
     def _drain_buffers(self, *, sync: bool) -> None:
-        """Empty every inbox, into the run where there is one; at its end also those whose run is behind."""
+        """Drain every buffer into the run, if there is one; at its end also those of streams that are behind."""
         for name, buffer in self._buffers.items():
             to = self._pending or (self._active.writer if self._active is not None else None)
             if sync and to is not None and to.is_behind(name):
-                continue  # an inbox has its bound, and counts what finds no room
+                continue  # a buffer is bounded, and counts what finds no room
             items = buffer.drain()
             self._warn(name, faults_of(items))
             self._on_items(name, items)
@@ -270,7 +271,7 @@ class Recorder(threading.Thread):
             self._io.advance(self._active.writer)
 
     def _suspend(self, exit_status: Ending, why: str) -> None:
-        """End the run and not the recording: what was taken and not stored counts as missed."""
+        """End the run but not the recording; what was taken and is not stored counts as missed."""
         active = self._active
         if active is None:
             return
@@ -278,15 +279,15 @@ class Recorder(threading.Thread):
         closing = self._close(active, exit_status, why)
         self._suspended = SuspendedRecording(active.label, path, why, closing, active.taken, at_once=at_once)
         if not at_once:
-            log.error("%s: ended for now, %s: %s; goes on when the disk lets it", path, exit_status, why)
+            log.error("%s: run ended, %s: %s; another run follows when the disk allows it", path, exit_status, why)
 
     def _resume(self) -> None:
-        """Go on in another run, where one is waited for and the disk lets us."""
+        """Continue a suspended recording in another run, if it is due."""
         if self._suspended is not None and self._pending is None and self._suspended.is_due():
             self._request_run(PendingRun(self._suspended.label, self._suspended, {name: [] for name in self._buffers}))
 
     def _not_recorded(self, suspended: SuspendedRecording) -> Mapping[str, int]:
-        """What is in no run, once the former is brought back. Raises CellError where that is gone."""
+        """Return what is in no run, after recovering the previous one. Raises CellError if that is gone."""
         suspended.require_previous_run()
         if suspended.at_once:
             return {}
@@ -297,7 +298,7 @@ class Recorder(threading.Thread):
         return suspended.lost_samples()
 
     def _abandon(self) -> str:
-        """Wait no longer for the disk; what that means in words, empty where nothing waited."""
+        """Stop waiting for the disk; return what that means in words, empty if nothing was waiting."""
         suspended, self._suspended = self._suspended, None
         return _abandoned(suspended)
 
@@ -311,7 +312,7 @@ class Recorder(threading.Thread):
         self._buffers[name].count(faults)
 
     def _check_clocks(self) -> None:
-        """Tell where the wall clock was set or the computer slept, and keep what time it is since."""
+        """Report that the wall clock was set or the computer slept, and record the time since then."""
         faults = self._host_clock.check(read_clocks())
         self._warn(HOST, faults)
         self.host_faults[FaultKind.CLOCK] += len(faults)
@@ -321,13 +322,13 @@ class Recorder(threading.Thread):
             self._active.put_clock(faults)
 
     def _close(self, active: ActiveRun, exit_status: Ending, reason: str) -> Future[EndedRun]:
-        """Let go of the run; the disk's thread closes it."""
+        """Hand the run to the disk's thread, which closes it."""
         self._active = None
         self.last_end = f"{exit_status}: {reason}"
         return self._io.submit_close(partial(self._close_run, active, exit_status, reason))
 
     def _close_run(self, active: ActiveRun, exit_status: Ending, reason: str) -> EndedRun:
-        """In the disk's thread. Raises CellError where the end cannot be written."""
+        """Close the run; called in the disk's thread. Raises CellError if the end cannot be written."""
         path, counters = active.writer.path, active.counters
         try:
             active.writer.close(exit_status, reason, counters)
@@ -336,17 +337,17 @@ class Recorder(threading.Thread):
             log.error("recording ended, %s", self.last_end)
             raise CellError(str(path), self.last_end, f"make room, then: rig recover {path}") from error
         except Exception:  # nobody may ask what became of the run, as of one that the robot ended
-            self.last_end = "failed: not closed, for an error in the program"
-            log.exception("%s: not closed, for an error in the program; rig recover %s", path, path)
+            self.last_end = "failed: not closed because of an internal error"
+            log.exception("%s: not closed because of an internal error; run: rig recover %s", path, path)
             raise
         log.info("recording ended, %s", self.last_end)
         return EndedRun(path, {name: dict(counter) for name, counter in counters.items()})
 
 
 def _abandoned(suspended: SuspendedRecording | None) -> str:
-    """What it means that nobody waits for the disk any more, in words; empty where nothing waited."""
+    """Return what it means that a recording is given up, in words; empty if nothing was suspended."""
     if suspended is None:
         return ""
-    told = f"; it waited for the disk and waits no longer, samples missed: {suspended.missed_text()}"
+    told = f"; it was waiting for the disk and is given up, samples missed: {suspended.missed_text()}"
     log.warning("recording %s: ended%s", suspended.label.name, told)
     return told

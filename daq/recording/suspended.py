@@ -1,6 +1,6 @@
-"""A recording without a run: a disk that was nearly full or failed ended it, and another is to follow when it lets it.
+"""A suspended recording: a disk that was nearly full or failed ended its run, and another run follows when it can.
 
-What comes meanwhile is counted, and what the former was given and does not hold.
+What comes meanwhile is counted, and so is what was put into the previous run and is not stored in it.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _LONGEST_PAUSE_S = 60.0
 
 @dataclass
 class SuspendedRecording:
-    """From the end of the former run to the begin of the next.
+    """A recording between the end of the previous run and the begin of the next.
 
-    closing: of the former. taken: samples of each stream that it was given; missed: those that came since.
-    at_once: nothing is wrong with the disk; the next begins while the former is being closed.
+    closing: of the previous run. taken: samples of each stream that were put into it; missed: those that came since.
+    at_once: nothing is wrong with the disk; the next begins while the previous one is being closed.
     """
 
     label: Label
@@ -41,26 +41,29 @@ class SuspendedRecording:
     _try_at_s: float = field(default_factory=lambda: time.monotonic() + _FIRST_PAUSE_S)
 
     def is_due(self) -> bool:
-        """Whether to try now."""
+        """Return whether the next run should be tried now."""
         return self.at_once or (self.closing.done() and time.monotonic() >= self._try_at_s)
 
     def postpone(self) -> None:
-        """It was tried in vain; pauses double up to a bound."""
+        """Wait for longer after a failed attempt; the pauses double up to a limit."""
         self.at_once = False
         self._try_at_s = time.monotonic() + self._pause_s
         self._pause_s = min(2 * self._pause_s, _LONGEST_PAUSE_S)
 
     def require_previous_run(self) -> None:
-        """Nothing goes below the mount point of a disk that is not there. Raises CellError."""
+        """Raise CellError if the disk is not mounted, so that nothing is written below its mount point."""
         if not self.previous.is_dir():
-            raise CellError(str(self.previous), "is gone", "bring the disk back that holds it")
+            raise CellError(str(self.previous), "is gone", "mount the disk that holds it again")
 
     def missed_text(self) -> str:
-        """What is missed so far."""
+        """Return how many samples of each stream are missed so far."""
         return ", ".join(f"{count} of {name}" for name, count in self.missed.items() if count) or "none"
 
     def lost_samples(self) -> Mapping[str, int]:
-        """What is in no run: the missed, and of the taken what the former does not hold (all, where it cannot say)."""
+        """Return the samples that are in no run: those missed, and those taken that the previous run does not hold.
+
+        Where the manifest of that run cannot be read, all that were taken count as lost.
+        """
         held: Counter[str] = Counter()
         with suppress(FileError):
             for chunk in load_manifest(self.previous).chunks:

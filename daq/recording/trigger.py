@@ -1,9 +1,9 @@
-"""The automat: what the robot does becomes commands to start and end recordings. Samples in, commands out.
+"""The trigger: what the robot does becomes commands to start and end recordings. Samples in, commands out.
 
 It owns no clock, recorder or thread, so an hour of a cell is tested in milliseconds. It knows the rules of a rig file,
 the robot's six angles and its signal, and nothing of arms.
 
-A signal starts a recording by changing to a rule's value: one that is there when it is first heard began at a time
+A signal starts a recording by changing to a rule's value: one that is on when it is first received began at a time
 that nobody knows. It must stay for 0.1 s, since outputs that together make a number do not switch together. A motion
 starts one by leaving a posture in which the robot stood, towards another. Either ends the run before it: a run for each
 program that is driven.
@@ -34,7 +34,7 @@ AXES = 6
 
 @dataclass(frozen=True)
 class StartRun:
-    """Begin a run for this rule, whose event was at `at_ns`."""
+    """The command to begin a run for this rule, whose event was at `at_ns`."""
 
     rule: Rule
     at_ns: int
@@ -42,7 +42,7 @@ class StartRun:
 
 @dataclass(frozen=True)
 class StopRun:
-    """End the run that was started; `in_order`: as the rule means it to end."""
+    """The command to end the run that was started; `in_order`: it ended as the rule expects."""
 
     at_ns: int
     why: str
@@ -53,7 +53,7 @@ Command = StartRun | StopRun
 
 
 class Trigger:
-    """The state between two samples of the robot."""
+    """Applies the rules to the samples of the robot, and remembers what it needs between them."""
 
     def __init__(self, rules: Sequence[Rule]) -> None:
         self._rules = rules
@@ -67,11 +67,11 @@ class Trigger:
 
     @property
     def signal(self) -> float:
-        """The robot's signal as it is now, nan where it has none or was not heard yet."""
+        """The robot's signal as it is now; nan if it has none or nothing was received yet."""
         return self._signal.value
 
     def feed(self, sample: Sample) -> list[Command]:
-        """What to do about a sample of the robot: its angles in degrees, then its signal where it has one."""
+        """Return the commands that a sample causes: the robot's angles in degrees, then its signal if it has one."""
         at_ns = self._last_sample_ns = sample.last_byte_ns
         joints = sample.values[:AXES]
         self._standstill.feed(joints, at_ns)
@@ -85,13 +85,13 @@ class Trigger:
         return [*commands, started]
 
     def tick(self, now_ns: int) -> list[Command]:
-        """What to do about the time that has passed: a robot that is not heard may be off."""
+        """Return the commands that the passing of time causes: a robot that sends nothing may be off."""
         if self._running is None or now_ns - self._last_sample_ns < _SILENT_NS:
             return []
         return self._stop(StopRun(now_ns, f"the robot was not heard for {_SILENT_NS // _S} s", in_order=False))
 
     def reset(self) -> None:
-        """The run it had asked for is not there: refused, or ended by somebody else. The next event starts anew."""
+        """Forget the run that was asked for, since it was refused or ended otherwise; the next event starts anew."""
         self._running = None
 
     def _started(self, joints: Sequence[float], at_ns: int, changed_ns: int | None) -> StartRun | None:
@@ -124,7 +124,7 @@ class Trigger:
 
 
 class _Standstill:
-    """Since when the robot stands where it is."""
+    """Finds since when the robot stands where it is."""
 
     def __init__(self) -> None:
         self.since_ns = 0
@@ -136,7 +136,7 @@ class _Standstill:
 
 
 class _SettledSignal:
-    """The signal's last settled value."""
+    """Holds the last settled value of the signal."""
 
     def __init__(self) -> None:
         self.value = math.nan
@@ -144,7 +144,7 @@ class _SettledSignal:
         self._since_ns = 0
 
     def feed(self, value: float, at_ns: int) -> int | None:
-        """When it changed, once that has settled; None for no change, and for the first value there is."""
+        """Return when the signal changed, once it has settled; None for no change and for the first value."""
         if value == self.value:
             self._next = math.nan
             return None
@@ -158,7 +158,7 @@ class _SettledSignal:
 
 
 class _Departure:
-    """Standing at one posture, then on the way to another."""
+    """Detects that the robot stood at one posture and is on its way to another."""
 
     def __init__(self, when: When) -> None:
         self._from, self._to = when.from_deg or (), when.to_deg or ()
@@ -166,7 +166,7 @@ class _Departure:
         self._left_ns: int | None = None
 
     def feed(self, joints: Sequence[float], stands_since_ns: int, at_ns: int) -> int | None:
-        """When it left, once it is past the middle of the way; None otherwise."""
+        """Return when the robot left, once it is past the middle of the way; None otherwise."""
         if _apart(joints, self._from) <= NEAR_DEG:
             if at_ns - stands_since_ns >= _STOOD_NS:
                 self._left_ns = at_ns

@@ -1,4 +1,4 @@
-"""Talking to a running daemon over its control socket; what `rig record`, `rig status` and `rig live` use."""
+"""The client of a running daemon's control socket, as `rig record`, `rig status` and `rig live` use it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _KNOCK_S = 1.0
 
 
 class Client:
-    """A connection to one daemon; use it in a `with`."""
+    """A connection to one daemon; use it in a `with` statement."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -31,7 +31,7 @@ class Client:
         self._sock.close()
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
-        """The daemon's answer. Raises the daemon's own RigError, or CellError where it is gone."""
+        """Return the daemon's answer. Raises the daemon's own RigError, or CellError if the daemon is gone."""
         try:
             self._file.write(json.dumps({"command": command, **fields}).encode() + b"\n")
             self._file.flush()
@@ -42,7 +42,7 @@ class Client:
         except (OSError, ValueError):
             answer = None
         if not isinstance(answer, dict):
-            raise CellError(str(self._path), "rigd went away", "look at its log, start it again: rigd RIG")
+            raise CellError(str(self._path), "rigd closed the connection", "see its log, then start it again: rigd RIG")
         if not answer.pop("ok"):
             error = RigError(answer["where"], answer["what"], answer["remedy"])
             error.exit_code = answer["exit_code"]
@@ -51,9 +51,9 @@ class Client:
 
 
 def find_socket(rig: str | None = None) -> Path:
-    """The socket of the daemon that runs, or of the one for `rig`. Raises CellError for none or several.
+    """Return the socket of the running daemon, or of the one for `rig`. Raises CellError for none or several.
 
-    A daemon that was killed leaves its socket behind, where nobody answers any more.
+    A daemon that was killed leaves its socket behind, where nothing answers any more.
     """
     places = [socket_directory(), *Path("/run").glob("rigd-*")]
     found = sorted({path for place in places for path in place.glob("*.sock") if rig in (None, path.stem)})

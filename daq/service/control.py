@@ -25,13 +25,13 @@ log = logging.getLogger("rigd")
 Answer = Callable[[dict[str, Any]], dict[str, Any]]
 _LONGEST_REQUEST = 65536
 ANSWERS_S = 30.0
-"""A client waits for so long."""
+"""A client waits this long for an answer."""
 _LAST_ANSWERS_S = 15.0
-"""For answers under way when the daemon ends: turning a long recording into Parquet takes seconds."""
+"""The limit for answers that are under way when the daemon ends: a long recording takes seconds to close."""
 
 
 def socket_directory() -> Path:
-    """Where sockets of daemons that this user starts live: systemd's runtime directory, else the user's."""
+    """Return the directory for sockets of this user's daemons: systemd's runtime directory, else the user's own."""
     if given := os.environ.get("RUNTIME_DIRECTORY"):
         return Path(given.split(":")[0])
     if given := os.environ.get("XDG_RUNTIME_DIR"):
@@ -40,7 +40,7 @@ def socket_directory() -> Path:
 
 
 class InstanceLock:
-    """One daemon a rig: an flock that the system releases whatever happens to the daemon."""
+    """Ensures one daemon for each rig, by an flock that the system releases whatever happens to the daemon."""
 
     def __init__(self, rig: str, path: Path) -> None:
         try:
@@ -61,17 +61,17 @@ class InstanceLock:
                 f"another rigd (process {holder}) serves this rig",
                 "stop that one, or talk to it with rig status",
             ) from None
-        with contextlib.suppress(OSError):  # for people only: a full disk takes no number, and keeps nobody out
+        with contextlib.suppress(OSError):  # for people only: a full disk does not prevent a start
             os.ftruncate(self._file.fileno(), 0)
             os.write(self._file.fileno(), str(os.getpid()).encode())
 
     def release(self) -> None:
-        """Let the next daemon in."""
+        """Release the lock, so that another daemon can start."""
         self._file.close()
 
 
 class ControlServer:
-    """Serves the socket in threads of its own until closed."""
+    """Serves the socket in threads of its own until it is closed."""
 
     def __init__(self, path: Path, answer: Answer) -> None:
         self._path = path
@@ -94,7 +94,7 @@ class ControlServer:
         self._thread.start()
 
     def close(self) -> None:
-        """Take no more requests, give the answers that are under way, and remove the socket."""
+        """Accept no more requests, finish the answers that are under way, and remove the socket."""
         self._server.shutdown()
         self._server.server_close()
         with contextlib.suppress(FileNotFoundError):
@@ -103,17 +103,17 @@ class ControlServer:
 
 
 def _clear(path: Path) -> None:
-    """Remove the socket of a daemon that died; the lock says that none is alive. Raises CellError for anything else."""
+    """Remove the socket of a daemon that died, as the lock shows. Raises CellError for anything but a socket."""
     try:
         if path.exists() and not path.is_socket():
-            raise CellError(str(path), "is there already and no socket", "give another --socket")
+            raise CellError(str(path), "exists already and is not a socket", "give another --socket")
         path.unlink(missing_ok=True)
     except OSError as error:
         raise CellError(str(path), error.strerror or str(error), "give another --socket") from None
 
 
 class _Server(socketserver.ThreadingUnixStreamServer):
-    """A thread a connection, and a list of those that are open."""
+    """Serves each connection in a thread, and keeps a list of those that are open."""
 
     daemon_threads = True
 
@@ -133,7 +133,7 @@ class _Server(socketserver.ThreadingUnixStreamServer):
         log.exception("a request could not be answered")
 
     def hang_up(self, patience_s: float) -> None:
-        """Read nothing more from anybody, and wait until each connection has had its last answer."""
+        """Read nothing more from any client, and wait until each connection has had its last answer."""
         for connection in list(self._open):
             with contextlib.suppress(OSError):
                 connection.shutdown(socket.SHUT_RD)
@@ -143,7 +143,7 @@ class _Server(socketserver.ThreadingUnixStreamServer):
 
 
 def reply(line: bytes, answer: Answer) -> dict[str, Any]:
-    """The answer to one request line; an error is an answer too."""
+    """Return the answer to one request line; an error is an answer too."""
     try:
         return {"ok": True, **answer(_request(line))}
     except RigError as error:
@@ -164,7 +164,7 @@ def _request(line: bytes) -> dict[str, Any]:
 
 
 def connect(path: Path) -> socket.socket:
-    """A connection to a daemon's socket. Raises CellError."""
+    """Connect to a daemon's socket. Raises CellError."""
     sock = socket.socket(socket.AF_UNIX)
     sock.settimeout(ANSWERS_S)
     try:
@@ -174,8 +174,8 @@ def connect(path: Path) -> socket.socket:
         raise CellError(str(path), "permission denied", "join the group of rigd, or use sudo") from None
     except BlockingIOError:
         sock.close()
-        what, remedy = "rigd hangs: others wait already", "look at its log, start it again: rigd RIG"
-        raise CellError(str(path), what, remedy) from None
+        what = "rigd does not answer: other clients are waiting already"
+        raise CellError(str(path), what, "see its log, then start it again: rigd RIG") from None
     except OSError:
         sock.close()
         raise CellError(str(path), "no rigd answers here", "start it: rigd RIG") from None

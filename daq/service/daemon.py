@@ -1,4 +1,4 @@
-"""The daemon: a reader a link, one recorder, a control socket, and a service manager that is kept informed."""
+"""The daemon: a reader for each link, one recorder, a control socket, and notifications to the service manager."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ log = logging.getLogger("rigd")
 _BRIEF = 80
 _HEART_STOPS_S = 5.0
 _LEAVE_S = 3.0
-"""For a reader to let go of its port; one that waits for the name of a host is left behind, as is a long recovery."""
+"""The time for a reader to close its port. One that waits for name resolution is abandoned, as is a long recovery."""
 
 
 class Daemon:
-    """Everything between the first port opened and the last run closed."""
+    """Owns everything between the first port that is opened and the last run that is closed."""
 
     def __init__(
         self,
@@ -54,9 +54,9 @@ class Daemon:
         capture: Path | None = None,
         metrics: Path | None = None,
     ) -> None:
-        """Takes the lock, opens every link, starts reading. Raises CellError naming every port that fails.
+        """Take the lock, open every link, start reading. Raises CellError that names every port that fails.
 
-        metrics: the file for Prometheus's node_exporter, none where nobody wants it.
+        metrics: the file for Prometheus's node_exporter, or None.
         """
         self._rig, self._rig_text, self._runs = rig, rig_text, runs
         self._streams = streams_of(rig)
@@ -88,9 +88,9 @@ class Daemon:
         notify(f"READY=1\nSTATUS=reading {ports}")
 
     def close(self, exit_status: Ending, why: str) -> Path | None:
-        """Stop everything in order; returns the directory of a recording that was cut short.
+        """Stop everything in order; return the directory of a recording that was cut short.
 
-        The control socket first, so that nobody starts a recording that nobody ends.
+        The control socket is closed first, so that no client starts a recording that nothing ends.
         """
         notify("STOPPING=1")
         self._maintenance.stop()
@@ -108,7 +108,7 @@ class Daemon:
         return cut_short
 
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
-        """What a client gets for its request. Raises RigError."""
+        """Return the answer to a client's request. Raises RigError."""
         match request.get("command"):
             case "status":
                 return self._status()
@@ -175,13 +175,13 @@ class Daemon:
         self._feed_watchdog()
 
     def _mark_replay(self) -> None:
-        """What a replay could not keep in step is a fault of its stream, in the run that is being recorded."""
+        """Pass on what a replay could not keep in step, as faults of its streams in the run that is being recorded."""
         for stream, fault in self._replay.read_new() if self._replay else ():
             if stream in self._buffers:
                 self._buffers[stream].deliver([fault])
 
     def _feed_watchdog(self) -> None:
-        """After each round of the recorder: alive only while every reader goes round as well."""
+        """Feed the watchdog after each round of the recorder, but only while every reader runs as well."""
         if watchdog_s() is None:
             return
         if all(buffer.alive(_HEART_STOPS_S) for buffer in self._buffers.values()):
@@ -189,7 +189,7 @@ class Daemon:
 
 
 class Unreachable(CellError):
-    """Several ports that do not open."""
+    """The error for several ports that cannot be opened."""
 
     def __init__(self, errors: list[CellError]) -> None:
         RigError.__init__(self, "cell", f"{len(errors)} links do not open: " + " | ".join(map(str, errors)), "see each")
@@ -200,16 +200,16 @@ class Unreachable(CellError):
 
 
 def _warn_if_not_writable(runs: Path) -> None:
-    """A warning at the start, where every recording would be refused; whoever mends it needs no restart."""
+    """Warn at the start if every recording would be refused; after it is put right, no restart is needed."""
     try:
         runs.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=runs).close()
     except OSError as error:
-        log.warning("%s: no run can be recorded: %s; let rigd write there", runs, error.strerror or error)
+        log.warning("%s: no run can be recorded: %s; give rigd write permission there", runs, error.strerror or error)
 
 
 def _disk(runs: Path) -> dict[str, int] | None:
-    """Of the disk that holds the runs, or will; None where it does not say."""
+    """Return the free space and the size of the disk that will hold the runs; None if they are unknown."""
     try:
         usage = shutil.disk_usage(next(path for path in (runs, *runs.parents) if path.exists()))
     except OSError:
@@ -218,7 +218,7 @@ def _disk(runs: Path) -> dict[str, int] | None:
 
 
 def _short(given: object) -> str:
-    """What a client gave, as far as a line can bear it."""
+    """Return what a client sent, shortened to fit into a line."""
     text = repr(given)
     return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
 
@@ -231,7 +231,7 @@ def _label(request: dict[str, Any]) -> Label:
         key = str(detail["loc"][0]) if detail["loc"] else "a key"
         named = key if key.isidentifier() and len(key) < _BRIEF else _short(key)
         pattern = detail["type"] == "string_pattern_mismatch"
-        what = f"{named} {_short(detail['input'])} will not do" + ("" if pattern else f": {detail['msg']}")
+        what = f"{named} {_short(detail['input'])} is not valid" + ("" if pattern else f": {detail['msg']}")
         raise CellError("recording", what, NAME_RULE if pattern else "see rig record start --help") from None
     if label.test in CIRCLES and label.direction is None:
         raise CellError(f"{label.test} test", "needs its direction", "add --direction cw or --direction acw")

@@ -1,7 +1,7 @@
-"""systemd's journal, both sides: log lines that carry their severity into it, and lines out of it for a person.
+"""systemd's journal, both ways: log lines that carry their severity into it, and entries that are read from it.
 
 A service writes to standard error; a line that begins with `<4>` is a warning there (sd-daemon(3)). Whether
-standard error leads to the journal is told by $JOURNAL_STREAM, which a child that was redirected inherits as well,
+standard error leads to the journal is in $JOURNAL_STREAM, which a child that was redirected inherits as well,
 so that device and inode are compared.
 """
 
@@ -23,12 +23,12 @@ ERROR, WARNING, NOTICE, INFO, DEBUG = 3, 4, 5, 6, 7
 """Severities of syslog; smaller is worse."""
 _OF_LEVEL = ((logging.CRITICAL, 2), (logging.ERROR, ERROR), (logging.WARNING, WARNING), (logging.INFO, INFO))
 _NO_UNIT = "No data available"
-"""What journalctl says of a pattern that no unit's name fits."""
+"""The message of journalctl for a pattern that matches no unit."""
 _READABLE = "%(asctime)s %(levelname)s %(message)s"
 
 
 def is_journal(fd: int = 2) -> bool:
-    """Whether this descriptor, standard error unless told, leads to the journal."""
+    """Return whether this descriptor, by default standard error, leads to the journal."""
     device, _, inode = os.environ.get("JOURNAL_STREAM", "").partition(":")
     try:
         status = os.fstat(fd)
@@ -38,12 +38,12 @@ def is_journal(fd: int = 2) -> bool:
 
 
 def with_severity(text: str, severity: int) -> str:
-    """Text for standard error; where that is the journal, it takes every line for one of this severity."""
+    """Return text for standard error; if that leads to the journal, every line carries this severity."""
     return "\n".join(f"<{severity}>{line}" for line in text.splitlines()) if is_journal() else text
 
 
 def formatter() -> logging.Formatter:
-    """For the daemon's log: the journal gets severities and stamps the lines itself, others get both in words."""
+    """Return the formatter of the log: severities for the journal, which stamps lines itself, or words and times."""
     return _JournalFormatter() if is_journal() else logging.Formatter(_READABLE)
 
 
@@ -55,7 +55,7 @@ class _JournalFormatter(logging.Formatter):
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of the journal. rig: the instance of the unit; by_systemd: said of the service, not by it."""
+    """A line of the journal. rig: the instance of the unit; by_systemd: systemd wrote it about the service."""
 
     at: datetime
     rig: str
@@ -65,9 +65,9 @@ class Entry:
 
 
 def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> Iterator[Entry]:
-    """What the service of one rig, or of every one, has logged. since: as journalctl takes it (`-1h`, `today`).
+    """Yield what the service of one rig, or of every rig, has logged. since: as for journalctl (`-1h`, `today`).
 
-    Raises CellError where there is no journal, or nothing in it that this user can see.
+    Raises CellError if there is no journal, or nothing in it that this user can see.
     """
     unit = f"rigd@{rig or '*'}.service"
     if not shutil.which("journalctl"):
@@ -95,7 +95,7 @@ def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> 
 
 
 def entry(fields: dict[str, Any]) -> Entry:
-    """An entry from what `journalctl --output=json` says of it; text that is no UTF-8 comes as a list of bytes."""
+    """Return an entry of `journalctl --output=json`, where text that is not UTF-8 is a list of bytes."""
     text = fields.get("MESSAGE") or ""
     if isinstance(text, list):
         text = bytes(text).decode("utf-8", "replace")

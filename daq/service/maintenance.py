@@ -1,6 +1,6 @@
-"""The daemon's slow work, in a thread of its own: the file of metrics, and retention.
+"""The daemon's slow work, in a thread of its own: the metrics file, and the retention of runs.
 
-Neither readers nor the writer ever wait for it; a disk that hangs holds up this thread alone.
+Neither the readers nor the recorder ever wait for it; a disk that hangs delays this thread alone.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ _PAUSE_S = 0.002
 
 
 class Maintenance(threading.Thread):
-    """Writes the metrics every ten seconds and goes over the runs every ten minutes, until told to stop."""
+    """Writes the metrics every ten seconds and applies the retention every ten minutes, until it is stopped."""
 
     def __init__(self, metrics: Path | None, text: Callable[[], str], retention: RunRetention | None) -> None:
-        """Raises CellError where the file of metrics cannot be written."""
+        """Raises CellError if the metrics file cannot be written."""
         super().__init__(name="keep house", daemon=True)
         self._metrics, self._text, self._retention = metrics, text, retention
         self._stop_asked = threading.Event()
@@ -47,7 +47,7 @@ class Maintenance(threading.Thread):
         self._stop_asked.set()
 
     def run(self) -> None:
-        """The thread's body."""
+        """Do the work until `stop`: the body of the thread."""
         due_s = time.monotonic()
         while not self._stop_asked.is_set():
             if self._retention is not None and time.monotonic() >= due_s:
@@ -57,7 +57,7 @@ class Maintenance(threading.Thread):
             self._stop_asked.wait(_METRICS_S)
         if self._metrics is not None:
             with contextlib.suppress(OSError):
-                self._metrics.unlink(missing_ok=True)  # what it says is not so any more
+                self._metrics.unlink(missing_ok=True)  # its content is out of date
 
     def _write_metrics(self) -> None:
         if self._metrics is None:
@@ -72,13 +72,13 @@ class Maintenance(threading.Thread):
 
 
 def write_atomically(path: Path, text: str) -> None:
-    """Put text under a name all at once; who reads the file finds the old or the new. Raises OSError.
+    """Write a file in one step, so that readers find the old or the new text. Raises OSError.
 
-    Not synced: what was measured of a daemon that is gone need not survive a cut of power.
+    It is not synced: metrics of a daemon that is gone need not survive a power cut.
     """
     temporary = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        temporary.write_text(text, encoding="utf-8", errors="replace")  # a path may hold what is no UTF-8
+        temporary.write_text(text, encoding="utf-8", errors="replace")  # a path may hold bytes that are not UTF-8
         temporary.replace(path)
     except OSError:
         with contextlib.suppress(OSError):
@@ -87,7 +87,7 @@ def write_atomically(path: Path, text: str) -> None:
 
 
 class RunRetention:
-    """Deletes what may go, as far as it has to."""
+    """Applies the rig file's retention: deletes exported runs of this rig as far as the limits require."""
 
     def __init__(self, runs: Path, rig_name: str, limits: Retention) -> None:
         self._runs, self._rig_name, self._limits = runs, rig_name, limits
@@ -99,7 +99,7 @@ class RunRetention:
         self.runs_bytes = 0
 
     def apply(self) -> None:
-        """Once over all runs of this rig."""
+        """Apply the retention once to all runs of this rig."""
         try:
             found = self._found()
         except (OSError, FileError) as error:
@@ -117,7 +117,7 @@ class RunRetention:
         self._warn_over_limit()
 
     def state(self) -> dict[str, int]:
-        """Runs there are and their bytes, those deleted since the start, and bytes beyond the limit that must stay."""
+        """Return number and bytes of runs, the same of those deleted since the start, and the bytes over the limit."""
         return {
             "runs": self.runs,
             "bytes": self.runs_bytes,
@@ -149,11 +149,11 @@ class RunRetention:
         return True
 
     def _warn_over_limit(self) -> None:
-        """That there is too much of what may not go, once an hour."""
+        """Warn, once an hour, that runs which may not be deleted exceed the limit."""
         if not self.over_bytes or time.monotonic() - self._warned_at < _WARN_AGAIN_S:
             return
         self._warned_at = time.monotonic()
-        more, remedy = self.over_bytes / 1e9, "export some (rig export), or let go of kept ones (rig keep --not)"
+        more, remedy = self.over_bytes / 1e9, "export some (rig export), or release kept ones (rig keep --not)"
         log.warning(
             "retention: %.2f GB more than allowed in %s, and no run may be deleted; %s", more, self._runs, remedy
         )

@@ -1,4 +1,4 @@
-"""What a daemon's status says, as metrics for Prometheus.
+"""A daemon's status as metrics for Prometheus (text format 0.0.4, prometheus.io/docs/instrumenting/exposition_formats).
 
 Counters begin at zero with the daemon, and every kind of fault is there from the first: a rate needs a value before.
 """
@@ -30,7 +30,7 @@ _CLOCKS = {
 
 
 def metrics_text(status: Status) -> str:
-    """A `status` answer in Prometheus's text format."""
+    """Return a `status` answer in Prometheus's text format."""
     return render(_with_rig(metric, status["rig"]) for metric in _all(status))
 
 
@@ -116,7 +116,7 @@ def _one(name: str, words: str, value: float | None) -> Metric:
 
 @dataclass(frozen=True)
 class Metric:
-    """One name with its values; a counter's name ends in `_total`, and a unit is in the name."""
+    """A metric: one name with its values. A counter's name ends in `_total`, and a unit is in the name."""
 
     name: str
     kind: Literal["gauge", "counter"]
@@ -125,7 +125,7 @@ class Metric:
 
 
 def render(metrics: Iterable[Metric]) -> str:
-    """The text of metrics, those without a value left out."""
+    """Return the text of metrics, without those that have no value."""
     return "".join(_block(metric) for metric in metrics if metric.values)
 
 

@@ -27,7 +27,7 @@ log = logging.getLogger("rigd")
 
 
 def main() -> None:
-    """Entry point."""
+    """Run the command: the entry point of `rigd`."""
     app()
 
 
@@ -71,7 +71,7 @@ def rigd(
 
 @dataclass(frozen=True)
 class _End:
-    """Why the daemon ends, and what a recording and the service manager are to make of it."""
+    """Why the daemon ends, with the exit status of a recording and the exit code for the service manager."""
 
     why: str
     exit_status: Ending
@@ -79,9 +79,9 @@ class _End:
 
 
 def _listen() -> SimpleQueue[_End]:
-    """Where signals end the daemon, and a thread that dies of an error which nobody foresaw.
+    """Return the queue that receives the end of the daemon: by a signal, or by an unforeseen error in a thread.
 
-    Without that thread the daemon would look alive and record less than it says; a service manager starts it anew.
+    Without that thread the daemon would look alive and record less than it reports; a service manager restarts it.
     """
     ends: SimpleQueue[_End] = SimpleQueue()
 
@@ -107,5 +107,5 @@ def _runs() -> Path:
 
 
 def _metrics() -> Path | None:
-    """Beside the socket, where systemd gives a directory for both."""
+    """Return the metrics file beside the socket, if systemd provides a directory for both."""
     return socket_directory() / "rig.prom" if "RUNTIME_DIRECTORY" in os.environ else None

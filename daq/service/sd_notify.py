@@ -8,7 +8,7 @@ import socket
 
 
 def notify(message: str) -> None:
-    """Tell the service manager, e.g. `READY=1` or `WATCHDOG=1`."""
+    """Send a message to the service manager, e.g. `READY=1` or `WATCHDOG=1`."""
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
         return
@@ -19,7 +19,7 @@ def notify(message: str) -> None:
 
 
 def watchdog_s() -> float | None:
-    """The service manager's time limit between two signs of life; None where it watches nothing."""
+    """Return the service manager's time limit between two watchdog messages; None if it has no watchdog."""
     microseconds = os.environ.get("WATCHDOG_USEC", "")
     meant_for = os.environ.get("WATCHDOG_PID", str(os.getpid()))
     if not microseconds.isdigit() or meant_for != str(os.getpid()):

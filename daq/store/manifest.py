@@ -46,7 +46,7 @@ def hold_operator(where: str, name: str) -> str:
     try:
         return in_one_line(storable(name))
     except ValueError:
-        what = f"cannot be measured by {name!r}, which holds control characters"
+        what = f"the operator's name {name!r} contains control characters"
         raise FileError(where, what, "give --operator in one line of plain text") from None
 
 
@@ -255,7 +255,7 @@ def load_manifest(run: Path) -> Manifest:
         return Manifest.model_validate_json(path.read_bytes())
     except FileNotFoundError:
         if any(run.glob(f"*/{MANIFEST}")):
-            raise FileError(str(run), "is no run, it holds runs", f"give one of them, as {run}/NAME") from None
+            raise FileError(str(run), "is not a run but holds runs", f"give one of them, as {run}/NAME") from None
         raise FileError(str(run), "has no manifest.json", f"run `rig recover {run}`") from None
     except ValidationError as error:
         what = f"is damaged or of another version: {first_error(error)}"

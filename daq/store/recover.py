@@ -64,7 +64,7 @@ def recover(path: Path) -> Recovery:
         finally:
             durable.close(held)
     except (OSError, pa.ArrowException) as error:
-        remedy = "make room or mend the disk and try again; nothing was lost"
+        remedy = "make room or repair the disk and try again; nothing was lost"
         raise CellError(str(path), f"cannot be recovered: {error}", remedy) from error
 
 
@@ -77,7 +77,7 @@ def _manifest_of(path: Path) -> tuple[Manifest, Recovery]:
     except FileError as error:
         manifest = _rebuilt(path)
         if manifest is None:
-            what = f"{error.what}; and no chunk is left that tells what the run was"
+            what = f"{error.what}; and no chunk is left that says what the run was"
             raise FileError(error.where, what, "restore manifest.json from a copy") from None
     if (path / MANIFEST).exists():
         durable.rename(path / MANIFEST, _torn_name(path / MANIFEST))

@@ -1,8 +1,8 @@
-"""Runs that a crash left behind, brought back by the next start: in a thread of its own, reading begins at once.
+"""Recovery of the runs that a crash left behind, at the next start: in a thread of its own, so reading begins at once.
 
 Only what a crash of the store can leave is touched: a run whose manifest can be read, that was not
-closed, and that no process holds the lock of; another daemon may share the directory. Anything odder is
-told and left to a person and `rig recover`.
+closed, and that no process holds the lock of; another daemon may share the directory. Anything else is
+reported and left to a person and `rig recover`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class StartupRecovery(threading.Thread):
         self._stop_asked.set()
 
     def run(self) -> None:
-        """The thread's body."""
+        """Recover the runs until `stop`: the body of the thread."""
         for path in self._directories():
             if self._stop_asked.is_set():
                 return
@@ -41,7 +41,7 @@ class StartupRecovery(threading.Thread):
             except RigError as error:
                 log.warning("not recovered: %s", error)
             except Exception:  # no odd old run may keep the cell from recording new ones
-                log.exception("%s: not recovered, for an error in the program", path)
+                log.exception("%s: not recovered because of an internal error; run: rig recover %s", path, path)
 
     def _directories(self) -> list[Path]:
         try:
@@ -54,11 +54,11 @@ class StartupRecovery(threading.Thread):
 
 
 def _may_be_run(path: Path) -> bool:
-    """Not so: other directories, and what is left of a start that was cut off before anything was recorded."""
+    """Return whether this may be a run: not other directories, nor a start that was cut off before any recording."""
     try:
         return path.is_dir() and any(file.name == MANIFEST or parse_chunk(file.name) for file in path.iterdir())
     except OSError as error:  # as lost+found, where the runs have a disk of their own
-        log.info("%s: not looked into for a crashed run: %s", path, error.strerror)
+        log.info("%s: not searched for a crashed run: %s", path, error.strerror)
         return False
 
 

@@ -309,5 +309,5 @@ def _words(error: Exception) -> str:
 
 
 def _refused(run: Path, error: Exception) -> CellError:
-    remedy = f"make room or mend the disk; what was synced is safe: `rig recover {run}`"
+    remedy = f"make room or repair the disk; what was synced is safe: `rig recover {run}`"
     return CellError(str(run), f"cannot be written: {_words(error)}", remedy)

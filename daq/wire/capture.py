@@ -25,7 +25,7 @@ _LINE = re.compile(r"(\d{1,19}) (\S{1,64}) ([><+!-]) (.*)")
 
 
 class Mark(StrEnum):
-    """What a line of a capture tells."""
+    """The kind of a line in a capture."""
 
     SENT = ">"
     CAME = "<"
@@ -45,36 +45,36 @@ class Piece:
     data: bytes
 
     def line(self) -> str:
-        """As it stands in the file."""
+        """Return the piece as a line of the file."""
         return f"{self.at_ns} {self.stream} {self.mark} {self.data.decode('latin-1').encode('unicode_escape').decode()}"
 
 
 @dataclass(frozen=True)
 class Capture:
-    """What a file holds. pieces: in order. cut: it ends in the middle of a line, as a crash leaves it."""
+    """The content of a capture file. pieces: in order. cut: whether it ends within a line, as after a crash."""
 
     pieces: tuple[Piece, ...]
     cut: bool
 
     @property
     def streams(self) -> tuple[str, ...]:
-        """Names of the streams that something happened on, in order of their first piece."""
+        """The names of the streams with any pieces, in order of their first piece."""
         return tuple(dict.fromkeys(piece.stream for piece in self.pieces))
 
     def of(self, stream: str) -> tuple[Piece, ...]:
-        """The pieces of one stream."""
+        """Return the pieces of one stream."""
         return tuple(piece for piece in self.pieces if piece.stream == stream)
 
 
 def read_capture(path: Path) -> Capture:
-    """The pieces of a capture file. Raises FileError with the line that is none."""
+    """Read a capture file. Raises FileError that names the first line that cannot be read."""
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or "no text"
         raise FileError(str(path), reason, "give the file that rigd --capture wrote") from None
     if not text.startswith(HEAD):
-        raise FileError(str(path), "is no capture of rigd", f"one begins with {HEAD!r}: rigd --capture FILE")
+        raise FileError(str(path), "is not a capture written by rigd", f"one begins with {HEAD!r}: rigd --capture FILE")
     lines = text.split("\n")
     cut = lines.pop() != ""
     numbered = [(number, line) for number, line in enumerate(lines, 1) if not line.startswith("#")]
@@ -89,5 +89,5 @@ def _piece(path: Path, number: int, line: str) -> Piece:
         data = found[4].encode("ascii").decode("unicode_escape").encode("latin-1")
         return Piece(int(found[1]), found[2], Mark(found[3]), data)
     except ValueError:
-        what = f"line {number} is no piece of a capture: {line[:40]!r}"
-        raise FileError(str(path), what, "mend or delete that line") from None
+        what = f"line {number} cannot be read as part of a capture: {line[:40]!r}"
+        raise FileError(str(path), what, "correct or delete that line") from None

@@ -45,7 +45,7 @@ _BITS = {7: serial.SEVENBITS, 8: serial.EIGHTBITS}
 
 
 Address = tuple[Any, ...]
-"""Of a UDP sender as the system gives it: host, port, and more for IPv6."""
+"""The address of a UDP sender as the system gives it: host, port, and more for IPv6."""
 
 
 class LinkLost(Exception):
@@ -63,11 +63,11 @@ class Link:
         self._heard_s = time.monotonic()
 
     def fileno(self) -> int:
-        """The descriptor, as the system knows the link."""
+        """Return the file descriptor of the link."""
         return self._fd
 
     def read(self, timeout_s: float) -> bytes:
-        """What has come, waiting at most `timeout_s` for it; empty when nothing came. Raises LinkLost."""
+        """Return what has come, waiting at most `timeout_s` for it; empty if nothing came. Raises LinkLost."""
         try:
             if not select.select([self], [], [], max(0.0, timeout_s))[0]:
                 self._check_alive()
@@ -87,25 +87,25 @@ class Link:
             raise LinkLost(f"nothing came for {self._dead_s:g} s, the other end may be gone")
 
     def write(self, data: bytes) -> None:
-        """Send all of it. Raises LinkLost, also where nobody takes it for some seconds."""
+        """Send all of the data. Raises LinkLost, also if the line accepts nothing for some seconds."""
         try:
             while data:
                 if not select.select([], [self], [], _WRITE_S)[1]:
-                    raise LinkLost("the line takes no bytes")
+                    raise LinkLost("the line accepts no data")
                 data = data[os.write(self._fd, data) :]
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None
 
     def close(self) -> None:
-        """Let go of the device; safe to call twice, and of one that is gone."""
+        """Close the device; this is safe to call twice, and for a device that is gone."""
         with contextlib.suppress(OSError):
             self._close()
 
     def note_items(self, items: Sequence[Item]) -> None:
-        """What the conversation made of what was read last."""
+        """Take note of what the conversation made of the data that was read last."""
 
     def take_ignored(self) -> list[Fault]:
-        """What came on the link and was not for us, since this was last asked."""
+        """Return, as faults, what came from other senders since the last call and was ignored."""
         return []
 
 
@@ -125,7 +125,7 @@ class UdpLink(Link):
         self._reported_s = -math.inf
 
     def read(self, timeout_s: float) -> bytes:
-        """The next datagram of the peer, waiting at most `timeout_s`; empty for none. Raises LinkLost."""
+        """Return the next datagram of the peer, waiting at most `timeout_s`; empty if none came. Raises LinkLost."""
         try:
             if not select.select([self], [], [], max(0.0, timeout_s))[0]:
                 return b""
@@ -142,12 +142,12 @@ class UdpLink(Link):
         return data
 
     def write(self, data: bytes) -> None:
-        """Answer who was read last. Raises LinkLost."""
+        """Answer the sender that was read last. Raises LinkLost."""
         if self._sender is None:
             return
         try:
             if not select.select([], [self], [], _WRITE_S)[1]:
-                raise LinkLost("the network takes no datagrams")
+                raise LinkLost("the network accepts no datagrams")
             self._sock.sendto(data, self._sender)
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None
@@ -168,7 +168,7 @@ class UdpLink(Link):
             return []
         count, self._strangers, self._reported_s = self._strangers, 0, now_s
         stranger, peer = _address_text(self._stranger), _address_text(self._peer)
-        detail = f"datagrams from {stranger} left out; {peer} is being read; stop the other"
+        detail = f"datagrams from {stranger} ignored, since {peer} is being read; stop the other sender"
         return [Fault(FaultKind.STRANGER, time.monotonic_ns(), detail, count)]
 
 
@@ -177,7 +177,7 @@ def _address_text(address: Address | None) -> str:
 
 
 def open_link(name: str, port: str, line: Line, *, dead_s: float = DEAD_S, listens: bool = False) -> Link:
-    """Open the port of a rig file; `name` says whose it is.
+    """Open the port of a rig file; `name` is the stream that it belongs to.
 
     dead_s: when a TCP connection that brings nothing is lost. listens: a UDP port is ours, and not the other end's.
     Raises CellError with the remedy.
@@ -195,7 +195,7 @@ def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
         family, kind, protocol, _, found = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
         sock = socket.socket(family, kind, protocol)
     except UnicodeError:
-        raise CellError(where, "no host can have this name", "correct the port") from None
+        raise CellError(where, "the host name is not valid", "correct the port in the rig file") from None
     except OSError as error:
         raise CellError(where, error.strerror or str(error), "check address and network") from None
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _QUEUE)
@@ -219,7 +219,7 @@ def _open_tcp(name: str, address: tuple[str, int], dead_s: float) -> Link:
     except ConnectionRefusedError:
         raise CellError(where, "connection refused", "start the service there, or correct the port number") from None
     except UnicodeError:
-        raise CellError(where, "no host can have this name", "correct the port") from None
+        raise CellError(where, "the host name is not valid", "correct the port in the rig file") from None
     except OSError as error:
         raise CellError(where, error.strerror or str(error), "check address and network") from None
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -249,7 +249,7 @@ def _open_serial(name: str, port: str, line: Line) -> Link:
     except serial.SerialException as error:
         raise CellError(where, *_serial_problem(error)) from None
     except (OSError, ValueError, termios.error) as error:
-        raise CellError(where, f"no serial device ({error})", "give the path of a serial port") from None
+        raise CellError(where, f"is not a serial device ({error})", "give the path of a serial port") from None
     return Link(name, device.fileno(), device.close)
 
 

@@ -9,17 +9,17 @@ from typing import Protocol
 from daq.protocol.conversation import Conversation, Item, Step
 
 _LONGEST_WAIT_S = 0.2
-"""So that a request to stop is noticed, and the watchdog hears from a link that is silent."""
+"""The limit lets a request to stop take effect, and keeps the watchdog fed on a silent link."""
 
 
 class ByteLink(Protocol):
-    """What the loop needs of a link."""
+    """What the loop needs from a link."""
 
     def read(self, timeout_s: float) -> bytes:
-        """What has come within the time; empty for nothing. Raises LinkLost."""
+        """Return what has come within the time; empty if nothing came. Raises LinkLost."""
 
     def write(self, data: bytes) -> None:
-        """Send all of it. Raises LinkLost."""
+        """Send all of the data. Raises LinkLost."""
 
 
 def run_conversation(
@@ -29,7 +29,7 @@ def run_conversation(
     ended: Callable[[], bool],
     alive: Callable[[], None] = lambda: None,
 ) -> None:
-    """Run until it is `ended` or the conversation hangs up. Raises LinkLost.
+    """Run the conversation on the link until `ended` is true or the conversation hangs up. Raises LinkLost.
 
     The stamp is taken before a write and right after a read, so that the device's reading lies between
     the two whatever the scheduler does. `alive` is called at least every 0.2 s.

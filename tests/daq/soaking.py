@@ -108,7 +108,7 @@ def _deliver(buffers: dict[str, StreamBuffer], paces: dict[str, Pace], until_ns:
         value = math.sin(until_ns * 1e-9)
         width = len(buffer.columns)
         buffer.deliver([Sample((value,) * width, NO_TIME, at, now_ns, 9) for at in paces[name].due(until_ns)])
-        buffer.deliver([Fault(FaultKind.GARBLED, now_ns, f"{value} is no reading")])
+        buffer.deliver([Fault(FaultKind.GARBLED, now_ns, f"{value} is not a reading")])
 
 
 def wrong(rows: list[Held]) -> list[str]:

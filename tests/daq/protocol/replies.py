@@ -32,7 +32,7 @@ def wrong_unit(shown: str, units: str = "mm") -> Told:
     return Told(DEVICE_ERROR, (f"reads in {shown}", f"says {units};", "switch the gauge over, or correct `units`"))
 
 
-NONSENSE = Told(GARBLED, ("is no reading; check the line's settings",))
+NONSENSE = Told(GARBLED, ("is not a reading; check the line's settings",))
 
 
 @dataclass(frozen=True)

@@ -141,7 +141,7 @@ def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
     written.until_it_goes_on()
     written.accounted()
     for told in (
-        "ended for now, interrupted: disk nearly full",
+        "run ended, interrupted: disk nearly full",
         "30.0 MB free, 67.1 MB needed",
         f"after {written.path.name}",
     ):
@@ -207,7 +207,7 @@ def test_who_stops_or_starts_anew_ends_the_waiting(
     written.round(7)
     with pytest.raises(CellError, match="disk nearly full"):
         end(written.recorder)
-    assert "waits no longer, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
+    assert "is given up, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
     monkeypatch.undo()
     assert written.round()["waiting"] is None
 
@@ -507,7 +507,7 @@ def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(
         ending.result()
     written.begun()
     assert written.recorder.state()["waiting"] is None
-    assert "waits no longer, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
+    assert "is given up, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
 
 
 def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_first(
@@ -553,7 +553,7 @@ def test_a_disk_that_makes_no_run_is_given_no_more_to_make(
         written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
         ending.append(written.recorder.stop_run())
     written.deliver()
-    with pytest.raises(CellError, match="the disk: has not made the last 2 runs yet"):
+    with pytest.raises(CellError, match="disk: is still creating the last 2 runs"):
         written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
     done.set()
     assert len({end.result().path for end in ending}) == 2

@@ -163,7 +163,7 @@ def test_a_full_disk_ends_the_recording_and_not_the_daemon(bench: Bench) -> None
     with Client(bench.socket) as client, pytest.raises(RigError) as told:  # soon, before another run follows
         client.ask("record_stop")
     assert "nothing is being recorded" in told.value.what and "File too large" in told.value.what
-    assert "waits no longer" in told.value.what
+    assert "is given up" in told.value.what
     bench.all_reading()
     assert bench.run("rig", "recover", path).returncode == 0
     assert bench.run("rig", "verify", path).returncode == 0
@@ -239,7 +239,7 @@ def test_a_robot_that_stood_still_is_no_lap(bench: Bench) -> None:
         (("record", "stop"), "nothing is being recorded"),
         (
             ("record", "start", "a/b", "--test", "yaw", "--direction", "cw"),
-            "name 'a/b' will not do; use up to 64 letters",
+            "name 'a/b' is not valid; use up to 64 letters",
         ),
         (("record", "start", "x", "--test", "yaw"), "needs its direction"),
         (("record", "start", "x", "--test", "radial", "--direction", "cw"), "has no direction"),
@@ -322,12 +322,12 @@ def test_a_socket_that_cannot_be_leaves_no_empty_capture(bench: Bench) -> None:
 def test_a_place_where_no_run_can_go_is_told_at_the_start(bench: Bench) -> None:
     (bench.folder / "runs").touch()
     bench.start()
-    assert "no run can be recorded: File exists; let rigd write there" in "".join(bench.said)
+    assert "no run can be recorded: File exists; give rigd write permission there" in "".join(bench.said)
 
 
 def test_a_host_name_that_cannot_be_is_told(bench: Bench) -> None:
     _edited(bench, feedback=f"tcp://{'a' * 64}:30004")
-    assert "no host can have this name" in bench.fails("rigd", bench.rig, code=4)
+    assert "the host name is not valid; correct the port in the rig file" in bench.fails("rigd", bench.rig, code=4)
 
 
 def test_a_socket_that_speaks_nonsense_gets_an_answer(bench: Bench) -> None:

@@ -66,7 +66,7 @@ def test_a_daemon_that_hangs_is_told_from_none(tmp_path: Path, monkeypatch: pyte
             with pytest.raises(CellError, match="has not answered"):
                 client.ask("status")
             assert find_socket("hanging") == path
-            with pytest.raises(CellError, match="others wait already"):
+            with pytest.raises(CellError, match="other clients are waiting already"):
                 Client(path)
 
 

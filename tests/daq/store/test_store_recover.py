@@ -193,7 +193,7 @@ def test_a_manifest_that_the_disk_does_not_give_now_is_left_alone(
 def test_lost_manifest_without_a_chunk_says_so(tmp_path: Path) -> None:
     path = crash(record(tmp_path, batches=0))
     (path / "manifest.json").unlink()
-    with pytest.raises(FileError, match="no chunk is left that tells what the run was"):
+    with pytest.raises(FileError, match="no chunk is left that says what the run was"):
         recover(path)
 
 

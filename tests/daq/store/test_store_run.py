@@ -285,7 +285,7 @@ def test_reading_leaves_no_thread_behind(whole: Path) -> None:
 
 def test_a_directory_that_holds_runs_is_told_from_a_run_without_manifest(tmp_path: Path) -> None:
     path = finished(tmp_path / "runs")
-    with pytest.raises(FileError, match="is no run, it holds runs; give one of them"):
+    with pytest.raises(FileError, match="is not a run but holds runs; give one of them"):
         read_run(path.parent)
     (path / "manifest.json").unlink()
     with pytest.raises(FileError, match=r"has no manifest\.json; run `rig recover"):
