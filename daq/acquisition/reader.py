@@ -64,8 +64,8 @@ class Reader(threading.Thread):
 
         def alive() -> None:
             self._buffer.beat()
-            if take_ignored := link.take_ignored():
-                self._buffer.deliver(take_ignored)
+            if ignored := link.take_ignored():
+                self._buffer.deliver(ignored)
 
         conversation = self._stream.host()
         try:

@@ -31,7 +31,7 @@ _NOTICE_S = 0.05
 
 
 class Server(Protocol):
-    """A local port that an emulated instrument is behind."""
+    """A local port with an emulated instrument behind it."""
 
     port: str
     """As a rig file names it."""
@@ -39,10 +39,10 @@ class Server(Protocol):
     """Cleared while its cable is pulled."""
 
     def serve(self, stop: threading.Event) -> None:
-        """Until `stop` is set."""
+        """Serve until `stop` is set."""
 
     def hang_up(self) -> None:
-        """End the conversation there is, and begin another."""
+        """End the present conversation, and begin another."""
 
 
 @dataclass(frozen=True)
@@ -117,27 +117,27 @@ class Cell:
         return self.sent()
 
     def silence(self, name: str) -> None:
-        """The instrument on this serial line says nothing any more."""
+        """Let the instrument on this serial line send nothing any more."""
         self._silenced.add(name)
 
     def hang_up(self, name: str) -> None:
-        """The instrument on this network port ends its conversation, and takes up a new one."""
+        """Let the instrument on this network port end its conversation and begin a new one."""
         self._servers[name].hang_up()
 
     def unplug(self, name: str) -> None:
-        """The instrument's cable is pulled: its tty and its name are gone, or its address refuses."""
+        """Pull the instrument's cable: its tty and its name are gone, or its address refuses."""
         self._plugged[name].clear()
 
     def plug(self, name: str) -> None:
-        """The cable is back: another tty under the same name, or the same address."""
+        """Plug the cable in again: another tty under the same name, or the same address."""
         self._plugged[name].set()
 
     def sent(self) -> dict[str, int]:
-        """Readings sent so far, by stream."""
+        """Return the number of readings sent so far, by stream."""
         return {name: sum(device.sent for device in devices) for name, devices in self._devices.items()}
 
     def rig_text(self, text: str) -> str:
-        """A rig file's text with the ports of this cell in place of its own."""
+        """Return a rig file's text with the ports of this cell in place of its own."""
         data = yaml.safe_load(text)
         for name, port in self.ports.items():
             (data["feedback"] if name == "feedback" else data["gauges"][name])["port"] = port

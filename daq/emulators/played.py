@@ -26,7 +26,7 @@ _AROUND = 8
 
 
 class StreamingPlayer:
-    """An instrument that speaks unasked: every piece at its instant, and none before what the host was to say first."""
+    """An instrument that sends by itself: each piece at its instant, and none before the host has sent its part."""
 
     def __init__(self, pieces: Sequence[Piece], time: Timebase, steps: Steps, *, hangs_up: bool, calls: bool) -> None:
         """hangs_up: at the end, as over TCP. calls: it speaks to a port of the host's, and hears whether it is open."""
@@ -38,12 +38,12 @@ class StreamingPlayer:
 
     @property
     def done(self) -> bool:
-        """Whether everything is said."""
+        """Whether everything has been sent."""
         return not self._left
 
     @property
     def begun(self) -> bool:
-        """Whether anything is said or heard in its time."""
+        """Whether anything has been sent or received."""
         return self._time.shift_ns is not None and len(self._left) < self._whole
 
     def connected(self, now_ns: int) -> Step:
@@ -111,14 +111,14 @@ class StreamingPlayer:
 
 @dataclass(frozen=True, slots=True)
 class Exchange:
-    """A question of the host's and what came until the next, at their times in the capture."""
+    """A request of the host and what came until the next, at their times in the capture."""
 
     asked_ns: int
     question: bytes
     answers: tuple[Piece, ...]
 
     def answers_to(self, question: bytes) -> tuple[Piece, ...] | None:
-        """What it says to this question, None where it is another one.
+        """Return the answers to this request; None if it is another one.
 
         A number that a question carries and its answer repeats (Modbus TCP) may differ.
         """
@@ -138,7 +138,7 @@ class Exchange:
 
 @dataclass(frozen=True, slots=True)
 class Exchanges:
-    """Those of a connection, at their times asked_ns; end_ns: when it ended.
+    """The exchanges of a connection, at their times asked_ns; end_ns: when it ended.
 
     period_ns: usual time from one to the next; longest: bytes of the longest question.
     """
@@ -152,7 +152,7 @@ class Exchanges:
 
     @classmethod
     def of(cls, pieces: Sequence[Piece]) -> Exchanges:
-        """From its pieces; what came before the first question answers none."""
+        """Return the exchanges in the pieces; what came before the first request is no answer."""
         questions = [number for number, piece in enumerate(pieces) if piece.mark is Mark.SENT]
         found = [
             Exchange(
@@ -169,7 +169,7 @@ class Exchanges:
 
 
 class AnsweringPlayer:
-    """An instrument that is asked: each question gets what was said to the one nearest in time."""
+    """An instrument that answers: each request gets the answer to the captured one nearest in time."""
 
     def __init__(self, exchanges: Exchanges, time: Timebase, steps: Steps, *, hangs_up: bool) -> None:
         self.sent = 0
@@ -180,7 +180,7 @@ class AnsweringPlayer:
 
     @property
     def begun(self) -> bool:
-        """Whether anything was asked."""
+        """Whether anything was requested."""
         return self._last >= 0
 
     def connected(self, now_ns: int) -> Step:

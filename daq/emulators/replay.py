@@ -1,7 +1,7 @@
 """A captured cell: every instrument of a capture on a pty or a local port again, for the real daemon.
 
 All instruments share one timebase (`daq.emulators.timebase`), so that gauges and robot are to each other as they were.
-What cannot be kept in step is counted, and told to whoever records it in a file that the rig file names: the run is
+What cannot be kept in step is counted, and written for rigd into a file that the rig file names: the run is
 marked.
 When a stream's pieces are played the instrument falls silent (serial) or hangs up (TCP).
 """
@@ -34,7 +34,7 @@ Player = StreamingPlayer | AnsweringPlayer
 
 
 class Replay:
-    """The instruments of a rig as a capture heard them, in a `cell` to start and to stop.
+    """The instruments of a rig as they were captured, in a `cell` to start and to stop.
 
     marks: the file that is told what is out of step; none where nobody records. Raises FileError where the capture
     holds nothing of a stream of the rig, OSError where the file cannot be made.
@@ -54,7 +54,7 @@ class Replay:
             stream.name: Steps(may_ns, asked=_is_asked(stream), out_of_step=partial(self._mark, stream.name))
             for stream in streams
         }
-        """How each stream keeps its time."""
+        """How well each stream keeps its time."""
         self._replayed = {
             stream.name: _replayed(stream, heard[stream.name], self._time, self.steps[stream.name])
             for stream in streams
@@ -71,17 +71,17 @@ class Replay:
 
     @property
     def done(self) -> bool:
-        """Whether everything is played."""
+        """Whether everything has been played."""
         over = self._time.is_past(time.monotonic_ns(), self._end_ns + _OVER_NS)
         return over or bool(self.unmarked) or all(heard.done for heard in self._replayed.values())
 
     @property
     def otherwise(self) -> int:
-        """Pieces that the host sent otherwise than it was captured."""
+        """The number of pieces that the host sent differently from the capture."""
         return sum(steps.otherwise for steps in self.steps.values())
 
     def rig_text(self, text: str) -> str:
-        """The rig file's text with the ports of this cell, and with the file that says what is out of step."""
+        """Return the rig file's text with the ports of this cell and the file that says what is out of step."""
         data = yaml.safe_load(self.cell.rig_text(text)) | ({"replay": str(self._marks)} if self._marks else {})
         written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
         return written
@@ -97,7 +97,7 @@ class Replay:
 
 
 class ReplayedStream:
-    """What one stream was heard to say, a connection after the other; called for the device of the next one.
+    """What one stream sent in the capture, one connection after the other; called for the device of the next one.
 
     When the host leaves a connection before its end, everything begins anew for all streams: else this one would be
     out of step with them.
@@ -112,11 +112,11 @@ class ReplayedStream:
 
     @property
     def done(self) -> bool:
-        """Whether the last of them is played."""
+        """Whether the last connection has been played."""
         return self._turn == self._time.turn and self._playing.done and self._number >= len(self._connections) - 1
 
     def __call__(self) -> Player:
-        """A connection that the host leaves before its first word, as where it came too early, is kept for later."""
+        """Return the player of the next connection; one that the host left before anything was sent is kept."""
         if self._turn == self._time.turn:
             if self._playing.done:
                 self._number += 1
@@ -130,7 +130,7 @@ class ReplayedStream:
 
 
 def _replayed(stream: Stream, pieces: Sequence[Piece], time: Timebase, steps: Steps) -> ReplayedStream:
-    """What plays a stream."""
+    """Return what plays a stream."""
     hangs_up = tcp_address(stream.port) is not None
     calls = udp_address(stream.port) is not None and stream.listens
     connections: list[Callable[[], Player]] = [

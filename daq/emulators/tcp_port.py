@@ -32,7 +32,7 @@ class TcpPort:
         self.port = f"tcp://127.0.0.1:{self._address[1]}"
 
     def serve(self, stop: threading.Event) -> None:
-        """Until `stop` is set; a connection that ends makes room for the next."""
+        """Serve until `stop` is set; when a connection ends, the next is accepted."""
         self._accept(stop)
         while not stop.is_set():
             if self.plugged.wait(_ACCEPT_S) and self._listen():
@@ -69,5 +69,5 @@ class TcpPort:
         link.close()
 
     def hang_up(self) -> None:
-        """End the connection there is; the next one is served again."""
+        """End the present connection; the next one is served again."""
         self._hang_up.set()

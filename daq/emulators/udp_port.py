@@ -23,7 +23,7 @@ _HOST = "127.0.0.1"
 
 
 class UdpPort:
-    """On loopback. `port` is what the rig file has to name: a free port for the host if the controller calls."""
+    """A UDP port on loopback. `port` is what the rig file names: a free port of the host if the controller calls."""
 
     def __init__(self, device: Callable[[], Conversation], *, calls: bool, jitter_ms: float = 0.0) -> None:
         self._device = device
@@ -37,7 +37,7 @@ class UdpPort:
         self.port = f"udp://{_HOST}:{self._number}"
 
     def serve(self, stop: threading.Event) -> None:
-        """Until `stop` is set; a conversation that ends makes room for the next."""
+        """Serve until `stop` is set; when a conversation ends, the next begins."""
         while not stop.is_set():
             if not self.plugged.wait(_AGAIN_S):
                 continue

@@ -34,12 +34,12 @@ _IPOC_WRAP = 2**63
 
 
 def host(feedback: KUKARSI) -> Host:
-    """Our side."""
+    """Return our side of the conversation."""
     return Streamed(_RSIDialect(feedback), feedback.timeout_s)
 
 
 def device(feedback: KUKARSI, read: Read) -> Device:
-    """The controller's side."""
+    """Return the controller's side of the conversation."""
     return _RSIController(feedback, read)
 
 
@@ -117,7 +117,7 @@ class _RSIController:
         return Step(wake_ns=self._pace.next_ns)
 
     def tick(self, now_ns: int) -> Step:
-        """One datagram; a tick that is late is followed by the next at once."""
+        """Send one datagram; a tick that is late is followed by the next at once."""
         instant_ns = self._pace.step(now_ns)
         if instant_ns is None:
             return Step(wake_ns=self._pace.next_ns)

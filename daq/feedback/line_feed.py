@@ -32,12 +32,12 @@ _CLOCK_FORMAT = {"t_s": ".3f", "t_ms": ".0f", "t_us": ".0f"}
 
 
 def host(feedback: LineFeed) -> Host:
-    """Our side."""
+    """Return our side of the conversation."""
     return Streamed(_LineFeedDialect(feedback), feedback.timeout_s)
 
 
 def device(feedback: LineFeed, read: Read) -> Device:
-    """The controller's side."""
+    """Return the controller's side of the conversation."""
     return _Program(feedback, read)
 
 

@@ -22,7 +22,7 @@ _DEG_PER_UNIT = {"deg": 1.0, "rad": math.degrees(1)}
 
 
 def host(feedback: ModbusJoints) -> Host:
-    """Our side."""
+    """Return our side of the conversation."""
 
     def reading(registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
         return _reading(feedback, registers, message, requested_ns)
@@ -31,7 +31,7 @@ def host(feedback: ModbusJoints) -> Host:
 
 
 def device(feedback: ModbusJoints, read: Read) -> Device:
-    """The controller's side."""
+    """Return the controller's side of the conversation."""
     return RegisterDevice(feedback, lambda now_ns: _registers(feedback, read(now_ns)))
 
 

@@ -37,12 +37,12 @@ _MAX_CLOCK_S = 1e9
 
 
 def host(feedback: URRTDE) -> Host:
-    """Our side."""
+    """Return our side of the conversation."""
     return Streamed(_RTDEClient(feedback), feedback.timeout_s)
 
 
 def device(feedback: URRTDE, read: Read) -> Device:
-    """The controller's side."""
+    """Return the controller's side of the conversation."""
     return _RTDEController(feedback, read)
 
 

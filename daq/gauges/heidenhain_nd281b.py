@@ -30,12 +30,12 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 
 def host(gauges: Sequence[HeidenhainND281B]) -> Host:
-    """Our side; one gauge a cable."""
+    """Return our side of the conversation; a cable carries one gauge."""
     return Polled(TextDialect(gauges, _STX, Lines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[HeidenhainND281B], read: Read) -> Device:
-    """The instrument's side."""
+    """Return the instrument's side of the conversation."""
     units = gauges[0].units
 
     def answer(command: bytes, show: Show) -> bytes:

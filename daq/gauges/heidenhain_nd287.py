@@ -26,12 +26,12 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 
 def host(gauges: Sequence[HeidenhainND287]) -> Host:
-    """Our side; one gauge a cable."""
+    """Return our side of the conversation; a cable carries one gauge."""
     return Polled(TextDialect(gauges, _DISPLAY + b"\r", _Replies(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
-    """The instrument's side; a head in error shows on its display."""
+    """Return the instrument's side of the conversation; its display shows a head in error."""
     decimals = _DECIMALS[gauges[0].units]
 
     def answer(command: bytes, show: Show) -> bytes:

@@ -44,12 +44,12 @@ _CHECK = "check the cable, that the DL-RS1A has power, and the line's settings a
 
 
 def host(gauges: Sequence[KeyenceDLRS1A]) -> Host:
-    """Our side."""
+    """Return our side of the conversation."""
     return Polled(TextDialect(gauges, b"M0" + _END, Lines(_END), _read, _CHECK), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[KeyenceDLRS1A], read: Read) -> Device:
-    """The communication unit's side, with heads up to the last channel asked for; those of no gauge here read zero."""
+    """Return the communication unit's side, with heads up to the last channel used; one without a gauge reads zero."""
     form = _FORMAT[gauges[0].units]
 
     def answer(command: bytes, show: Show) -> bytes:

@@ -33,12 +33,12 @@ _CHECK = f"{CHECK}, and that its delimiter is CR LF"
 
 
 def host(gauges: Sequence[MagnescaleLT]) -> Host:
-    """Our side."""
+    """Return our side of the conversation."""
     return Polled(TextDialect(gauges, _REQUEST + _END, Lines(_END), _read, _CHECK), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
-    """The counter's side; a channel of no gauge here reads zero."""
+    """Return the counter's side of the conversation; a channel without a gauge here reads zero."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command != _REQUEST:
@@ -65,7 +65,7 @@ def _read(data: bytes, gauge: MagnescaleLT) -> Reading:
 
 
 def value_of(field: bytes, gauge: Probe) -> Reading:
-    """What follows a channel's name in the reply of a Magnescale counter."""
+    """Return the reading that follows a channel's name in the reply of a Magnescale counter."""
     match = _VALUE.fullmatch(field)
     if not match:
         return garbled(field)
@@ -80,7 +80,7 @@ def value_of(field: bytes, gauge: Probe) -> Reading:
 
 
 def written(value: float) -> bytes:
-    """A number as these counters write it, sign and seven characters; an overflow or an alarm where there is none."""
+    """Return a number as these counters write it, sign and seven characters, or an overflow or alarm without one."""
     if not math.isfinite(value):
         return b"E"
     return f"{value:+08.4f}".encode() if abs(value) < 99.99995 else b"+F0.0000"

@@ -23,14 +23,14 @@ _LENGTH = 13
 
 
 def host(gauges: Sequence[MagnescaleMG80]) -> Host:
-    """Our side; one gauge a line."""
+    """Return our side of the conversation; a line carries one gauge."""
     request = gauges[0].request.encode() + _END
     dialect = TextDialect(gauges, request, Lines(_END), _read, f"{CHECK}, and `request`")
     return Polled(dialect, gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MagnescaleMG80], read: Read) -> Device:
-    """The interface unit's side."""
+    """Return the interface unit's side of the conversation."""
     (gauge,) = gauges
     unit = "M" if gauge.units == "mm" else "I"
 

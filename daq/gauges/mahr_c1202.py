@@ -23,13 +23,13 @@ _FORMAT = {"mm": "+09.4f", "um": "+07.2f", "inch": "+09.5f"}
 
 
 def host(gauges: Sequence[MahrC1202]) -> Host:
-    """Our side."""
+    """Return our side of the conversation."""
     request = b"?" if len(gauges) > 1 else b"M%d?" % gauges[0].channel
     return Polled(TextDialect(gauges, request + _END, Lines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
-    """The instrument's side; features that belong to no gauge here are deactivated."""
+    """Return the instrument's side of the conversation; features without a gauge here are deactivated."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command in {b"ID?", b"DES?"}:

@@ -29,14 +29,14 @@ _CHECK = f"close its menu and end any master measurement, during which it is sil
 
 
 def host(gauges: Sequence[MahrC1208]) -> Host:
-    """Our side; one gauge a cable."""
+    """Return our side of the conversation; a cable carries one gauge."""
     protocol = gauges[0].protocol
     dialect = TextDialect(gauges, _REQUEST[protocol] + b"\r", Lines(_END[protocol]), _read, _CHECK)
     return Polled(dialect, gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MahrC1208], read: Read) -> Device:
-    """The instrument's side; a head in error is one whose menu is open."""
+    """Return the instrument's side of the conversation; a head in error is one whose menu is open."""
     (gauge,) = gauges
 
     def answer(command: bytes, show: Show) -> bytes:

@@ -33,13 +33,13 @@ _MORE = Trouble("the sensor sends more than the distance; select the distance al
 
 
 def host(gauges: Sequence[MicroEpsilonILD1420]) -> Host:
-    """Our side; one sensor a line."""
+    """Return our side of the conversation; a line carries one sensor."""
     (gauge,) = gauges
     return Streamed(_ILD1420Dialect(gauge), gauge.timeout_s)
 
 
 def device(gauges: Sequence[MicroEpsilonILD1420], read: Read) -> Device:
-    """The sensor's side."""
+    """Return the sensor's side of the conversation."""
     (gauge,) = gauges
     return _Sensor(gauge, read)
 

@@ -20,12 +20,12 @@ _UNIT = {3: b"mm", 4: b"inch", 5: b"inch"}
 
 
 def host(gauges: Sequence[MitutoyoQMHeight]) -> Host:
-    """Our side; one gauge a cable."""
+    """Return our side of the conversation; a cable carries one gauge."""
     return Polled(TextDialect(gauges, b"1\r", Lines(b"\r"), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MitutoyoQMHeight], read: Read) -> Device:
-    """The gauge's side."""
+    """Return the gauge's side of the conversation."""
     return mitutoyo_usb.device(gauges, read)
 
 

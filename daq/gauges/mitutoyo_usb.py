@@ -24,12 +24,12 @@ _LONGEST = 9
 
 
 def host(gauges: Sequence[Probe]) -> Host:
-    """Our side; one gauge a cable."""
+    """Return our side of the conversation; a cable carries one gauge."""
     return Polled(TextDialect(gauges, b"1" + _END, Lines(_END), read_reply), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[Probe], read: Read) -> Device:
-    """The gauge's side."""
+    """Return the gauge's side of the conversation."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command == b"V":
@@ -45,7 +45,7 @@ def device(gauges: Sequence[Probe], read: Read) -> Device:
 
 
 def read_reply(data: bytes, gauge: Probe) -> Reading:
-    """The reading of a reply, in mm."""
+    """Return the reading of a reply, in mm."""
     match = _REPLY.fullmatch(data)
     if match:
         return mm(match[1], gauge)

@@ -18,24 +18,24 @@ from rigs.probe import MM_PER_UNIT
 
 
 def host(gauges: Sequence[ModbusMap]) -> Host:
-    """Our side; one gauge a link."""
+    """Return our side of the conversation; a link carries one gauge."""
     (gauge,) = gauges
     return Polled(dialect(gauge), gauge.timeout_s, gauge.rate_hz)
 
 
 def device(gauges: Sequence[ModbusMap], read: Read) -> Device:
-    """The gauge's side."""
+    """Return the gauge's side of the conversation."""
     (gauge,) = gauges
     return RegisterDevice(gauge, held(gauge, read))
 
 
 def dialect(gauge: ModbusMap, probes: Probes | None = None) -> RegisterDialect:
-    """The read of this block; `probes`: see there."""
+    """Return the dialect that reads this block; `probes`: see `daq.protocol.registers`."""
     return RegisterDialect(gauge, partial(_reading, gauge), probes)
 
 
 def held(gauge: ModbusMap, read: Read) -> Held:
-    """What the instrument's block holds."""
+    """Return what the instrument's block holds, as a function of time."""
     return lambda now_ns: _registers(gauge, read(now_ns)[0], now_ns)
 
 

@@ -32,13 +32,13 @@ _STATUS = {
 
 
 def host(gauges: Sequence[SolartronOrbit]) -> Host:
-    """Our side; one gauge a line."""
+    """Return our side of the conversation; a line carries one gauge."""
     (gauge,) = gauges
     return Polled(_OrbitDialect(gauge), gauge.timeout_s)
 
 
 def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
-    """The unit's side."""
+    """Return the unit's side of the conversation."""
     (gauge,) = gauges
 
     def value(now_ns: int) -> Sequence[float]:

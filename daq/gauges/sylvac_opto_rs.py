@@ -34,7 +34,7 @@ _DECIMALS = {"mm": 4, "um": 1, "inch": 5}
 
 
 def host(gauges: Sequence[SylvacOptoRS]) -> Host:
-    """Our side; one gauge a cable."""
+    """Return our side of the conversation; a cable carries one gauge."""
     (gauge,) = gauges
     if gauge.mode == "continuous":
         return streamed.Streamed(_Continuous(gauge), gauge.timeout_s)
@@ -43,7 +43,7 @@ def host(gauges: Sequence[SylvacOptoRS]) -> Host:
 
 
 def device(gauges: Sequence[SylvacOptoRS], read: Read) -> Device:
-    """The cable's side."""
+    """Return the cable's side of the conversation."""
     (gauge,) = gauges
     return _Cable(gauge, read)
 

@@ -23,12 +23,12 @@ _FORMAT = {"mm": "+08.2f", "um": "+08.3f"}
 
 
 def host(gauges: Sequence[TesaTT]) -> Host:
-    """Our side; one gauge a cable."""
+    """Return our side of the conversation; a cable carries one gauge."""
     return Polled(TextDialect(gauges, b"?\r", Lines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[TesaTT], read: Read) -> Device:
-    """The instrument's side."""
+    """Return the instrument's side of the conversation."""
     units = gauges[0].units
     texts = {b"ID?": b"TESA TT80", b"UNI?": units.upper().encode(), b"RNG?": b"2", b"VER?": b"1.0"}
 

@@ -1,4 +1,4 @@
-"""Asking and being answered: one request on the line at a time, the next one as soon as it is answered and due.
+"""Requests and answers: one request on the line at a time, the next one as soon as it is answered and due.
 
 An answer must never be credited to a later request. Serial answers carry no number, so whenever it is unclear
 whose an answer would be, nothing is asked: the line is *drained*, that is, whatever comes is discarded until
@@ -39,25 +39,25 @@ STIR_EVERY_NS = 500_000_000
 _GOLDEN = 0.6180339887498949
 """Multiples of it, less their whole part, fill the range from 0 to 1 evenly, however many there are."""
 _BABBLE = 4
-"""Time-outs that a drain may last before it is told, and the instrument asked to be quiet again."""
+"""Time-outs that a drain may last before it is reported and the instrument is asked again to be quiet."""
 
 
 class Then(Enum):
     """What a message means for the exchange."""
 
     ASK = auto()
-    """It was the answer."""
+    """The message was the answer."""
     PAUSE = auto()
-    """It was the answer and a refusal."""
+    """The message was the answer, and a refusal."""
     WAIT = auto()
-    """It is not the answer, which may still come."""
+    """The message was not the answer, which may still come."""
     DRAIN = auto()
-    """Nobody knows."""
+    """The message may or may not be the answer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """What a message says, and what it means for the exchange.
+    """The meaning of a message: its items, and what follows for the exchange.
 
     No items: a step on the way to a reading, which neither begins nor ends a run of faults.
     """
@@ -67,26 +67,26 @@ class Reply:
 
 
 class PolledDialect(Protocol):
-    """What one instrument adds to asking and being answered."""
+    """What one instrument adds to the exchange of requests and answers."""
 
     @property
     def frames(self) -> Framer:
-        """What cuts its messages."""
+        """The framer that cuts its messages."""
 
     reset: bytes
-    """Makes the instrument quiet; sent at the beginning of a drain that nobody's answer is awaited in."""
+    """The bytes that make the instrument quiet; sent at the beginning of a drain in which no answer is expected."""
     check: str
     """What to look at when it is silent."""
 
     def request(self) -> bytes:
-        """The next request."""
+        """Return the next request."""
 
     def read(self, message: Message, requested_ns: int) -> Reply:
-        """What a message means as an answer to the request of that time."""
+        """Return the meaning of a message as an answer to the request of that time."""
 
 
 class Polled:
-    """The host's side of an instrument that speaks when spoken to."""
+    """The host's side of an instrument that answers requests."""
 
     def __init__(self, dialect: PolledDialect, timeout_s: float, rate_hz: float = math.inf) -> None:
         self._dialect = dialect
@@ -182,7 +182,7 @@ class Polled:
         discarded: int = 0,
         telling: bool = False,
     ) -> Step:
-        """Ask nothing until the line has been quiet; `telling`: what comes meanwhile is news."""
+        """Request nothing until the line has been quiet; `telling`: what comes meanwhile is reported."""
         self._requested_ns = NO_TIME
         self._quiet_ns = self._timeout_ns if quiet_ns is None else quiet_ns
         self._wake_ns = now_ns + self._quiet_ns
@@ -202,7 +202,7 @@ class Polled:
         return self._drain([fault], now_ns, send=self._dialect.reset)
 
     def _late(self, now_ns: int) -> list[Item]:
-        """The fault for what the drain discarded, half a message included."""
+        """Return the fault for what the drain discarded, including an incomplete message."""
         count = self._discarded + self._dialect.frames.pending
         if not (self._telling and count):
             return []

@@ -21,7 +21,7 @@ _MAX_CLOCK_S = 1e11
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """Of one datagram: six joint angles (deg), the controller's clock (s) and the datagram's number."""
+    """The position in one datagram: six joint angles (deg), the controller's clock (s) and the datagram's number."""
 
     angles_deg: tuple[float, ...]
     clock_s: float
@@ -30,14 +30,14 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A datagram without a position in it: why, in words."""
+    """The reason why a datagram holds no position, in words."""
 
     kind: FaultKind
     detail: str
 
 
 class Positions:
-    """Listening to datagrams; `start` is sent at first, and again whenever the controller is silent."""
+    """Receives positions in datagrams; `start` is sent at first, and again whenever the controller is silent."""
 
     def __init__(
         self, decode: Callable[[bytes], Position | Refused], check: str, order: Order, start: bytes = b""

@@ -1,4 +1,4 @@
-"""Telling whose an answer is where answers carry no number: after a time-out, ask for something of another length.
+"""Recognising late answers that carry no number: after a time-out, request something of another length.
 
 An instrument answers in order. So once a probe has its answer, whatever was asked before is answered or lost, and the
 next request's answer is its own, however late the instrument is. Until then an answer of a reading's length is late.
@@ -18,7 +18,7 @@ TRIES = 3
 
 
 class Probes:
-    """How long an answer to ask for, and whether the answer that came is the one awaited."""
+    """Chooses the length of the next answer, so that a late answer can be recognised by its length."""
 
     def __init__(self, count: int) -> None:
         self.counts = [other for other in range(1, LENGTHS + 2) if other != count][:LENGTHS]
@@ -35,7 +35,7 @@ class Probes:
         return self.asked != self._count
 
     def ask(self) -> int:
-        """The length to ask for now: a reading's, or a probe's while an answer is owed."""
+        """Return the length to request now: a reading's, or a probe's while an answer is outstanding."""
         probing = self._owed and (self._proven or self._tries > 0)
         self._tries -= probing
         self.doubtful = self._owed and not probing
@@ -44,7 +44,7 @@ class Probes:
         return self.asked
 
     def answered(self) -> None:
-        """The answer awaited has come."""
+        """Note that the expected answer has come."""
         self._owed = False
         self._proven |= self.probing
         self._tries = max(self._tries, 1)

@@ -1,4 +1,4 @@
-"""Asking for a block of Modbus registers, and serving one: what gauges and controllers read by registers share.
+"""Reading a block of Modbus registers, and serving one: what gauges and controllers with registers have in common.
 
 The block is read whole in one request, because a value of several registers may not be split (Baumer OM20/OM30
 manual p. 22, confirmed) and what it holds must be of the same instant. Over TCP the transaction id tells an old answer.
@@ -40,7 +40,7 @@ _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
 
 
 class RegisterDialect:
-    """The host's dialect: the read of the block."""
+    """The host's dialect, which reads the block."""
 
     reset = b""
     check = "check the cable, that the instrument is on, the line's settings and `unit`"
@@ -93,7 +93,7 @@ class RegisterDialect:
 
 
 def verdict(registers: Registers, status: StatusRegister | None, block: Block, at_ns: int) -> int | Fault:
-    """The instrument's own: 0 for good, its code for doubtful, a fault for anything else."""
+    """Return the instrument's own verdict: 0 for good, its code for doubtful, a fault for anything else."""
     if status is None:
         return 0
     code = unpack(registers, status, block)
@@ -106,7 +106,7 @@ def verdict(registers: Registers, status: StatusRegister | None, block: Block, a
 
 
 def pack_verdict(registers: list[int], status: StatusRegister | None, block: Block, *, good: bool) -> None:
-    """Put a status into the block: the first that is listed, or else one that is not."""
+    """Put a status into the block: the first listed one if `good`, else one that is not listed."""
     if status is not None:
         known = (*status.good, *status.doubtful)
         pack(registers, status, block, known[0] if good else min(set(range(len(known) + 1)) - set(known)))
@@ -125,7 +125,7 @@ def _refusal(code: int, at_ns: int) -> Fault:
 
 
 class RegisterDevice:
-    """The instrument's side: it holds the block and nothing else, or some further ones."""
+    """The instrument's side: it serves one block, or several."""
 
     def __init__(self, block: Block, registers: Held, *further: tuple[Block, Held]) -> None:
         """registers: the whole block as of a time; None where there is not a reading and nothing to say so with."""

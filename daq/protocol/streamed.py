@@ -1,6 +1,6 @@
-"""Listening to a peer that speaks unasked, once it has been set going.
+"""Receiving from a peer that sends by itself once it has been started.
 
-Each message is read as it comes. A silence of `timeout_s` is told (Fault SILENT), once per `timeout_s`, and
+Each message is read as it comes. A silence of `timeout_s` is reported (Fault SILENT), once per `timeout_s`, and
 the dialect says what to do about it. Bytes without a message in them do not end a silence.
 """
 
@@ -16,7 +16,7 @@ from daq.protocol.framing import Framer, Message
 
 @dataclass(frozen=True, slots=True)
 class Reaction:
-    """What a message says and what is to be sent for it; `hang_up`: no more can come of this link."""
+    """The meaning of a message and what to send for it; `hang_up`: close the link, which brings nothing more."""
 
     items: tuple[Item, ...] = ()
     send: bytes = b""
@@ -24,27 +24,27 @@ class Reaction:
 
 
 class StreamedDialect(Protocol):
-    """What one peer adds to speaking unasked."""
+    """What one peer adds to sending by itself."""
 
     @property
     def frames(self) -> Framer:
-        """What cuts its messages."""
+        """The framer that cuts its messages."""
 
     check: str
     """What to look at when it is silent."""
 
     def start(self) -> bytes:
-        """What sets it going."""
+        """Return the bytes that start it."""
 
     def read(self, message: Message | Fault) -> Reaction:
-        """What a message means, or a place where the stream could not be cut."""
+        """Return the meaning of a message, or of a place where the stream could not be cut."""
 
     def silent(self) -> Reaction:
-        """What to do about a silence."""
+        """Return what to do about a silence."""
 
 
 class Streamed:
-    """The host's side of a peer that speaks unasked."""
+    """The host's side of a peer that sends by itself."""
 
     def __init__(self, dialect: StreamedDialect, timeout_s: float) -> None:
         self._dialect = dialect

@@ -2,10 +2,10 @@
 
 A driver adds its dialect: the request, what ends a message, and `read`, which says what one message means for one
 gauge: its reading in mm, or a `Trouble` in words. The gauges that share a link share the message. A gauge in
-trouble reads nan beside one that is well; where all are, there is no sample. `Answering` is the instrument, of
+trouble reads nan beside one that is well; where all are, there is no sample. `TextDevice` is the instrument, of
 which a driver adds what it answers.
 
-An instrument that tells its unit is held to that of the rig file (`in_mm`): a reading in another unit is told as a
+An instrument that sends its unit is held to that of the rig file (`in_mm`): a reading in another unit is reported as a
 fault and never converted, since either the gauge or the file is not what its owner believes.
 """
 
@@ -33,7 +33,7 @@ ProbeT = TypeVar("ProbeT", bound=Probe)
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """Why a message holds no reading, with what to do about it."""
+    """The reason why a message holds no reading, with what to do about it."""
 
     detail: str
     kind: FaultKind = FaultKind.DEVICE_ERROR
@@ -45,22 +45,22 @@ Reading = float | Trouble
 
 
 def garbled(data: bytes) -> Trouble:
-    """The message is none of this protocol."""
+    """Return the trouble that the message does not belong to this protocol."""
     return Trouble(f"{shown(data)} is not a reading; check the line's settings", FaultKind.GARBLED, Then.DRAIN)
 
 
 def shown(data: bytes) -> str:
-    """A message as a person can read it."""
+    """Return a message as a person can read it."""
     return repr(data[:60])[1:]
 
 
 def mm(number: bytes, gauge: Probe) -> float:
-    """A number in the gauge's units; blanks in it are left out."""
+    """Convert a number in the gauge's units to mm; blanks in it are ignored."""
     return float(number.replace(b" ", b"")) * MM_PER_UNIT[gauge.units]
 
 
 def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
-    """A number whose unit the instrument tells; Trouble where that is not the gauge's."""
+    """Convert a number whose unit the instrument sends to mm; Trouble if that is not the gauge's unit."""
     told = _UNITS.get(unit.lower())
     if told == gauge.units:
         return mm(number, gauge)
@@ -71,7 +71,7 @@ def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
 
 
 def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -> tuple[Item, ...]:
-    """A sample of what is well, and a fault for each trouble."""
+    """Return a sample of the good readings, and a fault for each trouble."""
     at_ns = message.last_byte_ns
     troubles = dict.fromkeys(reading for reading in readings if isinstance(reading, Trouble))
     faults = tuple(Fault(trouble.kind, at_ns, trouble.detail) for trouble in troubles)
@@ -82,7 +82,7 @@ def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -
 
 
 class TextDialect(Generic[ProbeT]):
-    """The same request again and again (a dialect of `daq.protocol.polled`)."""
+    """A dialect of `daq.protocol.polled` that repeats the same request."""
 
     def __init__(
         self,
@@ -113,7 +113,7 @@ class TextDialect(Generic[ProbeT]):
 
 
 class TextDevice:
-    """An instrument that speaks when spoken to.
+    """The side of an instrument that answers requests.
 
     `answer` gives what it says to a command, and empty bytes for nothing; a command that nobody can cut is empty.
     """

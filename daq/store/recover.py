@@ -30,7 +30,7 @@ TORN = ".torn"
 
 @dataclass
 class Recovery:
-    """What was brought back.
+    """The outcome of a recovery.
 
     rows: rows recovered of each stream. losses: for each damaged file what could not be read, in
     words. notes: everything else that was done.
@@ -43,7 +43,7 @@ class Recovery:
 
     @property
     def nothing_to_do(self) -> bool:
-        """Whether the run was whole already."""
+        """Whether the run was complete already."""
         return not (self.rows or self.losses or self.notes)
 
 

@@ -26,7 +26,7 @@ from daq.store.schema import FAULTS, TABLE, Row, batch_of
 
 @dataclass
 class OpenChunk:
-    """A recording chunk: whole frames up to `size`, bytes synced, whether its name is, whether it was ended."""
+    """A recording chunk: complete frames up to `size`, how much of it is synced, and whether it was ended."""
 
     path: Path
     number: int
@@ -45,7 +45,7 @@ class OpenChunk:
         return self.named and self.synced == self.size
 
     def append(self, data: bytes) -> None:
-        """Append whole frames or nothing."""
+        """Append complete frames or nothing."""
         try:
             durable.write_at(self.fd, data, self.size)
         except OSError:
@@ -63,14 +63,14 @@ class OpenChunk:
 
 @dataclass(frozen=True)
 class Sync:
-    """A chunk's frames on their way to the disk. `wait`, once, in any thread."""
+    """A chunk's frames on their way to the disk; call `wait` once, in any thread."""
 
     chunk: OpenChunk
     fd: int
     size: int
 
     def wait(self) -> None:
-        """Returns when all are there, which the chunk knows then. Raises OSError."""
+        """Wait until all frames are on the disk, and note it in the chunk. Raises OSError."""
         try:
             durable.sync(self.fd)
         finally:
@@ -82,7 +82,7 @@ class Sync:
 
 @dataclass
 class StreamWriter:
-    """What is pending, recorded and closed of one stream of a run.
+    """Writes one stream of a run: pending rows, recording chunks and closed chunks.
 
     open: what is written to, or waits to be synced once it was ended. full: ended, synced and being closed.
     """
@@ -101,11 +101,11 @@ class StreamWriter:
         self.pending.extend(rows)
 
     def unclosed(self) -> list[OpenChunk]:
-        """The chunks that are no Parquet file yet, in order."""
+        """Return the chunks that are not Parquet files yet, in order."""
         return [chunk for chunk in (self.full, self.open) if chunk]
 
     def bytes_to_close(self) -> int:
-        """Room that writing what is pending takes, and then a Parquet file beside each chunk, at the most.
+        """Return the bytes needed at most to write what is pending, and then a Parquet file beside each chunk.
 
         Parquet is no larger than Arrow's frames, which hold the same columns and a head for each batch.
         """
@@ -137,7 +137,7 @@ class StreamWriter:
         return self.open
 
     def begin_sync(self) -> Sync | None:
-        """What there is to sync, None for nothing."""
+        """Return what there is to sync, or None."""
         chunk = self.open
         return None if chunk is None or chunk.is_synced else Sync(chunk, durable.again(chunk.fd), chunk.size)
 
@@ -157,7 +157,7 @@ class StreamWriter:
         durable.remove(chunk.path)
 
     def release(self) -> None:
-        """Let go of the open files and leave them where they are."""
+        """Close the open files and leave them where they are."""
         for chunk in self.unclosed():
             self._release(chunk)
 
@@ -179,7 +179,7 @@ def store_chunk(run: Path, stream: str, number: int, found: Salvage, schema: pa.
 
 
 def describe(file: str, stream: str, table: pa.Table, data: bytes) -> Chunk:
-    """What the manifest says of a chunk of at least one row."""
+    """Return the manifest's entry for a chunk of at least one row."""
     if stream == TABLE:
         return Chunk(file=file, stream=stream, rows=table.num_rows, sha256=sha256(data), first_ns=0, last_ns=0)
     stamps = ("at_ns", "at_ns") if stream == FAULTS else ("first_byte_ns", "last_byte_ns")

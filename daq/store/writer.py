@@ -46,13 +46,13 @@ _TIMED = re.compile(r"[0-9]{8}T[0-9]{6}[.0-9]*Z")
 
 @dataclass(frozen=True)
 class Work:
-    """Something to wait for the disk for. synced: rows of each sample stream, on the disk when it is through."""
+    """Work that waits for the disk. synced: rows of each sample stream that are on the disk when it is done."""
 
     steps: Sequence[Callable[[], None]]
     synced: Mapping[str, int] | None = None
 
     def wait(self) -> None:
-        """Do it, once, in any thread, and all of it. Raises OSError or ArrowException, the first of all."""
+        """Do all steps, once, in any thread. Raises the first OSError or ArrowException of them."""
         errors = [error for step in self.steps if (error := _attempt(step))]
         if errors:
             raise errors[0]
@@ -60,7 +60,7 @@ class Work:
 
 @dataclass
 class RunWriter:
-    """A run being recorded. Made by `create`, ended by `close`."""
+    """Writes a run that is being recorded; made by `create`, ended by `close`."""
 
     path: Path
     manifest: Manifest
@@ -69,7 +69,7 @@ class RunWriter:
     _chunk_rows: int
     _failure: CellError | None = None
     _anchors: tuple[Clock, ...] = ()
-    """For the manifest, which only `Work` and `close` make anew and save."""
+    """Anchors for the manifest, which only `Work` and `close` renew and save."""
 
     @classmethod
     def create(  # noqa: PLR0913 - what a manifest needs to know
@@ -127,19 +127,19 @@ class RunWriter:
 
     @property
     def is_long(self) -> bool:
-        """Whether the manifest has grown so long that another run had better follow."""
+        """Whether the manifest has grown so long that another run should follow."""
         return len(self.manifest.chunks) >= MOST_CHUNKS
 
     def is_behind(self, stream: str) -> bool:
-        """Whether so much of a stream, or of faults, waits for the disk that no more of it should be appended."""
+        """Return whether so much of a stream, or of faults, waits for the disk that no more should be appended."""
         return max(len(self._writers[name].pending) for name in (stream, FAULTS)) >= MOST_PENDING
 
     def stored(self) -> dict[str, int]:
-        """Rows of each sample stream handed to the operating system so far: after a sync, on the disk."""
+        """Return the rows of each sample stream handed to the system so far, which are on the disk after a sync."""
         return {stream: self._writers[stream].rows for stream in self.manifest.streams}
 
     def room_to_close(self) -> int:
-        """Bytes that it takes at the most to write what is pending, close every chunk and end the run.
+        """Return the bytes needed at most to write what is pending, close every chunk and end the run.
 
         The opening manifest is in the head of a chunk once and in its Parquet file three times.
         """
@@ -147,7 +147,7 @@ class RunWriter:
         return chunks + (2 + 4 * len(self._writers)) * len(self.manifest.to_json())
 
     def anchor(self) -> None:
-        """Keep what time it is now, in the manifest with the next sync: the wall clock has been set."""
+        """Keep the present time for the manifest, since the wall clock has been set; the next sync saves it."""
         self._anchors = (*self._anchors, clock_now())
 
     def write(self) -> None:
@@ -160,12 +160,12 @@ class RunWriter:
             self._write()
 
     def sync(self) -> None:
-        """Write, and return when everything written so far is on the disk. Raises as `write`."""
+        """Write, and return when everything written so far is on the disk. Raises the errors of `write`."""
         self.write()
         self._do(self.begin_sync())
 
     def begin_sync(self) -> Work:
-        """To sync everything written so far; chunks that are full or old end with it, and are synced first."""
+        """Return the work that syncs everything written so far; full or old chunks end with it and come first."""
         with self._guarded():
             for writer in self._writers.values():
                 if writer.open and not writer.full and self._is_due(writer.open):
@@ -176,7 +176,7 @@ class RunWriter:
             return Work([*(sync.wait for sync in syncs), *anchored], self.stored())
 
     def roll(self) -> bool:
-        """Close a chunk that was ended; False where there is none. Raises as `write`."""
+        """Close a chunk that was ended; return False if there is none. Raises the errors of `write`."""
         self.write()
         work = self.begin_roll()
         if work:
@@ -184,7 +184,7 @@ class RunWriter:
         return work is not None
 
     def begin_roll(self) -> Work | None:
-        """To close one chunk that was ended and synced, the oldest; None where there is none.
+        """Return the work that closes the oldest chunk that was ended and synced; None if there is none.
 
         One, since it takes its time, in which nothing is synced: several streams' may be due at once.
         """
@@ -192,7 +192,7 @@ class RunWriter:
         return Work([partial(self._roll, self._writers[min(full)[1]]), give_back]) if full else None
 
     def end_work(self, error: BaseException | None) -> None:
-        """What became of it: the error that `Work.wait` raised, or none. Raises CellError for one."""
+        """Note the outcome of work: the error that `Work.wait` raised, or None. Raises CellError for an error."""
         with self._guarded():
             if error:
                 raise error
@@ -201,7 +201,7 @@ class RunWriter:
         self.end_work(_attempt(work.wait))
 
     def close(self, exit_status: Ending, reason: str, counters: Mapping[str, Mapping[str, int]]) -> None:
-        """End the run: close every chunk and say in the manifest how and why it ended. In any thread, no work left.
+        """End the run: close every chunk and note in the manifest how and why it ended. Any thread, no work pending.
 
         counters: faults by stream and kind; samples are set to what was stored. Does all it can, lets go
         of the run, and only then raises CellError for what it could not do.

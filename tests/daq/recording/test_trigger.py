@@ -1,4 +1,4 @@
-"""The automat in simulated time: what a robot does for minutes, and the recordings that it makes of it."""
+"""The trigger in simulated time: what a robot does for minutes, and the recordings that it makes of it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Robot:
         self.did: list[Command] = []
 
     def does(self, seconds: float, *signal: float, deg_s: float = 0.0) -> list[Command]:
-        """What the automat commands meanwhile."""
+        """What the trigger commands meanwhile."""
         self.did = []
         for _ in range(round(seconds * 100)):
             self.now_ns += S // 100
