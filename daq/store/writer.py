@@ -10,14 +10,11 @@ condemns nothing, and the run can be closed whole.
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
-from itertools import count
 from pathlib import Path
 
 import pyarrow as pa
@@ -27,7 +24,8 @@ from daq.store import durable
 from daq.store.chunk import with_opening
 from daq.store.manifest import Clock, Ending, Manifest, clock_now, iso_now, new_manifest
 from daq.store.memory import give_back
-from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES, require_room
+from daq.store.room import MARGIN_BYTES, require_room
+from daq.store.run_directory import create_run_directory
 from daq.store.schema import FAULTS, schema_of
 from daq.store.stream_writer import OpenChunk, StreamWriter
 from rigs.errors import CellError
@@ -41,7 +39,6 @@ MOST_CHUNKS = 1000
 """The manifest is rewritten and held in memory whole: at four streams this is a run of 40 hours or more."""
 MOST_PENDING = 100_000
 """Rows of a stream in memory while the disk does not take the chunk before them: minutes at 500 Hz."""
-_TIMED = re.compile(r"[0-9]{8}T[0-9]{6}[.0-9]*Z")
 
 
 @dataclass(frozen=True)
@@ -107,7 +104,7 @@ class RunWriter:
             follows=follows,
         )
         try:
-            path, held = _begin(runs, manifest)
+            path, held = create_run_directory(runs, manifest)
         except OSError as error:
             remedy = "make room or choose another directory"
             raise CellError(str(runs), f"cannot be written: {_words(error)}", remedy) from error
@@ -269,31 +266,6 @@ class RunWriter:
         except (OSError, pa.ArrowException) as error:
             self._failure = _refused(self.path, error)
             raise self._failure from error
-
-
-def _begin(runs: Path, manifest: Manifest) -> tuple[Path, int]:
-    durable.make_directories(runs)
-    require_room(runs, TO_BEGIN_BYTES)
-    path = _fresh_directory(runs, manifest.name)
-    held = durable.lock(path)
-    try:
-        manifest.save(path)
-        durable.sync_directory(runs)
-    except OSError:
-        durable.close(held)
-        durable.discard(path)
-        raise
-    return path, held
-
-
-def _fresh_directory(runs: Path, name: str) -> Path:
-    stem = name if _TIMED.match(name) else f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}_{name}"
-    for number in count(1):
-        path = runs / (stem if number == 1 else f"{stem}.{number}")
-        with suppress(FileExistsError):
-            durable.make_directory(path)
-            return path
-    raise AssertionError("count has no end")
 
 
 def _attempt(step: Callable[[], None]) -> Exception | None:

@@ -11,6 +11,7 @@ import pytest
 from powercut import BLOCK, watched
 from store_cases import assert_holds, record, samples, start, sync
 
+import daq.store.run_directory
 import daq.store.writer
 from daq.protocol.conversation import Sample
 from daq.store import NearlyFull, RunWriter, load_manifest, read_run, verify
@@ -56,7 +57,7 @@ def test_the_room_to_close_is_never_more_than_was_said(
 
 def test_a_recording_ends_whole_before_the_disk_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(daq.store.writer, "MARGIN_BYTES", 16 * BLOCK)
-    monkeypatch.setattr(daq.store.writer, "TO_BEGIN_BYTES", 32 * BLOCK)
+    monkeypatch.setattr(daq.store.run_directory, "TO_BEGIN_BYTES", 32 * BLOCK)
     with watched(tmp_path, capacity=1_000_000) as disk:
         writer, rows = start(tmp_path / "runs", 10**9), 0
         with pytest.raises(NearlyFull, match=r"disk nearly full: 0\.\d MB free, 0\.\d MB needed; make room"):
