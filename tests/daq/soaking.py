@@ -1,7 +1,7 @@
 """Recording for a long time while memory, descriptors and threads are watched.
 
-In real time it is the real daemon on an emulated cell. Accelerated it is the daemon's inboxes, writer and store in this
-process, given the items of so many hours in minutes.
+In real time it is the real daemon on an emulated cell. Accelerated it is the daemon's buffers, recorder and store in
+this process, given the items of so many hours in minutes.
 """
 
 from __future__ import annotations

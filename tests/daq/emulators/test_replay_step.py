@@ -189,10 +189,10 @@ def test_the_daemon_hears_what_is_added_and_whole(tmp_path: Path) -> None:
     file = tmp_path / "marks"
     assert ReplayMarks(file).read_new() == []
     file.write_text(out_of_step_line("g1", 3e6))
-    watch = ReplayMarks(file)
-    assert watch.read_new() == []
+    followed = ReplayMarks(file)
+    assert followed.read_new() == []
     with file.open("a") as marks:
         marks.write(out_of_step_line("robot", -4.2e6) + "nonsense\n" + "g1 +7")
-    ((stream, fault),) = watch.read_new()
+    ((stream, fault),) = followed.read_new()
     assert stream == "robot" and fault.kind is FaultKind.OUT_OF_STEP and "-4.2 ms" in fault.detail
-    assert watch.read_new() == []
+    assert followed.read_new() == []

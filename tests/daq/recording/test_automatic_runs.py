@@ -128,7 +128,7 @@ def test_a_silent_gauge_is_why_nothing_started(cell: Bench) -> None:
 
 
 def _by_hand(tmp_path: Path) -> tuple[Recorder, Arbiter, dict[str, StreamBuffer]]:
-    """The attendant and the recorder without their threads."""
+    """The arbiter and the recorder without their threads."""
     text = _text("ur_rtde", still_s=0.2)
     rig = parse(text, "bench")
     buffers = {stream.name: StreamBuffer(stream.name, stream.columns) for stream in streams_of(rig)}

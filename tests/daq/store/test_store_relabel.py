@@ -66,7 +66,7 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing(run: Path) -> None:
     with pytest.raises(FileError, match="data of a yaw test, which cannot be of a pose test"):
         relabel(run, test="pose")
     for name in ("a\nb", "a\x1b[2Jb", "a\tb"):
-        with pytest.raises(FileError, match="holds control characters; give --operator in one line"):
+        with pytest.raises(FileError, match="contains control characters; give --operator in one line"):
             relabel(run, operator=name)
     assert (run / MANIFEST).read_bytes() == before
 

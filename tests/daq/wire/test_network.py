@@ -172,7 +172,11 @@ def test_only_the_called_controller_is_heard() -> None:
 
 @pytest.mark.parametrize(
     ("address", "told"),
-    [("203.0.113.7", "an address of this computer"), ("taken", "a port nobody else has"), ("a" * 64, "no host")],
+    [
+        ("203.0.113.7", "an address of this computer"),
+        ("taken", "a port nobody else has"),
+        ("a" * 64, "the host name is not valid"),
+    ],
 )
 def test_an_address_that_cannot_be_ours_is_told(address: str, told: str) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
