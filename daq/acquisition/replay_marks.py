@@ -1,7 +1,7 @@
 """The file in which `rig replay` marks each second that was out of step, and which rigd follows while it records.
 
 The rig file of a replayed cell names it (`replay:`). Each line is a second of a stream that was too far from its time;
-it becomes a fault of that stream, in the run that is being recorded, and nobody takes figures from such a run.
+it becomes a fault of that stream, in the run that is being recorded, and no figures are taken from such a run.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The device's side of a captured connection, on the timebase of its replay: one that speaks unasked, one that answers.
+"""The device's side of a captured connection, on the timebase of its replay: one that streams, one that answers.
 
 Host and capture are in step as long as the host asks in the rhythm in which it was captured, and it does so by itself:
 an answer never comes before its time, and the next question follows the answer.

@@ -36,7 +36,7 @@ Player = StreamingPlayer | AnsweringPlayer
 class Replay:
     """The instruments of a rig as they were captured, in a `cell` to start and to stop.
 
-    marks: the file that is told what is out of step; none where nobody records. Raises FileError where the capture
+    marks: the file that records what is out of step; None if it is not wanted. Raises FileError where the capture
     holds nothing of a stream of the rig, OSError where the file cannot be made.
     """
 
@@ -164,7 +164,7 @@ def _pieces(rig: Rig, stream: Stream, capture: Capture) -> tuple[Piece, ...]:
 
 
 def _connections(stream: Stream, pieces: Sequence[Piece]) -> Iterable[Sequence[Piece]]:
-    """The pieces of each time that the link was open and something came; over TCP alone they are told apart."""
+    """The pieces of each time that the link was open and something came; only over TCP can they be distinguished."""
     if not tcp_address(stream.port):
         return [pieces]
     found: list[list[Piece]] = []

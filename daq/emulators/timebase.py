@@ -67,7 +67,7 @@ class Steps:
     def __init__(
         self, bearable_ns: float, *, asked: bool, out_of_step: Callable[[float], None] = lambda off_ns: None
     ) -> None:
-        """out_of_step: is told by how much, in ns, each second was off that was further off than `bearable_ns`."""
+        """out_of_step: is called with how much, in ns, each second was off that was further off than `bearable_ns`."""
         self._asked = asked
         self.bearable_ns = bearable_ns
         self._out_of_step = out_of_step

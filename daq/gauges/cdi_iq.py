@@ -1,6 +1,6 @@
 """CDI and Starrett IQ indicators: `R` is answered by fifteen characters, `±########, MM` and CR LF.
 
-One of the eight is the point, and blanks may stand among them. The unit, MM or IN, is told with each reading.
+One of the eight is the point, and blanks may stand among them. The unit, MM or IN, comes with each reading.
 `NOT FOUND`, `NO ACCESS`, `OUT OF BOUNDS` and `NON NUMERIC` refuse a command (makers' pages, confirmed).
 """
 

@@ -3,7 +3,7 @@
 `A+12.3456`, with more before the sign where the counter is set so: its mode (N current, P peak to peak, I minimum, A
 maximum), the unit (M mm, I inch), the comparator (U, G, L, E). `A+F…` is an overflow, `AE` an alarm (LT20A/LT30
 manual p. 100-101, confirmed). A two-channel counter puts B after A and a blank, or on a line of its own if so set,
-which cannot be told from a late answer: set it to the blank. `R` and CR LF are those of the sister series LT10A (its
+which looks like a late answer: set it to the blank. `R` and CR LF are those of the sister series LT10A (its
 manual p. 43), and the line settings are not known: weak.
 """
 

@@ -1,4 +1,4 @@
-"""Magnescale MG80-SC: what it answers to the request that the rig file gives, which nobody could confirm.
+"""Magnescale MG80-SC: what it answers to the request that the rig file gives, which could not be confirmed.
 
 A header of five, module, counter, mode, unit `M`, comparator `U` `G` `L` `E`, then `±99.9999`; overflow `±F0.0000`,
 alarm `"  Error "` (maker's manual p. 39, confirmed). Its mode letters and `I` for inch are believed to be those of the

@@ -1,7 +1,7 @@
 """Mahr Millimar C1202: `M1?` asks for one feature, `?` for all three, in one answer joined with `;`.
 
 `1 ±XXX.XX unit`, after it up to two of `<` `=` `>` where tolerances are on, and `ERR6` for a feature that is
-deactivated (maker's manual p. 82, confirmed). `channel` is the feature. The unit is told with each reading.
+deactivated (maker's manual p. 82, confirmed). `channel` is the feature. The unit comes with each reading.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Micro-Epsilon optoNCDT 1420 on RS-422: it streams, three bytes a value, with no sign of who asked or when.
 
-The two top bits tell the bytes apart: 00 low, 01 middle, 10 high, six bits of value in each; 11 is the high byte of
+The two top bits distinguish the bytes: 00 low, 01 middle, 10 high, six bits of value in each; 11 is the high byte of
 a further value in the same block (maker's manual p. 84). A distance x counts from the start of the measuring range,
 d = (102/65520 x - 1)/100 range, and is within it for x of 643 … 64877 (p. 65). That codes from 262075 on are errors
 is believed, not confirmed. `OUTPUT RS422` sets it going (p. 108), and its answer, ASCII, falls among the values.
@@ -45,7 +45,7 @@ def device(gauges: Sequence[MicroEpsilonILD1420], read: Read) -> Device:
 
 
 class _Values:
-    """Cuts the stream into its values, and tells a byte out of place once."""
+    """Cuts the stream into its values, and reports a byte out of place once."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()

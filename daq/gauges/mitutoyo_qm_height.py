@@ -1,7 +1,7 @@
 """Mitutoyo QM-Height on its USB port: the replies of `mitutoyo_usb`, each of twelve characters and CR.
 
 `01A+0000.123` in mm, `01A+00.12345` or `01A+000.1234` in inch (maker's manual p. 73, confirmed): the number of decimals
-tells the unit. That it understands the same request, `1`, is believed, not confirmed.
+states the unit. That it understands the same request, `1`, is believed, not confirmed.
 """
 
 from __future__ import annotations

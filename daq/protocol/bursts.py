@@ -1,6 +1,6 @@
-"""Telling a fault that keeps coming once a second instead of a thousand times.
+"""Reporting a fault that keeps coming once a second instead of a thousand times.
 
-The first is told at once. Those that follow without a message free of it in between are counted, and told
+The first is reported at once. Those that follow without a message free of it in between are counted, and reported
 as one when they end or a second has passed. What has its own count or its own pace (SILENT, LATE, SKIPPED, STRANGER)
 passes unchanged.
 """

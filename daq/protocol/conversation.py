@@ -17,7 +17,7 @@ from enum import StrEnum
 from typing import Protocol
 
 NO_TIME = -1
-"""A stamp that does not exist: the request of a device that streams unasked."""
+"""A stamp that does not exist: the request of a device that streams by itself."""
 
 
 class FaultKind(StrEnum):

@@ -2,7 +2,7 @@
 
 A framer is fed the pieces as they come and gives the messages they complete, whatever the pieces' cut.
 `Lines` ends a message at a delimiter; `Sized` reads its length from its first bytes. Neither keeps more
-than `LIMIT` bytes, however long a peer babbles without ending a message: the rest is discarded and told as
+than `LIMIT` bytes, however long a peer babbles without ending a message: the rest is discarded and reported as
 one GARBLED fault.
 """
 

@@ -1,8 +1,8 @@
 """Lost, doubled and overtaken datagrams, seen by the number that each carries.
 
-A sample that comes after a later one, or twice, is left out and told as LATE: its place in time is gone by, and a
-clock that runs backwards would look like a controller that was started again. What is missing is told as SKIPPED,
-with the count; so a sample that was overtaken is told as missing first and as late when it comes.
+A sample that comes after a later one, or twice, is ignored and reported as LATE: its time has passed, and a
+clock that runs backwards would look like a controller that was started again. What is missing is a SKIPPED fault
+with the count; so a sample that was overtaken is reported as missing first and as late when it comes.
 """
 
 from __future__ import annotations

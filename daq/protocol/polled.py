@@ -13,7 +13,7 @@ It also is where nothing is asked because a given `rate_hz` allows no further re
 `STIR_NS`, each time for another time: after `STIR` requests, half a second (`STIR_EVERY_NS`) apart at the least, since
 it makes a hole in the readings of a quick instrument. An adapter that holds bytes back (FTDI's latency
 timer, 16 ms) falls into step with requests that follow each answer at once; then no answer of a run comes as
-quickly as the instrument gives it, and nobody could tell when it was latched.
+quickly as the instrument gives it, and it is unknown when it was latched.
 
 An answer later than twice `timeout_s` can still slip through where the protocol has neither a number nor a length
 to tell by (`daq.protocol.probes`): make `timeout_s` at least half the slowest answer of the instrument. After an

@@ -1,7 +1,7 @@
 """Reading a block of Modbus registers, and serving one: what gauges and controllers with registers have in common.
 
 The block is read whole in one request, because a value of several registers may not be split (Baumer OM20/OM30
-manual p. 22, confirmed) and what it holds must be of the same instant. Over TCP the transaction id tells an old answer.
+manual p. 22, confirmed) and what it holds must be of the same instant. Over TCP the transaction id marks an old answer.
 An RTU answer carries no number, so after a time-out the line is drained (`daq.protocol.polled`), and lest the answer
 come later still, a read of another length comes next, whose answer cannot be mistaken (`daq.protocol.probes`).
 """

@@ -3,7 +3,7 @@
 One thread owns a writer. It appends rows and writes them, which a kill does not reach. What takes the disk's
 time is `Work` for another thread: to sync, which what came so far then survives a power cut by, and to close a
 chunk that is full. One piece at a time. A disk that refuses makes a `CellError` and condemns the writer,
-because after a failed fsync nobody knows what is on the disk; what was synced before stays readable,
+because after a failed fsync it is unknown what is on the disk; what was synced before stays readable,
 `close` saves what it still can, and `rig recover` does the rest. `NearlyFull` comes before that: it
 condemns nothing, and the run can be closed whole.
 """

@@ -1,12 +1,12 @@
 """Links: the only place that touches a serial device or a socket.
 
-Every link is a file descriptor with a name, read with a time limit and stamped by whoever reads it.
+Every link is a file descriptor with a name, read with a time limit and stamped by its reader.
 
-A TCP peer that vanishes (power cut, cable, a program that hangs) says no goodbye: a connection that brings nothing
-for `dead_s` is lost. The system notices a computer that is gone somewhat earlier, and says so in its own words.
+A TCP peer that vanishes (power cut, cable, a program that hangs) closes nothing: a connection that brings nothing
+for `dead_s` is lost. The system notices a computer that is gone somewhat earlier, and reports it in its own words.
 
-UDP has no connections at all. A port is bound where the rig file names one and nowhere else; whoever sent what made
-a sample is the peer until it is silent, and only it is answered and heard (`UdpLink`).
+UDP has no connections at all. A port is bound where the rig file names one and nowhere else; the sender of what made
+a sample is the peer until it is silent, and only that peer is answered and read (`UdpLink`).
 
 pyserial opens and configures serial devices (and locks them); reading goes straight to the descriptor,
 since one `select` and one `read` a piece is what keeps the stamps close to the arrival.
@@ -112,7 +112,7 @@ class Link:
 class UdpLink(Link):
     """A UDP port: a read gives one datagram, a write sends one.
 
-    peer: whom to speak to and to hear, None for whoever sends something that makes a sample.
+    peer: the only sender that is answered and read; None for the first one whose datagram makes a sample.
     """
 
     def __init__(self, name: str, sock: socket.socket, peer: Address | None) -> None:
@@ -229,7 +229,7 @@ def _open_tcp(name: str, address: tuple[str, int], dead_s: float) -> Link:
 
 
 def _set_keepalive(sock: socket.socket, dead_s: float) -> None:
-    """Have the system ask a silent peer whether it is there, and give up what nobody acknowledges, before `dead_s`."""
+    """Let the system probe a silent peer, and give up data that is not acknowledged, before `dead_s`."""
     part_s = max(1, round(dead_s / 5))
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, part_s)
