@@ -11,8 +11,8 @@ from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
 from daq.protocol.modbus import fits, pack, unpack
 from daq.protocol.polled import Polled
-from daq.protocol.probes import Probes
 from daq.protocol.registers import Held, RegisterDevice, RegisterDialect, Registers, pack_verdict, verdict
+from daq.protocol.resync import Resync
 from rigs.modbus import ModbusMap
 from rigs.probe import MM_PER_UNIT
 
@@ -29,9 +29,9 @@ def device(gauges: Sequence[ModbusMap], read: Read) -> Device:
     return RegisterDevice(gauge, held(gauge, read))
 
 
-def dialect(gauge: ModbusMap, probes: Probes | None = None) -> RegisterDialect:
-    """Return the dialect that reads this block; `probes`: see `daq.protocol.registers`."""
-    return RegisterDialect(gauge, partial(_reading, gauge), probes)
+def dialect(gauge: ModbusMap, resync: Resync | None = None) -> RegisterDialect:
+    """Return the dialect that reads this block; `resync`: see `RegisterDialect`."""
+    return RegisterDialect(gauge, partial(_reading, gauge), resync)
 
 
 def held(gauge: ModbusMap, read: Read) -> Held:

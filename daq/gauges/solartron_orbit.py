@@ -76,7 +76,7 @@ class _OrbitDialect:
 
     def __init__(self, gauge: SolartronOrbit) -> None:
         self._value = dialect(_block(gauge, gauge.parameter))
-        self._status = dialect(_status_block(gauge), self._value.probes)
+        self._status = dialect(_status_block(gauge), self._value.resync)
         self.frames = self._value.frames
         self.check = self._value.check
         self._held: Sample | None = None

@@ -20,7 +20,7 @@ from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from daq.protocol.framing import Framer, Lines, Message, Sized
-from daq.protocol.probes import Probes
+from daq.protocol.resync import Resync
 from rigs.links import tcp_address
 from rigs.modbus import Register
 
@@ -68,11 +68,11 @@ class Block(Protocol):
 class Wire:
     """The frames of one side, RTU or TCP as the port requires."""
 
-    def __init__(self, block: Block, *, serving: bool, probes: Probes | None = None) -> None:
+    def __init__(self, block: Block, *, serving: bool, resync: Resync | None = None) -> None:
         self.numbered = tcp_address(block.port) is not None
         """Whether requests and replies carry a transaction id."""
         self.frames: Framer
-        self.probes = probes or Probes(block.count)
+        self.resync = resync or Resync(block.count)
         """Which answer is expected on a serial line."""
         self._block = block
         codec = DecodePDU(is_server=serving)
@@ -93,7 +93,7 @@ class Wire:
         """Return the request for the whole block; on a serial line it may be a probe, a read of another length."""
         b = self._block
         kind = _REQUEST[b.function]
-        count = b.count if self.numbered else self.probes.ask()
+        count = b.count if self.numbered else self.resync.ask()
         return self.encode(kind(dev_id=b.unit, transaction_id=number, address=b.address, count=count))
 
     def open(self, frame: bytes) -> tuple[int, int, bytes]:
@@ -113,7 +113,7 @@ class Wire:
             return None
         if function & 0x80:
             return 5
-        return 5 + size if size / 2 in (self._block.count, *self.probes.counts) else None
+        return 5 + size if size / 2 in (self._block.count, *self.resync.counts) else None
 
 
 def _tcp_length(head: bytes) -> int | None:

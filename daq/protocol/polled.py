@@ -16,7 +16,7 @@ timer, 16 ms) falls into step with requests that follow each answer at once; the
 quickly as the instrument gives it, and it is unknown when it was latched.
 
 An answer later than twice `timeout_s` can still slip through where the protocol has neither a number nor a length
-to tell by (`daq.protocol.probes`): make `timeout_s` at least half the slowest answer of the instrument. After an
+to tell by (`daq.protocol.resync`): make `timeout_s` at least half the slowest answer of the instrument. After an
 error answer the line rests for `PAUSE_NS`, for an instrument that refuses does so at once.
 """
 

@@ -3,7 +3,7 @@
 The block is read whole in one request, because a value of several registers may not be split (Baumer OM20/OM30
 manual p. 22, confirmed) and what it holds must be of the same instant. Over TCP the transaction id marks an old answer.
 An RTU answer carries no number, so after a time-out the line is drained (`daq.protocol.polled`), and lest the answer
-come later still, a read of another length comes next, whose answer cannot be mistaken (`daq.protocol.probes`).
+come later still, a read of another length comes next, whose answer cannot be mistaken (`daq.protocol.resync`).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from daq.protocol.conversation import Fault, FaultKind, Sample, Step
 from daq.protocol.framing import Message
 from daq.protocol.modbus import Block, Wire, pack, unpack
 from daq.protocol.polled import Reply, Then
-from daq.protocol.probes import Probes
+from daq.protocol.resync import Resync
 from rigs.modbus import StatusRegister
 
 Registers = Sequence[int]
@@ -45,12 +45,12 @@ class RegisterDialect:
     reset = b""
     check = "check the cable, that the instrument is on, the line's settings and `unit`"
 
-    def __init__(self, block: Block, reading: Reading, probes: Probes | None = None) -> None:
-        """probes: those of another block that is read over the same line in turn."""
+    def __init__(self, block: Block, reading: Reading, resync: Resync | None = None) -> None:
+        """resync: that of another block which is read over the same line in turn."""
         self._block = block
         self._reading = reading
-        self._wire = Wire(block, serving=False, probes=probes)
-        self.probes = self._wire.probes
+        self._wire = Wire(block, serving=False, resync=resync)
+        self.resync = self._wire.resync
         self.frames = self._wire.frames
         self._number = 0
 
@@ -72,18 +72,18 @@ class RegisterDialect:
 
     def _answer(self, content: bytes, message: Message, requested_ns: int) -> Reply:
         """What a sound answer of this instrument means, or one to an earlier request."""
-        at_ns, probes = message.last_byte_ns, self.probes
+        at_ns, resync = message.last_byte_ns, self.resync
         pdu = self._wire.decode(content)
-        other = pdu is None or (not pdu.isError() and len(pdu.registers) != probes.asked)
+        other = pdu is None or (not pdu.isError() and len(pdu.registers) != resync.asked)
         if pdu is None or (other and self._wire.numbered):
             return _garbled(f"{message.size} bytes answer a read of {self._block.count} registers", at_ns)
         if other:
             detail = "an answer came too late, recognised by its length, and was ignored; increase timeout_s"
             return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
-        probes.answered()
-        if probes.probing:
+        resync.answered()
+        if resync.probing:
             return Reply(())
-        if probes.doubtful:
+        if resync.doubtful:
             detail = "an answer came that may belong to an earlier request, and was ignored; increase timeout_s"
             return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.DRAIN)
         if pdu.isError():

@@ -15,7 +15,7 @@ from daq.protocol.conversation import Device, FaultKind, Step
 from daq.protocol.framing import Message
 from daq.protocol.modbus import RtuRequests
 from daq.protocol.polled import STIR_EVERY_NS, Polled
-from daq.protocol.probes import Probes
+from daq.protocol.resync import Resync
 
 CASES = polled()
 RTU = modbus(timeout_s=TIMEOUT_S)
@@ -35,13 +35,13 @@ def test_each_value_belongs_to_its_own_request(name: str) -> None:
 @pytest.mark.parametrize("name", [name for name, gauge in CASES.items() if gauge.port != TCP])
 def test_without_the_drain_answers_are_one_behind(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Polled, "_give_up", lambda self, items, now_ns: self._ask(items, now_ns))
-    monkeypatch.setattr(Probes, "ask", lambda self: self.asked)
+    monkeypatch.setattr(Resync, "ask", lambda self: self.asked)
     assert simulated(CASES[name], 500, 7).shifted > 50
 
 
 def test_the_drain_alone_does_not_hold_back_an_answer_of_three_time_outs(monkeypatch: pytest.MonkeyPatch) -> None:
     assert simulated(RTU, 500, 7, slowest=3).shifted == 0
-    monkeypatch.setattr(Probes, "ask", lambda self: self.asked)
+    monkeypatch.setattr(Resync, "ask", lambda self: self.asked)
     assert simulated(RTU, 500, 7, slowest=3).shifted > 50
 
 

@@ -5,8 +5,8 @@ next request's answer is its own, however late the instrument is. Until then an 
 Probes in a row ask for different lengths, which come round again after `LENGTHS` of them.
 
 Some instrument may answer nothing but its usual request. Until one probe has been answered, only `TRIES` are made,
-and one more for each reading that was answered in time. What is asked then is `doubtful`: whose its answer is nobody
-knows.
+and one more for each reading that was answered in time. A request made after that is `doubtful`, since its answer may
+belong to an earlier one.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ LENGTHS = 8
 TRIES = 3
 
 
-class Probes:
+class Resync:
     """Chooses the length of the next answer, so that a late answer can be recognised by its length."""
 
     def __init__(self, count: int) -> None:
