@@ -1,1 +1,2 @@
-"""The daemon and what it is made of: links, gauges, feedback, the store, emulators. Knows no analysis."""
+"""Data acquisition. Folders follow the data: protocol, gauges and feedback (pure), wire, acquisition, store, recording,
+service; emulators and doctor stand beside them. It imports nothing of the analysis."""

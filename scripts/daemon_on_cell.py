@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from daq.client import Client
 from daq.emulators import Cell
+from daq.service.client import Client
 
 
 @contextmanager

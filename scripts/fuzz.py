@@ -18,7 +18,7 @@ from typing import Annotated
 import typer
 
 TESTS = Path(__file__).parents[1] / "tests"
-sys.path.extend(str(TESTS / folder) for folder in ("fuzz", "protocols", "store", "tables"))
+sys.path.extend(str(TESTS / folder) for folder in ("fuzz", "daq/protocol", "daq/store", "tables"))
 
 from fuzz_files import use  # noqa: E402 - found by the line above
 from fuzzing import GROWTH_MB, Outcome, blocks, is_file, run_block, targets  # noqa: E402

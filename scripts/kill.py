@@ -25,14 +25,14 @@ import numpy as np
 import typer
 from pace import STEP_DEG, STEP_MM, Counting, rig_text
 
-from daq.client import Client
 from daq.emulators import emulated
+from daq.service.client import Client
 from daq.store import load_manifest, read_run, verify
 from rigs.errors import RigError
 from rigs.load import parse
 
 COLUMNS = {"g1": ("g1_mm", STEP_MM), "g2": ("g2_mm", STEP_MM), "robot": ("q1_deg", STEP_DEG)}
-ROLLING = "import daq.store.writer as w; w.CHUNK_AGE_NS = 4 * 10**8\nfrom daq.rigd import main; main()"
+ROLLING = "import daq.store.writer as w; w.CHUNK_AGE_NS = 4 * 10**8\nfrom daq.service.rigd import main; main()"
 PATIENCE_S = 60.0
 MOST_LOST_S = 1.0
 

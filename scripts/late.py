@@ -12,7 +12,7 @@ from typing import Annotated
 
 import typer
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "protocols"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "daq" / "protocol"))
 
 from drivers import modbus
 from lateness import SLOWEST, TIMEOUT_S, polled, simulated, wired

@@ -1,4 +1,4 @@
-"""Crash states of a recording on a disk that forgets what was not synced (see tests/store/powercut.py)."""
+"""Crash states of a recording on a disk that forgets what was not synced (see tests/daq/store/powercut.py)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from typing import Annotated
 
 import typer
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "store"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "daq" / "store"))
 
-from powercut import Disk, survivors
+from powercut import IoWorker, survivors
 from powercut_trial import Outcome, Recording, recording, trial
 
 _EACH = 25
@@ -44,7 +44,7 @@ def main(
 def _recorded(folder: Path, seed: int) -> Recording:
     (folder / "recording").mkdir(parents=True)
     recorded = recording(folder / "recording", seed)
-    assert survivors(recorded.before, recorded.log, None).tree() == Disk.read(folder / "recording").tree(), (
+    assert survivors(recorded.before, recorded.log, None).tree() == IoWorker.read(folder / "recording").tree(), (
         "the store changed a file beside daq.store.durable"
     )
     return recorded

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "daemon"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "daq"))
 
 from replugging import KINDS, replug, report
 

@@ -19,8 +19,8 @@ from analysis.reading.tables import CircleTable
 from daq.protocol.conversation import NO_TIME
 from daq.store import RunWriter
 from daq.store.chunk import Salvage
-from daq.store.recording import store
 from daq.store.schema import schema_of
+from daq.store.stream_writer import store_chunk
 from daq.store.writer import CHUNK_ROWS
 from rigs.load import load
 
@@ -55,11 +55,11 @@ def main(runs: Path, rows: int) -> None:
     chunks = list(writer.manifest.chunks)
     for stream, columns in STREAMS.items():
         rate = ROBOT_HZ if stream == "robot" else GAUGE_HZ
-        schema = writer._recorders[stream].schema
+        schema = writer._writers[stream].schema
         count = max(2, rows * rate // GAUGE_HZ)
         for number, batch in enumerate(_batches(table, stream, count, rate), start=1):
             stored = pa.record_batch(batch, schema=schema_of(stream, columns))
-            chunks.append(store(writer.path, stream, number, Salvage((stored,), True, 0, None), schema))
+            chunks.append(store_chunk(writer.path, stream, number, Salvage((stored,), True, 0, None), schema))
     writer.manifest = writer.manifest.model_copy(update={"chunks": tuple(chunks)})
     writer.close("complete", "written", {})
     print(writer.path)

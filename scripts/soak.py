@@ -1,7 +1,7 @@
 """Records for MINUTES and watches memory, descriptors and threads: flat from the second third on, or exit code 1.
 
-In real time it is the real daemon on an emulated cell; with --times 30 the daemon's inboxes, writer and store are given
-half an hour's items in a minute.
+In real time it is the real daemon on an emulated cell; with --times 30 the daemon's buffers, recorder and store are
+given half an hour's items in a minute.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "daemon"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "daq"))
 
 from soaking import accelerated, in_real_time, wrong
 

@@ -17,7 +17,7 @@ from rigs.load import SHIPPED, parse
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
 BIN = Path(sys.executable).parent
-_SOURCES = [*sorted(ROOT.glob("analysis/cli/*.py")), ROOT / "daq" / "rigd.py"]
+_SOURCES = [*sorted(ROOT.glob("analysis/cli/*.py")), ROOT / "daq" / "service" / "rigd.py"]
 VALUES = {"polled", "continuous", "optorsd", "m1240", "rtu", "ascii"}
 """What a key may be set to, written in the table beside its key."""
 

@@ -22,7 +22,7 @@ def live(rig: RigName = None) -> None:
     from rich.live import Live  # noqa: PLC0415
 
     from analysis.reporting.screen import screen  # noqa: PLC0415
-    from daq.client import Client, find_socket  # noqa: PLC0415
+    from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     console = Console()
     with (

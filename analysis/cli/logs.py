@@ -9,7 +9,7 @@ import typer
 from analysis.cli import app
 
 if TYPE_CHECKING:
-    from daq.journal import Entry
+    from daq.service.journal import Entry
 
 
 @app.command()
@@ -24,7 +24,7 @@ def logs(
     import contextlib  # noqa: PLC0415
     from pathlib import Path  # noqa: PLC0415
 
-    from daq.journal import read  # noqa: PLC0415
+    from daq.service.journal import read  # noqa: PLC0415
 
     name = rig and Path(rig).name.removesuffix(".yaml")
     with contextlib.suppress(KeyboardInterrupt):
@@ -34,7 +34,7 @@ def logs(
 
 def line(entry: Entry, *, named: bool) -> str:
     """One line: time, severity where it is worth a look, and text; with the rig's name where there are several."""
-    from daq.journal import ERROR, INFO, WARNING  # noqa: PLC0415
+    from daq.service.journal import ERROR, INFO, WARNING  # noqa: PLC0415
 
     if entry.severity <= ERROR:
         word, colour = "error", "red"

@@ -27,7 +27,7 @@ def start(
     """Begin a recording; prints the run directory."""
     import getpass  # noqa: PLC0415
 
-    from daq.client import Client, find_socket  # noqa: PLC0415
+    from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     with Client(find_socket(rig)) as client:
         fields = {
@@ -43,7 +43,7 @@ def start(
 @record.command()
 def stop(rig: RigName = None) -> None:
     """End the recording; prints the run directory, and on standard error what went wrong meanwhile."""
-    from daq.client import Client, find_socket  # noqa: PLC0415
+    from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     with Client(find_socket(rig)) as client:
         ended = client.ask("record_stop")
@@ -62,7 +62,7 @@ def status(
     """What the daemon reads and records now."""
     import json  # noqa: PLC0415
 
-    from daq.client import Client, find_socket  # noqa: PLC0415
+    from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     with Client(find_socket(rig)) as client:
         state = client.ask("status")
@@ -79,7 +79,7 @@ def status(
 @app.command()
 def metrics(rig: RigName = None) -> None:
     """The daemon's rates, faults, queues, disk and clocks in the text format of Prometheus."""
-    from daq.client import Client, find_socket  # noqa: PLC0415
+    from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     with Client(find_socket(rig)) as client:
         typer.echo(client.ask("metrics")["text"], nl=False)

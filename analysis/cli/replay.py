@@ -30,8 +30,8 @@ def replay(
     import signal  # noqa: PLC0415
     from queue import SimpleQueue  # noqa: PLC0415
 
-    from daq.capture import read_capture  # noqa: PLC0415
     from daq.emulators import Replay  # noqa: PLC0415
+    from daq.wire.capture import read_capture  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 

@@ -29,7 +29,7 @@ _UNIT_PROPERTIES = "LoadState,ActiveState,SubState,Result,NRestarts,UnitFileStat
 
 
 def examine_computer(runs: Path, unit: str | None) -> Iterator[Finding]:
-    """Everything about it; `unit` is the service of the rig, where it has one."""
+    """Examine the computer; `unit` is the service of the rig, if it has one."""
     try:
         place = next(path for path in (runs, *runs.parents) if path.is_dir())
         yield room(runs, shutil.disk_usage(place).free / _GB)
@@ -46,7 +46,7 @@ def examine_computer(runs: Path, unit: str | None) -> Iterator[Finding]:
 
 
 def room(runs: Path, free_gb: float) -> Finding:
-    """Whether there is room to record."""
+    """Check whether there is room to record."""
     what = f"{free_gb:.1f} GB free for {runs}"
     if free_gb < _TOO_LITTLE_GB:
         return wrong("disk", what, "make room; a full disk ends a recording")
@@ -56,7 +56,7 @@ def room(runs: Path, free_gb: float) -> Finding:
 
 
 def sync_time(runs: Path, slowest_s: float) -> Finding:
-    """Whether the disk keeps up with a daemon that syncs twice a second."""
+    """Check whether the disk keeps up with a daemon that syncs twice a second."""
     what = f"putting 64 kB on the disk took up to {slowest_s * 1e3:.0f} ms"
     if slowest_s > _TOO_SLOW_S:
         return wrong("disk", what, f"have {runs} on a disk of its own, no memory card and no network drive")
@@ -66,7 +66,7 @@ def sync_time(runs: Path, slowest_s: float) -> Finding:
 
 
 def wall_clock(state: int) -> Finding:
-    """Whether NTP keeps the clock; `state` is what adjtimex gives."""
+    """Check whether NTP controls the clock; `state` is what adjtimex returns."""
     if state != _TIME_ERROR:
         return ok("clock", "kept by NTP")
     what = (
@@ -76,7 +76,7 @@ def wall_clock(state: int) -> Finding:
 
 
 def service(unit: str, properties: Mapping[str, str]) -> Finding:
-    """What systemd makes of the unit, from `systemctl show`."""
+    """Check the state of the unit, from `systemctl show`."""
     if properties.get("LoadState") != "loaded":
         return doubtful(unit, "not installed", "run: sudo scripts/install")
     active, sub = properties.get("ActiveState", ""), properties.get("SubState", "")
@@ -96,7 +96,7 @@ def service(unit: str, properties: Mapping[str, str]) -> Finding:
 
 
 def slowest_sync_s(folder: Path) -> float:
-    """The longest of some writes with fsync, in a file that is gone again. Raises OSError."""
+    """Measure the longest of some writes with fsync, in a temporary file. Raises OSError."""
     with tempfile.TemporaryFile(dir=folder) as file:
         taken = []
         for _ in range(_SYNCS):
@@ -109,13 +109,13 @@ def slowest_sync_s(folder: Path) -> float:
 
 
 def clock_state() -> int:
-    """What adjtimex(2) says of the clock when asked to change nothing."""
+    """Return the state of the clock as adjtimex(2) reports it; nothing is changed."""
     timex = ctypes.create_string_buffer(256)  # larger than struct timex, whose first member asks for no change
     return int(ctypes.CDLL(None).adjtimex(timex))
 
 
 def unit_properties(unit: str) -> dict[str, str]:
-    """What systemd says of a unit; nothing where systemd does not run or answer."""
+    """Return systemd's properties of a unit; empty if systemd does not run or answer."""
     if not Path("/run/systemd/system").is_dir() or not shutil.which("systemctl"):
         return {}
     command = ["systemctl", "show", f"--property={_UNIT_PROPERTIES}", unit]

@@ -7,12 +7,12 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from daq.client import Client, find_socket
+from daq.acquisition.streams import Stream, streams_of
 from daq.doctor.computer import examine_computer
 from daq.doctor.finding import Finding, Verdict, doubtful, ok, wrong
 from daq.doctor.ports import examine_port
 from daq.doctor.trial import examine_conversation
-from daq.streams import Stream, streams_of
+from daq.service.client import Client, find_socket
 from rigs.errors import CellError
 from rigs.rig import Rig
 
@@ -20,7 +20,7 @@ _FRESH_S = 3.0
 
 
 def examine(rig: Rig, runs: Path, unit: str | None = None, root: Path = Path("/")) -> Iterator[Finding]:
-    """Findings as they are made. unit: the rig's service; root: where /dev, /proc and /sys are."""
+    """Yield findings as they are made. unit: the rig's service; root: where /dev, /proc and /sys are."""
     yield from examine_computer(runs, unit)
     try:
         status = ask(rig.name)
@@ -44,7 +44,7 @@ def _timeout_s(rig: Rig, stream: Stream) -> float:
 
 
 def ask(rig: str) -> dict[str, Any] | None:
-    """The state of the daemon that serves this rig; None where none runs. Raises CellError where it will not say."""
+    """Return the status of the daemon of this rig; None if none runs. Raises CellError if it does not answer."""
     try:
         path = find_socket(rig)
     except CellError:
@@ -59,7 +59,7 @@ def ask(rig: str) -> dict[str, Any] | None:
 
 
 def told(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Finding]:
-    """What a daemon says of its streams; it has the ports, so nobody else speaks on them. streams: of the rig file."""
+    """Yield findings from a daemon's status, since the daemon holds the ports. streams: those of the rig file."""
     recording = f"records {status['recording']}" if status["recording"] else "records nothing"
     yield ok("rigd", f"serves {status['rig']} and {recording}; asked in place of the ports")
     served = {name: stream.get("port") for name, stream in status["streams"].items()}

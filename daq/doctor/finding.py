@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class Verdict(StrEnum):
-    """What to think of it."""
+    """The verdict of a finding."""
 
     OK = "ok"
     DOUBTFUL = "doubtful"
@@ -18,7 +18,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """about: a gauge, the robot, the disk …; what: what was seen; remedy: what to do, empty where all is well."""
+    """A finding. about: a gauge, the robot, the disk …; what: what was found; remedy: empty if all is well."""
 
     about: str
     verdict: Verdict
@@ -27,15 +27,15 @@ class Finding:
 
 
 def ok(about: str, what: str) -> Finding:
-    """As it should be."""
+    """Return a finding that all is well."""
     return Finding(about, Verdict.OK, what)
 
 
 def doubtful(about: str, what: str, remedy: str) -> Finding:
-    """Worth a look."""
+    """Return a finding that deserves attention."""
     return Finding(about, Verdict.DOUBTFUL, what, remedy)
 
 
 def wrong(about: str, what: str, remedy: str) -> Finding:
-    """To be mended."""
+    """Return a finding that has to be corrected."""
     return Finding(about, Verdict.WRONG, what, remedy)

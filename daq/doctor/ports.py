@@ -24,7 +24,7 @@ _LONG_MS = 2
 
 
 def examine_port(about: str, port: str, root: Path, *, served: bool) -> Iterator[Finding]:
-    """What there is to say of a serial port, up to the first thing that is wrong; one that rigd has is its own."""
+    """Yield findings on a serial port, up to the first that is wrong; rigd may hold the port."""
     checks = (present, lasting, quick) if served else (present, lasting, allowed, free, quick)
     for check in checks:
         if finding := check(about, port, root):
@@ -34,7 +34,7 @@ def examine_port(about: str, port: str, root: Path, *, served: bool) -> Iterator
 
 
 def present(about: str, port: str, root: Path) -> Finding:
-    """Whether there is such a port."""
+    """Check whether the port exists."""
     if _at(port, root).exists():
         return ok(about, f"{port} is there")
     here = ", ".join(_ports(root)) or "none"
@@ -44,7 +44,7 @@ def present(about: str, port: str, root: Path) -> Finding:
 
 
 def lasting(about: str, port: str, root: Path) -> Finding | None:
-    """Whether its name stays with the adapter; nothing to say of a port that is built in."""
+    """Check whether the port's name stays with the adapter; None for a port that is built in."""
     if not _BY_PLUGGING_ORDER.fullmatch(port):
         return None
     names = [name for name in _ports(root) if _at(name, root).resolve() == _at(port, root).resolve() and name != port]
@@ -53,7 +53,7 @@ def lasting(about: str, port: str, root: Path) -> Finding | None:
 
 
 def allowed(about: str, port: str, root: Path) -> Finding | None:
-    """Whether this user may read and write it, and the user that the service runs as."""
+    """Check whether this user, and the user of the service, may read and write the port."""
     device = _at(port, root)
     status = device.stat()
     group = _group_name(status.st_gid)
@@ -66,7 +66,7 @@ def allowed(about: str, port: str, root: Path) -> Finding | None:
 
 
 def free(about: str, port: str, root: Path) -> Finding | None:
-    """Whether another process that this user can see into holds it; nothing to say where none does.
+    """Check whether another process that this user can inspect holds the port; None if none does.
 
     A pty is held by whoever made it.
     """
@@ -83,7 +83,7 @@ def free(about: str, port: str, root: Path) -> Finding | None:
 
 
 def quick(about: str, port: str, root: Path) -> Finding | None:
-    """An FTDI adapter's latency timer: how long it keeps bytes back; other adapters have none."""
+    """Check an FTDI adapter's latency timer, which holds bytes back; None for other adapters."""
     timer = root / "sys/bus/usb-serial/devices" / _at(port, root).resolve().name / "latency_timer"
     try:
         ms = int(timer.read_text())

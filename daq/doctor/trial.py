@@ -1,4 +1,4 @@
-"""Speaking to an instrument for a moment, as the daemon would, and judging what came.
+"""A short conversation with an instrument, as the daemon would hold it, and the findings from what came.
 
 Only the instrument's own conversation is held, which asks and never sets. Where it does not answer at the line settings
 of the rig file, the usual ones are tried one after the other.
@@ -11,11 +11,11 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from daq.acquisition.streams import Stream
 from daq.doctor.finding import Finding, doubtful, ok, wrong
-from daq.links import Link, LinkLost
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
-from daq.runner import converse
-from daq.streams import Stream
+from daq.wire.links import Link, LinkLost
+from daq.wire.session import run_conversation
 from rigs.errors import CellError
 from rigs.links import Line
 
@@ -45,7 +45,7 @@ _USUAL = (
 
 @dataclass(frozen=True)
 class Trial:
-    """What a conversation brought. carried: bytes in both directions; error: why the port did not open."""
+    """The result of a short conversation. carried: bytes in both directions; error: why the port did not open."""
 
     items: Sequence[Item] = ()
     seconds: float = 0.0
@@ -55,19 +55,19 @@ class Trial:
 
     @property
     def samples(self) -> list[Sample]:
-        """Its readings."""
+        """The readings that came."""
         return [item for item in self.items if isinstance(item, Sample)]
 
     @property
     def understood(self) -> bool:
-        """Whether both sides speak the same: readings or the instrument's own errors, and hardly anything else."""
+        """Whether both sides understand each other: mostly readings, or the instrument's own errors."""
         said = sum(isinstance(item, Sample) or item.kind is FaultKind.DEVICE_ERROR for item in self.items)
         garbled = sum(isinstance(item, Fault) and item.kind is FaultKind.GARBLED for item in self.items)
         return said >= _ENOUGH and said > garbled
 
     @property
     def last_fault(self) -> str:
-        """In the conversation's words; empty without one."""
+        """The last fault in words; empty without one."""
         return next((item.detail for item in reversed(self.items) if isinstance(item, Fault)), "")
 
 
@@ -108,12 +108,12 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
         return time.monotonic() >= until
 
     def deliver(new: Sequence[Item]) -> None:
-        link.heed(new)
+        link.note_items(new)
         items.extend(new)
 
     try:
-        converse(counted, stream.host(), deliver, ended)
-        items += link.left_out()
+        run_conversation(counted, stream.host(), deliver, ended)
+        items += link.take_ignored()
     except LinkLost as lost:
         items.append(Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), f"the link was lost: {lost}"))
     finally:
@@ -122,7 +122,7 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
 
 
 def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = try_line) -> Iterator[Finding]:
-    """Whether it answers, how fast, and how its clock runs. timeout_s: of the instrument."""
+    """Examine whether the instrument answers, how fast, and how its clock runs. timeout_s: of the instrument."""
     wait_s = min(_LONGEST_WAIT_S, 2 * timeout_s)
     serial = stream.port.startswith("/")
     trial = attempt(stream, stream.line, _TALK_S + wait_s, _LISTEN_S)
@@ -138,7 +138,7 @@ def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = tr
 
 
 def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> Finding:
-    """Whether both sides understand each other; `search` finds line settings at which they do."""
+    """Check whether both sides understand each other; `search` finds line settings at which they do."""
     if trial.error is not None:
         return wrong(stream.name, f"{stream.port}: {trial.error.what}", trial.error.remedy)
     how = f"{stream.port} at {stream.line}" if stream.port.startswith("/") else stream.port
@@ -157,7 +157,7 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
 
 
 def pace(stream: Stream, trial: Trial) -> Finding | None:
-    """Readings a second against what the line could carry of them."""
+    """Compare the readings per second with what the line could carry."""
     samples = trial.samples
     if len(samples) < _ENOUGH or not (lasted_ns := _lasted_ns(samples)):
         return None
@@ -172,7 +172,7 @@ def pace(stream: Stream, trial: Trial) -> Finding | None:
 
 
 def clock(about: str, samples: Sequence[Sample]) -> Finding | None:
-    """How fast the instrument's own clock runs against this computer's; None for one without a clock.
+    """Compare the rate of the instrument's own clock with this computer's; None for one without a clock.
 
     The quickest arrivals of the first and of the last quarter lie closest to the truth: a delay only ever adds.
     """

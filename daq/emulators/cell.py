@@ -15,15 +15,15 @@ from typing import Protocol
 
 import yaml
 
+from daq.acquisition.streams import ROBOT, streams_of
 from daq.emulators.own_cycle import STEADY, Unsteady
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.punctual import Punctual
 from daq.emulators.tcp_port import TcpPort
 from daq.emulators.udp_port import UdpPort
-from daq.links import LinkLost
 from daq.protocol.conversation import Device
-from daq.runner import converse
-from daq.streams import ROBOT, streams_of
+from daq.wire.links import LinkLost
+from daq.wire.session import run_conversation
 from rigs.links import tcp_address, udp_address
 from rigs.rig import Rig
 
@@ -31,7 +31,7 @@ _NOTICE_S = 0.05
 
 
 class Server(Protocol):
-    """A local port that an emulated instrument is behind."""
+    """A local port with an emulated instrument behind it."""
 
     port: str
     """As a rig file names it."""
@@ -39,10 +39,10 @@ class Server(Protocol):
     """Cleared while its cable is pulled."""
 
     def serve(self, stop: threading.Event) -> None:
-        """Until `stop` is set."""
+        """Serve until `stop` is set."""
 
     def hang_up(self) -> None:
-        """End the conversation there is, and begin another."""
+        """End the present conversation, and begin another."""
 
 
 @dataclass(frozen=True)
@@ -117,27 +117,27 @@ class Cell:
         return self.sent()
 
     def silence(self, name: str) -> None:
-        """The instrument on this serial line says nothing any more."""
+        """Let the instrument on this serial line send nothing any more."""
         self._silenced.add(name)
 
     def hang_up(self, name: str) -> None:
-        """The instrument on this network port ends its conversation, and takes up a new one."""
+        """Let the instrument on this network port end its conversation and begin a new one."""
         self._servers[name].hang_up()
 
     def unplug(self, name: str) -> None:
-        """The instrument's cable is pulled: its tty and its name are gone, or its address refuses."""
+        """Pull the instrument's cable: its tty and its name are gone, or its address refuses."""
         self._plugged[name].clear()
 
     def plug(self, name: str) -> None:
-        """The cable is back: another tty under the same name, or the same address."""
+        """Plug the cable in again: another tty under the same name, or the same address."""
         self._plugged[name].set()
 
     def sent(self) -> dict[str, int]:
-        """Readings sent so far, by stream."""
+        """Return the number of readings sent so far, by stream."""
         return {name: sum(device.sent for device in devices) for name, devices in self._devices.items()}
 
     def rig_text(self, text: str) -> str:
-        """A rig file's text with the ports of this cell in place of its own."""
+        """Return a rig file's text with the ports of this cell in place of its own."""
         data = yaml.safe_load(text)
         for name, port in self.ports.items():
             (data["feedback"] if name == "feedback" else data["gauges"][name])["port"] = port
@@ -171,7 +171,7 @@ class Cell:
         def serve() -> None:
             while not self._stop.is_set() and name not in self._silenced:
                 with contextlib.suppress(LinkLost):
-                    converse(line, Punctual(made(), line) if paced else made(), lambda _: None, ended)
+                    run_conversation(line, Punctual(made(), line) if paced else made(), lambda _: None, ended)
                 self._stop.wait(_NOTICE_S)
                 if not plugged.is_set():
                     line.unplug()

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Protocol
 
 from daq import feedback, gauges
+from daq.acquisition.streams import ROBOT, gauge_groups
 from daq.emulators.cell import NONE, Adversity, Cell
 from daq.emulators.own_clock import OwnClock
 from daq.emulators.own_cycle import STEADY, Unsteady
 from daq.emulators.timed import timed_device, timed_read
 from daq.protocol.conversation import Device
-from daq.streams import ROBOT, gauge_groups
 from rigs.feedback import carries_signal
 from rigs.rig import Rig
 
@@ -26,10 +26,10 @@ class Motion(Protocol):
     """What the emulated instruments measure, at any time of the host's monotonic clock."""
 
     def gauge_mm(self, name: str, now_ns: int) -> float:
-        """Reading of the gauge of that name; nan where its head is off."""
+        """Return the reading of the gauge of that name; nan if its head is off."""
 
     def joints_deg(self, now_ns: int) -> Sequence[float]:
-        """The six joint angles that the controller reports."""
+        """Return the six joint angles that the controller reports."""
 
 
 def emulated(
@@ -39,7 +39,7 @@ def emulated(
     adversity: Adversity = NONE,
     names: Path | None = None,
 ) -> Cell:
-    """A cell whose instruments measure a motion.
+    """Return a cell whose instruments measure a motion.
 
     signal: number of the robot's program at a time, shown where the rig's feedback carries one. The rest: see `Cell`.
     """
@@ -56,7 +56,7 @@ def emulated(
 
 
 def gauge_device(rig: Rig, motion: Motion, group: Sequence[str], unsteady: Unsteady = STEADY) -> Callable[[], Device]:
-    """What makes the instrument that these gauges share, for each connection anew.
+    """Return a function that makes the instrument which these gauges share, anew for each connection.
 
     It latches as the rig file's `timing` says; a cycle of its own begins at a phase that is its name's alone.
     """

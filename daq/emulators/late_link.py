@@ -6,7 +6,7 @@ import random
 import time
 from collections import deque
 
-from daq.runner import ByteLink
+from daq.wire.session import ByteLink
 
 
 class LateLink:
@@ -20,7 +20,7 @@ class LateLink:
         self._last_ns = 0
 
     def read(self, timeout_s: float) -> bytes:
-        """As of the link itself, sending meanwhile what is due. Raises LinkLost."""
+        """Read from the link, and meanwhile send what is due. Raises LinkLost."""
         until_ns = time.monotonic_ns() + round(timeout_s * 1e9)
         while True:
             self._send_due()
@@ -30,7 +30,7 @@ class LateLink:
                 return data
 
     def write(self, data: bytes) -> None:
-        """Take it; it goes when its time has come. Raises LinkLost."""
+        """Take the data, which is sent when it is due. Raises LinkLost."""
         self._last_ns = max(self._last_ns, time.monotonic_ns() + round(self._random.expovariate(self._rate)))
         self._waiting.append((self._last_ns, data))
         self._send_due()

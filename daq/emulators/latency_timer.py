@@ -11,7 +11,7 @@ _PACKET = 62
 
 
 class LatencyTimer:
-    """What has come and is still held; times in ns of any one clock. A latency of 0 holds nothing."""
+    """Holds bytes back as an FTDI adapter does; times in ns of any one clock. A latency of 0 holds nothing."""
 
     def __init__(self, latency_ms: float, now_ns: int) -> None:
         self._latency_ns = round(latency_ms * 1e6)
@@ -21,11 +21,11 @@ class LatencyTimer:
 
     @property
     def due_ns(self) -> int | None:
-        """When it must be taken; None where nothing is held."""
+        """When the bytes must be taken; None if nothing is held."""
         return self._due_ns if self._held else None
 
     def add(self, data: bytes, now_ns: int) -> None:
-        """These bytes came through the line."""
+        """Take bytes that came through the line."""
         if not self._held:
             self._due_ns = self._next_ns(now_ns)
         self._held += data
@@ -33,7 +33,7 @@ class LatencyTimer:
             self._due_ns = now_ns
 
     def take(self, now_ns: int) -> bytes:
-        """What the host gets now; empty before it is due."""
+        """Return what the host gets now; empty before it is due."""
         if not self._held or now_ns < self._due_ns:
             return b""
         data = bytes(self._held)

@@ -36,7 +36,7 @@ STEADY = Unsteady()
 
 
 class OwnCycle:
-    """What such an instrument shows at a time: it reads at every tick, and shows the mean of the last `length`."""
+    """What an instrument with its own cycle shows: it reads at every tick and shows the mean of `length` readings."""
 
     def __init__(self, read: Read, cycle_ns: float, length: int, unsteady: Unsteady, chance: random.Random) -> None:
         self._read = read

@@ -1,4 +1,4 @@
-"""The device's side of a captured connection, on the timebase of its replay: one that speaks unasked, one that answers.
+"""The device's side of a captured connection, on the timebase of its replay: one that streams, one that answers.
 
 Host and capture are in step as long as the host asks in the rhythm in which it was captured, and it does so by itself:
 an answer never comes before its time, and the next question follows the answer.
@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
 
-from daq.capture import Mark, Piece
 from daq.emulators.timebase import Steps, Timebase
 from daq.protocol.conversation import Step
+from daq.wire.capture import Mark, Piece
 
 _LOOK_NS = 20_000_000
 """How often it is looked whether the replay has begun."""
@@ -25,8 +25,8 @@ _AROUND = 8
 """Exchanges before and after a request among which its own is sought: an instrument takes few kinds in turn."""
 
 
-class Speaking:
-    """An instrument that speaks unasked: every piece at its instant, and none before what the host was to say first."""
+class StreamingPlayer:
+    """An instrument that sends by itself: each piece at its instant, and none before the host has sent its part."""
 
     def __init__(self, pieces: Sequence[Piece], time: Timebase, steps: Steps, *, hangs_up: bool, calls: bool) -> None:
         """hangs_up: at the end, as over TCP. calls: it speaks to a port of the host's, and hears whether it is open."""
@@ -38,12 +38,12 @@ class Speaking:
 
     @property
     def done(self) -> bool:
-        """Whether everything is said."""
+        """Whether everything has been sent."""
         return not self._left
 
     @property
     def begun(self) -> bool:
-        """Whether anything is said or heard in its time."""
+        """Whether anything has been sent or received."""
         return self._time.shift_ns is not None and len(self._left) < self._whole
 
     def connected(self, now_ns: int) -> Step:
@@ -55,7 +55,7 @@ class Speaking:
         first = next((piece for piece in self._pieces if piece.mark is Mark.SENT), None)
         if first is not None:
             self._time.begin(now_ns, first.at_ns)
-        self._heard += data
+        self._replayed += data
         return self._play(now_ns)
 
     def tick(self, now_ns: int) -> Step:
@@ -68,7 +68,7 @@ class Speaking:
             spoken.pop()  # nothing was said after it
         self._left, self._whole = deque(spoken), len(spoken)
         self._end_ns = self._pieces[-1].at_ns if self._pieces else 0
-        self._heard = bytearray()
+        self._replayed = bytearray()
         self._knocked_ns: int | None = None
 
     def _play(self, now_ns: int) -> Step:
@@ -88,11 +88,11 @@ class Speaking:
                 self._steps.said(piece.at_ns, now_ns - due_ns)
                 self.sent += 1
                 return Step(piece.data, wake_ns=now_ns)
-            if len(self._heard) < len(piece.data) and now_ns < due_ns + _PATIENCE_NS:
+            if len(self._replayed) < len(piece.data) and now_ns < due_ns + _PATIENCE_NS:
                 return Step(wake_ns=due_ns + _PATIENCE_NS)
             self._left.popleft()
-            self._steps.otherwise += self._heard[: len(piece.data)] != piece.data
-            del self._heard[: len(piece.data)]
+            self._steps.otherwise += self._replayed[: len(piece.data)] != piece.data
+            del self._replayed[: len(piece.data)]
         self._steps.judge()
         if not self._hangs_up:
             return Step()
@@ -111,14 +111,14 @@ class Speaking:
 
 @dataclass(frozen=True, slots=True)
 class Exchange:
-    """A question of the host's and what came until the next, at their times in the capture."""
+    """A request of the host and what came until the next, at their times in the capture."""
 
     asked_ns: int
     question: bytes
     answers: tuple[Piece, ...]
 
     def answers_to(self, question: bytes) -> tuple[Piece, ...] | None:
-        """What it says to this question, None where it is another one.
+        """Return the answers to this request; None if it is another one.
 
         A number that a question carries and its answer repeats (Modbus TCP) may differ.
         """
@@ -138,7 +138,7 @@ class Exchange:
 
 @dataclass(frozen=True, slots=True)
 class Exchanges:
-    """Those of a connection, at their times asked_ns; end_ns: when it ended.
+    """The exchanges of a connection, at their times asked_ns; end_ns: when it ended.
 
     period_ns: usual time from one to the next; longest: bytes of the longest question.
     """
@@ -152,7 +152,7 @@ class Exchanges:
 
     @classmethod
     def of(cls, pieces: Sequence[Piece]) -> Exchanges:
-        """From its pieces; what came before the first question answers none."""
+        """Return the exchanges in the pieces; what came before the first request is no answer."""
         questions = [number for number, piece in enumerate(pieces) if piece.mark is Mark.SENT]
         found = [
             Exchange(
@@ -168,8 +168,8 @@ class Exchanges:
         return cls(found, asked_ns, pieces[0].at_ns, pieces[-1].at_ns, period_ns, longest)
 
 
-class Answering:
-    """An instrument that is asked: each question gets what was said to the one nearest in time."""
+class AnsweringPlayer:
+    """An instrument that answers: each request gets the answer to the captured one nearest in time."""
 
     def __init__(self, exchanges: Exchanges, time: Timebase, steps: Steps, *, hangs_up: bool) -> None:
         self.sent = 0
@@ -180,7 +180,7 @@ class Answering:
 
     @property
     def begun(self) -> bool:
-        """Whether anything was asked."""
+        """Whether anything was requested."""
         return self._last >= 0
 
     def connected(self, now_ns: int) -> Step:
@@ -191,7 +191,7 @@ class Answering:
     def received(self, data: bytes, now_ns: int) -> Step:
         if self._exchanges.all:
             self._time.begin(now_ns, self._exchanges.asked_ns[0])
-        self._heard += data
+        self._replayed += data
         return self._play(now_ns, asked=True)
 
     def tick(self, now_ns: int) -> Step:
@@ -200,7 +200,7 @@ class Answering:
     def _begin(self) -> None:
         self._turn = self._time.turn
         self.done = not self._exchanges.all
-        self._heard = bytearray()
+        self._replayed = bytearray()
         self._last = -1
         """The exchange that was played last."""
         self._saying: deque[Piece] = deque()
@@ -243,14 +243,14 @@ class Answering:
         """Choose what to say, once a question is complete."""
         if at_ns >= self._exchanges.end_ns:
             return
-        found = self._nearest(at_ns, bytes(self._heard))
+        found = self._nearest(at_ns, bytes(self._replayed))
         if found is None:
-            if len(self._heard) >= self._exchanges.longest:
+            if len(self._replayed) >= self._exchanges.longest:
                 self._steps.otherwise += 1
-                self._heard.clear()
+                self._replayed.clear()
             return
         number, answers = found
-        self._heard.clear()
+        self._replayed.clear()
         self._skip_to(number)
         self._steps.repeated += number <= self._last
         self._last = max(self._last, number)

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from daq.emulators.latency_timer import LatencyTimer
 from daq.emulators.uart import heard
-from daq.links import LinkLost
+from daq.wire.links import LinkLost
 from rigs.links import Line
 
 _SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()}
@@ -46,7 +46,7 @@ class PtyLine:
         self.plug()
 
     def plug(self) -> None:
-        """Be there, under the name."""
+        """Create the pty, under its name."""
         tty.setraw(self._slave)
         self._set_baud()
         os.set_blocking(self._master, False)
@@ -55,13 +55,13 @@ class PtyLine:
             self._name.symlink_to(os.ttyname(self._slave))
 
     def unplug(self) -> None:
-        """Be gone, tty and name, until `plug`, which brings another tty."""
+        """Remove the tty and its name until `plug`, which creates another tty."""
         following = os.openpty()  # before the old one goes, whose number would be given again
         self.close()
         self._master, self._slave = following
 
     def read(self, timeout_s: float) -> bytes:
-        """Bytes from the host, once the line would have carried them all."""
+        """Return bytes from the host, once the line would have carried them all."""
         until_ns = time.monotonic_ns() + round(timeout_s * 1e9)
         while not select.select([self._master], [], [], self._pause_s(until_ns))[0]:
             self._release()
@@ -78,11 +78,11 @@ class PtyLine:
         return heard(data, far, self._line) if far else data
 
     def set_out(self, at_ns: int) -> None:
-        """Let what is written next set out at this time, even if it has passed."""
+        """Let what is written next start at this time, even if it has passed."""
         self._set_out_ns = at_ns
 
     def write(self, data: bytes) -> None:
-        """Send character by character; returns when the line is free again. What nobody reads is lost."""
+        """Send character by character; return when the line is free again. What nobody reads is lost."""
         if far := self._far_line():
             data = heard(data, self._line, far)
         begin_ns, self._set_out_ns = self._set_out_ns, None
@@ -118,7 +118,7 @@ class PtyLine:
         return None if same else Line.model_validate(f"{baud} 8N1")
 
     def close(self) -> None:
-        """Be gone for good."""
+        """Remove the pty for good."""
         if self._name is not None:
             self._name.unlink(missing_ok=True)
         os.close(self._master)

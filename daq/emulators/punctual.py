@@ -19,11 +19,11 @@ class Scheduled(Protocol):
     """When it has sent, or will have sent, all that it was given."""
 
     def set_out(self, at_ns: int) -> None:
-        """Let what is written next set out at this time, even if it has passed."""
+        """Let what is written next start at this time, even if it has passed."""
 
 
 class Punctual:
-    """The instrument acts at the time for which it asked to be woken, or when its line was free, if that was later."""
+    """An instrument that acts at the time it asked to be woken, or when its line became free, if that was later."""
 
     def __init__(self, device: Device, line: Scheduled) -> None:
         self._device = device

@@ -1,7 +1,7 @@
 """A captured cell: every instrument of a capture on a pty or a local port again, for the real daemon.
 
 All instruments share one timebase (`daq.emulators.timebase`), so that gauges and robot are to each other as they were.
-What cannot be kept in step is counted, and told to whoever records it in a file that the rig file names: the run is
+What cannot be kept in step is counted, and written for rigd into a file that the rig file names: the run is
 marked.
 When a stream's pieces are played the instrument falls silent (serial) or hangs up (TCP).
 """
@@ -16,13 +16,13 @@ from pathlib import Path
 
 import yaml
 
-from daq.capture import Capture, Mark, Piece
+from daq.acquisition.replay_marks import out_of_step_line
+from daq.acquisition.streams import ROBOT, Stream, streams_of
 from daq.emulators.cell import Cell
-from daq.emulators.played import Answering, Exchanges, Speaking
+from daq.emulators.played import AnsweringPlayer, Exchanges, StreamingPlayer
 from daq.emulators.timebase import Steps, Timebase, bearable_ns, u_asked_ns, u_cycle_ns
 from daq.protocol.polled import Polled
-from daq.replayed import out_of_step_line
-from daq.streams import ROBOT, Stream, streams_of
+from daq.wire.capture import Capture, Mark, Piece
 from rigs.errors import FileError
 from rigs.links import tcp_address, udp_address
 from rigs.rig import Rig
@@ -30,13 +30,13 @@ from rigs.rig import Rig
 _OVER_NS = 5_000_000_000
 """So long after the end nobody comes any more for what is left."""
 
-Player = Speaking | Answering
+Player = StreamingPlayer | AnsweringPlayer
 
 
 class Replay:
-    """The instruments of a rig as a capture heard them, in a `cell` to start and to stop.
+    """The instruments of a rig as they were captured, in a `cell` to start and to stop.
 
-    marks: the file that is told what is out of step; none where nobody records. Raises FileError where the capture
+    marks: the file that records what is out of step; None if it is not wanted. Raises FileError where the capture
     holds nothing of a stream of the rig, OSError where the file cannot be made.
     """
 
@@ -54,11 +54,12 @@ class Replay:
             stream.name: Steps(may_ns, asked=_is_asked(stream), out_of_step=partial(self._mark, stream.name))
             for stream in streams
         }
-        """How each stream keeps its time."""
-        self._heard = {
-            stream.name: _heard(stream, heard[stream.name], self._time, self.steps[stream.name]) for stream in streams
+        """How well each stream keeps its time."""
+        self._replayed = {
+            stream.name: _replayed(stream, heard[stream.name], self._time, self.steps[stream.name])
+            for stream in streams
         }
-        self.cell = Cell(rig, self._heard, paced=False)
+        self.cell = Cell(rig, self._replayed, paced=False)
         self.unmarked = ""
         """Why a mark could not be written: the replay is then over, since nobody would know what is out of step."""
         if self._marks:
@@ -70,17 +71,17 @@ class Replay:
 
     @property
     def done(self) -> bool:
-        """Whether everything is played."""
+        """Whether everything has been played."""
         over = self._time.is_past(time.monotonic_ns(), self._end_ns + _OVER_NS)
-        return over or bool(self.unmarked) or all(heard.done for heard in self._heard.values())
+        return over or bool(self.unmarked) or all(heard.done for heard in self._replayed.values())
 
     @property
     def otherwise(self) -> int:
-        """Pieces that the host sent otherwise than it was captured."""
+        """The number of pieces that the host sent differently from the capture."""
         return sum(steps.otherwise for steps in self.steps.values())
 
     def rig_text(self, text: str) -> str:
-        """The rig file's text with the ports of this cell, and with the file that says what is out of step."""
+        """Return the rig file's text with the ports of this cell and the file that says what is out of step."""
         data = yaml.safe_load(self.cell.rig_text(text)) | ({"replay": str(self._marks)} if self._marks else {})
         written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
         return written
@@ -95,8 +96,8 @@ class Replay:
             self.unmarked = error.strerror or str(error)
 
 
-class Heard:
-    """What one stream was heard to say, a connection after the other; called for the device of the next one.
+class ReplayedStream:
+    """What one stream sent in the capture, one connection after the other; called for the device of the next one.
 
     When the host leaves a connection before its end, everything begins anew for all streams: else this one would be
     out of step with them.
@@ -111,11 +112,11 @@ class Heard:
 
     @property
     def done(self) -> bool:
-        """Whether the last of them is played."""
+        """Whether the last connection has been played."""
         return self._turn == self._time.turn and self._playing.done and self._number >= len(self._connections) - 1
 
     def __call__(self) -> Player:
-        """A connection that the host leaves before its first word, as where it came too early, is kept for later."""
+        """Return the player of the next connection; one that the host left before anything was sent is kept."""
         if self._turn == self._time.turn:
             if self._playing.done:
                 self._number += 1
@@ -128,17 +129,17 @@ class Heard:
         return self._playing
 
 
-def _heard(stream: Stream, pieces: Sequence[Piece], time: Timebase, steps: Steps) -> Heard:
-    """What plays a stream."""
+def _replayed(stream: Stream, pieces: Sequence[Piece], time: Timebase, steps: Steps) -> ReplayedStream:
+    """Return what plays a stream."""
     hangs_up = tcp_address(stream.port) is not None
     calls = udp_address(stream.port) is not None and stream.listens
     connections: list[Callable[[], Player]] = [
-        partial(Answering, Exchanges.of(one), time, steps, hangs_up=hangs_up)
+        partial(AnsweringPlayer, Exchanges.of(one), time, steps, hangs_up=hangs_up)
         if _is_asked(stream)
-        else partial(Speaking, one, time, steps, hangs_up=hangs_up, calls=calls)
+        else partial(StreamingPlayer, one, time, steps, hangs_up=hangs_up, calls=calls)
         for one in _connections(stream, pieces)
     ]
-    return Heard(connections, partial(Speaking, (), time, steps, hangs_up=hangs_up, calls=False), time)
+    return ReplayedStream(connections, partial(StreamingPlayer, (), time, steps, hangs_up=hangs_up, calls=False), time)
 
 
 def _is_asked(stream: Stream) -> bool:
@@ -163,7 +164,7 @@ def _pieces(rig: Rig, stream: Stream, capture: Capture) -> tuple[Piece, ...]:
 
 
 def _connections(stream: Stream, pieces: Sequence[Piece]) -> Iterable[Sequence[Piece]]:
-    """The pieces of each time that the link was open and something came; over TCP alone they are told apart."""
+    """The pieces of each time that the link was open and something came; only over TCP can they be distinguished."""
     if not tcp_address(stream.port):
         return [pieces]
     found: list[list[Piece]] = []

@@ -11,9 +11,9 @@ import threading
 from collections.abc import Callable
 
 from daq.emulators.late_link import LateLink
-from daq.links import Link, LinkLost
 from daq.protocol.conversation import Conversation
-from daq.runner import converse
+from daq.wire.links import Link, LinkLost
+from daq.wire.session import run_conversation
 
 _ACCEPT_S = 0.2
 
@@ -32,7 +32,7 @@ class TcpPort:
         self.port = f"tcp://127.0.0.1:{self._address[1]}"
 
     def serve(self, stop: threading.Event) -> None:
-        """Until `stop` is set; a connection that ends makes room for the next."""
+        """Serve until `stop` is set; when a connection ends, the next is accepted."""
         self._accept(stop)
         while not stop.is_set():
             if self.plugged.wait(_ACCEPT_S) and self._listen():
@@ -65,9 +65,9 @@ class TcpPort:
         link = Link("emulated", sock.fileno(), sock.close)
         late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
         with contextlib.suppress(LinkLost):
-            converse(late, self._device(), lambda _: None, ended)
+            run_conversation(late, self._device(), lambda _: None, ended)
         link.close()
 
     def hang_up(self) -> None:
-        """End the connection there is; the next one is served again."""
+        """End the present connection; the next one is served again."""
         self._hang_up.set()

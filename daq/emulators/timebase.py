@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 
-from daq.capture import Mark, Piece
+from daq.wire.capture import Mark, Piece
 
 _HEAD_START_NS = 100_000_000
 """How much later than in the capture the host hears everything. Its threads start some 10 ms after its ports are open,
@@ -40,17 +40,17 @@ class Timebase:
         """Host's time less the capture's; None until it begins."""
 
     def begin(self, now_ns: int, at_ns: int) -> None:
-        """The host does now what it did then, `at_ns` in the capture; only the first word counts."""
+        """Note that the host does now what it did at `at_ns` in the capture; only the first call counts."""
         with self._lock:
             if self.shift_ns is None:
                 self.shift_ns = now_ns - at_ns + _HEAD_START_NS
 
     def is_past(self, now_ns: int, at_ns: int) -> bool:
-        """Whether this instant of the capture is over."""
+        """Return whether this instant of the capture is over."""
         return self.shift_ns is not None and now_ns > self.shift_ns + at_ns
 
     def restart(self, turn: int) -> None:
-        """The host has gone in this turn."""
+        """Begin anew, since the host has left in this turn."""
         with self._lock:
             if turn == self.turn:
                 self.turn += 1
@@ -58,7 +58,7 @@ class Timebase:
 
 
 class Steps:
-    """How far one stream is from its time, second by second.
+    """Measures how far one stream is from its time, second by second.
 
     Answers are judged by their median. What comes unasked is judged by its most punctual tenth, since the analysis goes
     by those: a piece that the computer held up is late as any host meets them.
@@ -67,7 +67,7 @@ class Steps:
     def __init__(
         self, bearable_ns: float, *, asked: bool, out_of_step: Callable[[float], None] = lambda off_ns: None
     ) -> None:
-        """out_of_step: is told by how much, in ns, each second was off that was further off than `bearable_ns`."""
+        """out_of_step: is called with how much, in ns, each second was off that was further off than `bearable_ns`."""
         self._asked = asked
         self.bearable_ns = bearable_ns
         self._out_of_step = out_of_step
@@ -84,14 +84,14 @@ class Steps:
         """Answers that were given again, because the host asked more often than it was captured."""
 
     def said(self, at_ns: int, off_ns: float) -> None:
-        """A piece of this instant of the capture was late by so much, or early if below 0."""
+        """Note by how much a piece of this instant was late, or early if negative."""
         if at_ns // _SECOND_NS != self._second:
             self.judge()
             self._second = at_ns // _SECOND_NS
         self._offs_ns.append(off_ns)
 
     def judge(self) -> None:
-        """The second is over."""
+        """Judge the second that is over."""
         if not self._offs_ns:
             return
         self._offs_ns.sort()
@@ -103,14 +103,14 @@ class Steps:
             self._out_of_step(off_ns)
 
     def words(self) -> str:
-        """For a person."""
+        """Return the result in words."""
         off_ms = statistics.median(self.judged_ns or [0.0]) / 1e6
         counted = {"skipped": self.skipped, "repeated": self.repeated, "s out of step": self.seconds_out}
         return ", ".join([f"{off_ms:+.1f} ms off", *(f"{count} {what}" for what, count in counted.items() if count)])
 
 
 def u_asked_ns(pieces: Sequence[Piece]) -> float:
-    """Standard uncertainty of the time of an answer: measured anywhere between question and answer.
+    """Return the standard uncertainty of the time of an answer: measured anywhere between request and answer.
 
     This and the next as the analysis has them, in `analysis.reading.clocks`.
     """
@@ -123,11 +123,11 @@ def u_asked_ns(pieces: Sequence[Piece]) -> float:
 
 
 def u_cycle_ns(pieces: Sequence[Piece]) -> float:
-    """Standard uncertainty of the time of a robot's position that comes unasked: latched anywhere in its cycle."""
+    """Return the standard uncertainty of the time of a position that is streamed: latched anywhere in its cycle."""
     came_ns = [piece.at_ns for piece in pieces if piece.mark is Mark.CAME]
     return statistics.median([after - before for before, after in pairwise(came_ns)] or [0]) / math.sqrt(3)
 
 
 def bearable_ns(u_gauges_ns: Sequence[float], u_robot_ns: float) -> float:
-    """How far a second of a replay may be off."""
+    """Return how far a second of a replay may be off."""
     return max(_SHARE * math.hypot(max(u_gauges_ns), u_robot_ns), _HOST_NS)

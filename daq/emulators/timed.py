@@ -12,7 +12,7 @@ from rigs.timing import Timing
 
 
 def timed_read(read: Read, timing: Timing, unsteady: Unsteady, chance: random.Random) -> Read:
-    """What the instrument shows of what `read` measures."""
+    """Return a function for what the instrument shows of what `read` measures."""
     if timing.latch == "own_cycle" and timing.cycle_ms is not None:
         length = 1 + round(2 * timing.filter_ms / timing.cycle_ms)
         return OwnCycle(read, timing.cycle_ms * 1e6, length, unsteady, chance)
@@ -28,7 +28,7 @@ def timed_read(read: Read, timing: Timing, unsteady: Unsteady, chance: random.Ra
 
 
 def timed_device(device: Device, timing: Timing, unsteady: Unsteady, chance: random.Random) -> Device:
-    """The instrument's side of its protocol, answering late or streaming at a pace."""
+    """Return the instrument's side of its protocol, answering late or streaming at a pace."""
     if timing.latch == "streamed" and timing.cycle_ms is not None:
         return _Paced(device, timing.cycle_ms * 1e6, unsteady.pace, chance)
     return _Late(device, round(timing.answer_delay_ms * 1e6)) if timing.answer_delay_ms else device

@@ -11,7 +11,7 @@ _LOOKS = 16
 
 
 def heard(data: bytes, sent: Line, at: Line) -> bytes:
-    """Characters sent one by one with one line's settings, as the other end hears them with its own.
+    """Return characters sent with one line's settings as the other end receives them with its own.
 
     Parity is not checked, and a character without its stop bit is passed on, as most drivers do.
     """
@@ -29,7 +29,7 @@ def _characters(levels: list[int], baud: int, at: Line) -> Iterator[int]:
     """Characters that a receiver finds, sampling each bit in its middle; the wire is idle afterwards."""
 
     def level(bits: float) -> int:
-        """At a time in the receiver's bit times."""
+        """Return the level of the line at a time in the receiver's bit times."""
         sent = int(bits * baud / at.baud)
         return levels[sent] if sent < len(levels) else 1
 

@@ -14,16 +14,16 @@ import threading
 from collections.abc import Callable
 
 from daq.emulators.late_link import LateLink
-from daq.links import Link, LinkLost
 from daq.protocol.conversation import Conversation
-from daq.runner import converse
+from daq.wire.links import Link, LinkLost
+from daq.wire.session import run_conversation
 
 _AGAIN_S = 0.2
 _HOST = "127.0.0.1"
 
 
 class UdpPort:
-    """On loopback. `port` is what the rig file has to name: a free port for the host if the controller calls."""
+    """A UDP port on loopback. `port` is what the rig file names: a free port of the host if the controller calls."""
 
     def __init__(self, device: Callable[[], Conversation], *, calls: bool, jitter_ms: float = 0.0) -> None:
         self._device = device
@@ -37,7 +37,7 @@ class UdpPort:
         self.port = f"udp://{_HOST}:{self._number}"
 
     def serve(self, stop: threading.Event) -> None:
-        """Until `stop` is set; a conversation that ends makes room for the next."""
+        """Serve until `stop` is set; when a conversation ends, the next begins."""
         while not stop.is_set():
             if not self.plugged.wait(_AGAIN_S):
                 continue
@@ -70,7 +70,7 @@ class UdpPort:
         link = Link("emulated", sock.fileno(), sock.close)
         late = LateLink(link, self._jitter_ms) if self._jitter_ms else link
         try:
-            converse(late, self._device(), lambda _: None, ended)
+            run_conversation(late, self._device(), lambda _: None, ended)
         except LinkLost:
             return  # nobody has the peer's port: the daemon has not started, or has ended
 

@@ -17,12 +17,12 @@ Read = Callable[[int], Sequence[float]]
 
 
 def host(feedback: Feedback) -> Host:
-    """Our side of the link."""
+    """Return our side of the conversation."""
     conversation: Host = import_module(f"daq.feedback.{feedback.interface}").host(feedback)
     return conversation
 
 
 def device(feedback: Feedback, read: Read) -> Device:
-    """The controller's side of the link."""
+    """Return the controller's side of the conversation."""
     conversation: Device = import_module(f"daq.feedback.{feedback.interface}").device(feedback, read)
     return conversation

@@ -23,14 +23,14 @@ _DATA = 2
 
 
 def host(feedback: ABBEGM) -> Host:
-    """Our side."""
+    """Return our side of the conversation."""
     check = "check that the RAPID program streams (EGMStreamStart), and that the controller sends to this address"
     return Streamed(Positions(_decode, check, Order()), feedback.timeout_s)
 
 
 def device(feedback: ABBEGM, read: Read) -> Device:
-    """The controller's side."""
-    return _Controller(read)
+    """Return the controller's side of the conversation."""
+    return _EGMController(read)
 
 
 def _decode(data: bytes) -> Position | Refused:
@@ -48,7 +48,7 @@ def _decode(data: bytes) -> Position | Refused:
     return Position(angles_deg[:6], seconds, number_in(header, 1) % 2**32)
 
 
-class _Controller:
+class _EGMController:
     """The controller while it streams."""
 
     EPOCH_S = 1_700_000_000
@@ -69,7 +69,7 @@ class _Controller:
         return Step(wake_ns=self._pace.next_ns)
 
     def tick(self, now_ns: int) -> Step:
-        """One datagram; a tick that is late is followed by the next at once."""
+        """Send one datagram; a tick that is late is followed by the next at once."""
         instant_ns = self._pace.step(now_ns)
         send = b"" if instant_ns is None else self._message(instant_ns)
         return Step(send, wake_ns=self._pace.next_ns)

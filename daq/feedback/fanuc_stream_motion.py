@@ -27,14 +27,14 @@ START, STOP = _REQUEST.pack(0, 1), _REQUEST.pack(2, 1)
 
 
 def host(feedback: FANUCStreamMotion) -> Host:
-    """Our side."""
+    """Return our side of the conversation."""
     check = "check the address, the cable and that option J519 is there; another client may have the stream"
     return Streamed(Positions(_decode, check, Order(), START), feedback.timeout_s)
 
 
 def device(feedback: FANUCStreamMotion, read: Read) -> Device:
-    """The controller's side."""
-    return _Controller(read)
+    """Return the controller's side of the conversation."""
+    return _StreamMotionController(read)
 
 
 def _decode(data: bytes) -> Position | Refused:
@@ -46,7 +46,7 @@ def _decode(data: bytes) -> Position | Refused:
     return Position(tuple(pose_joints_currents[9:15]), stamp_ms / 1000, number)
 
 
-class _Controller:
+class _StreamMotionController:
     """The controller: the status each cycle, from the request on until it is asked to stop."""
 
     STAMP_START_MS = 86_400_000
@@ -69,7 +69,7 @@ class _Controller:
         return self._step(b"")
 
     def tick(self, now_ns: int) -> Step:
-        """One packet; a tick that is late is followed by the next at once."""
+        """Send one packet; a tick that is late is followed by the next at once."""
         instant_ns = self._pace.step(now_ns) if self._pace else None
         return self._step(b"" if instant_ns is None else self._status(instant_ns))
 

@@ -21,7 +21,7 @@ from daq.protocol.numerals import number
 from daq.protocol.order import Order
 from daq.protocol.pace import Pace
 from daq.protocol.positions import Position, Positions, Refused
-from daq.protocol.streamed import Heard, Streamed
+from daq.protocol.streamed import Reaction, Streamed
 from rigs.feedback import KUKARSI
 
 _ROB = re.compile(rb"\s*(<\?xml[^<>]*\?>\s*)?<Rob\b[^<>]*>.*</Rob>\s*", re.DOTALL)
@@ -34,13 +34,13 @@ _IPOC_WRAP = 2**63
 
 
 def host(feedback: KUKARSI) -> Host:
-    """Our side."""
-    return Streamed(_Listening(feedback), feedback.timeout_s)
+    """Return our side of the conversation."""
+    return Streamed(_RSIDialect(feedback), feedback.timeout_s)
 
 
 def device(feedback: KUKARSI, read: Read) -> Device:
-    """The controller's side."""
-    return _Controller(feedback, read)
+    """Return the controller's side of the conversation."""
+    return _RSIController(feedback, read)
 
 
 def _answer(sentype: str, ipoc: str) -> bytes:
@@ -61,7 +61,7 @@ def _decode(data: bytes) -> Position | Refused:
     return Position(angles_deg, int(ipoc[0]) / 1000, int(ipoc[0]))
 
 
-class _Listening(Positions):
+class _RSIDialect(Positions):
     """Positions that are answered."""
 
     def __init__(self, feedback: KUKARSI) -> None:
@@ -71,13 +71,13 @@ class _Listening(Positions):
         self._sentype = feedback.sentype
         self._delays = 0
 
-    def read(self, message: Message | Fault) -> Heard:
-        heard = super().read(message)
+    def read(self, message: Message | Fault) -> Reaction:
+        reaction = super().read(message)
         if isinstance(message, Fault) or self._onlysend:
-            return heard
+            return reaction
         ipoc = _IPOC.search(message.data)
         answer = _answer(self._sentype, ipoc[1].decode("ascii")) if ipoc else b""
-        return Heard((*heard.items, *self._late_answers(message)), answer)
+        return Reaction((*reaction.items, *self._late_answers(message)), answer)
 
     def _late_answers(self, message: Message) -> list[Fault]:
         """What the controller says of our answers: it counts those that did not come in their cycle."""
@@ -89,7 +89,7 @@ class _Listening(Positions):
         return [Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail, self._delays - before)]
 
 
-class _Controller:
+class _RSIController:
     """The controller with its program running: a datagram a cycle, and a count of the answers that are not there."""
 
     IPOC_START = 4_208_000
@@ -117,7 +117,7 @@ class _Controller:
         return Step(wake_ns=self._pace.next_ns)
 
     def tick(self, now_ns: int) -> Step:
-        """One datagram; a tick that is late is followed by the next at once."""
+        """Send one datagram; a tick that is late is followed by the next at once."""
         instant_ns = self._pace.step(now_ns)
         if instant_ns is None:
             return Step(wake_ns=self._pace.next_ns)

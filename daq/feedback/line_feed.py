@@ -20,7 +20,7 @@ from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, S
 from daq.protocol.framing import Lines, Message
 from daq.protocol.numerals import are_angles, number
 from daq.protocol.pace import Pace
-from daq.protocol.streamed import Heard, Streamed
+from daq.protocol.streamed import Reaction, Streamed
 from rigs.feedback import CLOCK_FIELDS, SIGNAL, LineFeed
 from rigs.links import tcp_address
 
@@ -32,16 +32,16 @@ _CLOCK_FORMAT = {"t_s": ".3f", "t_ms": ".0f", "t_us": ".0f"}
 
 
 def host(feedback: LineFeed) -> Host:
-    """Our side."""
-    return Streamed(_Listening(feedback), feedback.timeout_s)
+    """Return our side of the conversation."""
+    return Streamed(_LineFeedDialect(feedback), feedback.timeout_s)
 
 
 def device(feedback: LineFeed, read: Read) -> Device:
-    """The controller's side."""
+    """Return the controller's side of the conversation."""
     return _Program(feedback, read)
 
 
-class _Listening:
+class _LineFeedDialect:
     """Lines, taken apart by the configured fields."""
 
     check = "check that the program on the controller is running"
@@ -55,12 +55,12 @@ class _Listening:
     def start(self) -> bytes:
         return b""
 
-    def silent(self) -> Heard:
-        return Heard()
+    def silent(self) -> Reaction:
+        return Reaction()
 
-    def read(self, message: Message | Fault) -> Heard:
+    def read(self, message: Message | Fault) -> Reaction:
         if isinstance(message, Fault):
-            return Heard((message,))
+            return Reaction((message,))
         parts = message.data.decode("ascii", "replace").strip().split(self._separator)
         if len(parts) != len(self._fields):
             return _garbled(message, f"has {len(parts)} fields where {len(self._fields)} are expected")
@@ -73,12 +73,12 @@ class _Listening:
         sample = _sample(read, message)
         if not are_angles(sample.values[:6]):
             return _garbled(message, "has an angle that no axis turns to")
-        return Heard((sample,))
+        return Reaction((sample,))
 
 
-def _garbled(message: Message, why: str) -> Heard:
+def _garbled(message: Message, why: str) -> Reaction:
     detail = f"line {message.data[:80]!r} {why}; check `fields` and `separator`"
-    return Heard((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
+    return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
 
 
 def _sample(read: Mapping[str, float], message: Message) -> Sample:

@@ -15,24 +15,24 @@ from daq.protocol.framing import Message
 from daq.protocol.modbus import fits, pack, unpack
 from daq.protocol.numerals import are_angles
 from daq.protocol.polled import Polled
-from daq.protocol.registers import Asking, Registers, Serving, pack_verdict, verdict
+from daq.protocol.registers import RegisterDevice, RegisterDialect, Registers, pack_verdict, verdict
 from rigs.feedback import ModbusJoints
 
 _DEG_PER_UNIT = {"deg": 1.0, "rad": math.degrees(1)}
 
 
 def host(feedback: ModbusJoints) -> Host:
-    """Our side."""
+    """Return our side of the conversation."""
 
     def reading(registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
         return _reading(feedback, registers, message, requested_ns)
 
-    return Polled(Asking(feedback, reading), feedback.timeout_s, feedback.rate_hz)
+    return Polled(RegisterDialect(feedback, reading), feedback.timeout_s, feedback.rate_hz)
 
 
 def device(feedback: ModbusJoints, read: Read) -> Device:
-    """The controller's side."""
-    return Serving(feedback, lambda now_ns: _registers(feedback, read(now_ns)))
+    """Return the controller's side of the conversation."""
+    return RegisterDevice(feedback, lambda now_ns: _registers(feedback, read(now_ns)))
 
 
 def _reading(feedback: ModbusJoints, registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:

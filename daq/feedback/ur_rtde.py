@@ -24,7 +24,7 @@ from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, I
 from daq.protocol.framing import Message, Sized
 from daq.protocol.numerals import are_angles
 from daq.protocol.pace import Pace
-from daq.protocol.streamed import Heard, Streamed
+from daq.protocol.streamed import Reaction, Streamed
 from rigs.feedback import URRTDE, RTDESignal
 
 _HEADER = struct.Struct(">HB")
@@ -37,13 +37,13 @@ _MAX_CLOCK_S = 1e9
 
 
 def host(feedback: URRTDE) -> Host:
-    """Our side."""
-    return Streamed(_Client(feedback), feedback.timeout_s)
+    """Return our side of the conversation."""
+    return Streamed(_RTDEClient(feedback), feedback.timeout_s)
 
 
 def device(feedback: URRTDE, read: Read) -> Device:
-    """The controller's side."""
-    return _Controller(feedback, read)
+    """Return the controller's side of the conversation."""
+    return _RTDEController(feedback, read)
 
 
 def _recipe(feedback: URRTDE) -> dict[str, str]:
@@ -79,7 +79,7 @@ def _length(head: bytes) -> int | None:
     return size if _HEADER.size <= size <= _LONGEST and bytes([kind]) in b"VOSPUM" else None
 
 
-class _Client:
+class _RTDEClient:
     """The handshake, then the data."""
 
     check = "check that the controller is on and RTDE is not disabled under Settings › Security › Services"
@@ -97,12 +97,12 @@ class _Client:
     def start(self) -> bytes:
         return _packet(b"V", struct.pack(">H", _VERSION))
 
-    def silent(self) -> Heard:
-        return Heard(hang_up=True)
+    def silent(self) -> Reaction:
+        return Reaction(hang_up=True)
 
-    def read(self, message: Message | Fault) -> Heard:
+    def read(self, message: Message | Fault) -> Reaction:
         if isinstance(message, Fault):
-            return Heard((message,), hang_up=True)
+            return Reaction((message,), hang_up=True)
         kind, payload = message.data[2:3], message.data[3:]
         if kind == b"M":
             return self._text(payload, message)
@@ -114,7 +114,7 @@ class _Client:
             return self._recipe_answer(payload, message)
         return self._accepted(kind, payload, message)
 
-    def _accepted(self, kind: bytes, payload: bytes, message: Message) -> Heard:
+    def _accepted(self, kind: bytes, payload: bytes, message: Message) -> Reaction:
         """The answer to the version or to the start."""
         if payload not in {b"\0", b"\1"}:
             return _out_of_step(message)
@@ -123,11 +123,11 @@ class _Client:
             return _refused(f"the controller refuses {refused}; update or restart it", message)
         if kind == b"S":
             self._awaited = b"U"
-            return Heard()
+            return Reaction()
         self._awaited = b"O"
-        return Heard(send=_packet(b"O", struct.pack(">d", self._rate_hz) + ",".join(self._types).encode()))
+        return Reaction(send=_packet(b"O", struct.pack(">d", self._rate_hz) + ",".join(self._types).encode()))
 
-    def _recipe_answer(self, payload: bytes, message: Message) -> Heard:
+    def _recipe_answer(self, payload: bytes, message: Message) -> Reaction:
         types = payload[1:].decode("ascii", "replace").split(",")
         if len(types) != len(self._types):
             return _out_of_step(message)
@@ -137,9 +137,9 @@ class _Client:
                 return _refused(f"the controller answers {got} for {name}; {remedy}", message)
         self._recipe = payload[0]
         self._awaited = b"S"
-        return Heard(send=_packet(b"S"))
+        return Reaction(send=_packet(b"S"))
 
-    def _data(self, payload: bytes, message: Message) -> Heard:
+    def _data(self, payload: bytes, message: Message) -> Reaction:
         if len(payload) != self._fields.size or payload[0] != self._recipe:
             return _out_of_step(message)
         _, clock_s, *numbers = self._fields.unpack(payload)
@@ -148,7 +148,7 @@ class _Client:
         angles_deg = tuple(map(math.degrees, angles_rad))
         if not (0 <= clock_s < _MAX_CLOCK_S and are_angles(angles_deg)):
             detail = f"packet with time {clock_s:g} s and angles {angles_rad} rad; left out"
-            return Heard((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
+            return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
         sample = Sample(
             (*angles_deg, *signal),
             NO_TIME,
@@ -157,7 +157,7 @@ class _Client:
             message.size,
             clock_s,
         )
-        return Heard((*self._skipped(clock_s, message), sample))
+        return Reaction((*self._skipped(clock_s, message), sample))
 
     def _skipped(self, clock_s: float, message: Message) -> list[Item]:
         periods = (clock_s - self._clock_s) * self._rate_hz
@@ -168,17 +168,17 @@ class _Client:
         detail = f"controller time goes from {before_s:.3f} s to {clock_s:.3f} s; lower rate_hz if this recurs"
         return [Fault(FaultKind.SKIPPED, message.last_byte_ns, detail, missing)]
 
-    def _text(self, payload: bytes, message: Message) -> Heard:
+    def _text(self, payload: bytes, message: Message) -> Reaction:
         """A text of the controller; information is left out."""
         text, rest = _counted(payload)
         source, level = _counted(rest)
         if len(level) != 1:
             return _out_of_step(message)
         if level[0] >= 3:
-            return Heard()
+            return Reaction()
         name = ("exception", "error", "warning")[level[0]]
         detail = f"{name} from {source.decode('utf-8', 'replace')}: {text.decode('utf-8', 'replace')}"
-        return Heard((Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail),))
+        return Reaction((Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail),))
 
 
 def _counted(data: bytes) -> tuple[bytes, bytes]:
@@ -187,16 +187,16 @@ def _counted(data: bytes) -> tuple[bytes, bytes]:
     return data[1:end], data[end:]
 
 
-def _out_of_step(message: Message) -> Heard:
+def _out_of_step(message: Message) -> Reaction:
     detail = f"packet {message.data[:16].hex(' ')} ({message.size} bytes) makes no sense here; reconnecting"
-    return Heard((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),), hang_up=True)
+    return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),), hang_up=True)
 
 
-def _refused(detail: str, message: Message) -> Heard:
-    return Heard((Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail),), hang_up=True)
+def _refused(detail: str, message: Message) -> Reaction:
+    return Reaction((Fault(FaultKind.DEVICE_ERROR, message.last_byte_ns, detail),), hang_up=True)
 
 
-class _Controller:
+class _RTDEController:
     """The robot: the fields asked for at the rate asked for, one packet a period however late a tick."""
 
     CLOCK_START_S = 1000.0

@@ -17,12 +17,12 @@ Read = Callable[[int], Sequence[float]]
 
 
 def host(gauges: Sequence[Gauge]) -> Host:
-    """Our side of the link these gauges share."""
+    """Return our side of the conversation on the link that these gauges share."""
     conversation: Host = import_module(f"daq.gauges.{gauges[0].interface}").host(gauges)
     return conversation
 
 
 def device(gauges: Sequence[Gauge], read: Read) -> Device:
-    """The instrument's side of the link these gauges share."""
+    """Return the instrument's side of the conversation on the link that these gauges share."""
     conversation: Device = import_module(f"daq.gauges.{gauges[0].interface}").device(gauges, read)
     return conversation

@@ -1,6 +1,6 @@
 """CDI and Starrett IQ indicators: `R` is answered by fifteen characters, `±########, MM` and CR LF.
 
-One of the eight is the point, and blanks may stand among them. The unit, MM or IN, is told with each reading.
+One of the eight is the point, and blanks may stand among them. The unit, MM or IN, comes with each reading.
 `NOT FOUND`, `NO ACCESS`, `OUT OF BOUNDS` and `NON NUMERIC` refuse a command (makers' pages, confirmed).
 """
 
@@ -14,7 +14,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
-from daq.protocol.texts import Answering, Asking, Reading, Show, Trouble, garbled, in_mm
+from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
 from rigs.serial_gauges import CDIIQ
 
 _END = b"\r\n"
@@ -30,12 +30,12 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 
 def host(gauges: Sequence[CDIIQ]) -> Host:
-    """Our side; one gauge a cable."""
-    return Polled(Asking(gauges, b"R\r", Lines(_END), _read), gauges[0].timeout_s)
+    """Return our side of the conversation; a cable carries one gauge."""
+    return Polled(TextDialect(gauges, b"R\r", Lines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[CDIIQ], read: Read) -> Device:
-    """The indicator's side."""
+    """Return the indicator's side of the conversation."""
     units = gauges[0].units
 
     def answer(command: bytes, show: Show) -> bytes:
@@ -47,7 +47,7 @@ def device(gauges: Sequence[CDIIQ], read: Read) -> Device:
             return b"OUT OF BOUNDS" + _END
         return f"{'-' if value < 0 else '+'}{number}, {'MM' if units == 'mm' else 'IN'}".encode() + _END
 
-    return Answering(gauges, read, Lines(b"\r"), answer)
+    return TextDevice(gauges, read, Lines(b"\r"), answer)
 
 
 def _read(data: bytes, gauge: CDIIQ) -> Reading:

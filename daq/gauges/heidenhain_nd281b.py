@@ -4,7 +4,7 @@ Sign, number with leading blanks (10 characters), blank, unit (blank mm, `"` inc
 `?`), series of measurements (S minimum, A actual, G maximum, D difference), CR LF (maker's manual p. 39-42,
 confirmed; that the sign comes on top of the 10 is read from its figure). The length is held to, so that no lost
 digit passes. Only the actual value is taken: in a series the display may show another, which is no position. ENQ,
-answered by the error text, is not used: STX tells a fault at once.
+answered by the error text, is not used: STX reports a fault at once.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines, Sized
 from daq.protocol.polled import Polled
-from daq.protocol.texts import Answering, Asking, Reading, Show, Trouble, garbled, in_mm
+from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
 from rigs.serial_gauges import HeidenhainND281B
 
 _STX, _ENQ, _END = b"\x02", b"\x05", b"\r\n"
@@ -30,12 +30,12 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 
 def host(gauges: Sequence[HeidenhainND281B]) -> Host:
-    """Our side; one gauge a cable."""
-    return Polled(Asking(gauges, _STX, Lines(_END), _read), gauges[0].timeout_s)
+    """Return our side of the conversation; a cable carries one gauge."""
+    return Polled(TextDialect(gauges, _STX, Lines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[HeidenhainND281B], read: Read) -> Device:
-    """The instrument's side."""
+    """Return the instrument's side of the conversation."""
     units = gauges[0].units
 
     def answer(command: bytes, show: Show) -> bytes:
@@ -49,7 +49,7 @@ def device(gauges: Sequence[HeidenhainND281B], read: Read) -> Device:
         sign = "-" if good and value < 0 else "+"
         return f"{sign}{number} {_SIGN[units] if good else '?'}  ".encode() + _END
 
-    return Answering(gauges, read, Sized(1, lambda head: 1), answer)
+    return TextDevice(gauges, read, Sized(1, lambda head: 1), answer)
 
 
 def _read(data: bytes, gauge: HeidenhainND281B) -> Reading:

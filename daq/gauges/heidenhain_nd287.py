@@ -15,7 +15,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import Device, Fault, Host
 from daq.protocol.framing import Lines, Message
 from daq.protocol.polled import Polled
-from daq.protocol.texts import Answering, Asking, Reading, Show, Trouble, garbled, mm, shown
+from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, mm, shown
 from rigs.serial_gauges import HeidenhainND287
 
 _STX, _NAK, _END = b"\x02", b"\x15", b"\r\n"
@@ -26,12 +26,12 @@ _DECIMALS = {"mm": 4, "inch": 5}
 
 
 def host(gauges: Sequence[HeidenhainND287]) -> Host:
-    """Our side; one gauge a cable."""
-    return Polled(Asking(gauges, _DISPLAY + b"\r", _Replies(_END), _read), gauges[0].timeout_s)
+    """Return our side of the conversation; a cable carries one gauge."""
+    return Polled(TextDialect(gauges, _DISPLAY + b"\r", _Replies(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
-    """The instrument's side; a head in error shows on its display."""
+    """Return the instrument's side of the conversation; its display shows a head in error."""
     decimals = _DECIMALS[gauges[0].units]
 
     def answer(command: bytes, show: Show) -> bytes:
@@ -48,7 +48,7 @@ def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
             return _STX + f"{round(value * 10**decimals):+010d}".encode() + _END
         return _STX + f"{'-' if value < 0 else ' '}{abs(value):10.{decimals}f}".encode() + _END
 
-    return Answering(gauges, read, Lines(b"\r"), answer)
+    return TextDevice(gauges, read, Lines(b"\r"), answer)
 
 
 class _Replies(Lines):

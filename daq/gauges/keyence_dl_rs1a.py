@@ -22,7 +22,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled, Then
-from daq.protocol.texts import SIGNED, Answering, Asking, Reading, Show, Trouble, mm, shown
+from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, mm, shown
 from rigs.serial_gauges import KeyenceDLRS1A
 
 _END = b"\r\n"
@@ -44,12 +44,12 @@ _CHECK = "check the cable, that the DL-RS1A has power, and the line's settings a
 
 
 def host(gauges: Sequence[KeyenceDLRS1A]) -> Host:
-    """Our side."""
-    return Polled(Asking(gauges, b"M0" + _END, Lines(_END), _read, _CHECK), gauges[0].timeout_s)
+    """Return our side of the conversation."""
+    return Polled(TextDialect(gauges, b"M0" + _END, Lines(_END), _read, _CHECK), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[KeyenceDLRS1A], read: Read) -> Device:
-    """The communication unit's side, with heads up to the last channel asked for; those of no gauge here read zero."""
+    """Return the communication unit's side, with heads up to the last channel used; one without a gauge reads zero."""
     form = _FORMAT[gauges[0].units]
 
     def answer(command: bytes, show: Show) -> bytes:
@@ -62,7 +62,7 @@ def device(gauges: Sequence[KeyenceDLRS1A], read: Read) -> Device:
             fields[gauge.channel - 1] = format(value, form) if math.isfinite(value) else "+EE.EEE"
         return b"M0," + ",".join(fields).encode() + _END
 
-    return Answering(gauges, read, Lines(_END), answer)
+    return TextDevice(gauges, read, Lines(_END), answer)
 
 
 def _read(data: bytes, gauge: KeyenceDLRS1A) -> Reading:

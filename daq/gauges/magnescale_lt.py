@@ -3,7 +3,7 @@
 `A+12.3456`, with more before the sign where the counter is set so: its mode (N current, P peak to peak, I minimum, A
 maximum), the unit (M mm, I inch), the comparator (U, G, L, E). `A+F…` is an overflow, `AE` an alarm (LT20A/LT30
 manual p. 100-101, confirmed). A two-channel counter puts B after A and a blank, or on a line of its own if so set,
-which cannot be told from a late answer: set it to the blank. `R` and CR LF are those of the sister series LT10A (its
+which looks like a late answer: set it to the blank. `R` and CR LF are those of the sister series LT10A (its
 manual p. 43), and the line settings are not known: weak.
 """
 
@@ -17,7 +17,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
-from daq.protocol.texts import CHECK, Answering, Asking, Reading, Show, Trouble, garbled, in_mm, mm
+from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm, mm
 from rigs.probe import Probe
 from rigs.serial_gauges import MagnescaleLT
 
@@ -33,12 +33,12 @@ _CHECK = f"{CHECK}, and that its delimiter is CR LF"
 
 
 def host(gauges: Sequence[MagnescaleLT]) -> Host:
-    """Our side."""
-    return Polled(Asking(gauges, _REQUEST + _END, Lines(_END), _read, _CHECK), gauges[0].timeout_s)
+    """Return our side of the conversation."""
+    return Polled(TextDialect(gauges, _REQUEST + _END, Lines(_END), _read, _CHECK), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
-    """The counter's side; a channel of no gauge here reads zero."""
+    """Return the counter's side of the conversation; a channel without a gauge here reads zero."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command != _REQUEST:
@@ -47,7 +47,7 @@ def device(gauges: Sequence[MagnescaleLT], read: Read) -> Device:
         channels = range(1, max(values) + 1)
         return b" ".join(_name(k) + written(values.get(k, 0.0)) for k in channels) + _END
 
-    return Answering(gauges, read, Lines(_END), answer)
+    return TextDevice(gauges, read, Lines(_END), answer)
 
 
 def _read(data: bytes, gauge: MagnescaleLT) -> Reading:
@@ -65,7 +65,7 @@ def _read(data: bytes, gauge: MagnescaleLT) -> Reading:
 
 
 def value_of(field: bytes, gauge: Probe) -> Reading:
-    """What follows a channel's name in the reply of a Magnescale counter."""
+    """Return the reading that follows a channel's name in the reply of a Magnescale counter."""
     match = _VALUE.fullmatch(field)
     if not match:
         return garbled(field)
@@ -80,7 +80,7 @@ def value_of(field: bytes, gauge: Probe) -> Reading:
 
 
 def written(value: float) -> bytes:
-    """A number as these counters write it, sign and seven characters; an overflow or an alarm where there is none."""
+    """Return a number as these counters write it, sign and seven characters, or an overflow or alarm without one."""
     if not math.isfinite(value):
         return b"E"
     return f"{value:+08.4f}".encode() if abs(value) < 99.99995 else b"+F0.0000"

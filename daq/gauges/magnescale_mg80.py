@@ -1,4 +1,4 @@
-"""Magnescale MG80-SC: what it answers to the request that the rig file gives, which nobody could confirm.
+"""Magnescale MG80-SC: what it answers to the request that the rig file gives, which could not be confirmed.
 
 A header of five, module, counter, mode, unit `M`, comparator `U` `G` `L` `E`, then `±99.9999`; overflow `±F0.0000`,
 alarm `"  Error "` (maker's manual p. 39, confirmed). Its mode letters and `I` for inch are believed to be those of the
@@ -15,7 +15,7 @@ from daq.gauges.magnescale_lt import value_of, written
 from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
-from daq.protocol.texts import CHECK, Answering, Asking, Reading, Show, Trouble, garbled
+from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled
 from rigs.serial_gauges import MagnescaleMG80
 
 _END = b"\r\n"
@@ -23,14 +23,14 @@ _LENGTH = 13
 
 
 def host(gauges: Sequence[MagnescaleMG80]) -> Host:
-    """Our side; one gauge a line."""
+    """Return our side of the conversation; a line carries one gauge."""
     request = gauges[0].request.encode() + _END
-    asking = Asking(gauges, request, Lines(_END), _read, f"{CHECK}, and `request`")
-    return Polled(asking, gauges[0].timeout_s)
+    dialect = TextDialect(gauges, request, Lines(_END), _read, f"{CHECK}, and `request`")
+    return Polled(dialect, gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MagnescaleMG80], read: Read) -> Device:
-    """The interface unit's side."""
+    """Return the interface unit's side of the conversation."""
     (gauge,) = gauges
     unit = "M" if gauge.units == "mm" else "I"
 
@@ -42,7 +42,7 @@ def device(gauges: Sequence[MagnescaleMG80], read: Read) -> Device:
         header = f"{gauge.address}N{unit}{'G' if good else 'E'}".encode()
         return header + (written(value) if good else b"  Error ") + _END
 
-    return Answering(gauges, read, Lines(_END), answer)
+    return TextDevice(gauges, read, Lines(_END), answer)
 
 
 def _read(data: bytes, gauge: MagnescaleMG80) -> Reading:

@@ -1,7 +1,7 @@
 """Mahr Millimar C1202: `M1?` asks for one feature, `?` for all three, in one answer joined with `;`.
 
 `1 ±XXX.XX unit`, after it up to two of `<` `=` `>` where tolerances are on, and `ERR6` for a feature that is
-deactivated (maker's manual p. 82, confirmed). `channel` is the feature. The unit is told with each reading.
+deactivated (maker's manual p. 82, confirmed). `channel` is the feature. The unit comes with each reading.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import Device, FaultKind, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
-from daq.protocol.texts import SIGNED, Answering, Asking, Reading, Show, Trouble, garbled, in_mm
+from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm
 from rigs.serial_gauges import MahrC1202
 
 _END = b"\r"
@@ -23,13 +23,13 @@ _FORMAT = {"mm": "+09.4f", "um": "+07.2f", "inch": "+09.5f"}
 
 
 def host(gauges: Sequence[MahrC1202]) -> Host:
-    """Our side."""
+    """Return our side of the conversation."""
     request = b"?" if len(gauges) > 1 else b"M%d?" % gauges[0].channel
-    return Polled(Asking(gauges, request + _END, Lines(_END), _read), gauges[0].timeout_s)
+    return Polled(TextDialect(gauges, request + _END, Lines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
-    """The instrument's side; features that belong to no gauge here are deactivated."""
+    """Return the instrument's side of the conversation; features without a gauge here are deactivated."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command in {b"ID?", b"DES?"}:
@@ -40,7 +40,7 @@ def device(gauges: Sequence[MahrC1202], read: Read) -> Device:
         values = dict(zip((gauge.channel for gauge in gauges), show(), strict=True))
         return b";".join(_written(k, values.get(k, math.nan), gauges[0].units) for k in asked) + _END
 
-    return Answering(gauges, read, Lines(_END), answer)
+    return TextDevice(gauges, read, Lines(_END), answer)
 
 
 def _read(data: bytes, gauge: MahrC1202) -> Reading:

@@ -16,7 +16,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
-from daq.protocol.texts import CHECK, Answering, Asking, Reading, Show, garbled, in_mm, mm
+from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, garbled, in_mm, mm
 from rigs.serial_gauges import MahrC1208
 
 _NUMBER = rb"([+-]? *\d{1,7}\.\d{1,7})"
@@ -29,14 +29,14 @@ _CHECK = f"close its menu and end any master measurement, during which it is sil
 
 
 def host(gauges: Sequence[MahrC1208]) -> Host:
-    """Our side; one gauge a cable."""
+    """Return our side of the conversation; a cable carries one gauge."""
     protocol = gauges[0].protocol
-    asking = Asking(gauges, _REQUEST[protocol] + b"\r", Lines(_END[protocol]), _read, _CHECK)
-    return Polled(asking, gauges[0].timeout_s)
+    dialect = TextDialect(gauges, _REQUEST[protocol] + b"\r", Lines(_END[protocol]), _read, _CHECK)
+    return Polled(dialect, gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MahrC1208], read: Read) -> Device:
-    """The instrument's side; a head in error is one whose menu is open."""
+    """Return the instrument's side of the conversation; a head in error is one whose menu is open."""
     (gauge,) = gauges
 
     def answer(command: bytes, show: Show) -> bytes:
@@ -49,7 +49,7 @@ def device(gauges: Sequence[MahrC1208], read: Read) -> Device:
         text = f"M1, {text}" if gauge.protocol == "m1240" else text + _WORD[gauge.units]
         return text.encode() + _END[gauge.protocol]
 
-    return Answering(gauges, read, Lines(b"\r"), answer)
+    return TextDevice(gauges, read, Lines(b"\r"), answer)
 
 
 def _read(data: bytes, gauge: MahrC1208) -> Reading:

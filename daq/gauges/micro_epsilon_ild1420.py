@@ -1,6 +1,6 @@
 """Micro-Epsilon optoNCDT 1420 on RS-422: it streams, three bytes a value, with no sign of who asked or when.
 
-The two top bits tell the bytes apart: 00 low, 01 middle, 10 high, six bits of value in each; 11 is the high byte of
+The two top bits distinguish the bytes: 00 low, 01 middle, 10 high, six bits of value in each; 11 is the high byte of
 a further value in the same block (maker's manual p. 84). A distance x counts from the start of the measuring range,
 d = (102/65520 x - 1)/100 range, and is within it for x of 643 … 64877 (p. 65). That codes from 262075 on are errors
 is believed, not confirmed. `OUTPUT RS422` sets it going (p. 108), and its answer, ASCII, falls among the values.
@@ -20,7 +20,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Step
 from daq.protocol.framing import Lines, Message
 from daq.protocol.pace import Pace
-from daq.protocol.streamed import Heard, Streamed
+from daq.protocol.streamed import Reaction, Streamed
 from daq.protocol.texts import Reading, Trouble, items_of
 from rigs.serial_gauges import MicroEpsilonILD1420
 
@@ -33,19 +33,19 @@ _MORE = Trouble("the sensor sends more than the distance; select the distance al
 
 
 def host(gauges: Sequence[MicroEpsilonILD1420]) -> Host:
-    """Our side; one sensor a line."""
+    """Return our side of the conversation; a line carries one sensor."""
     (gauge,) = gauges
-    return Streamed(_Listening(gauge), gauge.timeout_s)
+    return Streamed(_ILD1420Dialect(gauge), gauge.timeout_s)
 
 
 def device(gauges: Sequence[MicroEpsilonILD1420], read: Read) -> Device:
-    """The sensor's side."""
+    """Return the sensor's side of the conversation."""
     (gauge,) = gauges
     return _Sensor(gauge, read)
 
 
 class _Values:
-    """Cuts the stream into its values, and tells a byte out of place once."""
+    """Cuts the stream into its values, and reports a byte out of place once."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()
@@ -89,7 +89,7 @@ class _Values:
         return Fault(FaultKind.GARBLED, now_ns, detail)
 
 
-class _Listening:
+class _ILD1420Dialect:
     """`OUTPUT RS422`, and again after a silence."""
 
     check = "check the cable, that the sensor is on, the line's settings, and that it is not set to its web interface"
@@ -103,16 +103,16 @@ class _Listening:
     def start(self) -> bytes:
         return _START
 
-    def read(self, message: Message | Fault) -> Heard:
+    def read(self, message: Message | Fault) -> Reaction:
         if isinstance(message, Fault):
             self._alone = True
-            return Heard((message,))
+            return Reaction((message,))
         before, self._alone = self._alone, message.data[2] >> 6 == _HIGH
         reading = _distance(message.data, self._gauge) if before and self._alone else _MORE
-        return Heard(items_of(message, NO_TIME, [reading]))
+        return Reaction(items_of(message, NO_TIME, [reading]))
 
-    def silent(self) -> Heard:
-        return Heard(send=_START)
+    def silent(self) -> Reaction:
+        return Reaction(send=_START)
 
 
 def _distance(data: bytes, gauge: MicroEpsilonILD1420) -> Reading:

@@ -1,7 +1,7 @@
 """Mitutoyo QM-Height on its USB port: the replies of `mitutoyo_usb`, each of twelve characters and CR.
 
 `01A+0000.123` in mm, `01A+00.12345` or `01A+000.1234` in inch (maker's manual p. 73, confirmed): the number of decimals
-tells the unit. That it understands the same request, `1`, is believed, not confirmed.
+states the unit. That it understands the same request, `1`, is believed, not confirmed.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from daq.gauges import Read, mitutoyo_usb
 from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
-from daq.protocol.texts import Asking, Reading, Trouble, garbled, in_mm
+from daq.protocol.texts import Reading, TextDialect, Trouble, garbled, in_mm
 from rigs.serial_gauges import MitutoyoQMHeight
 
 _LENGTH = 12
@@ -20,12 +20,12 @@ _UNIT = {3: b"mm", 4: b"inch", 5: b"inch"}
 
 
 def host(gauges: Sequence[MitutoyoQMHeight]) -> Host:
-    """Our side; one gauge a cable."""
-    return Polled(Asking(gauges, b"1\r", Lines(b"\r"), _read), gauges[0].timeout_s)
+    """Return our side of the conversation; a cable carries one gauge."""
+    return Polled(TextDialect(gauges, b"1\r", Lines(b"\r"), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[MitutoyoQMHeight], read: Read) -> Device:
-    """The gauge's side."""
+    """Return the gauge's side of the conversation."""
     return mitutoyo_usb.device(gauges, read)
 
 

@@ -14,7 +14,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
-from daq.protocol.texts import SIGNED, Answering, Asking, Reading, Show, Trouble, garbled, mm, shown
+from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, garbled, mm, shown
 from rigs.probe import Probe
 
 _END = b"\r"
@@ -24,12 +24,12 @@ _LONGEST = 9
 
 
 def host(gauges: Sequence[Probe]) -> Host:
-    """Our side; one gauge a cable."""
-    return Polled(Asking(gauges, b"1" + _END, Lines(_END), read_reply), gauges[0].timeout_s)
+    """Return our side of the conversation; a cable carries one gauge."""
+    return Polled(TextDialect(gauges, b"1" + _END, Lines(_END), read_reply), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[Probe], read: Read) -> Device:
-    """The gauge's side."""
+    """Return the gauge's side of the conversation."""
 
     def answer(command: bytes, show: Show) -> bytes:
         if command == b"V":
@@ -41,11 +41,11 @@ def device(gauges: Sequence[Probe], read: Read) -> Device:
         good = math.isfinite(value) and len(text) == _LONGEST
         return (f"01A{text}".encode() if good else b"911") + _END
 
-    return Answering(gauges, read, Lines(_END), answer)
+    return TextDevice(gauges, read, Lines(_END), answer)
 
 
 def read_reply(data: bytes, gauge: Probe) -> Reading:
-    """The reading of a reply, in mm."""
+    """Return the reading of a reply, in mm."""
     match = _REPLY.fullmatch(data)
     if match:
         return mm(match[1], gauge)

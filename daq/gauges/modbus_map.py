@@ -11,31 +11,31 @@ from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
 from daq.protocol.modbus import fits, pack, unpack
 from daq.protocol.polled import Polled
-from daq.protocol.probes import Probes
-from daq.protocol.registers import Asking, Held, Registers, Serving, pack_verdict, verdict
+from daq.protocol.registers import Held, RegisterDevice, RegisterDialect, Registers, pack_verdict, verdict
+from daq.protocol.resync import Resync
 from rigs.modbus import ModbusMap
 from rigs.probe import MM_PER_UNIT
 
 
 def host(gauges: Sequence[ModbusMap]) -> Host:
-    """Our side; one gauge a link."""
+    """Return our side of the conversation; a link carries one gauge."""
     (gauge,) = gauges
-    return Polled(asking(gauge), gauge.timeout_s, gauge.rate_hz)
+    return Polled(dialect(gauge), gauge.timeout_s, gauge.rate_hz)
 
 
 def device(gauges: Sequence[ModbusMap], read: Read) -> Device:
-    """The gauge's side."""
+    """Return the gauge's side of the conversation."""
     (gauge,) = gauges
-    return Serving(gauge, held(gauge, read))
+    return RegisterDevice(gauge, held(gauge, read))
 
 
-def asking(gauge: ModbusMap, probes: Probes | None = None) -> Asking:
-    """The read of this block; `probes`: see there."""
-    return Asking(gauge, partial(_reading, gauge), probes)
+def dialect(gauge: ModbusMap, resync: Resync | None = None) -> RegisterDialect:
+    """Return the dialect that reads this block; `resync`: see `RegisterDialect`."""
+    return RegisterDialect(gauge, partial(_reading, gauge), resync)
 
 
 def held(gauge: ModbusMap, read: Read) -> Held:
-    """What the instrument's block holds."""
+    """Return what the instrument's block holds, as a function of time."""
     return lambda now_ns: _registers(gauge, read(now_ns)[0], now_ns)
 
 
@@ -59,7 +59,7 @@ def _clock_s(gauge: ModbusMap, registers: Registers) -> float:
 
 
 def _registers(gauge: ModbusMap, reading_mm: float, now_ns: int) -> list[int] | None:
-    """All registers; None where there is no reading and no status register to say so."""
+    """All registers; None where there is not a reading and no status register to say so."""
     raw = (reading_mm / MM_PER_UNIT[gauge.units] - gauge.value.offset) / gauge.value.scale
     good = fits(raw, gauge.value)
     if not good and gauge.status is None:

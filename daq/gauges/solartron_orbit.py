@@ -14,11 +14,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from daq.gauges import Read
-from daq.gauges.modbus_map import asking, held
+from daq.gauges.modbus_map import dialect, held
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
-from daq.protocol.polled import Heard, Polled, Then
-from daq.protocol.registers import Serving
+from daq.protocol.polled import Polled, Reply, Then
+from daq.protocol.registers import RegisterDevice
 from rigs.modbus import ModbusMap, SolartronOrbit, ValueRegister
 
 _FLOATS = 8000
@@ -32,13 +32,13 @@ _STATUS = {
 
 
 def host(gauges: Sequence[SolartronOrbit]) -> Host:
-    """Our side; one gauge a line."""
+    """Return our side of the conversation; a line carries one gauge."""
     (gauge,) = gauges
-    return Polled(_Asking(gauge), gauge.timeout_s)
+    return Polled(_OrbitDialect(gauge), gauge.timeout_s)
 
 
 def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
-    """The unit's side."""
+    """Return the unit's side of the conversation."""
     (gauge,) = gauges
 
     def value(now_ns: int) -> Sequence[float]:
@@ -48,7 +48,7 @@ def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
         return [_NO_PROBE if math.isnan(value) else 0.0 for value in read(now_ns)]
 
     first, second = _block(gauge, gauge.parameter), _status_block(gauge)
-    return Serving(first, held(first, value), (second, held(second, status)))
+    return RegisterDevice(first, held(first, value), (second, held(second, status)))
 
 
 def _block(gauge: SolartronOrbit, parameter: int) -> ModbusMap:
@@ -69,14 +69,14 @@ def _status_block(gauge: SolartronOrbit) -> ModbusMap:
     return _block(gauge, gauge.status_parameter).model_copy(update={"units": "mm"})
 
 
-class _Asking:
+class _OrbitDialect:
     """The reading, then its status."""
 
     reset = b""
 
     def __init__(self, gauge: SolartronOrbit) -> None:
-        self._value = asking(_block(gauge, gauge.parameter))
-        self._status = asking(_status_block(gauge), self._value.probes)
+        self._value = dialect(_block(gauge, gauge.parameter))
+        self._status = dialect(_status_block(gauge), self._value.resync)
         self.frames = self._value.frames
         self.check = self._value.check
         self._held: Sample | None = None
@@ -88,20 +88,20 @@ class _Asking:
         self._asked, self._held = self._held, None
         return (self._status if self._asked else self._value).request()
 
-    def read(self, message: Message, requested_ns: int) -> Heard:
+    def read(self, message: Message, requested_ns: int) -> Reply:
         if self._asked is None:
-            heard = self._value.read(message, requested_ns)
-            if heard.then is not Then.ASK or not heard.items:
-                return heard
-            (item,) = heard.items
+            reply = self._value.read(message, requested_ns)
+            if reply.then is not Then.ASK or not reply.items:
+                return reply
+            (item,) = reply.items
             self._held = item if isinstance(item, Sample) else None
-            return replace(heard, items=())
-        heard = self._status.read(message, requested_ns)
-        (item,) = heard.items
+            return replace(reply, items=())
+        reply = self._status.read(message, requested_ns)
+        (item,) = reply.items
         if not isinstance(item, Sample):
-            return heard
+            return reply
         code = round(item.values[0])
         if code == 0:
-            return Heard((self._asked,))
+            return Reply((self._asked,))
         meaning = _STATUS.get(code, "an error of the gauge; see its manual")
-        return Heard((Fault(FaultKind.DEVICE_ERROR, item.last_byte_ns, f"status {code}: {meaning}"),), Then.PAUSE)
+        return Reply((Fault(FaultKind.DEVICE_ERROR, item.last_byte_ns, f"status {code}: {meaning}"),), Then.PAUSE)

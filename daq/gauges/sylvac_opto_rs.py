@@ -19,7 +19,7 @@ from daq.gauges import Read
 from daq.protocol import polled, streamed
 from daq.protocol.conversation import NO_TIME, Device, Fault, Host, Step
 from daq.protocol.framing import Lines, Message
-from daq.protocol.texts import CHECK, Answering, Asking, Reading, Show, Trouble, garbled, items_of, mm
+from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled, items_of, mm
 from rigs.serial_gauges import SylvacOptoRS
 
 _END = b"\r"
@@ -34,16 +34,16 @@ _DECIMALS = {"mm": 4, "um": 1, "inch": 5}
 
 
 def host(gauges: Sequence[SylvacOptoRS]) -> Host:
-    """Our side; one gauge a cable."""
+    """Return our side of the conversation; a cable carries one gauge."""
     (gauge,) = gauges
     if gauge.mode == "continuous":
         return streamed.Streamed(_Continuous(gauge), gauge.timeout_s)
     # A cable may have been left in continuous mode.
-    return polled.Polled(Asking(gauges, b"?\r", Lines(_END), _read, reset=b"OUT0\r"), gauge.timeout_s)
+    return polled.Polled(TextDialect(gauges, b"?\r", Lines(_END), _read, reset=b"OUT0\r"), gauge.timeout_s)
 
 
 def device(gauges: Sequence[SylvacOptoRS], read: Read) -> Device:
-    """The cable's side."""
+    """Return the cable's side of the conversation."""
     (gauge,) = gauges
     return _Cable(gauge, read)
 
@@ -70,17 +70,17 @@ class _Continuous:
     def start(self) -> bytes:
         return b"OUT1\r"
 
-    def read(self, message: Message | Fault) -> streamed.Heard:
+    def read(self, message: Message | Fault) -> streamed.Reaction:
         if isinstance(message, Fault):
-            return streamed.Heard((message,))
+            return streamed.Reaction((message,))
         items = items_of(message, NO_TIME, [_read(message.data, self._gauge)])
-        return streamed.Heard(items, send=self.start() if message.data.startswith(b"SY") else b"")
+        return streamed.Reaction(items, send=self.start() if message.data.startswith(b"SY") else b"")
 
-    def silent(self) -> streamed.Heard:
-        return streamed.Heard(send=self.start())
+    def silent(self) -> streamed.Reaction:
+        return streamed.Reaction(send=self.start())
 
 
-class _Cable(Answering):
+class _Cable(TextDevice):
     """The instrument; in continuous mode it speaks whenever the line is free, so it asks to be woken now."""
 
     def __init__(self, gauge: SylvacOptoRS, read: Read) -> None:

@@ -14,7 +14,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
-from daq.protocol.texts import SIGNED, Answering, Asking, Reading, Show, Trouble, garbled, in_mm, mm
+from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, garbled, in_mm, mm
 from rigs.serial_gauges import TesaTT
 
 _END = b"\r\n"
@@ -23,12 +23,12 @@ _FORMAT = {"mm": "+08.2f", "um": "+08.3f"}
 
 
 def host(gauges: Sequence[TesaTT]) -> Host:
-    """Our side; one gauge a cable."""
-    return Polled(Asking(gauges, b"?\r", Lines(_END), _read), gauges[0].timeout_s)
+    """Return our side of the conversation; a cable carries one gauge."""
+    return Polled(TextDialect(gauges, b"?\r", Lines(_END), _read), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[TesaTT], read: Read) -> Device:
-    """The instrument's side."""
+    """Return the instrument's side of the conversation."""
     units = gauges[0].units
     texts = {b"ID?": b"TESA TT80", b"UNI?": units.upper().encode(), b"RNG?": b"2", b"VER?": b"1.0"}
 
@@ -38,7 +38,7 @@ def device(gauges: Sequence[TesaTT], read: Read) -> Device:
         (value,) = show()
         return (format(value, _FORMAT[units]).encode() if math.isfinite(value) else b"ERR23") + _END
 
-    return Answering(gauges, read, Lines(b"\r"), answer)
+    return TextDevice(gauges, read, Lines(b"\r"), answer)
 
 
 def _read(data: bytes, gauge: TesaTT) -> Reading:

@@ -1,6 +1,6 @@
-"""Telling a fault that keeps coming once a second instead of a thousand times.
+"""Reporting a fault that keeps coming once a second instead of a thousand times.
 
-The first is told at once. Those that follow without a message free of it in between are counted, and told
+The first is reported at once. Those that follow without a message free of it in between are counted, and reported
 as one when they end or a second has passed. What has its own count or its own pace (SILENT, LATE, SKIPPED, STRANGER)
 passes unchanged.
 """
@@ -24,7 +24,7 @@ class Bursts:
         """By what makes two faults the same; the count is of those not told yet."""
 
     def merge(self, items: Sequence[Item], now_ns: int) -> list[Item]:
-        """The items of one message, with its repeated faults held back and those that are due added."""
+        """Return the items of one message, with repeated faults held back and those that are due added."""
         coming = {_sameness(item) for item in items if isinstance(item, Fault)}
         told = [fault for key in list(self._open) if key not in coming for fault in self._close(key)]
         for item in items:
@@ -38,7 +38,7 @@ class Bursts:
         return told
 
     def end(self) -> list[Item]:
-        """What is still held back."""
+        """Return the faults that are still held back."""
         return [fault for key in list(self._open) for fault in self._close(key)]
 
     def _again(self, key: tuple[FaultKind, str], count: int, now_ns: int) -> list[Item]:

@@ -17,14 +17,14 @@ from enum import StrEnum
 from typing import Protocol
 
 NO_TIME = -1
-"""A stamp that does not exist: the request of a device that streams unasked."""
+"""A stamp that does not exist: the request of a device that streams by itself."""
 
 
 class FaultKind(StrEnum):
     """What can go wrong on a link."""
 
     GARBLED = "garbled"
-    """Bytes that are no message of this protocol; left out."""
+    """Bytes that are not a message of this protocol; ignored."""
     DEVICE_ERROR = "device_error"
     """The device answered with its own error code."""
     MISSING = "missing"
@@ -32,22 +32,22 @@ class FaultKind(StrEnum):
     SILENT = "silent"
     """No answer within the time allowed."""
     LATE = "late"
-    """Came after its turn: an answer to a request already given up, which nobody knows whose it is, or a datagram
-    that came twice or after a later one; left out."""
+    """Something came after its turn and is ignored: an answer to a request that was already given up, or a datagram
+    that came twice or after a later one."""
     SKIPPED = "skipped"
     """The device's own clock or counter shows that messages are missing."""
     STRANGER = "stranger"
-    """A datagram of somebody who is not the peer; left out."""
+    """A datagram from a sender that is not the peer; ignored."""
     DISCONNECTED = "disconnected"
     """The link is gone or refuses to open."""
     DOUBTFUL = "doubtful"
-    """Readings that are well-formed, kept, and hard to believe."""
+    """Readings that are well-formed but implausible; they are kept."""
     DROPPED = "dropped"
-    """Samples lost on the host for want of room."""
+    """Samples lost on the host because a buffer was full."""
     OUT_OF_STEP = "out_of_step"
-    """A replay could not say it when it was said; counted in seconds."""
+    """A replay was not in step with its capture; counted in seconds."""
     CLOCK = "clock"
-    """The host's wall clock was set, or the host slept; told on no link but on the host itself."""
+    """The host's wall clock was set, or the host slept; reported for the host itself and not for a stream."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +71,9 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """Something that went wrong, in words a person can use; `count` messages were affected.
+    """Something that went wrong, in words that help a person; `count` messages were affected.
 
-    A count of 0 says more of what was counted before.
+    A count of 0 adds details to what was counted before.
     """
 
     kind: FaultKind
@@ -112,15 +112,15 @@ class Conversation(Protocol):
 
 
 class Host(Conversation, Protocol):
-    """Our side: what it emits is all there is to know of the link."""
+    """Our side of a conversation: what it emits is all that is known of the link."""
 
     def lost(self, now_ns: int) -> tuple[Item, ...]:
-        """What is still to be told where the link is gone: faults counted and held back."""
+        """Return what is still to be reported when the link is gone: faults that were counted and held back."""
 
 
 class Device(Conversation, Protocol):
-    """The device's side: it sends and emits no items."""
+    """The device's side of a conversation: it sends bytes and emits no items."""
 
     @property
     def sent(self) -> int:
-        """Readings or packets sent so far."""
+        """The number of readings or packets sent so far."""

@@ -16,12 +16,12 @@ LIMIT = 4096
 
 
 class Datagrams:
-    """One message a piece; a longer one than `LIMIT` is a GARBLED fault."""
+    """Treats each piece as one message; one longer than `LIMIT` is a GARBLED fault."""
 
     pending = False
 
     def clear(self) -> None:
-        """Nothing is ever held."""
+        """Do nothing, since nothing is ever held."""
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
         if len(data) > LIMIT:

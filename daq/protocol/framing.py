@@ -2,7 +2,7 @@
 
 A framer is fed the pieces as they come and gives the messages they complete, whatever the pieces' cut.
 `Lines` ends a message at a delimiter; `Sized` reads its length from its first bytes. Neither keeps more
-than `LIMIT` bytes, however long a peer babbles without ending a message: the rest is discarded and told as
+than `LIMIT` bytes, however long a peer babbles without ending a message: the rest is discarded and reported as
 one GARBLED fault.
 """
 
@@ -33,14 +33,14 @@ class Framer(Protocol):
     """What cuts a stream into messages."""
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
-        """The messages that these bytes complete, and a fault where they cannot be cut."""
+        """Return the messages that these bytes complete, and a fault where they cannot be cut."""
 
     def clear(self) -> None:
-        """Forget a message begun; the next byte begins a new one."""
+        """Drop a message that has begun; the next byte begins a new one."""
 
     @property
     def pending(self) -> bool:
-        """A message has begun and not ended."""
+        """Whether a message has begun and not ended."""
 
 
 class _Pieces:
@@ -56,7 +56,7 @@ class _Pieces:
             self._arrivals.append((len(data), now_ns))
 
     def take(self, size: int, trailer: int = 0) -> Message:
-        """The first `size` bytes, of which the last `trailer` are no content."""
+        """Take the first `size` bytes as a message, whose last `trailer` bytes are not content."""
         content = bytes(self.data[: size - trailer])
         del self.data[:size]
         first_ns = last_ns = self._arrivals[0][1]

@@ -20,7 +20,7 @@ from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from daq.protocol.framing import Framer, Lines, Message, Sized
-from daq.protocol.probes import Probes
+from daq.protocol.resync import Resync
 from rigs.links import tcp_address
 from rigs.modbus import Register
 
@@ -34,23 +34,23 @@ _DATATYPE = {datatype.name.lower(): datatype for datatype in ModbusClientMixin.D
 
 
 class Block(Protocol):
-    """What a rig file says of the registers to be read."""
+    """What a rig file says about the registers to be read."""
 
     @property
     def port(self) -> str:
-        """TCP where it is an address, else a serial device."""
+        """The port: TCP if it is an address, else a serial device."""
 
     @property
     def framing(self) -> Literal["rtu", "ascii"]:
-        """Of a serial line."""
+        """The framing on a serial line."""
 
     @property
     def unit(self) -> int:
-        """Of the instrument on its line or behind its gateway."""
+        """The number of the instrument on its line or behind its gateway."""
 
     @property
     def function(self) -> Literal[3, 4]:
-        """3 reads holding registers, 4 input registers."""
+        """The function code: 3 reads holding registers, 4 input registers."""
 
     @property
     def address(self) -> int:
@@ -58,22 +58,22 @@ class Block(Protocol):
 
     @property
     def count(self) -> int:
-        """How many."""
+        """The number of registers."""
 
     @property
     def word_order(self) -> Literal["big", "little"]:
-        """Which register of a value comes first."""
+        """The order of the registers of a value."""
 
 
 class Wire:
-    """One side's frames, in the form the port asks for."""
+    """The frames of one side, RTU or TCP as the port requires."""
 
-    def __init__(self, block: Block, *, serving: bool, probes: Probes | None = None) -> None:
+    def __init__(self, block: Block, *, serving: bool, resync: Resync | None = None) -> None:
         self.numbered = tcp_address(block.port) is not None
         """Whether requests and replies carry a transaction id."""
         self.frames: Framer
-        self.probes = probes or Probes(block.count)
-        """Which answer is awaited on a serial line."""
+        self.resync = resync or Resync(block.count)
+        """Which answer is expected on a serial line."""
         self._block = block
         codec = DecodePDU(is_server=serving)
         self._framer: FramerSocket | FramerAscii | FramerRTU
@@ -86,25 +86,25 @@ class Wire:
             self._framer, self.frames = FramerRTU(codec), RtuRequests() if serving else Sized(3, self._rtu_reply_length)
 
     def encode(self, pdu: ModbusPDU) -> bytes:
-        """Its frame."""
+        """Return the frame of a PDU."""
         return self._framer.buildFrame(pdu)
 
     def request(self, number: int) -> bytes:
-        """The read of the whole block; on a serial line it may be a probe, a read of another length."""
+        """Return the request for the whole block; on a serial line it may be a probe, a read of another length."""
         b = self._block
         kind = _REQUEST[b.function]
-        count = b.count if self.numbered else self.probes.ask()
+        count = b.count if self.numbered else self.resync.ask()
         return self.encode(kind(dev_id=b.unit, transaction_id=number, address=b.address, count=count))
 
     def open(self, frame: bytes) -> tuple[int, int, bytes]:
-        """Unit, transaction id and content of a frame; no content if it is damaged."""
+        """Return unit, transaction id and content of a frame; the content is empty if the frame is damaged."""
         if self._ending and not _ASCII.fullmatch(frame):
             return 0, 0, b""
         _, unit, number, content = self._framer.decode(frame + self._ending)
         return unit, number, content
 
     def decode(self, content: bytes) -> ModbusPDU | None:
-        """The content of a register read or an exception."""
+        """Decode the content of a register read or an exception."""
         return self._framer.decoder.decode(content)
 
     def _rtu_reply_length(self, head: bytes) -> int | None:
@@ -113,7 +113,7 @@ class Wire:
             return None
         if function & 0x80:
             return 5
-        return 5 + size if size / 2 in (self._block.count, *self.probes.counts) else None
+        return 5 + size if size / 2 in (self._block.count, *self.resync.counts) else None
 
 
 def _tcp_length(head: bytes) -> int | None:
@@ -148,7 +148,7 @@ class RtuRequests:
 
 
 def unpack(registers: Sequence[int], register: Register, block: Block) -> float:
-    """One value of the block."""
+    """Return one value of the block."""
     start = register.address - block.address
     words = list(registers[start : start + register.count])
     value = ModbusClientMixin.convert_from_registers(words, _DATATYPE[register.type], block.word_order)
@@ -165,7 +165,7 @@ def pack(registers: list[int], register: Register, block: Block, value: float) -
 
 
 def fits(raw: float, register: Register) -> bool:
-    """Whether the register's type can hold it."""
+    """Return whether the register's type can hold the value."""
     if register.type == "float32":
         return abs(raw) < 2.0**127
     bits, signed = 16 * register.count, register.type.startswith("int")

@@ -11,10 +11,10 @@ _MAX_DEG = 1e6
 
 
 def number(text: str) -> float | None:
-    """A decimal number, None for anything else (nan, inf, hexadecimals, underscores, a hundred digits)."""
+    """Return a decimal number, None for anything else (nan, inf, hexadecimals, underscores, a hundred digits)."""
     return float(text) if _NUMBER.fullmatch(text) else None
 
 
 def are_angles(values_deg: Iterable[float]) -> bool:
-    """Whether all are finite and such as an axis can show."""
+    """Return whether all values are finite and possible for an axis."""
     return all(abs(value) < _MAX_DEG for value in values_deg)

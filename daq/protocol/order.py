@@ -1,8 +1,8 @@
 """Lost, doubled and overtaken datagrams, seen by the number that each carries.
 
-A sample that comes after a later one, or twice, is left out and told as LATE: its place in time is gone by, and a
-clock that runs backwards would look like a controller that was started again. What is missing is told as SKIPPED,
-with the count; so a sample that was overtaken is told as missing first and as late when it comes.
+A sample that comes after a later one, or twice, is ignored and reported as LATE: its time has passed, and a
+clock that runs backwards would look like a controller that was started again. What is missing is a SKIPPED fault
+with the count; so a sample that was overtaken is reported as missing first and as late when it comes.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _AHEAD = 1_000_000
 
 
 class Order:
-    """What the numbers of successive messages say; they grow by `step` and wrap at `modulus`."""
+    """Checks the numbers of successive messages, which grow by `step` and wrap at `modulus`."""
 
     def __init__(self, step: int = 1, modulus: int = 2**32) -> None:
         self._step = step
@@ -24,11 +24,11 @@ class Order:
         self._last: int | None = None
 
     def forget(self) -> None:
-        """What comes next continues nothing."""
+        """Forget the last number, so that the next message continues nothing."""
         self._last = None
 
     def admit(self, sample: Sample, number: int) -> tuple[Item, ...]:
-        """The sample with this number, if its turn has not passed, and what its number tells."""
+        """Return the sample with this number, unless it came too late, and the faults that its number shows."""
         last, at_ns = self._last, sample.last_byte_ns
         if last is None:
             self._last = number

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 
 class Pace:
-    """Period after period from `start_ns` on."""
+    """Gives the instants of a steady rate from `start_ns` on."""
 
     def __init__(self, rate_hz: float, start_ns: int) -> None:
         self._rate_hz = rate_hz
@@ -16,11 +16,11 @@ class Pace:
 
     @property
     def next_ns(self) -> int:
-        """The next instant not yet given."""
+        """The next instant that was not given yet."""
         return self._start_ns + round(self._count * 1e9 / self._rate_hz)
 
     def step(self, now_ns: int) -> int | None:
-        """The next instant not given before, None where it has not come yet."""
+        """Return the next instant that was not given before; None if it has not come yet."""
         instant = self.next_ns
         if instant > now_ns:
             return None
@@ -28,6 +28,6 @@ class Pace:
         return instant
 
     def due(self, now_ns: int) -> Iterator[int]:
-        """Every instant up to now not given before."""
+        """Return every instant up to now that was not given before."""
         while (instant := self.step(now_ns)) is not None:
             yield instant

@@ -1,4 +1,4 @@
-"""Asking and being answered: one request on the line at a time, the next one as soon as it is answered and due.
+"""Requests and answers: one request on the line at a time, the next one as soon as it is answered and due.
 
 An answer must never be credited to a later request. Serial answers carry no number, so whenever it is unclear
 whose an answer would be, nothing is asked: the line is *drained*, that is, whatever comes is discarded until
@@ -13,10 +13,10 @@ It also is where nothing is asked because a given `rate_hz` allows no further re
 `STIR_NS`, each time for another time: after `STIR` requests, half a second (`STIR_EVERY_NS`) apart at the least, since
 it makes a hole in the readings of a quick instrument. An adapter that holds bytes back (FTDI's latency
 timer, 16 ms) falls into step with requests that follow each answer at once; then no answer of a run comes as
-quickly as the instrument gives it, and nobody could tell when it was latched.
+quickly as the instrument gives it, and it is unknown when it was latched.
 
 An answer later than twice `timeout_s` can still slip through where the protocol has neither a number nor a length
-to tell by (`daq.protocol.probes`): make `timeout_s` at least half the slowest answer of the instrument. After an
+to tell by (`daq.protocol.resync`): make `timeout_s` at least half the slowest answer of the instrument. After an
 error answer the line rests for `PAUSE_NS`, for an instrument that refuses does so at once.
 """
 
@@ -39,25 +39,25 @@ STIR_EVERY_NS = 500_000_000
 _GOLDEN = 0.6180339887498949
 """Multiples of it, less their whole part, fill the range from 0 to 1 evenly, however many there are."""
 _BABBLE = 4
-"""Time-outs that a drain may last before it is told, and the instrument asked to be quiet again."""
+"""Time-outs that a drain may last before it is reported and the instrument is asked again to be quiet."""
 
 
 class Then(Enum):
     """What a message means for the exchange."""
 
     ASK = auto()
-    """It was the answer."""
+    """The message was the answer."""
     PAUSE = auto()
-    """It was the answer and a refusal."""
+    """The message was the answer, and a refusal."""
     WAIT = auto()
-    """It is not the answer, which may still come."""
+    """The message was not the answer, which may still come."""
     DRAIN = auto()
-    """Nobody knows."""
+    """The message may or may not be the answer."""
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """What a message says, and what it means for the exchange.
+class Reply:
+    """The meaning of a message: its items, and what follows for the exchange.
 
     No items: a step on the way to a reading, which neither begins nor ends a run of faults.
     """
@@ -66,29 +66,29 @@ class Heard:
     then: Then = Then.ASK
 
 
-class Dialect(Protocol):
-    """What one instrument adds to asking and being answered."""
+class PolledDialect(Protocol):
+    """What one instrument adds to the exchange of requests and answers."""
 
     @property
     def frames(self) -> Framer:
-        """What cuts its messages."""
+        """The framer that cuts its messages."""
 
     reset: bytes
-    """Makes the instrument quiet; sent at the beginning of a drain that nobody's answer is awaited in."""
+    """The bytes that make the instrument quiet; sent at the beginning of a drain in which no answer is expected."""
     check: str
     """What to look at when it is silent."""
 
     def request(self) -> bytes:
-        """The next request."""
+        """Return the next request."""
 
-    def read(self, message: Message, requested_ns: int) -> Heard:
-        """What a message means as an answer to the request of that time."""
+    def read(self, message: Message, requested_ns: int) -> Reply:
+        """Return the meaning of a message as an answer to the request of that time."""
 
 
 class Polled:
-    """The host's side of an instrument that speaks when spoken to."""
+    """The host's side of an instrument that answers requests."""
 
-    def __init__(self, dialect: Dialect, timeout_s: float, rate_hz: float = math.inf) -> None:
+    def __init__(self, dialect: PolledDialect, timeout_s: float, rate_hz: float = math.inf) -> None:
         self._dialect = dialect
         self._period_ns = round(1e9 / rate_hz)
         self._timeout_s = timeout_s
@@ -115,11 +115,11 @@ class Polled:
             return self._discard(len(messages), now_ns)
         items: list[Item] = []
         for position, message in enumerate(messages, 1):
-            heard = self._read(message)
-            if heard.items:
-                items += self._bursts.merge(heard.items, now_ns)
-            if heard.then is not Then.WAIT:
-                return self._go_on(heard.then, items, len(messages) - position, now_ns)
+            reply = self._read(message)
+            if reply.items:
+                items += self._bursts.merge(reply.items, now_ns)
+            if reply.then is not Then.WAIT:
+                return self._go_on(reply.then, items, len(messages) - position, now_ns)
         if now_ns >= self._wake_ns:
             return self._give_up(items, now_ns)
         return Step(items=tuple(items), wake_ns=self._wake_ns)
@@ -137,9 +137,9 @@ class Polled:
         late = self._late(now_ns) if self._requested_ns == NO_TIME else []
         return (*self._bursts.end(), *late)
 
-    def _read(self, message: Message | Fault) -> Heard:
+    def _read(self, message: Message | Fault) -> Reply:
         if isinstance(message, Fault):
-            return Heard((message,), Then.DRAIN)
+            return Reply((message,), Then.DRAIN)
         return self._dialect.read(message, self._requested_ns)
 
     def _go_on(self, then: Then, items: list[Item], surplus: int, now_ns: int) -> Step:
@@ -182,7 +182,7 @@ class Polled:
         discarded: int = 0,
         telling: bool = False,
     ) -> Step:
-        """Ask nothing until the line has been quiet; `telling`: what comes meanwhile is news."""
+        """Request nothing until the line has been quiet; `telling`: what comes meanwhile is reported."""
         self._requested_ns = NO_TIME
         self._quiet_ns = self._timeout_ns if quiet_ns is None else quiet_ns
         self._wake_ns = now_ns + self._quiet_ns
@@ -202,9 +202,9 @@ class Polled:
         return self._drain([fault], now_ns, send=self._dialect.reset)
 
     def _late(self, now_ns: int) -> list[Item]:
-        """The fault for what the drain discarded, half a message included."""
+        """Return the fault for what the drain discarded, including an incomplete message."""
         count = self._discarded + self._dialect.frames.pending
         if not (self._telling and count):
             return []
-        detail = "came when no answer was awaited and left out; if it recurs, make timeout_s longer"
+        detail = "a message came while no answer was expected and was ignored; if this recurs, increase timeout_s"
         return [Fault(FaultKind.LATE, now_ns, detail, count)]

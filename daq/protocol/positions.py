@@ -13,7 +13,7 @@ from daq.protocol.datagrams import Datagrams
 from daq.protocol.framing import Message
 from daq.protocol.numerals import are_angles
 from daq.protocol.order import Order
-from daq.protocol.streamed import Heard
+from daq.protocol.streamed import Reaction
 
 _MAX_CLOCK_S = 1e11
 """A stamp beyond is none: three thousand years, whether since 1970 or since the controller was switched on."""
@@ -21,7 +21,7 @@ _MAX_CLOCK_S = 1e11
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """Of one datagram: six joint angles (deg), the controller's clock (s) and the datagram's number."""
+    """The position in one datagram: six joint angles (deg), the controller's clock (s) and the datagram's number."""
 
     angles_deg: tuple[float, ...]
     clock_s: float
@@ -30,14 +30,14 @@ class Position:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """A datagram without a position in it: why, in words."""
+    """The reason why a datagram holds no position, in words."""
 
     kind: FaultKind
     detail: str
 
 
 class Positions:
-    """Listening to datagrams; `start` is sent at first, and again whenever the controller is silent."""
+    """Receives positions in datagrams; `start` is sent at first, and again whenever the controller is silent."""
 
     def __init__(
         self, decode: Callable[[bytes], Position | Refused], check: str, order: Order, start: bytes = b""
@@ -51,23 +51,23 @@ class Positions:
     def start(self) -> bytes:
         return self._start
 
-    def silent(self) -> Heard:
+    def silent(self) -> Reaction:
         self._order.forget()
-        return Heard(send=self._start)
+        return Reaction(send=self._start)
 
-    def read(self, message: Message | Fault) -> Heard:
+    def read(self, message: Message | Fault) -> Reaction:
         if isinstance(message, Fault):
-            return Heard((message,))
+            return Reaction((message,))
         position, at_ns = self._decode(message.data), message.last_byte_ns
         if isinstance(position, Position) and not _sound(position):
             detail = f"time {position.clock_s:g} s and angles {position.angles_deg}; left out"
             position = Refused(FaultKind.GARBLED, detail)
         if isinstance(position, Refused):
             detail = f"datagram of {message.size} bytes: {position.detail}"
-            return Heard((Fault(position.kind, at_ns, detail),))
+            return Reaction((Fault(position.kind, at_ns, detail),))
         stamps = (NO_TIME, message.first_byte_ns, at_ns)
         sample = Sample(position.angles_deg, *stamps, message.size, position.clock_s)
-        return Heard(self._order.admit(sample, position.number))
+        return Reaction(self._order.admit(sample, position.number))
 
 
 def _sound(position: Position) -> bool:

@@ -18,7 +18,7 @@ Field = tuple[int, int, int | bytes]
 
 
 def fields(data: bytes) -> list[Field] | None:
-    """The fields of a message in their order; None where the bytes are no message."""
+    """Return the fields of a message in their order; None if the bytes are not a message."""
     found: list[Field] = []
     at = 0
     while at < len(data):
@@ -51,41 +51,41 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
 
 
 def number_in(message: Sequence[Field], number: int) -> int:
-    """An integer field: its last value, 0 where it is not there."""
+    """Return the last value of an integer field; 0 if the field is missing."""
     values = [value for key, wire_type, value in message if key == number and wire_type == VARINT]
     return int(values[-1]) if values else 0
 
 
 def message_in(message: Sequence[Field], number: int) -> list[Field] | None:
-    """A message within a message, without fields where it is not there; None where its bytes are no message."""
+    """Return a message within a message, empty if it is missing; None if its bytes are not a message."""
     parts = [value for key, wire_type, value in message if key == number and wire_type == BYTES]
     return fields(b"".join(part for part in parts if isinstance(part, bytes)))
 
 
 def doubles_in(message: Sequence[Field], number: int) -> tuple[float, ...]:
-    """A repeated double, packed or not."""
+    """Return the values of a repeated double, packed or not."""
     wanted = [value for key, wire_type, value in message if key == number and wire_type in (FIXED64, BYTES)]
     data = b"".join(value for value in wanted if isinstance(value, bytes))
     return struct.unpack(f"<{len(data) // 8}d", data[: len(data) // 8 * 8])
 
 
 def varint(value: int) -> bytes:
-    """An integer as it is written."""
+    """Encode an integer."""
     low, rest = value & 0x7F, value >> 7
     return bytes([low | 0x80]) + varint(rest) if rest else bytes([low])
 
 
 def integer(number: int, value: int) -> bytes:
-    """An integer field as it is written."""
+    """Encode an integer field."""
     return varint(number << 3 | VARINT) + varint(value)
 
 
 def nested(number: int, content: bytes) -> bytes:
-    """A message, or bytes, as a field is written."""
+    """Encode a message, or bytes, as a field."""
     return varint(number << 3 | BYTES) + varint(len(content)) + content
 
 
 def doubles(number: int, values: Sequence[float]) -> bytes:
-    """A repeated double as proto2 writes it: each a field of its own."""
+    """Encode a repeated double as proto2 does: each value as a field of its own."""
     key = varint(number << 3 | FIXED64)
     return b"".join(key + struct.pack("<d", value) for value in values)

@@ -1,9 +1,9 @@
-"""Asking for a block of Modbus registers, and serving one: what gauges and controllers read by registers share.
+"""Reading a block of Modbus registers, and serving one: what gauges and controllers with registers have in common.
 
 The block is read whole in one request, because a value of several registers may not be split (Baumer OM20/OM30
-manual p. 22, confirmed) and what it holds must be of the same instant. Over TCP the transaction id tells an old answer.
+manual p. 22, confirmed) and what it holds must be of the same instant. Over TCP the transaction id marks an old answer.
 An RTU answer carries no number, so after a time-out the line is drained (`daq.protocol.polled`), and lest the answer
-come later still, a read of another length comes next, whose answer cannot be mistaken (`daq.protocol.probes`).
+come later still, a read of another length comes next, whose answer cannot be mistaken (`daq.protocol.resync`).
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, ReadInpu
 from daq.protocol.conversation import Fault, FaultKind, Sample, Step
 from daq.protocol.framing import Message
 from daq.protocol.modbus import Block, Wire, pack, unpack
-from daq.protocol.polled import Heard, Then
-from daq.protocol.probes import Probes
+from daq.protocol.polled import Reply, Then
+from daq.protocol.resync import Resync
 from rigs.modbus import StatusRegister
 
 Registers = Sequence[int]
@@ -39,18 +39,18 @@ _REMEDY = {
 _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
 
 
-class Asking:
-    """The host's dialect: the read of the block."""
+class RegisterDialect:
+    """The host's dialect, which reads the block."""
 
     reset = b""
     check = "check the cable, that the instrument is on, the line's settings and `unit`"
 
-    def __init__(self, block: Block, reading: Reading, probes: Probes | None = None) -> None:
-        """probes: those of another block that is read over the same line in turn."""
+    def __init__(self, block: Block, reading: Reading, resync: Resync | None = None) -> None:
+        """resync: that of another block which is read over the same line in turn."""
         self._block = block
         self._reading = reading
-        self._wire = Wire(block, serving=False, probes=probes)
-        self.probes = self._wire.probes
+        self._wire = Wire(block, serving=False, resync=resync)
+        self.resync = self._wire.resync
         self.frames = self._wire.frames
         self._number = 0
 
@@ -58,42 +58,42 @@ class Asking:
         self._number = self._number % 0xFFFF + 1
         return self._wire.request(self._number)
 
-    def read(self, message: Message, requested_ns: int) -> Heard:
+    def read(self, message: Message, requested_ns: int) -> Reply:
         at_ns = message.last_byte_ns
         unit, number, content = self._wire.open(message.data)
         if not content:
             return _garbled("checksum wrong; check the cable and the line's settings", at_ns)
         if self._wire.numbered and number != self._number:
-            detail = f"answer {number} came while waiting for {self._number}; make timeout_s longer"
-            return Heard((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
+            detail = f"answer {number} came while waiting for {self._number}; increase timeout_s"
+            return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
         if unit != self._block.unit or content[0] & 0x7F != self._block.function:
             return _garbled(f"answer of unit {unit}, function {content[0] & 0x7F}; check `unit`", at_ns)
         return self._answer(content, message, requested_ns)
 
-    def _answer(self, content: bytes, message: Message, requested_ns: int) -> Heard:
+    def _answer(self, content: bytes, message: Message, requested_ns: int) -> Reply:
         """What a sound answer of this instrument means, or one to an earlier request."""
-        at_ns, probes = message.last_byte_ns, self.probes
+        at_ns, resync = message.last_byte_ns, self.resync
         pdu = self._wire.decode(content)
-        other = pdu is None or (not pdu.isError() and len(pdu.registers) != probes.asked)
+        other = pdu is None or (not pdu.isError() and len(pdu.registers) != resync.asked)
         if pdu is None or (other and self._wire.numbered):
             return _garbled(f"{message.size} bytes answer a read of {self._block.count} registers", at_ns)
         if other:
-            detail = "an answer came after its time, told by its length; make timeout_s longer"
-            return Heard((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
-        probes.answered()
-        if probes.probing:
-            return Heard(())
-        if probes.doubtful:
-            detail = "an answer came of which nobody knows whether it is late, left out; make timeout_s longer"
-            return Heard((Fault(FaultKind.LATE, at_ns, detail),), Then.DRAIN)
+            detail = "an answer came too late, recognised by its length, and was ignored; increase timeout_s"
+            return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
+        resync.answered()
+        if resync.probing:
+            return Reply(())
+        if resync.doubtful:
+            detail = "an answer came that may belong to an earlier request, and was ignored; increase timeout_s"
+            return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.DRAIN)
         if pdu.isError():
-            return Heard((_refusal(pdu.exception_code, at_ns),), Then.PAUSE)
+            return Reply((_refusal(pdu.exception_code, at_ns),), Then.PAUSE)
         item = self._reading(pdu.registers, message, requested_ns)
-        return Heard((item,), Then.ASK if isinstance(item, Sample) else Then.PAUSE)
+        return Reply((item,), Then.ASK if isinstance(item, Sample) else Then.PAUSE)
 
 
 def verdict(registers: Registers, status: StatusRegister | None, block: Block, at_ns: int) -> int | Fault:
-    """The instrument's own: 0 for good, its code for doubtful, a fault for anything else."""
+    """Return the instrument's own verdict: 0 for good, its code for doubtful, a fault for anything else."""
     if status is None:
         return 0
     code = unpack(registers, status, block)
@@ -106,14 +106,14 @@ def verdict(registers: Registers, status: StatusRegister | None, block: Block, a
 
 
 def pack_verdict(registers: list[int], status: StatusRegister | None, block: Block, *, good: bool) -> None:
-    """Put a status into the block: the first that is listed, or else one that is not."""
+    """Put a status into the block: the first listed one if `good`, else one that is not listed."""
     if status is not None:
         known = (*status.good, *status.doubtful)
         pack(registers, status, block, known[0] if good else min(set(range(len(known) + 1)) - set(known)))
 
 
-def _garbled(detail: str, at_ns: int) -> Heard:
-    return Heard((Fault(FaultKind.GARBLED, at_ns, detail),), Then.DRAIN)
+def _garbled(detail: str, at_ns: int) -> Reply:
+    return Reply((Fault(FaultKind.GARBLED, at_ns, detail),), Then.DRAIN)
 
 
 def _refusal(code: int, at_ns: int) -> Fault:
@@ -124,11 +124,11 @@ def _refusal(code: int, at_ns: int) -> Fault:
     return Fault(FaultKind.DEVICE_ERROR, at_ns, f"exception {code} {name.name}: {remedy}")
 
 
-class Serving:
-    """The instrument's side: it holds the block and nothing else, or some further ones."""
+class RegisterDevice:
+    """The instrument's side: it serves one block, or several."""
 
     def __init__(self, block: Block, registers: Held, *further: tuple[Block, Held]) -> None:
-        """registers: the whole block as of a time; None where there is no reading and nothing to say so with."""
+        """registers: the whole block as of a time; None where there is not a reading and nothing to say so with."""
         self.sent = 0
         """Answers from the first block."""
         self._block = block

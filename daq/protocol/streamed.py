@@ -1,6 +1,6 @@
-"""Listening to a peer that speaks unasked, once it has been set going.
+"""Receiving from a peer that sends by itself once it has been started.
 
-Each message is read as it comes. A silence of `timeout_s` is told (Fault SILENT), once per `timeout_s`, and
+Each message is read as it comes. A silence of `timeout_s` is reported (Fault SILENT), once per `timeout_s`, and
 the dialect says what to do about it. Bytes without a message in them do not end a silence.
 """
 
@@ -15,38 +15,38 @@ from daq.protocol.framing import Framer, Message
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """What a message says and what is to be sent for it; `hang_up`: no more can come of this link."""
+class Reaction:
+    """The meaning of a message and what to send for it; `hang_up`: close the link, which brings nothing more."""
 
     items: tuple[Item, ...] = ()
     send: bytes = b""
     hang_up: bool = False
 
 
-class Dialect(Protocol):
-    """What one peer adds to speaking unasked."""
+class StreamedDialect(Protocol):
+    """What one peer adds to sending by itself."""
 
     @property
     def frames(self) -> Framer:
-        """What cuts its messages."""
+        """The framer that cuts its messages."""
 
     check: str
     """What to look at when it is silent."""
 
     def start(self) -> bytes:
-        """What sets it going."""
+        """Return the bytes that start it."""
 
-    def read(self, message: Message | Fault) -> Heard:
-        """What a message means, or a place where the stream could not be cut."""
+    def read(self, message: Message | Fault) -> Reaction:
+        """Return the meaning of a message, or of a place where the stream could not be cut."""
 
-    def silent(self) -> Heard:
-        """What to do about a silence."""
+    def silent(self) -> Reaction:
+        """Return what to do about a silence."""
 
 
 class Streamed:
-    """The host's side of a peer that speaks unasked."""
+    """The host's side of a peer that sends by itself."""
 
-    def __init__(self, dialect: Dialect, timeout_s: float) -> None:
+    def __init__(self, dialect: StreamedDialect, timeout_s: float) -> None:
         self._dialect = dialect
         self._timeout_s = timeout_s
         self._timeout_ns = round(timeout_s * 1e9)
@@ -62,12 +62,12 @@ class Streamed:
         send, items = b"", list[Item]()
         if not self._over:
             for message in self._dialect.frames.feed(data, now_ns):
-                heard = self._dialect.read(message)
-                items += self._bursts.merge(heard.items, now_ns)
-                send += heard.send
+                reaction = self._dialect.read(message)
+                items += self._bursts.merge(reaction.items, now_ns)
+                send += reaction.send
                 if not isinstance(message, Fault):
                     self._wake_ns = now_ns + self._timeout_ns
-                if heard.hang_up:
+                if reaction.hang_up:
                     return self._finish(send, items)
         return self._watch(send, items, now_ns)
 
@@ -84,9 +84,9 @@ class Streamed:
             detail = f"nothing for {self._timeout_s:g} s; {self._dialect.check}"
             items += [*self._bursts.end(), Fault(FaultKind.SILENT, now_ns, detail)]
             self._wake_ns = now_ns + self._timeout_ns
-            heard = self._dialect.silent()
-            send += heard.send
-            if heard.hang_up:
+            reaction = self._dialect.silent()
+            send += reaction.send
+            if reaction.hang_up:
                 return self._finish(send, items)
         return Step(send, tuple(items), self._wake_ns)
 

@@ -2,10 +2,10 @@
 
 A driver adds its dialect: the request, what ends a message, and `read`, which says what one message means for one
 gauge: its reading in mm, or a `Trouble` in words. The gauges that share a link share the message. A gauge in
-trouble reads nan beside one that is well; where all are, there is no sample. `Answering` is the instrument, of
+trouble reads nan beside one that is well; where all are, there is no sample. `TextDevice` is the instrument, of
 which a driver adds what it answers.
 
-An instrument that tells its unit is held to that of the rig file (`in_mm`): a reading in another unit is told as a
+An instrument that sends its unit is held to that of the rig file (`in_mm`): a reading in another unit is reported as a
 fault and never converted, since either the gauge or the file is not what its owner believes.
 """
 
@@ -18,7 +18,7 @@ from typing import Generic, TypeVar
 
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
 from daq.protocol.framing import Framer, Message
-from daq.protocol.polled import Heard, Then
+from daq.protocol.polled import Reply, Then
 from rigs.probe import MM_PER_UNIT, Probe, Units
 
 CHECK = "check the cable, that the gauge is on, and the line's settings"
@@ -33,7 +33,7 @@ ProbeT = TypeVar("ProbeT", bound=Probe)
 
 @dataclass(frozen=True, slots=True)
 class Trouble:
-    """Why a message holds no reading, with what to do about it."""
+    """The reason why a message holds no reading, with what to do about it."""
 
     detail: str
     kind: FaultKind = FaultKind.DEVICE_ERROR
@@ -45,22 +45,22 @@ Reading = float | Trouble
 
 
 def garbled(data: bytes) -> Trouble:
-    """The message is none of this protocol."""
-    return Trouble(f"{shown(data)} is no reading; check the line's settings", FaultKind.GARBLED, Then.DRAIN)
+    """Return the trouble that the message does not belong to this protocol."""
+    return Trouble(f"{shown(data)} is not a reading; check the line's settings", FaultKind.GARBLED, Then.DRAIN)
 
 
 def shown(data: bytes) -> str:
-    """A message as a person can read it."""
+    """Return a message as a person can read it."""
     return repr(data[:60])[1:]
 
 
 def mm(number: bytes, gauge: Probe) -> float:
-    """A number in the gauge's units; blanks in it are left out."""
+    """Convert a number in the gauge's units to mm; blanks in it are ignored."""
     return float(number.replace(b" ", b"")) * MM_PER_UNIT[gauge.units]
 
 
 def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
-    """A number whose unit the instrument tells; Trouble where that is not the gauge's."""
+    """Convert a number whose unit the instrument sends to mm; Trouble if that is not the gauge's unit."""
     told = _UNITS.get(unit.lower())
     if told == gauge.units:
         return mm(number, gauge)
@@ -71,7 +71,7 @@ def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
 
 
 def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -> tuple[Item, ...]:
-    """A sample of what is well, and a fault for each trouble."""
+    """Return a sample of the good readings, and a fault for each trouble."""
     at_ns = message.last_byte_ns
     troubles = dict.fromkeys(reading for reading in readings if isinstance(reading, Trouble))
     faults = tuple(Fault(trouble.kind, at_ns, trouble.detail) for trouble in troubles)
@@ -81,8 +81,8 @@ def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -
     return (Sample(values, requested_ns, message.first_byte_ns, at_ns, message.size), *faults)
 
 
-class Asking(Generic[ProbeT]):
-    """The same request again and again (a dialect of `daq.protocol.polled`)."""
+class TextDialect(Generic[ProbeT]):
+    """A dialect of `daq.protocol.polled` that repeats the same request."""
 
     def __init__(
         self,
@@ -103,17 +103,17 @@ class Asking(Generic[ProbeT]):
     def request(self) -> bytes:
         return self._request
 
-    def read(self, message: Message, requested_ns: int) -> Heard:
+    def read(self, message: Message, requested_ns: int) -> Reply:
         readings = [self._read(message.data, gauge) for gauge in self._gauges]
         items = items_of(message, requested_ns, readings)
         if isinstance(items[0], Sample):
-            return Heard(items)
+            return Reply(items)
         thens = {reading.then for reading in readings if isinstance(reading, Trouble)}
-        return Heard(items, Then.DRAIN if Then.DRAIN in thens else Then.PAUSE)
+        return Reply(items, Then.DRAIN if Then.DRAIN in thens else Then.PAUSE)
 
 
-class Answering:
-    """An instrument that speaks when spoken to.
+class TextDevice:
+    """The side of an instrument that answers requests.
 
     `answer` gives what it says to a command, and empty bytes for nothing; a command that nobody can cut is empty.
     """

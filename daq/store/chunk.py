@@ -41,17 +41,17 @@ class Salvage:
 
     @property
     def rows(self) -> int:
-        """Rows in all batches."""
+        """The number of rows in all batches."""
         return sum(batch.num_rows for batch in self.batches)
 
 
 def with_opening(schema: pa.Schema, opening: bytes) -> pa.Schema:
-    """The schema with the run's opening manifest (JSON) and its checksum in the metadata."""
+    """Return the schema with the run's opening manifest (JSON) and its checksum in the metadata."""
     return schema.with_metadata({_OPENING: opening, _OPENING_CRC: _digits(zlib.crc32(opening))})
 
 
 def opening_in(data: bytes) -> bytes | None:
-    """The opening manifest that the bytes of a chunk of either kind hold, None when it does not verify."""
+    """Return the opening manifest in the bytes of a chunk of either kind; None if it cannot be verified."""
     source = pa.BufferReader(data)
     try:
         parquet = data.startswith(b"PAR1")
@@ -64,12 +64,12 @@ def opening_in(data: bytes) -> bytes | None:
 
 
 def head(schema: pa.Schema) -> bytes:
-    """How a recording chunk begins."""
+    """Return the bytes that a recording chunk begins with."""
     return bytes(schema.serialize().to_pybytes())
 
 
 def frame(batch: pa.RecordBatch, number: int) -> bytes:
-    """One batch as it is appended to a recording chunk; `number` counts from 0 in each file."""
+    """Return one batch as it is appended to a recording chunk; `number` counts from 0 in each file."""
     sink = pa.BufferOutputStream()
     with pa.ipc.new_stream(sink, batch.schema) as writer:
         marks = {_NUMBER: _digits(number), _CRC: _digits(checksum(batch, number))}
@@ -129,12 +129,12 @@ def _reason(error: BaseException) -> str:
 
 
 def table_of(batches: tuple[pa.RecordBatch, ...], schema: pa.Schema) -> pa.Table:
-    """Batches as one table that carries the schema's metadata."""
+    """Return batches as one table that carries the schema's metadata."""
     return pa.Table.from_batches(batches, schema.remove_metadata()).replace_schema_metadata(schema.metadata)
 
 
 def to_parquet(table: pa.Table) -> bytes:
-    """A table as a Parquet file, proven to read back bit for bit.
+    """Return a table as a Parquet file that was proven to read back bit for bit.
 
     Raises ArrowInvalid when it does not. Without dictionaries, which would merge nans of different bits.
     """
@@ -148,7 +148,7 @@ def to_parquet(table: pa.Table) -> bytes:
 
 
 def from_parquet(data: bytes) -> pa.Table | None:
-    """The table in a Parquet file, None when the bytes are not one, or hold text that is none.
+    """Return the table in a Parquet file; None if the bytes are not one, or hold text that is not UTF-8.
 
     On the calling thread alone: Arrow's own threads, still at work when Python ends, abort the program
     after its answer is printed (apache/arrow issue 34314).

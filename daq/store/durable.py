@@ -3,7 +3,7 @@
 A file is durable when its bytes and its directory's entry for it are both synced; replacing one goes
 through a temporary name, so that every name always holds a whole file, the old or the new.
 Nothing else changes a file while a run is recorded or recovered: who wraps this module's `os` sees every
-change in order, as `scripts/powercut` does. Raises plain OSError: the callers know what to tell a person.
+change in order, as `scripts/powercut` does. Raises plain OSError: the callers turn it into a message for people.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LOCK = ".lock"
 
 
 def free_bytes(path: Path) -> int:
-    """Room that this user still has on the disk of path."""
+    """Return the bytes that this user still has free on the disk of path."""
     disk = os.statvfs(path)
     return disk.f_bavail * disk.f_frsize
 
@@ -42,7 +42,7 @@ def make_directory(path: Path) -> None:
 
 
 def discard(path: Path) -> None:
-    """Delete a directory in which nothing was recorded, as far as the disk lets us."""
+    """Delete a directory in which nothing was recorded, as far as the disk allows it."""
     shutil.rmtree(path, ignore_errors=True)
 
 
@@ -61,7 +61,7 @@ def sync(fd: int) -> None:
 
 
 def again(fd: int) -> int:
-    """Another descriptor of an open file, for who outlives the first."""
+    """Return another descriptor of an open file, which stays valid after the first is closed."""
     return os.dup(fd)
 
 
@@ -71,7 +71,7 @@ def truncate(fd: int, size: int) -> None:
 
 
 def close(fd: int) -> None:
-    """Let go of a file or a lock. What a disk says only now is of nothing that was synced."""
+    """Close a file or a lock. Errors at this point do not concern what was synced, and are ignored."""
     with suppress(OSError):
         os.close(fd)
 
@@ -95,9 +95,9 @@ def write_at(fd: int, data: bytes, offset: int) -> None:
 
 
 def create(path: Path, data: bytes) -> int:
-    """A new file that begins with data, as a descriptor; no file is left when it cannot.
+    """Create a file that begins with data, and return its descriptor; no file is left if this fails.
 
-    Raises FileExistsError when the name is taken.
+    Raises FileExistsError if the name is taken.
     """
     fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
     try:

@@ -14,8 +14,8 @@ import pyarrow as pa
 from daq.store import durable
 from daq.store.chunk import to_parquet, with_opening
 from daq.store.manifest import ImportedTable, Manifest, chunk_name, hold_operator, iso_now, new_manifest
-from daq.store.recording import describe
 from daq.store.schema import TABLE
+from daq.store.stream_writer import describe
 from rigs.errors import CellError, FileError
 from rigs.vocabulary import Direction, TestName
 

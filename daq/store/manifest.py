@@ -1,4 +1,4 @@
-"""What a run says about itself: `manifest.json`, written whole at each change.
+"""The manifest of a run, `manifest.json`: written as a whole at each change.
 
 A start record and a stop record in one file: a manifest that says `recording` while nobody holds the
 run's lock is a crash. Chunks are named by file only, so that a run directory can be moved and copied.
@@ -19,7 +19,7 @@ from typing import Annotated, Literal
 import pyarrow as pa
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from daq.clocks import read_clocks
+from daq.acquisition.host_clock import read_clocks
 from daq.store.durable import replace
 from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, ColumnType, schema_of, storable, table_schema
 from rigs.errors import FileError
@@ -35,18 +35,18 @@ _CHUNK = re.compile(r"(?P<stream>.+)-(?P<number>[0-9]{4,})\.(?P<kind>parquet|arr
 
 
 def in_one_line(text: str) -> str:
-    """A text that terminals and reports can show in one line. Raises ValueError for one with control characters."""
+    """Return a text that can be shown in one line. Raises ValueError if it contains control characters."""
     if not text.isprintable():
         raise ValueError(f"{text!r} holds control characters; write it in one line")
     return text
 
 
 def hold_operator(where: str, name: str) -> str:
-    """The name of who measured, as a run may carry it. Raises FileError for one with control characters."""
+    """Return the operator's name as a run may hold it. Raises FileError if it contains control characters."""
     try:
         return in_one_line(storable(name))
     except ValueError:
-        what = f"cannot be measured by {name!r}, which holds control characters"
+        what = f"the operator's name {name!r} contains control characters"
         raise FileError(where, what, "give --operator in one line of plain text") from None
 
 
@@ -58,12 +58,12 @@ PLACEMENT_RULE = "name a placement with up to 64 letters, digits, . _ and -"
 
 
 def chunk_name(stream: str, number: int) -> str:
-    """Name of a chunk's Parquet file; chunks count from 1."""
+    """Return the name of a chunk's Parquet file; chunks count from 1."""
     return f"{stream}-{number:04d}.parquet"
 
 
 def parse_chunk(name: str) -> tuple[str, int, str] | None:
-    """Stream, number and kind (parquet, arrow) of a chunk's file name; None for any other file."""
+    """Return stream, number and kind (parquet, arrow) of a chunk's file name; None for any other file."""
     match = _CHUNK.fullmatch(name)
     return (match["stream"], int(match["number"]), match["kind"]) if match else None
 
@@ -101,7 +101,7 @@ class ImportedTable(_Record):
 
 
 class Relabelling(_Record):
-    """One word of a run's label that a person corrected after its end, and when."""
+    """One field of a run's label that a person corrected after its end, and when."""
 
     at: str
     field: Literal["test", "direction", "operator", "placement"]
@@ -110,7 +110,7 @@ class Relabelling(_Record):
 
 
 class Manifest(_Record):
-    """Everything that a run says about itself beside its rows."""
+    """Everything that is known about a run beside its rows."""
 
     version: Literal[1] = 1
     name: Name
@@ -167,28 +167,28 @@ class Manifest(_Record):
         return {**self.streams, **table, FAULTS: ()}
 
     def arrow_schema(self, stream: str) -> pa.Schema:
-        """The Arrow schema of one of `all_streams`."""
+        """Return the Arrow schema of one of `all_streams`."""
         if self.table and stream == TABLE:
             return table_schema(self.table.columns)
         return schema_of(stream, self.all_streams[stream])
 
     def chunks_of(self, stream: str) -> tuple[Chunk, ...]:
-        """The chunks of one stream in order of recording."""
+        """Return the chunks of one stream in order of recording."""
         mine = (chunk for chunk in self.chunks if chunk.stream == stream)
         return tuple(sorted(mine, key=lambda chunk: (parse_chunk(chunk.file) or ("", 0, ""))[1]))
 
     def wall_ns(self, monotonic_ns: int) -> int:
-        """What the wall clock showed at a stamp, ns since 1970."""
+        """Return what the wall clock showed at a stamp, in ns since 1970."""
         after = [anchor for anchor in self.anchors if anchor.monotonic_ns <= monotonic_ns]
         anchor = after[-1] if after else self.clock
         return anchor.unix_ns + monotonic_ns - anchor.monotonic_ns
 
     def save(self, run: Path) -> None:
-        """Write it into the run directory, durably and all at once. Raises OSError."""
+        """Write the manifest into the run directory, durably and in one step. Raises OSError."""
         replace(run / MANIFEST, self.to_json())
 
     def opening(self) -> bytes:
-        """The manifest as it was when the run started."""
+        """Return the manifest as it was when the run started."""
         fresh: dict[str, object] = {
             "chunks": (),
             "anchors": (),
@@ -200,7 +200,7 @@ class Manifest(_Record):
         return self.model_copy(update=fresh).to_json()
 
     def to_json(self) -> bytes:
-        """The manifest as it is stored."""
+        """Return the manifest as it is stored."""
         return self.model_dump_json(indent=1).encode()
 
 
@@ -217,7 +217,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
     follows: str = "",
     table: ImportedTable | None = None,
 ) -> Manifest:
-    """The manifest of a run that starts now, on this host.
+    """Return the manifest of a run that starts now, on this host.
 
     Raises FileError when a name cannot be used.
     """
@@ -255,7 +255,7 @@ def load_manifest(run: Path) -> Manifest:
         return Manifest.model_validate_json(path.read_bytes())
     except FileNotFoundError:
         if any(run.glob(f"*/{MANIFEST}")):
-            raise FileError(str(run), "is no run, it holds runs", f"give one of them, as {run}/NAME") from None
+            raise FileError(str(run), "is not a run but holds runs", f"give one of them, as {run}/NAME") from None
         raise FileError(str(run), "has no manifest.json", f"run `rig recover {run}`") from None
     except ValidationError as error:
         what = f"is damaged or of another version: {first_error(error)}"
@@ -265,29 +265,29 @@ def load_manifest(run: Path) -> Manifest:
 
 
 def unreadable(path: Path, error: OSError) -> FileError:
-    """What to raise for a file that the system does not let us read."""
+    """Return the error for a file that the system does not let us read."""
     return FileError(str(path), f"cannot be read: {error.strerror}", "check the disk and the rights")
 
 
 def first_error(error: ValidationError) -> str:
-    """The first complaint of pydantic in one line."""
+    """Return the first error that pydantic reports, in one line."""
     details = error.errors(include_url=False, include_context=False, include_input=False)[0]
     place = ".".join(str(part) for part in details["loc"])
     return " ".join(f"{place} {details['msg']}".split())
 
 
 def sha256(data: bytes) -> str:
-    """SHA-256 in hexadecimal."""
+    """Return the SHA-256 of data in hexadecimal."""
     return hashlib.sha256(data).hexdigest()
 
 
 def iso_now() -> str:
-    """The time in UTC as ISO 8601."""
+    """Return the present time in UTC as ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 
 def clock_now() -> Clock:
-    """Both clocks now."""
+    """Read both clocks now."""
     now = read_clocks()
     return Clock(monotonic_ns=now.monotonic_ns, unix_ns=now.wall_ns, bracket_ns=now.bracket_ns)
 

@@ -40,7 +40,7 @@ class Marks(BaseModel):
 
 
 def load_marks(run: Path) -> Marks:
-    """The marks of a run, none where nobody marked it. Raises FileError where they cannot be read."""
+    """Return the marks of a run, empty if it was never marked. Raises FileError if they cannot be read."""
     path = run / MARKS
     try:
         return Marks.model_validate_json(path.read_bytes())
@@ -53,13 +53,13 @@ def load_marks(run: Path) -> Marks:
 
 
 def mark_exported(run: Path, to: str, file: Path) -> None:
-    """Note that a run was written to a file. Raises FileError, CellError where this user may not write there."""
+    """Note that a run was written to a file. Raises FileError, or CellError if this user may not write there."""
     export = Export(at=iso_now(), format=to, file=str(file.absolute()))
     _change(run, lambda marks: marks.model_copy(update={"exports": (*marks.exports, export)}))
 
 
 def mark_kept(run: Path, kept: bool) -> None:
-    """Note whether a run is kept for ever. Raises as above."""
+    """Note whether a run is kept for ever. Raises the errors of `mark_exported`."""
     _change(run, lambda marks: marks.model_copy(update={"kept": kept}))
 
 

@@ -1,4 +1,4 @@
-"""Memory of a daemon that runs for months: what the closing of a chunk took goes back to the system."""
+"""Memory of a daemon that runs for months: what closing a chunk took is returned to the system."""
 
 from __future__ import annotations
 
@@ -22,5 +22,5 @@ def keep_large_blocks_apart() -> None:
 
 
 def give_back() -> None:
-    """What Arrow keeps for later."""
+    """Return the memory that Arrow keeps for later to the system."""
     pa.default_memory_pool().release_unused()

@@ -20,9 +20,9 @@ from pydantic import ValidationError
 from daq.store import durable
 from daq.store.chunk import Salvage, from_parquet, opening_in, salvage, with_opening
 from daq.store.manifest import MANIFEST, Chunk, Manifest, chunk_name, load_manifest, parse_chunk, sha256
-from daq.store.recording import describe, store
 from daq.store.run import read_chunk
 from daq.store.schema import FAULTS
+from daq.store.stream_writer import describe, store_chunk
 from rigs.errors import CellError, FileError
 
 TORN = ".torn"
@@ -30,7 +30,7 @@ TORN = ".torn"
 
 @dataclass
 class Recovery:
-    """What was brought back.
+    """The outcome of a recovery.
 
     rows: rows recovered of each stream. losses: for each damaged file what could not be read, in
     words. notes: everything else that was done.
@@ -43,7 +43,7 @@ class Recovery:
 
     @property
     def nothing_to_do(self) -> bool:
-        """Whether the run was whole already."""
+        """Whether the run was complete already."""
         return not (self.rows or self.losses or self.notes)
 
 
@@ -64,7 +64,7 @@ def recover(path: Path) -> Recovery:
         finally:
             durable.close(held)
     except (OSError, pa.ArrowException) as error:
-        remedy = "make room or mend the disk and try again; nothing was lost"
+        remedy = "make room or repair the disk and try again; nothing was lost"
         raise CellError(str(path), f"cannot be recovered: {error}", remedy) from error
 
 
@@ -77,7 +77,7 @@ def _manifest_of(path: Path) -> tuple[Manifest, Recovery]:
     except FileError as error:
         manifest = _rebuilt(path)
         if manifest is None:
-            what = f"{error.what}; and no chunk is left that tells what the run was"
+            what = f"{error.what}; and no chunk is left that says what the run was"
             raise FileError(error.where, what, "restore manifest.json from a copy") from None
     if (path / MANIFEST).exists():
         durable.rename(path / MANIFEST, _torn_name(path / MANIFEST))
@@ -127,7 +127,7 @@ class _Repair:
             broken = self.path / chunk_name(stream, number)
             if broken.exists():
                 self._set_aside(broken, "damaged, made anew from the recording chunk")
-            chunk = store(self.path, stream, number, found, schema)
+            chunk = store_chunk(self.path, stream, number, found, schema)
         if chunk:
             self._list(chunk)
         if found.damage or found.unread:

@@ -28,7 +28,7 @@ _DAY_S = 86400.0
 
 @dataclass(frozen=True)
 class RunInfo:
-    """A run directory from outside. ended_s: Unix time of its end, of its start where it has none.
+    """What is known of a run from its directory. ended_s: Unix time of its end, or of its start if it has none.
 
     status: the manifest's exit status, or `crashed`, or `damaged` where manifest or marks cannot be read.
     """
@@ -57,7 +57,7 @@ class Decision:
 
 
 def survey(runs: Path) -> Iterator[RunInfo]:
-    """Every run in a directory that this user may look into, in order of name.
+    """Return every run in a directory that this user may read, in order of name.
 
     Raises FileError where there is no such directory.
     """
@@ -77,7 +77,7 @@ def _is_run(path: Path) -> bool:
 
 
 def look(run: Path) -> RunInfo:
-    """One run from outside. Raises FileNotFoundError where it is gone."""
+    """Return what is known of one run from its directory. Raises FileNotFoundError if it is gone."""
     size = sum(map(_size, run.iterdir()))
     changed_s = (run / MANIFEST).stat().st_mtime
     try:
@@ -104,7 +104,7 @@ def _status(run: Path, manifest: Manifest) -> str:
 
 
 def decide(found: Sequence[RunInfo], limits: Retention, now_s: float) -> Decision:
-    """What has to go: what is too old, then the oldest until the rest fits."""
+    """Decide what has to be deleted: what is too old, then the oldest until the rest fits."""
     free = sorted((run for run in found if run.may_go), key=lambda run: run.ended_s)
     old = [run for run in free if limits.days is not None and now_s - run.ended_s > limits.days * _DAY_S]
     over = sum(run.size for run in found) - sum(run.size for run in old) - _allowed(limits)
@@ -122,7 +122,7 @@ def _allowed(limits: Retention) -> int:
 
 
 def delete(run: Path) -> bool:
-    """Delete a run, once more made sure that it may go; False where it may not. Raises OSError."""
+    """Delete a run after checking again that it may be deleted; False if it may not. Raises OSError."""
     held = durable.try_lock(run)
     if held is None:
         return False
@@ -139,6 +139,6 @@ def delete(run: Path) -> bool:
 
 
 def clear(runs: Path) -> None:
-    """Remove what deletions that were cut off have left, as far as that can be."""
+    """Remove what interrupted deletions have left, as far as possible."""
     for gone in runs.glob(f".*{_DELETED}"):
         shutil.rmtree(gone, ignore_errors=True)

@@ -19,7 +19,7 @@ TO_BEGIN_BYTES = 64 << 20
 
 
 class NearlyFull(CellError):
-    """Not yet a disk that refused: everything can still be written and closed."""
+    """The error for a disk that is nearly full, on which everything can still be written and closed."""
 
     def __init__(self, place: Path, free: int, needed: int) -> None:
         what = f"disk nearly full: {free / 1e6:.1f} MB free, {needed / 1e6:.1f} MB needed"
@@ -27,7 +27,7 @@ class NearlyFull(CellError):
 
 
 def require_room(place: Path, needed: int) -> None:
-    """Raises NearlyFull for less than so many bytes on the disk of place, OSError where it cannot be asked."""
+    """Raise NearlyFull if fewer bytes are free on the disk of place, OSError if this cannot be determined."""
     free = durable.free_bytes(place)
     if free < needed:
         raise NearlyFull(place, free, needed)

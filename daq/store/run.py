@@ -61,7 +61,7 @@ def _refuse_unfinished(path: Path, manifest: Manifest) -> None:
 
 
 def is_unclosed(path: Path) -> bool:
-    """Whether a crash left this run: not closed, and nobody writes it.
+    """Return whether a crash left this run: it was not closed, and no process writes it.
 
     Raises FileError when there is no manifest that can be read.
     """
@@ -74,7 +74,7 @@ def is_unclosed(path: Path) -> bool:
 
 
 def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
-    """All rows of one stream, its chunks in order.
+    """Return all rows of one stream, in the order of its chunks.
 
     Raises FileError for the first chunk that is missing, damaged or not as the manifest says.
     """
@@ -84,7 +84,7 @@ def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
 
 
 def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema) -> pa.Table:
-    """One chunk's rows. Raises FileError when it is missing, damaged or not as the manifest says."""
+    """Return the rows of one chunk. Raises FileError if it is missing, damaged or differs from the manifest."""
     file = path / chunk.file
     remedy = "restore the file from a copy of the run"
     try:

@@ -51,20 +51,20 @@ FAULT_COLUMNS: dict[str, pa.DataType] = {
 
 
 def schema_of(stream: str, columns: Sequence[str]) -> pa.Schema:
-    """The Arrow schema of a stream with these value columns (`faults` has none)."""
+    """Return the Arrow schema of a stream with these value columns (`faults` has none)."""
     fixed = FAULT_COLUMNS if stream == FAULTS else SAMPLE_COLUMNS
     types = {**fixed, **dict.fromkeys(columns, pa.float64())}
     return pa.schema([pa.field(name, kind, nullable=False) for name, kind in types.items()])
 
 
 def table_schema(columns: Mapping[str, ColumnType]) -> pa.Schema:
-    """The Arrow schema of an imported table."""
+    """Return the Arrow schema of an imported table."""
     kinds: dict[str, pa.DataType] = {"double": pa.float64(), "int64": pa.int64(), "string": pa.string()}
     return pa.schema([pa.field(name, kinds[kind], nullable=False) for name, kind in columns.items()])
 
 
 def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBatch:
-    """Rows of one stream as a batch whose `sequence` starts at `first`."""
+    """Return rows of one stream as a batch whose `sequence` starts at `first`."""
     samples = [row for row in rows if isinstance(row, Sample)]
     faults = [row for row in rows if not isinstance(row, Sample)]
     arrays = _sample_arrays(samples) if samples else _fault_arrays(faults)
@@ -99,7 +99,7 @@ def storable(text: str) -> str:
 
 
 def checksum(batch: pa.RecordBatch, number: int) -> int:
-    """CRC-32 over a batch and its number in the file.
+    """Return the CRC-32 over a batch and its number in the file.
 
     Raises ArrowInvalid when a column holds nulls.
     """

@@ -15,7 +15,7 @@ from rigs.errors import FileError
 
 
 def verify(path: Path) -> list[str]:
-    """What is wrong with a run, a line each; empty when it is good.
+    """Return what is wrong with a run, one line each; empty if nothing is.
 
     Reads every byte: that each chunk is there, unchanged and as declared, that no row is missing in
     between, that no file is left over, and that the run was ended.

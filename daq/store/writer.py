@@ -3,21 +3,18 @@
 One thread owns a writer. It appends rows and writes them, which a kill does not reach. What takes the disk's
 time is `Work` for another thread: to sync, which what came so far then survives a power cut by, and to close a
 chunk that is full. One piece at a time. A disk that refuses makes a `CellError` and condemns the writer,
-because after a failed fsync nobody knows what is on the disk; what was synced before stays readable,
+because after a failed fsync it is unknown what is on the disk; what was synced before stays readable,
 `close` saves what it still can, and `rig recover` does the rest. `NearlyFull` comes before that: it
 condemns nothing, and the run can be closed whole.
 """
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
-from itertools import count
 from pathlib import Path
 
 import pyarrow as pa
@@ -27,9 +24,10 @@ from daq.store import durable
 from daq.store.chunk import with_opening
 from daq.store.manifest import Clock, Ending, Manifest, clock_now, iso_now, new_manifest
 from daq.store.memory import give_back
-from daq.store.recording import OpenChunk, Recorder
-from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES, require_room
+from daq.store.room import MARGIN_BYTES, require_room
+from daq.store.run_directory import create_run_directory
 from daq.store.schema import FAULTS, schema_of
+from daq.store.stream_writer import OpenChunk, StreamWriter
 from rigs.errors import CellError
 from rigs.vocabulary import Direction, TestName
 
@@ -41,18 +39,17 @@ MOST_CHUNKS = 1000
 """The manifest is rewritten and held in memory whole: at four streams this is a run of 40 hours or more."""
 MOST_PENDING = 100_000
 """Rows of a stream in memory while the disk does not take the chunk before them: minutes at 500 Hz."""
-_TIMED = re.compile(r"[0-9]{8}T[0-9]{6}[.0-9]*Z")
 
 
 @dataclass(frozen=True)
 class Work:
-    """Something to wait for the disk for. synced: rows of each sample stream, on the disk when it is through."""
+    """Work that waits for the disk. synced: rows of each sample stream that are on the disk when it is done."""
 
     steps: Sequence[Callable[[], None]]
     synced: Mapping[str, int] | None = None
 
     def wait(self) -> None:
-        """Do it, once, in any thread, and all of it. Raises OSError or ArrowException, the first of all."""
+        """Do all steps, once, in any thread. Raises the first OSError or ArrowException of them."""
         errors = [error for step in self.steps if (error := _attempt(step))]
         if errors:
             raise errors[0]
@@ -60,16 +57,16 @@ class Work:
 
 @dataclass
 class RunWriter:
-    """A run being recorded. Made by `create`, ended by `close`."""
+    """Writes a run that is being recorded; made by `create`, ended by `close`."""
 
     path: Path
     manifest: Manifest
-    _recorders: dict[str, Recorder]
+    _writers: dict[str, StreamWriter]
     _lock: int
     _chunk_rows: int
     _failure: CellError | None = None
     _anchors: tuple[Clock, ...] = ()
-    """For the manifest, which only `Work` and `close` make anew and save."""
+    """Anchors for the manifest, which only `Work` and `close` renew and save."""
 
     @classmethod
     def create(  # noqa: PLR0913 - what a manifest needs to know
@@ -107,47 +104,47 @@ class RunWriter:
             follows=follows,
         )
         try:
-            path, held = _begin(runs, manifest)
+            path, held = create_run_directory(runs, manifest)
         except OSError as error:
             remedy = "make room or choose another directory"
             raise CellError(str(runs), f"cannot be written: {_words(error)}", remedy) from error
-        recorders = {
-            stream: Recorder(path, stream, with_opening(schema_of(stream, columns), manifest.opening()))
+        writers = {
+            stream: StreamWriter(path, stream, with_opening(schema_of(stream, columns), manifest.opening()))
             for stream, columns in manifest.all_streams.items()
         }
-        return cls(path, manifest, recorders, held, chunk_rows)
+        return cls(path, manifest, writers, held, chunk_rows)
 
     def append(self, stream: str, samples: Iterable[Sample]) -> None:
         """Take samples of one stream; they are kept in memory until `write` or `sync`."""
-        self._recorders[stream].append(samples)
+        self._writers[stream].append(samples)
 
     def append_faults(self, stream: str, faults: Iterable[Fault]) -> None:
         """Take faults that happened on one stream."""
-        self._recorders[FAULTS].append((stream, fault) for fault in faults)
+        self._writers[FAULTS].append((stream, fault) for fault in faults)
 
     @property
     def is_long(self) -> bool:
-        """Whether the manifest has grown so long that another run had better follow."""
+        """Whether the manifest has grown so long that another run should follow."""
         return len(self.manifest.chunks) >= MOST_CHUNKS
 
     def is_behind(self, stream: str) -> bool:
-        """Whether so much of a stream, or of faults, waits for the disk that no more of it should be appended."""
-        return max(len(self._recorders[name].pending) for name in (stream, FAULTS)) >= MOST_PENDING
+        """Return whether so much of a stream, or of faults, waits for the disk that no more should be appended."""
+        return max(len(self._writers[name].pending) for name in (stream, FAULTS)) >= MOST_PENDING
 
     def stored(self) -> dict[str, int]:
-        """Rows of each sample stream handed to the operating system so far: after a sync, on the disk."""
-        return {stream: self._recorders[stream].rows for stream in self.manifest.streams}
+        """Return the rows of each sample stream handed to the system so far, which are on the disk after a sync."""
+        return {stream: self._writers[stream].rows for stream in self.manifest.streams}
 
     def room_to_close(self) -> int:
-        """Bytes that it takes at the most to write what is pending, close every chunk and end the run.
+        """Return the bytes needed at most to write what is pending, close every chunk and end the run.
 
         The opening manifest is in the head of a chunk once and in its Parquet file three times.
         """
-        chunks = sum(recorder.bytes_to_close() for recorder in self._recorders.values())
-        return chunks + (2 + 4 * len(self._recorders)) * len(self.manifest.to_json())
+        chunks = sum(writer.bytes_to_close() for writer in self._writers.values())
+        return chunks + (2 + 4 * len(self._writers)) * len(self.manifest.to_json())
 
     def anchor(self) -> None:
-        """Keep what time it is now, in the manifest with the next sync: the wall clock has been set."""
+        """Keep the present time for the manifest, since the wall clock has been set; the next sync saves it."""
         self._anchors = (*self._anchors, clock_now())
 
     def write(self) -> None:
@@ -160,23 +157,23 @@ class RunWriter:
             self._write()
 
     def sync(self) -> None:
-        """Write, and return when everything written so far is on the disk. Raises as `write`."""
+        """Write, and return when everything written so far is on the disk. Raises the errors of `write`."""
         self.write()
         self._do(self.begin_sync())
 
     def begin_sync(self) -> Work:
-        """To sync everything written so far; chunks that are full or old end with it, and are synced first."""
+        """Return the work that syncs everything written so far; full or old chunks end with it and come first."""
         with self._guarded():
-            for recorder in self._recorders.values():
-                if recorder.open and not recorder.full and self._is_due(recorder.open):
-                    recorder.open.end()
-            syncs = [sync for recorder in self._recorders.values() if (sync := recorder.begin_sync())]
+            for writer in self._writers.values():
+                if writer.open and not writer.full and self._is_due(writer.open):
+                    writer.open.end()
+            syncs = [sync for writer in self._writers.values() if (sync := writer.begin_sync())]
             syncs.sort(key=lambda sync: not sync.chunk.ended)  # whose next rows are held back
             anchored = [self._save_anchors] if self._anchors != self.manifest.anchors else []
             return Work([*(sync.wait for sync in syncs), *anchored], self.stored())
 
     def roll(self) -> bool:
-        """Close a chunk that was ended; False where there is none. Raises as `write`."""
+        """Close a chunk that was ended; return False if there is none. Raises the errors of `write`."""
         self.write()
         work = self.begin_roll()
         if work:
@@ -184,15 +181,15 @@ class RunWriter:
         return work is not None
 
     def begin_roll(self) -> Work | None:
-        """To close one chunk that was ended and synced, the oldest; None where there is none.
+        """Return the work that closes the oldest chunk that was ended and synced; None if there is none.
 
         One, since it takes its time, in which nothing is synced: several streams' may be due at once.
         """
-        full = [(chunk.born_ns, name) for name, recorder in self._recorders.items() if (chunk := recorder.full)]
-        return Work([partial(self._roll, self._recorders[min(full)[1]]), give_back]) if full else None
+        full = [(chunk.born_ns, name) for name, writer in self._writers.items() if (chunk := writer.full)]
+        return Work([partial(self._roll, self._writers[min(full)[1]]), give_back]) if full else None
 
     def end_work(self, error: BaseException | None) -> None:
-        """What became of it: the error that `Work.wait` raised, or none. Raises CellError for one."""
+        """Note the outcome of work: the error that `Work.wait` raised, or None. Raises CellError for an error."""
         with self._guarded():
             if error:
                 raise error
@@ -201,13 +198,13 @@ class RunWriter:
         self.end_work(_attempt(work.wait))
 
     def close(self, exit_status: Ending, reason: str, counters: Mapping[str, Mapping[str, int]]) -> None:
-        """End the run: close every chunk and say in the manifest how and why it ended. In any thread, no work left.
+        """End the run: close every chunk and note in the manifest how and why it ended. Any thread, no work pending.
 
         counters: faults by stream and kind; samples are set to what was stored. Does all it can, lets go
         of the run, and only then raises CellError for what it could not do.
         """
         steps = [] if self._failure else [self._write]
-        steps += [partial(self._end, recorder) for recorder in self._recorders.values()]
+        steps += [partial(self._end, writer) for writer in self._writers.values()]
         problems = [problem for step in [*steps, give_back] if (problem := _attempt(step))]
         if problems and exit_status != "failed":
             exit_status, reason = "failed", f"{reason}; {_words(problems[0])}".lstrip("; ")
@@ -221,36 +218,36 @@ class RunWriter:
             }
         )
         problems += [problem] if (problem := _attempt(partial(self.manifest.save, self.path))) else []
-        for recorder in self._recorders.values():
-            recorder.release()
+        for writer in self._writers.values():
+            writer.release()
         durable.close(self._lock)
         if problems:
             raise _refused(self.path, problems[0]) from problems[0]
 
     def _counted(self, stream: str, counts: Mapping[str, int]) -> dict[str, int]:
         told = {str(kind): count for kind, count in counts.items()}
-        return {**told, "samples": self._recorders[stream].rows} if stream in self._recorders else told
+        return {**told, "samples": self._writers[stream].rows} if stream in self._writers else told
 
     def _write(self) -> None:
-        for recorder in self._recorders.values():
-            recorder.write()
+        for writer in self._writers.values():
+            writer.write()
 
     def _is_due(self, chunk: OpenChunk) -> bool:
         return chunk.rows >= self._chunk_rows or time.monotonic_ns() - chunk.born_ns >= CHUNK_AGE_NS
 
-    def _end(self, recorder: Recorder) -> None:
+    def _end(self, writer: StreamWriter) -> None:
         """Close all that there is of a stream, with the rows that a sync held back."""
-        while recorder.unclosed():
-            self._roll(recorder)
+        while writer.unclosed():
+            self._roll(writer)
             if not self._failure:
-                recorder.write()
+                writer.write()
 
-    def _roll(self, recorder: Recorder) -> None:
-        chunk = recorder.unclosed()[0]
+    def _roll(self, writer: StreamWriter) -> None:
+        chunk = writer.unclosed()[0]
         if chunk.rows:  # none when the disk refused the first frame
-            listed = recorder.finish(chunk)
+            listed = writer.finish(chunk)
             self._save(chunks=(*self.manifest.chunks, listed))
-        recorder.forget(chunk)
+        writer.forget(chunk)
 
     def _save_anchors(self) -> None:
         self._save(anchors=self._anchors)
@@ -271,31 +268,6 @@ class RunWriter:
             raise self._failure from error
 
 
-def _begin(runs: Path, manifest: Manifest) -> tuple[Path, int]:
-    durable.make_directories(runs)
-    require_room(runs, TO_BEGIN_BYTES)
-    path = _fresh_directory(runs, manifest.name)
-    held = durable.lock(path)
-    try:
-        manifest.save(path)
-        durable.sync_directory(runs)
-    except OSError:
-        durable.close(held)
-        durable.discard(path)
-        raise
-    return path, held
-
-
-def _fresh_directory(runs: Path, name: str) -> Path:
-    stem = name if _TIMED.match(name) else f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}_{name}"
-    for number in count(1):
-        path = runs / (stem if number == 1 else f"{stem}.{number}")
-        with suppress(FileExistsError):
-            durable.make_directory(path)
-            return path
-    raise AssertionError("count has no end")
-
-
 def _attempt(step: Callable[[], None]) -> Exception | None:
     try:
         step()
@@ -309,5 +281,5 @@ def _words(error: Exception) -> str:
 
 
 def _refused(run: Path, error: Exception) -> CellError:
-    remedy = f"make room or mend the disk; what was synced is safe: `rig recover {run}`"
+    remedy = f"make room or repair the disk; what was synced is safe: `rig recover {run}`"
     return CellError(str(run), f"cannot be written: {_words(error)}", remedy)

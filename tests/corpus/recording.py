@@ -1,6 +1,6 @@
 """How the captures of this corpus were made: `rigd --capture` on emulated cells in which something goes wrong.
 
-`PYTHONPATH=tests/daemon python tests/corpus/recording.py NAME…` makes them anew, and `test_corpus.py` holds the drivers
+`PYTHONPATH=tests/daq python tests/corpus/recording.py NAME…` makes them anew, and `test_corpus.py` holds the drivers
 to what each has said since. A capture of a real cell belongs here too: rig file, `cell.log`, what `heard` makes of it.
 """
 
@@ -23,9 +23,9 @@ import yaml
 from bench import BIN, Bench, ByHand, rig_text
 
 from daq import gauges
-from daq.capture import HEAD, Capture, Mark, Piece, read_capture
+from daq.acquisition.streams import streams_of
 from daq.protocol.conversation import Conversation, Device, Fault, Item, Sample, Step
-from daq.streams import streams_of
+from daq.wire.capture import HEAD, Capture, Mark, Piece, read_capture
 from rigs.load import parse
 from rigs.rig import Rig
 

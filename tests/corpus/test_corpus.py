@@ -12,8 +12,8 @@ import pytest
 from bench import PATIENCE_S, Bench
 from recording import HERE, heard
 
-from daq.capture import Capture, read_capture
 from daq.emulators import Replay
+from daq.wire.capture import Capture, read_capture
 from rigs.errors import FileError
 from rigs.load import parse
 
@@ -80,4 +80,4 @@ def test_the_command_serves_a_capture_until_all_is_said(tmp_path: Path) -> None:
         end = said()
     assert "0 pieces of the host came otherwise than captured" in end
     bad = bench.fails("rig", "replay", HERE / name / "rig.yaml", HERE / name / "rig.yaml", code=3)
-    assert "is no capture of rigd" in bad
+    assert "is not a capture written by rigd" in bad

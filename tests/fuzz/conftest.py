@@ -3,4 +3,4 @@
 import sys
 from pathlib import Path
 
-sys.path[:0] = [str(Path(__file__).parents[1] / folder) for folder in ("protocols", "store", "tables")]
+sys.path[:0] = [str(Path(__file__).parents[1] / folder) for folder in ("daq/protocol", "daq/store", "tables")]

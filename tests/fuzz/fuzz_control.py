@@ -9,8 +9,8 @@ from typing import Any
 
 from mutation import mutated
 
-from daq.control import reply
-from daq.daemon import _label
+from daq.service.control import reply
+from daq.service.daemon import _label
 
 _GOOD = [
     {"command": "status"},

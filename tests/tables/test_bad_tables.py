@@ -234,7 +234,7 @@ def test_nothing_is_made_of_a_bad_table(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["a\nb", "a\x1b[2Jb", "a\tb"])
 def test_an_operator_with_control_characters_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / "t.csv").write_text(csv_text(plain("yaw")))
-    with pytest.raises(FileError, match="holds control characters; give --operator in one line"):
+    with pytest.raises(FileError, match="contains control characters; give --operator in one line"):
         import_table(tmp_path / "t.csv", tmp_path / "r", rig_file=RIG_FILE, test="yaw", direction=None, operator=name)
     assert not (tmp_path / "r").exists()
 

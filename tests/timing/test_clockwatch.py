@@ -8,56 +8,55 @@ from typing import Any
 
 import pytest
 
-import daq.recorder
+import daq.recording.recorder
 import daq.store.writer
-from daq.clocks import Readings, read_clocks
-from daq.clockwatch import HOST, ClockWatch
-from daq.inbox import Inbox
-from daq.label import Label
+from daq.acquisition.host_clock import HOST, ClockReadings, HostClockMonitor, read_clocks
+from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
-from daq.recorder import Recorder
+from daq.recording.label import Label
+from daq.recording.recorder import Recorder
 from daq.store import RunWriter, read_run
 from daq.store.manifest import Clock
 
 S = 1_000_000_000
-START = Readings(100 * S, 1_800_000_000 * S, 150 * S)
+START = ClockReadings(100 * S, 1_800_000_000 * S, 150 * S)
 
 
-def later(by: Readings, s: float, *, stepped_s: float = 0.0, slept_s: float = 0.0) -> Readings:
+def later(by: ClockReadings, s: float, *, stepped_s: float = 0.0, slept_s: float = 0.0) -> ClockReadings:
     passed, slept = round(s * S), round(slept_s * S)
     wall_ns = by.wall_ns + passed + slept + round(stepped_s * S)
-    return Readings(by.monotonic_ns + passed, wall_ns, by.boot_ns + passed + slept)
+    return ClockReadings(by.monotonic_ns + passed, wall_ns, by.boot_ns + passed + slept)
 
 
 def test_quiet_clocks_tell_nothing() -> None:
-    watch, now = ClockWatch(START), START
+    watch, now = HostClockMonitor(START), START
     for _ in range(100):
         now = later(now, 0.5, stepped_s=2e-6)
-        assert watch.look(now) == []
+        assert watch.check(now) == []
 
 
 @pytest.mark.parametrize("stepped_s", [3.25, -7200.0, 0.011])
 def test_a_step_of_the_wall_clock_is_told_once_with_before_and_after(stepped_s: float) -> None:
-    watch = ClockWatch(START)
+    watch = HostClockMonitor(START)
     now = later(START, 0.5, stepped_s=stepped_s)
-    (fault,) = watch.look(now)
+    (fault,) = watch.check(now)
     assert (fault.kind, fault.at_ns) == ("clock", now.monotonic_ns)
     assert f"set by {stepped_s:+.3f} s, from 2027-01-15T08:00:00.500+00:00 to 2027-01-1" in fault.detail
-    assert watch.look(later(now, 0.5)) == []
+    assert watch.check(later(now, 0.5)) == []
 
 
 def test_small_steps_add_up() -> None:
-    watch, now, told = ClockWatch(START), START, 0
+    watch, now, told = HostClockMonitor(START), START, 0
     for _ in range(12):
         now = later(now, 0.5, stepped_s=0.004)
-        told += len(watch.look(now))
+        told += len(watch.check(now))
     assert told == 4
 
 
 def test_a_sleep_is_told_and_is_no_step() -> None:
-    (fault,) = ClockWatch(START).look(later(START, 0.5, slept_s=61.0))
+    (fault,) = HostClockMonitor(START).check(later(START, 0.5, slept_s=61.0))
     assert "slept for 61.0 s" in fault.detail
-    both = ClockWatch(START).look(later(START, 0.5, slept_s=61.0, stepped_s=-2.0))
+    both = HostClockMonitor(START).check(later(START, 0.5, slept_s=61.0, stepped_s=-2.0))
     assert [word in fault.detail for word, fault in zip(("slept", "set by -2.000 s"), both, strict=True)] == [True] * 2
 
 
@@ -65,16 +64,16 @@ def test_this_computers_clocks_are_read_together() -> None:
     first, second = read_clocks(), read_clocks()
     assert 0 < second.monotonic_ns - first.monotonic_ns < 10 * S
     assert first.boot_ns >= first.monotonic_ns
-    assert ClockWatch(first).look(replace(first, monotonic_ns=first.monotonic_ns)) == []
+    assert HostClockMonitor(first).check(replace(first, monotonic_ns=first.monotonic_ns)) == []
 
 
 def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, monkeypatch: Any) -> None:
     """The wall clock is set by an hour while a recording runs."""
     now = [START]
-    monkeypatch.setattr(daq.recorder, "read_clocks", lambda: now[0])
+    monkeypatch.setattr(daq.recording.recorder, "read_clocks", lambda: now[0])
     anchor = Clock(monotonic_ns=now[0].monotonic_ns, unix_ns=now[0].wall_ns, bracket_ns=0)
     monkeypatch.setattr(daq.store.writer, "clock_now", lambda: anchor)
-    inbox = Inbox("g1", ("g1_mm",))
+    buffer = StreamBuffer("g1", ("g1_mm",))
 
     def create(label: Label, follows: str) -> RunWriter:
         writer = RunWriter.create(
@@ -90,12 +89,12 @@ def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, 
         writer.manifest = writer.manifest.model_copy(update={"clock": anchor})
         return writer
 
-    recorder = Recorder({"g1": inbox}, create, lambda: None)
-    monkeypatch.setattr(daq.recorder, "require_readings", lambda inboxes, test: None)
+    recorder = Recorder({"g1": buffer}, create, lambda: None)
+    monkeypatch.setattr(daq.recording.recorder, "require_readings", lambda buffers, test: None)
     path = recorder.start_run(Label(name="a", test="radial")).result()
     now[0] = later(START, 10.0, stepped_s=3600.0)
     anchor = Clock(monotonic_ns=now[0].monotonic_ns, unix_ns=now[0].wall_ns, bracket_ns=0)
-    inbox.deliver([Sample((1.0,), -1, now[0].monotonic_ns, now[0].monotonic_ns, 8)])
+    buffer.deliver([Sample((1.0,), -1, now[0].monotonic_ns, now[0].monotonic_ns, 8)])
     ended = recorder.stop_run().result()
     assert ended.counters == {"g1": {"samples": 1}, HOST: {"clock": 1}} and recorder.host_faults == {"clock": 1}
     run = read_run(path)

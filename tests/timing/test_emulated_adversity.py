@@ -17,9 +17,9 @@ from daq.emulators.own_clock import OwnClock
 from daq.emulators.own_cycle import OwnCycle, Unsteady
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.timed import timed_read
-from daq.links import open_link
 from daq.protocol.conversation import Item, Sample
-from daq.runner import converse
+from daq.wire.links import open_link
+from daq.wire.session import run_conversation
 from rigs.feedback import URRTDE
 from rigs.links import Line
 from rigs.load import load
@@ -168,7 +168,7 @@ def test_a_cell_can_be_adverse() -> None:
     link = open_link("robot", cell.ports["feedback"], Line(baud=9600, bits=8, parity="N", stop=1))
     try:
         feedback = URRTDE(interface="ur_rtde", port="tcp://127.0.0.1:30004")
-        converse(
+        run_conversation(
             link,
             daq.feedback.host(feedback),
             lambda items: samples.extend(item for item in items if isinstance(item, Sample)),

@@ -1,0 +1,125 @@
+"""Writing a capture while the daemon runs: every link is recorded, and one thread writes for all of them.
+
+Recording a piece only appends it to a list, so no reader waits for this disk. The list is bounded, and pieces that find
+no room are counted in
+the file itself. A capture that has grown to `LARGEST` bytes, or whose disk fails, ends with a line in the log; the
+daemon goes on.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Sequence
+from pathlib import Path
+
+from daq.acquisition.streams import Stream
+from daq.wire.capture import HEAD, Mark, Piece
+from daq.wire.session import ByteLink
+from rigs.errors import FileError
+
+log = logging.getLogger("rigd")
+LARGEST = 4 << 30
+_ROOM = 200_000
+"""Pieces held for a stalled disk: minutes at 500 Hz."""
+_WRITE_S = 0.5
+
+
+class CaptureWriter(threading.Thread):
+    """Writes the capture of one daemon, from its start to `stop`."""
+
+    def __init__(self, path: Path, streams: Sequence[Stream]) -> None:
+        """Creates the file. Raises FileError where it is there already or cannot be made."""
+        super().__init__(name="capture", daemon=True)
+        self._path = path
+        self._lock = threading.Lock()
+        self._pieces: deque[Piece] = deque()
+        self._left_out: Counter[str] = Counter()
+        self._stop_asked = threading.Event()
+        self._open = True
+        try:
+            self._file = path.open("x", encoding="utf-8")
+        except OSError as error:
+            raise FileError(str(path), error.strerror or str(error), "give --capture another file") from None
+        self._size = self._file.write("".join(f"{line}\n" for line in [HEAD, *map(_described, streams)]))
+
+    def captured(self, stream: str, link: ByteLink) -> ByteLink:
+        """Return the link, with every piece that passes it recorded."""
+        return _CapturedLink(self, stream, link)
+
+    def add(self, stream: str, mark: Mark, data: bytes) -> None:
+        """Record what happens on a stream now."""
+        piece = Piece(time.monotonic_ns(), stream, mark, data)
+        with self._lock:
+            if self._open and len(self._pieces) < _ROOM:
+                self._pieces.append(piece)
+            elif self._open:
+                self._left_out[stream] += 1
+
+    def stop(self, within_s: float) -> None:
+        """Write what is left and close the file; if the disk takes longer than this, the capture ends early."""
+        self._stop_asked.set()
+        self.join(within_s)
+        if self.is_alive():
+            log.error("capture %s ends early: its disk does not accept the rest", self._path)
+
+    def run(self) -> None:
+        """Do the work until `stop`: the body of the thread."""
+        while not self._stop_asked.wait(_WRITE_S):
+            self._write()
+        self._write()
+        self._end("")
+
+    def _write(self) -> None:
+        with self._lock:
+            pieces = list(self._pieces)
+            self._pieces.clear()
+            now_ns = time.monotonic_ns()
+            pieces += [Piece(now_ns, name, Mark.LEFT_OUT, str(n).encode()) for name, n in self._left_out.items()]
+            self._left_out.clear()
+        if not self._open:
+            return
+        try:
+            self._size += self._file.write("".join(f"{piece.line()}\n" for piece in pieces))
+            self._file.flush()
+        except OSError as error:
+            self._end(f"{error.strerror or error}")
+        if self._size >= LARGEST:
+            self._end(f"it has grown to {LARGEST >> 30} GB; start rigd again with another file to go on")
+
+    def _end(self, why: str) -> None:
+        with self._lock:
+            if not self._open:
+                return
+            self._open = False
+            self._pieces.clear()
+        try:
+            self._file.close()
+        except OSError as error:
+            why = why or f"{error.strerror or error}"
+        if why:
+            log.error("capture %s ended: %s", self._path, why)
+
+
+class _CapturedLink:
+    """A link whose bytes are recorded as they pass."""
+
+    def __init__(self, writer: CaptureWriter, stream: str, link: ByteLink) -> None:
+        self._writer, self._stream, self._link = writer, stream, link
+
+    def read(self, timeout_s: float) -> bytes:
+        data = self._link.read(timeout_s)
+        if data:
+            self._writer.add(self._stream, Mark.CAME, data)
+        return data
+
+    def write(self, data: bytes) -> None:
+        self._writer.add(self._stream, Mark.SENT, data)
+        self._link.write(data)
+
+
+def _described(stream: Stream) -> str:
+    settings = f", {stream.line}" if stream.port.startswith("/") else ""
+    return f"# stream {stream.name}: {stream.port}{settings}"

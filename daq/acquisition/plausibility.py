@@ -1,0 +1,124 @@
+"""Readings that are well-formed but implausible, reported while there is still time to do something about it.
+
+The daemon knows no kinematics, so two things only. A gauge that *sticks*: the same number again and again while the
+robot moves, in a test whose gauges touch all along (in the others the robot also moves between two touches). A probe
+that measures is never so still, but a coarse one may be: so nothing is said before `STUCK_S`, `STUCK_READINGS` and
+`STUCK_DEG` of motion, and not before `COARSE_DEG` where no step of the gauge finer than `COARSE_MM` has been seen. A
+gauge that goes *in and out of error*: `TIMES_IN_ERROR` times within `IN_ERROR_S`, as where the lap leaves its range.
+
+Pure: items in, faults out. The readings are kept as they came.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from daq.protocol.conversation import Fault, FaultKind, Item, Sample
+
+STUCK_S = 10.0
+STUCK_READINGS = 20
+STUCK_DEG = 20.0
+COARSE_DEG = 90.0
+COARSE_MM = 0.002
+TIMES_IN_ERROR = 5
+IN_ERROR_S = 60.0
+_STILL_DEG = 0.1
+"""A robot that holds its place shows less."""
+
+
+@dataclass
+class _GaugeState:
+    """What one gauge has shown: its present reading, since when, how often, and where the robot was then."""
+
+    reading: float = math.nan
+    since_ns: int = 0
+    count: int = 0
+    travel_deg: float = 0.0
+    finest_mm: float = math.inf
+    reported: bool = False
+
+
+@dataclass
+class PlausibilityCheck:
+    """Checks the streams of one recording. touching: whether its gauges touch the ball all the time."""
+
+    touching: bool
+    _gauges: dict[str, _GaugeState] = field(default_factory=dict)
+    _joints: tuple[float, ...] = ()
+    _travel_deg: float = 0.0
+    _errors: dict[str, deque[int]] = field(default_factory=dict)
+    _in_error: dict[str, bool] = field(default_factory=dict)
+
+    def check(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
+        """Take what came on a stream since the last call, in order; return what is doubtful about it."""
+        samples = [item for item in items if isinstance(item, Sample)]
+        if "q1_deg" in columns:
+            self._follow(samples)
+            return []
+        doubts = self._intermittent(stream, items)
+        for place, column in enumerate(columns if self.touching else ()):
+            gauge = self._gauges.setdefault(column, _GaugeState())
+            for sample in samples:
+                doubts += self._update(column, gauge, sample.values[place], sample.last_byte_ns)
+            doubts += self._sticking(column, gauge, samples)
+        return doubts
+
+    def _follow(self, samples: Sequence[Sample]) -> None:
+        """How far the robot has moved, by the joint that moved most; once a call is often enough."""
+        if not samples:
+            return
+        joints = samples[-1].values[:6]  # a signal may follow
+        moved_deg = max((abs(b - a) for a, b in zip(self._joints, joints, strict=False)), default=math.inf)
+        if moved_deg > _STILL_DEG:
+            self._travel_deg += moved_deg if self._joints else 0.0
+            self._joints = joints
+
+    def _update(self, column: str, gauge: _GaugeState, value_mm: float, at_ns: int) -> list[Fault]:
+        if value_mm == gauge.reading or math.isnan(value_mm):
+            gauge.count += value_mm == gauge.reading
+            return []
+        freed = [_doubtful(at_ns, f"{_name(column)} moves again", 0)] if gauge.reported else []
+        step_mm = abs(value_mm - gauge.reading)
+        gauge.finest_mm = gauge.finest_mm if math.isnan(step_mm) else min(gauge.finest_mm, step_mm)
+        gauge.reading, gauge.since_ns, gauge.count, gauge.reported = value_mm, at_ns, 1, False
+        gauge.travel_deg = self._travel_deg
+        return freed
+
+    def _sticking(self, column: str, gauge: _GaugeState, samples: Sequence[Sample]) -> list[Fault]:
+        if gauge.reported or not samples or gauge.count < STUCK_READINGS:
+            return []
+        now_ns = samples[-1].last_byte_ns
+        seconds, moved_deg = (now_ns - gauge.since_ns) / 1e9, self._travel_deg - gauge.travel_deg
+        if seconds < STUCK_S or moved_deg < (STUCK_DEG if gauge.finest_mm < COARSE_MM else COARSE_DEG):
+            return []
+        gauge.reported = True
+        what = f"has shown exactly {gauge.reading:.4f} mm for {seconds:.0f} s while the robot moved {moved_deg:.0f}°"
+        return [_doubtful(now_ns, f"{_name(column)} {what}: is its plunger free, is the display on HOLD?")]
+
+    def _intermittent(self, stream: str, items: Sequence[Item]) -> list[Fault]:
+        times = self._errors.setdefault(stream, deque(maxlen=TIMES_IN_ERROR))
+        doubts = []
+        for item in items:
+            error = isinstance(item, Fault) and item.kind is FaultKind.DEVICE_ERROR
+            if isinstance(item, Fault) and error and not self._in_error.get(stream, False):
+                times.append(item.at_ns)
+                if len(times) == TIMES_IN_ERROR and (span_s := (item.at_ns - times[0]) / 1e9) <= IN_ERROR_S:
+                    what = f"went in and out of error {TIMES_IN_ERROR} times in {span_s:.0f} s ({item.detail})"
+                    doubts.append(
+                        _doubtful(item.at_ns, f"{stream} {what}: does the whole motion lie within its range?")
+                    )
+                    times.clear()
+            if error or isinstance(item, Sample):
+                self._in_error[stream] = error
+        return doubts
+
+
+def _name(column: str) -> str:
+    return column.removesuffix("_mm")
+
+
+def _doubtful(at_ns: int, detail: str, count: int = 1) -> Fault:
+    return Fault(FaultKind.DOUBTFUL, at_ns, detail, count)

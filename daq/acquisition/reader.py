@@ -1,0 +1,122 @@
+"""The reader thread of a link: it opens the link, runs the conversation, and opens it again whenever it is lost.
+
+A link that is lost makes one DISCONNECTED fault. Until the next sample it is the same outage, however often the port
+refuses to open: each reason for that is reported once, and the first sample ends it with its length, both as faults
+of count 0. Between two attempts the reader pauses, longer each time up to a bound.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+
+from daq.acquisition.capture_writer import CaptureWriter
+from daq.acquisition.stream_buffer import StreamBuffer
+from daq.acquisition.streams import Stream
+from daq.protocol.conversation import Fault, FaultKind, Item, Sample
+from daq.wire.capture import Mark
+from daq.wire.links import Link, LinkLost
+from daq.wire.session import run_conversation
+from rigs.errors import CellError
+
+_FIRST_PAUSE_S = 0.2
+_LONGEST_PAUSE_S = 5.0
+
+
+class Reader(threading.Thread):
+    """Reads one stream into its buffer until it is stopped."""
+
+    def __init__(self, stream: Stream, buffer: StreamBuffer, link: Link, capture: CaptureWriter | None = None) -> None:
+        super().__init__(name=f"read {stream.name}", daemon=True)
+        self._stream, self._buffer, self._capture = stream, buffer, capture
+        self._link: Link | None = link
+        self._stop_asked = threading.Event()
+        self._pause_s = _FIRST_PAUSE_S
+        self._lost_ns: int | None = None
+        """When the present outage began; None while the link is up."""
+        self._reasons: set[str] = set()
+        """Why the port did not open, as reported in this outage."""
+
+    def stop(self) -> None:
+        """Ask the thread to end; join it afterwards."""
+        self._stop_asked.set()
+
+    def run(self) -> None:
+        """Do the work until `stop`: the body of the thread."""
+        while not self._stop_asked.is_set():
+            self._buffer.beat()
+            if self._link is None:
+                self._reopen()
+            else:
+                self._read(self._link)
+        if self._link is not None:
+            self._link.close()
+
+    def _read(self, link: Link) -> None:
+        self._buffer.connected = True
+        self._capture_mark(Mark.OPENED, self._stream.port)
+        recorded = self._capture.captured(self._stream.name, link) if self._capture else link
+
+        def deliver(items: Sequence[Item]) -> None:
+            link.note_items(items)
+            self._deliver(items)
+
+        def alive() -> None:
+            self._buffer.beat()
+            if ignored := link.take_ignored():
+                self._buffer.deliver(ignored)
+
+        conversation = self._stream.host()
+        try:
+            run_conversation(recorded, conversation, deliver, self._stop_asked.is_set, alive)
+            reason = "the conversation could not go on"
+        except LinkLost as error:
+            reason = str(error)
+        finally:
+            self._buffer.connected = False
+            link.close()
+            self._link = None
+        self._capture_mark(Mark.LOST, reason)
+        self._buffer.deliver(conversation.lost(time.monotonic_ns()))
+        if not self._stop_asked.is_set():
+            self._lost_ns = self._lost_ns or time.monotonic_ns()
+            self._report(f"{self._stream.port} lost: {reason}; opening it again", 1)
+            self._back_off()
+
+    def _deliver(self, items: Sequence[Item]) -> None:
+        if self._lost_ns is not None and any(isinstance(item, Sample) for item in items):
+            self._end_outage(self._lost_ns)
+        self._buffer.deliver(items)
+
+    def _reopen(self) -> None:
+        try:
+            with self._buffer.opening():
+                self._link = self._stream.open()
+        except CellError as error:
+            if str(error) not in self._reasons:
+                self._reasons.add(str(error))
+                self._report(str(error), 0)
+            self._back_off()
+
+    def _back_off(self) -> None:
+        """Back off, doubling up to a bound, without missing a heartbeat."""
+        until = time.monotonic() + self._pause_s
+        while not self._stop_asked.wait(min(0.2, max(0.0, until - time.monotonic()))):
+            self._buffer.beat()
+            if time.monotonic() >= until:
+                break
+        self._pause_s = min(_LONGEST_PAUSE_S, 2 * self._pause_s)
+
+    def _end_outage(self, lost_ns: int) -> None:
+        """End the outage and report how long it was."""
+        self._lost_ns, self._pause_s = None, _FIRST_PAUSE_S
+        self._reasons.clear()
+        self._report(f"{self._stream.port} is back after {(time.monotonic_ns() - lost_ns) / 1e9:.1f} s", 0)
+
+    def _capture_mark(self, mark: Mark, text: str) -> None:
+        if self._capture:
+            self._capture.add(self._stream.name, mark, text.encode("ascii", "replace"))
+
+    def _report(self, detail: str, count: int) -> None:
+        self._buffer.deliver([Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), detail, count)])

@@ -1,0 +1,69 @@
+"""The streams of a rig: one for each link, with the columns that its samples fill."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from daq import feedback, gauges
+from daq.protocol.conversation import Host
+from daq.wire.links import DEAD_S, Link, open_link
+from rigs.feedback import SIGNAL, carries_signal
+from rigs.links import Line
+from rigs.rig import Rig
+
+ROBOT = "robot"
+JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
+_NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
+"""Robots are reached over the network, which has no line settings."""
+_PATIENCE = 3
+"""Silent time-outs after which a TCP connection counts as lost."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One link: its name, its port, the columns of its samples, and the conversation that runs on it.
+
+    dead_s, listens: see `daq.wire.links.open_link`.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    port: str
+    line: Line
+    host: Callable[[], Host]
+    dead_s: float = DEAD_S
+    listens: bool = False
+
+    def open(self) -> Link:
+        """Open the link. Raises CellError with the remedy."""
+        return open_link(self.name, self.port, self.line, dead_s=self.dead_s, listens=self.listens)
+
+
+def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
+    """Return the names of the gauges, with those on one port grouped together."""
+    by_port: dict[str, list[str]] = {}
+    for name, gauge in rig.gauges:
+        by_port.setdefault(gauge.port, []).append(name)
+    return [tuple(names) for names in by_port.values()]
+
+
+def streams_of(rig: Rig) -> list[Stream]:
+    """Return all streams of a rig, the robot last."""
+    members = dict(rig.gauges)
+    found = []
+    for names in gauge_groups(rig):
+        group = [members[name] for name in names]
+        columns, first = tuple(f"{name}_mm" for name in names), group[0]
+        host = partial(gauges.host, group)
+        found.append(Stream("_".join(names), columns, first.port, first.line, host, _dead_s(first.timeout_s)))
+    robot = rig.feedback
+    columns = (*JOINTS, SIGNAL) if carries_signal(robot) else JOINTS
+    host = partial(feedback.host, robot)
+    found.append(Stream(ROBOT, columns, robot.port, _NO_LINE, host, _dead_s(robot.timeout_s), robot.listens))
+    return found
+
+
+def _dead_s(timeout_s: float) -> float:
+    return max(DEAD_S, _PATIENCE * timeout_s)

@@ -1,0 +1,89 @@
+"""The threads that wait for the disk: one does one piece of work at a time, in order; another creates runs.
+
+To sync, to close a full chunk, to end a run or to create one may each take seconds on a slow disk. Meanwhile
+the recorder goes on draining buffers, handing what came to the operating system, which survives a kill of the process,
+and feeding the watchdog.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any, TypeVar
+
+from daq.recording.rate_limited_log import RateLimitedLog
+from daq.store import RunWriter
+from daq.store.memory import keep_large_blocks_apart
+from daq.store.writer import Work
+
+_SYNC_S = 0.5
+_Result = TypeVar("_Result")
+
+
+class IoWorker:
+    """Runs the work of the disk in threads, and knows what is under way."""
+
+    def __init__(self, warnings: RateLimitedLog) -> None:
+        keep_large_blocks_apart()
+        self._warnings = warnings
+        self._thread = ThreadPoolExecutor(1, "disk")
+        self._creator = ThreadPoolExecutor(1, "begin")
+        self._under_way: tuple[Work, Future[None]] | None = None
+        self._closing: Future[Any] | None = None
+        self._begun_s = self._synced_s = 0.0
+        self.synced: Mapping[str, int] = {}
+        """Rows of each sample stream of the run that are known to be on the disk."""
+
+    def advance(self, writer: RunWriter) -> None:
+        """Note what is finished and begin the next: a sync twice a second, a chunk between two. Raises CellError."""
+        closed_one = False
+        if self._under_way is not None:
+            work, waiting = self._under_way
+            closed_one = work.synced is None
+            self._warnings.warn_slow("closing of a chunk" if closed_one else "sync", time.monotonic() - self._begun_s)
+            if not waiting.done():
+                return
+            self._under_way = None
+            writer.end_work(waiting.exception())
+            self.synced = self.synced if work.synced is None else work.synced
+        self._submit_next(writer, may_close=not closed_one)
+
+    def _submit_next(self, writer: RunWriter, *, may_close: bool) -> None:
+        now = time.monotonic()
+        work = writer.begin_roll() if may_close else None
+        if work is None and now - self._synced_s >= _SYNC_S:
+            self._synced_s, work = now, writer.begin_sync()
+        if work is not None:
+            self._begun_s, self._under_way = now, (work, self._thread.submit(work.wait))
+
+    def submit_close(self, close: Callable[[], _Result]) -> Future[_Result]:
+        """Close the run, after the work that is under way.
+
+        What that comes to matters no more: closing does all of it again that was not done, and proves it.
+        """
+        self._under_way, self.synced = None, {}
+        self._closing = closed = self._thread.submit(close)
+        return closed
+
+    def submit_create(self, create: Callable[[], None]) -> None:
+        """Create a run; closing the one before does not delay it. What it raises is an error in the program
+        and ends that, as in any thread."""
+        self._creator.submit(create).add_done_callback(_fail)
+
+    @property
+    def is_closing(self) -> bool:
+        """Whether a run that was ended is still being closed."""
+        return self._closing is not None and not self._closing.done()
+
+    def shut_down(self) -> None:
+        """Wait until all work is done."""
+        self._creator.shutdown()
+        self._thread.shutdown()
+
+
+def _fail(done: Future[None]) -> None:
+    if error := done.exception():
+        thread = threading.current_thread()
+        threading.excepthook(threading.ExceptHookArgs((type(error), error, error.__traceback__, thread)))

@@ -1,0 +1,240 @@
+"""The daemon: a reader for each link, one recorder, a control socket, and notifications to the service manager."""
+
+from __future__ import annotations
+
+import logging
+import shutil
+import tempfile
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from daq.acquisition.capture_writer import CaptureWriter
+from daq.acquisition.clock_drift import DriftMonitor
+from daq.acquisition.host_clock import HOST
+from daq.acquisition.reader import Reader
+from daq.acquisition.replay_marks import ReplayMarks
+from daq.acquisition.stream_buffer import StreamBuffer, samples_of
+from daq.acquisition.streams import ROBOT, streams_of
+from daq.protocol.conversation import Item
+from daq.recording.arbiter import Arbiter
+from daq.recording.label import NAME_RULE, Label
+from daq.recording.recorder import Recorder
+from daq.service.control import ControlServer, InstanceLock
+from daq.service.maintenance import Maintenance, RunRetention
+from daq.service.metrics import metrics_text
+from daq.service.sd_notify import notify, watchdog_s
+from daq.store import RunWriter
+from daq.store.manifest import Ending
+from daq.store.startup_recovery import StartupRecovery
+from daq.wire.links import Link
+from rigs.errors import CellError, RigError
+from rigs.rig import Rig
+from rigs.vocabulary import CIRCLES
+
+log = logging.getLogger("rigd")
+_BRIEF = 80
+_HEART_STOPS_S = 5.0
+_LEAVE_S = 3.0
+"""The time for a reader to close its port. One that waits for name resolution is abandoned, as is a long recovery."""
+
+
+class Daemon:
+    """Owns everything between the first port that is opened and the last run that is closed."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        rig_text: str,
+        runs: Path,
+        socket_path: Path,
+        capture: Path | None = None,
+        metrics: Path | None = None,
+    ) -> None:
+        """Take the lock, open every link, start reading. Raises CellError that names every port that fails.
+
+        metrics: the file for Prometheus's node_exporter, or None.
+        """
+        self._rig, self._rig_text, self._runs = rig, rig_text, runs
+        self._streams = streams_of(rig)
+        with ExitStack() as undo:
+            self._lock = InstanceLock(rig.name, socket_path.with_suffix(".lock"))
+            undo.callback(self._lock.release)
+            links = self._open_links()
+            for link in links.values():
+                undo.callback(link.close)
+            self._buffers = {stream.name: StreamBuffer(stream.name, stream.columns) for stream in self._streams}
+            self._recorder = Recorder(self._buffers, self._create, self._after_round, self._on_items)
+            self._arbiter = Arbiter(self._recorder, rig.automatic)
+            self._drift = {stream.name: DriftMonitor() for stream in self._streams}
+            self._retention = RunRetention(runs, rig.name, rig.retention) if rig.retention else None
+            self._maintenance = Maintenance(metrics, lambda: metrics_text(self._status()), self._retention)
+            self._replay = ReplayMarks(Path(rig.replay)) if rig.replay else None
+            self._control = ControlServer(socket_path, self.answer)
+            undo.callback(self._control.close)
+            self._capture = CaptureWriter(capture, self._streams) if capture else None
+            self._readers = [Reader(s, self._buffers[s.name], links[s.name], self._capture) for s in self._streams]
+            undo.pop_all()
+        self._startup_recovery = StartupRecovery(runs)
+        _warn_if_not_writable(runs)
+        threads = (*self._readers, self._recorder, self._maintenance, self._startup_recovery)
+        for thread in (*threads, *filter(None, [self._capture])):
+            thread.start()
+        ports = ", ".join(f"{stream.name} on {stream.port}" for stream in self._streams)
+        log.info("serving %s: %s; control socket %s", rig.name, ports, socket_path)
+        notify(f"READY=1\nSTATUS=reading {ports}")
+
+    def close(self, exit_status: Ending, why: str) -> Path | None:
+        """Stop everything in order; return the directory of a recording that was cut short.
+
+        The control socket is closed first, so that no client starts a recording that nothing ends.
+        """
+        notify("STOPPING=1")
+        self._maintenance.stop()
+        self._control.close()
+        self._startup_recovery.stop()
+        cut_short = self._recorder.shut_down(exit_status, why)
+        for reader in self._readers:
+            reader.stop()
+        for thread in (*self._readers, self._startup_recovery):
+            thread.join(_LEAVE_S)
+        if self._capture:
+            self._capture.stop(_LEAVE_S)
+        self._maintenance.join(_LEAVE_S)
+        self._lock.release()
+        return cut_short
+
+    def answer(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Return the answer to a client's request. Raises RigError."""
+        match request.get("command"):
+            case "status":
+                return self._status()
+            case "metrics":
+                return {"text": metrics_text(self._status())}
+            case "record_start":
+                return {"run": str(self._arbiter.start(_label(request)))}
+            case "record_stop":
+                ended = self._arbiter.stop()
+                return {"run": str(ended.path), "counters": ended.counters}
+            case other:
+                known = "known: status, metrics, record_start, record_stop"
+                raise CellError("rigd", f"unknown command {_short(other)}", known)
+
+    def _open_links(self) -> dict[str, Link]:
+        links: dict[str, Link] = {}
+        errors: list[CellError] = []
+        for stream in self._streams:
+            try:
+                links[stream.name] = stream.open()
+            except CellError as error:
+                errors.append(error)
+        if not errors:
+            return links
+        for link in links.values():
+            link.close()
+        raise errors[0] if len(errors) == 1 else Unreachable(errors)
+
+    def _create(self, label: Label, follows: str) -> RunWriter:
+        return RunWriter.create(
+            self._runs,
+            name=label.name,
+            test=label.test,
+            direction=label.direction,
+            rig_name=self._rig.name,
+            rig_text=self._rig_text,
+            operator=label.operator,
+            placement=label.placement,
+            streams={stream.name: stream.columns for stream in self._streams},
+            follows=follows,
+        )
+
+    def _status(self) -> dict[str, Any]:
+        return {
+            "rig": self._rig.name,
+            "baseline_mm": self._rig.gauges.baseline_mm,
+            "streams": {s.name: {"port": s.port, **vars(self._buffers[s.name].state())} for s in self._streams},
+            HOST: dict(self._recorder.host_faults),
+            "clocks": {name: vars(clock) for name, watch in self._drift.items() if (clock := watch.state())},
+            "automatic": self._arbiter.state(),
+            "retention": self._retention.state() if self._retention else None,
+            "disk": _disk(self._runs),
+            **self._recorder.state(),
+        }
+
+    def _on_items(self, name: str, items: Sequence[Item]) -> None:
+        self._drift[name].feed(samples_of(items))
+        if name == ROBOT:
+            self._arbiter.feed(items)
+
+    def _after_round(self) -> None:
+        self._arbiter.after_round()
+        self._mark_replay()
+        self._feed_watchdog()
+
+    def _mark_replay(self) -> None:
+        """Pass on what a replay could not keep in step, as faults of its streams in the run that is being recorded."""
+        for stream, fault in self._replay.read_new() if self._replay else ():
+            if stream in self._buffers:
+                self._buffers[stream].deliver([fault])
+
+    def _feed_watchdog(self) -> None:
+        """Feed the watchdog after each round of the recorder, but only while every reader runs as well."""
+        if watchdog_s() is None:
+            return
+        if all(buffer.alive(_HEART_STOPS_S) for buffer in self._buffers.values()):
+            notify("WATCHDOG=1")
+
+
+class Unreachable(CellError):
+    """The error for several ports that cannot be opened."""
+
+    def __init__(self, errors: list[CellError]) -> None:
+        RigError.__init__(self, "cell", f"{len(errors)} links do not open: " + " | ".join(map(str, errors)), "see each")
+        self._errors = errors
+
+    def lines(self) -> list[str]:
+        return [str(error) for error in self._errors]
+
+
+def _warn_if_not_writable(runs: Path) -> None:
+    """Warn at the start if every recording would be refused; after it is put right, no restart is needed."""
+    try:
+        runs.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=runs).close()
+    except OSError as error:
+        log.warning("%s: no run can be recorded: %s; give rigd write permission there", runs, error.strerror or error)
+
+
+def _disk(runs: Path) -> dict[str, int] | None:
+    """Return the free space and the size of the disk that will hold the runs; None if they are unknown."""
+    try:
+        usage = shutil.disk_usage(next(path for path in (runs, *runs.parents) if path.exists()))
+    except OSError:
+        return None
+    return {"free_bytes": usage.free, "size_bytes": usage.total}
+
+
+def _short(given: object) -> str:
+    """Return what a client sent, shortened to fit into a line."""
+    text = repr(given)
+    return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
+
+
+def _label(request: dict[str, Any]) -> Label:
+    try:
+        label = Label(**{key: value for key, value in request.items() if key != "command"})
+    except ValidationError as error:
+        detail = error.errors(include_url=False)[0]
+        key = str(detail["loc"][0]) if detail["loc"] else "a key"
+        named = key if key.isidentifier() and len(key) < _BRIEF else _short(key)
+        pattern = detail["type"] == "string_pattern_mismatch"
+        what = f"{named} {_short(detail['input'])} is not valid" + ("" if pattern else f": {detail['msg']}")
+        raise CellError("recording", what, NAME_RULE if pattern else "see rig record start --help") from None
+    if label.test in CIRCLES and label.direction is None:
+        raise CellError(f"{label.test} test", "needs its direction", "add --direction cw or --direction acw")
+    if label.test not in CIRCLES and label.direction is not None:
+        raise CellError(f"{label.test} test", "has no direction", "leave --direction out")
+    return label

@@ -1,0 +1,110 @@
+"""systemd's journal, both ways: log lines that carry their severity into it, and entries that are read from it.
+
+A service writes to standard error; a line that begins with `<4>` is a warning there (sd-daemon(3)). Whether
+standard error leads to the journal is in $JOURNAL_STREAM, which a child that was redirected inherits as well,
+so that device and inode are compared.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import datetime
+from typing import Any
+
+from rigs.errors import CellError
+
+ERROR, WARNING, NOTICE, INFO, DEBUG = 3, 4, 5, 6, 7
+"""Severities of syslog; smaller is worse."""
+_OF_LEVEL = ((logging.CRITICAL, 2), (logging.ERROR, ERROR), (logging.WARNING, WARNING), (logging.INFO, INFO))
+_NO_UNIT = "No data available"
+"""The message of journalctl for a pattern that matches no unit."""
+_READABLE = "%(asctime)s %(levelname)s %(message)s"
+
+
+def is_journal(fd: int = 2) -> bool:
+    """Return whether this descriptor, by default standard error, leads to the journal."""
+    device, _, inode = os.environ.get("JOURNAL_STREAM", "").partition(":")
+    try:
+        status = os.fstat(fd)
+    except OSError:
+        return False
+    return (device, inode) == (str(status.st_dev), str(status.st_ino))
+
+
+def with_severity(text: str, severity: int) -> str:
+    """Return text for standard error; if that leads to the journal, every line carries this severity."""
+    return "\n".join(f"<{severity}>{line}" for line in text.splitlines()) if is_journal() else text
+
+
+def formatter() -> logging.Formatter:
+    """Return the formatter of the log: severities for the journal, which stamps lines itself, or words and times."""
+    return _JournalFormatter() if is_journal() else logging.Formatter(_READABLE)
+
+
+class _JournalFormatter(logging.Formatter):
+    def format(self, record: logging.LogRecord) -> str:
+        severity = next((severity for level, severity in _OF_LEVEL if record.levelno >= level), DEBUG)
+        return with_severity(super().format(record), severity)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A line of the journal. rig: the instance of the unit; by_systemd: systemd wrote it about the service."""
+
+    at: datetime
+    rig: str
+    severity: int
+    by_systemd: bool
+    text: str
+
+
+def read(rig: str | None, since: str | None = None, *, follow: bool = False) -> Iterator[Entry]:
+    """Yield what the service of one rig, or of every rig, has logged. since: as for journalctl (`-1h`, `today`).
+
+    Raises CellError if there is no journal, or nothing in it that this user can see.
+    """
+    unit = f"rigd@{rig or '*'}.service"
+    if not shutil.which("journalctl"):
+        raise CellError(unit, "there is no journal here", "a rigd started by hand logs to its own terminal")
+    command = ["journalctl", "--output=json", "--quiet", "--no-pager", f"--unit={unit}"]
+    command += ([f"--since={since}"] if since else []) + (["--follow", "--lines=50"] if follow else [])
+    found = False
+    with subprocess.Popen(  # noqa: S603 - a list, no shell
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, errors="replace"
+    ) as journal:
+        try:
+            for line in journal.stdout or ():
+                found = True
+                yield entry(json.loads(line))
+            complaint = journal.communicate()[1].strip()
+        finally:
+            journal.terminate()
+    if complaint and _NO_UNIT not in complaint:
+        raise CellError("journal", complaint.splitlines()[0], "see man journalctl")
+    if not found:
+        what = "nothing in the journal" + (f" since {since}" if since else "") + " that this user can see"
+        raise CellError(
+            unit, what, "start it: systemctl start rigd@NAME; or join the group systemd-journal, or use sudo"
+        )
+
+
+def entry(fields: dict[str, Any]) -> Entry:
+    """Return an entry of `journalctl --output=json`, where text that is not UTF-8 is a list of bytes."""
+    text = fields.get("MESSAGE") or ""
+    if isinstance(text, list):
+        text = bytes(text).decode("utf-8", "replace")
+    by_systemd = fields.get("_PID") == "1"
+    unit = str(fields.get("UNIT" if by_systemd else "_SYSTEMD_UNIT", ""))
+    return Entry(
+        datetime.fromtimestamp(int(fields["__REALTIME_TIMESTAMP"]) / 1e6).astimezone(),
+        unit.removeprefix("rigd@").removesuffix(".service"),
+        int(fields.get("PRIORITY", INFO)),
+        by_systemd,
+        text,
+    )

@@ -1,0 +1,159 @@
+"""The daemon's slow work, in a thread of its own: the metrics file, and the retention of runs.
+
+Neither the readers nor the recorder ever wait for it; a disk that hangs delays this thread alone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from daq.store.retention import RunInfo, clear, decide, delete, survey
+from rigs.automatic import Retention
+from rigs.errors import CellError, FileError
+
+log = logging.getLogger("rigd")
+_METRICS_S = 10.0
+_RETENTION_S = 600.0
+_WARN_AGAIN_S = 3600.0
+_PAUSE_S = 0.002
+"""Between two runs: reading a thousand manifests in one go would hold up the readers of this process."""
+
+
+class Maintenance(threading.Thread):
+    """Writes the metrics every ten seconds and applies the retention every ten minutes, until it is stopped."""
+
+    def __init__(self, metrics: Path | None, text: Callable[[], str], retention: RunRetention | None) -> None:
+        """Raises CellError if the metrics file cannot be written."""
+        super().__init__(name="keep house", daemon=True)
+        self._metrics, self._text, self._retention = metrics, text, retention
+        self._stop_asked = threading.Event()
+        self._warned = False
+        if metrics is not None:
+            try:
+                write_atomically(metrics, text())
+            except OSError as error:
+                what = f"cannot be written: {error.strerror or error}"
+                raise CellError(str(metrics), what, "give another --metrics") from None
+
+    def stop(self) -> None:
+        """Ask the thread to end; join it afterwards."""
+        self._stop_asked.set()
+
+    def run(self) -> None:
+        """Do the work until `stop`: the body of the thread."""
+        due_s = time.monotonic()
+        while not self._stop_asked.is_set():
+            if self._retention is not None and time.monotonic() >= due_s:
+                self._retention.apply()
+                due_s = time.monotonic() + _RETENTION_S
+            self._write_metrics()
+            self._stop_asked.wait(_METRICS_S)
+        if self._metrics is not None:
+            with contextlib.suppress(OSError):
+                self._metrics.unlink(missing_ok=True)  # its content is out of date
+
+    def _write_metrics(self) -> None:
+        if self._metrics is None:
+            return
+        try:
+            write_atomically(self._metrics, self._text())
+            self._warned = False
+        except OSError as error:
+            if not self._warned:
+                log.warning("metrics: %s cannot be written: %s", self._metrics, error.strerror or error)
+            self._warned = True
+
+
+def write_atomically(path: Path, text: str) -> None:
+    """Write a file in one step, so that readers find the old or the new text. Raises OSError.
+
+    It is not synced: metrics of a daemon that is gone need not survive a power cut.
+    """
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        temporary.write_text(text, encoding="utf-8", errors="replace")  # a path may hold bytes that are not UTF-8
+        temporary.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
+
+
+class RunRetention:
+    """Applies the rig file's retention: deletes exported runs of this rig as far as the limits require."""
+
+    def __init__(self, runs: Path, rig_name: str, limits: Retention) -> None:
+        self._runs, self._rig_name, self._limits = runs, rig_name, limits
+        self._warned_at = -_WARN_AGAIN_S
+        self.deleted = 0
+        self.deleted_bytes = 0
+        self.over_bytes = 0
+        self.runs = 0
+        self.runs_bytes = 0
+
+    def apply(self) -> None:
+        """Apply the retention once to all runs of this rig."""
+        try:
+            found = self._found()
+        except (OSError, FileError) as error:
+            log.warning("retention: %s", error)
+            return
+        clear(self._runs)
+        decision = decide(found, self._limits, time.time())
+        while decision.delete:
+            gone = {run.path for run in decision.delete if self._delete(run)}
+            stuck = {run.path for run in decision.delete} - gone
+            # One that cannot be deleted makes way for the next oldest.
+            found = [replace(run, marks=None) if run.path in stuck else run for run in found if run.path not in gone]
+            decision = decide(found, self._limits, time.time())
+        self.over_bytes, self.runs, self.runs_bytes = decision.over, len(found), sum(run.size for run in found)
+        self._warn_over_limit()
+
+    def state(self) -> dict[str, int]:
+        """Return number and bytes of runs, the same of those deleted since the start, and the bytes over the limit."""
+        return {
+            "runs": self.runs,
+            "bytes": self.runs_bytes,
+            "deleted": self.deleted,
+            "deleted_bytes": self.deleted_bytes,
+            "over_bytes": self.over_bytes,
+        }
+
+    def _found(self) -> list[RunInfo]:
+        found = []
+        for run in survey(self._runs) if self._runs.exists() else ():
+            time.sleep(_PAUSE_S)
+            if run.manifest is None or run.manifest.rig_name == self._rig_name:
+                found.append(run)
+        return found
+
+    def _delete(self, run: RunInfo) -> bool:
+        try:
+            if not delete(run.path):
+                return False
+        except OSError as error:
+            log.warning("retention: %s cannot be deleted: %s", run.path, error.strerror or error)
+            return False
+        self.deleted += 1
+        self.deleted_bytes += run.size
+        days = (time.time() - run.ended_s) / 86400
+        copy = run.marks.exports[-1].file if run.marks else "?"
+        log.info("retention: deleted %s, %.0f days old, %.1f MB, exported to %s", run.path, days, run.size / 1e6, copy)
+        return True
+
+    def _warn_over_limit(self) -> None:
+        """Warn, once an hour, that runs which may not be deleted exceed the limit."""
+        if not self.over_bytes or time.monotonic() - self._warned_at < _WARN_AGAIN_S:
+            return
+        self._warned_at = time.monotonic()
+        more, remedy = self.over_bytes / 1e9, "export some (rig export), or release kept ones (rig keep --not)"
+        log.warning(
+            "retention: %.2f GB more than allowed in %s, and no run may be deleted; %s", more, self._runs, remedy
+        )

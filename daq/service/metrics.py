@@ -1,0 +1,155 @@
+"""A daemon's status as metrics for Prometheus (text format 0.0.4, prometheus.io/docs/instrumenting/exposition_formats).
+
+Counters begin at zero with the daemon, and every kind of fault is there from the first: a rate needs a value before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from daq.acquisition.host_clock import HOST
+from daq.protocol.conversation import FaultKind
+
+Status = Mapping[str, Any]
+Labels = Mapping[str, str]
+_RETENTION = {
+    "runs": ("rig_runs", "gauge", "Runs of this rig on the disk."),
+    "bytes": ("rig_runs_bytes", "gauge", "Bytes of these runs."),
+    "over_bytes": ("rig_retention_over_bytes", "gauge", "Bytes beyond the limit of which none may be deleted."),
+    "deleted": ("rig_retention_deleted_runs_total", "counter", "Runs deleted since the daemon started."),
+    "deleted_bytes": ("rig_retention_deleted_bytes_total", "counter", "Bytes of the deleted runs."),
+}
+_CLOCKS = {
+    "offset_s": ("rig_clock_offset_seconds", "Host's monotonic clock less the instrument's, by the earliest messages."),
+    "drift_ppm": ("rig_clock_drift_ppm", "How much faster the host's clock runs than the instrument's, in millionths."),
+    "late_s": ("rig_clock_late_seconds", "Latest message of ten seconds against the earliest, by the two clocks."),
+}
+
+
+def metrics_text(status: Status) -> str:
+    """Return a `status` answer in Prometheus's text format."""
+    return render(_with_rig(metric, status["rig"]) for metric in _all(status))
+
+
+def _with_rig(metric: Metric, rig: str) -> Metric:
+    values = tuple(({"rig": rig, **labels}, value) for labels, value in metric.values)
+    return Metric(metric.name, metric.kind, metric.help, values)
+
+
+def _all(status: Status) -> Iterator[Metric]:
+    yield from _streams(status["streams"], status[HOST])
+    yield from _clocks(status["clocks"])
+    yield from _recording(status)
+    yield from _automatic(status["automatic"])
+    disk = status["disk"]
+    yield _one("rig_disk_free_bytes", "Room on the disk of the runs for this user.", disk and disk["free_bytes"])
+    yield _one("rig_disk_size_bytes", "Size of the disk of the runs.", disk and disk["size_bytes"])
+    for key, (name, kind, words) in _RETENTION.items() if status["retention"] else ():
+        yield Metric(name, "counter" if kind == "counter" else "gauge", words, (({}, status["retention"][key]),))
+
+
+def _streams(streams: Mapping[str, Any], host: Mapping[str, int]) -> Iterator[Metric]:
+    def each(key: str) -> tuple[tuple[Labels, float], ...]:
+        return tuple(({"stream": name}, float(stream[key])) for name, stream in streams.items())
+
+    yield Metric("rig_connected", "gauge", "1 while the link is open.", each("connected"))
+    yield Metric("rig_rate_hertz", "gauge", "Samples in a second, lately.", each("rate_hz"))
+    yield Metric("rig_queue_items", "gauge", "Samples and faults that wait for the writer.", each("waiting"))
+    samples = tuple(({"stream": name}, s["counters"].get("samples", 0)) for name, s in streams.items())
+    yield Metric("rig_samples_total", "counter", "Samples since the daemon started.", samples)
+    faults = tuple(
+        ({"stream": name, "kind": str(kind)}, stream["counters"].get(kind, 0))
+        for name, stream in streams.items()
+        for kind in FaultKind
+        if kind is not FaultKind.CLOCK
+    )
+    faults += (({"stream": HOST, "kind": str(FaultKind.CLOCK)}, host.get(FaultKind.CLOCK, 0)),)
+    yield Metric(
+        "rig_faults_total",
+        "counter",
+        "Faults since the daemon started, `dropped` samples among them.",
+        faults,
+    )
+    ages = tuple(
+        ({"stream": name, "column": column}, age_s)
+        for name, stream in streams.items()
+        for column, age_s in stream["age_s"].items()
+    )
+    yield Metric("rig_reading_age_seconds", "gauge", "Since the last good value; none where none came yet.", ages)
+
+
+def _clocks(clocks: Mapping[str, Mapping[str, float]]) -> Iterator[Metric]:
+    for key, (name, words) in _CLOCKS.items():
+        values = (({"stream": stream}, clock[key]) for stream, clock in clocks.items() if clock[key] is not None)
+        yield Metric(name, "gauge", words, tuple(values))
+
+
+def _recording(status: Status) -> Iterator[Metric]:
+    yield _one("rig_recording", "1 while a run is recorded.", float(status["recording"] is not None))
+    if status["recording"] is None:
+        return
+    about = {"name": status["recording"], "test": status["test"], "direction": status["direction"] or ""}
+    yield Metric("rig_recording_info", "gauge", "The run that is recorded.", (({**about, "run": status["run"]}, 1.0),))
+    yield _one("rig_recording_seconds", "How long it has been recorded.", status["seconds"])
+
+
+def _automatic(automatic: Status | None) -> Iterator[Metric]:
+    if automatic is None:
+        return
+    yield _one(
+        "rig_automatic_recording", "1 while the robot's own run is recorded.", float(bool(automatic["recording"]))
+    )
+    counted = {
+        "started": "Runs started by the robot.",
+        "refused": "Runs that the robot asked for and that did not start.",
+    }
+    for key, words in counted.items():
+        yield Metric(f"rig_automatic_{key}_total", "counter", words, (({}, automatic[key]),))
+
+
+def _one(name: str, words: str, value: float | None) -> Metric:
+    return Metric(name, "gauge", words, () if value is None else (({}, value),))
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A metric: one name with its values. A counter's name ends in `_total`, and a unit is in the name."""
+
+    name: str
+    kind: Literal["gauge", "counter"]
+    help: str
+    values: tuple[tuple[Labels, float], ...]
+
+
+def render(metrics: Iterable[Metric]) -> str:
+    """Return the text of metrics, without those that have no value."""
+    return "".join(_block(metric) for metric in metrics if metric.values)
+
+
+def _block(metric: Metric) -> str:
+    head = f"# HELP {metric.name} {_escaped(metric.help)}\n# TYPE {metric.name} {metric.kind}\n"
+    return head + "".join(f"{metric.name}{_labels(labels)} {_number(value)}\n" for labels, value in metric.values)
+
+
+def _labels(labels: Labels) -> str:
+    written = ",".join(f'{name}="{_quoted(value)}"' for name, value in labels.items())
+    return f"{{{written}}}" if written else ""
+
+
+def _escaped(text: str) -> str:
+    return text.replace("\\", r"\\").replace("\n", r"\n")
+
+
+def _quoted(text: str) -> str:
+    return _escaped(text).replace('"', r"\"")
+
+
+def _number(value: float) -> str:
+    if math.isnan(value):
+        return "NaN"
+    if math.isinf(value):
+        return "+Inf" if value > 0 else "-Inf"
+    return repr(value) if isinstance(value, float) and not value.is_integer() else str(int(value))

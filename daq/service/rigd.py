@@ -1,0 +1,111 @@
+"""The command `rigd RIG`: the daemon in the foreground, for a terminal or for systemd."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from queue import SimpleQueue
+from types import FrameType
+from typing import Annotated
+
+import typer
+
+from daq.service import journal
+from daq.service.control import socket_directory
+from daq.service.daemon import Daemon
+from daq.store.manifest import Ending
+from rigs.errors import RigError
+from rigs.load import load
+
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+log = logging.getLogger("rigd")
+
+
+def main() -> None:
+    """Run the command: the entry point of `rigd`."""
+    app()
+
+
+@app.command()
+def rigd(
+    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
+    runs: Annotated[
+        Path | None, typer.Option(help="Where run directories go; without it, runs, under systemd its state directory.")
+    ] = None,
+    socket: Annotated[
+        Path | None, typer.Option(help="Control socket; without it, in the user's runtime directory.")
+    ] = None,
+    capture: Annotated[
+        Path | None, typer.Option(help="Keep the raw bytes of every link in this file, for rig replay.")
+    ] = None,
+    metrics: Annotated[
+        Path | None,
+        typer.Option(help="File for node_exporter's textfile collector; without it, none, under systemd rig.prom."),
+    ] = None,
+) -> None:
+    """Read the gauges and the robot of RIG until stopped; record when asked by `rig record`."""
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(journal.formatter())
+    logging.basicConfig(level=logging.INFO, handlers=[handler])
+    ends = _listen()
+    try:
+        rig, text = load(rig_file)
+        socket = socket or socket_directory() / f"{rig.name}.sock"
+        daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics or _metrics())
+    except RigError as error:
+        for line in error.lines():
+            typer.echo(journal.with_severity(f"error: {line}", journal.ERROR), err=True)
+        raise typer.Exit(error.exit_code) from None
+    end = ends.get()
+    log.info("stopping: %s", end.why)
+    cut_short = daemon.close(end.exit_status, end.why)
+    if cut_short:
+        typer.echo(f"the recording was cut short and is safe: {cut_short}", err=True)
+    raise typer.Exit(end.exit_code)
+
+
+@dataclass(frozen=True)
+class _End:
+    """Why the daemon ends, with the exit status of a recording and the exit code for the service manager."""
+
+    why: str
+    exit_status: Ending
+    exit_code: int
+
+
+def _listen() -> SimpleQueue[_End]:
+    """Return the queue that receives the end of the daemon: by a signal, or by an unforeseen error in a thread.
+
+    Without that thread the daemon would look alive and record less than it reports; a service manager restarts it.
+    """
+    ends: SimpleQueue[_End] = SimpleQueue()
+
+    def signalled(number: int, _: FrameType | None) -> None:
+        name = signal.Signals(number).name
+        ends.put(_End(f"rigd was stopped by {name}", "interrupted", 130 if number == signal.SIGINT else 0))
+
+    def died(args: threading.ExceptHookArgs) -> None:
+        name = args.thread.name if args.thread else "unknown"
+        error = args.exc_value or args.exc_type()
+        log.critical("thread %r died", name, exc_info=error)
+        ends.put(_End(f"rigd failed in thread {name!r}: {error!r}", "failed", 1))
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signalled)
+    threading.excepthook = died
+    return ends
+
+
+def _runs() -> Path:
+    state = os.environ.get("STATE_DIRECTORY")
+    return Path(state.split(":")[0]) / "runs" if state else Path("runs")
+
+
+def _metrics() -> Path | None:
+    """Return the metrics file beside the socket, if systemd provides a directory for both."""
+    return socket_directory() / "rig.prom" if "RUNTIME_DIRECTORY" in os.environ else None

@@ -1,0 +1,45 @@
+"""The directory of a new run: its name, the writer's lock on it, and its first manifest."""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+from datetime import UTC, datetime
+from itertools import count
+from pathlib import Path
+
+from daq.store import durable
+from daq.store.manifest import Manifest
+from daq.store.room import TO_BEGIN_BYTES, require_room
+
+_TIMED = re.compile(r"[0-9]{8}T[0-9]{6}[.0-9]*Z")
+"""The UTC time that some names begin with; their directories are named after them alone."""
+
+
+def create_run_directory(runs: Path, manifest: Manifest) -> tuple[Path, int]:
+    """Create a fresh directory `<UTC time>_<name>` under runs; return it with the writer's lock of the run.
+
+    Raises NearlyFull if there is too little room to begin, OSError if the disk refuses.
+    """
+    durable.make_directories(runs)
+    require_room(runs, TO_BEGIN_BYTES)
+    path = _fresh_directory(runs, manifest.name)
+    held = durable.lock(path)
+    try:
+        manifest.save(path)
+        durable.sync_directory(runs)
+    except OSError:
+        durable.close(held)
+        durable.discard(path)
+        raise
+    return path, held
+
+
+def _fresh_directory(runs: Path, name: str) -> Path:
+    stem = name if _TIMED.match(name) else f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}_{name}"
+    for number in count(1):
+        path = runs / (stem if number == 1 else f"{stem}.{number}")
+        with suppress(FileExistsError):
+            durable.make_directory(path)
+            return path
+    raise AssertionError("count has no end")

@@ -1,0 +1,187 @@
+"""One stream being recorded: rows in, frames on the disk, a Parquet chunk when it is full.
+
+The recording chunk is only ever appended to, and deleted only when the Parquet file made from it is
+durable and in the manifest. After a failed write its length is put back to the last whole frame.
+One that is full is ended, and the next begins when the disk has all of it: so a crash leaves no hole between
+the two, and another thread makes the Parquet file while this one writes on. Until then rows stay pending,
+for as long as one sync takes. Raises plain OSError; the run's writer says it to a person.
+"""
+
+from __future__ import annotations
+
+import errno
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pyarrow as pa
+
+from daq.store import durable
+from daq.store.chunk import END, Salvage, frame, head, salvage, table_of, to_parquet
+from daq.store.manifest import Chunk, chunk_name, sha256
+from daq.store.schema import FAULTS, TABLE, Row, batch_of
+
+
+@dataclass
+class OpenChunk:
+    """A recording chunk: complete frames up to `size`, how much of it is synced, and whether it was ended."""
+
+    path: Path
+    number: int
+    fd: int
+    size: int
+    born_ns: int
+    frames: int = 0
+    rows: int = 0
+    synced: int = 0
+    named: bool = False
+    ended: bool = False
+
+    @property
+    def is_synced(self) -> bool:
+        """Whether all of it is on the disk, under its name."""
+        return self.named and self.synced == self.size
+
+    def append(self, data: bytes) -> None:
+        """Append complete frames or nothing."""
+        try:
+            durable.write_at(self.fd, data, self.size)
+        except OSError:
+            with suppress(OSError):
+                durable.truncate(self.fd, self.size)
+            raise
+        self.size += len(data)
+
+    def end(self) -> None:
+        """Append the end mark, once: what comes after it may have failed and be tried again."""
+        if not self.ended:
+            self.append(END)
+            self.ended = True
+
+
+@dataclass(frozen=True)
+class Sync:
+    """A chunk's frames on their way to the disk; call `wait` once, in any thread."""
+
+    chunk: OpenChunk
+    fd: int
+    size: int
+
+    def wait(self) -> None:
+        """Wait until all frames are on the disk, and note it in the chunk. Raises OSError."""
+        try:
+            durable.sync(self.fd)
+        finally:
+            durable.close(self.fd)
+        if not self.chunk.named:
+            durable.sync_directory(self.chunk.path.parent)
+        self.chunk.synced, self.chunk.named = self.size, True
+
+
+@dataclass
+class StreamWriter:
+    """Writes one stream of a run: pending rows, recording chunks and closed chunks.
+
+    open: what is written to, or waits to be synced once it was ended. full: ended, synced and being closed.
+    """
+
+    run: Path
+    stream: str
+    schema: pa.Schema
+    pending: list[Row] = field(default_factory=list)
+    rows: int = 0
+    chunks: int = 0
+    open: OpenChunk | None = None
+    full: OpenChunk | None = None
+
+    def append(self, rows: Iterable[Row]) -> None:
+        """Keep rows until the next write."""
+        self.pending.extend(rows)
+
+    def unclosed(self) -> list[OpenChunk]:
+        """Return the chunks that are not Parquet files yet, in order."""
+        return [chunk for chunk in (self.full, self.open) if chunk]
+
+    def bytes_to_close(self) -> int:
+        """Return the bytes needed at most to write what is pending, and then a Parquet file beside each chunk.
+
+        Parquet is no larger than Arrow's frames, which hold the same columns and a head for each batch.
+        """
+        pending = 8 * len(self.schema) * len(self.pending)
+        return 2 * pending + sum(chunk.size for chunk in self.unclosed())
+
+    def write(self) -> None:
+        """Append what is pending as one batch, in a new chunk if none is open; later, where one waits to be synced."""
+        if self.open and self.open.ended:
+            if self.full or not self.open.is_synced:
+                return
+            self.full, self.open = self.open, None
+        if not self.pending:
+            return
+        chunk = self.open or self._begin()
+        batch = batch_of(self.pending, self.schema.remove_metadata(), self.rows)
+        chunk.append(frame(batch, chunk.frames))
+        self.pending = []
+        chunk.frames += 1
+        chunk.rows += batch.num_rows
+        self.rows += batch.num_rows
+
+    def _begin(self) -> OpenChunk:
+        number = self.chunks + 1
+        path = (self.run / chunk_name(self.stream, number)).with_suffix(".arrow")
+        start = head(self.schema)
+        self.open = OpenChunk(path, number, durable.create(path, start), len(start), time.monotonic_ns())
+        self.chunks = number
+        return self.open
+
+    def begin_sync(self) -> Sync | None:
+        """Return what there is to sync, or None."""
+        chunk = self.open
+        return None if chunk is None or chunk.is_synced else Sync(chunk, durable.again(chunk.fd), chunk.size)
+
+    def finish(self, chunk: OpenChunk) -> Chunk:
+        """End a chunk of this stream, prove that it reads back, and put its Parquet file beside it."""
+        chunk.end()
+        if not chunk.is_synced:
+            Sync(chunk, durable.again(chunk.fd), chunk.size).wait()
+        found = salvage(chunk.path.read_bytes(), self.schema)
+        if found.damage or found.rows != chunk.rows:
+            raise OSError(errno.EIO, f"{chunk.path.name} reads back {found.damage or 'short'}")
+        return store_chunk(self.run, self.stream, chunk.number, found, self.schema)
+
+    def forget(self, chunk: OpenChunk) -> None:
+        """Delete a chunk whose rows the manifest now lists elsewhere."""
+        self._release(chunk)
+        durable.remove(chunk.path)
+
+    def release(self) -> None:
+        """Close the open files and leave them where they are."""
+        for chunk in self.unclosed():
+            self._release(chunk)
+
+    def _release(self, chunk: OpenChunk) -> None:
+        durable.close(chunk.fd)
+        if chunk is self.full:
+            self.full = None
+        else:
+            self.open = None
+
+
+def store_chunk(run: Path, stream: str, number: int, found: Salvage, schema: pa.Schema) -> Chunk:
+    """Make a Parquet chunk of verified batches, durably. Raises OSError."""
+    table = table_of(found.batches, schema)
+    data = to_parquet(table)
+    path = run / chunk_name(stream, number)
+    durable.replace(path, data)
+    return describe(path.name, stream, table, data)
+
+
+def describe(file: str, stream: str, table: pa.Table, data: bytes) -> Chunk:
+    """Return the manifest's entry for a chunk of at least one row."""
+    if stream == TABLE:
+        return Chunk(file=file, stream=stream, rows=table.num_rows, sha256=sha256(data), first_ns=0, last_ns=0)
+    stamps = ("at_ns", "at_ns") if stream == FAULTS else ("first_byte_ns", "last_byte_ns")
+    first, last = int(table[stamps[0]][0].as_py()), int(table[stamps[1]][-1].as_py())
+    return Chunk(file=file, stream=stream, rows=table.num_rows, sha256=sha256(data), first_ns=first, last_ns=last)

@@ -1,0 +1,298 @@
+"""Links: the only place that touches a serial device or a socket.
+
+Every link is a file descriptor with a name, read with a time limit and stamped by its reader.
+
+A TCP peer that vanishes (power cut, cable, a program that hangs) closes nothing: a connection that brings nothing
+for `dead_s` is lost. The system notices a computer that is gone somewhat earlier, and reports it in its own words.
+
+UDP has no connections at all. A port is bound where the rig file names one and nowhere else; the sender of what made
+a sample is the peer until it is silent, and only that peer is answered and read (`UdpLink`).
+
+pyserial opens and configures serial devices (and locks them); reading goes straight to the descriptor,
+since one `select` and one `read` a piece is what keeps the stamps close to the arrival.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import math
+import os
+import select
+import socket
+import termios
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import serial
+
+from daq.protocol.conversation import Fault, FaultKind, Item, Sample
+from rigs.errors import CellError
+from rigs.links import Line, tcp_address, udp_address
+
+_CONNECT_S = 3.0
+_WRITE_S = 2.0
+DEAD_S = 10.0
+"""A TCP connection that brings nothing for so long is lost, unless the instrument is given more time to answer."""
+_QUEUE = 1 << 20
+"""Bytes of datagrams that may wait for a reader held up; the system may allow fewer."""
+_REPORT_EVERY_S = 1.0
+_IFLAG = 0
+"""Place of the input modes in what tcgetattr gives."""
+_BITS = {7: serial.SEVENBITS, 8: serial.EIGHTBITS}
+
+
+Address = tuple[Any, ...]
+"""The address of a UDP sender as the system gives it: host, port, and more for IPv6."""
+
+
+class LinkLost(Exception):
+    """The other end is gone: unplugged, closed or reset."""
+
+
+class Link:
+    """An open byte stream in both directions."""
+
+    def __init__(self, name: str, fd: int, close: Callable[[], None], dead_s: float = math.inf) -> None:
+        self.name = name
+        self._fd = fd
+        self._close = close
+        self._dead_s = dead_s
+        self._heard_s = time.monotonic()
+
+    def fileno(self) -> int:
+        """Return the file descriptor of the link."""
+        return self._fd
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what has come, waiting at most `timeout_s` for it; empty if nothing came. Raises LinkLost."""
+        try:
+            if not select.select([self], [], [], max(0.0, timeout_s))[0]:
+                self._check_alive()
+                return b""
+            data = os.read(self._fd, 65536)
+        except BlockingIOError:
+            return b""
+        except (OSError, ValueError) as error:
+            raise LinkLost(str(error)) from None
+        if not data:
+            raise LinkLost("the other end closed the connection")
+        self._heard_s = time.monotonic()
+        return data
+
+    def _check_alive(self) -> None:
+        if time.monotonic() - self._heard_s > self._dead_s:
+            raise LinkLost(f"nothing came for {self._dead_s:g} s, the other end may be gone")
+
+    def write(self, data: bytes) -> None:
+        """Send all of the data. Raises LinkLost, also if the line accepts nothing for some seconds."""
+        try:
+            while data:
+                if not select.select([], [self], [], _WRITE_S)[1]:
+                    raise LinkLost("the line accepts no data")
+                data = data[os.write(self._fd, data) :]
+        except (OSError, ValueError) as error:
+            raise LinkLost(str(error)) from None
+
+    def close(self) -> None:
+        """Close the device; this is safe to call twice, and for a device that is gone."""
+        with contextlib.suppress(OSError):
+            self._close()
+
+    def note_items(self, items: Sequence[Item]) -> None:
+        """Take note of what the conversation made of the data that was read last."""
+
+    def take_ignored(self) -> list[Fault]:
+        """Return, as faults, what came from other senders since the last call and was ignored."""
+        return []
+
+
+class UdpLink(Link):
+    """A UDP port: a read gives one datagram, a write sends one.
+
+    peer: the only sender that is answered and read; None for the first one whose datagram makes a sample.
+    """
+
+    def __init__(self, name: str, sock: socket.socket, peer: Address | None) -> None:
+        super().__init__(name, sock.fileno(), sock.close)
+        self._sock = sock
+        self._peer_is_fixed = peer is not None
+        self._peer = self._sender = peer
+        self._strangers = 0
+        self._stranger: Address | None = None
+        self._reported_s = -math.inf
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return the next datagram of the peer, waiting at most `timeout_s`; empty if none came. Raises LinkLost."""
+        try:
+            if not select.select([self], [], [], max(0.0, timeout_s))[0]:
+                return b""
+            data, sender = self._sock.recvfrom(65536)
+        except BlockingIOError:
+            return b""
+        except (OSError, ValueError) as error:
+            raise LinkLost(str(error)) from None
+        if self._peer is not None and sender != self._peer:
+            self._strangers += 1
+            self._stranger = sender
+            return b""
+        self._sender = sender
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Answer the sender that was read last. Raises LinkLost."""
+        if self._sender is None:
+            return
+        try:
+            if not select.select([], [self], [], _WRITE_S)[1]:
+                raise LinkLost("the network accepts no datagrams")
+            self._sock.sendto(data, self._sender)
+        except (OSError, ValueError) as error:
+            raise LinkLost(str(error)) from None
+
+    def note_items(self, items: Sequence[Item]) -> None:
+        """A sample makes its sender the peer; after a silence anyone may be it."""
+        if self._peer_is_fixed:
+            return
+        for item in items:
+            if isinstance(item, Sample):
+                self._peer = self._sender
+            elif item.kind is FaultKind.SILENT:
+                self._peer = None
+
+    def take_ignored(self) -> list[Fault]:
+        now_s = time.monotonic()
+        if not self._strangers or self._stranger is None or now_s - self._reported_s < _REPORT_EVERY_S:
+            return []
+        count, self._strangers, self._reported_s = self._strangers, 0, now_s
+        stranger, peer = _address_text(self._stranger), _address_text(self._peer)
+        detail = f"datagrams from {stranger} ignored, since {peer} is being read; stop the other sender"
+        return [Fault(FaultKind.STRANGER, time.monotonic_ns(), detail, count)]
+
+
+def _address_text(address: Address | None) -> str:
+    return f"{address[0]}:{address[1]}" if address else "nobody"
+
+
+def open_link(name: str, port: str, line: Line, *, dead_s: float = DEAD_S, listens: bool = False) -> Link:
+    """Open the port of a rig file; `name` is the stream that it belongs to.
+
+    dead_s: when a TCP connection that brings nothing is lost. listens: a UDP port is ours, and not the other end's.
+    Raises CellError with the remedy.
+    """
+    if address := tcp_address(port):
+        return _open_tcp(name, address, dead_s)
+    if address := udp_address(port):
+        return _open_udp(name, address, listens=listens)
+    return _open_serial(name, port, line)
+
+
+def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
+    where = f"{name}, udp://{address[0]}:{address[1]}"
+    try:
+        family, kind, protocol, _, found = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
+        sock = socket.socket(family, kind, protocol)
+    except UnicodeError:
+        raise CellError(where, "the host name is not valid", "correct the port in the rig file") from None
+    except OSError as error:
+        raise CellError(where, error.strerror or str(error), "check address and network") from None
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _QUEUE)
+    sock.setblocking(False)
+    try:
+        if listens:
+            sock.bind(found)
+    except OSError as error:
+        sock.close()
+        remedy = "give an address of this computer, to which the controller sends, and a port nobody else has"
+        raise CellError(where, f"cannot be bound: {error.strerror or error}", remedy) from None
+    return UdpLink(name, sock, None if listens else found)
+
+
+def _open_tcp(name: str, address: tuple[str, int], dead_s: float) -> Link:
+    where = f"{name}, tcp://{address[0]}:{address[1]}"
+    try:
+        sock = socket.create_connection(address, timeout=_CONNECT_S)
+    except TimeoutError:
+        raise CellError(where, f"no answer in {_CONNECT_S:.0f} s", "check address, cable and firewall") from None
+    except ConnectionRefusedError:
+        raise CellError(where, "connection refused", "start the service there, or correct the port number") from None
+    except UnicodeError:
+        raise CellError(where, "the host name is not valid", "correct the port in the rig file") from None
+    except OSError as error:
+        raise CellError(where, error.strerror or str(error), "check address and network") from None
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    _set_keepalive(sock, dead_s)
+    sock.setblocking(False)
+    return Link(name, sock.fileno(), sock.close, dead_s)
+
+
+def _set_keepalive(sock: socket.socket, dead_s: float) -> None:
+    """Let the system probe a silent peer, and give up data that is not acknowledged, before `dead_s`."""
+    part_s = max(1, round(dead_s / 5))
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, part_s)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, part_s)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(dead_s * 800))
+
+
+def _open_serial(name: str, port: str, line: Line) -> Link:
+    where = f"{name}, {port}"
+    try:
+        if not Path(port).exists():
+            raise CellError(where, "no such port", f"plug it in, or correct the port; ports here: {_ports()}")
+        device = _configured(port, line)
+        if line.parity != "N":
+            _check_parity(device.fileno())
+    except serial.SerialException as error:
+        raise CellError(where, *_serial_problem(error)) from None
+    except (OSError, ValueError, termios.error) as error:
+        raise CellError(where, f"is not a serial device ({error})", "give the path of a serial port") from None
+    return Link(name, device.fileno(), device.close)
+
+
+def _configured(port: str, line: Line) -> serial.Serial:
+    try:
+        return serial.Serial(
+            port,
+            baudrate=line.baud,
+            bytesize=_BITS[line.bits],
+            parity=line.parity,
+            stopbits=line.stop,
+            timeout=0,
+            exclusive=True,
+        )
+    except termios.error as error:
+        if error.args[0] != errno.EINVAL:
+            raise
+        # A port without a line (a pty, some adapters) takes no parity; its bytes come as they are.
+        return serial.Serial(port, baudrate=line.baud, timeout=0, exclusive=True)
+
+
+def _check_parity(fd: int) -> None:
+    """Have the system pass on NUL, which no reading holds, for a character of wrong parity.
+
+    pyserial has such a one passed on as it is: a digit of which the line turned a bit would be another digit.
+    """
+    settings = termios.tcgetattr(fd)
+    settings[_IFLAG] |= termios.INPCK
+    termios.tcsetattr(fd, termios.TCSANOW, settings)
+
+
+def _serial_problem(error: serial.SerialException) -> tuple[str, str]:
+    text = str(error)
+    if "exclusively lock" in text or "busy" in text:
+        return "in use by another program", "stop the other program (another rigd, a terminal)"
+    if "Permission denied" in text:
+        return "permission denied", "add the user to the group dialout and log in again"
+    return f"cannot be opened as a serial port ({error.strerror or text})", "give the path of a serial port"
+
+
+def _ports() -> str:
+    names: list[str] = []
+    with contextlib.suppress(OSError):  # no such directory, or gone with its last port
+        names = sorted(map(str, Path("/dev/serial/by-id").iterdir()))
+    names = names or sorted(str(path) for kind in ("ttyUSB*", "ttyACM*") for path in Path("/dev").glob(kind))
+    return ", ".join(names) or "none"

@@ -1,0 +1,105 @@
+"""What `rigd --capture` keeps: every byte of every link, readable, whatever the disk does."""
+
+from __future__ import annotations
+
+import signal
+import time
+from pathlib import Path
+
+import pytest
+from bench import BIN, PATIENCE_S, Bench
+from hypothesis import given
+from hypothesis import strategies as st
+
+from daq.acquisition import capture_writer
+from daq.wire.capture import HEAD, Capture, Mark, Piece, read_capture
+from rigs.errors import FileError
+
+PIECES = st.builds(
+    Piece,
+    st.integers(0, 2**62),
+    st.sampled_from(["g1", "g1_g2", "robot"]),
+    st.sampled_from(Mark),
+    st.binary(max_size=40),
+)
+
+
+@given(st.lists(PIECES))
+def test_a_capture_reads_back_bit_for_bit(pieces: list[Piece]) -> None:
+    path = Path("capture")  # never made: the text goes to the reader by hand
+    text = "\n".join([HEAD, *(piece.line() for piece in pieces), ""])
+    assert read_text(path, text) == Capture(tuple(pieces), cut=False)
+
+
+def read_text(path: Path, text: str) -> Capture:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Path, "read_text", lambda *_, **__: text)
+        return read_capture(path)
+
+
+def test_a_cut_line_is_told_and_left_out() -> None:
+    whole = Piece(5, "g1", Mark.CAME, b"+0.1\r")
+    assert read_text(Path("cut"), f"{HEAD}\n{whole.line()}\n9 g1 < +0.") == Capture((whole,), cut=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a,b\n1,2\n", "is not a capture written by rigd"),
+        (f"{HEAD}\n5 g1 ? x\n", "line 2 cannot be read as part of a capture: '5 g1 ? x'"),
+        (f"{HEAD}\n5 g1 < \\x4\n", "line 2 cannot be read as part of a capture"),
+        (f"{HEAD}\n5 g1 < \\u1234\n", "line 2 cannot be read as part of a capture"),
+        (f"{HEAD}\n5 g1 < ü\n", "line 2 cannot be read as part of a capture"),
+    ],
+)
+def test_what_is_no_capture_is_named_with_its_line(text: str, said: str) -> None:
+    with pytest.raises(FileError, match="log") as caught:
+        read_text(Path("log"), text)
+    assert said in str(caught.value)
+
+
+def test_a_missing_file_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="No such file"):
+        read_capture(tmp_path / "none")
+
+
+def test_the_daemon_keeps_what_it_sends_and_hears_and_refuses_a_file_that_is_there(tmp_path: Path) -> None:
+    with Bench(tmp_path) as bench:
+        bench.start((BIN / "rigd", "--capture", "cell.log")).all_reading()
+        bench.cell.hang_up("robot")
+        lost = bench.until(lambda state: "disconnected" in state["streams"]["robot"]["counters"])
+        before = lost["streams"]["robot"]["counters"]["samples"]
+        bench.until(lambda state: state["streams"]["robot"]["counters"]["samples"] > before)
+        counters = bench.status()["streams"]
+        bench.signalled(signal.SIGTERM)
+        capture = read_capture(tmp_path / "cell.log")
+        assert not capture.cut and set(capture.streams) == set(counters)
+        for name, state in counters.items():
+            came = b"".join(piece.data for piece in capture.of(name) if piece.mark is Mark.CAME)
+            least = 4 if name.startswith("g") else 50
+            assert len(came) > least * state["counters"]["samples"]
+        marks = [piece.mark for piece in capture.of("robot") if piece.mark in (Mark.OPENED, Mark.LOST)]
+        assert marks[:3] == [Mark.OPENED, Mark.LOST, Mark.OPENED]
+        said = bench.fails("rigd", bench.rig, "--capture", "cell.log", code=FileError.exit_code)
+        assert "give --capture another file" in said
+
+
+def test_a_capture_that_grows_too_long_or_loses_its_disk_ends_and_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(capture_writer, "LARGEST", 3000)
+    monkeypatch.setattr(capture_writer, "_ROOM", 10)
+    found = capture_writer.CaptureWriter(tmp_path / "log", [])
+    for number in range(15):
+        found.add("g1", Mark.CAME, bytes(100) + str(number).encode())
+    found.start()
+    until = time.monotonic() + PATIENCE_S
+    while "grown" not in caplog.text and time.monotonic() < until:
+        if " ! 5\n" in (tmp_path / "log").read_text():
+            found.add("g1", Mark.SENT, bytes(1000))
+        time.sleep(0.01)
+    found.stop(20)
+    capture = read_capture(tmp_path / "log")
+    assert [piece.data[100:] for piece in capture.pieces[:10]] == [str(n).encode() for n in range(10)]
+    assert Piece(capture.pieces[10].at_ns, "g1", Mark.LEFT_OUT, b"5") == capture.pieces[10]
+    assert caplog.text.count("grown") == 1

@@ -1,0 +1,134 @@
+"""What is told of readings that are hard to believe, and what is not."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+from daq.acquisition.plausibility import IN_ERROR_S, STUCK_S, TIMES_IN_ERROR, PlausibilityCheck
+from daq.acquisition.stream_buffer import StreamBuffer
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
+from daq.recording.label import Label
+from daq.recording.recorder import Recorder
+from daq.store import RunWriter, read_run
+
+S = 1_000_000_000
+G1, ROBOT = ("g1_mm",), tuple(f"q{axis}_deg" for axis in range(1, 7))
+
+
+def _sample(values: Sequence[float], at_ns: int) -> Sample:
+    return Sample(tuple(values), NO_TIME, at_ns, at_ns, 9)
+
+
+def _seen(
+    seconds: int, reads: Callable[[float], float], turns: Callable[[float], float], *, touching: bool = True
+) -> list[Fault]:
+    """What is told of a gauge at 10 Hz beside a robot, looked at twice a second as the recorder does."""
+    plausibility, told = PlausibilityCheck(touching), list[Fault]()
+    for half in range(2 * seconds):
+        times_s = [(half + k / 5) / 2 for k in range(5)]
+        told += plausibility.check("g1", G1, [_sample([reads(t_s)], round(t_s * S)) for t_s in times_s])
+        told += plausibility.check(
+            "robot", ROBOT, [_sample([0, turns(t_s), 0, 0, 0, 0], round(t_s * S)) for t_s in times_s]
+        )
+    return told
+
+
+def _fine(t_s: float) -> float:
+    return round(0.1 * math.sin(t_s), 4)
+
+
+def test_a_gauge_that_stands_still_while_the_robot_moves_is_told_once_and_when_it_moves_again() -> None:
+    stuck, freed = _seen(60, lambda t_s: 0.123 if 5 <= t_s < 40 else _fine(t_s), lambda t_s: 3 * t_s)
+    assert stuck.kind is FaultKind.DOUBTFUL and stuck.count == 1
+    told, asked = stuck.detail.split(": ")
+    assert told == "g1 has shown exactly 0.1230 mm for 10 s while the robot moved 30°" and "HOLD" in asked
+    assert abs(stuck.at_ns - (5 + STUCK_S) * S) < S
+    assert (freed.detail, freed.count, freed.at_ns) == ("g1 moves again", 0, 40 * S)
+
+
+@pytest.mark.parametrize(
+    ("reads", "turns", "touching"),
+    [
+        (_fine, lambda t_s: 3 * t_s, True),
+        (lambda t_s: 0.123, lambda t_s: 0.02 * math.sin(50 * t_s), True),
+        (lambda t_s: 0.123, lambda t_s: 3 * t_s, False),
+        (lambda t_s: round(0.03 * math.sin(t_s / 9), 2), lambda t_s: 3 * t_s, True),
+        (lambda t_s: math.nan, lambda t_s: 3 * t_s, True),
+    ],
+    ids=["measures", "robot stands", "does not touch", "coarse", "head off"],
+)
+def test_no_false_alarm(reads: Callable[[float], float], turns: Callable[[float], float], touching: bool) -> None:
+    assert _seen(60, reads, turns, touching=touching) == []
+
+
+def test_a_gauge_never_seen_to_move_is_told_after_more_motion() -> None:
+    (stuck,) = _seen(60, lambda t_s: 0.0, lambda t_s: 3 * t_s)
+    assert "while the robot moved 9" in stuck.detail
+
+
+def test_a_gauge_that_goes_in_and_out_of_error_is_told() -> None:
+    items: list[Item] = []
+    for k in range(2 * TIMES_IN_ERROR):
+        items += [
+            _sample([1.0], 2 * k * S),
+            *[Fault(FaultKind.DEVICE_ERROR, (2 * k + 1) * S, "ERR3: out of range")] * 3,
+        ]
+    told = PlausibilityCheck(True).check("g1", G1, items)
+    assert [fault.kind for fault in told] == [FaultKind.DOUBTFUL] * 2
+    assert told[0].detail.startswith("g1 went in and out of error 5 times in 8 s (ERR3: out of range)")
+    rarely = [
+        item
+        for k in range(9)
+        for item in (_sample([1.0], 1), Fault(FaultKind.DEVICE_ERROR, k * round(IN_ERROR_S) * S, ""))
+    ]
+    assert PlausibilityCheck(True).check("g1", G1, rarely) == []
+    assert (
+        PlausibilityCheck(True).check("g1", G1, [Fault(FaultKind.DEVICE_ERROR, k * S, "ERR0") for k in range(50)]) == []
+    )
+
+
+def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path: Path) -> None:
+    buffers = {"g1": StreamBuffer("g1", G1), "robot": StreamBuffer("robot", ROBOT)}
+    recorder = Recorder(buffers, lambda label, _: _create(tmp_path, label), lambda: None)
+    now_ns = time.monotonic_ns()
+    buffers["g1"].deliver([_sample([0.1], now_ns)])
+    buffers["robot"].deliver([_sample([0.0] * 6, now_ns)])
+    recorder.start_run(Label(name="x", test="radial")).result()
+    for _ in range(TIMES_IN_ERROR):
+        buffers["g1"].deliver([_sample([0.1], now_ns), Fault(FaultKind.DEVICE_ERROR, now_ns, "ERR3")])
+    recorder.start()
+    while FaultKind.DOUBTFUL not in buffers["g1"].state().counters:
+        time.sleep(0.02)
+    assert "in and out of error" in buffers["g1"].state().last_fault
+    ended = recorder.stop_run().result()
+    recorder.shut_down("complete", "")
+    assert ended.counters["g1"][FaultKind.DOUBTFUL] == 1
+    assert [fault["stream"] for fault in read_run(ended.path).faults if fault["kind"] == "doubtful"] == ["g1"]
+
+
+def test_a_doubt_about_the_last_readings_before_a_stop_is_in_that_run(tmp_path: Path) -> None:
+    buffers = {"g1": StreamBuffer("g1", G1), "robot": StreamBuffer("robot", ROBOT)}
+    recorder = Recorder(buffers, lambda label, _: _create(tmp_path, label), lambda: None)
+    now_ns = time.monotonic_ns()
+    buffers["g1"].deliver([_sample([0.1], now_ns)])
+    buffers["robot"].deliver([_sample([0.0] * 6, now_ns)])
+    recorder.start_run(Label(name="x", test="radial")).result()
+    for _ in range(TIMES_IN_ERROR):
+        buffers["g1"].deliver([_sample([0.1], now_ns), Fault(FaultKind.DEVICE_ERROR, now_ns, "ERR3")])
+    ended = recorder.stop_run().result()
+    recorder.start()
+    recorder.shut_down("complete", "")
+    assert ended.counters["g1"][FaultKind.DOUBTFUL] == 1
+    assert [fault["stream"] for fault in read_run(ended.path).faults if fault["kind"] == "doubtful"] == ["g1"]
+    assert buffers["g1"].state().counters[FaultKind.DOUBTFUL] == 1 and buffers["g1"].drain() == []
+
+
+def _create(folder: Path, label: Label) -> RunWriter:
+    streams = {"g1": G1, "robot": ROBOT}
+    about = {"rig_name": "x", "rig_text": "", "operator": "", "streams": streams}
+    return RunWriter.create(folder, name=label.name, test=label.test, direction=label.direction, **about)  # type: ignore[arg-type]

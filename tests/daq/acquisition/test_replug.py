@@ -1,0 +1,168 @@
+"""`scripts/replug` in small: cables pulled and put back under a recording, and what a reader says of it."""
+
+from __future__ import annotations
+
+import logging
+import os
+import termios
+import threading
+import tty
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bench import PATIENCE_S, rig_text
+from replugging import KINDS, Clockwork, replug, wrong
+
+import daq.acquisition.reader
+import daq.acquisition.streams
+import daq.recording.recorder
+from daq.acquisition.reader import Reader
+from daq.acquisition.stream_buffer import StreamBuffer
+from daq.acquisition.streams import Stream, streams_of
+from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
+from daq.store import Run, read_run
+from daq.wire.links import Link, LinkLost, open_link
+from rigs.errors import CellError
+from rigs.links import Line
+from rigs.load import parse
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_cable_comes_back_and_nothing_is_wrong(tmp_path: Path, kind: str) -> None:
+    found = replug(tmp_path, kind, 1, seed=3)
+    assert found.problems == []
+    assert all(count == 1 for count in found.lost.values()) and min(found.readings.values()) > 3
+    (path,) = (tmp_path / "runs").iterdir()
+    assert [fault["detail"] for fault in read_run(path).faults if " is back after " in fault["detail"]]
+    if kind == KINDS[0]:
+        _sees_what_is_wrong(path)
+
+
+def _sees_what_is_wrong(path: Path) -> None:
+    run, motion = read_run(path), Clockwork()
+    motion.start_ns = int(run.streams["g1"]["requested_ns"][0] - run.streams["g1"]["g1_mm"][0] / 1e-4 * 1e6)
+    behind = {
+        name: np.roll(values, 1) if name.endswith("_mm") else values for name, values in run.streams["g1"].items()
+    }
+    shifted = Run(run.path, run.manifest, run.streams | {"g1": behind}, run.faults)
+    assert any("before they were asked for" in told for told in wrong(shifted, "g1", motion))
+
+
+class _OneReading:
+    """Gives a sample, then nothing more comes of the link."""
+
+    def connected(self, now_ns: int) -> Step:
+        return Step(items=(Sample((1.0,), 0, now_ns, now_ns, 1),), hang_up=True)
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        return Step()
+
+    def tick(self, now_ns: int) -> Step:
+        return Step()
+
+    def lost(self, now_ns: int) -> tuple[Item, ...]:
+        return ()
+
+
+@pytest.mark.parametrize(
+    "port", [f"/{'a' * 300}", "/dev/null", "/dev", "/dev/tty\0", "/etc/hostname/x", "/etc/hostname"]
+)
+def test_what_is_no_port_is_told_and_holds_nothing(port: str) -> None:
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    with pytest.raises(CellError):
+        open_link("g1", port, Line(baud=9600, bits=8, parity="N", stop=1))
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+def test_a_character_of_wrong_parity_is_no_digit() -> None:
+    """A digit of which the line turned a bit is another digit, and only its parity tells."""
+    for line, checked in (("4800 7E2", True), ("9600 8N1", False)):
+        master, slave = os.openpty()
+        tty.setraw(slave)
+        link = open_link("g1", os.ttyname(slave), Line.model_validate(line))
+        assert bool(termios.tcgetattr(link.fileno())[0] & termios.INPCK) == checked
+        link.close()
+        os.close(master)
+        os.close(slave)
+
+
+def test_names_that_go_while_they_are_listed_end_no_reader(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The directory of names goes with its last port."""
+
+    def gone(self: Path) -> None:
+        raise FileNotFoundError(str(self))
+
+    monkeypatch.setattr(Path, "iterdir", gone)
+    with pytest.raises(CellError, match="plug it in"):
+        open_link("g1", "/dev/serial/by-id/usb-1", Line(baud=9600, bits=8, parity="N", stop=1))
+
+
+def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(daq.acquisition.reader, "_FIRST_PAUSE_S", 0.001)
+    monkeypatch.setattr(daq.acquisition.reader, "_LONGEST_PAUSE_S", 0.001)
+    gauge = streams_of(parse(rig_text(), "bench"))[0]
+    stream = Stream(gauge.name, ("g1_mm",), gauge.port, gauge.line, _OneReading)
+    buffer, attempts, ended = StreamBuffer(stream.name, stream.columns), [], threading.Event()
+
+    def opened(*_: object, **__: object) -> Link:
+        attempts.append(None)
+        if len(attempts) == 40:
+            return Link("g1", -1, lambda: None)
+        if len(attempts) > 45:
+            ended.set()
+        raise CellError("g1", "no such port" if len(attempts) < 20 else "permission denied", "plug it in")
+
+    monkeypatch.setattr(daq.acquisition.streams, "open_link", opened)
+    reader = Reader(stream, buffer, Link("g1", -1, lambda: None))
+    reader.start()
+    assert ended.wait(PATIENCE_S)
+    reader.stop()
+    reader.join()
+    faults = [item for item in buffer.drain() if isinstance(item, Fault)]
+    assert {fault.kind for fault in faults} == {FaultKind.DISCONNECTED}
+    told = [(fault.count, fault.detail.split(": ")[-1].split(";")[0].split(" after ")[0]) for fault in faults]
+    lost, back = (1, "the conversation could not go on"), (0, f"{stream.port} is back")
+    assert told == [lost, (0, "no such port"), (0, "permission denied"), back, lost, (0, "permission denied")]
+    assert buffer.state().counters["disconnected"] == 2
+
+
+class _Breaking(Link):
+    """Brings so many pieces, and is lost."""
+
+    def __init__(self, piece: bytes, count: int) -> None:
+        super().__init__("g1", -1, lambda: None)
+        self._pieces = [piece] * count
+
+    def read(self, timeout_s: float) -> bytes:
+        if not self._pieces:
+            raise LinkLost("unplugged")
+        return self._pieces.pop()
+
+    def write(self, data: bytes) -> None:
+        pass
+
+
+def test_faults_held_back_to_be_told_as_one_are_told_when_the_link_is_lost() -> None:
+    stream = streams_of(parse(rig_text("sylvac"), "bench"))[0]
+    buffer = StreamBuffer(stream.name, stream.columns)
+    link = _Breaking(b"ERR0\r", 50)
+    Reader(stream, buffer, link)._read(link)
+    assert buffer.state().counters == {"device_error": 50, "disconnected": 1}
+
+
+def test_what_says_more_of_a_fault_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
+    """The end of an outage within ten seconds of its beginning is no repetition."""
+    buffer = StreamBuffer("g1", ("g1_mm",))
+    recorder = daq.recording.recorder.Recorder({"g1": buffer}, _no_run, lambda: None)
+    buffer.deliver([Fault(FaultKind.DISCONNECTED, 1, "lost"), Fault(FaultKind.DISCONNECTED, 2, "back", 0)])
+    buffer.deliver([Fault(FaultKind.DISCONNECTED, 3, "lost")])
+    with caplog.at_level(logging.INFO, "rigd"):
+        recorder.start()
+        recorder.shut_down("complete", "")
+    assert [record.getMessage() for record in caplog.records] == ["g1: disconnected: lost", "g1: back"]
+
+
+def _no_run(*_: Any) -> Any:
+    raise AssertionError

@@ -1,0 +1,217 @@
+"""A cell on the bench: emulated instruments with readings set by hand, and the real daemon as a process."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from daq.emulators import Cell, Motion, emulated
+from daq.service.client import Client
+from rigs.load import SHIPPED, parse
+
+PATIENCE_S = 20.0
+BIN = Path(sys.executable).parent
+
+
+class ByHand:
+    """Readings that a test sets; nan is a head that is off."""
+
+    def __init__(self) -> None:
+        self.mm = {"g1": 0.1, "g2": -0.1}
+        self.deg = [0.0, 10.0, 20.0, 30.0, 40.0, 50.0]
+        self.program = 0
+
+    def gauge_mm(self, name: str, now_ns: int) -> float:
+        return self.mm[name]
+
+    def joints_deg(self, now_ns: int) -> list[float]:
+        return self.deg
+
+    def signal(self, now_ns: int) -> float:
+        return self.program
+
+
+def rig_text(gauges: str = "sylvac", timeout_s: float = 0.3) -> str:
+    """A rig of shipped parts with short time-outs: continuous Sylvac, polled, Keyence, Modbus RTU or TCP."""
+    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    if gauges in ("sylvac", "polled"):
+        data["gauges"] = yaml.safe_load((SHIPPED / "paper-fanuc.yaml").read_text())["gauges"]
+        for name in ("g1", "g2"):
+            data["gauges"][name] |= {"mode": "polled" if gauges == "polled" else "continuous", "line": "57600 7E2"}
+    elif gauges == "keyence":
+        head = {"interface": "keyence_dl_rs1a", "port": "/dev/ttyUSB0", "line": "57600 8N1"}
+        data["gauges"] = {
+            "g1": {**head, "channel": 1, "offset_mm": 25},
+            "g2": {**head, "channel": 2, "offset_mm": -25},
+        }
+    elif gauges == "tcp":
+        for name in ("g1", "g2"):
+            data["gauges"][name]["port"] = f"tcp://127.0.0.1:{502 if name == 'g1' else 503}"
+    for name in ("g1", "g2"):
+        data["gauges"][name]["timeout_s"] = timeout_s
+    data["name"] = "bench"
+    return yaml.safe_dump(data)
+
+
+class Bench:
+    """Cell and daemon in one directory; leaves nothing running."""
+
+    def __init__(
+        self, folder: Path, text: str | None = None, motion: Motion | None = None, cell: Cell | None = None
+    ) -> None:
+        self.folder = folder
+        self.motion = ByHand()
+        text = text or rig_text()
+        self.cell = cell or emulated(
+            parse(text, "bench"), motion or self.motion, self.motion.signal, names=folder / "by-id"
+        )
+        self.rig = folder / "rig.yaml"
+        self.rig.write_text(self.cell.rig_text(text))
+        self.cell.start()
+        self.options: list[str | Path] = []
+        self.said: list[str] = []
+        self.daemon: subprocess.Popen[str] | None = None
+        self.env = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
+        self.socket = folder / "rigd" / "bench.sock"
+
+    def __enter__(self) -> Bench:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.daemon is not None and self.daemon.poll() is None:
+            self.daemon.kill()
+            self.daemon.wait()
+        if self.daemon is not None and self.daemon.stderr:
+            self.daemon.stderr.close()
+        self.cell.stop()
+
+    def start(self, program: Sequence[str | Path] = (BIN / "rigd",), **options: Any) -> Bench:
+        """Start the daemon and wait until it serves; `said` is what it said until then."""
+        self.daemon = subprocess.Popen(
+            [*program, self.rig, "--runs", "runs", *self.options],
+            stderr=subprocess.PIPE,
+            env=self.env,
+            cwd=self.folder,
+            text=True,
+            **options,
+        )
+        assert self.daemon.stderr is not None
+        self.said.clear()
+        for line in self.daemon.stderr:
+            self.said.append(line)
+            if "serving" in line:
+                return self
+        raise AssertionError("".join(self.said))
+
+    def run(self, *command: str | Path) -> subprocess.CompletedProcess[str]:
+        """A command of ours to its end."""
+        program, *arguments = command
+        return subprocess.run(
+            [BIN / program, *arguments],
+            check=False,
+            capture_output=True,
+            text=True,
+            env=self.env,
+            cwd=self.folder,
+            timeout=60,
+        )
+
+    @contextlib.contextmanager
+    def emulating(
+        self, rig: str, *options: str, end: signal.Signals = signal.SIGTERM, code: int = 0
+    ) -> Iterator[Callable[[str], str]]:
+        """`rig emulate` with a keyboard: type a line, get the line it answers; ended by a signal, with an exit code."""
+        process = subprocess.Popen(
+            [BIN / "rig", "emulate", rig, *options],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            cwd=self.folder,
+            text=True,
+        )
+        assert process.stdin and process.stdout
+
+        def keyboard(line: str) -> str:
+            assert process.stdin and process.stdout
+            process.stdin.write(line + "\n")
+            process.stdin.flush()
+            return process.stdout.readline().strip()
+
+        try:
+            next(line for line in process.stdout if line.startswith("ready"))
+            yield keyboard
+        finally:
+            process.send_signal(end)
+            try:
+                said, _ = process.communicate(timeout=PATIENCE_S)
+            finally:
+                process.kill()
+            assert process.returncode == code and " sent" in said
+
+    @contextlib.contextmanager
+    def replaying(self, log: Path, rig: Path) -> Iterator[Callable[[], str]]:
+        """`rig replay`; gives what waits for its end and returns all that it said."""
+        process = subprocess.Popen(
+            [BIN / "rig", "replay", log, rig], stdout=subprocess.PIPE, cwd=self.folder, text=True
+        )
+        assert process.stdout
+        try:
+            next(line for line in process.stdout if line.startswith("ready"))
+            yield lambda: process.communicate(timeout=3 * PATIENCE_S)[0]
+            assert process.returncode == 0
+        finally:
+            process.kill()
+            process.wait()
+
+    def fails(self, *command: str | Path, code: int) -> str:
+        """A command that must fail with this exit code and one line; returns the line."""
+        done = self.run(*command)
+        assert done.returncode == code, done.stderr
+        assert "Traceback" not in done.stderr
+        lines = done.stderr.strip().splitlines()
+        assert len(lines) == 1 and lines[0].startswith("error: "), done.stderr
+        return lines[0]
+
+    def record(self, name: str = "run", direction: str = "acw") -> Path:
+        done = self.run("rig", "record", "start", name, "--test", "yaw", "--direction", direction)
+        assert done.returncode == 0, done.stderr
+        return Path(done.stdout.strip())
+
+    def status(self) -> dict[str, Any]:
+        with Client(self.socket) as client:
+            return client.ask("status")
+
+    def until(self, what: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
+        """Ask for the status until it is so."""
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            state = self.status()
+            if what(state):
+                return state
+            time.sleep(0.02)
+        raise AssertionError(state)
+
+    def all_reading(self) -> dict[str, Any]:
+        return self.until(lambda state: all(s["rate_hz"] > 1 for s in state["streams"].values()))
+
+    def recorded(self, more_than: int) -> dict[str, Any]:
+        return self.until(lambda state: min(state["samples"].values()) > more_than)
+
+    def signalled(self, number: signal.Signals) -> tuple[int, str]:
+        """Send a signal, wait for the end: exit code and what was said."""
+        assert self.daemon is not None
+        self.daemon.send_signal(number)
+        _, said = self.daemon.communicate(timeout=PATIENCE_S)
+        return self.daemon.returncode, said
+
+
+OFF = math.nan

@@ -1,0 +1,110 @@
+"""Every serial gauge in an emulated cell: the rig file names it, the cell makes it, the daemon's stream reads it.
+
+In simulated time, at the pace of its own line.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from itertools import pairwise
+from typing import Any
+
+import pytest
+import yaml
+from drivers import LINE, NEEDED
+from simulated import S, simulate
+
+from daq.acquisition.streams import streams_of
+from daq.emulators.instruments import gauge_device
+from daq.protocol.conversation import NO_TIME, Fault, Sample
+from rigs.load import SHIPPED, parse
+from rigs.problems import RigFileError
+
+SHARED = {"keyence_dl_rs1a", "mahr_c1202", "magnescale_lt"}
+INTERFACES = sorted({*NEEDED, "sylvac_opto_rs", "keyence_dl_rs1a"})
+COARSE_MM = {"tesa_tt": 0.006}
+
+
+class Swinging:
+    """Two gauges that swing by 0.8 mm, in opposite directions, twice a second."""
+
+    def gauge_mm(self, name: str, now_ns: int) -> float:
+        return (1 if name == "g1" else -1) * 0.8 * math.sin(4 * math.pi * now_ns / S)
+
+    def joints_deg(self, now_ns: int) -> list[float]:
+        return [0.0] * 6
+
+
+def _rig_text(interface: str, *, shared: bool) -> str:
+    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    gauge = {"interface": interface, **NEEDED.get(interface, {})}
+    if interface == "micro_epsilon_ild1420":
+        gauge["zero_mm"] = 5.0
+    data["gauges"] = {
+        "g1": gauge | {"port": "/dev/ttyUSB0", "offset_mm": 25},
+        "g2": gauge | {"port": "/dev/ttyUSB0" if shared else "/dev/ttyUSB1", "offset_mm": -25},
+    }
+    if shared:
+        data["gauges"]["g2"]["channel"] = 2
+    return yaml.safe_dump(data)
+
+
+@pytest.mark.parametrize(
+    ("interface", "shared"), [(name, False) for name in INTERFACES] + [(name, True) for name in sorted(SHARED)]
+)
+def test_an_emulated_cell_with_this_gauge_is_read(interface: str, shared: bool) -> None:
+    rig = parse(_rig_text(interface, shared=shared), "cell")
+    motion = Swinging()
+    age_ns = (rig.gauges.g1.timing.cycle_ms or 0.0) * 1e6
+    streams = streams_of(rig)[:-1]
+    assert [stream.columns for stream in streams] == ([("g1_mm", "g2_mm")] if shared else [("g1_mm",), ("g2_mm",)])
+    for stream in streams:
+        names = [column.removesuffix("_mm") for column in stream.columns]
+        device = gauge_device(rig, motion, names)()
+        items = simulate(stream.host(), device, 2 * S, character_ns=stream.line.character_ns)
+        assert [item for item in items if isinstance(item, Fault)] == []
+        samples = [item for item in items if isinstance(item, Sample)]
+        gap_s = statistics.median((b.last_byte_ns - a.last_byte_ns) / S for a, b in pairwise(samples))
+        assert len(samples) > 30 and gap_s < 0.05
+        for sample in samples:
+            taken_ns = sample.first_byte_ns if sample.requested_ns == NO_TIME else sample.requested_ns
+            wire_ns = sample.size * stream.line.character_ns if sample.requested_ns == NO_TIME else 0
+            drift_mm = 0.8 * 4 * math.pi * (wire_ns + age_ns) / S
+            expected = [motion.gauge_mm(name, taken_ns) for name in names]
+            assert sample.values == pytest.approx(expected, abs=COARSE_MM.get(interface, 0.001) + drift_mm)
+
+
+@pytest.mark.parametrize("interface", INTERFACES)
+def test_two_gauges_share_a_port_only_where_one_answer_holds_both(interface: str) -> None:
+    text = _rig_text(interface, shared=True)
+    if interface in SHARED:
+        assert parse(text, "cell").gauges.g2 is not None
+        return
+    with pytest.raises(RigFileError, match="carries one gauge a port"):
+        parse(text, "cell")
+
+
+@pytest.mark.parametrize("interface", [name for name, needed in NEEDED.items() if "line" in needed])
+def test_a_line_that_nobody_knows_must_be_given(interface: str) -> None:
+    data: dict[str, Any] = yaml.safe_load(_rig_text(interface, shared=False))
+    del data["gauges"]["g1"]["line"]
+    assert LINE["line"] == data["gauges"]["g2"]["line"]
+    with pytest.raises(RigFileError, match=r"gauges\.g1\.line: missing; add it"):
+        parse(yaml.safe_dump(data), "cell")
+
+
+def test_an_emulated_gauge_does_what_the_rig_file_says_of_its_timing() -> None:
+    """A cycle of 200 ms and an answer 30 ms after the request."""
+    data = yaml.safe_load(_rig_text("tesa_tt", shared=False))
+    for gauge in data["gauges"].values():
+        gauge["timing"] = {"latch": "own_cycle", "cycle_ms": 200, "answer_delay_ms": 30}
+    rig = parse(yaml.safe_dump(data), "cell")
+    stream = streams_of(rig)[0]
+    items = simulate(
+        stream.host(), gauge_device(rig, Swinging(), ["g1"])(), 4 * S, character_ns=stream.line.character_ns
+    )
+    samples = [item for item in items if isinstance(item, Sample)]
+    assert min(sample.first_byte_ns - sample.requested_ns for sample in samples) > 0.03 * S
+    changed = [b for a, b in pairwise(samples) if a.values != b.values]
+    assert len(changed) == pytest.approx((samples[-1].requested_ns - samples[0].requested_ns) / (0.2 * S), abs=2)

@@ -1,0 +1,99 @@
+"""An answer is never credited to a later request, however late it comes: `scripts/late`, in small."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import pytest
+from drivers import TCP, modbus
+from lateness import TIMEOUT_S, Numbered, polled, simulated, wired
+from simulated import S, simulate
+
+import daq.gauges
+from daq.acquisition.stream_buffer import samples_of
+from daq.protocol.conversation import Device, FaultKind, Step
+from daq.protocol.framing import Message
+from daq.protocol.modbus import RtuRequests
+from daq.protocol.polled import STIR_EVERY_NS, Polled
+from daq.protocol.resync import Resync
+
+CASES = polled()
+RTU = modbus(timeout_s=TIMEOUT_S)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_each_value_belongs_to_its_own_request(name: str) -> None:
+    requests = 10_000 if name == "modbus rtu mm" else 300
+    late = simulated(CASES[name], requests, 7)
+    assert late.requests >= requests * (0.7 if "orbit" in name else 1) and late.shifted == 0
+    assert late.samples > (0.1 if "orbit" in name else 0.3) * requests, "an orbit takes two answers in time"
+    assert late.faults[FaultKind.SILENT] > 0.3 * requests
+    assert set(late.faults) == {FaultKind.SILENT, FaultKind.LATE}
+    assert abs(late.faults[FaultKind.SILENT] - late.faults[FaultKind.LATE]) <= 1, "every late answer was told"
+
+
+@pytest.mark.parametrize("name", [name for name, gauge in CASES.items() if gauge.port != TCP])
+def test_without_the_drain_answers_are_one_behind(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Polled, "_give_up", lambda self, items, now_ns: self._ask(items, now_ns))
+    monkeypatch.setattr(Resync, "ask", lambda self: self.asked)
+    assert simulated(CASES[name], 500, 7).shifted > 50
+
+
+def test_the_drain_alone_does_not_hold_back_an_answer_of_three_time_outs(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert simulated(RTU, 500, 7, slowest=3).shifted == 0
+    monkeypatch.setattr(Resync, "ask", lambda self: self.asked)
+    assert simulated(RTU, 500, 7, slowest=3).shifted > 50
+
+
+def test_an_instrument_that_answers_nothing_but_its_usual_request_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    answer = RtuRequests.feed
+
+    def usual(self: RtuRequests, data: bytes, now_ns: int) -> list[Message]:
+        return [message for message in answer(self, data, now_ns) if message.data[5] == RTU.count]
+
+    monkeypatch.setattr(RtuRequests, "feed", usual)
+    late = simulated(RTU, 500, 7)
+    assert late.samples > 100 and late.shifted == 0
+
+
+class _InMenu:
+    """A device whose menu is open from 2 s to 9 s: what it is asked meanwhile it reads and answers afterwards."""
+
+    sent = 0
+
+    def __init__(self, device: Device) -> None:
+        self._device, self._waiting = device, deque[bytes]()
+
+    def connected(self, now_ns: int) -> Step:
+        return self._device.connected(now_ns)
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        if self._waiting or 2 * S <= now_ns < 9 * S:
+            self._waiting.append(data)
+            return Step(wake_ns=max(now_ns, 9 * S))
+        return self._device.received(data, now_ns)
+
+    def tick(self, now_ns: int) -> Step:
+        step = self._device.received(self._waiting.popleft(), now_ns)
+        return Step(step.send, wake_ns=now_ns if self._waiting else None)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_answers_held_back_by_a_menu_come_in_one_burst_and_shift_nothing(name: str) -> None:
+    instrument = Numbered()
+    device = _InMenu(daq.gauges.device([CASES[name]], instrument.read))
+    items = simulate(daq.gauges.host([CASES[name]]), device, 12 * S, character_ns=500_000)
+    samples = samples_of(items)
+    early_ns = [s.requested_ns - instrument.took_ns(s) for s in samples]
+    stirred = 12 * S // STIR_EVERY_NS
+    assert sum(early > 0 for early in early_ns) <= 1 + stirred, (
+        "at most the burst's first and where the line is stirred"
+    )
+    assert max(early_ns) < TIMEOUT_S * S
+    assert all(instrument.took_ns(s) <= s.first_byte_ns for s in samples)
+    assert min(s.last_byte_ns for s in samples) < S and max(s.last_byte_ns for s in samples) > 11 * S
+
+
+def test_over_a_pty_as_well() -> None:
+    late = wired(RTU, 10, 7)
+    assert late.requests >= 10 and late.shifted == 0 and late.samples

@@ -1,0 +1,242 @@
+"""Recordings that the robot starts, with the real daemon: what they hold, and who may interfere."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from bench import OFF, Bench, rig_text
+
+from daq.acquisition.stream_buffer import StreamBuffer
+from daq.acquisition.streams import streams_of
+from daq.protocol.conversation import NO_TIME, Sample
+from daq.recording.arbiter import Arbiter
+from daq.recording.label import Label
+from daq.recording.recorder import Recorder
+from daq.store import Manifest, RunWriter, durable, load_manifest, read_run, verify
+from rigs.errors import CellError
+from rigs.load import parse
+
+RULES = [
+    {"when": {"signal": 1}, "test": "yaw", "direction": "cw"},
+    {"when": {"signal": 2}, "test": "yaw", "direction": "acw"},
+]
+
+
+def _text(interface: str, still_s: float = 0.5) -> str:
+    data = yaml.safe_load(rig_text("keyence"))
+    data["automatic"] = {"rules": [rule | {"still_s": still_s} for rule in RULES]}
+    data["retention"] = {"days": 30}
+    if interface == "ur_rtde":
+        data["feedback"]["signal"] = {"outputs": [0, 5]}
+    else:
+        fields = ["t_ms", *(f"q{axis}_deg" for axis in range(1, 7)), "signal"]
+        data["feedback"] = {"interface": "line_feed", "port": "tcp://127.0.0.1:1", "fields": fields}
+    return str(yaml.safe_dump(data))
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Iterator[Bench]:
+    with Bench(tmp_path, _text("ur_rtde")) as bench:
+        yield bench
+
+
+def _ended(bench: Bench) -> list[tuple[Path, Manifest]]:
+    found = [(path, load_manifest(path)) for path in sorted((bench.folder / "runs").iterdir())]
+    return [(path, manifest) for path, manifest in found if manifest.exit_status != "recording"]
+
+
+def _active(direction: str) -> Any:
+    return lambda state: (
+        state["recording"]
+        and state["direction"] == direction
+        and state["seconds"] > 2.2
+        and state["automatic"]["recording"] == state["recording"]
+    )
+
+
+@pytest.fixture
+def printing(tmp_path: Path) -> Iterator[Bench]:
+    with Bench(tmp_path, _text("line_feed")) as bench:
+        yield bench
+
+
+def test_a_program_after_the_other_is_a_run_each(printing: Bench) -> None:
+    cell = printing.start()
+    cell.all_reading()
+    said = cell.until(lambda state: state["automatic"]["signal"] == 0)
+    assert said["automatic"]["waits_for"] == ["signal 1: yaw cw", "signal 2: yaw acw"] and said["recording"] is None
+    for program, direction in ((1, "cw"), (2, "acw")):
+        cell.motion.program = program
+        cell.until(_active(direction))
+    cell.motion.program = 0
+    cell.until(lambda state: state["recording"] is None and not state["closing"])
+    (first, one), (second, other) = _ended(cell)
+    assert [one.direction, other.direction] == ["cw", "acw"] and {one.operator, other.operator} == {"automatic"}
+    assert [one.reason, other.reason] == ["the next began", "the robot stands still"]
+    assert [one.exit_status, other.exit_status] == ["complete", "complete"]
+    assert one.name == first.name and one.name.endswith("Z-yaw-cw") and other.name.endswith("Z-yaw-acw")
+    for path, program in ((first, 1), (second, 2)):
+        assert verify(path) == []
+        robot = read_run(path).streams["robot"]
+        began = int(np.argmax(robot["signal"] == program))
+        assert began > 0 and robot["signal"][began - 1] == program - 1, "what was before it belongs to the run"
+        before_s = (robot["last_byte_ns"][began] - robot["last_byte_ns"][0]) / 1e9
+        assert before_s <= 1.05
+    assert before_s > 0.9
+    gauge = read_run(second).streams["g1_g2"]["first_byte_ns"]
+    assert gauge[0] < robot["last_byte_ns"][began]
+
+
+def test_people_come_first(cell: Bench) -> None:
+    cell.start().all_reading()
+    cell.until(lambda state: state["automatic"]["signal"] == 0)
+    cell.motion.program = 1
+    cell.until(lambda state: state["recording"])
+    path = cell.record("mine")
+    cell.motion.program = 2
+    state = cell.until(lambda state: state["automatic"]["refused"] == 1)
+    assert state["recording"] == "mine" and "mine is being recorded by hand" in state["automatic"]["why_not"]
+    assert "not started: yaw acw" in cell.run("rig", "status").stdout
+    cell.motion.program = 0
+    assert cell.run("rig", "record", "stop").stdout == f"{path}\n"
+    (_, taken_over), (_, mine) = sorted(_ended(cell), key=lambda ended: ended[1].name)
+    assert taken_over.exit_status == "interrupted" and "started mine" in taken_over.reason
+    assert mine.exit_status == "complete" and mine.operator != "automatic"
+
+
+def test_a_silent_gauge_is_why_nothing_started(cell: Bench) -> None:
+    cell.motion.mm["g2"] = OFF
+    cell.start()
+    cell.until(lambda state: state["automatic"]["signal"] == 0)
+    cell.motion.program = 1
+    state = cell.until(lambda state: state["automatic"]["refused"] == 1)
+    assert state["recording"] is None and "yaw cw" in state["automatic"]["why_not"]
+    assert "g2: no reading" in state["automatic"]["why_not"]
+    metrics = cell.run("rig", "metrics").stdout.splitlines()
+    assert {'rig_automatic_refused_total{rig="bench"} 1', 'rig_runs{rig="bench"} 0'} <= set(metrics)
+    cell.motion.mm["g2"] = 0.2
+    cell.until(lambda state: state["streams"]["g1_g2"]["age_s"].get("g2_mm", 9) < 1)
+    cell.motion.program = 2
+    cell.until(lambda state: state["recording"] and state["automatic"]["why_not"] == "")
+
+
+def _by_hand(tmp_path: Path) -> tuple[Recorder, Arbiter, dict[str, StreamBuffer]]:
+    """The arbiter and the recorder without their threads."""
+    text = _text("ur_rtde", still_s=0.2)
+    rig = parse(text, "bench")
+    buffers = {stream.name: StreamBuffer(stream.name, stream.columns) for stream in streams_of(rig)}
+    columns = {name: buffer.columns for name, buffer in buffers.items()}
+
+    def create(label: Label, follows: str) -> RunWriter:
+        more = {"rig_name": rig.name, "rig_text": text, "streams": columns, "follows": follows}
+        return RunWriter.create(tmp_path, **label.model_dump(), **more)
+
+    recorder = Recorder(buffers, create, lambda: None)
+    return recorder, Arbiter(recorder, rig.automatic), buffers
+
+
+def _signal_on(arbiter: Arbiter, buffers: dict[str, StreamBuffer], on: range) -> None:
+    """Two seconds of the robot, one of its outputs on in some of the 200 samples; the gauges read."""
+    now_ns = time.monotonic_ns()
+    buffers["g1_g2"].deliver([Sample((1.0, 2.0), NO_TIME, now_ns, now_ns, 60)])
+    stamps = [now_ns - 2_000_000_000 + 10_000_000 * number for number in range(200)]
+    samples = [Sample((0.0,) * 6 + (float(n in on),), NO_TIME, at, at, 60) for n, at in enumerate(stamps)]
+    buffers["robot"].deliver(samples)
+    arbiter.feed(samples)
+
+
+def test_a_recording_that_cannot_be_ends_none(tmp_path: Path) -> None:
+    recorder, arbiter, buffers = _by_hand(tmp_path)
+    _signal_on(arbiter, buffers, range(50, 200))
+    arbiter.after_round()
+    recorder._io._creator.submit(lambda: None).result()
+    name = recorder.state()["recording"]
+    buffers["g1_g2"]._last["g2_mm"] = (2.0, 0)
+    with pytest.raises(CellError, match="g2: no reading"):
+        arbiter.start(Label(name="mine", test="yaw", direction="cw"))
+    assert name and recorder.state()["recording"] == name
+    arbiter.start(Label(name="mine", test="radial"))
+    assert recorder.state()["recording"] == "mine"
+    arbiter.stop()
+    recorder._io.shut_down()
+
+
+def test_a_run_of_a_blink_is_kept_and_marked(tmp_path: Path) -> None:
+    """Without threads the blink has its length on any machine."""
+    recorder, arbiter, buffers = _by_hand(tmp_path)
+    _signal_on(arbiter, buffers, range(50, 80))
+    arbiter.after_round()
+    recorder._io.shut_down()
+    (path,) = tmp_path.iterdir()
+    manifest = read_run(path).manifest
+    assert manifest.exit_status == "interrupted" and manifest.reason == "the robot stands still; only 0.50 s long"
+    assert manifest.counters["robot"]["samples"] == 150 + 50, "all from 0.5 s on, where the recorder began, to now"
+
+
+def test_a_disk_that_refuses_is_why_nothing_started(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder, arbiter, buffers = _by_hand(tmp_path)
+    _signal_on(arbiter, buffers, range(50, 200))
+    monkeypatch.setattr(durable, "free_bytes", lambda _: 0)
+    arbiter.after_round()
+    recorder._io._creator.submit(lambda: None).result()
+    arbiter.after_round()
+    state = arbiter.state()
+    assert state is not None and (state["refused"], state["started"], state["recording"]) == (1, 0, None)
+    assert "yaw cw" in str(state["why_not"]) and "disk nearly full" in str(state["why_not"])
+    assert recorder.state()["waiting"] is None and list(tmp_path.iterdir()) == []
+    recorder._io.shut_down()
+
+
+def test_people_come_first_while_the_disk_is_still_asked_for_the_automats_run(
+    tmp_path: Path, making: tuple[threading.Event, threading.Event]
+) -> None:
+    asked, done = making
+    recorder, arbiter, buffers = _by_hand(tmp_path)
+    _signal_on(arbiter, buffers, range(50, 200))
+    arbiter.after_round()
+    assert asked.wait(20)
+    mine: list[Path] = []
+    person = threading.Thread(target=lambda: mine.append(arbiter.start(Label(name="mine", test="radial"))))
+    person.start()
+    while recorder.state()["beginning"] != "mine":
+        person.join(0.01)
+    done.set()
+    person.join(20)
+    arbiter.after_round()
+    state = arbiter.state()
+    assert recorder.state()["recording"] == "mine"
+    assert state is not None and (state["started"], state["refused"], state["recording"]) == (1, 0, None)
+    arbiter.stop()
+    recorder._io.shut_down()
+    (theirs,) = [path for path in tmp_path.iterdir() if path not in mine]
+    manifest = load_manifest(theirs)
+    assert (manifest.exit_status, manifest.reason) == ("interrupted", "a person started mine")
+    assert manifest.counters["robot"] == {"samples": 200}, "from a second before the signal"
+
+
+def test_a_lap_that_begins_before_the_disk_has_the_one_before_is_kept_as_that_is(
+    tmp_path: Path, making: tuple[threading.Event, threading.Event]
+) -> None:
+    asked, done = making
+    recorder, arbiter, buffers = _by_hand(tmp_path)
+    _signal_on(arbiter, buffers, range(50, 80))
+    arbiter.after_round()
+    assert asked.wait(20)
+    _signal_on(arbiter, buffers, range(50, 200))
+    arbiter.after_round()
+    done.set()
+    recorder._io._creator.submit(lambda: None).result()
+    arbiter.after_round()
+    state = arbiter.state()
+    assert state is not None and (state["started"], state["refused"]) == (2, 0)
+    assert recorder.state()["recording"] == state["recording"]
+    arbiter.stop()
+    recorder._io.shut_down()
+    assert len(list(tmp_path.iterdir())) == 2 and all(verify(path) == [] for path in tmp_path.iterdir())

@@ -1,0 +1,577 @@
+"""A disk that fills up, fails, turns read-only, vanishes or is slow: told, survived, and gone on with."""
+
+from __future__ import annotations
+
+import errno
+import os
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import daq.acquisition.stream_buffer
+import daq.recording.active_run
+import daq.recording.io_worker
+import daq.recording.rate_limited_log
+import daq.recording.recorder
+import daq.recording.suspended
+from daq.acquisition.stream_buffer import StreamBuffer
+from daq.protocol.conversation import Sample
+from daq.recording.label import Label
+from daq.recording.recorder import Recorder
+from daq.store import RunWriter, durable, load_manifest, read_run, verify
+from rigs.errors import CellError
+
+COLUMNS = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": ("q1_deg",)}
+
+
+class Written:
+    """A recorder without its thread: a round when a test says so, and readers that deliver numbers."""
+
+    def __init__(self, folder: Path) -> None:
+        self.runs = folder / "runs"
+        self.buffers = {name: StreamBuffer(name, columns) for name, columns in COLUMNS.items()}
+        self.recorder = Recorder(self.buffers, self._create, lambda: None)
+        self.delivered = 0
+        self.deliver()
+        self.path = self.recorder.start_run(Label(name="lap", test="yaw", direction="cw")).result()
+        self.delivered = 0
+
+    def _create(self, label: Label, follows: str) -> RunWriter:
+        who = {"rig_name": "r", "rig_text": "", "operator": "", "streams": COLUMNS, "follows": follows}
+        return RunWriter.create(self.runs, name=label.name, test=label.test, direction=label.direction, **who)
+
+    def deliver(self, count: int = 10) -> None:
+        """From every reader."""
+        now = daq.recording.recorder.time.monotonic_ns()
+        for buffer in self.buffers.values():
+            buffer.deliver([Sample((float(self.delivered + i),), now, now, now, 8) for i in range(count)])
+        self.delivered += count
+
+    def round(self, count: int = 10) -> dict[str, Any]:
+        """Some readings, then the writer's turn; the state after it."""
+        self.deliver(count)
+        for _ in range(4):  # of a sync and of the closing of a chunk: begun, and what became of it
+            self.recorder._round()
+            self.recorder._io._thread.submit(lambda: None).result()
+            self.begun()
+        return self.recorder.state()
+
+    def begun(self) -> None:
+        """When the run that is to begin has begun, or was refused."""
+        self.recorder._io._creator.submit(lambda: None).result()
+
+    def until_it_goes_on(self) -> None:
+        """Rounds until another run has begun, then some more readings for it, and its end."""
+        while self.round()["recording"] is None:
+            pass
+        self.round()
+        self.recorder.stop_run().result()
+
+    def accounted(self) -> list[Path]:
+        """Both runs, after a check that each reading is in one of them or counted as dropped, each once."""
+        former, follower = sorted(self.runs.iterdir(), key=lambda path: bool(load_manifest(path).follows))
+        assert load_manifest(follower).follows == former.name and load_manifest(follower).name == "lap"
+        for name, (column,) in COLUMNS.items():
+            counters = load_manifest(follower).counters[name]
+            read = [read_run(path).streams[name][column].astype(int).tolist() for path in (former, follower)]
+            assert read[0] == list(range(len(read[0])))
+            assert read[1] == list(range(len(read[0]) + counters["dropped"], self.delivered))
+            assert load_manifest(former).counters[name]["samples"] == len(read[0])
+        assert verify(former) == verify(follower) == []
+        told = {(row["stream"], row["kind"]) for row in read_run(follower).faults}
+        assert told == {(name, "dropped") for name in COLUMNS}
+        return [former, follower]
+
+
+def test_the_log_names_a_direction_where_there_is_one(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", "rigd")
+    written = Written(tmp_path)
+    written.recorder.stop_run().result()
+    written.deliver()
+    written.recorder.start_run(Label(name="dome", test="radial")).result()
+    written.recorder.stop_run().result()
+    assert "recording lap (yaw cw) to" in caplog.text and "recording dome (radial) to" in caplog.text
+
+
+@pytest.fixture
+def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Written:
+    monkeypatch.setattr(daq.recording.suspended, "_FIRST_PAUSE_S", 0.02)
+    monkeypatch.setattr(daq.recording.io_worker, "_SYNC_S", 0.0)
+    monkeypatch.setattr(daq.recording.rate_limited_log, "_INTERVAL_S", 0.0)
+    return Written(tmp_path)
+
+
+@contextmanager
+def failing(number: int, *calls: str) -> Iterator[None]:
+    """A disk on which these calls of the system fail."""
+
+    class Broken:
+        def __getattr__(self, name: str) -> Any:
+            return self._fail if name in calls else getattr(os, name)
+
+        def _fail(self, *arguments: object) -> None:
+            if arguments[1:2] != (os.O_RDONLY,):
+                raise OSError(number, os.strerror(number))
+
+    durable.os = Broken()  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        durable.os = os
+
+
+def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
+    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    written.round()
+    monkeypatch.setattr(durable, "free_bytes", lambda _: 3_000_000)
+    state = written.round()
+    assert state["recording"] is None and state["waiting"] == "lap" and not any(state["missed"].values())
+    assert state["last_end"].startswith("interrupted: disk nearly full: 3.0 MB free, 16.8 MB needed")
+    assert len(read_run(written.path).streams["robot"]["q1_deg"]) == 20, "whole, the last readings too"
+    assert written.round()["missed"] == {"g1": 10, "g2": 10, "robot": 10}
+    monkeypatch.setattr(durable, "free_bytes", lambda _: 30_000_000)
+    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
+    assert written.round()["recording"] is None, "more room is needed to begin than to go on"
+    monkeypatch.undo()
+    written.until_it_goes_on()
+    written.accounted()
+    for told in (
+        "run ended, interrupted: disk nearly full",
+        "30.0 MB free, 67.1 MB needed",
+        f"after {written.path.name}",
+    ):
+        assert told in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("number", "calls"),
+    [
+        (errno.EIO, ("fsync",)),
+        (errno.EIO, ("open", "pwrite", "fsync", "rename", "unlink", "ftruncate", "statvfs")),
+        (errno.EROFS, ("open", "pwrite", "rename", "unlink", "mkdir")),
+        (errno.ENOSPC, ("pwrite",)),
+    ],
+    ids=["fsync", "gone", "read-only", "quota"],
+)
+def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(
+    written: Written, number: int, calls: tuple[str, ...], caplog: pytest.LogCaptureFixture
+) -> None:
+    written.round()
+    with failing(number, *calls):
+        state = written.round()
+        assert state["recording"] is None and os.strerror(number) in str(state["last_end"])
+        written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
+        assert written.round()["waiting"] == "lap"
+        with pytest.raises(CellError):
+            RunWriter.create(written.runs, **_plain())
+    written.until_it_goes_on()
+    former, _ = written.accounted()
+    assert load_manifest(former).exit_status in ("failed", "recovered")
+    assert "recording: waits: " in caplog.text and "samples missed: 10 of g1" in caplog.text
+
+
+def _plain() -> dict[str, Any]:
+    who = {"name": "x", "test": "yaw", "direction": None, "rig_name": "r"}
+    return {**who, "rig_text": "", "operator": "", "streams": {}}
+
+
+def test_nothing_is_written_below_the_mount_point_of_a_disk_that_is_away(written: Written) -> None:
+    written.round()
+    with failing(errno.EIO, "pwrite"):
+        written.round()
+    away = written.runs.rename(written.runs.with_name("away"))
+    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
+    assert written.round()["waiting"] == "lap"
+    assert not written.runs.exists()
+    away.rename(written.runs)
+    written.until_it_goes_on()
+    written.accounted()
+
+
+@pytest.mark.parametrize(
+    "end", [Recorder.stop_run, lambda recorder: recorder.start_run(Label(name="b", test="radial")).result()]
+)
+def test_who_stops_or_starts_anew_ends_the_waiting(
+    written: Written,
+    end: Callable[[Recorder], object],
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(durable, "free_bytes", lambda _: 0)
+    written.round()
+    written.round(7)
+    with pytest.raises(CellError, match="disk nearly full"):
+        end(written.recorder)
+    assert "is given up, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
+    monkeypatch.undo()
+    assert written.round()["waiting"] is None
+
+
+def test_a_run_that_grows_long_is_followed_by_another_without_a_gap(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
+    monkeypatch.setattr("daq.store.writer.MOST_CHUNKS", 6)
+    for _ in range(5):
+        written.round()
+    written.recorder.stop_run().result()
+    former, follower = sorted(written.runs.iterdir(), key=lambda path: bool(load_manifest(path).follows))
+    assert load_manifest(former).exit_status == "complete" and load_manifest(follower).follows == former.name
+    read = [read_run(path).streams["robot"]["q1_deg"].tolist() for path in (former, follower)]
+    assert read[0] and read[1] and read[0] + read[1] == list(range(50))
+    assert read_run(follower).faults == []
+
+
+def test_a_slow_sync_keeps_nothing_from_the_disk(
+    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    syncing, done = threading.Event(), threading.Event()
+
+    def slow(fd: int) -> None:
+        syncing.set()
+        assert done.wait(20)
+
+    monkeypatch.setattr(daq.recording.rate_limited_log, "_SLOW_S", 0.0)
+    monkeypatch.setattr(os, "fsync", slow)
+    written.deliver()
+    written.recorder._round()
+    try:
+        assert syncing.wait(20)
+        for _ in range(8):  # each would wait for ever, were it to wait for the disk
+            written.deliver()
+            written.recorder._round()
+        state = written.recorder.state()
+        assert (state["samples"]["g1"], state["synced"]["g1"]) == (90, 0)  # type: ignore[index]
+        assert written.recorder._active.writer.stored()["g1"] == 90, "with the system, where a kill does not reach it"  # type: ignore[union-attr]
+    finally:
+        done.set()
+    written.round(0)
+    written.recorder.stop_run().result()
+    assert load_manifest(written.path).counters["g1"] == {"samples": 90}
+    assert "disk: slow sync: has taken" in caplog.text
+
+
+def test_a_run_that_an_error_in_the_program_keeps_open_is_told(
+    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Nobody asks what became of a run that the robot ended."""
+    monkeypatch.setattr(RunWriter, "close", lambda *_: 1 / 0)
+    written.recorder.stop_run()
+    written.recorder._io.shut_down()
+    assert f"{written.path}: not closed" in caplog.text and "ZeroDivisionError" in caplog.text
+    assert str(written.recorder.state()["last_end"]).startswith("failed")
+
+
+def test_a_sync_that_hangs_holds_so_much_in_memory_and_the_rest_is_counted(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At the end of a chunk, when the next one waits for the disk to have all of it."""
+    syncing, done = threading.Event(), threading.Event()
+
+    def hang(fd: int) -> None:
+        syncing.set()
+        assert done.wait(20)
+
+    monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
+    monkeypatch.setattr("daq.store.writer.MOST_PENDING", 30)
+    monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 40)
+    monkeypatch.setattr(os, "fsync", hang)
+    try:
+        for _ in range(12):
+            written.deliver()
+            written.recorder._round()
+        assert syncing.wait(20)
+        assert written.recorder._active is not None
+        writer = written.recorder._active.writer
+        assert len(writer._writers["g1"].pending) == 30
+        assert written.buffers["g1"].state().waiting == 40
+    finally:
+        done.set()
+    ended = written.recorder.stop_run().result()
+    assert ended.counters["g1"] == {"samples": 80, "dropped": 40}
+    assert load_manifest(written.path).counters["g1"] == {"samples": 80, "dropped": 40} and verify(written.path) == []
+
+
+def test_a_long_run_is_closed_while_the_next_one_is_recorded(
+    written: Written, stalled: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Closing takes some twenty syncs, in which the watchdog must be fed."""
+    closing, may_close = stalled
+    written.deliver()
+    with monkeypatch.context() as patch:
+        patch.setattr("daq.store.writer.MOST_CHUNKS", 0)
+        written.recorder._round()  # would wait for ever, were it to wait for the disk
+    assert closing.wait(20)
+    written.deliver()
+    written.recorder._round()
+    written.begun()
+    assert written.recorder.state()["recording"] == "lap"
+    may_close.set()
+    written.recorder.stop_run().result()
+    former, follower = sorted(written.runs.iterdir(), key=lambda path: bool(load_manifest(path).follows))
+    assert load_manifest(former).exit_status == "complete" and load_manifest(follower).follows == former.name
+    assert [len(read_run(path).streams["g1"]["g1_mm"]) for path in (former, follower)] == [10, 10]
+    assert verify(former) == verify(follower) == [] and read_run(follower).faults == []
+
+
+@pytest.fixture
+def stalled(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[threading.Event, threading.Event]]:
+    """A disk that takes no Parquet file: set when one comes; to be set when it may go on."""
+    begun, done = threading.Event(), threading.Event()
+
+    def slow(path: Path, data: bytes, replace: Callable[[Path, bytes], None] = durable.replace) -> None:
+        if path.suffix == ".parquet":
+            begun.set()
+            assert done.wait(20)
+        replace(path, data)
+
+    monkeypatch.setattr(durable, "replace", slow)
+    try:
+        yield begun, done
+    finally:
+        done.set()
+
+
+def test_closing_a_chunk_keeps_nothing_from_the_disk(
+    written: Written, monkeypatch: pytest.MonkeyPatch, stalled: tuple[threading.Event, threading.Event]
+) -> None:
+    monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
+    begun, done = stalled
+    while not begun.is_set():
+        written.deliver()
+        written.recorder._round()
+    for _ in range(4):  # each would wait for ever, were it to wait for the disk
+        written.deliver()
+        written.recorder._round()
+    assert written.recorder._active is not None
+    assert written.recorder._active.writer.stored()["g1"] == written.delivered, (
+        "with the system, where no kill reaches it"
+    )
+    done.set()
+    written.round()
+    written.recorder.stop_run().result()
+    assert len([chunk for chunk in load_manifest(written.path).chunks if chunk.stream == "g1"]) > 1
+    assert verify(written.path) == []
+    assert read_run(written.path).streams["g1"]["g1_mm"].tolist() == list(range(written.delivered))
+
+
+def test_a_run_that_takes_long_to_close_keeps_neither_the_watchdog_nor_the_next_run_waiting(
+    written: Written, stalled: tuple[threading.Event, threading.Event]
+) -> None:
+    begun, done = stalled
+    written.round()
+    closing = written.recorder.stop_run()
+    assert begun.wait(20)
+    written.deliver()
+    written.recorder._round()
+    follower = written.recorder.start_run(Label(name="next", test="yaw", direction="cw")).result()
+    written.deliver()
+    written.recorder._round()
+    assert not closing.done() and written.recorder.state()["recording"] == "next"
+    done.set()
+    assert closing.result().counters["g1"] == {"samples": 10}
+    assert written.recorder.stop_run().result().path == follower
+    assert verify(written.path) == verify(follower) == []
+
+
+def test_a_slow_write_keeps_no_reader_waiting(
+    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    begun, done = threading.Event(), threading.Event()
+
+    def slow(fd: int, data: memoryview, offset: int, write: Callable[..., int] = os.pwrite) -> int:
+        begun.set()
+        assert done.wait(20)
+        return write(fd, data, offset)
+
+    monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 50)
+    monkeypatch.setattr(daq.recording.rate_limited_log, "_SLOW_S", 0.0)
+    monkeypatch.setattr(os, "pwrite", slow)
+    writing = threading.Thread(target=written.round)
+    writing.start()
+    try:
+        assert begun.wait(20)
+        for _ in range(8):  # each would wait for ever, were it to wait for the disk
+            written.deliver()
+        assert written.recorder.state()["recording"] == "lap"
+        assert written.buffers["g1"].state().counters == {"samples": 100, "dropped": 30}
+    finally:
+        done.set()
+        writing.join(20)
+    written.round(0)
+    written.recorder.stop_run().result()
+    assert load_manifest(written.path).counters["g1"] == {"samples": 60, "dropped": 30}
+    assert read_run(written.path).streams["g1"]["g1_mm"].tolist() == list(range(60))
+    assert "disk: slow write: has taken" in caplog.text
+
+
+@pytest.mark.parametrize("stopped", [False, True], ids=["goes on", "stopped meanwhile"])
+def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
+    written: Written, making: tuple[threading.Event, threading.Event], stopped: bool
+) -> None:
+    asked, done = making
+    written.recorder.stop_run().result()
+    written.delivered = 0
+    beginning = written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+    assert asked.wait(20)
+    for _ in range(4):  # each would wait for ever, were it to wait for the disk
+        written.deliver()
+        written.recorder._round()
+    state = written.recorder.state()
+    assert (state["beginning"], state["waiting"], state["recording"]) == ("next", None, None)
+    with pytest.raises(CellError, match="recording next: already running"):
+        written.recorder.start_run(Label(name="other", test="radial"))
+    ending = written.recorder.stop_run("interrupted", "enough") if stopped else None
+    assert written.recorder.state().get("closing", False) == stopped
+    done.set()
+    path = beginning.result()
+    written.deliver()
+    ended = (ending or written.recorder.stop_run()).result()
+    count = 40 if stopped else 50
+    assert ended.path == path and ended.counters["g1"] == {"samples": count} and verify(path) == []
+    assert read_run(path).streams["robot"]["q1_deg"].tolist() == list(range(count))
+    assert load_manifest(path).reason == ("enough" if stopped else "stopped by rig record stop")
+
+
+def test_what_comes_while_a_run_begins_has_its_bound(
+    written: Written, making: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("daq.recording.pending_run.MOST_PENDING", 30)
+    monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 40)
+    asked, done = making
+    written.recorder.stop_run().result()
+    beginning = written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+    assert asked.wait(20)
+    for _ in range(12):
+        written.deliver()
+        written.recorder._round()
+    done.set()
+    beginning.result()
+    assert written.recorder.stop_run().result().counters["g1"] == {"samples": 70, "dropped": 50}
+
+
+def test_a_former_run_that_takes_long_to_bring_back_holds_nothing_up(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reviving, done = threading.Event(), threading.Event()
+
+    def slow(path: Path, recover_and_log: Callable[[Path], None] = daq.recording.recorder.recover_and_log) -> None:
+        reviving.set()
+        assert done.wait(20)
+        recover_and_log(path)
+
+    monkeypatch.setattr(daq.recording.recorder, "recover_and_log", slow)
+    written.round()
+    with failing(errno.EIO, "fsync"):
+        written.round()
+    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
+    while not reviving.is_set():
+        written.deliver()
+        written.recorder._round()
+    for _ in range(4):  # each would wait for ever, were it to wait for the disk
+        written.deliver()
+        written.recorder._round()
+    assert written.recorder.state()["waiting"] == "lap"
+    done.set()
+    written.until_it_goes_on()
+    written.accounted()
+
+
+def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(
+    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    asked, done = threading.Event(), threading.Event()
+
+    def refuse(path: Path) -> None:
+        asked.set()
+        assert done.wait(20)
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    written.round()
+    with failing(errno.EIO, "fsync"):
+        written.round()
+    monkeypatch.setattr(durable, "make_directory", refuse)
+    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
+    while not asked.is_set():
+        written.recorder._round()
+    written.deliver(7)
+    written.recorder._round()
+    ending = written.recorder.stop_run()
+    done.set()
+    with pytest.raises(CellError, match="cannot be written"):
+        ending.result()
+    written.begun()
+    assert written.recorder.state()["waiting"] is None
+    assert "is given up, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
+
+
+def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_first(
+    written: Written, making: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What it missed stands in the run that nobody wanted any more, and nothing of it in the next."""
+    monkeypatch.setattr(daq.recording.suspended, "_FIRST_PAUSE_S", 60.0)  # tried again when this says so
+    asked, done = making
+    written.round()
+    with failing(errno.EIO, "fsync"):
+        written.round()
+    written.deliver(7)
+    written.recorder._round()
+    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
+    while not asked.is_set():
+        written.recorder._round()
+    beginning = written.recorder.start_run(Label(name="next", test="radial"))
+    written.deliver(5)
+    written.recorder._round()
+    done.set()
+    assert beginning.result().name.endswith("next")
+    written.recorder.stop_run().result()
+    manifests = {manifest.name + manifest.follows: manifest for manifest in map(load_manifest, written.runs.iterdir())}
+    follower = manifests[f"lap{written.path.name}"]
+    assert (follower.exit_status, follower.reason) == ("interrupted", "next was started")
+    assert (
+        follower.counters["g1"] == {"samples": 0, "dropped": 7}
+        and written.buffers["g1"].state().counters["dropped"] == 7
+    )
+    assert manifests["next"].counters["g1"] == {"samples": 5}
+    assert all(verify(path) == [] for path in written.runs.iterdir())
+
+
+def test_a_disk_that_makes_no_run_is_given_no_more_to_make(
+    written: Written, making: tuple[threading.Event, threading.Event]
+) -> None:
+    """What each has kept is in memory."""
+    _, done = making
+    written.recorder.stop_run().result()
+    ending = []
+    for _ in range(2):
+        written.deliver()
+        written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+        ending.append(written.recorder.stop_run())
+    written.deliver()
+    with pytest.raises(CellError, match="disk: is still creating the last 2 runs"):
+        written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+    done.set()
+    assert len({end.result().path for end in ending}) == 2
+    written.begun()
+    written.recorder.start_run(Label(name="next", test="yaw", direction="cw")).result()
+    written.recorder.stop_run().result()
+
+
+def test_an_error_in_the_program_while_a_run_begins_is_told_and_ends_the_daemon(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written.recorder.stop_run().result()
+    written.deliver()
+    ended: list[type[BaseException]] = []
+    monkeypatch.setattr(threading, "excepthook", lambda args: ended.append(args.exc_type))
+    monkeypatch.setattr(daq.recording.active_run.PlausibilityCheck, "check", lambda *_: 1 / 0)
+    beginning = written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+    with pytest.raises(ZeroDivisionError):
+        beginning.result(20)
+    written.recorder._io.shut_down()
+    assert ended == [ZeroDivisionError] and written.recorder.state()["beginning"] is None

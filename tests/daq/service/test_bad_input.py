@@ -1,0 +1,378 @@
+"""What goes wrong in a cell: each gets one line that names the thing and the remedy, an exit code, and loses
+nothing that was recorded."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import resource
+import signal
+import socket
+import subprocess
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from bench import BIN, OFF, Bench, rig_text
+
+from daq.service.client import Client
+from daq.store import read_run
+from rigs.errors import RigError
+
+
+def _edited(bench: Bench, **gauges: str) -> None:
+    data = yaml.safe_load(bench.rig.read_text())
+    for name, port in gauges.items():
+        (data["feedback"] if name == "feedback" else data["gauges"][name])["port"] = port
+    bench.rig.write_text(yaml.safe_dump(data))
+
+
+def test_a_missing_port_is_named_with_the_ports_there_are(bench: Bench) -> None:
+    _edited(bench, g1="/dev/ttyNOPE")
+    told = bench.fails("rigd", bench.rig, code=4)
+    assert "g1, /dev/ttyNOPE: no such port" in told and "plug it in" in told
+
+
+def test_a_wrong_port_is_no_serial_device(bench: Bench) -> None:
+    _edited(bench, g1="/dev/null")
+    assert "g1, /dev/null" in bench.fails("rigd", bench.rig, code=4)
+
+
+def test_every_link_that_does_not_open_is_told(bench: Bench) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        free = server.getsockname()[1]
+    _edited(bench, g1="/dev/ttyNOPE", feedback=f"tcp://127.0.0.1:{free}")
+    done = bench.run("rigd", bench.rig)
+    assert done.returncode == 4
+    assert [line.split(",")[0] for line in done.stderr.splitlines()] == ["error: g1", "error: robot"]
+    assert "connection refused" in done.stderr
+
+
+def test_a_rig_file_with_five_mistakes_tells_them_all(bench: Bench) -> None:
+    text = bench.rig.read_text() + "effects:\n- {effect: backlash, axis: 1, width_deg: 0.02}\n"
+    for old, new in (
+        ("radius_mm", "radius_mn"),
+        ("name: bench", "name: Bench!"),
+        ("rate_hz: 500", "rate_hz: 5000"),
+        ("effect: backlash", "effect: backlsh"),
+        ("offset_mm: -25", "offset_mm: left"),
+    ):
+        assert old in text
+        text = text.replace(old, new, 1)
+    bench.rig.write_text(text)
+    for command in (("rigd", bench.rig), ("rig", "check", bench.rig), ("rig", "emulate", bench.rig)):
+        done = bench.run(*command)
+        assert done.returncode == 3
+        lines = done.stderr.splitlines()
+        assert len(lines) == 5 and all(line.startswith("error: ") and ", line " in line for line in lines)
+
+
+def test_an_error_code_of_a_gauge_is_counted_and_keeps_a_recording_from_starting(bench: Bench) -> None:
+    bench.start().all_reading()
+    bench.motion.mm["g1"] = OFF
+    bench.until(lambda state: state["streams"]["g1"]["age_s"]["g1_mm"] > 3)
+    told = bench.fails("rig", "record", "start", "x", "--test", "yaw", "--direction", "cw", code=4)
+    assert told.startswith("error: g1: no reading") and "ERR0: sensor error" in told
+    assert bench.status()["streams"]["g1"]["counters"]["device_error"] > 0
+
+
+def test_no_head_on_the_second_channel(tmp_path: Path) -> None:
+    with Bench(tmp_path, rig_text("keyence")) as bench:
+        bench.motion.mm["g2"] = OFF
+        bench.start().until(lambda state: "g1_mm" in state["streams"]["g1_g2"]["last"])
+        told = bench.fails("rig", "record", "start", "x", "--test", "yaw", "--direction", "cw", code=4)
+        assert "g2: no reading" in told and "channel 2" in told
+        done = bench.run("rig", "record", "start", "x", "--test", "radial")
+        assert done.returncode == 0, "gauge 1 alone is enough for a radial test"
+
+
+def test_a_gauge_that_goes_silent_while_recording_is_counted_in_the_run(bench: Bench) -> None:
+    bench.start().all_reading()
+    path = bench.record()
+    bench.recorded(20)
+    bench.cell.silence("g2")
+    bench.until(lambda state: "silent" in state["streams"]["g2"]["counters"])
+    done = bench.run("rig", "record", "stop")
+    assert done.returncode == 0
+    run = read_run(path)
+    assert run.manifest.counters["g2"]["silent"] >= 1
+    assert done.stdout == f"{path}\n"
+    assert done.stderr == f"g2: {run.manifest.counters['g2']['silent']} silent while recording\n"
+    assert any(fault["kind"] == "silent" and fault["stream"] == "g2" for fault in run.faults)
+    assert len(run.streams["g2"]["g2_mm"]) > 20
+
+
+def test_garbage_on_the_line_is_told_and_never_a_reading(bench: Bench) -> None:
+    master, slave = os.openpty()
+    _edited(bench, g1=os.ttyname(slave))
+    stop = threading.Event()
+    rng = np.random.default_rng(6)
+    os.set_blocking(master, False)
+
+    def play() -> None:
+        while not stop.wait(0.01):
+            with contextlib.suppress(BlockingIOError):
+                os.write(master, rng.bytes(64).replace(b"\r", b"x") + b"\r")
+
+    player = threading.Thread(target=play)
+    try:
+        bench.start()
+        player.start()
+        state = bench.until(lambda state: state["streams"]["g1"]["counters"].get("garbled", 0) > 5)
+        assert "samples" not in state["streams"]["g1"]["counters"]
+        told = bench.fails("rig", "record", "start", "x", "--test", "yaw", "--direction", "cw", code=4)
+        assert "g1: no reading" in told and "check the line's settings" in told
+    finally:
+        stop.set()
+        player.join()
+        os.close(master)
+        os.close(slave)
+
+
+def test_a_robot_that_hangs_up_is_reconnected_and_the_gap_told(bench: Bench) -> None:
+    bench.start().all_reading()
+    path = bench.record()
+    bench.recorded(20)
+    before = bench.status()["samples"]["robot"]
+    bench.cell.hang_up("robot")
+    bench.until(lambda state: "disconnected" in state["streams"]["robot"]["counters"])
+    bench.recorded(before + 50)
+    assert bench.run("rig", "record", "stop").returncode == 0
+    run = read_run(path)
+    assert run.manifest.exit_status == "complete"
+    assert run.manifest.counters["robot"]["disconnected"] >= 1
+    assert bench.run("rig", "verify", path).returncode == 0
+
+
+def test_a_second_daemon_on_the_same_rig_is_refused(bench: Bench) -> None:
+    bench.start().all_reading()
+    told = bench.fails("rigd", bench.rig, code=4)
+    assert "another rigd" in told and str(bench.daemon.pid if bench.daemon else "") in told
+    bench.all_reading()
+
+
+def test_a_full_disk_ends_the_recording_and_not_the_daemon(bench: Bench) -> None:
+    limit = 200_000
+    bench.start(preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit)))
+    bench.all_reading()
+    path = bench.record()
+    state = bench.until(lambda state: state["recording"] is None)
+    assert "File too large" in state["last_end"] and "rig recover" in state["last_end"]
+    with Client(bench.socket) as client, pytest.raises(RigError) as told:  # soon, before another run follows
+        client.ask("record_stop")
+    assert "nothing is being recorded" in told.value.what and "File too large" in told.value.what
+    assert "is given up" in told.value.what
+    bench.all_reading()
+    assert bench.run("rig", "recover", path).returncode == 0
+    assert bench.run("rig", "verify", path).returncode == 0
+    assert len(read_run(path).streams["robot"]["q1_deg"]) > 500
+    bench.record("again")
+
+
+def test_ctrl_c_while_recording_closes_the_run(bench: Bench) -> None:
+    bench.start().all_reading()
+    path = bench.record()
+    bench.recorded(50)
+    code, said = bench.signalled(signal.SIGINT)
+    assert code == 130
+    assert f"the recording was cut short and is safe: {path}" in said and "Traceback" not in said
+    run = read_run(path)
+    assert run.manifest.exit_status == "interrupted" and "SIGINT" in run.manifest.reason
+    assert bench.run("rig", "verify", path).returncode == 0
+    assert not bench.socket.exists()
+
+
+def test_killed_while_recording_keeps_all_but_the_last_second(bench: Bench) -> None:
+    bench.start().all_reading()
+    path = bench.record()
+    bench.recorded(600)
+    state = bench.status()
+    seconds = state["seconds"]
+    code, _ = bench.signalled(signal.SIGKILL)
+    assert code == -signal.SIGKILL
+    assert "rig recover" in bench.fails("rig", "analyse", path, code=3)
+    done = bench.run("rig", "recover", path)
+    assert done.returncode == 0, done.stderr
+    said = done.stdout.splitlines()
+    assert all("{" not in line and "Recovery" not in line for line in said)
+    kept = {line.split(":")[0] for line in said if line.endswith(" rows recovered")}
+    assert {"g1", "g2", "robot"} <= kept
+    assert said[-1] == f"{path}: recovered; next: rig verify {path}"
+    assert bench.run("rig", "recover", path).stdout == f"{path}: nothing to do\n"
+    assert bench.run("rig", "verify", path).returncode == 0
+    run = read_run(path)
+    assert run.manifest.exit_status == "recovered"
+    kept = len(run.streams["robot"]["q1_deg"])
+    assert kept >= (seconds - 1.2) * 500, "500 Hz of everything older than about a second"
+    bench.start().all_reading()
+
+
+def test_a_run_without_one_of_its_streams_is_told(bench: Bench) -> None:
+    bench.start().all_reading()
+    path = bench.record()
+    bench.recorded(20)
+    assert bench.run("rig", "record", "stop").returncode == 0
+    (path / "robot-0001.parquet").unlink()
+    assert "robot-0001.parquet" in bench.fails("rig", "analyse", path, code=3)
+    assert bench.run("rig", "verify", path).returncode == 3
+
+
+def test_a_run_that_is_still_recorded_is_not_analysed(bench: Bench) -> None:
+    bench.start().all_reading()
+    path = bench.record()
+    assert "still being recorded" in bench.fails("rig", "analyse", path, code=3)
+
+
+def test_a_robot_that_stood_still_is_no_lap(bench: Bench) -> None:
+    bench.start().all_reading()
+    path = bench.record()
+    bench.recorded(20)
+    assert bench.run("rig", "record", "stop").returncode == 0
+    assert "circle" in bench.fails("rig", "analyse", path, code=3)
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        (("record", "stop"), "nothing is being recorded"),
+        (
+            ("record", "start", "a/b", "--test", "yaw", "--direction", "cw"),
+            "name 'a/b' is not valid; use up to 64 letters",
+        ),
+        (("record", "start", "x", "--test", "yaw"), "needs its direction"),
+        (("record", "start", "x", "--test", "radial", "--direction", "cw"), "has no direction"),
+        (("status", "--rig", "other"), "no daemon runs for other"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused(bench: Bench, command: tuple[str, ...], told: str) -> None:
+    bench.start().all_reading()
+    assert told in bench.fails("rig", *command, code=4)
+
+
+def test_a_second_recording_is_refused_and_the_first_goes_on(bench: Bench) -> None:
+    bench.start().all_reading()
+    path = bench.record("first")
+    told = bench.fails("rig", "record", "start", "second", "--test", "yaw", "--direction", "cw", code=4)
+    assert "recording first: already running" in told
+    assert bench.run("rig", "record", "stop").returncode == 0
+    assert read_run(path).manifest.name == "first"
+
+
+def test_no_daemon_is_told(bench: Bench) -> None:
+    assert "start it: rigd RIG" in bench.fails("rig", "status", code=4)
+
+
+def test_live_into_a_pipe_tells_the_state_once_and_ends(bench: Bench) -> None:
+    bench.start().all_reading()
+    done = bench.run("rig", "live")
+    assert done.returncode == 0
+    assert "not recording" in done.stdout
+
+
+@pytest.mark.parametrize("command", [("interfaces",), ("interfaces", "--json"), ("check", "ur10e")])
+def test_output_onto_a_full_disk_is_one_line(command: tuple[str, ...]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([BIN / "rig", *command], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 4
+    assert done.stderr == "error: output: No space left on device; make room, or send it elsewhere\n"
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8:strict"])
+def test_a_terminal_that_knows_not_every_letter_gets_the_rest(tmp_path: Path, encoding: str) -> None:
+    file = tmp_path / os.fsdecode(b"z\xf6lle.yaml")
+    file.write_text(rig_text())
+    env = os.environ | {"PYTHONIOENCODING": encoding}
+    for command in (("check", file), ("interfaces",)):
+        done = subprocess.run([BIN / "rig", *command], capture_output=True, check=False, env=env)
+        assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_a_run_cut_in_the_middle_of_a_write_is_recovered_and_the_loss_told(bench: Bench) -> None:
+    bench.start().all_reading()
+    path = bench.record()
+    bench.recorded(300)
+    bench.signalled(signal.SIGKILL)
+    torn = path / "robot-0001.arrow"
+    torn.write_bytes(torn.read_bytes()[:-100])
+    said = bench.run("rig", "recover", path).stdout.splitlines()
+    (loss,) = [line for line in said if line.startswith("lost: ")]
+    assert "robot-0001.arrow" in loss and "kept as robot-0001.arrow.torn" in loss
+
+
+def test_a_socket_left_by_a_daemon_that_was_killed_hides_no_other(bench: Bench) -> None:
+    bench.socket.parent.mkdir()
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(bench.socket.with_name("other.sock")))
+    assert "no daemon runs" in bench.fails("rig", "status", code=4)
+    bench.start().all_reading()
+    assert bench.run("rig", "status", "--json").returncode == 0
+    bench.signalled(signal.SIGKILL)
+    assert bench.socket.exists()
+    assert "no daemon runs for bench" in bench.fails("rig", "status", "--rig", "bench", code=4)
+
+
+def test_a_socket_that_cannot_be_leaves_no_empty_capture(bench: Bench) -> None:
+    long = bench.folder / f"{'x' * 120}.sock"
+    assert str(long) in bench.fails("rigd", bench.rig, "--socket", long, "--capture", "cell.rigcap", code=4)
+    assert not (bench.folder / "cell.rigcap").exists()
+
+
+def test_a_place_where_no_run_can_go_is_told_at_the_start(bench: Bench) -> None:
+    (bench.folder / "runs").touch()
+    bench.start()
+    assert "no run can be recorded: File exists; give rigd write permission there" in "".join(bench.said)
+
+
+def test_a_host_name_that_cannot_be_is_told(bench: Bench) -> None:
+    _edited(bench, feedback=f"tcp://{'a' * 64}:30004")
+    assert "the host name is not valid; correct the port in the rig file" in bench.fails("rigd", bench.rig, code=4)
+
+
+def test_a_socket_that_speaks_nonsense_gets_an_answer(bench: Bench) -> None:
+    bench.start()
+    with socket.socket(socket.AF_UNIX) as sock:
+        sock.connect(str(bench.socket))
+        sock.sendall(b"nonsense\n[1]\n" + b"[" * 5000 + b'\n{"command": "fly"}\n')
+        answers = sock.makefile("rb")
+        for what in (b"not JSON", b"a request is a JSON object", b"not JSON", b"unknown command"):
+            assert what in answers.readline()
+        answers.close()
+
+
+def test_only_owner_and_group_may_use_the_socket(bench: Bench) -> None:
+    bench.start()
+    assert bench.socket.stat().st_mode & 0o777 == 0o660
+    assert bench.socket.parent.stat().st_mode & 0o777 == 0o700
+
+
+def _sockets_of(pid: int) -> set[str]:
+    """Inodes of the sockets that a process holds; its files come and go while they are listed."""
+    inodes = set()
+    for entry in Path(f"/proc/{pid}/fd").iterdir():
+        with contextlib.suppress(FileNotFoundError):
+            target = os.readlink(entry)  # noqa: PTH115 - no path, a socket's name
+            if target.startswith("socket:["):
+                inodes.add(target[8:-1])
+    return inodes
+
+
+def test_nothing_listens_on_the_network(bench: Bench) -> None:
+    bench.start().all_reading()
+    assert bench.daemon is not None
+    inodes = _sockets_of(bench.daemon.pid)
+    assert inodes  # its control socket at least
+    listening = "0A"
+    for table in ("tcp", "tcp6", "udp", "udp6"):
+        for row in Path(f"/proc/{bench.daemon.pid}/net/{table}").read_text().splitlines()[1:]:
+            cells = row.split()
+            assert not ((table.startswith("udp") or cells[3] == listening) and cells[9] in inodes)
+
+
+def test_help_of_every_command(bench: Bench) -> None:
+    top = bench.run("rig", "--help").stdout
+    for command in ("analyse", "check", "emulate", "live", "record", "recover", "status", "verify"):
+        assert command in top
+        done = bench.run("rig", command, "--help")
+        assert done.returncode == 0 and "Usage: rig" in done.stdout

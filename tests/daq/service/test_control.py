@@ -1,0 +1,80 @@
+"""The control socket's place, and what a client is told of a daemon that is there and slow."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+from pathlib import Path
+
+import pytest
+
+import daq.service.client
+import daq.service.control
+from daq.recording.label import Label
+from daq.service.client import Client, find_socket
+from daq.service.control import ControlServer, InstanceLock, reply
+from daq.store import RunWriter, load_manifest
+from rigs.errors import CellError
+
+
+def test_what_is_no_socket_is_left_where_it_is(tmp_path: Path) -> None:
+    file, folder = tmp_path / "notes.txt", tmp_path / "folder"
+    file.write_text("precious")
+    folder.mkdir()
+    for path in (file, folder):
+        with pytest.raises(CellError, match="is not a socket; give another --socket"):
+            ControlServer(path, lambda _: {})
+    assert file.read_text() == "precious"
+
+
+def test_an_error_in_the_program_is_no_mistake_of_who_asked() -> None:
+    def fails(_: object) -> dict[str, object]:
+        raise ValueError("unforeseen")
+
+    with pytest.raises(ValueError, match="unforeseen"):  # logged with its traceback
+        reply(b"{}", fails)
+    assert "not JSON" in reply(b"{", fails)["what"] and "a JSON object" in reply(b"[]", fails)["what"]
+
+
+def test_a_lock_on_a_disk_that_takes_no_more_is_a_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(fd: int, data: bytes) -> int:
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "write", full)
+        lock = InstanceLock("cell", tmp_path / "cell.lock")
+    with pytest.raises(CellError, match="process unknown"):
+        InstanceLock("cell", tmp_path / "cell.lock")
+    lock.release()
+    lock = InstanceLock("cell", tmp_path / "cell.lock")
+    with pytest.raises(CellError, match=f"process {os.getpid()}"):
+        InstanceLock("cell", tmp_path / "cell.lock")
+    lock.release()
+
+
+def test_a_daemon_that_hangs_is_told_from_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It takes a few connections and answers none; then the system takes no more."""
+    monkeypatch.setattr(daq.service.client, "socket_directory", lambda: tmp_path)
+    monkeypatch.setattr(daq.service.control, "ANSWERS_S", 0.1)
+    monkeypatch.setattr(daq.service.client, "ANSWERS_S", 0.1)
+    path = tmp_path / "hanging.sock"
+    with socket.socket(socket.AF_UNIX) as hanging:
+        hanging.bind(str(path))
+        hanging.listen(0)
+        with Client(path) as client:
+            with pytest.raises(CellError, match="has not answered"):
+                client.ask("status")
+            assert find_socket("hanging") == path
+            with pytest.raises(CellError, match="other clients are waiting already"):
+                Client(path)
+
+
+def test_an_operator_of_another_encoding_is_recorded(tmp_path: Path) -> None:
+    """As the command line of a Latin-1 terminal gives him."""
+    operator = json.loads(json.dumps(os.fsdecode("Müller".encode("latin-1"))))
+    label = Label(name="lap", test="radial", operator=operator)
+    who = {"rig_name": "r", "rig_text": "", "streams": {"g1": ("g1_mm",)}}
+    writer = RunWriter.create(tmp_path, name="lap", test="radial", direction=None, operator=operator, **who)
+    writer.close("interrupted", f"{label.operator} started another", {})
+    assert load_manifest(writer.path).operator == label.operator == r"M\udcfcller"

@@ -1,0 +1,119 @@
+"""How things end: the last answers of the control socket, a port that takes long to open, Ctrl-C."""
+
+from __future__ import annotations
+
+import math
+import signal
+import struct
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from bench import Bench, rig_text
+
+import daq.feedback
+from daq.acquisition.reader import Reader
+from daq.acquisition.stream_buffer import StreamBuffer
+from daq.acquisition.streams import Stream, streams_of
+from daq.protocol.conversation import Fault, FaultKind
+from daq.service.client import Client
+from daq.service.control import ControlServer
+from daq.wire.links import Link
+from rigs.errors import CellError
+from rigs.feedback import URRTDE, LineFeed
+from rigs.load import parse
+
+
+def test_a_client_that_waits_when_the_daemon_ends_gets_its_answer_and_no_other(tmp_path: Path) -> None:
+    asked, may_answer, commands = threading.Event(), threading.Event(), []
+
+    def answer(request: dict[str, object]) -> dict[str, object]:
+        commands.append(request["command"])
+        asked.set()
+        may_answer.wait(10)
+        return {"run": "x"}
+
+    server = ControlServer(tmp_path / "socket", answer)
+    answers: list[object] = []
+
+    def client() -> None:
+        with Client(tmp_path / "socket") as waiting:
+            answers.append(waiting.ask("record_stop"))
+            try:
+                answers.append(waiting.ask("record_start"))
+            except CellError as error:
+                answers.append(error.what)
+
+    asking = threading.Thread(target=client)
+    asking.start()
+    with Client(tmp_path / "socket"):  # connected, and silent: it keeps nothing waiting
+        assert asked.wait(10)
+        closing = threading.Thread(target=server.close)
+        closing.start()
+        time.sleep(0.3)
+        assert closing.is_alive() and not (tmp_path / "socket").exists()
+        may_answer.set()
+        closing.join(5)
+        asking.join(5)
+    assert answers == [{"run": "x"}, "rigd closed the connection"]
+    assert commands == ["record_stop"]
+
+
+def test_a_port_that_takes_long_to_open_is_no_reader_that_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+    opening, resolved = threading.Event(), threading.Event()
+
+    def resolve(*_: object) -> Link:
+        opening.set()
+        resolved.wait(10)
+        raise CellError("robot", "no such host", "correct it")
+
+    monkeypatch.setattr(Stream, "open", resolve)
+    robot = streams_of(parse(rig_text(), "bench"))[-1]
+    buffer = StreamBuffer(robot.name, robot.columns)
+    reader = Reader(robot, buffer, _lost(robot))
+    reader.start()
+    try:
+        assert opening.wait(10)
+        time.sleep(0.2)
+        assert buffer.alive(0.1)
+        resolved.set()
+        reader.stop()
+        reader.join(5)
+        time.sleep(0.2)
+        assert not buffer.alive(0.1), "a reader that goes round no more is told from one that opens its port"
+    finally:
+        resolved.set()
+        reader.stop()
+
+
+def _lost(stream: Stream) -> Link:
+    """A link whose other end is gone already."""
+    return Link(stream.name, -1, lambda: None)
+
+
+@pytest.mark.parametrize("joint", ["nan", "inf", "-inf", "NaN", "1e400", "", "--1", "0x10", "1e99", "45123456"])
+def test_a_joint_that_is_no_number_gets_through_no_line_feed(joint: str) -> None:
+    host = daq.feedback.host(LineFeed(interface="line_feed", port="tcp://robot:1"))
+    host.connected(0)
+    (fault,) = host.received(f"17,1.5,2,3,{joint},5,6\n".encode(), 1).items
+    assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED
+
+
+@pytest.mark.parametrize("joint", [math.nan, math.inf, -math.inf, 1.7e308, 1e99])
+def test_a_joint_that_is_no_number_gets_through_no_rtde(joint: float) -> None:
+    host = daq.feedback.host(URRTDE(interface="ur_rtde", port="tcp://robot:1"))
+    host.connected(0)
+    for kind, payload in ((b"V", b"\1"), (b"O", b"\1DOUBLE,VECTOR6D"), (b"S", b"\1")):
+        host.received(_packet(kind, payload), 1)
+    (fault,) = host.received(_packet(b"U", struct.pack(">B7d", 1, 10.0, 0, 0, joint, 0, 0, 0)), 2).items
+    assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED
+
+
+def _packet(kind: bytes, payload: bytes) -> bytes:
+    return struct.pack(">HB", 3 + len(payload), kind[0]) + payload
+
+
+def test_ctrl_c_ends_an_emulated_cell_with_130(bench: Bench) -> None:
+    with bench.emulating("paper-fanuc", end=signal.SIGINT, code=130):
+        pass

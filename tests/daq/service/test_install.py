@@ -1,0 +1,140 @@
+"""scripts/install into a directory, and out of it again; the same on a booted system is scripts/booted."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+INSTALL = ROOT / "scripts" / "install"
+FILES = {
+    "usr/local/lib/sysusers.d/rig.conf": "rig.sysusers",
+    "usr/local/lib/systemd/system/rigd@.service": "rigd@.service",
+    "etc/udev/rules.d/99-rig.rules": "99-rig.rules",
+}
+BUILDING = ("hatchling", "packaging", "pathspec", "pluggy", "trove_classifiers")
+
+
+def _python_with_pip() -> str:
+    for python in (getattr(sys, "_base_executable", sys.executable), "/usr/bin/python3"):
+        if not subprocess.run([python, "-m", "pip", "--version"], capture_output=True, check=False).returncode:
+            return python
+    pytest.skip("no Python with pip here, which scripts/install needs")
+
+
+def _environment_of_the_lock(place: Path, python: str) -> None:
+    """As an earlier installation left it: nothing need be fetched. It holds what builds the package, and no more."""
+    subprocess.run([python, "-m", "venv", "--without-pip", place], check=True)
+    (packages,) = place.glob("lib/python*/site-packages")
+    for name in BUILDING:
+        spec = importlib.util.find_spec(name)
+        assert spec and spec.origin
+        (packages / name).symlink_to(Path(spec.origin).parent)
+    version = subprocess.run([python, "--version"], capture_output=True, check=True).stdout
+    lock = hashlib.sha256((ROOT / "scripts" / "runtime.lock").read_bytes() + version).hexdigest()[:16]
+    (place / f"lock-{lock}").touch()
+
+
+def _people_s(root: Path) -> dict[Path, str]:
+    """What people made below a root."""
+    files = {root / "etc/rig/cell.yaml": "name: cell\n", root / "var/lib/rigd-cell/runs/lap/manifest.json": "{}"}
+    for path, text in files.items():
+        path.parent.mkdir(parents=True)
+        path.write_text(text)
+    return files
+
+
+def test_what_is_installed_is_removed_and_what_people_made_stays(tmp_path: Path) -> None:
+    python = _python_with_pip()
+    _environment_of_the_lock(tmp_path / "opt/rig", python)
+    made = _people_s(tmp_path)
+
+    def install(*options: str) -> list[str]:
+        command = [INSTALL, "--root", tmp_path, *options]
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, env={**os.environ, "PYTHON": python}
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout.splitlines()
+
+    said = install()
+    assert f"unchanged    {tmp_path}/opt/rig: what scripts/runtime.lock pins" in said
+    assert f"installed    {tmp_path}/etc/udev/rules.d/99-rig.rules" in said
+    for place, source in FILES.items():
+        assert (tmp_path / place).read_bytes() == (ROOT / "systemd" / source).read_bytes()
+        assert (tmp_path / place).stat().st_mode & 0o777 == 0o644
+    for program in ("rig", "rigd"):
+        assert (tmp_path / "opt/rig/bin" / program).read_text().startswith("#!/opt/rig/bin/python")
+    assert list((tmp_path / "opt/rig").glob("lib/python*/site-packages/daq/service/rigd.py"))
+    assert str((tmp_path / "usr/local/bin/rig").readlink()) == "/opt/rig/bin/rig"
+    install("--remove")
+    left = {path for path in tmp_path.rglob("*") if not path.is_dir()}
+    assert left == set(made) and {path: path.read_text() for path in left} == made
+    install("--remove")
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "says"),
+    [
+        ([], 1, "error: scripts/install: only root may install for everybody; run: sudo scripts/install"),
+        (["--remove"], 1, "error: scripts/install: only root may install for everybody; run: sudo scripts/install"),
+        (["--purge"], 2, "unknown argument '--purge'; use: scripts/install [--remove] [--root DIR]"),
+        (["--root"], 2, "--root needs a directory"),
+    ],
+)
+def test_without_root_it_is_one_line(options: list[str], code: int, says: str) -> None:
+    nobody = [] if os.getuid() else ["unshare", "--user"]
+    if nobody and (not shutil.which("unshare") or subprocess.run([*nobody, "true"], check=False).returncode):
+        pytest.skip("cannot be somebody else than root here")
+    done = subprocess.run([*nobody, INSTALL, *options], capture_output=True, text=True, check=False)
+    assert done.returncode == code and not done.stdout
+    assert done.stderr.count("\n") == 1 and says in done.stderr, done.stderr
+
+
+def _pins(lock: str) -> dict[str, str]:
+    return dict(re.findall(r"^([a-z0-9-]+)==(\S+)", (ROOT / "scripts" / lock).read_text(), re.M))
+
+
+def test_a_cell_gets_what_developers_test_with() -> None:
+    runtime, developing = _pins("runtime.lock"), _pins("requirements.lock")
+    assert runtime.items() < developing.items()
+    needed = re.search(r"^dependencies = \[(.*?)^\]", (ROOT / "pyproject.toml").read_text(), re.M | re.S)
+    assert needed
+    names = re.findall(r'"([a-z0-9]+)', needed[1])
+    assert len(names) > 10 and {*names, "hatchling"} <= runtime.keys()
+    assert not {"pytest", "ruff", "mypy"} & runtime.keys()
+
+
+RULE = re.compile(
+    r"""(ACTION|SUBSYSTEMS?|DRIVERS?|KERNELS?|ATTRS?\{\w+\}|ENV\{\w+\}|SYMLINK|GROUP|MODE)(==|!=|\+=|=)"[^"]*"$"""
+)
+
+
+def test_the_udev_rules_are_rules() -> None:
+    """By the grammar of udev(7): matches first, then at least one assignment; `udevadm verify` where there is one."""
+    path = ROOT / "systemd" / "99-rig.rules"
+    rules = [line for line in path.read_text().splitlines() if line and line[0] != "#"]
+    assert len(rules) == 5
+    (named,) = [number for number, rule in enumerate(rules) if "SYMLINK" in rule]
+    assert 'ATTRS{port_number}=="[1-9]*", ENV{RIG_PORT}="-$attr{port_number}"' in rules[named - 1]
+    assert rules[named].endswith('NUM}$env{RIG_PORT}"'), "no two ports of an adapter have one name"
+    for rule in rules:
+        found = [RULE.match(token.strip()) for token in re.split(r",\s*", rule)]
+        assert all(found), rule
+        operators = [match[2] for match in found if match]
+        assert operators[0] in ("==", "!=") and operators[-1] in ("=", "+="), rule
+        assert sorted(operators, key=lambda sign: sign in ("=", "+=")) == operators, rule
+    if (
+        shutil.which("udevadm")
+        and "verify" in subprocess.run(["udevadm", "--help"], capture_output=True, text=True, check=False).stdout
+    ):
+        done = subprocess.run(["udevadm", "verify", path], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr

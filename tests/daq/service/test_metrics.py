@@ -1,0 +1,163 @@
+"""Metrics: the text format against a reader of its own, what a daemon tells, and the file that it leaves."""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import re
+import signal
+from pathlib import Path
+
+import pytest
+from bench import Bench
+from hypothesis import given
+from hypothesis import strategies as st
+
+from daq.acquisition.clock_drift import DriftMonitor
+from daq.protocol.conversation import NO_TIME, FaultKind, Sample
+from daq.service.maintenance import Maintenance, write_atomically
+from daq.service.metrics import Metric, render
+from rigs.errors import CellError
+
+_LINE = re.compile(r'([a-zA-Z_:][a-zA-Z0-9_:]*)(?:\{((?:[a-zA-Z_]\w*="(?:[^"\\\n]|\\["\\n])*",?)*)\})? (\S+)', re.ASCII)
+_LABEL = re.compile(r'(\w+)="((?:[^"\\\n]|\\["\\n])*)"', re.ASCII)
+Read = dict[tuple[str, frozenset[tuple[str, str]]], float]
+
+
+def read(text: str) -> Read:
+    """Every value by its name and labels; each name told once, with its type before it, as the format demands."""
+    types: dict[str, str] = {}
+    values: Read = {}
+    assert text.endswith("\n")
+    for line in text.removesuffix("\n").split("\n"):
+        if line.startswith("# TYPE "):
+            name, kind = line.split(" ")[2:]
+            assert name not in types and kind in ("gauge", "counter")
+            types[name] = kind
+        elif line.startswith("# HELP "):
+            assert line.split(" ")[2] not in types
+        else:
+            match = _LINE.fullmatch(line)
+            assert match, line
+            name, labels, value = match.groups()
+            assert list(types)[-1] == name and name.endswith("_total") == (types[name] == "counter")
+            pairs = frozenset((key, _plain(quoted)) for key, quoted in _LABEL.findall(labels or ""))
+            assert (name, pairs) not in values
+            values[name, pairs] = float(value)
+    return values
+
+
+def _plain(quoted: str) -> str:
+    return re.sub(r"\\(.)", lambda match: "\n" if match[1] == "n" else match[1], quoted)
+
+
+@given(st.text(), st.dictionaries(st.sampled_from("abc"), st.text()), st.floats())
+def test_whatever_a_label_holds_is_read_back(words: str, labels: dict[str, str], value: float) -> None:
+    values = read(render([Metric("rig_x", "gauge", words, ((labels, value),))]))
+    ((key, back),) = values.items()
+    assert key == ("rig_x", frozenset(labels.items()))
+    assert back == value or (math.isnan(back) and math.isnan(value))
+
+
+def test_a_metric_without_a_value_is_not_told() -> None:
+    assert render([Metric("rig_x", "gauge", "x", ())]) == ""
+
+
+def test_a_daemon_tells_what_it_reads_and_records(bench: Bench) -> None:
+    target = bench.folder / "textfile" / "rig.prom"
+    target.parent.mkdir()
+    bench.options = ["--metrics", target]
+    bench.start().all_reading()
+    path = bench.record("lap")
+    bench.recorded(20)
+    done = bench.run("rig", "metrics")
+    assert done.returncode == 0, done.stderr
+    values = read(done.stdout)
+
+    def value(metric: str, **labels: str) -> float:
+        return values[metric, frozenset({"rig": "bench", **labels}.items())]
+
+    for stream in ("g1", "g2", "robot"):
+        assert value("rig_connected", stream=stream) == 1 and value("rig_rate_hertz", stream=stream) > 1
+        assert value("rig_samples_total", stream=stream) > 20 and value("rig_queue_items", stream=stream) >= 0
+        for kind in set(FaultKind) - {FaultKind.CLOCK}:
+            assert value("rig_faults_total", stream=stream, kind=kind) >= 0
+    assert value("rig_faults_total", stream="host", kind="clock") >= 0
+    assert 0 <= value("rig_reading_age_seconds", stream="g1", column="g1_mm") < 5
+    assert value("rig_recording") == 1 and value("rig_recording_seconds") > 0
+    assert value("rig_recording_info", name="lap", test="yaw", direction="acw", run=str(path)) == 1
+    assert 0 < value("rig_disk_free_bytes") <= value("rig_disk_size_bytes")
+    assert not any(name.startswith(("rig_automatic", "rig_retention")) for name, _ in values), "it has neither"
+    assert ("rig_recording", frozenset({("rig", "bench")})) in read(target.read_text())
+    assert [entry.name for entry in target.parent.iterdir()] == ["rig.prom"]
+    bench.signalled(signal.SIGTERM)
+    assert not target.exists(), "a daemon that has ended tells nothing"
+
+
+def test_a_file_of_metrics_that_cannot_be_written_is_told_at_the_start(bench: Bench) -> None:
+    told = bench.fails("rigd", bench.rig, "--metrics", bench.folder / "nowhere" / "rig.prom", code=4)
+    assert "nowhere/rig.prom: cannot be written: No such file or directory; give another --metrics" in told
+
+
+def test_a_file_of_metrics_that_cannot_be_written_any_more_ends_nothing(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    folder = tmp_path / "there"
+    folder.mkdir()
+    keeper = Maintenance(folder / "rig.prom", lambda: "x 1\n", None)
+    (folder / "rig.prom").unlink()
+    folder.rmdir()
+    for _ in range(3):
+        keeper._write_metrics()
+    assert len(caplog.records) == 1 and "cannot be written" in caplog.text
+    with pytest.raises(CellError):
+        Maintenance(folder / "rig.prom", lambda: "x 1\n", None)
+
+
+def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
+    path = tmp_path / "rig.prom"
+    write_atomically(path, "old\n")
+    write_atomically(path, "a directory's name \udcff\n")
+    assert path.read_text() == "a directory's name ?\n"
+    path.with_name(f".rig.prom.{os.getpid()}").mkdir()
+    with pytest.raises(OSError, match="directory"):
+        write_atomically(path, "new\n")
+    assert path.read_text() == "a directory's name ?\n"
+
+
+# --- Clocks ---
+
+
+def _samples(seconds: float, ppm: float, start_s: float, rng: random.Random, device_s: float = 1000.0) -> list[Sample]:
+    """At 100 Hz, each up to 5 ms late; the host's clock runs `ppm` faster."""
+    samples = []
+    for number in range(round(seconds * 100)):
+        true_s = number / 100
+        host_ns = round((start_s + true_s * (1 + ppm * 1e-6) + rng.expovariate(1000)) * 1e9)
+        samples.append(Sample((1.0,), NO_TIME, host_ns, host_ns, 60, device_s + true_s))
+    return samples
+
+
+def test_the_drift_of_a_clock_shows_through_late_messages() -> None:
+    watch, rng = DriftMonitor(), random.Random(3)
+    watch.feed(_samples(9, 30, 500, rng))
+    assert watch.state() is None
+    watch.feed(_samples(300, 30, 509, rng, 1009))
+    state = watch.state()
+    assert state is not None and state.drift_ppm == pytest.approx(30, abs=3)
+    assert state.offset_s == pytest.approx(-500 + 0.009, abs=1e-3) and 0.003 < state.late_s < 0.02
+
+
+def test_a_clock_that_begins_anew_is_watched_anew() -> None:
+    watch, rng = DriftMonitor(), random.Random(4)
+    watch.feed(_samples(100, 0, 500, rng))
+    watch.feed(_samples(25, 0, 600, rng, device_s=3.0))
+    state = watch.state()
+    assert state is not None and state.offset_s == pytest.approx(597, abs=1e-3) and state.drift_ppm is None
+
+
+def test_an_instrument_without_a_clock_has_no_drift() -> None:
+    watch = DriftMonitor()
+    watch.feed([Sample((1.0,), NO_TIME, number, number, 7) for number in range(100)])
+    assert watch.state() is None

@@ -1,0 +1,105 @@
+"""What the store's tests share: samples with every odd value, and a small run being recorded."""
+
+from __future__ import annotations
+
+import math
+import os
+import struct
+from pathlib import Path
+
+import numpy as np
+
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
+from daq.store import Run, RunWriter
+
+RIG_TEXT = "name: cell\r\n# ü, exactly as it was \n"
+STREAMS = {"g1": ("g1_mm",), "robot": ("q1_deg", "q2_deg")}
+ODD_NAN: float = struct.unpack("<d", struct.pack("<Q", 0x7FF8_0000_0000_0123))[0]
+ODD = (0.1, -0.0, math.nan, ODD_NAN, math.inf, 5e-324)
+
+
+def samples(count: int, width: int = 1, first: int = 0) -> list[Sample]:
+    """Samples whose every field depends on their number."""
+    return [
+        Sample(
+            values=tuple(ODD[(i + k) % len(ODD)] + i * (k + 1) for k in range(width)),
+            requested_ns=NO_TIME if i % 5 == 0 else 1000 * i,
+            first_byte_ns=1000 * i + 10,
+            last_byte_ns=1000 * i + 20,
+            size=i % 40,
+            device_time_s=math.nan if i % 3 else i / 7,
+            status=i % 2,
+        )
+        for i in range(first, first + count)
+    ]
+
+
+def fault(number: int = 1) -> Fault:
+    return Fault(FaultKind.GARBLED, number, f"got b'\\xff' – {number}", number)
+
+
+def start(runs: Path, chunk_rows: int = 1000, rig_text: str = RIG_TEXT) -> RunWriter:
+    return RunWriter.create(
+        runs,
+        name="yaw-cw",
+        test="yaw",
+        direction="cw",
+        rig_name="cell",
+        rig_text=rig_text,
+        operator="ada",
+        streams=STREAMS,
+        chunk_rows=chunk_rows,
+    )
+
+
+def record(runs: Path, batches: int = 3, chunk_rows: int = 1000) -> RunWriter:
+    """A run of some synced batches of 4 samples and a fault each, still open."""
+    writer = start(runs, chunk_rows)
+    for i in range(batches):
+        writer.append("g1", samples(4, 1, 4 * i))
+        writer.append("robot", samples(4, 2, 4 * i))
+        writer.append_faults("g1", [fault(i + 1)])
+        sync(writer)
+    return writer
+
+
+def sync(writer: RunWriter) -> None:
+    """Sync, and close every chunk that is due."""
+    writer.sync()
+    while writer.roll():
+        pass
+
+
+def finished(runs: Path, batches: int = 5, chunk_rows: int = 8) -> Path:
+    """A complete run of several chunks."""
+    writer = record(runs, batches, chunk_rows)
+    writer.close("complete", "told to stop", {"g1": {"samples": 4 * batches, FaultKind.GARBLED: 15}})
+    return writer.path
+
+
+def crash(writer: RunWriter) -> Path:
+    """What a kill leaves of a run: files as they are, and nobody holding the lock."""
+    for stream_writer in writer._writers.values():
+        stream_writer.release()
+    os.close(writer._lock)
+    return writer.path
+
+
+def bits(values: object) -> bytes:
+    return np.asarray(values, dtype=np.float64).tobytes()
+
+
+def assert_rows(stored: dict[str, np.ndarray], expected: list[Sample], columns: tuple[str, ...]) -> None:
+    """The columns of one stream hold exactly these samples, bit for bit."""
+    assert stored["sequence"].tolist() == list(range(len(expected)))
+    for name in ("requested_ns", "first_byte_ns", "last_byte_ns", "size", "status"):
+        assert stored[name].tolist() == [getattr(s, name) for s in expected]
+    assert stored["device_time_s"].tobytes() == bits([s.device_time_s for s in expected])
+    for k, column in enumerate(columns):
+        assert stored[column].tobytes() == bits([s.values[k] for s in expected])
+
+
+def assert_holds(run: Run, rows: int) -> None:
+    """The run holds exactly the first rows that `record` writes, bit for bit."""
+    for stream, columns in STREAMS.items():
+        assert_rows(run.streams[stream], samples(rows, len(columns)), columns)

@@ -1,0 +1,31 @@
+"""A small fixed sample of scripts/powercut: crash states of recordings on a disk that forgets what was not synced."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from random import Random
+
+import pytest
+from powercut import IoWorker, Link, Sync, Write, survivors
+from powercut_trial import recording, trial
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_what_was_synced_survives_a_power_cut(tmp_path: Path, seed: int) -> None:
+    (tmp_path / "recording").mkdir()
+    recorded = recording(tmp_path / "recording", seed)
+    real, logged = IoWorker.read(tmp_path / "recording"), survivors(recorded.before, recorded.log, None)
+    assert logged.tree() == real.tree(), "the store changed a file beside daq.store.durable"
+    kinds = {trial(recorded, tmp_path / str(state), 100 * seed + state).kind for state in range(15)}
+    assert "brought back" in kinds
+
+
+def test_the_disk_forgets_what_was_not_synced_and_nothing_else() -> None:
+    log = [Link(0, "a", 1, False), Write(1, 0, b"x" * 9000), Sync(1), Sync(0), Write(1, 9000, b"y" * 9000)]
+    log += [Link(0, "b", 2, False), Write(2, 0, b"z"), Sync(2)]
+    states = [survivors(IoWorker(), log, Random(seed)).tree() for seed in range(200)]
+    assert all(state["a"][:9000] == b"x" * 9000 for state in states)
+    assert all(state.get("b", b"z") == b"z" for state in states)
+    assert {"b" in state for state in states} == {True, False}
+    tails = {state["a"][9000:] for state in states}
+    assert {b"", b"y" * 9000, bytes(9000)} <= tails and len(tails) > 20

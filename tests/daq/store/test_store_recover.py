@@ -1,0 +1,367 @@
+"""Runs that were not closed: kills, full disks and every window between two steps of closing a chunk."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from store_cases import assert_holds, crash, finished, record, samples, sync
+
+from daq.store import RunWriter, load_manifest, read_run, recover, verify
+from daq.store.stream_writer import StreamWriter
+from rigs.errors import CellError, FileError
+
+HERE = Path(__file__).parent
+ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE.parents[2]), str(HERE)])}
+
+
+def python(code: str, *arguments: object) -> list[str]:
+    return [sys.executable, "-c", code, *map(str, arguments)]
+
+
+def assert_recovered(path: Path, rows: int, exit_status: str = "recovered") -> None:
+    assert verify(path) == []
+    assert_holds(read_run(path), rows)
+    assert recover(path).nothing_to_do
+    assert load_manifest(path).exit_status == exit_status
+
+
+def test_crash_is_recovered_once(tmp_path: Path) -> None:
+    path = crash(record(tmp_path, batches=5, chunk_rows=8))
+    done = recover(path)
+    assert done.rows == {"g1": 4, "robot": 4, "faults": 5}
+    assert not done.losses
+    assert_recovered(path, 20)
+    assert load_manifest(path).counters == {"g1": {"samples": 20, "garbled": 15}, "robot": {"samples": 20}}
+
+
+def test_complete_run_needs_nothing(tmp_path: Path) -> None:
+    path = finished(tmp_path)
+    before = (path / "manifest.json").read_bytes()
+    assert recover(path).nothing_to_do
+    assert (path / "manifest.json").read_bytes() == before
+
+
+def test_torn_chunk_is_kept(tmp_path: Path) -> None:
+    path = crash(record(tmp_path))
+    torn = (path / "g1-0001.arrow").read_bytes()[:-3]
+    (path / "g1-0001.arrow").write_bytes(torn)
+    done = recover(path)
+    assert done.rows == {"g1": 8, "robot": 12, "faults": 3}
+    assert "8 rows before them are safe; kept as g1-0001.arrow.torn" in done.losses["g1-0001.arrow"]
+    assert (path / "g1-0001.arrow.torn").read_bytes() == torn
+    assert verify(path) == []
+    assert len(read_run(path).streams["g1"]["sequence"]) == 8
+    assert recover(path).nothing_to_do
+
+
+def test_damaged_head_loses_nothing(tmp_path: Path) -> None:
+    path = crash(record(tmp_path))
+    data = (path / "g1-0001.arrow").read_bytes()
+    (path / "g1-0001.arrow").write_bytes(bytes(64) + data[64:])
+    assert "its head is damaged" in recover(path).losses["g1-0001.arrow"]
+    assert_recovered(path, 12)
+
+
+def test_empty_and_foreign_files(tmp_path: Path) -> None:
+    path = crash(record(tmp_path))
+    (path / "g1-0002.arrow").touch()
+    (path / "g9-0001.arrow").write_bytes(b"x")
+    (path / "g1-0002.parquet.tmp").write_bytes(b"half")
+    done = recover(path)
+    assert "no stream of this run" in done.losses["g9-0001.arrow"]
+    assert not list(path.glob("*.tmp"))
+    assert_recovered(path, 12)
+
+
+class Crash(BaseException):
+    """The power goes here."""
+
+
+@pytest.mark.parametrize("step", ["finish", "save", "forget"])
+@pytest.mark.parametrize("when", ["before", "after"])
+@pytest.mark.parametrize("nth", [1, 4])
+def test_crash_while_closing_a_chunk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: str, when: str, nth: int
+) -> None:
+    writer = record(tmp_path, batches=5, chunk_rows=8)
+    owner = type(writer.manifest) if step == "save" else StreamWriter
+    original, calls = getattr(owner, step), iter(range(1, 100))
+
+    def crashing(*arguments: object) -> object:
+        reached = next(calls) == nth
+        if reached and when == "before":
+            raise Crash
+        result = original(*arguments)
+        if reached:
+            raise Crash
+        return result
+
+    monkeypatch.setattr(owner, step, crashing)
+    try:
+        writer.close("complete", "told to stop", {})
+    except Crash:
+        crash(writer)
+        monkeypatch.undo()
+        recover(path := writer.path)
+        ended = (step, when, nth) == ("save", "after", 4)
+        assert_recovered(path, 20, "complete" if ended else "recovered")
+    else:
+        assert (step, nth) in {("finish", 4), ("forget", 4)}, "three streams close three chunks"
+
+
+@pytest.mark.parametrize("nth", range(1, 8))
+def test_recovery_may_itself_be_interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, nth: int) -> None:
+    path = crash(record(tmp_path))
+    (path / "manifest.json").write_bytes(b"{")
+    renames, rename = iter(range(1, 100)), os.rename
+
+    def crashing(old: Path, new: Path) -> None:
+        if next(renames) == nth:
+            raise Crash
+        return rename(old, new)
+
+    monkeypatch.setattr(os, "rename", crashing)
+    with pytest.raises(Crash):
+        recover(path)
+    monkeypatch.undo()
+    recover(path)
+    assert_recovered(path, 12)
+
+
+def test_damaged_parquet_beside_its_recording_chunk(tmp_path: Path) -> None:
+    path = crash(record(tmp_path))
+    (path / "g1-0001.parquet").write_bytes(b"PAR1 half a file")
+    assert "g1-0001.parquet" in recover(path).losses
+    assert (path / "g1-0001.parquet.torn").exists()
+    assert_recovered(path, 12)
+
+
+def test_whole_parquet_is_not_replaced_by_a_torn_recording_chunk(tmp_path: Path) -> None:
+    writer = record(tmp_path)
+    stream_writer = writer._writers["g1"]
+    stream_writer.finish(stream_writer.unclosed()[0])
+    path = crash(writer)
+    (path / "g1-0001.arrow").write_bytes(b"torn")
+    recover(path)
+    assert_recovered(path, 12)
+
+
+@pytest.mark.parametrize("damage", [None, b"", b"{", b"\xff\xfe"])
+@pytest.mark.parametrize("end", [crash, RunWriter.close])
+def test_lost_manifest_is_rebuilt(tmp_path: Path, damage: bytes | None, end: object) -> None:
+    writer = record(tmp_path, batches=5, chunk_rows=8)
+    opening = writer.manifest.opening()
+    if end is crash:
+        crash(writer)
+    else:
+        writer.close("complete", "", {})
+    (writer.path / "manifest.json").unlink()
+    if damage is not None:
+        (writer.path / "manifest.json").write_bytes(damage)
+    recover(writer.path)
+    assert_recovered(writer.path, 20)
+    assert load_manifest(writer.path).opening() == opening
+    assert (writer.path / "manifest.json.torn").exists() == (damage is not None)
+
+
+def test_a_manifest_that_the_disk_does_not_give_now_is_left_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = finished(tmp_path)
+    before = load_manifest(path)
+
+    read = Path.read_bytes
+
+    def refuse(self: Path) -> bytes:
+        if self.name == "manifest.json":
+            raise OSError(errno.EIO, "Input/output error")
+        return read(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "read_bytes", refuse)
+        with pytest.raises(CellError, match="Input/output error"):
+            recover(path)
+    assert load_manifest(path) == before and verify(path) == []
+
+
+def test_lost_manifest_without_a_chunk_says_so(tmp_path: Path) -> None:
+    path = crash(record(tmp_path, batches=0))
+    (path / "manifest.json").unlink()
+    with pytest.raises(FileError, match="no chunk is left that says what the run was"):
+        recover(path)
+
+
+KILLED = """
+import sys
+from pathlib import Path
+from store_cases import samples, fault, start, sync
+writer = start(Path(sys.argv[1]), chunk_rows=40)
+print(writer.path, flush=True)
+for i in range(10**9):
+    writer.append("g1", samples(4, 1, 4 * i))
+    writer.append("robot", samples(4, 2, 4 * i))
+    sync(writer)
+    print(4 * (i + 1), flush=True)
+"""
+
+
+@pytest.mark.parametrize("lines", [1, 7, 40])
+def test_kill_9_keeps_all_that_was_synced(tmp_path: Path, lines: int) -> None:
+    with subprocess.Popen(python(KILLED, tmp_path), stdout=subprocess.PIPE, text=True, env=ENVIRONMENT) as child:
+        assert child.stdout
+        path = Path(child.stdout.readline().strip())
+        for _ in range(lines):
+            child.stdout.readline()
+        with pytest.raises(FileError, match="still being recorded"):
+            recover(path)
+        child.kill()
+        synced = max(4 * lines, *(int(line) for line in child.stdout if line.endswith("\n")), 0)
+    recover(path)
+    read = read_run(path)
+    g1, robot = len(read.streams["g1"]["sequence"]), len(read.streams["robot"]["sequence"])
+    assert synced <= robot <= g1 <= synced + 4
+    assert verify(path) == []
+    assert recover(path).nothing_to_do
+    if g1 == robot:
+        assert_holds(read, g1)
+
+
+FULL = """
+import resource, signal, sys
+from pathlib import Path
+from store_cases import samples, start
+from daq.store import durable
+from rigs.errors import CellError
+durable.free_bytes = lambda path: 1 << 40  # as where a quota is what limits: the disk seems to have room
+if len(sys.argv) > 2:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
+writer = start(Path(sys.argv[1]), chunk_rows=10**9)
+print(writer.path)
+synced = 0
+try:
+    for i in range(10**6):
+        writer.append("g1", samples(4, 1, 4 * i))
+        writer.append("robot", samples(4, 2, 4 * i))
+        writer.sync()
+        synced = 4 * (i + 1)
+except CellError as error:
+    print(error)
+for again in (writer.write, writer.sync):
+    try:
+        again()
+        print("no error")
+    except CellError as error:
+        print(error)
+print(synced)
+try:
+    writer.close("failed", "the disk is full", {})
+    print("closed")
+except CellError as error:
+    print(error)
+"""
+
+
+def run_full(command: list[str]) -> tuple[Path, int, str]:
+    """Record until the disk refuses: the run, the rows synced before, what close said."""
+    child = subprocess.run(command, capture_output=True, text=True, env=ENVIRONMENT, check=False)
+    assert child.returncode == 0, child.stderr
+    assert not child.stderr
+    path, *errors, synced, closed = child.stdout.splitlines()
+    assert len(errors) == 3
+    assert all(error.startswith(f"{path}: cannot be written: ") for error in errors)
+    return Path(path), int(synced), closed
+
+
+@pytest.mark.parametrize("limit", [2000, 3000, 4001, 20_000])
+def test_file_that_may_not_grow(tmp_path: Path, limit: int) -> None:
+    path, synced, closed = run_full(python(FULL, tmp_path, limit))
+    if closed != "closed":
+        assert closed.startswith(f"{path}: cannot be written: File too large; ")
+        assert not recover(path).nothing_to_do
+    assert verify(path) == []
+    read = read_run(path)
+    g1, robot = (len(read.streams[stream]["sequence"]) for stream in ("g1", "robot"))
+    assert synced <= robot <= g1 <= synced + 4
+    assert load_manifest(path).reason == "the disk is full"
+    assert load_manifest(path).exit_status == ("failed" if closed == "closed" else "recovered")
+
+
+def test_disk_that_is_full(tmp_path: Path) -> None:
+    disk, saved = tmp_path / "disk", tmp_path / "saved"
+    disk.mkdir()
+    script = (
+        'mount -t tmpfs -o size=64k tmpfs "$0" || exit 77; "$1" -c "$2" "$0"; status=$?; cp -a "$0" "$3"; exit $status'
+    )
+    unshare = ["unshare", "--mount", "--map-root-user", "sh", "-c"]
+    command = [*unshare, script, str(disk), sys.executable, FULL, str(saved)]
+    if shutil.which("unshare") is None:
+        pytest.skip("no unshare here to mount a small disk with")
+    probe = subprocess.run([*unshare, 'mount -t tmpfs t "$0"', str(disk)], capture_output=True, check=False)
+    if probe.returncode:
+        pytest.skip(f"mounting a small disk is not permitted here: {probe.stderr.decode().strip()}")
+    path, synced, _ = run_full(command)
+    recover(moved := saved / path.name)
+    assert synced > 0
+    assert verify(moved) == []
+    assert synced <= len(read_run(moved).streams["g1"]["sequence"]) <= synced + 4
+
+
+def test_failed_fsync_condemns_the_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = record(tmp_path)
+    writer.append("g1", samples(4, 1, 12))
+
+    def broken(fd: int) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "fsync", broken)
+    with pytest.raises(CellError, match=f"{writer.path}: cannot be written: Input/output error"):
+        writer.sync()
+    monkeypatch.undo()
+    with pytest.raises(CellError, match="Input/output error"):
+        writer.sync()
+    writer.close("failed", "the disk is broken", {})
+    assert verify(writer.path) == []
+    assert len(read_run(writer.path).streams["g1"]["sequence"]) == 16
+
+
+def test_a_run_that_could_not_be_closed_is_not_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = record(tmp_path)
+    monkeypatch.setattr("daq.store.stream_writer.to_parquet", refuse)
+    with pytest.raises(CellError, match="No space left"):
+        writer.close("complete", "told to stop", {"g1": {"samples": 12}})
+    monkeypatch.undo()
+    assert load_manifest(writer.path).exit_status == "failed"
+    with pytest.raises(FileError, match="rig recover"):
+        read_run(writer.path)
+    recover(writer.path)
+    assert_recovered(writer.path, 12)
+    assert load_manifest(writer.path).reason == "told to stop; No space left on device"
+
+
+def test_chunk_that_could_not_be_closed_is_closed_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer = record(tmp_path, batches=1, chunk_rows=8)
+    writer.append("g1", samples(4, 1, 4))
+    monkeypatch.setattr("daq.store.stream_writer.to_parquet", refuse)
+    with pytest.raises(CellError, match="No space left"):
+        sync(writer)
+    monkeypatch.undo()
+    writer.close("failed", "the disk was full", {})
+    assert verify(writer.path) == []
+    assert len(read_run(writer.path).streams["g1"]["sequence"]) == 8
+
+
+def test_start_on_a_full_disk_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "pwrite", lambda *arguments: refuse(arguments))
+    with pytest.raises(CellError, match="No space left"):
+        record(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def refuse(table: object) -> bytes:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -1,0 +1,121 @@
+"""A run under the wrong label gets the right one; its manifest keeps the old words, its data stay as they are."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pyarrow as pa
+import pytest
+from store_cases import crash, finished, record
+from typer.testing import CliRunner
+
+from analysis.cli import app
+from analysis.reading.loading import load_measured
+from analysis.reading.simulated_runs import write_simulated
+from daq.store import durable, load_manifest, read_run, recover, relabel, survey, verify, write_table_run
+from daq.store.manifest import MANIFEST
+from rigs.errors import CellError, FileError
+from rigs.load import load
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    return finished(tmp_path / "runs")
+
+
+def _files(run: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in run.iterdir() if file.name not in (MANIFEST, durable.LOCK)}
+
+
+def test_the_new_words_hold_and_the_old_ones_are_kept(run: Path) -> None:
+    before, files = load_manifest(run), _files(run)
+    relabel(run, direction="acw")
+    relabel(run, test="roll", operator="bob")
+    after = load_manifest(run)
+    assert (after.test, after.direction, after.operator) == ("roll", "acw", "bob")
+    history = [(change.field, change.old, change.new) for change in after.relabelled]
+    assert history == [("direction", "cw", "acw"), ("test", "yaw", "roll"), ("operator", "ada", "bob")]
+    assert all(change.at >= before.started for change in after.relabelled)
+    unchanged = {"relabelled", "test", "direction", "operator"}
+    assert after.model_dump(exclude=unchanged) == before.model_dump(exclude=unchanged)
+    assert _files(run) == files and verify(run) == [] and recover(run).nothing_to_do
+    (listed,) = survey(run.parent)
+    assert listed.manifest == after and read_run(run).manifest == after
+
+
+def test_a_manifest_without_a_history_reads_and_is_written_as_before(run: Path) -> None:
+    assert "relabelled" not in json.loads((run / MANIFEST).read_text())
+    before = (run / MANIFEST).read_bytes()
+    relabel(run, direction="cw", operator="ada")
+    assert (run / MANIFEST).read_bytes() == before, "these are the words that it has"
+
+
+def test_a_run_that_is_no_circle_any_more_has_no_direction(run: Path) -> None:
+    assert relabel(run, test="radial").direction is None
+    with pytest.raises(FileError, match="has a direction, and the run has none; add --direction"):
+        relabel(run, test="yaw")
+    assert relabel(run, test="yaw", direction="acw").direction == "acw"
+    assert len(load_manifest(run).relabelled) == 4
+
+
+def test_what_makes_no_sense_is_refused_and_changes_nothing(run: Path) -> None:
+    before = (run / MANIFEST).read_bytes()
+    with pytest.raises(FileError, match="a radial test has no direction; leave --direction out"):
+        relabel(run, test="radial", direction="acw")
+    with pytest.raises(FileError, match="data of a yaw test, which cannot be of a pose test"):
+        relabel(run, test="pose")
+    for name in ("a\nb", "a\x1b[2Jb", "a\tb"):
+        with pytest.raises(FileError, match="contains control characters; give --operator in one line"):
+            relabel(run, operator=name)
+    assert (run / MANIFEST).read_bytes() == before
+
+
+def test_a_run_being_recorded_or_not_closed_is_refused(tmp_path: Path) -> None:
+    writer = record(tmp_path)
+    with pytest.raises(FileError, match="is being recorded"):
+        relabel(writer.path, direction="acw")
+    path = crash(writer)
+    with pytest.raises(FileError, match="was not closed: the recording crashed; run `rig recover"):
+        relabel(path, direction="acw")
+    recover(path)
+    assert relabel(path, direction="acw").exit_status == "recovered"
+
+
+def test_a_table_is_relabelled_only_as_far_as_its_rows_allow(tmp_path: Path) -> None:
+    columns = pa.table({"t_s": [0.0], "direction": ["cw"]})
+    who = {"rig_name": "r", "rig_text": "", "operator": "", "source": "s.csv", "source_sha256": "0"}
+    write_table_run(tmp_path / "lap", columns, test="yaw", direction="cw", **who)
+    assert relabel(tmp_path / "lap", test="roll").test == "roll"
+    with pytest.raises(FileError, match="whose rows say cw; import it again with --direction acw"):
+        relabel(tmp_path / "lap", direction="acw")
+    with pytest.raises(FileError, match="data of a roll test, which cannot be of a radial test"):
+        relabel(tmp_path / "lap", test="radial")
+
+
+def test_a_disk_that_refuses_leaves_the_old_label(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, data: bytes) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(durable, "replace", full)
+    monkeypatch.setattr("daq.store.manifest.replace", full)
+    with pytest.raises(CellError, match="cannot be relabelled: No space left on device"):
+        relabel(run, direction="acw")
+    monkeypatch.undo()
+    assert load_manifest(run).direction == "cw"
+
+
+def test_the_command_takes_several_runs_and_analyse_says_so_once(tmp_path: Path) -> None:
+    rig, text = load("paper-fanuc")
+    runs = list(write_simulated(rig, text, "yaw", ("acw",), [1, 2], None, tmp_path, csv=False))
+    done = CliRunner().invoke(app, ["relabel", *map(str, runs), "--operator", "bob", "--test", "roll"])
+    assert done.stdout.splitlines() == [f"{run}: roll acw, measured by bob" for run in runs]
+    told = [doubt for doubt in load_measured(runs[0]).doubts if "relabelled" in doubt]
+    assert len(told) == 1
+    assert told[0].endswith("after it was recorded: test yaw to roll, operator rig simulate to bob")
+    relabel(runs[0], operator="rig simulate", test="yaw")
+    assert not any("relabelled" in doubt for doubt in load_measured(runs[0]).doubts), "it is what it was"
+    relabel(runs[0], operator="bob", test="roll")
+    listed = json.loads(CliRunner().invoke(app, ["runs", str(tmp_path), "--json"]).stdout)
+    assert [(one["test"], one["operator"], one["relabelled"]) for one in listed] == [("roll", "bob", True)] * 2
+    assert CliRunner().invoke(app, ["relabel", str(runs[0])]).exit_code == 2

@@ -1,0 +1,104 @@
+"""A disk that fills up, turns read-only or slow under a recording: what is stored, told, and gone on with."""
+
+from __future__ import annotations
+
+import math
+import struct
+from pathlib import Path
+from random import Random
+
+import pytest
+from powercut import BLOCK, watched
+from store_cases import assert_holds, record, samples, start, sync
+
+import daq.store.run_directory
+import daq.store.writer
+from daq.protocol.conversation import Sample
+from daq.store import NearlyFull, RunWriter, load_manifest, read_run, verify
+from daq.store.room import MARGIN_BYTES
+
+
+def wild(count: int, width: int, random: Random) -> list[Sample]:
+    """Samples that nothing can compress."""
+
+    def double() -> float:
+        value: float = struct.unpack("<d", random.randbytes(8))[0]
+        return 0.0 if math.isnan(value) else value
+
+    def whole(bits: int) -> int:
+        return random.getrandbits(bits)
+
+    return [
+        Sample(tuple(double() for _ in range(width)), whole(62), whole(62), whole(62), whole(30), double(), whole(30))
+        for _ in range(count)
+    ]
+
+
+@pytest.mark.parametrize(("batches", "rows"), [(1, 1), (1, 2000), (200, 5), (5, 1000)])
+@pytest.mark.parametrize("rig_text", ["", "x" * 100_000])
+@pytest.mark.parametrize("synced", [True, False])
+def test_the_room_to_close_is_never_more_than_was_said(
+    tmp_path: Path, batches: int, rows: int, rig_text: str, synced: bool
+) -> None:
+    random = Random(1)
+    with watched(tmp_path) as disk:
+        writer = start(tmp_path / "runs", 10**9, rig_text)
+        for _ in range(batches):
+            writer.append("g1", wild(rows, 1, random))
+            writer.append("robot", wild(rows, 2, random))
+            if synced:
+                writer.sync()
+        said, before = writer.room_to_close(), disk.used
+        disk.peak = 0
+        writer.close("complete", "", {})
+        blocks = 2 * BLOCK * len(writer.manifest.all_streams)
+        assert disk.peak - before <= said + blocks < MARGIN_BYTES
+
+
+def test_a_recording_ends_whole_before_the_disk_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(daq.store.writer, "MARGIN_BYTES", 16 * BLOCK)
+    monkeypatch.setattr(daq.store.run_directory, "TO_BEGIN_BYTES", 32 * BLOCK)
+    with watched(tmp_path, capacity=1_000_000) as disk:
+        writer, rows = start(tmp_path / "runs", 10**9), 0
+        with pytest.raises(NearlyFull, match=r"disk nearly full: 0\.\d MB free, 0\.\d MB needed; make room"):
+            while True:
+                writer.append("g1", samples(40, 1, rows))
+                writer.append("robot", samples(40, 2, rows))
+                rows += 40
+                writer.sync()
+        writer.close("interrupted", "disk nearly full", {"g1": {}})
+        assert disk.peak > 500_000, "most of the room was used"
+    assert verify(writer.path) == []
+    assert_holds(read_run(writer.path), rows)
+    assert load_manifest(writer.path).counters == {"g1": {"samples": rows}}
+
+
+def test_no_run_begins_on_a_disk_that_is_nearly_full(tmp_path: Path) -> None:
+    with watched(tmp_path, capacity=60 << 20), pytest.raises(NearlyFull):
+        record(tmp_path / "runs")
+    assert list((tmp_path / "runs").iterdir()) == []
+
+
+def test_a_run_of_many_chunks_is_whole_and_says_when_it_is_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(daq.store.writer, "MOST_CHUNKS", 60)
+    with watched(tmp_path):
+        writer, rows = start(tmp_path, chunk_rows=4), 0
+        while not writer.is_long:
+            writer.append("g1", samples(4, 1, rows))
+            writer.append("robot", samples(4, 2, rows))
+            rows += 4
+            sync(writer)
+            assert not any(stream_writer.pending for stream_writer in writer._writers.values())
+        writer.close("complete", "long enough", {})
+    assert len(load_manifest(writer.path).chunks) == 60
+    assert verify(writer.path) == []
+    assert_holds(read_run(writer.path), rows)
+
+
+def test_the_run_that_follows_names_the_former(tmp_path: Path) -> None:
+    common = {"test": "yaw", "direction": None, "rig_name": "r", "rig_text": "", "operator": "", "streams": {}}
+    writer = RunWriter.create(tmp_path, name="x", follows="20261120T093000Z_x", **common)  # type: ignore[arg-type]
+    writer.close("complete", "", {})
+    assert load_manifest(writer.path).follows == "20261120T093000Z_x"

@@ -1,0 +1,292 @@
+"""A run from start to reading: what comes back, what is refused, what verify sees."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from store_cases import RIG_TEXT, assert_holds, crash, fault, finished, record, samples, start
+
+from daq.store import RunWriter, durable, load_manifest, read_run, recover, verify
+from daq.store.manifest import sha256
+from rigs.errors import FileError
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return finished(tmp_path_factory.mktemp("runs"))
+
+
+@pytest.fixture
+def run(whole: Path, tmp_path: Path) -> Path:
+    """A complete run of 20 rows in chunks of 8, to be damaged; a copy, so runs are portable too."""
+    return Path(shutil.copytree(whole, tmp_path / "moved"))
+
+
+def edit(run: Path, change: dict[str, object]) -> None:
+    path = run / "manifest.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+
+
+def edit_chunk(run: Path, change: dict[str, object]) -> None:
+    chunks = json.loads((run / "manifest.json").read_text())["chunks"]
+    edit(run, {"chunks": [chunk | change if chunk["file"] == "g1-0002.parquet" else chunk for chunk in chunks]})
+
+
+def test_round_trip(run: Path) -> None:
+    read = read_run(run)
+    assert_holds(read, 20)
+    assert [(f["stream"], f["kind"], f["count"]) for f in read.faults] == [
+        ("g1", "garbled", n) for n in (1, 2, 3, 4, 5)
+    ]
+    assert verify(run) == []
+
+
+def test_manifest_says_everything(run: Path) -> None:
+    manifest = load_manifest(run)
+    assert (manifest.rig_text, manifest.rig_sha256) == (RIG_TEXT, sha256(RIG_TEXT.encode()))
+    assert (manifest.test, manifest.direction, manifest.operator) == ("yaw", "cw", "ada")
+    assert (manifest.exit_status, manifest.reason) == ("complete", "told to stop")
+    assert manifest.counters == {"g1": {"samples": 20, "garbled": 15}}
+    assert [(c.file, c.rows, c.first_ns, c.last_ns) for c in manifest.chunks_of("g1")] == [
+        ("g1-0001.parquet", 8, 10, 7020),
+        ("g1-0002.parquet", 8, 8010, 15020),
+        ("g1-0003.parquet", 4, 16010, 19020),
+    ]
+    assert manifest.ended is not None
+    assert manifest.started <= manifest.ended
+    assert str(run.parent) not in (run / "manifest.json").read_text()
+
+
+def test_two_runs_never_share_a_directory(tmp_path: Path) -> None:
+    paths = {finished(tmp_path, 1) for _ in range(3)}
+    assert len(paths) == 3
+    assert all(re.fullmatch(r"\d{8}T\d{6}Z_yaw-cw(\.\d)?", path.name) for path in paths)
+
+
+def test_run_without_a_row(tmp_path: Path) -> None:
+    writer = start(tmp_path)
+    writer.sync()
+    writer.close("interrupted", "stopped at once", {})
+    assert_holds(read_run(writer.path), 0)
+    assert verify(writer.path) == []
+
+
+def test_chunks_rotate_by_age(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
+    path = finished(tmp_path, batches=3, chunk_rows=1000)
+    assert len(load_manifest(path).chunks_of("robot")) == 3
+    assert_holds(read_run(path), 12)
+
+
+@pytest.mark.parametrize("name", ["", "../up", "a/b", ".hidden", "a\n", "\udcff"])
+def test_bad_names_are_refused(tmp_path: Path, name: str) -> None:
+    common = {"test": "yaw", "direction": None, "rig_name": "r", "rig_text": "", "operator": ""}
+    with pytest.raises(FileError):
+        RunWriter.create(tmp_path, name=name, streams={"g1": ("g1_mm",)}, **common)  # type: ignore[arg-type]
+    for streams in ({"faults": ()}, {name: ("x",)}, {"g1": ("x", "x")}, {"g1": ("status",)}):
+        with pytest.raises(FileError):
+            RunWriter.create(tmp_path, name="ok", streams=streams, **common)  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_sync_returned_for_is_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: dict[str, object] = {}
+
+    def fsync(fd: int) -> None:
+        path = Path(f"/proc/self/fd/{fd}").readlink()
+        synced[path.name] = {file.name for file in path.iterdir()} if path.is_dir() else path.stat().st_size
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    writer = start(tmp_path)
+    assert writer.path.name in synced[tmp_path.name]
+    for i in range(3):
+        writer.append("g1", samples(4, 1, 4 * i))
+        writer.append_faults("g1", [fault()])
+        writer.sync()
+        for name in ("g1-0001.arrow", "faults-0001.arrow"):
+            assert synced[name] == (writer.path / name).stat().st_size
+            assert name in synced[writer.path.name]
+    writer.close("complete", "", {})
+    assert {"manifest.json", "g1-0001.parquet"} <= synced[writer.path.name]
+
+
+def test_recording_run_is_neither_read_nor_recovered(tmp_path: Path) -> None:
+    writer = record(tmp_path)
+    for refuse in (read_run, recover):
+        with pytest.raises(FileError, match="still being recorded"):
+            refuse(writer.path)
+    writer.close("complete", "", {})
+    assert_holds(read_run(writer.path), 12)
+
+
+def test_crashed_run_names_the_cure(tmp_path: Path) -> None:
+    path = crash(record(tmp_path))
+    with pytest.raises(FileError, match=f"rig recover {path}"):
+        read_run(path)
+    assert any("never ended" in problem for problem in verify(path))
+
+
+def test_missing_run_and_manifest(tmp_path: Path) -> None:
+    for act in (read_run, recover):
+        with pytest.raises(FileError, match="no such run"):
+            act(tmp_path / "none")
+    with pytest.raises(FileError, match="File name too long"):
+        read_run(tmp_path / ("x" * 300))
+    with pytest.raises(FileError, match=r"no manifest\.json"):
+        read_run(tmp_path)
+    assert "no manifest.json" in verify(tmp_path)[0]
+
+
+def test_flipped_bit_in_parquet(run: Path) -> None:
+    file = run / "g1-0002.parquet"
+    data = bytearray(file.read_bytes())
+    for place in range(0, len(data), 97):
+        data[place] ^= 4
+        file.write_bytes(data)
+        assert "g1-0002.parquet: has changed" in verify(run)[0]
+        with pytest.raises(FileError, match="has changed"):
+            read_run(run)
+        data[place] ^= 4
+
+
+def test_deleted_chunk(run: Path) -> None:
+    (run / "robot-0003.parquet").unlink()
+    assert [line for line in verify(run) if "robot-0003.parquet" in line and "missing" in line] == verify(run)
+    with pytest.raises(FileError, match="missing"):
+        read_run(run)
+
+
+def test_changed_row_count(run: Path) -> None:
+    edit_chunk(run, {"rows": 7})
+    assert "holds 8 rows, the manifest says 7" in verify(run)[0]
+    with pytest.raises(FileError, match="holds 8 rows"):
+        read_run(run)
+
+
+def test_wrong_columns(run: Path) -> None:
+    edit(run, {"streams": {"g1": ["g1_um"], "robot": ["q1_deg", "q2_deg"]}})
+    assert len(verify(run)) == 3
+    with pytest.raises(FileError, match="g1_mm, the manifest says otherwise"):
+        read_run(run)
+
+
+def test_chunk_that_is_no_parquet(run: Path) -> None:
+    (run / "g1-0002.parquet").write_bytes(b"PAR1")
+    edit_chunk(run, {"sha256": sha256(b"PAR1")})
+    with pytest.raises(FileError, match="not a Parquet file"):
+        read_run(run)
+
+
+def test_text_that_is_none_is_damage(run: Path) -> None:
+    """Found by scripts/fuzz: Arrow reads it, and raises only where a row of it is asked for."""
+    file = run / "faults-0001.parquet"
+    old = file.read_bytes()
+    file.write_bytes(old.replace("–".encode(), b"\xff\x80\x93"))
+    manifest = (run / "manifest.json").read_text()
+    (run / "manifest.json").write_text(manifest.replace(sha256(old), sha256(file.read_bytes())))
+    with pytest.raises(FileError, match="not a Parquet file"):
+        read_run(run)
+    assert any("faults-0001.parquet" in line for line in verify(run))
+
+
+def test_rows_missing_between_chunks(run: Path) -> None:
+    chunks = [c for c in json.loads((run / "manifest.json").read_text())["chunks"] if c["file"] != "g1-0002.parquet"]
+    (run / "g1-0002.parquet").unlink()
+    edit(run, {"chunks": chunks})
+    (problem,) = verify(run)
+    assert problem.endswith("g1-0003.parquet: rows are missing or doubled before row 0")
+
+
+def test_left_over_files_and_rig_text(run: Path) -> None:
+    shutil.copy(run / "g1-0001.parquet", run / "g1-0009.parquet")
+    edit(run, {"rig_text": "other"})
+    text = "\n".join(verify(run))
+    assert "g1-0009.parquet: is not in the manifest" in text
+    assert "rig file in the manifest does not match" in text
+
+
+def test_chunk_files_stay_inside_the_run(run: Path) -> None:
+    edit_chunk(run, {"file": "../moved/g1-0002.parquet"})
+    with pytest.raises(FileError, match="is no chunk of a stream"):
+        read_run(run)
+
+
+JUNK = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150, deadline=None)
+@given(data=st.data())
+def test_mutated_manifest_raises_only_file_errors(whole: Path, run: Path, data: st.DataObject) -> None:
+    good = (whole / "manifest.json").read_bytes()
+    document = json.loads(good)
+    how = data.draw(st.sampled_from(["bytes", "cut", "key", "chunk"]))
+    if how == "bytes":
+        place = data.draw(st.integers(0, len(good) - 1))
+        mutated = good[:place] + data.draw(st.binary(min_size=1, max_size=3)) + good[place + 1 :]
+    elif how == "cut":
+        mutated = good[: data.draw(st.integers(0, len(good) - 1))]
+    else:
+        target = document if how == "key" else data.draw(st.sampled_from(document["chunks"]))
+        target[data.draw(st.sampled_from(sorted(target)))] = data.draw(JUNK)
+        mutated = json.dumps(document).encode()
+    (run / "manifest.json").write_bytes(mutated)
+    problems = verify(run)
+    assert all("\n" not in problem for problem in problems)
+    try:
+        assert_holds(read_run(run), 20)
+    except FileError as error:
+        assert "\n" not in str(error)
+    except AssertionError:
+        assert problems, "other rows than were recorded and verify saw nothing"
+
+
+def test_deeply_nested_manifest(run: Path) -> None:
+    (run / "manifest.json").write_bytes(b"[" * 100_000)
+    with pytest.raises(FileError, match=r"manifest\.json"):
+        read_run(run)
+
+
+def test_other_programs_read_a_chunk(run: Path) -> None:
+    table = pq.read_table(run / "robot-0001.parquet")
+    assert table.column_names[-2:] == ["q1_deg", "q2_deg"]
+    assert not any(field.nullable for field in table.schema)
+
+
+def test_lock_look_leaves_no_trace(tmp_path: Path) -> None:
+    assert not durable.is_locked(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_reading_leaves_no_thread_behind(whole: Path) -> None:
+    """A thread of Arrow's that is at work when Python ends aborts the program (arrow issue 34314)."""
+    show = (
+        "import os, sys; from pathlib import Path; from daq.store import read_run, verify;"
+        "run = Path(sys.argv[1]); read_run(run); verify(run); task = Path('/proc/self/task');"
+        "print(*sorted((one / 'comm').read_text().strip() for one in task.iterdir()), sep='\\n')"
+    )
+    command, alone = [sys.executable, "-c", show, whole], os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    threads = subprocess.run(command, capture_output=True, text=True, check=True, env=alone)
+    assert [name for name in threads.stdout.split() if name != "jemalloc_bg_thd"] == [Path(sys.executable).name]
+
+
+def test_a_directory_that_holds_runs_is_told_from_a_run_without_manifest(tmp_path: Path) -> None:
+    path = finished(tmp_path / "runs")
+    with pytest.raises(FileError, match="is not a run but holds runs; give one of them"):
+        read_run(path.parent)
+    (path / "manifest.json").unlink()
+    with pytest.raises(FileError, match=r"has no manifest\.json; run `rig recover"):
+        read_run(path)

@@ -1,0 +1,214 @@
+"""Links over the network: peers that vanish without a word, strangers who speak up, and UDP through the real daemon."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from bench import PATIENCE_S, Bench, rig_text
+
+from daq.acquisition.reader import Reader
+from daq.acquisition.stream_buffer import StreamBuffer
+from daq.acquisition.streams import Stream, streams_of
+from daq.store import read_run
+from daq.wire.links import LinkLost, open_link
+from rigs.errors import CellError
+from rigs.links import Line
+from rigs.load import parse
+
+LINE = Line(baud=9600, bits=8, parity="N", stop=1)
+
+
+def _robot(**feedback: object) -> Stream:
+    data = yaml.safe_load(rig_text())
+    data["feedback"] = feedback
+    return streams_of(parse(yaml.safe_dump(data), "bench"))[-1]
+
+
+def _until(so: Callable[[], Any]) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not so():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+@contextlib.contextmanager
+def _reading(stream: Stream) -> Iterator[Callable[[str], int]]:
+    """A reader on its link; gives what counts its samples and faults."""
+    buffer = StreamBuffer(stream.name, stream.columns)
+    reader = Reader(stream, buffer, stream.open())
+    reader.start()
+    try:
+        yield lambda kind: buffer.state().counters.get(kind, 0)
+    finally:
+        reader.stop()
+        reader.join(5)
+
+
+# --- TCP ---
+
+
+@pytest.mark.parametrize("interface", ["line_feed", "ur_rtde"])
+def test_a_peer_that_takes_the_connection_and_says_nothing_is_left_and_called_again(interface: str) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(PATIENCE_S)
+        port = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        stream = replace(_robot(interface=interface, port=port, timeout_s=0.1), dead_s=0.2)
+        accepted_s = []
+        with _reading(stream) as count:
+            for _ in range(4):
+                sock, _ = server.accept()
+                accepted_s.append(time.monotonic())
+                with sock:
+                    sock.settimeout(PATIENCE_S)
+                    while sock.recv(64):
+                        pass  # the handshake of one who asks; the end is what matters
+            _until(lambda: count("disconnected") >= 4)
+            assert count("silent") >= 4 and count("samples") == 0
+    gaps_s = [after - before for before, after in pairwise(accepted_s)]
+    assert gaps_s[2] > gaps_s[0] + 0.3, "0.2, 0.4 and 0.8 s of pause"
+
+
+def test_a_connection_that_brings_something_now_and_then_is_not_dead() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = open_link("robot", f"tcp://127.0.0.1:{server.getsockname()[1]}", LINE, dead_s=0.5)
+        sock, _ = server.accept()
+        with sock, contextlib.closing(link):
+            for _ in range(8):
+                sock.sendall(b"x")
+                assert link.read(PATIENCE_S) == b"x"
+                assert link.read(0.1) == b""
+            with pytest.raises(LinkLost, match="nothing came for"):
+                while True:
+                    assert link.read(0.05) == b""
+
+
+def test_the_system_asks_a_silent_tcp_peer_whether_it_is_there() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = open_link("robot", f"tcp://127.0.0.1:{server.getsockname()[1]}", LINE, dead_s=10)
+        with contextlib.closing(link), socket.socket(fileno=os.dup(link.fileno())) as sock:
+            assert sock.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) == 1
+            names = (socket.TCP_KEEPIDLE, socket.TCP_KEEPINTVL, socket.TCP_KEEPCNT)
+            idle_s, every_s, times = (sock.getsockopt(socket.IPPROTO_TCP, name) for name in names)
+            assert idle_s + every_s * times < 10
+            assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) < 10_000
+
+
+# --- UDP ---
+
+
+def _free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        return int(sock.getsockname()[1])
+
+
+def _rob(ipoc: int) -> bytes:
+    joints = " ".join(f'A{axis}="{axis}.5"' for axis in range(1, 7))
+    return f'<Rob Type="KUKA"><AIPos {joints}/><IPOC>{ipoc}</IPOC></Rob>'.encode()
+
+
+def _sender(port: int) -> socket.socket:
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.connect(("127.0.0.1", port))
+    sock.settimeout(PATIENCE_S)
+    return sock
+
+
+def test_a_second_sender_is_counted_and_neither_read_nor_answered() -> None:
+    port = _free_port()
+    stream = _robot(interface="kuka_rsi", port=f"udp://127.0.0.1:{port}", timeout_s=3)
+    with _sender(port) as robot, _sender(port) as stranger, _reading(stream) as count:
+        stranger.send(b"scan")
+        _until(lambda: count("garbled") == 1)
+        robot.send(_rob(4))
+        assert robot.recv(100) == b'<Sen Type="ImFree"><IPOC>4</IPOC></Sen>', "nonsense made nobody the peer"
+        stranger.send(_rob(999))
+        _until(lambda: count("stranger") == 1)
+        robot.send(_rob(8))
+        assert robot.recv(100) == b'<Sen Type="ImFree"><IPOC>8</IPOC></Sen>'
+        _until(lambda: count("samples") == 2)
+        stranger.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            stranger.recv(100)
+
+
+def test_after_a_silence_another_may_speak() -> None:
+    port = _free_port()
+    stream = _robot(interface="kuka_rsi", port=f"udp://127.0.0.1:{port}", timeout_s=0.2)
+    with _sender(port) as robot, _sender(port) as again, _reading(stream) as count:
+        robot.send(_rob(4))
+        _until(lambda: count("silent"))
+        again.send(_rob(400_000))
+        assert again.recv(100) == b'<Sen Type="ImFree"><IPOC>400000</IPOC></Sen>'
+        _until(lambda: count("samples") == 2)
+        assert count("stranger") == count("skipped") == count("disconnected") == 0
+
+
+def test_only_the_called_controller_is_heard() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as controller:
+        controller.bind(("127.0.0.1", 0))
+        controller.settimeout(PATIENCE_S)
+        port = f"udp://127.0.0.1:{controller.getsockname()[1]}"
+        with _reading(_robot(interface="fanuc_stream_motion", port=port)) as count:
+            asked, host = controller.recvfrom(100)
+            assert asked == bytes.fromhex("00000000 00000001")
+            with _sender(host[1]) as stranger:
+                stranger.send(bytes(132))
+                _until(lambda: count("stranger") == 1)
+            controller.sendto(bytes(132), host)
+            _until(lambda: count("samples") == 1)
+
+
+@pytest.mark.parametrize(
+    ("address", "told"),
+    [
+        ("203.0.113.7", "an address of this computer"),
+        ("taken", "a port nobody else has"),
+        ("a" * 64, "the host name is not valid"),
+    ],
+)
+def test_an_address_that_cannot_be_ours_is_told(address: str, told: str) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        port = f"udp://{address.replace('taken', '127.0.0.1')}:{other.getsockname()[1]}"
+        with pytest.raises(CellError, match=told):
+            open_link("robot", port, LINE, listens=True)
+
+
+FEEDBACKS = {
+    "kuka_rsi": "udp://192.168.1.5:49152",
+    "abb_egm": "udp://192.168.1.5:6510",
+    "fanuc_stream_motion": "udp://192.168.1.100:60015",
+}
+
+
+@pytest.mark.parametrize("interface", FEEDBACKS)
+def test_a_robot_on_udp_is_recorded_through_a_new_start_of_its_program(interface: str, tmp_path: Path) -> None:
+    data = yaml.safe_load(rig_text())
+    data["feedback"] = {"interface": interface, "port": FEEDBACKS[interface], "timeout_s": 0.5}
+    with Bench(tmp_path, yaml.safe_dump(data)) as bench:
+        bench.start().all_reading()
+        path = bench.record()
+        bench.recorded(20)
+        bench.cell.hang_up("robot")
+        state = bench.until(lambda state: "silent" in state["streams"]["robot"]["counters"])
+        bench.recorded(state["samples"]["robot"] + 20)
+        assert bench.run("rig", "record", "stop").returncode == 0
+        assert bench.run("rig", "verify", path).returncode == 0
+        run = read_run(path)
+        robot = run.streams["robot"]
+        for axis, angle in enumerate(bench.motion.deg, 1):
+            assert np.allclose(robot[f"q{axis}_deg"], angle, atol=1e-5)
+        assert np.isfinite(robot["device_time_s"]).all() and (robot["requested_ns"] == -1).all()
+        assert "garbled" not in run.manifest.counters["robot"]
