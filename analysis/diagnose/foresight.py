@@ -124,7 +124,8 @@ class Foresight:
     def _cavity(self, columns: Sequence[int], asked: Sequence[int]) -> Array:
         """What the readings say of the columns asked (q, q), beside all but `columns`, of which they are."""
         here = list(columns)
-        precision: Array = np.linalg.inv(self._A[np.ix_(here, here)]) - np.diag(1 / self._variance[here])
+        inverse = np.asarray(np.linalg.inv(self._A[np.ix_(here, here)]), dtype=float)
+        precision: Array = inverse - np.diag(1 / self._variance[here])
         own = [here.index(column) for column in asked]
         return precision[np.ix_(own, own)]
 
