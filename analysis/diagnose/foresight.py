@@ -17,8 +17,8 @@ from analysis.diagnose.candidates import Candidate, candidates_for
 from analysis.diagnose.columns import LARGEST, Columns
 from analysis.diagnose.diagnosis import ODDS
 from analysis.diagnose.linear import Linear
-from analysis.diagnose.naming import is_same
 from analysis.diagnose.refine import refine
+from analysis.diagnose.state import is_same
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
 from rigs.effect import healthy, healthy_size, is_play, is_wave, name_of, one_sided, scaled, size_field

@@ -30,6 +30,8 @@ _SLOW = np.radians(0.2)
 _UNIT_RAD, _UNIT_MM = np.radians(1e-3), 1e-3
 _STRENGTHS = 4.0 ** np.arange(-4, 11)
 """Squares of a form's strength in these units, of which the best is taken."""
+FREE_PRICE = 6.0
+"""Log of the number of forms, some 26, and of strengths, 15, among which one is chosen."""
 
 
 @dataclass(frozen=True)
@@ -42,19 +44,20 @@ class FreeForm:
 
 @dataclass(frozen=True)
 class Stranger:
-    """What explains most of what names leave, without a name, and its log evidence."""
+    """What explains most of what names leave, without a name: its form, as strong as is likely, and its log evidence
+    after the price of a choice among forms and strengths."""
 
-    words: str
+    form: FreeForm
     gain: float
 
 
-def strangest(linear: Linear, posterior: Posterior) -> Stranger:
+def strangest(forms: Sequence[FreeForm], posterior: Posterior) -> Stranger:
     """The free form that explains most of what names leave, beside all else, as strongly as is likely."""
-
-    def gain(columns: Array) -> float:
-        return _gain(*posterior.cavity(columns))
-
-    return max((Stranger(form.words, gain(form.columns)) for form in free_forms(linear)), key=lambda one: one.gain)
+    gains = [_gains(*posterior.cavity(form.columns)) for form in forms]
+    k = int(np.argmax([gain.max() for gain in gains]))
+    strength = float(np.sqrt(_STRENGTHS[np.argmax(gains[k])]))
+    form = FreeForm(forms[k].words, strength * forms[k].columns)
+    return Stranger(form, float(gains[k].max()) - FREE_PRICE)
 
 
 def free_forms(linear: Linear) -> Iterator[FreeForm]:
@@ -132,12 +135,12 @@ def _rates(block: Block) -> Array:
     return rates
 
 
-def _gain(products: Array, slope: Array) -> float:
-    """Log evidence of columns of unknown sizes, normal about 0 and of one strength, over none: by their products with
-    each other (c, c) and with what is left (c,)."""
+def _gains(products: Array, slope: Array) -> Array:
+    """Log evidence of columns of unknown sizes, normal about 0 and of one strength, over none, for each strength: by
+    their products with each other (c, c) and with what is left (c,)."""
     power, turn = np.linalg.eigh(products)
     power = np.maximum(power, 0.0)
     seen = (turn.T @ slope) ** 2
     strengths = _STRENGTHS[:, None]
-    gains = 0.5 * (seen / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1)
-    return max(0.0, float(gains.max()))
+    gains: Array = 0.5 * (seen / (power + 1 / strengths) - np.log1p(strengths * power)).sum(axis=1)
+    return gains

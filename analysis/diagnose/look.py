@@ -16,10 +16,11 @@ from analysis.diagnose.blocks import blocks_of
 from analysis.diagnose.candidates import candidates_for
 from analysis.diagnose.columns import Columns
 from analysis.diagnose.linear import Linear
-from analysis.diagnose.naming import Naming, State
+from analysis.diagnose.naming import Naming
 from analysis.diagnose.observed import Seen
 from analysis.diagnose.rivalry import Rivalry, defended
 from analysis.diagnose.settle import settled
+from analysis.diagnose.state import State
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect
 

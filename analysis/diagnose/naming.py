@@ -10,70 +10,43 @@ no longer pay are dropped.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from analysis.diagnose.background import Background, Posterior, cavity_evidence, fault_evidence, fault_sizes
 from analysis.diagnose.columns import LARGEST, Columns, Form
+from analysis.diagnose.freeforms import FREE_PRICE, free_forms, strangest
 from analysis.diagnose.linear import Linear
-from analysis.diagnose.noise import LEAST_ASSUMED
 from analysis.diagnose.refine import Refined, refine
+from analysis.diagnose.state import State, is_same, order_of, size_of, started
+from analysis.diagnose.surroundings import MOST_LEVEL, Surroundings
 from analysis.kinematics.arm import Array
-from rigs.effect import PHASE, is_play, name_of, scaled
-from rigs.effects import Effect, healthy_size, size_field
+from rigs.effect import is_play, name_of, scaled
+from rigs.effects import Effect, healthy_size
 
 _FAULTS = 2.0
 """Faults that an arm which somebody diagnoses may have, before anything is measured."""
 _DEPTH = 40
 """Most effects that are fitted: real arms that nobody calibrated have 9 to 14 faults, and as many healthy ones show."""
-_ROUNDS = 60
+_ROUNDS = 40
 """Effects looked for in a row, most."""
 _HEALTHY_PRICE = 6.0
 """Log evidence that a healthy arm's single form must win to be fitted: less changes no verdict."""
-_BAND_PRICE, _TARGET_PRICE = 3.0, 8.0
-"""Log evidence that a strength of its own must win in a band of orders, and at targets, where tails are heavy."""
-_TAIL = 4.0
-"""Degrees of freedom of readings at targets, as robust weights have it."""
-_LEVELS = np.geomspace(0.003, 8.0, 80)
-"""Levels of a background that are tried."""
-_LEVEL_TAIL = 4.0
-_LEVEL_SPREAD = 1.4
-"""Of the logarithm of a level about that of a healthy arm: a factor of four either way."""
-_NEAR_ORDER = 1.15
-"""Orders of one gear nearer than this are one wave."""
 _BETWEEN = np.linspace(-0.6, 0.6, 9)
 """Orders that are tried about the one of a form, in distances to its neighbour."""
 _SEEN = 4.0
 """Sigmas at which the largest fault would be named at all."""
-_FAULT = 5.0
-"""Healthy sizes from which on an effect is a fault (real-cells.md); fewer in an arm that shows less of everything."""
 _SURE = 5.0
 """Log evidence by its cavity from which on an effect is not tried to be left out."""
 _MUCH = 50.0
-"""Log evidence of an effect beside which the others are fitted again before the next is looked for."""
+"""Log evidence of an effect that must beat what has no name, and beside which the others are fitted again before the
+next is looked for."""
+_MARGIN = 1.2
+"""By which what has no name must explain more than the best name: names in a first fit are not at their best."""
 _PLAY_STARTS = (0.5, 1.0, 1.9)
 """Widths, in those that a linear fit finds, from which the width of a play is fitted."""
-
-
-@dataclass(frozen=True)
-class State:
-    """What is taken to be there. refined: effects, fitted; origins: numbers of the forms that they come from, -1 where
-    from none; level of the background, and the most that it may be; strength (b,) of what is left in each band, over
-    noise; robust (N,): weights of readings; refused: numbers of forms that did not pay."""
-
-    refined: Refined
-    origins: tuple[int, ...]
-    level: float
-    strength: Array
-    robust: Array
-    refused: frozenset[int] = frozenset()
-    most: float = 1.0
-
-    def is_fault(self, place: int) -> bool:
-        """Whether an effect is larger than healthy arms, and arms like this one, show of it."""
-        return abs(size_of(self.refined.effects[place])) > _FAULT * min(self.level, 1.0)
 
 
 class Naming:
@@ -83,11 +56,8 @@ class Naming:
         self.linear, self.columns = linear, columns
         self._fault_price = float(np.log(_FAULTS / max(len(columns.among), 1)))
         self._among = np.log([form.among for form in columns.forms])
-        assumed = np.concatenate([np.full(len(b.y_mm), not b.measured) for b in linear.blocks])
-        self._least = np.where(np.bincount(columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
-        targets = np.concatenate([np.full(len(b.y_mm), b.sampling is None) for b in linear.blocks])
-        self._targets = targets
-        self._band_price = np.where(np.bincount(columns.band, targets) > 0, _TARGET_PRICE, _BAND_PRICE)
+        self._surroundings = Surroundings(linear, columns)
+        self.free = tuple(free_forms(linear))
 
     def begun(self, effects: Sequence[Effect] = ()) -> State:
         """Some effects, fitted, in an arm of healthy level and noise as it was found."""
@@ -101,7 +71,7 @@ class Naming:
     def explained(self, state: State) -> State:
         """With the effects that pay, and without those that do not."""
         # Faults not named yet look like an arm that shows more of everything: names come first, then the level.
-        for most in (1.0, _LEVELS[-1]):
+        for most in (1.0, MOST_LEVEL):
             state = replace(state, most=most)
             for _ in range(_ROUNDS):
                 posterior = self.posterior(state)
@@ -110,6 +80,7 @@ class Naming:
                     self._dropped(state, posterior, 0.0)
                     or self._grown(state, posterior)
                     or self._dropped(state, posterior, _SURE)
+                    or self._freed(state)
                 )
                 if changed is None:
                     break
@@ -132,7 +103,7 @@ class Naming:
     def _bare(self, effects: Sequence[Effect]) -> Refined:
         """Effects whose sizes nobody knows yet."""
         none = np.empty((len(self.linear.y), 0))
-        return Refined(tuple(effects), (), np.empty(0), np.empty((0, 0)), self.linear.y, none, ())
+        return Refined(tuple(effects), (), np.empty(0), np.empty((0, 0)), self.linear.y, none, (), none)
 
     def background(self, state: State) -> Background:
         """All that is not fitted as an effect, in a state."""
@@ -148,55 +119,11 @@ class Naming:
 
     def _settled(self, state: State, posterior: Posterior) -> State:
         """Level, strengths and robust weights as likely as what is taken to be there makes them."""
+        around = self._surroundings
         return replace(
-            state, level=self._level(state, posterior), strength=self._strength(state, posterior),
-            robust=self._robust(posterior),
+            state, level=around.level(state, posterior), strength=around.strength(state, posterior),
+            robust=around.robust(posterior),
         )  # fmt: skip
-
-    def _level(self, state: State, posterior: Posterior) -> float:
-        """Of the background: the mean square of what each name shows over what it could show in an arm at level one.
-
-        A name counts once however many forms it has, since a gear shows in a few of its orders; a fault has little
-        weight."""
-        columns, variance = self.columns, posterior.background.variance
-        cols = np.flatnonzero((columns.healthy > 0) & (variance > 0))
-        freedom = np.clip(1 - np.diag(posterior.A)[cols] / variance[cols], 0.0, 1.0)
-        names, count = columns.name_of_column[cols], len(columns.among)
-        squares = np.asarray(np.bincount(names, posterior.mean[cols] ** 2, count), dtype=float)
-        seen = np.asarray(np.bincount(names, columns.healthy[cols] * freedom, count), dtype=float)
-        for k, name in enumerate(columns.among):
-            if own := [size_of(effect) for effect in state.refined.effects if name_of(effect) == name]:
-                squares[k] += np.sum(np.square(own))
-                seen[k] = 1.0
-        weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / state.level**2)
-        likely = -seen.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
-        likely -= np.log(_LEVELS) ** 2 / (2 * _LEVEL_SPREAD**2)
-        return float(min(_LEVELS[np.argmax(likely)], state.most))
-
-    def _robust(self, posterior: Posterior) -> Array:
-        """Weights (N,) of readings: at targets as Student's law has them, elsewhere 1."""
-        weight, targets = np.ones(len(self._targets)), self._targets
-        if targets.any():
-            left = posterior.left[targets]
-            scale = max(1.0, 1.4826 * float(np.median(np.abs(left))))
-            weight[targets] = np.minimum(1.0, (_TAIL + 1) / (_TAIL + (left / scale) ** 2))
-        return weight
-
-    def _energy(self, state: State, posterior: Posterior) -> tuple[Array, Array]:
-        """By band: energy that is left, robust, and how many readings are free to leave it."""
-        columns = self.columns
-        raw = posterior.background.weight * state.strength[columns.band] * posterior.left**2
-        energy = np.asarray(np.bincount(columns.band, raw), dtype=float)
-        spent = np.einsum("bij,ji->b", columns.K, posterior.A) / state.strength
-        return energy, np.maximum(columns.count - spent, 0.25 * columns.count)
-
-    def _strength(self, state: State, posterior: Posterior) -> Array:
-        """Of each band: as much as is left, where that is more than noise by more than its price. Noise that is
-        assumed, and so wide, may be less."""
-        energy, free = self._energy(state, posterior)
-        ratio = np.maximum(energy / free, 1e-9)
-        gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - self._band_price
-        return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self._least, 1.0))
 
     def _dropped(self, state: State, posterior: Posterior, sure: float) -> State | None:
         """Without the effect that pays least, if one does not pay; those whose cavity gains more than `sure` do."""
@@ -212,6 +139,19 @@ class Naming:
         effect = state.refined.effects[place]
         own = {k for k, form in enumerate(self.columns.forms) if is_same(form, effect)} | {state.origins[place]}
         return replace(rest, refused=state.refused | own)
+
+    def _freed(self, state: State) -> State | None:
+        """Without what had no name, where the best name in its place, or nothing, explains as much."""
+        whole = self.evidence(state) if state.strangers else 0.0
+        for k in range(len(state.strangers)):
+            kept = (*state.strangers[:k], *state.strangers[k + 1 :])
+            rest = self._fitted_again(replace(state, strangers=kept))
+            posterior = self.posterior(rest)
+            best = int(np.argmax(np.maximum(*self.gains(rest, posterior))))
+            for tried in (rest, self._fitted_again(self.grown(rest, posterior, best))):
+                if self.evidence(tried) > whole:
+                    return replace(tried, freed=state.freed | {state.strangers[k].form.words})
+        return None
 
     def gain_of(self, state: State, posterior: Posterior, place: int) -> float:
         """Log evidence, about, for an effect over an even share of a healthy arm, by the cavity of its size."""
@@ -238,7 +178,8 @@ class Naming:
     def evidence(self, state: State) -> float:
         """Log evidence of what is taken to be there, but for a constant."""
         own = self.background(state).evidence(state.refined.known)
-        return own + sum(self.price(effect, state.level) for effect in state.refined.effects)
+        prices = sum(self.price(effect, state.level) for effect in state.refined.effects)
+        return own + prices - FREE_PRICE * len(state.strangers)
 
     def without(self, state: State, place: int) -> State:
         """Without one effect, the others moved into its place as far as they can."""
@@ -266,7 +207,13 @@ class Naming:
         if not gain[k] > 0:
             return None
         changed = self.grown(state, posterior, k)
-        return self._fitted_again(changed) if gain[k] > _MUCH else changed
+        if gain[k] < _MUCH:
+            return changed
+        known = state.freed | {one.form.words for one in state.strangers}
+        stranger = strangest([form for form in self.free if form.words not in known], posterior)
+        if stranger.gain > _MARGIN * (self.evidence(changed) - self.evidence(state)):
+            changed = replace(state, strangers=(*state.strangers, stranger))
+        return self._fitted_again(changed)
 
     def grown(self, state: State, posterior: Posterior, k: int) -> State:
         """With a form as an effect, fitted; the others move along the tangents that they had."""
@@ -288,7 +235,7 @@ class Naming:
         effect: Any = form.effects[0]
         if not hasattr(effect, "order"):
             return started(form.effects, posterior.size(form))
-        near = [abs(_order(one.effects[0]) - effect.order) for one in self.columns.forms if one.name == form.name]
+        near = [abs(order_of(one.effects[0]) - effect.order) for one in self.columns.forms if one.name == form.name]
         tried = effect.order + (sorted(near)[1] if len(near) > 1 else 0.0) * _BETWEEN
         tried = tried[tried >= min(effect.order, max(one.low for one in effect.STRETCHED))]
         effects = [one.model_copy(update={"order": float(order)}) for order in tried for one in form.effects]
@@ -300,38 +247,8 @@ class Naming:
 
     def _fitted_again(self, state: State) -> State:
         """All effects fitted together."""
-        effects = state.refined.effects
-        return replace(state, refined=refine(self.linear, self.background(state), effects))
-
-
-def size_of(effect: Effect) -> float:
-    """The size of an effect in healthy ones."""
-    return float(getattr(effect, size_field(effect))) / healthy_size(effect)
-
-
-def started(effects: Sequence[Effect], size: Array) -> Effect:
-    """The effect that columns of effects make with coefficients size (q,), in healthy sizes."""
-    effect = effects[0]
-    field_name, healthy = size_field(effect), healthy_size(effect)
-    if len(size) == 2:
-        phase = float(np.degrees(np.arctan2(size[1], size[0])))
-        return effect.model_copy(update={field_name: float(np.hypot(*size)) * healthy, PHASE: phase})
-    return effect.model_copy(update={field_name: float(size[0]) * healthy})
-
-
-def is_same(form: Form, effect: Effect) -> bool:
-    """Whether a form is another way of the same name to show; waves of other orders are not."""
-    return is_alike(form.effects[0], effect)
-
-
-def is_alike(one: Effect, effect: Effect) -> bool:
-    """Whether two effects are the same name in other sizes and shapes; waves of other orders are not."""
-    if name_of(one) != name_of(effect):
-        return False
-    order, other = _order(one), _order(effect)
-    return np.isnan(order) or np.isnan(other) or max(order, other) / min(order, other) < _NEAR_ORDER
-
-
-def _order(effect: Effect) -> float:
-    """Of a gear's wave; not a number for all else."""
-    return float(getattr(effect, "order", np.nan))
+        free = np.concatenate(
+            [np.empty((len(self.linear.y), 0)), *(one.form.columns for one in state.strangers)], axis=1
+        )
+        refined = refine(self.linear, self.background(state), state.refined.effects, free=free)
+        return replace(state, refined=refined)

@@ -49,7 +49,7 @@ class Refined:
     """Effects with fitted sizes and shapes. unknowns, their values (q,) and covariance (q, q); left (N,): what they
     leave of the readings, in standard deviations, set-ups and all else as they were; tangents (N, q): what a little
     more of each unknown would add; beside, of each effect (N, f): what may stand beside it, one standard deviation
-    each."""
+    each; free (N, f): what has no name, likewise."""
 
     effects: tuple[Effect, ...]
     unknowns: tuple[Unknown, ...]
@@ -58,6 +58,7 @@ class Refined:
     left: Array
     tangents: Array
     beside: tuple[Array, ...]
+    free: Array
 
     def sd(self, effect: int) -> dict[str, float]:
         """Standard uncertainty of each fitted parameter of one effect."""
@@ -67,7 +68,7 @@ class Refined:
     @property
     def known(self) -> Known:
         """What is known beside the background, about these values."""
-        T = np.concatenate([self.tangents, *self.beside], axis=1)
+        T = np.concatenate([self.tangents, *self.beside, self.free], axis=1)
         allowed = T.shape[1] - len(self.values)
         precision = [unknown.spread**-2 for unknown in self.unknowns] + [1.0] * allowed
         away = np.array([unknown.expected for unknown in self.unknowns]) - self.values
@@ -84,27 +85,40 @@ class Refined:
         )  # fmt: skip
 
 
-def refine(linear: Linear, background: Background, effects: Sequence[Effect], fitted: Refined | None = None) -> Refined:
+def refine(
+    linear: Linear,
+    background: Background,
+    effects: Sequence[Effect],
+    fitted: Refined | None = None,
+    free: Array | None = None,
+) -> Refined:
     """Fit sizes and shapes of effects, from where they are. None leaves the residual as it is.
 
     fitted: an earlier fit of the first of these effects. They move with the others along the tangents that they had
     there, which costs a fraction and is off by how far they move; fit all once more where no more effects follow.
+    free: columns (N, f), one standard deviation each, of what has no name and may take its part.
     """
-    return _Problem(linear, background, effects, fitted).solved(effects)
+    before = fitted or _nothing(linear)
+    return _Problem(linear, background, effects, before, before.free if free is None else free).solved(effects)
+
+
+def _nothing(linear: Linear) -> Refined:
+    none = np.empty((len(linear.y), 0))
+    return Refined((), (), np.empty(0), np.empty((0, 0)), linear.y, none, (), none)
 
 
 class _Problem:
     def __init__(
-        self, linear: Linear, background: Background, effects: Sequence[Effect], fitted: Refined | None
+        self, linear: Linear, background: Background, effects: Sequence[Effect], fitted: Refined, free: Array
     ) -> None:
-        self.linear, self.background = linear, background
-        self.old = len(fitted.effects) if fitted else 0
-        self.unknowns = [*(fitted.unknowns if fitted else ()), *_unknowns(effects, self.old)]
-        self.tangents = fitted.tangents if fitted else np.empty((len(linear.y), 0))
-        self.beside = (*(fitted.beside if fitted else ()), *(form_columns(linear, one) for one in effects[self.old :]))
+        self.linear, self.background, self.free = linear, background, free
+        self.old = len(fitted.effects)
+        self.unknowns = [*fitted.unknowns, *_unknowns(effects, self.old)]
+        self.tangents = fitted.tangents
+        self.beside = (*fitted.beside, *(form_columns(linear, one) for one in effects[self.old :]))
         self.expected = np.array([u.expected for u in self.unknowns])
         self.spread = np.array([u.spread for u in self.unknowns])
-        beside = np.concatenate([np.empty((len(linear.y), 0)), *self.beside], axis=1)
+        beside = np.concatenate([*self.beside, free], axis=1)
         self._weighted_beside = background.solved(beside)
         own = beside.T @ self._weighted_beside
         own[np.diag_indices_from(own)] += 1.0
@@ -145,7 +159,7 @@ class _Problem:
                 break
         H = self._products(J) + np.diag(1 / self.spread**2)
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
-        return Refined(tuple(now), tuple(self.unknowns), x, covariance, r, J, self.beside)
+        return Refined(tuple(now), tuple(self.unknowns), x, covariance, r, J, self.beside, self.free)
 
     def _cost(self, r: Array, x: Array) -> float:
         return float(self._products(r[:, None])[0, 0]) + float((((x - self.expected) / self.spread) ** 2).sum())

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.diagnose.naming import Naming, State
+from analysis.diagnose.naming import Naming
+from analysis.diagnose.state import State
 from analysis.diagnose.worth import LEAST_UM, worth
 from rigs.effect import name_of
 

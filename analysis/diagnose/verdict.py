@@ -77,7 +77,9 @@ def remainder_of(look: Look, limits: Array) -> tuple[Remainder, bool]:
     linear, posterior = look.linear, look.posterior
     strength = look.state.strength[look.naming.columns.band]
     beyond = np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
-    left = plain_worth(linear, beyond * posterior.left)
+    free = look.state.refined.free
+    share_of_free = free @ posterior.known[len(posterior.known) - free.shape[1] :]
+    left = plain_worth(linear, beyond * posterior.left + share_of_free)
     gap_um = worth(linear, look.first).whole_um
     share = min(1.0, (left.whole_um / gap_um) ** 2) if gap_um else 0.0
     healthy = worth(linear, posterior.healthy_share)
@@ -89,8 +91,9 @@ def remainder_of(look: Look, limits: Array) -> tuple[Remainder, bool]:
 def _in_words(look: Look) -> str:
     first = leftovers(look.linear.blocks, look.posterior.left)[:1]
     where = [f"{one.test}{f' {one.direction}' * bool(one.direction)}, {one.part}: {one.words}" for one in first]
-    form = strangest(look.linear, look.posterior)
-    return "; ".join([*where, f"it looks like {form.words}" if form.gain > 0 else "it has no simple form"])
+    forms = [*look.state.strangers, strangest(look.naming.free, look.posterior)]
+    seen = [f"it looks like {one.form.words}" for one in forms if one.gain > 0]
+    return "; ".join([*where, seen[0] if seen else "it has no simple form"])
 
 
 def verdict_of(look: Look, found: Sequence[Named], left: Remainder, *, is_material: bool) -> tuple[Verdict, str]:

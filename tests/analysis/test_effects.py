@@ -13,7 +13,7 @@ from pydantic import create_model
 
 import rigs.effects
 from analysis.kinematics.arm import forward_and_jacobian
-from analysis.model.hysteresis import turns
+from analysis.model.hysteresis import Motion, turns
 from analysis.model.predict import model_of, nominal_setup, path_of, predict
 from analysis.model.scene import Scene, apply
 from analysis.model.simulate import simulate
@@ -110,7 +110,7 @@ def _link_side_deg(effect: Effect, q: np.ndarray | None = None, t: np.ndarray | 
 
 def _scene(model, q, t):  # type: ignore[no-untyped-def]
     empty = np.empty(0)
-    return Scene(model.arm, model.load, t, q, q, empty, empty, np.zeros(len(q)), empty, empty)
+    return Scene(model.arm, model.load, Motion(t, q), q, empty, empty, np.zeros(len(q)), empty, empty)
 
 
 def test_backlash_lags_half_its_width_and_crosses_it_at_a_reversal() -> None:

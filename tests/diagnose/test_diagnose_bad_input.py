@@ -10,6 +10,7 @@ from cells import RIG, circles, found_in, measured, poses, table_of
 
 from analysis.diagnose.diagnose import _next_test, diagnose
 from analysis.diagnose.diagnosis import Diagnosis, Named, Rival
+from analysis.diagnose.look import looked
 from analysis.diagnose.runs import about
 from analysis.reading.laps import laps_of
 from analysis.reading.loading import Measured
@@ -178,9 +179,11 @@ def test_a_program_out_of_reach_costs_the_next_test_only() -> None:
     )
     one = Rival(JointOffset(axis=3, offset_deg=0.2), {}, 0.5)
     name = Named(JointOffset(axis=5, offset_deg=0.2), {}, 0.5, (one,), 100.0, "", 100.0, True, None)
-    test, doubts = _next_test(RIG.model_copy(update={"tests": far}), [name], circles(seed=36, count=1))
+    used = circles(seed=36, count=1)
+    look = looked(about(RIG, used)[0][0], lambda doing: None)
+    test, doubts = _next_test(RIG.model_copy(update={"tests": far}), [name], used, look)
     assert test is None and len(doubts) == 1
-    assert doubts[0].startswith("no further test could be tried on this rig file: ")
+    assert doubts[0].startswith("no further test could be tried on this rig file")
 
 
 def test_every_name_is_material_where_nothing_is_tolerated() -> None:

@@ -10,7 +10,7 @@ from cells import Array, healthy, no_background, white
 
 from analysis.diagnose.background import Known, Posterior
 from analysis.diagnose.blocks import Block
-from analysis.diagnose.freeforms import free_forms, strangest
+from analysis.diagnose.freeforms import FREE_PRICE, free_forms, strangest
 from analysis.diagnose.linear import Linear
 from rigs.effects import Backlash, JointOffset
 
@@ -53,9 +53,9 @@ def test_an_error_that_no_effect_describes_is_told_by_what_it_goes_with(words: s
     axis, off = ERRORS[words]
     added = linear.set_up(linear.by_joint(axis, off))[:, 0]
     left = white(linear, 1) + added * 30 / np.linalg.norm(added)
-    found = strangest(linear, _beside(linear, left))
-    assert found.words == words and found.gain > 4 * _SURE
-    beside = strangest(linear, _beside(linear, left, added[:, None]))
+    found = strangest(tuple(free_forms(linear)), _beside(linear, left))
+    assert found.form.words == words and found.gain > 4 * _SURE
+    beside = strangest(tuple(free_forms(linear)), _beside(linear, left, added[:, None]))
     assert beside.gain < _SURE, "what a name does is not done again"
 
 
@@ -68,10 +68,12 @@ def test_beside_names_and_a_background_a_form_gains_what_the_density_gains() -> 
     words = "an error of axis 4 that goes with its speed, whichever way it turns"
     added = linear.by_joint(4, ERRORS[words][1])[:, 0]
     y = np.random.default_rng(5).normal(size=len(free)) + added * 60 / np.linalg.norm(added)
-    found = strangest(linear, _beside(linear, y, free, other))
-    form = next(form for form in free_forms(linear) if form.words == found.words).columns
+    found = strangest(tuple(free_forms(linear)), _beside(linear, y, free, other))
+    form = next(form for form in free_forms(linear) if form.words == found.form.words).columns
     densities = [_log_density(y, C + s * form @ form.T) for s in 4.0 ** np.arange(-4, 11)]
-    assert found.gain == pytest.approx(max(densities) - _log_density(y, C), rel=1e-2) and found.gain > _SURE
+    assert (
+        found.gain == pytest.approx(max(densities) - _log_density(y, C) - FREE_PRICE, rel=1e-2) and found.gain > _SURE
+    )
 
 
 def _log_density(y: Array, C: Array) -> float:
@@ -88,8 +90,8 @@ def test_what_changes_with_time_is_told_by_the_gauge() -> None:
 
     added = linear.set_up(linear.by_gauge((0.0, 1.0), settles))[:, 0]
     left = white(linear, 2) + added * 30 / np.linalg.norm(added)
-    found = strangest(linear, _beside(linear, left))
-    assert found.words == "something that changes with time in gauge 2" and found.gain > 4 * _SURE
+    found = strangest(tuple(free_forms(linear)), _beside(linear, left))
+    assert found.form.words == "something that changes with time in gauge 2" and found.gain > 4 * _SURE
 
 
 def test_a_dent_is_told_as_of_the_ball() -> None:
@@ -102,11 +104,11 @@ def test_a_dent_is_told_as_of_the_ball() -> None:
 
     added = linear.set_up(linear.by_gauge((1.0, 1.0), dented))[:, 0]
     left = white(linear, 3) + added * 30 / np.linalg.norm(added)
-    found = strangest(linear, _beside(linear, left))
-    assert found.words == "something of the ball that goes with where the link is" and found.gain > 4 * _SURE
+    found = strangest(tuple(free_forms(linear)), _beside(linear, left))
+    assert found.form.words == "something of the ball that goes with where the link is" and found.gain > 4 * _SURE
 
 
 def test_noise_alone_has_no_form() -> None:
     linear = healthy()
-    gains = [strangest(linear, _beside(linear, white(linear, seed))).gain for seed in range(10)]
+    gains = [strangest(tuple(free_forms(linear)), _beside(linear, white(linear, seed))).gain for seed in range(10)]
     assert max(gains) < _SURE
