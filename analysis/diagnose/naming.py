@@ -211,7 +211,9 @@ class Naming:
             return changed
         known = state.freed | {one.form.words for one in state.strangers}
         stranger = strangest([form for form in self.free if form.words not in known], posterior)
-        if stranger.gain > _MARGIN * (self.evidence(changed) - self.evidence(state)):
+        # A fit may do worse than its straight line where it moves the set-up far; the next look begins there.
+        named = max(float(gain[k]), self.evidence(changed) - self.evidence(state))
+        if stranger.gain > _MARGIN * named:
             changed = replace(state, strangers=(*state.strangers, stranger))
         return self._fitted_again(changed)
 
