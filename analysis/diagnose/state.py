@@ -14,7 +14,7 @@ from analysis.kinematics.arm import Array
 from rigs.effect import PHASE, name_of
 from rigs.effects import Effect, healthy_size, size_field
 
-_FAULT = 5.0
+FAULT = 5.0
 """Healthy sizes from which on an effect is a fault (real-cells.md); fewer in an arm that shows less of everything."""
 _NEAR_ORDER = 1.15
 """Orders of one gear nearer than this are one wave."""
@@ -42,7 +42,7 @@ class State:
 
     def is_fault(self, place: int) -> bool:
         """Whether an effect is larger than healthy arms, and arms like this one, show of it."""
-        return abs(size_of(self.refined.effects[place])) > _FAULT * min(self.level, 1.0)
+        return abs(size_of(self.refined.effects[place])) > FAULT * min(self.level, 1.0)
 
 
 def size_of(effect: Effect) -> float:

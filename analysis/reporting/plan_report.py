@@ -19,13 +19,12 @@ from analysis.diagnose.parting import Parting
 from analysis.diagnose.plan import Pair, Plan
 from analysis.diagnose.planned import ASSUMED_JOINT_DEG, ASSUMED_UM
 from analysis.diagnose.sights import Sight
+from analysis.diagnose.state import FAULT
 from analysis.reporting.parameters import quantity_of
 from analysis.reporting.whole import whole
 from rigs.effect import name_of
 from rigs.effects import Effect, healthy_size, size_field
 
-FAULT = 5.0
-"""Healthy sizes from which on a diagnosis tells an effect as a fault."""
 _MOST = 3
 """Further tests told for one pair."""
 _MOST_PAIRS = 6
