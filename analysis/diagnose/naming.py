@@ -69,7 +69,17 @@ class Naming:
         return state
 
     def explained(self, state: State) -> State:
-        """With the effects that pay, and without those that do not."""
+        """With the effects that pay, and without those that do not; where a form without a name did better than the
+        best name, what comes of that is tried too, and the likelier of the two stands."""
+        named, doubted = self._searched(state, ())
+        if not doubted:
+            return named
+        other, _ = self._searched(doubted[0], None)
+        return max((named, other), key=self.evidence)
+
+    def _searched(self, state: State, doubted: tuple[State, ...] | None) -> tuple[State, tuple[State, ...]]:
+        """A search, and the first state in which something without a name did better than the best name, if any;
+        doubted None: that is taken then, and looked for again."""
         # Faults not named yet look like an arm that shows more of everything: names come first, then the level.
         for most in (1.0, MOST_LEVEL):
             state = replace(state, most=most)
@@ -84,9 +94,15 @@ class Naming:
                 )
                 if changed is None:
                     break
+                if isinstance(changed, tuple):
+                    changed, strange = changed
+                    if doubted is None:
+                        changed = strange
+                    elif not doubted:
+                        doubted = (strange,)
                 state = changed
         state = self._fitted_again(state)
-        return self._settled(state, self.posterior(state))
+        return self._settled(state, self.posterior(state)), doubted or ()
 
     def posterior(self, state: State) -> Posterior:
         """Of everything, in a state."""
@@ -197,8 +213,8 @@ class Naming:
         fault, alone, _ = posterior.gains(self.columns.forms, state.level)
         return fault + self._fault_price - self._among, alone - _HEALTHY_PRICE - self._among
 
-    def _grown(self, state: State, posterior: Posterior) -> State | None:
-        """With the effect that explains most, if one pays."""
+    def _grown(self, state: State, posterior: Posterior) -> State | tuple[State, State] | None:
+        """With the effect that explains most, if one pays; and, where a form without a name does better, with that."""
         if len(state.refined.effects) >= _DEPTH:
             return None
         gain = np.maximum(*self.gains(state, posterior))
@@ -213,9 +229,10 @@ class Naming:
         stranger = strangest([form for form in self.free if form.words not in known], posterior)
         # A fit may do worse than its straight line where it moves the set-up far; the next look begins there.
         named = max(float(gain[k]), self.evidence(changed) - self.evidence(state))
-        if stranger.gain > _MARGIN * named:
-            changed = replace(state, strangers=(*state.strangers, stranger))
-        return self._fitted_again(changed)
+        changed = self._fitted_again(changed)
+        if stranger.gain < _MARGIN * named:
+            return changed
+        return changed, self._fitted_again(replace(state, strangers=(*state.strangers, stranger)))
 
     def grown(self, state: State, posterior: Posterior, k: int) -> State:
         """With a form as an effect, fitted; the others move along the tangents that they had."""
