@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from analysis.diagnose.diagnosis import ODDS, Named, Remainder, Rival, Verdict
-from analysis.diagnose.freeforms import strangest
+from analysis.diagnose.freeforms import free_forms, strangest
 from analysis.diagnose.leftover import leftovers
 from analysis.diagnose.look import Look
 from analysis.diagnose.observed import Seen
@@ -91,7 +91,7 @@ def remainder_of(look: Look, limits: Array) -> tuple[Remainder, bool]:
 def _in_words(look: Look) -> str:
     first = leftovers(look.linear.blocks, look.posterior.left)[:1]
     where = [f"{one.test}{f' {one.direction}' * bool(one.direction)}, {one.part}: {one.words}" for one in first]
-    forms = [*look.state.strangers, strangest(look.naming.free, look.posterior)]
+    forms = [*look.state.strangers, strangest(tuple(free_forms(look.linear)), look.posterior)]
     seen = [f"it looks like {one.form.words}" for one in forms if one.gain > 0]
     return "; ".join([*where, seen[0] if seen else "it has no simple form"])
 
