@@ -57,8 +57,8 @@ class Naming:
         self._fault_price = float(np.log(_FAULTS / max(len(columns.among), 1)))
         self._among = np.log([form.among for form in columns.forms])
         self._surroundings = Surroundings(linear, columns)
-        # Over targets alone a free form follows the scatter: on the poses of a UR10 it took the place of names, and what
-        # it explained was no part of the model (0.317 mm left of poses held out, 0.141 with names alone).
+        # Over targets alone a free form follows the scatter: on poses of a UR10 it took the place of names, and what it
+        # explained was no part of the model (0.317 mm left of poses held out, 0.141 with names alone).
         self._free = tuple(free_forms(linear)) if any(block.sampling for block in linear.blocks) else ()
 
     def begun(self, effects: Sequence[Effect] = ()) -> State:
