@@ -184,13 +184,6 @@ class Posterior:
                 fault[wrong] = pick[wrong] = -np.inf
         return fault, pick, sigma
 
-    def gain_of_columns(self, columns: Array, level: float) -> float:
-        """Log evidence for columns (N, q) beside all else, their coefficients together one healthy size at a level."""
-        precision, eta = self.cavity(columns)
-        values, turn = np.linalg.eigh(precision)
-        seen = (turn.T @ eta) ** 2
-        return float(cavity_evidence(np.maximum(values, 0.0), seen, level**2 / len(eta)))
-
     def cavity(self, columns: Array) -> tuple[Array, Array]:
         """What the readings say of columns (N, q) beside all else: Λ (q, q) and η (q,)."""
         T, q = self.known_columns, self.known_columns.shape[1]

@@ -19,7 +19,7 @@ from analysis.diagnose.background import Background, Posterior, cavity_evidence,
 from analysis.diagnose.columns import LARGEST, Columns, Form
 from analysis.diagnose.freeforms import FREE_PRICE, free_forms, strangest
 from analysis.diagnose.linear import Linear
-from analysis.diagnose.refine import Refined, refine
+from analysis.diagnose.refine import nothing, refine
 from analysis.diagnose.state import State, is_same, order_of, size_of, started
 from analysis.diagnose.surroundings import MOST_LEVEL, Surroundings
 from analysis.kinematics.arm import Array
@@ -64,7 +64,7 @@ class Naming:
     def begun(self, effects: Sequence[Effect] = ()) -> State:
         """Some effects, fitted, in an arm of healthy level and noise as it was found."""
         strength, robust = np.ones(len(self.columns.count)), np.ones(len(self.linear.y))
-        bare = State(self._bare(effects), (-1,) * len(effects), 1.0, strength, robust)
+        bare = State(replace(nothing(self.linear), effects=tuple(effects)), (-1,) * len(effects), 1.0, strength, robust)
         state = replace(bare, refined=refine(self.linear, self.background(bare), effects))
         for _ in range(2):
             state = self._settled(state, self.posterior(state))
@@ -73,38 +73,32 @@ class Naming:
     def explained(self, state: State) -> State:
         """With the effects that pay, and without those that do not; where a form without a name did better than the
         best name, what comes of that is tried too, and the likelier of the two stands."""
-        named, doubted = self._searched(state, ())
-        if not doubted:
+        named, strange = self._searched(state, strange=False)
+        if strange is None:
             return named
-        other, _ = self._searched(doubted[0], None)
-        return max((named, other), key=self.evidence)
+        return max((named, self._searched(strange, strange=True)[0]), key=self.evidence)
 
-    def _searched(self, state: State, doubted: tuple[State, ...] | None) -> tuple[State, tuple[State, ...]]:
+    def _searched(self, state: State, *, strange: bool) -> tuple[State, State | None]:
         """A search, and the first state in which something without a name did better than the best name, if any;
-        doubted None: that is taken then, and looked for again."""
+        strange: whether that is taken then."""
+        doubted = None
         # Faults not named yet look like an arm that shows more of everything: names come first, then the level.
         for most in (1.0, MOST_LEVEL):
             state = replace(state, most=most)
             for _ in range(_ROUNDS):
                 posterior = self.posterior(state)
                 state = self._settled(state, posterior)
-                changed = (
-                    self._dropped(state, posterior, 0.0)
-                    or self._grown(state, posterior)
-                    or self._dropped(state, posterior, _SURE)
-                    or self._freed(state)
-                )
+                changed = self._dropped(state, posterior, 0.0)
+                if changed is None and (more := self._grown(state, posterior)):
+                    changed, unnamed = more
+                    doubted = doubted or unnamed
+                    changed = unnamed if strange and unnamed else changed
+                changed = changed or self._dropped(state, posterior, _SURE) or self._freed(state)
                 if changed is None:
                     break
-                if isinstance(changed, tuple):
-                    changed, strange = changed
-                    if doubted is None:
-                        changed = strange
-                    elif not doubted:
-                        doubted = (strange,)
                 state = changed
         state = self._fitted_again(state)
-        return self._settled(state, self.posterior(state)), doubted or ()
+        return self._settled(state, self.posterior(state)), doubted
 
     def posterior(self, state: State) -> Posterior:
         """Of everything, in a state."""
@@ -117,11 +111,6 @@ class Naming:
         seen = {form.name for form, one in zip(self.columns.forms, sigma, strict=True) if LARGEST * one > _SEEN}
         hidden = dict.fromkeys([*self.columns.not_seen, *(form.name for form in self.columns.forms)])
         return tuple(name for name in hidden if name not in seen | named)
-
-    def _bare(self, effects: Sequence[Effect]) -> Refined:
-        """Effects whose sizes nobody knows yet."""
-        none = np.empty((len(self.linear.y), 0))
-        return Refined(tuple(effects), (), np.empty(0), np.empty((0, 0)), self.linear.y, none, (), none)
 
     def background(self, state: State) -> Background:
         """All that is not fitted as an effect, in a state."""
@@ -215,7 +204,7 @@ class Naming:
         fault, alone, _ = posterior.gains(self.columns.forms, state.level)
         return fault + self._fault_price - self._among, alone - _HEALTHY_PRICE - self._among
 
-    def _grown(self, state: State, posterior: Posterior) -> State | tuple[State, State] | None:
+    def _grown(self, state: State, posterior: Posterior) -> tuple[State, State | None] | None:
         """With the effect that explains most, if one pays; and, where a form without a name does better, with that."""
         if len(state.refined.effects) >= _DEPTH:
             return None
@@ -226,17 +215,17 @@ class Naming:
             return None
         changed = self.grown(state, posterior, k)
         if gain[k] < _MUCH:
-            return changed
+            return changed, None
         known = state.freed | {one.form.words for one in state.strangers}
         forms = [form for form in self._free if form.words not in known]
         if not forms:
-            return self._fitted_again(changed)
+            return self._fitted_again(changed), None
         stranger = strangest(forms, posterior)
         # A fit may do worse than its straight line where it moves the set-up far; the next look begins there.
         named = max(float(gain[k]), self.evidence(changed) - self.evidence(state))
         changed = self._fitted_again(changed)
         if stranger.gain < _MARGIN * named:
-            return changed
+            return changed, None
         return changed, self._fitted_again(replace(state, strangers=(*state.strangers, stranger)))
 
     def grown(self, state: State, posterior: Posterior, k: int) -> State:

@@ -98,11 +98,12 @@ def refine(
     there, which costs a fraction and is off by how far they move; fit all once more where no more effects follow.
     free: columns (N, f), one standard deviation each, of what has no name and may take its part.
     """
-    before = fitted or _nothing(linear)
+    before = fitted or nothing(linear)
     return _Problem(linear, background, effects, before, before.free if free is None else free).solved(effects)
 
 
-def _nothing(linear: Linear) -> Refined:
+def nothing(linear: Linear) -> Refined:
+    """A fit of no effects."""
     none = np.empty((len(linear.y), 0))
     return Refined((), (), np.empty(0), np.empty((0, 0)), linear.y, none, (), none)
 

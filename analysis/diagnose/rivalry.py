@@ -38,16 +38,14 @@ def defended(naming: Naming, state: State) -> tuple[State, tuple[Rivalry, ...]]:
     An effect of healthy size, or that moves nothing, has no rivals: it is not reported as a fault.
     """
     swapped: set[int] = set()
-    for _ in range(_SWAPS):
+    rivalries: list[Rivalry] = []
+    for swaps_left in reversed(range(_SWAPS + 1)):
         rivalries = []
         for place in range(len(state.refined.effects)):
-            one = (
-                rivalry(naming, state, place)
-                if state.is_fault(place) and _moves(naming, state, place)
-                else Rivalry(1.0)
-            )
+            told = state.is_fault(place) and _moves(naming, state, place)
+            one = rivalry(naming, state, place) if told else Rivalry(1.0)
             rivalries.append(one)
-            if place not in swapped and one.rivals and one.rivals[0][1] > one.odds:
+            if swaps_left and place not in swapped and one.rivals and one.rivals[0][1] > one.odds:
                 other = naming.explained(one.rivals[0][0])
                 swapped.add(place)
                 if naming.evidence(other) > naming.evidence(state):
@@ -60,7 +58,7 @@ def defended(naming: Naming, state: State) -> tuple[State, tuple[Rivalry, ...]]:
 
 def _moves(naming: Naming, state: State, place: int) -> bool:
     """Whether an effect could be material at all."""
-    change = naming.without(state, place).refined.left - state.refined.left
+    change = naming.linear.left(state.refined.without(place).effects) - state.refined.left
     return bool((worth(naming.linear, change).um > LEAST_UM).any())
 
 
@@ -70,7 +68,8 @@ def rivalry(naming: Naming, state: State, place: int) -> Rivalry:
     rest = naming.without(state, place)
     bare, whole = naming.evidence(rest), naming.evidence(state)
     gain = whole - bare
-    beside = np.maximum(np.maximum(*naming.gains(state, naming.posterior(state))), 0.0)
+    here = naming.posterior(state)
+    beside = np.maximum(np.maximum(*naming.gains(state, here)), 0.0)
     alone = naming.posterior(rest)
     score = np.maximum(*naming.gains(rest, alone)) - beside
     rivals: list[tuple[State, float]] = []
@@ -84,11 +83,12 @@ def rivalry(naming: Naming, state: State, place: int) -> Rivalry:
         if name_of(tried.refined.effects[-1]) == name_of(effect):
             continue
         seen.add(name_of(tried.refined.effects[-1]))
-        own = naming.evidence(tried) - bare - float(beside[k])
+        instead = naming.evidence(tried) - bare
+        own = instead - float(beside[k])
         if own > gain - _DOUBT:
             # What explains as much beside the name explains something else.
-            both = naming.grown(state, naming.posterior(state), k)
-            own = naming.evidence(tried) - bare - max(naming.evidence(both) - whole, 0.0)
+            both = naming.grown(state, here, k)
+            own = instead - max(naming.evidence(both) - whole, 0.0)
         rivals.append((tried, own))
     rivals.sort(key=lambda one: -one[1])
     scores = np.array([gain, 0.0, *(own for _, own in rivals)])

@@ -116,11 +116,12 @@ def test_a_size_that_cannot_be_negative_is_no_fault_the_wrong_way() -> None:
         assert np.isfinite(posterior.gains((play,), 1.0)[0][0]) == is_seen
 
 
-def test_columns_beside_all_else_gain_what_the_density_gains() -> None:
-    pair, away = np.random.default_rng(9).normal(size=(N, 2)), Y - T @ MEAN
-    wider = _with_known(VARIANCE) + 2.0**2 / 2 * pair @ pair.T
-    dense = _log_density(away, wider) - _log_density(away, _with_known(VARIANCE))
-    assert _posterior().gain_of_columns(pair, 2.0) == pytest.approx(dense, abs=1e-6)
+def test_the_cavity_of_columns_beside_all_else_is_that_of_the_dense_covariance() -> None:
+    pair = np.random.default_rng(9).normal(size=(N, 2))
+    precision, eta = _posterior().cavity(pair)
+    dense = _with_known(VARIANCE)
+    np.testing.assert_allclose(precision, pair.T @ np.linalg.solve(dense, pair), rtol=1e-8)
+    np.testing.assert_allclose(eta, pair.T @ np.linalg.solve(dense, Y - T @ MEAN), rtol=1e-8)
 
 
 def test_the_size_of_a_form_as_a_fault() -> None:

@@ -12,7 +12,7 @@ from cells import Array, healthy, holding, shown_by, white
 from analysis.diagnose.candidates import candidates_for
 from analysis.diagnose.columns import Columns
 from analysis.diagnose.naming import Naming
-from analysis.diagnose.rivalry import rivalry
+from analysis.diagnose.rivalry import Rivalry, defended, rivalry
 from analysis.diagnose.state import State, is_alike, size_of, started
 from rigs.effect import name_of
 from rigs.effects import Backlash, Effect, JointOffset, TransmissionError
@@ -84,3 +84,25 @@ def test_two_coefficients_of_a_wave_are_its_size_and_phase() -> None:
     found = started((wave, wave), np.array([3.0, 4.0]))
     assert size_of(found) == pytest.approx(5.0)
     assert getattr(found, "phase_deg", 0.0) == pytest.approx(np.degrees(np.arctan2(4.0, 3.0)))
+
+
+def test_every_name_has_its_rivalry_however_often_rivals_take_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rivals that are always likelier: after the last swap each name is held against its rivals once more."""
+    naming = Naming(holding(healthy(), white(healthy(), 16)), _columns())
+    first = naming.begun((JointOffset(axis=2, offset_deg=0.2), JointOffset(axis=3, offset_deg=0.2)))
+    swaps: list[State] = []
+
+    def likelier(state: State) -> State:
+        swaps.append(replace(state, level=state.level / 2))
+        return swaps[-1]
+
+    monkeypatch.setattr("analysis.diagnose.rivalry._moves", lambda *_: True)
+    monkeypatch.setattr(
+        "analysis.diagnose.rivalry.rivalry", lambda naming, state, place: Rivalry(0.1, ((state, 0.9),), state.level)
+    )
+    monkeypatch.setattr(State, "is_fault", lambda *_: True)
+    monkeypatch.setattr(naming, "explained", likelier)
+    monkeypatch.setattr(naming, "evidence", lambda state: -state.level)
+    last, rivalries = defended(naming, first)
+    assert last is swaps[-1] and len(swaps) > 1
+    assert [one.nothing for one in rivalries] == [last.level] * 2
