@@ -32,6 +32,20 @@ def fault_sizes(level: float) -> Array:
 
 
 @dataclass(frozen=True)
+class Weighed:
+    """Values (N, k) in a background: weighted (N, k) by the noise, and half (p, k), which the columns take of them."""
+
+    values: Array
+    weighted: Array
+    half: Array
+
+    def products(self, other: Weighed) -> Array:
+        """values' C⁻¹ values of the other: (k, l) for (N, k) and (N, l)."""
+        found: Array = self.weighted.T @ other.values - self.half.T @ other.half
+        return found
+
+
+@dataclass(frozen=True)
 class Known:
     """Columns T (N, q) beside the background, with their prior precision (q, q) and prior means (q,), and what the
     model leaves r (N,) where they are all zero."""
@@ -67,31 +81,26 @@ class Background:
                 gram += (own[0] - 1) * products
         return gram
 
-    def projected(self, values: Array) -> Array:
-        """X'W values, (p, k) for values (N, k)."""
-        found: Array = self.columns.X.T @ (self.weight[:, None] * values)
-        return found
-
-    def halved(self, projected: Array) -> Array:
-        """L⁻¹ √V X'W values, (p, k), from X'W values."""
+    def weighed(self, values: Array) -> Weighed:
+        """Values (N, k) as C⁻¹ multiplies them."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
-        right = self._root[:, None] * projected
-        return np.asarray(solve_triangular(self._chol, right, lower=True, check_finite=False), dtype=float)
+        weighted = self.weight[:, None] * values
+        right = self._root[:, None] * (self.columns.X.T @ weighted)
+        half = solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
+        return Weighed(values, weighted, np.asarray(half, dtype=float))
 
-    def products(self, values: Array) -> Array:
-        """values' C⁻¹ values, (k, k) for values (N, k)."""
-        half = self.halved(self.projected(values))
-        found: Array = values.T @ (self.weight[:, None] * values) - half.T @ half
+    def taken(self, weighed: Weighed) -> Array:
+        """Coefficients (p, k) with which the columns take what they can of values."""
+        from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
+
+        back = solve_triangular(self._chol, weighed.half, lower=True, trans=1, check_finite=False)
+        found: Array = self._root[:, None] * back
         return found
 
-    def solved(self, values: Array) -> Array:
+    def solved(self, weighed: Weighed) -> Array:
         """C⁻¹ values, (N, k) for values (N, k)."""
-        from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
-
-        half = self.halved(self.projected(values))
-        back = solve_triangular(self._chol, half, lower=True, trans=1, check_finite=False)
-        found: Array = self.weight[:, None] * (values - self.columns.X @ (self._root[:, None] * back))
+        found: Array = weighed.weighted - self.weight[:, None] * (self.columns.X @ self.taken(weighed))
         return found
 
     @property
@@ -117,7 +126,8 @@ class Background:
     def evidence(self, known: Known) -> float:
         """Log density of the readings beside what is known, but for a constant."""
         q = len(known.mean)
-        products = self.products(np.column_stack([known.T, known.r]))
+        weighed = self.weighed(np.column_stack([known.T, known.r]))
+        products = weighed.products(weighed)
         normal = products[:q, :q] + known.precision
         right = products[:q, q] + known.precision @ known.mean
         cost = products[q, q] + known.mean @ known.precision @ known.mean - right @ np.linalg.solve(normal, right)
@@ -132,17 +142,13 @@ class Posterior:
     def __init__(self, background: Background, known: Known) -> None:
         self.background = background
         r, T, q = known.r, known.T, len(known.mean)
-        self.r, self.known_columns = r, T
-        values = np.column_stack([T, r])
-        projected = background.projected(values)
-        half = background.halved(projected)
-        products = values.T @ (background.weight[:, None] * values) - half.T @ half
+        weighed = self._weighed = background.weighed(np.column_stack([T, r]))
+        products = weighed.products(weighed)
         self.known_covariance = np.linalg.inv(products[:q, :q] + known.precision)
         self.known = self.known_covariance @ (products[:q, q] + known.precision @ known.mean)
-        A = background.covariance
-        B = A @ projected[:, :q]
-        self.mean = A @ projected[:, q] - B @ self.known
-        self.A = A + B @ self.known_covariance @ B.T
+        taken = background.taken(weighed)
+        self.mean = taken[:, q] - taken[:, :q] @ self.known
+        self.A = background.covariance + taken[:, :q] @ self.known_covariance @ taken[:, :q].T
         self.left = r - T @ self.known - background.columns.X @ self.mean
 
     @property
@@ -186,11 +192,11 @@ class Posterior:
 
     def cavity(self, columns: Array) -> tuple[Array, Array]:
         """What the readings say of columns (N, q) beside all else: Λ (q, q) and η (q,)."""
-        T, q = self.known_columns, self.known_columns.shape[1]
-        products = self.background.products(np.column_stack([T, columns, self.r - T @ self.known]))
-        across = products[:q, q:-1]
-        precision: Array = products[q:-1, q:-1] - across.T @ self.known_covariance @ across
-        return precision, products[q:-1, -1]
+        own = self.background.weighed(columns)
+        across = self._weighed.products(own)
+        known, left = across[:-1], across[-1] - self.known @ across[:-1]
+        precision: Array = own.products(own) - known.T @ self.known_covariance @ known
+        return precision, left
 
     def size(self, form: Form) -> Array:
         """The coefficients (q,) that a form would have as a fault, in healthy sizes."""

@@ -82,7 +82,8 @@ class Foresight:
         """Sigmas by which a name at its size is parted from another of any size; each one effect, or two where the
         phase is free."""
         T = self._at_size([*ones, *others])
-        H = T.T @ self._without((ones[0], others[0])).solved(T)
+        own = self._without((ones[0], others[0])).weighed(T)
+        H = own.products(own)
         q = len(ones)
         free = H[q:, q:] + np.diag([(size_of(other) / healthy_size(other) / LARGEST) ** 2 for other in others])
         stands_in = H[:q, q:] @ np.linalg.solve(free, H[q:, :q])

@@ -45,6 +45,8 @@ _MUCH = 50.0
 next is looked for."""
 _MARGIN = 1.2
 """By which what has no name must explain more than the best name: names in a first fit are not at their best."""
+_KEPT = 12
+"""Backgrounds that are kept, of some 8 MB each: about as many as a round of a search returns to."""
 _PLAY_STARTS = (0.5, 1.0, 1.9)
 """Widths, in those that a linear fit finds, from which the width of a play is fitted."""
 
@@ -57,6 +59,7 @@ class Naming:
         self._fault_price = float(np.log(_FAULTS / max(len(columns.among), 1)))
         self._among = np.log([form.among for form in columns.forms])
         self._surroundings = Surroundings(linear, columns)
+        self._backgrounds: dict[tuple[bytes, bytes], Background] = {}
         # Over targets alone a free form follows the scatter: on poses of a UR10 it took the place of names, and what it
         # explained was no part of the model (0.317 mm left of poses held out, 0.141 with names alone).
         self._free = tuple(free_forms(linear)) if any(block.sampling for block in linear.blocks) else ()
@@ -113,7 +116,8 @@ class Naming:
         return tuple(name for name in hidden if name not in seen | named)
 
     def background(self, state: State) -> Background:
-        """All that is not fitted as an effect, in a state."""
+        """All that is not fitted as an effect, in a state. The last few are kept: states that differ in what is fitted
+        of the same names share one."""
         columns = self.columns
         variance = columns.variance(state.level)
         fitted: dict[str, list[Effect]] = {}
@@ -122,7 +126,15 @@ class Naming:
         for form in columns.forms:
             if any(is_same(form, effect) for effect in fitted.get(form.name, ())):
                 variance[list(form.columns)] = 0.0
-        return Background(columns, state.robust / state.strength[columns.band], variance)
+        weight = state.robust / state.strength[columns.band]
+        key = (weight.tobytes(), variance.tobytes())
+        if key in self._backgrounds:
+            self._backgrounds[key] = self._backgrounds.pop(key)
+        else:
+            self._backgrounds[key] = Background(columns, weight, variance)
+            if len(self._backgrounds) > _KEPT:
+                del self._backgrounds[next(iter(self._backgrounds))]
+        return self._backgrounds[key]
 
     def _settled(self, state: State, posterior: Posterior) -> State:
         """Level, strengths and robust weights as likely as what is taken to be there makes them."""

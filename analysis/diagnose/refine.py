@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from analysis.diagnose.background import Background, Known
+from analysis.diagnose.background import Background, Known, Weighed
 from analysis.diagnose.columns import LARGEST
 from analysis.diagnose.forms import form_columns
 from analysis.diagnose.linear import Linear
@@ -108,6 +108,14 @@ def nothing(linear: Linear) -> Refined:
     return Refined((), (), np.empty(0), np.empty((0, 0)), linear.y, none, (), none)
 
 
+@dataclass(frozen=True)
+class _Against:
+    """Values in the background, and across (f, k): with what may stand beside the effects."""
+
+    weighed: Weighed
+    across: Array
+
+
 class _Problem:
     def __init__(
         self, linear: Linear, background: Background, effects: Sequence[Effect], fitted: Refined, free: Array
@@ -120,33 +128,27 @@ class _Problem:
         self.expected = np.array([u.expected for u in self.unknowns])
         self.spread = np.array([u.spread for u in self.unknowns])
         beside = np.concatenate([*self.beside, free], axis=1)
-        self._weighted_beside = background.solved(beside)
+        self._weighted_beside = background.solved(background.weighed(beside))
         own = beside.T @ self._weighted_beside
         own[np.diag_indices_from(own)] += 1.0
         self._inverse = np.linalg.inv(own)
-
-    def _products(self, values: Array) -> Array:
-        """values' (C + FF')⁻¹ values, F what may stand beside the effects: (k, k) for values (N, k)."""
-        across = self._weighted_beside.T @ values
-        found: Array = self.background.products(values) - across.T @ self._inverse @ across
-        return found
+        self._before = self._against(self.tangents)
 
     def solved(self, effects: Sequence[Effect]) -> Refined:
         """Levenberg's damping, within the bounds of what the parameters may be."""
         now: list[Any] = list(effects)
         x = np.array([float(getattr(now[u.effect], u.field)) for u in self.unknowns])
-        r = self.linear.left(now)
+        r = self._against(self.linear.left(now)[:, None])
         cost, damping = self._cost(r, x), 1e-4
         J = self._slopes(now)
+        H, fall = self._normal(J, r)
         for _ in range(_ROUNDS if len(x) else 0):
-            products = self._products(np.column_stack([J, r]))
-            H = products[:-1, :-1] + np.diag(1 / self.spread**2)
-            gradient = products[:-1, -1] - (x - self.expected) / self.spread**2
+            gradient = fall - (x - self.expected) / self.spread**2
             for _ in range(_TRIES):
                 step = np.linalg.solve(H + damping * np.diag(np.diag(H)), gradient)
                 tried = self._bounded(now, x + step)
                 there = self._with(now, tried)
-                there_r = self.linear.left(there)
+                there_r = self._against(self.linear.left(there)[:, None])
                 there_cost = self._cost(there_r, tried)
                 if there_cost < cost:
                     break
@@ -156,17 +158,36 @@ class _Problem:
             gained = cost - there_cost
             x, now, r, cost, damping = tried, there, there_r, there_cost, damping / 10
             J = self._slopes(now)
+            H, fall = self._normal(J, r)
             if gained < _ENOUGH:
                 break
-        H = self._products(J) + np.diag(1 / self.spread**2)
+        tangents = np.concatenate([self.tangents, J.weighed.values], axis=1)
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
-        return Refined(tuple(now), tuple(self.unknowns), x, covariance, r, J, self.beside, self.free)
+        return Refined(
+            tuple(now), tuple(self.unknowns), x, covariance, r.weighed.values[:, 0], tangents, self.beside, self.free
+        )  # fmt: skip
 
-    def _cost(self, r: Array, x: Array) -> float:
-        return float(self._products(r[:, None])[0, 0]) + float((((x - self.expected) / self.spread) ** 2).sum())
+    def _against(self, values: Array) -> _Against:
+        """Values (N, k) against the background and what may stand beside the effects."""
+        return _Against(self.background.weighed(values), self._weighted_beside.T @ values)
 
-    def _slopes(self, effects: Sequence[Any]) -> Array:
-        """Derivatives (N, q) of what effects add: one effect at a time, since they add."""
+    def _product(self, one: _Against, other: _Against) -> Array:
+        """one' (C + FF')⁻¹ other, F what may stand beside the effects: (k, l) for values (N, k) and (N, l)."""
+        return one.weighed.products(other.weighed) - one.across.T @ self._inverse @ other.across
+
+    def _normal(self, J: _Against, r: _Against) -> tuple[Array, Array]:
+        """Of Gauss-Newton, for what is fitted before and slopes J of what is new: the normal matrix (q, q) and how fast
+        the residual's cost falls with each unknown (q,)."""
+        cross = self._product(self._before, J)
+        H = np.block([[self._product(self._before, self._before), cross], [cross.T, self._product(J, J)]])
+        fall = np.concatenate([self._product(self._before, r), self._product(J, r)])[:, 0]
+        return H + np.diag(1 / self.spread**2), fall
+
+    def _cost(self, r: _Against, x: Array) -> float:
+        return float(self._product(r, r)[0, 0]) + float((((x - self.expected) / self.spread) ** 2).sum())
+
+    def _slopes(self, effects: Sequence[Any]) -> _Against:
+        """Derivatives (N, q) of what the effects that are new add: one effect at a time, since they add."""
         unknowns = self.unknowns[self.tangents.shape[1] :]
         steps = np.array([_step(effects[unknown.effect], unknown) for unknown in unknowns])
         changed = [
@@ -174,8 +195,7 @@ class _Problem:
             for u, step in zip(unknowns, steps, strict=True)
         ]
         base = self.linear.columns(effects[self.old :])[:, [u.effect - self.old for u in unknowns]]
-        slopes = (self.linear.columns(changed) - base) / steps
-        return np.concatenate([self.tangents, slopes], axis=1)
+        return self._against((self.linear.columns(changed) - base) / steps)
 
     def _bounded(self, effects: Sequence[Any], x: Array) -> Array:
         held = x.copy()

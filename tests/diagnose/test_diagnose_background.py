@@ -55,8 +55,8 @@ def _with_known(variance: Array) -> Array:
 
 
 def test_solving_and_determinant_are_those_of_the_dense_covariance() -> None:
-    np.testing.assert_allclose(BACKGROUND.solved(Y[:, None])[:, 0], np.linalg.solve(C, Y), atol=1e-9)
-    np.testing.assert_allclose(BACKGROUND.solved(T), np.linalg.solve(C, T), atol=1e-9)
+    np.testing.assert_allclose(BACKGROUND.solved(BACKGROUND.weighed(Y[:, None]))[:, 0], np.linalg.solve(C, Y), atol=1e-9)
+    np.testing.assert_allclose(BACKGROUND.solved(BACKGROUND.weighed(T)), np.linalg.solve(C, T), atol=1e-9)
     assert BACKGROUND.logdet == pytest.approx(np.linalg.slogdet(C)[1])
     dense = np.diag(VARIANCE) - np.diag(VARIANCE) @ X.T @ np.linalg.solve(C, X @ np.diag(VARIANCE))
     np.testing.assert_allclose(BACKGROUND.covariance, dense, atol=1e-9)
