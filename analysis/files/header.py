@@ -6,10 +6,10 @@ import difflib
 import re
 from collections import Counter
 
-from analysis.files.layout import LAYOUTS, TURN, WORDS, Layout
-from analysis.files.problems import Problem, TableFileError, quoted
+from analysis.files.table_problems import Problem, TableFileError, quoted
+from analysis.traces.table_layout import LAYOUTS, TURN, WORDS, Layout
 from rigs.errors import FileError
-from rigs.vocabulary import TestName
+from rigs.schema.vocabulary import TestName
 
 _OF_ANY = {name for layout in LAYOUTS.values() for name in layout.known}
 """A column that means something in another test is that, and no other one misspelt."""

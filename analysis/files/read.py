@@ -17,13 +17,13 @@ import pyarrow as pa
 
 from analysis.files.cells import Value, value
 from analysis.files.header import check_header
-from analysis.files.layout import COMMANDED, COUNTS, JOINTS, LAYOUTS, WORDS, JointSource
-from analysis.files.problems import Problem, TableFileError
 from analysis.files.sequence import check_sequence
+from analysis.files.table_problems import Problem, TableFileError
+from analysis.traces.table_layout import COMMANDED, COUNTS, JOINTS, LAYOUTS, WORDS, JointSource
 from daq.store.schema import ColumnType, table_schema
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 Row = tuple[int, list[str]]
 """Line on which a row begins, counted from 1, and its fields."""

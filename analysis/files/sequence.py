@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from analysis.files.cells import Value
-from analysis.files.layout import JOINTS, LAYOUTS
-from analysis.files.problems import Problem
+from analysis.files.table_problems import Problem
 from analysis.kinematics.arm import Array
-from analysis.tests.places import target_count
+from analysis.measures.rig_agreement import target_count
+from analysis.traces.table_layout import JOINTS, LAYOUTS
 from rigs.rig import Rig
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 _SPEED_FACTOR = 2.0
 """A joint that moves faster than this many times its rated speed …"""

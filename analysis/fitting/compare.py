@@ -11,17 +11,17 @@ from analysis.fitting.covered import beyond_effects
 from analysis.fitting.estimate import Fit, fit
 from analysis.fitting.placements import observed, parted
 from analysis.kinematics.arm import Array
+from analysis.measures.evaluate import Evaluated, evaluate
+from analysis.measures.link_angle import CircleResult
+from analysis.measures.radial import Radial
+from analysis.measures.reduction import PHI
+from analysis.measures.repeatability import Repeatability
+from analysis.measures.results import Result, result_of
+from analysis.measures.rig_agreement import hold_targets
 from analysis.model.predict import SetUp, model_of, path_of, predict
-from analysis.model.simulate import with_values
-from analysis.reading.loading import Measured
-from analysis.reading.tables import PoseTable
-from analysis.reporting.evaluate import Evaluated, evaluate
-from analysis.reporting.results import Result, result_of
-from analysis.tests.circle import CircleResult
-from analysis.tests.places import hold_targets
-from analysis.tests.radial import Radial
-from analysis.tests.reduction import PHI
-from analysis.tests.repeatability import Repeatability
+from analysis.simulation.simulate import with_values
+from analysis.traces.loading import Measured
+from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.geometry.circle import frame_of, reversals
+from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import arm_of
-from analysis.model.circle import frame_of, reversals
-from analysis.model.programs import circle_of
-from analysis.paper import targets as paper
-from analysis.paper.runs import Ball, Curve, circle, repeats, sphere, step
-from rigs.effect import is_play
+from analysis.paper import published as paper
+from analysis.paper.simulated_tests import Ball, Curve, circle, repeats, sphere, step
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.vocabulary import Direction
+from rigs.schema.effect import is_play
+from rigs.schema.vocabulary import Direction
 
 STEP_DEG = 6.0
 """A jump is looked for over this much of the lap: what Theta needs after a reversal to cross its play."""

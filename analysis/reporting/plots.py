@@ -10,16 +10,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from analysis.geometry.circle import Reversal, frame_of, reversals
+from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import arm_of
-from analysis.model.circle import Reversal, frame_of, reversals
-from analysis.model.programs import circle_of
-from analysis.reporting.results import Result
-from analysis.tests.circle import CircleResult
-from analysis.tests.curve import at_resolution
-from analysis.tests.pose import PoseResult
-from analysis.tests.radial import Radial
-from analysis.tests.reduction import PHI
-from analysis.tests.repeatability import Repeatability
+from analysis.measures.lap_curve import at_resolution
+from analysis.measures.link_angle import CircleResult
+from analysis.measures.pose import PoseResult
+from analysis.measures.radial import Radial
+from analysis.measures.reduction import PHI
+from analysis.measures.repeatability import Repeatability
+from analysis.measures.results import Result
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"

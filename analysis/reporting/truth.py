@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from analysis.reporting.results import Result
+from analysis.measures.results import Result
 from rigs.errors import FileError
 
 
