@@ -15,7 +15,7 @@ import pyarrow as pa
 
 from analysis.correction.corrected_targets import Corrected
 from analysis.files.cells import value
-from analysis.files.table_problems import Problem, TableFileError
+from analysis.files.table_problems import TableFileError, TableProblem
 from analysis.files.write import write_csv, write_new
 from analysis.kinematics.arm import Array
 from analysis.traces.table_layout import JOINTS, PLACE, TURN
@@ -64,7 +64,7 @@ def read_path(path: Path) -> TargetPath:
     if not rows:
         raise FileError(str(path), "has a header and no rows", "give the targets")
     problems = [
-        Problem(line, "", f"has {len(row)} fields, the header {len(names)}")
+        TableProblem(line, "", f"has {len(row)} fields, the header {len(names)}")
         for line, row in rows
         if len(row) != len(names)
     ]
@@ -75,7 +75,7 @@ def read_path(path: Path) -> TargetPath:
                 try:
                     values[k, column] = value(name, row[names.index(name)])
                 except ValueError as error:
-                    problems.append(Problem(line, name, str(error)))
+                    problems.append(TableProblem(line, name, str(error)))
     if problems:
         raise TableFileError(str(path), problems)
     columns = {name: [row[place] for _, row in rows] for place, name in enumerate(names)}

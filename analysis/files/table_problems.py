@@ -10,7 +10,7 @@ _SHOWN = 20
 
 
 @dataclass(frozen=True, order=True)
-class Problem:
+class TableProblem:
     """One mistake in a table: the line of the file, counted from 1, the column or "" for the whole row, the reason."""
 
     line: int
@@ -25,7 +25,7 @@ class Problem:
 class TableFileError(FileError):
     """A table with mistakes, all of them in `problems`, in order of lines."""
 
-    def __init__(self, path: str, problems: list[Problem], remedy: str = "mend the file") -> None:
+    def __init__(self, path: str, problems: list[TableProblem], remedy: str = "mend the file") -> None:
         self.problems = sorted(problems)
         shown = [str(problem) for problem in self.problems[:_SHOWN]]
         if len(self.problems) > _SHOWN:

@@ -13,9 +13,9 @@ from analysis.fitting.placements import observed, parted
 from analysis.kinematics.arm import Array
 from analysis.measures.evaluate import Evaluated, evaluate
 from analysis.measures.link_angle import CircleResult
-from analysis.measures.radial import Radial
+from analysis.measures.radial import RadialResult
 from analysis.measures.reduction import PHI
-from analysis.measures.repeatability import Repeatability
+from analysis.measures.repeatability import RepeatabilityResult
 from analysis.measures.results import Result, result_of
 from analysis.measures.rig_agreement import hold_targets
 from analysis.model.predict import SetUp, model_of, path_of, predict
@@ -90,10 +90,10 @@ def curve(found: Evaluated) -> tuple[Array, Array, str]:
     match found:
         case CircleResult():
             return np.degrees(PHI), np.degrees(found.residual), "deg"
-        case Radial():
+        case RadialResult():
             deviation = np.linalg.norm(found.points - found.free.centre, axis=1) - found.free.radius
             return found.cells.target.astype(float), deviation, "mm"
-        case Repeatability():
+        case RepeatabilityResult():
             mean = np.nanmean(found.readings_mm, axis=2)
             return np.arange(mean.size, dtype=float), mean.ravel(), "mm"
     raise TypeError("poses have no gauges to compare")

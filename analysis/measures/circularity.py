@@ -19,7 +19,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.measures.checks import hold_alive, hold_radius
-from analysis.measures.lap_curve import SEED, Curve, at_resolution, curve_of, figures
+from analysis.measures.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
 from analysis.measures.quantity import Quantity
 from analysis.measures.reduction import PHI, Reduced, nodes_of
 from analysis.noise.spectrum import DRAWS, NODES, LapNoise
@@ -36,7 +36,7 @@ class Circularity:
     ball_mm (2,): of the least-squares circle, along u and v."""
 
     deviation_mm: Array
-    curve: Curve
+    curve: LapCurve
     ball_mm: Array
     figures: dict[str, Quantity]
 

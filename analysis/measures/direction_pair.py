@@ -20,7 +20,7 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.measures.circularity import circle_at, fit_circle
 from analysis.measures.lag import lag_of
-from analysis.measures.lap_curve import SEED, Curve, at_resolution, calmed, figures
+from analysis.measures.lap_curve import SEED, LapCurve, at_resolution, calmed, figures
 from analysis.measures.largest import largest
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.quantity import Quantity
@@ -40,14 +40,14 @@ joint, leaves much of itself in the higher orders."""
 
 
 @dataclass(frozen=True)
-class Pair:
+class DirectionPair:
     """What differs between the directions, by name; lag: of the gauges behind the robot, ms, told and not applied."""
 
     figures: dict[str, Quantity]
     lag: Quantity
 
 
-def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Pair:
+def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> DirectionPair:
     """figures of acw - cw at the same phi: hysteresis_mean_deg with its sign, hysteresis_max_deg without and
     hysteresis_max_at_deg where; of the distance hysteresis_mean_mm, hysteresis_max_mm (H) and
     circular_deviation_mm (G(b)). Maxima are noise-corrected. Raises FileError where it is no pair."""
@@ -67,10 +67,12 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Pa
     found = figures(lambda y: figures_at(y, radius), curves, drawn, samples, RANGES, calm)
     found |= _largest(curves, drawn([curve.y for curve in curves]), samples, found["hysteresis_mean_deg"].noise)
     lag = lag_of([(curves[0], curves[1]), (curves[2], curves[3])], [radius, 1.0], samples)
-    return Pair(found, lag)
+    return DirectionPair(found, lag)
 
 
-def _largest(curves: Sequence[Curve], draws: Sequence[Array], samples: int, noise: NoiseSource) -> dict[str, Quantity]:
+def _largest(
+    curves: Sequence[LapCurve], draws: Sequence[Array], samples: int, noise: NoiseSource
+) -> dict[str, Quantity]:
     """The largest hysteresis of angle and distance, and the place of that of the angle, of curves and their draws
     (DRAWS, NODES) in the order of figures_at."""
     found = []
@@ -82,7 +84,7 @@ def _largest(curves: Sequence[Curve], draws: Sequence[Array], samples: int, nois
     return dict(zip(("hysteresis_max_deg", "hysteresis_max_at_deg", "hysteresis_max_mm"), found, strict=False))
 
 
-def _calm(acw: Curve, cw: Curve) -> tuple[Array, Array]:
+def _calm(acw: LapCurve, cw: LapCurve) -> tuple[Array, Array]:
     """Both curves (NODES,) with the noise reduced of their mean and of their difference, which is small beside them."""
     power = acw.power + cw.power
     mean, half = calmed((acw.y + cw.y) / 2, power / 4), calmed((acw.y - cw.y) / 2, power / 4)

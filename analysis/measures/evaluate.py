@@ -8,8 +8,8 @@ from analysis.kinematics.arm import arm_of
 from analysis.measures import pose, radial, repeatability, roll, yaw
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.pose import PoseResult
-from analysis.measures.radial import Radial
-from analysis.measures.repeatability import Repeatability
+from analysis.measures.radial import RadialResult
+from analysis.measures.repeatability import RepeatabilityResult
 from analysis.measures.rig_agreement import hold_targets
 from analysis.noise.spectrum import LapNoise
 from analysis.traces.laps import laps_of
@@ -17,7 +17,7 @@ from analysis.traces.tables import CircleTable, PoseTable, RadialTable, Repeatab
 from rigs.errors import FileError
 from rigs.rig import Rig
 
-Evaluated = CircleResult | Radial | Repeatability | PoseResult
+Evaluated = CircleResult | RadialResult | RepeatabilityResult | PoseResult
 
 TRACKER_U_MM = 0.02
 """Standard uncertainty of one coordinate of a laser tracker at some metres, where a table says nothing of it."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
-from analysis.measures.lap_curve import Curve
+from analysis.measures.lap_curve import LapCurve
 from analysis.measures.quantity import Quantity
 from analysis.noise.cell import BALL_MM, JOINT_DEG
 from analysis.noise.spectrum import NODES
@@ -40,7 +40,7 @@ class _Evidence:
     noise: Array
 
 
-def lag_of(pairs: Sequence[tuple[Curve, Curve]], radii_mm: Sequence[float], samples: int) -> Quantity:
+def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float], samples: int) -> Quantity:
     """The lag in ms, from curves of an acw and a cw run; several kinds (angle, distance) together tell more.
 
     radii_mm: of each kind, what turns a move of the ball into its unit: 1 for a distance, the circle's for an angle.
@@ -59,7 +59,7 @@ def lag_of(pairs: Sequence[tuple[Curve, Curve]], radii_mm: Sequence[float], samp
     return Quantity(1e3 * value_s, 1e3 * u_s, "ms", samples)
 
 
-def _evidence(acw: Curve, cw: Curve, moved: float) -> _Evidence:
+def _evidence(acw: LapCurve, cw: LapCurve, moved: float) -> _Evidence:
     there, back = _harmonics(acw.y), _harmonics(cw.y)
     speed = abs(acw.rate) + abs(cw.rate)
     noise = (moved / _HARMONICS) ** 2 + sum(np.mean(np.abs(_harmonics(c.errors)) ** 2, axis=0) / 2 for c in (acw, cw))

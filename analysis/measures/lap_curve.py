@@ -44,7 +44,7 @@ Plain = Callable[[Array], Mapping[str, Array]]
 
 
 @dataclass(frozen=True)
-class Curve:
+class LapCurve:
     """A curve y (NODES,) over PHI, and errors (DRAWS, NODES) that noise may have put into it; power (NODES // 2 + 1,):
     likely mean square of these in each order; laps (L, NODES) that y is the mean of; drift: of a lap; rate: rad/s of
     phi; blur: of a row's place, rad; slips: steps of the level between laps, taken out."""
@@ -73,7 +73,7 @@ class Curve:
 
 def curve_of(
     run: Reduced, values: Callable[[Array], Array], per_mm: float, channel: int = 0, like: LapNoise | None = None
-) -> Curve:
+) -> LapCurve:
     """The curve of `values`, which makes (...,) of readings (..., k) mm, and per_mm of a gauge's noise; like: the noise
     of another run of the cell, where this one has a single lap."""
     # The draws of two directions, and of angle and distance, have nothing to do with each other.
@@ -104,7 +104,7 @@ def curve_of(
     errors += _where_laps_differ(laps, rng)
     place = np.argsort(run.order)
     likely = np.exp(np.log(power).mean(axis=0))
-    return Curve(
+    return LapCurve(
         laps.mean(axis=0)[place],
         errors[:, place],
         likely,
@@ -125,7 +125,7 @@ def at_resolution(y: Array) -> Array:
 
 def figures(
     plain: Plain,
-    curves: Sequence[Curve],
+    curves: Sequence[LapCurve],
     drawn: Callable[[Sequence[Array]], Sequence[Array]],
     samples: int,
     ranges: frozenset[str],

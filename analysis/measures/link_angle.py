@@ -16,7 +16,7 @@ from analysis.kinematics.arm import Array
 from analysis.measures.checks import hold_alive, hold_numbers, hold_radius
 from analysis.measures.circularity import Circularity
 from analysis.measures.circularity import evaluate as evaluate_distance
-from analysis.measures.lap_curve import SEED, Curve, at_resolution, curve_of, figures
+from analysis.measures.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
 from analysis.measures.quantity import Quantity
 from analysis.measures.reduction import PHI, nodes_of, reduced
 from analysis.noise.spectrum import DRAWS, NODES, LapNoise
@@ -82,7 +82,7 @@ class CircleResult:
     figures: dict[str, Quantity]
     samples: int
     notes: tuple[str, ...]
-    curve: Curve
+    curve: LapCurve
     distance: Circularity
     u_lag_s: float
     u_scale: float
@@ -139,7 +139,7 @@ class AngleTest:
         return {name: float(value) for name, value in self.figures_at(nodes_of(phi, y), radius_mm).items()}
 
 
-def _about_noise(curve: Curve) -> tuple[str, ...]:
+def _about_noise(curve: LapCurve) -> tuple[str, ...]:
     """Where the noise is not from laps of this run, and what happened between its laps, in words."""
     if curve.slips:
         sizes = ", ".join(f"{np.degrees(slip):+.4f}°" for slip in curve.slips)

@@ -16,7 +16,7 @@ from analysis.kinematics.arm import Array
 from analysis.measures.direction_pair import pair
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.quantity import Quantity
-from analysis.measures.radial import Radial
+from analysis.measures.radial import RadialResult
 from analysis.measures.results import Result
 from analysis.noise.cell import BALL_MM, JOINT_DEG
 from rigs.errors import FileError
@@ -40,7 +40,7 @@ _ANYWHERE_DEG = 180.0 / math.sqrt(3)
 
 
 @dataclass(frozen=True)
-class Between:
+class BetweenRuns:
     """A figure over runs: mean, its standard uncertainty, and the standard deviation between the runs."""
 
     mean: Quantity
@@ -63,7 +63,7 @@ class Pooled:
     title: str
     runs: tuple[Result, ...]
     left_out: tuple[tuple[Result, str], ...]
-    figures: dict[str, Between]
+    figures: dict[str, BetweenRuns]
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class Pairs:
     not."""
 
     runs: tuple[tuple[Result, Result], ...]
-    figures: dict[str, Quantity | Between]
+    figures: dict[str, Quantity | BetweenRuns]
     lag: Quantity | None
     refused: tuple[str, ...]
 
@@ -89,14 +89,14 @@ def pooled(group: Sequence[Result]) -> list[Pooled]:
     return found
 
 
-def between(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, Between]:
+def between(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
     """Figures that all runs have, over the runs. The u of a mean is never below the least u of a run, part of which,
     the gauges' time and baseline, all runs share."""
     names = [name for name in runs[0] if all(name in run for run in runs)]
     return {name: _between(name, [run[name] for run in runs]) for name in names}
 
 
-def _between(name: str, figures: Sequence[Quantity]) -> Between:
+def _between(name: str, figures: Sequence[Quantity]) -> BetweenRuns:
     values = np.array([figure.value for figure in figures])
     if name.endswith(("_at_deg", "shift_deg")):
         values = values[0] + (values - values[0] + 180.0) % 360.0 - 180.0
@@ -109,7 +109,7 @@ def _between(name: str, figures: Sequence[Quantity]) -> Between:
         middle, u = middle % 360.0, min(u, _ANYWHERE_DEG)
     source = max((figure.noise for figure in figures), key=("measured", "borrowed", "assumed").index)
     samples = sum(figure.samples for figure in figures)
-    return Between(Quantity(middle, u, figures[0].unit, samples, source), sd, count)
+    return BetweenRuns(Quantity(middle, u, figures[0].unit, samples, source), sd, count)
 
 
 def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, str]]]:
@@ -146,7 +146,7 @@ def _ball_mm(run: Result) -> Array | None:
     match run.found:
         case CircleResult():
             return run.found.distance.ball_mm
-        case Radial():
+        case RadialResult():
             return run.found.free.centre
     return None
 
@@ -172,7 +172,7 @@ def pairs_of(group: Sequence[Result]) -> Pairs | None:
     if not found:
         return Pairs((), {}, None, tuple(refused))
     several = len(found) > 1
-    figures: dict[str, Quantity | Between] = {
+    figures: dict[str, Quantity | BetweenRuns] = {
         **(between([one.figures for one in found]) if several else found[0].figures)
     }
     lag = between([{"lag_ms": one.lag} for one in found])["lag_ms"].mean if several else found[0].lag

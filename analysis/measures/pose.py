@@ -43,7 +43,7 @@ _BLIND = 1e-3
 
 
 @dataclass(frozen=True)
-class Setup:
+class PoseSetUp:
     """T_world_base and T_flange_tool (4, 4), fitted; the world is the tracker's."""
 
     T_world_base: Array
@@ -57,7 +57,7 @@ class PoseResult:
     """position_mm (n, 3), rotation (n, 3) rad or None: measured less fitted, in the arm's base; group (n,): number of
     the group of visits, from 0."""
 
-    setup: Setup
+    setup: PoseSetUp
     position_mm: Array
     rotation: Array | None
     group: NDArray[np.int64]
@@ -112,7 +112,7 @@ def evaluate(
     return PoseResult(setup, position, rotation, group, figures, len(T), _blind(setup) + tuple(notes))
 
 
-def fit_setup(T: Array, xyz_mm: Array) -> Setup:
+def fit_setup(T: Array, xyz_mm: Array) -> PoseSetUp:
     """Base and tool that bring the flanges T (n, 4, 4) of the bare arm to the places xyz_mm (n, 3)."""
     from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, needed here only
     from scipy.spatial.transform import Rotation  # noqa: PLC0415
@@ -131,7 +131,7 @@ def fit_setup(T: Array, xyz_mm: Array) -> Setup:
 
     found = least_squares(misfit, np.zeros(9), method="lm", xtol=1e-12, ftol=1e-12)
     base, origin, tool = parts(found.x)
-    return Setup(_frame(base, origin), _frame(np.eye(3), tool), np.asarray(found.jac))
+    return PoseSetUp(_frame(base, origin), _frame(np.eye(3), tool), np.asarray(found.jac))
 
 
 def groups(q: Array, same_rad: float) -> NDArray[np.int64]:
@@ -165,7 +165,7 @@ def _noise(
     return dataclasses.replace(scatter, sd_mm=scatter.sd_mm[:, place]).again(rng, (3,))
 
 
-def _position_figures(position: Array, setup: Setup, noise_mm: Array) -> dict[str, Quantity]:
+def _position_figures(position: Array, setup: PoseSetUp, noise_mm: Array) -> dict[str, Quantity]:
     basis, s, _ = np.linalg.svd(setup.design, full_matrices=False)
     basis = basis[:, s > 1e-9 * s[0]]
     noise = noise_mm.reshape(len(noise_mm), -1)
@@ -239,14 +239,14 @@ def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -
     return x
 
 
-def _position_error(T: Array, xyz_mm: Array, setup: Setup) -> Array:
+def _position_error(T: Array, xyz_mm: Array, setup: PoseSetUp) -> Array:
     base = setup.T_world_base
     tool = T[:, :3, 3] + T[:, :3, :3] @ setup.T_flange_tool[:3, 3]
     error: Array = (xyz_mm - base[:3, 3]) @ base[:3, :3] - tool
     return error
 
 
-def _orientation(T: Array, rpy: Array, setup: Setup) -> tuple[Setup, Array]:
+def _orientation(T: Array, rpy: Array, setup: PoseSetUp) -> tuple[PoseSetUp, Array]:
     """The set-up with the tool's orientation, and the rotation vectors (n, 3) rad that are left, in the arm's base."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
@@ -272,7 +272,7 @@ def _frame(R: Array, origin: Array) -> Array:
     return T
 
 
-def _blind(setup: Setup) -> tuple[str, ...]:
+def _blind(setup: PoseSetUp) -> tuple[str, ...]:
     s = np.linalg.svd(setup.design / np.linalg.norm(setup.design, axis=0), compute_uv=False)
     if s[-1] > _BLIND * s[0]:
         return ()

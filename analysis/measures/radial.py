@@ -76,7 +76,7 @@ class Cells:
 
 
 @dataclass(frozen=True)
-class Radial:
+class RadialResult:
     """cells: of all targets; spread_mm (t,) of each; used (t,): False where left out; points (t, 3) mm from
     the ball; free: the sphere through the used points; scatter: of the visits, None where the readings are exact."""
 
@@ -98,7 +98,7 @@ def evaluate(
     where: str = "the radial run",
     expected: Collection[int] = (),
     orientations: int = 1,
-) -> Radial:
+) -> RadialResult:
     """radius_mm: nominal; u_mm: standard uncertainty of one gauge reading beside the step that the readings show, 0 for
     readings that are exact (simulated ones); expected: numbers of the targets that were to be measured; orientations:
     how many there were to be of each.
@@ -137,7 +137,7 @@ def evaluate(
     )
     spread = np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1)
     samples = int(np.isfinite(used.g_mm).sum())
-    return Radial(cells, spread, ~far, points, free, scatter, figures, samples, notes)
+    return RadialResult(cells, spread, ~far, points, free, scatter, figures, samples, notes)
 
 
 def _figures(cells: Cells, best: Array, free: Sphere, scatter: Scatter | None, radius_mm: float) -> dict[str, Quantity]:

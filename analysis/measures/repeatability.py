@@ -27,7 +27,7 @@ SIDES = ("out", "in")
 
 
 @dataclass(frozen=True)
-class Repeatability:
+class RepeatabilityResult:
     """targets (t,); readings_mm (t, 2, n) of the sides out and in, in order of time, NaN where there is none."""
 
     targets: Integers
@@ -37,7 +37,7 @@ class Repeatability:
     notes: tuple[str, ...]
 
 
-def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatability run") -> Repeatability:
+def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatability run") -> RepeatabilityResult:
     """u_mm: standard uncertainty of one gauge reading beside the step that the readings show, 0 for readings that are
     exact (simulated ones).
 
@@ -50,7 +50,7 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
     scatter = scatter_of(x, u_mm, step_mm=step_of_stops(table.g_mm)) if u_mm > 0 else None
     figures = of_scatter(plain_figures, x, scatter) if scatter else exact(plain_figures, x)
     notes += _few(x) + assumed(scatter) + coarse(scatter)
-    return Repeatability(targets, x, figures, int(np.isfinite(x).sum()), notes)
+    return RepeatabilityResult(targets, x, figures, int(np.isfinite(x).sum()), notes)
 
 
 def plain_figures(x: Array) -> dict[str, Array]:

@@ -33,7 +33,7 @@ SEEDS = 100
 
 
 @dataclass(frozen=True)
-class Curve:
+class SimulatedLap:
     """A lap in order of phi. phi (n,) rad, 0 … 2 pi; angle, residual (n,) rad: before and after the least-squares
     sine; figures: the plain ones of its test."""
 
@@ -44,7 +44,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Ball:
+class FittedSphere:
     """A least-squares sphere. radius, band mm; centre (3,) mm from the base-ball, in the hemisphere's frame."""
 
     radius_mm: float
@@ -57,14 +57,14 @@ class Ball:
         return float(np.linalg.norm(self.centre_mm))
 
 
-def circle(rig: Rig, test: str, direction: Direction, effects: Sequence[Effect]) -> Curve:
+def circle(rig: Rig, test: str, direction: Direction, effects: Sequence[Effect]) -> SimulatedLap:
     """Yaw or roll of one lap. Raises FileError where the robot cannot drive it."""
     table = simulate(rig, "yaw" if test == "yaw" else "roll", direction, None, effects)
     assert isinstance(table, CircleTable)  # noqa: S101 - by the test's name
     return curve_of(table, rig)
 
 
-def curve_of(table: CircleTable, rig: Rig) -> Curve:
+def curve_of(table: CircleTable, rig: Rig) -> SimulatedLap:
     """The curve of a circle table."""
     lap = laps_of(table, rig, rig.name).first
     phi = lap.phi % (2 * np.pi)
@@ -72,22 +72,22 @@ def curve_of(table: CircleTable, rig: Rig) -> Curve:
     y = angle(lap.g_mm[:, 0], lap.g_mm[:, 1], rig.gauges.baseline_mm)[order]
     phi = phi[order]
     plain = yaw.plain_figures if table.test == "yaw" else roll.plain_figures
-    return Curve(phi, y, y - fit_sine(phi, y)(phi), plain(phi, y, lap.frame.radius))
+    return SimulatedLap(phi, y, y - fit_sine(phi, y)(phi), plain(phi, y, lap.frame.radius))
 
 
-def step(curve: Curve, at_deg: float, span_deg: float) -> float:
+def step(curve: SimulatedLap, at_deg: float, span_deg: float) -> float:
     """Change of the residual, degrees, from circle angle `at_deg` over `span_deg` (negative for cw)."""
     ends = np.radians([at_deg, at_deg + span_deg]) % (2 * np.pi)
     before, after = np.interp(ends, curve.phi, curve.residual, period=2 * np.pi)
     return float(np.degrees(after - before))
 
 
-def sphere(rig: Rig, effects: Sequence[Effect]) -> Ball:
+def sphere(rig: Rig, effects: Sequence[Effect]) -> FittedSphere:
     """The radial test. Raises FileError where the robot cannot reach a target."""
     table = simulate(rig, "radial", None, None, effects)
     assert isinstance(table, RadialTable)  # noqa: S101 - by the test's name
     found = radial.evaluate(table, hemisphere_of(rig).radius_mm, 0.0, rig.name)
-    return Ball(found.free.radius, float(np.ptp(found.free.residual)), found.free.centre)
+    return FittedSphere(found.free.radius, float(np.ptp(found.free.residual)), found.free.centre)
 
 
 def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str, Array]:

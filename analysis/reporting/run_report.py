@@ -14,12 +14,12 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.measures.link_angle import CircleResult
-from analysis.measures.pooled import ONE_RUN, Between, Pairs, Pooled, pairs_of, pooled
+from analysis.measures.pooled import ONE_RUN, BetweenRuns, Pairs, Pooled, pairs_of, pooled
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, by_test
 from analysis.reporting.for_json import for_json
 from analysis.reporting.labels import LEADING, in_order, label
-from analysis.reporting.truth import Comparison, all_agree, verdict
+from analysis.reporting.truth import TruthComparison, all_agree, verdict
 from analysis.reporting.wide_tables import whole
 from rigs.errors import FileError
 
@@ -29,7 +29,7 @@ class _Abreast:
     """Runs of one test side by side, as many as the screen holds without breaking a number."""
 
     results: Sequence[Result]
-    known: dict[int, dict[str, Comparison]]
+    known: dict[int, dict[str, TruthComparison]]
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         boundless = console.options.update(max_width=10_000)
@@ -43,7 +43,7 @@ class _Abreast:
 
 
 def as_tables(
-    results: Sequence[Result], truths: Sequence[dict[str, Comparison]] = (), *, each: bool = False
+    results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = (), *, each: bool = False
 ) -> RenderableType:
     """A rich table for each test, the truth below a figure where it is known, doubts last.
 
@@ -95,7 +95,7 @@ def _means(repeated: Sequence[Pooled]) -> Table:
     return whole(table)
 
 
-def _mean_cell(figure: Between) -> str:
+def _mean_cell(figure: BetweenRuns) -> str:
     return f"{figure.mean}\n[dim]sd {figure.in_sd} {figure.mean.sign}[/dim]"
 
 
@@ -129,7 +129,7 @@ def _of_lag(lag: Quantity, rate: float) -> str:
     )
 
 
-def _table(group: Sequence[Result], known: dict[int, dict[str, Comparison]]) -> Table:
+def _table(group: Sequence[Result], known: dict[int, dict[str, TruthComparison]]) -> Table:
     title = f"{group[0].measured.rig.name} · value ± standard uncertainty"
     table = Table(title=title, title_style="dim", header_style="bold")
     table.add_column("")
@@ -150,7 +150,7 @@ def _lags(group: Sequence[Result]) -> list[str]:
     return [f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group] if known else []
 
 
-def _cell(result: Result, name: str, truth: dict[str, Comparison]) -> str:
+def _cell(result: Result, name: str, truth: dict[str, TruthComparison]) -> str:
     figure = result.figures.get(name)
     if figure is None:
         return ""
@@ -161,7 +161,7 @@ def _cell(result: Result, name: str, truth: dict[str, Comparison]) -> str:
     return f"{figure}\n[{colour}]truth {figure.rounded(known.truth)} ({known.deviation_u:+.1f}u)[/{colour}]"
 
 
-def as_object(results: Sequence[Result], truths: Sequence[dict[str, Comparison]] = ()) -> dict[str, Any]:
+def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = ()) -> dict[str, Any]:
     """The same for scripts; angles in degrees, lengths in mm, u the standard uncertainty, null where nobody knows."""
     runs = [_run_object(result) for result in results]
     for run, truth in zip(runs, truths, strict=False):
@@ -191,7 +191,7 @@ def _pooled_object(one: Pooled) -> dict[str, Any]:
     }
 
 
-def _between_object(figure: Between | Quantity) -> dict[str, Any]:
+def _between_object(figure: BetweenRuns | Quantity) -> dict[str, Any]:
     if isinstance(figure, Quantity):
         return asdict(figure)
     return asdict(figure.mean) | {"sd_between_runs": figure.sd, "runs": figure.runs}

@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.traces.lower_hull import Mask
-from analysis.traces.own_clock import Fitted, through_clock
+from analysis.traces.own_clock import FittedClock, through_clock
 from analysis.traces.own_cycle import anywhere_in_a_cycle, through_cycle
 from analysis.traces.steady_pace import through_pace
 from analysis.traces.value_changes import changes, repeats
@@ -197,7 +197,7 @@ def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
     return Instants(set_out - timer_ns / 2, u_s, own_u_s, held=timer_ns > 0)
 
 
-def _listened(fitted: Fitted, before_ns: float) -> Instants:
+def _listened(fitted: FittedClock, before_ns: float) -> Instants:
     """What is latched at some time in so many ns before the times fitted."""
     u_s = math.hypot(before_ns / math.sqrt(3) / 1e9, fitted.shared_u_s)
     return Instants(fitted.ns, u_s, fitted.u_s, fitted.restarts, fitted.wrong, wanders_s=fitted.wanders_s)
@@ -231,7 +231,7 @@ def _timer_ns(arrived_ns: Array) -> float:
     return float(timers[in_step & uneven].max(initial=0.0))
 
 
-def _by_any_clock(device_s: Array, host_ns: Array) -> Fitted:
+def _by_any_clock(device_s: Array, host_ns: Array) -> FittedClock:
     return through_clock(device_s, host_ns) if np.isfinite(device_s).all() else through_pace(host_ns)
 
 

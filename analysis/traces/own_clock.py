@@ -33,7 +33,7 @@ _AROUND = 8
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedClock:
     """Host times (n,) ns of an instrument's stamps; u_s (n,): of those alone that its clock does not tell.
 
     restarts: how often the clock began anew; wrong: how many stamps were left out. wanders_s: by how much the lateness
@@ -48,11 +48,11 @@ class Fitted:
     shared_u_s: float = 0.0
 
 
-def through_clock(device_s: Array, host_ns: Array) -> Fitted:
+def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
     """When the host's clock showed what the instrument's showed, device_s (n,); host_ns (n,), the arrivals or any other
     bound that is never too early. The host's own where the instrument has no clock."""
     if len(device_s) < 3 or not (np.abs(device_s) < _LATEST_S).all():
-        return Fitted(host_ns, np.zeros(len(host_ns)))
+        return FittedClock(host_ns, np.zeros(len(host_ns)))
     device_s = unwrapped(device_s, host_ns)
     wrong = out_of_order(device_s)
     in_order_s, came_ns = (device_s[~wrong], host_ns[~wrong]) if wrong.any() else (device_s, host_ns)
@@ -141,11 +141,11 @@ def _fitted(device_s: Array, host_ns: Array) -> tuple[Array, Mask]:
     return host_ns[0] + 1e9 * (since_s + line), low
 
 
-def _by_arrival(ns: Array, host_ns: Array, wrong: Mask, restarts: int) -> Fitted:
+def _by_arrival(ns: Array, host_ns: Array, wrong: Mask, restarts: int) -> FittedClock:
     """Where the stamp is wrong, the arrival less the usual delay takes its place."""
     u_s = np.zeros(len(ns))
     if wrong.any() and not wrong.all():
         delay = (host_ns - ns)[~wrong]
         ns = np.where(wrong, host_ns - np.median(delay), ns)
         u_s[wrong] = delay.std() / 1e9
-    return Fitted(ns, u_s, restarts, int(wrong.sum()))
+    return FittedClock(ns, u_s, restarts, int(wrong.sum()))

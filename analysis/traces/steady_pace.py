@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from analysis.kinematics.arm import Array, Integers
-from analysis.traces.own_clock import Fitted, through_clock
+from analysis.traces.own_clock import FittedClock, through_clock
 
 _AHEAD = 32
 """Messages of which one is hardly late: some beats of a period against an adapter's timer."""
@@ -45,7 +45,7 @@ _COMES_BACK = 8
 instrument that waited never makes up for it. At the most a quarter of a short run."""
 
 
-def through_pace(host_ns: Array) -> Fitted:
+def through_pace(host_ns: Array) -> FittedClock:
     """Host times (n,) ns of messages that arrived at host_ns (n,).
 
     A crystal keeps its pace whatever its computer does, so lateness that comes and goes is delay, and the floor of it
@@ -58,12 +58,12 @@ def through_pace(host_ns: Array) -> Fitted:
     then their uncertainty.
     """
     if len(host_ns) < 2 * _AHEAD:
-        return Fitted(host_ns, _uneven_s(host_ns))
+        return FittedClock(host_ns, _uneven_s(host_ns))
     number = np.arange(len(host_ns), dtype=np.int64)
     for apart in _APART:
         period_ns = _period_ns(number, host_ns, min(apart, len(number) // 4))
         if not period_ns > 0:
-            return Fitted(host_ns, _uneven_s(host_ns))  # most came at once, after a stall
+            return FittedClock(host_ns, _uneven_s(host_ns))  # most came at once, after a stall
         former, number = number, numbered(host_ns, period_ns)
         if apart > _APART[0] and np.array_equal(number, former):
             break
@@ -72,7 +72,7 @@ def through_pace(host_ns: Array) -> Fitted:
     late_ns = host_ns - fitted.ns
     steps_ns = np.abs(np.diff(_least_of_blocks(late_ns, _AHEAD)))
     if fitted.restarts or np.quantile(steps_ns, _MOSTLY) >= _EARLY * period_ns:
-        return Fitted(host_ns, _uneven_s(host_ns))
+        return FittedClock(host_ns, _uneven_s(host_ns))
     return _wandering(fitted, late_ns, min(max(_AHEAD, round(_HELD_UP_NS / period_ns)), len(late_ns) // 2))
 
 
@@ -91,7 +91,7 @@ def _not_early(number: Integers, host_ns: Array, period_ns: float) -> Integers:
     return number
 
 
-def _wandering(fitted: Fitted, late_ns: Array, block: int) -> Fitted:
+def _wandering(fitted: FittedClock, late_ns: Array, block: int) -> FittedClock:
     """Times of messages that are late_ns (n,): whether a lateness stays is seen by the least of each block."""
     least_ns = _least_of_blocks(late_ns, block)
     steps_ns = np.diff(least_ns)

@@ -15,7 +15,7 @@ from tests.support import planted
 TABLE = planted.hemisphere()
 
 
-def _radial(g: np.ndarray, u_mm: float = 0.0, **changes: object) -> radial.Radial:
+def _radial(g: np.ndarray, u_mm: float = 0.0, **changes: object) -> radial.RadialResult:
     """Of readings that are exact, unless u_mm says that they are not."""
     table = dataclasses.replace(planted.with_readings(TABLE, g), **changes)
     return radial.evaluate(table, 400.0, u_mm)

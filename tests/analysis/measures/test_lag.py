@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from analysis.measures.lag import lag_of
-from analysis.measures.lap_curve import Curve, curve_of
+from analysis.measures.lap_curve import LapCurve, curve_of
 from analysis.measures.reduction import reduced
 from analysis.measures.results import analyse_run
 from analysis.reporting.run_report import as_object, as_tables, write_report
@@ -25,7 +25,7 @@ from rigs.schema.vocabulary import Direction
 LAGGING = TimeLag(effect="time_lag", lag_s=0.005)
 
 
-def distance(rig: Rig, direction: Direction, seed: int | None, effects: list[Effect]) -> Curve:
+def distance(rig: Rig, direction: Direction, seed: int | None, effects: list[Effect]) -> LapCurve:
     laps = laps_of(simulate(rig, "yaw", direction, seed, effects), rig, direction)
     return curve_of(reduced(laps), lambda g_mm: g_mm.mean(axis=-1), 1.0)
 
