@@ -27,6 +27,13 @@ def test_every_folder_of_modules_is_a_package() -> None:
     assert [folder for folder in sorted(folders) if not (folder / "__init__.py").exists()] == []
 
 
+def test_the_tests_of_a_package_lie_in_folders_named_as_its_own() -> None:
+    folders = {
+        folder.relative_to(ROOT / "tests") for package in PACKAGES for folder in (ROOT / "tests" / package).glob("*/")
+    }
+    assert [folder for folder in sorted(folders) if folder.name[0] != "_" and not (ROOT / folder).is_dir()] == []
+
+
 def test_folders_that_import_each_other_through_a_third_are_one_cycle(tmp_path: Path) -> None:
     imports = {"low/a": "", "low/b": "from cell.low import a", "mid/c": "from cell.low import b"}
     imports |= {

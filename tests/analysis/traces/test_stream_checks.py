@@ -14,7 +14,7 @@ import pytest
 from analysis.traces.loading import measured_of
 from daq.store import Run, read_run
 from rigs.errors import FileError
-from tests.analysis.traces.test_align import recorded
+from tests.support.recorded_lap import recorded
 
 Array = np.ndarray[Any, Any]
 FIRST, LAST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
