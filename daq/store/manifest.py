@@ -23,7 +23,7 @@ from daq.acquisition.host_clock import read_clocks
 from daq.store.durable import replace
 from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, ColumnType, schema_of, storable, table_schema
 from rigs.errors import FileError
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 MANIFEST = "manifest.json"
 Ending = Literal["complete", "interrupted", "failed"]
