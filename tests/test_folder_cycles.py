@@ -1,4 +1,4 @@
-"""`scripts/folder_cycles.py`: it finds folders that import each other, and finds none in daq."""
+"""`dev/folder_cycles.py`: it finds folders that import each other, and finds none in daq."""
 
 import subprocess
 import sys
@@ -8,7 +8,7 @@ ROOT = Path(__file__).parents[1]
 
 
 def _count(directory: Path, package: str) -> subprocess.CompletedProcess[str]:
-    script = ROOT / "scripts" / "folder_cycles.py"
+    script = ROOT / "dev" / "folder_cycles.py"
     return subprocess.run([sys.executable, script, package], cwd=directory, capture_output=True, text=True, check=False)
 
 

@@ -3,7 +3,7 @@
 A file is durable when its bytes and its directory's entry for it are both synced; replacing one goes
 through a temporary name, so that every name always holds a whole file, the old or the new.
 Nothing else changes a file while a run is recorded or recovered: who wraps this module's `os` sees every
-change in order, as `scripts/powercut` does. Raises plain OSError: the callers turn it into a message for people.
+change in order, as `scripts/dev powercut` does. Raises plain OSError: the callers turn it into a message for people.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""CPU and peak memory of `rig analyse` by rows, each step a process of its own, beside pandas on the same Parquet.
+"""CPU and peak memory of `rig analyse` by the number of rows, beside pandas on the same Parquet files.
 
 Read: the run becomes a table. Analyse: the whole command. pandas: two gauges and robot into frames and a least-squares
 sine, the least that anybody would do by hand. Ratios are of CPU, imports and all. Nothing heavy is imported here, for
@@ -7,12 +7,15 @@ a child's peak memory begins with its parent's.
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
 import tempfile
 from dataclasses import dataclass
+from pathlib import Path
 
+RUN_WRITER = Path(__file__).with_name("_rows_run.py")
 LEAST = 10_000
 """A lap of fewer rows at 4 kHz is quicker than its robot."""
 SIZES = (10_000, 100_000, 1_000_000, 10_000_000)
@@ -51,24 +54,24 @@ def cost(*command: str) -> Cost:
     return Cost(used.ru_utime + used.ru_stime, used.ru_maxrss / 1e3)
 
 
-def main(peer: str, sizes: list[int]) -> None:
-    """Prints a line for each size; peer: the python that has pandas, empty for none."""
+def main(sizes: list[int]) -> None:
+    """Print a line for each size."""
     print("             read             analyse          pandas           CPU ratio to pandas")
     print("rows         CPU s   MB       CPU s   MB       CPU s   MB       read  analyse")
     for rows in sizes:
         with tempfile.TemporaryDirectory() as runs:
             written = subprocess.run(
-                [sys.executable, "scripts/rows_run.py", runs, str(rows)], check=True, capture_output=True, text=True
+                [sys.executable, str(RUN_WRITER), runs, str(rows)], check=True, capture_output=True, text=True
             )
             run = written.stdout.strip()
             cost(sys.executable, "-c", READ, run)  # from the disk once, and everything compiled
             read, analyse = cost(sys.executable, "-c", READ, run), cost("rig", "analyse", run, "--json")
-            pandas = cost(peer, "-c", PANDAS, run) if peer else None
-        ratios = f"{read.cpu_s / pandas.cpu_s:4.1f}  {analyse.cpu_s / pandas.cpu_s:4.1f}" if pandas else ""
-        print(f"{rows:<9} {read} {analyse} {pandas or '       -       -'}       {ratios}", flush=True)
-    if not peer:
-        print("no pandas: it could not be installed (no network?)")
+            pandas = cost(sys.executable, "-c", PANDAS, run)
+        ratios = f"{read.cpu_s / pandas.cpu_s:4.1f}  {analyse.cpu_s / pandas.cpu_s:4.1f}"
+        print(f"{rows:<9} {read} {analyse} {pandas}       {ratios}", flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], [max(LEAST, int(float(size))) for size in sys.argv[2:]] or list(SIZES))
+    parser = argparse.ArgumentParser(prog="scripts/dev rows", description=__doc__)
+    parser.add_argument("sizes", type=float, nargs="*", default=SIZES, help="rows of a run (1e4 1e5 1e6 1e7)")
+    main([max(LEAST, int(size)) for size in parser.parse_args().sizes])

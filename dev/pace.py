@@ -1,4 +1,4 @@
-"""Counts at both ends: two gauges in continuous mode at the line's full pace and RTDE at 500 Hz, into rigd.
+"""Two gauges at the line's full pace and RTDE at 500 Hz into rigd: samples counted at both ends.
 
 Every reading is its own number, so a lost, doubled or swapped one shows in the recorded values.
 """
@@ -6,14 +6,15 @@ Every reading is its own number, so a lost, doubled or swapped one shows in the 
 from __future__ import annotations
 
 import json
-import sys
 import time
 from collections import Counter
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 import yaml
-from daemon_on_cell import daemon_on
+from _daemon_on_cell import daemon_on
 
 from daq.emulators import emulated
 from daq.store import Run, read_run
@@ -46,7 +47,8 @@ def rig_text() -> str:
     return yaml.safe_dump(data)
 
 
-def main(seconds: float) -> int:
+def main(seconds: Annotated[float, typer.Argument(help="How long to record.")] = 60.0) -> None:
+    """Record and compare the counts of both ends; the exit code is 1 where a sample is missing."""
     text, motion = rig_text(), Counting()
     cell = emulated(parse(text, "pace"), motion)
     with daemon_on(cell, text) as client:
@@ -59,7 +61,7 @@ def main(seconds: float) -> int:
         sent = cell.stop()  # nothing more comes, so what is recorded now is all there will be
         time.sleep(_IN_TRANSIT_S)
         run = read_run(Path(client.ask("record_stop")["run"]))
-    return report(run, sent, end_ns)
+    raise typer.Exit(report(run, sent, end_ns))
 
 
 def report(run: Run, sent: dict[str, int], end_ns: int) -> int:
@@ -81,4 +83,4 @@ def report(run: Run, sent: dict[str, int], end_ns: int) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(float(sys.argv[1]) if len(sys.argv) > 1 else 60.0))
+    typer.run(main)

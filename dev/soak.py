@@ -1,7 +1,7 @@
-"""Records for MINUTES and watches memory, descriptors and threads: flat from the second third on, or exit code 1.
+"""An hour of recording: memory, descriptors and threads must be flat from its second third on.
 
-In real time it is the real daemon on an emulated cell; with --times 30 the daemon's buffers, recorder and store are
-given half an hour's items in a minute.
+The exit code is 1 otherwise. In real time it is the real daemon on an emulated cell; with --times 30 the daemon's
+buffers, recorder and store are given half an hour's items in a minute.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Kinematics of five arms held against Pinocchio and py-opw-kinematics at 10 000 random postures each.
+"""Kinematics of five arms beside Pinocchio and py-opw-kinematics, at 10 000 random postures each.
 
 Pinocchio's model is built joint by joint from the modified Denavit-Hartenberg placements; our inverse is
 judged by its forward kinematics. The two shipped arms come a second time, calibrated: all constants a
@@ -7,13 +7,18 @@ little off, Hayati angles included. Exit code 1 where a goal is missed.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "kinematics"))
+
 from five_arms import ARMS, OPW, Array, PeerArm, apart, calibrated, pose_apart
 
 from analysis.kinematics.arm import Arm, forward, forward_and_jacobian
@@ -183,4 +188,5 @@ def main() -> int:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(prog="scripts/dev peers", description=__doc__).parse_args()
     sys.exit(main())

@@ -1,6 +1,7 @@
-"""How true the times are: every reading of an emulated instrument is its number, and when it latched it is known.
+"""Aligned times beside the times at which an emulated instrument latched its readings.
 
-In simulated time, exact and quick; or with --wire on ptys and a local port in real time, through rigd and its store.
+Every reading of that instrument is its number. In simulated time, exact and quick; or with --wire on ptys and a local
+port in real time, through rigd and its store.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import yaml
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "timing"))
 
-from daemon_on_cell import daemon_on
+from _daemon_on_cell import daemon_on
 from stamp_cells import CELLS, DRIFT_PPM, GAUGES, JITTER_MS, LATENCIES_MS, TIMED, Errors, errors_of
 from stamped import GAUGE_STEP_MM, JOINT_STEP_DEG, MOVES, Latched, Stamped
 

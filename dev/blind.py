@@ -1,4 +1,4 @@
-"""The blind trial: hidden effects by a generator that shares no code with rig, diagnosed and scored (scripts/blind)."""
+"""The blind trial of `rig diagnose`: effects hidden by a generator that shares no code with rig."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ WORLDS = {"quiet": KINDS, "real": REAL_KINDS}
 
 def arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        prog="scripts/blind",
+        prog="scripts/dev blind",
         description="Generate cases of every kind, diagnose them blindly, print the figures to beat.",
         epilog=f"Seeds 0 to {FIRST_REPORTED - 1} are for development. A report uses seeds from {FIRST_REPORTED} on, "
         "never looked at before; say which. Ctrl-C prints what there is; with --keep, the same command goes on.",

@@ -1,4 +1,4 @@
-"""`rig calibrate` against plain least squares on arms of another generator: poses held out, and poses elsewhere."""
+"""`rig calibrate` beside plain least squares on arms of another generator: poses held out, and poses elsewhere."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ TRIALS = (
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="scripts/transfer", description=__doc__)
+    parser = argparse.ArgumentParser(prog="scripts/dev transfer", description=__doc__)
     parser.add_argument("--seeds", type=int, default=4, help="of each arm and trial (4); a report has 20 and more")
     parser.add_argument("--first", type=int, default=0, help="the first seed (0)")
     given = parser.parse_args()

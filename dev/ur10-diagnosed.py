@@ -1,4 +1,4 @@
-"""What `rig diagnose` finds in a real UR10 (Fraunhofer IPA, laser tracker), and what it is worth elsewhere.
+"""The findings of `rig diagnose` in a real UR10 (Fraunhofer IPA, laser tracker), judged on poses left out.
 
 For each series and fold: names and a healthy arm's share of everything from the poses of four fifths of the
 neighbourhoods in joint space, then the frozen model on the fifth that had no part in it, beside the nominal arm and an
@@ -14,7 +14,7 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from ur10 import FIT, read
+from ur10 import DATA, FIT, read
 
 from analysis.diagnose.look import Look, looked
 from analysis.diagnose.neighbourhoods import without_a_fold
@@ -103,7 +103,7 @@ def whole(rig: Rig, table: PoseTable, series: str, others: dict[str, PoseTable])
 
 def main() -> int:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("data", type=Path, help="the folder of series_b.csv and series_d.csv")
+    options.add_argument("data", nargs="?", type=Path, default=DATA, help="the folder of series_b.csv and series_d.csv")
     options.add_argument("--series", default="b,d", help="which of them (default b,d)")
     options.add_argument("--folds", type=int, default=5, help="parts that the neighbourhoods are dealt to (default 5)")
     options.add_argument("--only", type=int, default=0, help="the first so many folds alone, and no whole series")

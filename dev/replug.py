@@ -1,6 +1,9 @@
-"""Unplugs and replugs each link of a real daemon that records: gauges on ptys behind stable names, polled and
-continuous, Modbus RTU and TCP, and a robot at 500 Hz over TCP. Then the run must verify, each reading in it must be
-right, each disconnect be counted, and the daemon hold no more descriptors and threads than before."""
+"""Each cable of a real daemon that records, unplugged and plugged in again: gauges, Modbus and a robot.
+
+Gauges on ptys behind stable names, polled and continuous, Modbus RTU and TCP, and a robot at 500 Hz over TCP. Then the
+run must verify, each reading in it must be right, each disconnect be counted, and the daemon hold no more descriptors
+and threads than before.
+"""
 
 from __future__ import annotations
 

@@ -8,11 +8,12 @@ are fitted here, judged on poses left out in groups.
 from __future__ import annotations
 
 import csv
-import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 from scipy.spatial.transform import Rotation
 
 from analysis.files.write import write_csv, write_new
@@ -33,6 +34,8 @@ from rigs.rig import Rig
 from rigs.robot import Pose
 
 JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
+DATA = Path(__file__).parents[2] / "shared" / "data" / "ipa-ur10"
+"""Where the measured data lie unless another folder is given; they are not part of the project."""
 LINK_MM = 400.0
 FACING = np.radians(60)
 """A link cannot lean further away from the tool than this."""
@@ -111,7 +114,11 @@ def told(what: str, found: Calibration) -> str:
     return f"  {what}: nominal {found.before_mm[1]:.3f} mm, 24 DH parameters {found.after_mm[1]:.3f} mm rms ({seen})"
 
 
-def main(data: Path, out: Path) -> int:
+def main(
+    data: Annotated[Path, typer.Argument(help="The folder of series_b.csv and series_d.csv.")] = DATA,
+    out: Annotated[Path, typer.Argument(help="Where the tables are written.")] = Path("ur10-tables"),
+) -> None:
+    """Write the tables and judge calibrations of them, by test."""
     rig = load("ur10")[0]
     for series in ("b", "d"):
         table = read(data / f"series_{series}.csv")
@@ -125,8 +132,7 @@ def main(data: Path, out: Path) -> int:
         print(told("pose, 30 % left out in groups", judged(rig, whole, groups=True)))
         for test in ("radial", "yaw", "roll"):
             print(told(f"{test} with a ball placed, in groups", judged(*placed(table, rig, test), groups=True)))
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2])))
+    typer.run(main)

@@ -1,6 +1,6 @@
-"""Search the sizes and phases of effects that bring the paper's figures nearest: what made rigs/paper-errors.yaml.
+"""Search for the effects that bring the paper's figures nearest: the origin of rigs/paper-errors.yaml.
 
-    PYTHONPATH=. python scripts/paper-search.py rigs/paper-errors.yaml [--rounds 60] [--drop backlash:4]
+    scripts/dev paper_search rigs/paper-errors.yaml [--rounds 60] [--drop backlash:4]
 
 The structure (which effects, which orders) is the file's; it came from a wider search with a linearised model over gear
 errors of axes 1 to 5 with orders 1 to 6, two to six of them at a time. Here circles are thinned, the model is exact.

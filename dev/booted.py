@@ -1,4 +1,4 @@
-"""The shipped service under a real systemd: installed, started, hung and restarted by the watchdog, removed.
+"""The shipped service under a real systemd: installed, started, hung and restarted by the watchdog, removed. As root.
 
 systemd is booted as the first process of namespaces of its own, on an overlay of this computer's Debian: nothing here
 is changed, there is no network, and all of it is gone at the end. `scripts/install` puts rig in before (that needs
@@ -7,6 +7,7 @@ the network), with Debian's own Python. Needs root, systemd and a cgroup2 mount;
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import json
 import os
@@ -274,4 +275,6 @@ def booted(folder: Path) -> Iterator[Machine]:
 
 if __name__ == "__main__":
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-    sys.exit(main(int(sys.argv[1]) if len(sys.argv) > 1 else 3))
+    parser = argparse.ArgumentParser(prog="scripts/dev booted", description=__doc__)
+    parser.add_argument("hangs", type=int, nargs="?", default=3, help="how often the daemon is made to hang (3)")
+    sys.exit(main(parser.parse_args().hangs))

@@ -1,4 +1,4 @@
-"""Does a diagnosis know sizes as surely as `rig plan` foretold, and are they as near to the truth (scripts/plan_check)?
+"""Uncertainties that `rig plan` predicts, beside those of diagnoses of planted faults.
 
 Faults are planted in arms and cells of a generator that shares no code with rig, whose noise is as wide as the plan
 assumes. For each name: the standard uncertainty that the plan foretells (u), that a diagnosis states, and how far its
@@ -63,7 +63,7 @@ class Case:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="scripts/plan_check", description=__doc__)
+    parser = argparse.ArgumentParser(prog="scripts/dev plan_check", description=__doc__)
     parser.add_argument("count", type=int, nargs="?", default=4, help="diagnoses of each name (4)")
     parser.add_argument("--rig", choices=FAULTS, help="only this one")
     parser.add_argument("--name", help="only names that begin so")

@@ -1,4 +1,4 @@
-"""Late answers: each tells which request it is of, and none may be credited to another.
+"""Answers that come after their time: none may be credited to another request.
 
 Every gauge that is asked for its readings, in simulated time; Modbus RTU, whose answers carry no number, over a real
 pty through the daemon's reader too.

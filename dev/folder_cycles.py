@@ -1,4 +1,4 @@
-"""Folders of a package that import each other in a circle: `python scripts/folder_cycles.py [PACKAGE…]`.
+"""Folders of a package that import each other in a circle.
 
 The packages are those of the working directory: daq, rigs and analysis unless others are given. A module belongs to
 the folder that it lies in, a package's `__init__` to that package. Each group of folders of which every one reaches
@@ -7,6 +7,7 @@ every other is one cycle. The exit code is 1 if there is any.
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -50,4 +51,6 @@ def main(packages: Sequence[str]) -> int:
 
 if __name__ == "__main__":
     sys.path.insert(0, str(Path.cwd()))
-    sys.exit(main(sys.argv[1:] or PACKAGES))
+    parser = argparse.ArgumentParser(prog="scripts/dev folder_cycles", description=__doc__)
+    parser.add_argument("packages", nargs="*", default=PACKAGES, help="packages of the working directory")
+    sys.exit(main(parser.parse_args().packages))

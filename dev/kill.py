@@ -1,4 +1,4 @@
-"""SIGKILL at random moments of a recording by the real daemon, which the next start is to recover from by itself.
+"""SIGKILL at random moments of a recording: the next start of rigd recovers, and what was synced is there.
 
 One time in four the kill falls into the end of the recording, one time in ten the daemon that recovers is
 killed as well. Half of the daemons roll their chunks every 0.4 s, so that kills fall into that too. What

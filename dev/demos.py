@@ -1,4 +1,4 @@
-"""Runs the demo again and again, and counts how far its figures lie from the truth in their own uncertainty.
+"""The demo several times: how far each of its figures lies from the truth, in its own uncertainty.
 
 Of right uncertainties 95 of 100 figures lie within 2 u. On a computer that is busy with something else they have to as
 well: what it costs must be in u, or be refused.
@@ -81,7 +81,7 @@ def _summary(figures: list[Figure]) -> str:
 
 def _demo(folder: Path) -> str:
     """Run one; the last line that it said."""
-    command = [str(Path(__file__).with_name("demo")), str(folder)]
+    command = [str(Path(__file__).parents[1] / "scripts" / "demo"), str(folder)]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
     ) as demo:
