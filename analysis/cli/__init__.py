@@ -84,6 +84,7 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     diagnose,  # noqa: F401
     doctor,  # noqa: F401
     emulate,  # noqa: F401
+    example,  # noqa: F401
     export,  # noqa: F401
     import_,  # noqa: F401
     interfaces,  # noqa: F401
