@@ -106,8 +106,9 @@ def test_the_new_driver_keeps_the_contract_of_every_driver(grown: tuple[Page, Pa
 def test_the_commands_of_the_page_record_with_the_new_driver(grown: tuple[Page, Path]) -> None:
     page, tree = grown
     (commands,) = (block for block in page.blocks("sh") if "rigd " in block)
-    # As a terminal does it: jobs are numbered, and one that does not come up ends the page and not the test.
-    done = _run(tree, "bash", "-m", "-c", f"trap 'kill $(jobs -p) 2> /dev/null' EXIT\n{commands}\nwait", timeout_s=150)
+    # What waits in vain is ended, and the emulated cell and the daemon with it.
+    script = f"trap 'kill $(jobs -p) 2> /dev/null' EXIT\n{commands}\nwait"
+    done = _run(tree, "timeout", "120", "bash", "-c", script, timeout_s=150)
     assert ": whole\n" in done.stdout, done.stdout + done.stderr
     assert page.interface in done.stdout
     (run,) = tree.glob("*/runs/*_first")
