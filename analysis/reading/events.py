@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from analysis.kinematics.arm import Array
 from daq.store import Run
-from daq.store.manifest import first_error
+from daq.store.records import first_error
 from rigs.automatic import Rule
 from rigs.errors import FileError
 from rigs.feedback import SIGNAL

@@ -23,7 +23,7 @@ from daq.recording.label import Label
 from daq.recording.pending_run import EndedRun
 from daq.recording.recorder import Recorder
 from daq.recording.trigger import Command, StartRun, StopRun, Trigger
-from daq.store.manifest import Ending
+from daq.store.records import Ending
 from rigs.automatic import Automatic, Rule
 from rigs.errors import RigError
 

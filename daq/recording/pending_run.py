@@ -12,7 +12,7 @@ from daq.acquisition.stream_buffer import StreamBuffer, samples_of
 from daq.protocol.conversation import Fault, Item
 from daq.recording.label import Label
 from daq.recording.suspended import SuspendedRecording
-from daq.store.manifest import Ending
+from daq.store.records import Ending
 from daq.store.writer import MOST_PENDING
 from rigs.errors import CellError
 from rigs.vocabulary import TestName
@@ -48,7 +48,7 @@ class PendingRun:
     @property
     def is_after_failure(self) -> bool:
         """Whether it continues a run that the disk ended, so that another recording may take its place."""
-        return self.resumes is not None and not self.resumes.at_once
+        return self.resumes is not None
 
     @property
     def follows(self) -> str:

@@ -29,7 +29,7 @@ from daq.recording.pending_run import EndedRun, PendingRun, forward_result, requ
 from daq.recording.rate_limited_log import RateLimitedLog
 from daq.recording.suspended import SuspendedRecording
 from daq.store import NearlyFull, RunWriter
-from daq.store.manifest import Ending
+from daq.store.records import Ending
 from daq.store.startup_recovery import recover_and_log
 from rigs.errors import CellError, RigError
 
@@ -92,8 +92,6 @@ class Recorder(threading.Thread):
                 self._suspend("interrupted", error.what)
             except CellError as error:
                 self._suspend("failed", str(error))
-            if self._active is not None and self._active.writer.is_long:
-                self._suspend("complete", "long enough: another run follows")
             self._resume()
             self._warnings.warn_slow("write", time.monotonic() - begun)
         self._after_round()
@@ -162,14 +160,13 @@ class Recorder(threading.Thread):
         pending, suspended = self._pending, self._suspended  # first: what has begun since is then seen as recording
         active = self._active
         if active is None:
-            waits = suspended if suspended is not None and not suspended.at_once else None
             return {
                 "recording": None,
                 "beginning": pending.label.name if pending else None,
                 "closing": self._io.is_closing or bool(self._stopped_early),
                 "last_end": self.last_end,
-                "waiting": waits.label.name if waits else None,
-                "missed": dict(waits.missed) if waits else {},
+                "waiting": suspended.label.name if suspended else None,
+                "missed": dict(suspended.missed) if suspended else {},
             }
         return {
             "recording": active.label.name,
@@ -275,11 +272,10 @@ class Recorder(threading.Thread):
         active = self._active
         if active is None:
             return
-        path, at_once = active.writer.path, exit_status == "complete"
+        path = active.writer.path
         closing = self._close(active, exit_status, why)
-        self._suspended = SuspendedRecording(active.label, path, why, closing, active.taken, at_once=at_once)
-        if not at_once:
-            log.error("%s: run ended, %s: %s; another run follows when the disk allows it", path, exit_status, why)
+        self._suspended = SuspendedRecording(active.label, path, active.writer.device, why, closing, active.taken)
+        log.error("%s: run ended, %s: %s; another run follows when the disk allows it", path, exit_status, why)
 
     def _resume(self) -> None:
         """Continue a suspended recording in another run, if it is due."""
@@ -287,10 +283,8 @@ class Recorder(threading.Thread):
             self._request_run(PendingRun(self._suspended.label, self._suspended, {name: [] for name in self._buffers}))
 
     def _not_recorded(self, suspended: SuspendedRecording) -> Mapping[str, int]:
-        """Return what is in no run, after recovering the previous one. Raises CellError if that is gone."""
-        suspended.require_previous_run()
-        if suspended.at_once:
-            return {}
+        """Return what is in no run, after recovering the previous one. Raises CellError if its disk is away."""
+        suspended.require_disk()
         try:
             recover_and_log(suspended.previous)
         except RigError as error:

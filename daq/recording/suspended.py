@@ -26,34 +26,38 @@ _LONGEST_PAUSE_S = 60.0
 class SuspendedRecording:
     """A recording between the end of the previous run and the begin of the next.
 
-    closing: of the previous run. taken: samples of each stream that were put into it; missed: those that came since.
-    at_once: nothing is wrong with the disk; the next begins while the previous one is being closed.
+    device: of the disk that holds the previous run. closing: of that run. taken: samples of each stream that were put
+    into it; missed: those that came since.
     """
 
     label: Label
     previous: Path
+    device: int
     why: str
     closing: Future[Any]
     taken: Counter[str]
-    at_once: bool = False
     missed: Counter[str] = field(default_factory=Counter)
     _pause_s: float = field(default_factory=lambda: _FIRST_PAUSE_S)
     _try_at_s: float = field(default_factory=lambda: time.monotonic() + _FIRST_PAUSE_S)
 
     def is_due(self) -> bool:
         """Return whether the next run should be tried now."""
-        return self.at_once or (self.closing.done() and time.monotonic() >= self._try_at_s)
+        return self.closing.done() and time.monotonic() >= self._try_at_s
 
     def postpone(self) -> None:
         """Wait for longer after a failed attempt; the pauses double up to a limit."""
-        self.at_once = False
         self._try_at_s = time.monotonic() + self._pause_s
         self._pause_s = min(2 * self._pause_s, _LONGEST_PAUSE_S)
 
-    def require_previous_run(self) -> None:
-        """Raise CellError if the disk is not mounted, so that nothing is written below its mount point."""
-        if not self.previous.is_dir():
-            raise CellError(str(self.previous), "is gone", "mount the disk that holds it again")
+    def require_disk(self) -> None:
+        """Raise CellError if the disk is not mounted, so that nothing is written below its mount point.
+
+        It is there if it shows the previous run, or is the same disk without it: somebody deleted or moved that run.
+        """
+        with suppress(OSError):
+            if self.previous.is_dir() or self.previous.parent.stat().st_dev == self.device:
+                return
+        raise CellError(str(self.previous), "is gone", "mount the disk that holds it again")
 
     def missed_text(self) -> str:
         """Return how many samples of each stream are missed so far."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -193,6 +194,31 @@ def test_nothing_is_written_below_the_mount_point_of_a_disk_that_is_away(written
     written.accounted()
 
 
+def test_a_chunk_that_vanishes_ends_its_run_whole_and_another_follows(
+    written: Written, caplog: pytest.LogCaptureFixture
+) -> None:
+    written.round()
+    (written.path / "g1-0001.arrow").unlink()
+    state = written.round()
+    assert state["recording"] is None and "g1-0001.arrow: has vanished during the recording" in str(state["last_end"])
+    written.until_it_goes_on()
+    former, _ = written.accounted()
+    assert load_manifest(former).exit_status == "failed", "with every row: the open file still had them"
+    assert len(read_run(former).streams["g1"]["g1_mm"]) == 20
+
+
+def test_a_run_that_is_deleted_is_followed_by_another_and_counts_as_dropped(written: Written) -> None:
+    """Its disk is there all the time, so nothing has to be mounted."""
+    written.round()
+    shutil.rmtree(written.path)
+    written.round()
+    written.until_it_goes_on()
+    (follower,) = written.runs.iterdir()
+    read, counters = read_run(follower).streams["g1"]["g1_mm"], load_manifest(follower).counters["g1"]
+    assert read.tolist() == list(range(counters["dropped"], written.delivered)) and counters["dropped"] >= 20
+    assert verify(follower) == []
+
+
 @pytest.mark.parametrize(
     "end", [Recorder.stop_run, lambda recorder: recorder.start_run(Label(name="b", test="radial")).result()]
 )
@@ -210,21 +236,6 @@ def test_who_stops_or_starts_anew_ends_the_waiting(
     assert "is given up, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
     monkeypatch.undo()
     assert written.round()["waiting"] is None
-
-
-def test_a_run_that_grows_long_is_followed_by_another_without_a_gap(
-    written: Written, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
-    monkeypatch.setattr("daq.store.writer.MOST_CHUNKS", 6)
-    for _ in range(5):
-        written.round()
-    written.recorder.stop_run().result()
-    former, follower = sorted(written.runs.iterdir(), key=lambda path: bool(load_manifest(path).follows))
-    assert load_manifest(former).exit_status == "complete" and load_manifest(follower).follows == former.name
-    read = [read_run(path).streams["robot"]["q1_deg"].tolist() for path in (former, follower)]
-    assert read[0] and read[1] and read[0] + read[1] == list(range(50))
-    assert read_run(follower).faults == []
 
 
 def test_a_slow_sync_keeps_nothing_from_the_disk(
@@ -295,28 +306,6 @@ def test_a_sync_that_hangs_holds_so_much_in_memory_and_the_rest_is_counted(
     ended = written.recorder.stop_run().result()
     assert ended.counters["g1"] == {"samples": 80, "dropped": 40}
     assert load_manifest(written.path).counters["g1"] == {"samples": 80, "dropped": 40} and verify(written.path) == []
-
-
-def test_a_long_run_is_closed_while_the_next_one_is_recorded(
-    written: Written, stalled: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Closing takes some twenty syncs, in which the watchdog must be fed."""
-    closing, may_close = stalled
-    written.deliver()
-    with monkeypatch.context() as patch:
-        patch.setattr("daq.store.writer.MOST_CHUNKS", 0)
-        written.recorder._round()  # would wait for ever, were it to wait for the disk
-    assert closing.wait(20)
-    written.deliver()
-    written.recorder._round()
-    written.begun()
-    assert written.recorder.state()["recording"] == "lap"
-    may_close.set()
-    written.recorder.stop_run().result()
-    former, follower = sorted(written.runs.iterdir(), key=lambda path: bool(load_manifest(path).follows))
-    assert load_manifest(former).exit_status == "complete" and load_manifest(follower).follows == former.name
-    assert [len(read_run(path).streams["g1"]["g1_mm"]) for path in (former, follower)] == [10, 10]
-    assert verify(former) == verify(follower) == [] and read_run(follower).faults == []
 
 
 @pytest.fixture
