@@ -44,9 +44,10 @@ class ActiveRun:
         self.writer.append(stream, samples)
         self.writer.append_faults(stream, faults)
 
-    def put_clock(self, faults: Sequence[Fault]) -> None:
-        """Write steps of the wall clock, and an anchor for the time since then."""
-        if faults:
-            self.counters.setdefault(HOST, Counter())[FaultKind.CLOCK] += len(faults)
-            self.writer.append_faults(HOST, faults)
+    def put_host(self, faults: Sequence[Fault]) -> None:
+        """Write faults of the computer itself, and after a step of the wall clock an anchor for the time since then."""
+        for fault in faults:
+            self.counters.setdefault(HOST, Counter())[fault.kind] += fault.count
+        self.writer.append_faults(HOST, faults)
+        if any(fault.kind is FaultKind.CLOCK for fault in faults):
             self.writer.anchor()

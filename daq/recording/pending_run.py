@@ -33,13 +33,13 @@ class PendingRun:
     """A run from its request until it exists on the disk, or is refused.
 
     resumes: the suspended recording that it continues. kept: what came since, and before that if it was asked for.
-    clock: faults of the computer's clock. begun: its directory, or the error that refused it. stop: it ends at once.
+    host_faults: of the computer itself. begun: its directory, or the error that refused it. stop: it ends at once.
     """
 
     label: Label
     resumes: SuspendedRecording | None
     kept: dict[str, list[Item]]
-    clock: list[Fault] = field(default_factory=list)
+    host_faults: list[Fault] = field(default_factory=list)
     since_ns: int = field(default_factory=time.monotonic_ns)
     begun: Future[Path] = field(default_factory=Future)
     stop: tuple[Ending, str] | None = None

@@ -20,6 +20,7 @@ from pathlib import Path
 
 from daq.acquisition.host_clock import HOST, HostClockMonitor, read_clocks
 from daq.acquisition.pretrigger import PretriggerBuffer
+from daq.acquisition.stall_watch import StallWatch
 from daq.acquisition.stream_buffer import StreamBuffer, faults_of, samples_of
 from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.recording.active_run import ActiveRun
@@ -68,18 +69,20 @@ class Recorder(threading.Thread):
         """Runs that were stopped before they existed on the disk."""
         self._warnings = RateLimitedLog()
         self._io = IoWorker(self._warnings)
-        self._host_clock = HostClockMonitor(read_clocks())
+        self._host_clock, self._stalls = HostClockMonitor(read_clocks()), StallWatch()
         self.host_faults: Counter[str] = Counter()
         """Faults of the computer itself, by kind, since the daemon started."""
         self.last_end = ""
 
     def run(self) -> None:
         """Do a round every quarter of a second, later only if one takes longer: the body of the thread."""
+        self._stalls.start()
         pause_s = _ROUND_S
         while not self._stop_asked.wait(pause_s):
             begun = time.monotonic()
             self._round()
             pause_s = max(_LEAST_PAUSE_S, _ROUND_S - (time.monotonic() - begun))
+        self._stalls.stop()
         self._round()
 
     def _round(self) -> None:
@@ -225,7 +228,7 @@ class Recorder(threading.Thread):
         log.info("recording %s (%s) to %s%s", label.name, what, writer.path, after)
         for name, items in pending.kept.items():
             self._report(name, active.put(name, items))
-        active.put_clock(pending.clock)
+        active.put_host(pending.host_faults)
         for name, count in lost_samples.items():
             why = f": {pending.resumes.why}" if pending.resumes else ""
             detail = f"{count} samples not recorded after {pending.follows}{why}"
@@ -262,7 +265,7 @@ class Recorder(threading.Thread):
                 self._suspended.missed[name] += len(samples_of(items))
             if self._active is not None:
                 self._report(name, self._active.put(name, items))
-        self._check_clocks()
+        self._check_host()
         if sync and self._active is not None:
             self._active.writer.write()
             self._io.advance(self._active.writer)
@@ -305,15 +308,15 @@ class Recorder(threading.Thread):
         self._warn(name, faults)
         self._buffers[name].count(faults)
 
-    def _check_clocks(self) -> None:
-        """Report that the wall clock was set or the computer slept, and record the time since then."""
-        faults = self._host_clock.check(read_clocks())
+    def _check_host(self) -> None:
+        """Report that the wall clock was set, that the computer slept, or that rigd stood still."""
+        faults = self._host_clock.check(read_clocks()) + self._stalls.take()
         self._warn(HOST, faults)
-        self.host_faults[FaultKind.CLOCK] += len(faults)
+        self.host_faults.update(fault.kind for fault in faults)
         if self._pending is not None:
-            self._pending.clock += faults
+            self._pending.host_faults += faults
         elif self._active is not None:
-            self._active.put_clock(faults)
+            self._active.put_host(faults)
 
     def _close(self, active: ActiveRun, exit_status: Ending, reason: str) -> Future[EndedRun]:
         """Hand the run to the disk's thread, which closes it."""
