@@ -1,4 +1,4 @@
-"""What stood still is a fault with its length: one reader, or rigd and the computer under it. A rate that is right."""
+"""What stood still is a fault with its length: one reader, or rigd and the computer under it; and floods."""
 
 from __future__ import annotations
 
@@ -6,14 +6,18 @@ import re
 import signal
 import threading
 import time
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from bench import Bench
 
+from daq.acquisition.reader import Reader
 from daq.acquisition.stall_watch import StallWatch
 from daq.acquisition.stream_buffer import STALL_NS, StreamBuffer
-from daq.protocol.conversation import Fault, FaultKind, Sample
+from daq.protocol.conversation import Fault, FaultKind, Sample, Step
 from daq.store import read_run, verify
+from daq.wire.links import LinkLost
 
 S = 1_000_000_000
 
@@ -58,6 +62,45 @@ def test_samples_that_come_in_batches_have_a_rate(buffer: StreamBuffer) -> None:
         at_ns = now_ns - (10 - round_) * S // 10
         buffer.deliver([Sample((0.0,), -1, at_ns, at_ns, 3)] * 400)
     assert buffer.state().rate_hz == pytest.approx(4000)
+
+
+def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its link always has more, and what it brings takes 50 ms of the processor; at last it brings one message."""
+    used_s, paused = 0.0, []
+    rounds = [b"flood", b"flood", b"one"]
+
+    class Endless:
+        def read(self, timeout_s: float) -> bytes:
+            if not rounds:
+                raise LinkLost("over")
+            return rounds.pop(0)
+
+        def write(self, data: bytes) -> None: ...
+        def close(self) -> None: ...
+        def note_items(self, items: object) -> None: ...
+        def take_ignored(self) -> None: ...
+
+    class Costly:
+        def connected(self, now_ns: int) -> Step:
+            return Step()
+
+        def received(self, data: bytes, now_ns: int) -> Step:
+            nonlocal used_s
+            used_s += 0.05 if data == b"flood" else 0.00003
+            return Step()
+
+        def lost(self, now_ns: int) -> tuple[()]:
+            return ()
+
+    clock = SimpleNamespace(thread_time=lambda: used_s, sleep=paused.append, monotonic_ns=time.monotonic_ns)
+    monkeypatch.setattr("daq.acquisition.reader.time", clock)
+    stream: Any = SimpleNamespace(name="robot", port="tcp://x:1", host=Costly)
+    link: Any = Endless()
+    reader = Reader(stream, StreamBuffer("robot", ()), link)
+    monkeypatch.setattr(reader, "_stop_asked", SimpleNamespace(is_set=lambda: False, wait=lambda s: True))
+    clock.monotonic = time.monotonic
+    reader._read(link)
+    assert paused == [pytest.approx(0.05), pytest.approx(0.05)]
 
 
 def test_a_daemon_that_is_stopped_for_a_while_has_it_in_the_run(bench: Bench) -> None:
