@@ -37,8 +37,8 @@ def calibrate(
     from rich.console import Console  # noqa: PLC0415
 
     from analysis.fitting.calibrate import calibrate_runs  # noqa: PLC0415
-    from analysis.reading.loading import load_measured  # noqa: PLC0415
     from analysis.reporting import calibration_report  # noqa: PLC0415
+    from analysis.traces.loading import load_measured  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 

@@ -25,8 +25,8 @@ def compare(
     from rich.console import Console  # noqa: PLC0415
 
     from analysis.fitting.compare import compare as compare_runs  # noqa: PLC0415
-    from analysis.reading.loading import load_measured  # noqa: PLC0415
     from analysis.reporting import comparison_report  # noqa: PLC0415
+    from analysis.traces.loading import load_measured  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     measured = [load_measured(path) for path in runs]

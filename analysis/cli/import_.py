@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
-from analysis.files.layout import JointSource
-from rigs.vocabulary import Direction, TestName
+from analysis.traces.table_layout import JointSource
+from rigs.schema.vocabulary import Direction, TestName
 
 
 @app.command("import")

@@ -21,7 +21,7 @@ def live(rig: RigName = None) -> None:
     from rich.console import Console  # noqa: PLC0415
     from rich.live import Live  # noqa: PLC0415
 
-    from analysis.reporting.screen import screen  # noqa: PLC0415
+    from analysis.reporting.daemon_screen import screen  # noqa: PLC0415
     from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     console = Console()

@@ -23,7 +23,7 @@ def paper(
 
     from rich.console import Console  # noqa: PLC0415
 
-    from analysis.paper.report import as_object, as_table  # noqa: PLC0415
+    from analysis.paper.paper_table import as_object, as_table  # noqa: PLC0415
     from analysis.paper.rows import rows_of  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 

@@ -26,8 +26,8 @@ def plan(
 
     from rich.console import Console  # noqa: PLC0415
 
-    from analysis.diagnose.plan import plan as planned  # noqa: PLC0415
-    from analysis.diagnose.plan import tests_named  # noqa: PLC0415
+    from analysis.diagnosis.plan import plan as planned  # noqa: PLC0415
+    from analysis.diagnosis.plan import tests_named  # noqa: PLC0415
     from analysis.reporting import plan_report  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 record = typer.Typer(no_args_is_help=True, help="Start and stop a recording of the running daemon.")
 app.add_typer(record, name="record")
@@ -71,7 +71,7 @@ def status(
         return
     from rich.console import Console  # noqa: PLC0415
 
-    from analysis.reporting.screen import screen  # noqa: PLC0415
+    from analysis.reporting.daemon_screen import screen  # noqa: PLC0415
 
     Console().print(screen(state))
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli import app
-from rigs.vocabulary import Direction
+from rigs.schema.vocabulary import Direction
 
 
 @app.command()

@@ -17,13 +17,13 @@ import pyarrow as pa
 
 from analysis.files.cells import Value, value
 from analysis.files.header import check_header
-from analysis.files.layout import COMMANDED, COUNTS, JOINTS, LAYOUTS, WORDS, JointSource
-from analysis.files.problems import Problem, TableFileError
 from analysis.files.sequence import check_sequence
+from analysis.files.table_problems import TableFileError, TableProblem
+from analysis.traces.table_layout import COMMANDED, COUNTS, JOINTS, LAYOUTS, WORDS, JointSource
 from daq.store.schema import ColumnType, table_schema
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 Row = tuple[int, list[str]]
 """Line on which a row begins, counted from 1, and its fields."""
@@ -130,13 +130,13 @@ def _rows(text: str, where: str) -> Iterator[Row]:
                 yield begin, fields
             begin = reader.line_num + 1
     except csv.Error as error:
-        problem = Problem(begin, "", f"cannot be split into fields: {error}; check its quotes")
+        problem = TableProblem(begin, "", f"cannot be split into fields: {error}; check its quotes")
         raise TableFileError(where, [problem]) from None
 
 
 def _columns(
     rows: Iterator[Row], names: list[str], test: TestName
-) -> tuple[dict[str, list[Value | None]], list[int], list[Problem]]:
+) -> tuple[dict[str, list[Value | None]], list[int], list[TableProblem]]:
     """Columns by name, None where a cell is bad; the line of each row; what is bad."""
     columns: dict[str, list[Value | None]] = {name: [] for name in names}
     known = set(LAYOUTS[test].known)
@@ -144,7 +144,7 @@ def _columns(
     for line, fields in rows:
         if len(fields) != len(names):
             problems.append(
-                Problem(line, "", f"has {len(fields)} fields, the header {len(names)}{_why(fields, names)}")
+                TableProblem(line, "", f"has {len(fields)} fields, the header {len(names)}{_why(fields, names)}")
             )
             continue
         lines.append(line)
@@ -153,7 +153,7 @@ def _columns(
                 columns[name].append(value(name, text) if name in known else text)
             except ValueError as error:
                 columns[name].append(None)
-                problems.append(Problem(line, name, str(error)))
+                problems.append(TableProblem(line, name, str(error)))
     return columns, lines, problems
 
 

@@ -23,8 +23,8 @@ from daq.recording.machine import Recording
 from daq.recording.recorder import Recorder
 from daq.recording.trigger import Command, StartRun, StopRun, Trigger
 from daq.store.records import Ending
-from rigs.automatic import Automatic, Rule
 from rigs.errors import RigError
+from rigs.schema.recording_rules import Automatic, Rule
 
 log = logging.getLogger("rigd")
 OPERATOR = "automatic"

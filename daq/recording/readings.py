@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from daq.acquisition.stream_buffer import StreamBuffer
 from rigs.errors import CellError
-from rigs.vocabulary import TestName
+from rigs.schema.vocabulary import TestName
 
 _FRESH_S = 3.0
 

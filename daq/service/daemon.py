@@ -33,7 +33,7 @@ from daq.store.startup_recovery import StartupRecovery
 from daq.wire.links import Link
 from rigs.errors import CellError, RigError
 from rigs.rig import Rig
-from rigs.vocabulary import CIRCLES
+from rigs.schema.vocabulary import CIRCLES
 
 log = logging.getLogger("rigd")
 _BRIEF = 80

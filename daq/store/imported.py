@@ -19,7 +19,7 @@ from daq.store.records import ImportedTable, Seal, chunk_name, iso_now
 from daq.store.schema import FAULTS, TABLE
 from daq.store.stream_writer import describe
 from rigs.errors import CellError, FileError
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 
 def write_table_run(  # noqa: PLR0913 - what a manifest needs to know

@@ -15,7 +15,7 @@ from daq.store.ledger import Entry, Ledger
 from daq.store.manifest import PLACEMENT_RULE, Manifest, hold_operator, load_manifest
 from daq.store.records import Relabelling, first_error, iso_now
 from rigs.errors import CellError, FileError
-from rigs.vocabulary import CIRCLES, Direction, TestName
+from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
 _GAUGED = ("yaw", "roll", "radial", "repeatability")
 """Tests whose recorded streams are alike, so that one may have been taken for another."""

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from bench import Bench
 
 from daq.acquisition.reader import Reader
 from daq.acquisition.stall_watch import StallWatch
@@ -18,6 +17,7 @@ from daq.acquisition.stream_buffer import STALL_NS, StreamBuffer
 from daq.protocol.conversation import Fault, FaultKind, Sample, Step
 from daq.store import read_run, verify
 from daq.wire.links import LinkLost
+from tests.support.bench import Bench
 
 S = 1_000_000_000
 

@@ -7,7 +7,6 @@ import os
 import shutil
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,8 +26,7 @@ from daq.recording.machine import Recording, Waiting
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, durable, load_manifest, read_run, verify
 from rigs.errors import CellError
-
-COLUMNS = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": ("q1_deg",)}
+from tests.support.failing_disk import COLUMNS, failing
 
 
 class Written:
@@ -121,25 +119,6 @@ def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Written:
     monkeypatch.setattr(daq.recording.io_worker, "_SYNC_S", 0.0)
     monkeypatch.setattr(daq.recording.rate_limited_log, "_INTERVAL_S", 0.0)
     return Written(tmp_path)
-
-
-@contextmanager
-def failing(number: int, *calls: str) -> Iterator[None]:
-    """A disk on which these calls of the system fail."""
-
-    class Broken:
-        def __getattr__(self, name: str) -> Any:
-            return self._fail if name in calls else getattr(os, name)
-
-        def _fail(self, *arguments: object) -> None:
-            if arguments[1:2] != (os.O_RDONLY,):
-                raise OSError(number, os.strerror(number))
-
-    durable.os = Broken()  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        durable.os = os
 
 
 def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(

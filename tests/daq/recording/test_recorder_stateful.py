@@ -21,7 +21,6 @@ import pytest
 from hypothesis import Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, precondition, rule, run_state_machine_as_test
-from test_disk import COLUMNS, failing
 
 import daq.recording.io_worker
 from daq.acquisition.stream_buffer import StreamBuffer
@@ -31,6 +30,7 @@ from daq.recording.machine import Beginning, Recording, Waiting
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, load_manifest, read_run, recover, verify
 from rigs.errors import CellError
+from tests.support.failing_disk import COLUMNS, failing
 
 MINE = Recording(Label(name="mine", test="yaw", direction="cw"))
 THEIRS = Recording(Label(name="theirs", test="yaw", direction="acw"), "robot")

@@ -12,7 +12,13 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from store_cases import (
+from typer.testing import CliRunner
+
+from analysis.cli import app
+from daq.store import judge, load_manifest, read_run, recover, relabel, verify
+from daq.store.ledger import Entry, line_of, verified
+from rigs.errors import CellError, FileError
+from tests.support.store_cases import (
     assert_holds,
     crash,
     edit_chunk,
@@ -26,12 +32,6 @@ from store_cases import (
     samples,
     start,
 )
-from typer.testing import CliRunner
-
-from analysis.cli import app
-from daq.store import judge, load_manifest, read_run, recover, relabel, verify
-from daq.store.ledger import Entry, line_of, verified
-from rigs.errors import CellError, FileError
 
 OLD = Path(__file__).parent / "data"
 """Runs as they were recorded before there was a ledger: version-1 of 20 rows, version-1-crashed of 12."""

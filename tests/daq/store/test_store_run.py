@@ -14,7 +14,11 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from store_cases import (
+
+from daq.store import RunWriter, durable, load_manifest, read_run, recover, verify
+from daq.store.records import sha256
+from rigs.errors import FileError
+from tests.support.store_cases import (
     RIG_TEXT,
     assert_holds,
     crash,
@@ -29,10 +33,6 @@ from store_cases import (
     samples,
     start,
 )
-
-from daq.store import RunWriter, durable, load_manifest, read_run, recover, verify
-from daq.store.records import sha256
-from rigs.errors import FileError
 
 
 @pytest.fixture(scope="module")
