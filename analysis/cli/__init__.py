@@ -25,8 +25,7 @@ app = typer.Typer(
 def main() -> None:
     """Entry point: every expected failure is one line and an exit code."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # A file's name may be no UTF-8, and a terminal may know no φ: neither is a reason to say nothing.
-        sys.stdout.reconfigure(errors="surrogateescape" if sys.stdout.encoding == "utf-8" else "replace")
+        sys.stdout.reconfigure(errors="replace")  # a terminal that knows no φ is no reason to say nothing
     try:
         app()
     except RigError as error:

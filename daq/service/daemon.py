@@ -33,6 +33,7 @@ from daq.store.startup_recovery import StartupRecovery
 from daq.wire.links import Link
 from rigs.errors import CellError, RigError
 from rigs.rig import Rig
+from rigs.text import plain
 from rigs.vocabulary import CIRCLES
 
 log = logging.getLogger("rigd")
@@ -85,7 +86,7 @@ class Daemon:
             thread.start()
         ports = ", ".join(f"{stream.name} on {stream.port}" for stream in self._streams)
         log.info("serving %s: %s; control socket %s", rig.name, ports, socket_path)
-        notify(f"READY=1\nSTATUS=reading {ports}")
+        notify(f"READY=1\nSTATUS=reading {plain(ports)}")
 
     def close(self, exit_status: Ending, why: str) -> Path | None:
         """Stop everything in order; return the directory of a recording that was cut short.

@@ -21,6 +21,7 @@ from daq.service.daemon import Daemon
 from daq.store.manifest import Ending
 from rigs.errors import RigError
 from rigs.load import load
+from rigs.text import plain
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 log = logging.getLogger("rigd")
@@ -65,7 +66,7 @@ def rigd(
     log.info("stopping: %s", end.why)
     cut_short = daemon.close(end.exit_status, end.why)
     if cut_short:
-        typer.echo(f"the recording was cut short and is safe: {cut_short}", err=True)
+        typer.echo(f"the recording was cut short and is safe: {plain(str(cut_short))}", err=True)
     raise typer.Exit(end.exit_code)
 
 
