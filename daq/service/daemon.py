@@ -23,7 +23,8 @@ from daq.protocol.conversation import Item
 from daq.recording.arbiter import Arbiter
 from daq.recording.label import NAME_RULE, Label
 from daq.recording.recorder import Recorder
-from daq.service.control import ControlServer, InstanceLock
+from daq.service.control import ControlServer
+from daq.service.instance_lock import InstanceLock
 from daq.service.maintenance import Maintenance, RunRetention
 from daq.service.metrics import metrics_text
 from daq.service.sd_notify import notify, watchdog_s
