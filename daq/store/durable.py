@@ -18,6 +18,8 @@ from pathlib import Path
 TEMPORARY = ".tmp"
 """Ending of a file that is being written; one that is left over holds nothing that counts."""
 LOCK = ".lock"
+_AS_IT_IS = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+"""A lock that is a link or a FIFO, in a run from elsewhere, is neither followed nor waited for."""
 
 
 def free_bytes(path: Path) -> int:
@@ -136,14 +138,14 @@ def lock(run: Path) -> int:
 
     Waits: on a fresh run nobody holds it for longer than a look (`is_locked`) takes.
     """
-    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT | _AS_IT_IS, 0o644)
     fcntl.flock(fd, fcntl.LOCK_EX)
     return fd
 
 
 def try_lock(run: Path) -> int | None:
     """Take the writer's lock of a run, None when a process is writing it."""
-    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT | _AS_IT_IS, 0o644)
     try:
         fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -155,7 +157,7 @@ def try_lock(run: Path) -> int | None:
 def is_locked(run: Path) -> bool:
     """Whether a process is writing this run. Looks only; works on a read-only disk."""
     try:
-        fd = os.open(run / LOCK, os.O_RDONLY)
+        fd = os.open(run / LOCK, os.O_RDONLY | _AS_IT_IS)
     except FileNotFoundError:
         return False
     try:

@@ -6,6 +6,7 @@ run's lock is a crash. Chunks are named by file only, so that a run directory ca
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import platform
 import re
@@ -23,9 +24,12 @@ from daq.acquisition.host_clock import read_clocks
 from daq.store.durable import replace
 from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, ColumnType, schema_of, storable, table_schema
 from rigs.errors import FileError
+from rigs.files import read_bytes
 from rigs.vocabulary import Direction, TestName
 
 MANIFEST = "manifest.json"
+_MOST_BYTES = 100_000_000
+"""Of a manifest; a month of recording has 10 000 chunks of 250 bytes each."""
 Ending = Literal["complete", "interrupted", "failed"]
 ExitStatus = Literal["recording", "complete", "interrupted", "failed", "recovered"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}$")]
@@ -252,7 +256,7 @@ def load_manifest(run: Path) -> Manifest:
     try:
         if not run.is_dir():
             raise FileError(str(run), "no such run directory", "check the path")
-        return Manifest.model_validate_json(path.read_bytes())
+        return Manifest.model_validate_json(read_bytes(path, _MOST_BYTES))
     except FileNotFoundError:
         if any(run.glob(f"*/{MANIFEST}")):
             raise FileError(str(run), "is not a run but holds runs", f"give one of them, as {run}/NAME") from None
@@ -266,7 +270,9 @@ def load_manifest(run: Path) -> Manifest:
 
 def unreadable(path: Path, error: OSError) -> FileError:
     """Return the error for a file that the system does not let us read."""
-    return FileError(str(path), f"cannot be read: {error.strerror}", "check the disk and the rights")
+    short = error.errno == errno.ENOMEM
+    remedy = "close other programs, or read it on another computer" if short else "check the disk and the rights"
+    return FileError(str(path), f"cannot be read: {error.strerror}", remedy)
 
 
 def first_error(error: ValidationError) -> str:

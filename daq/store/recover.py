@@ -7,6 +7,7 @@ that the next `recover` can start from, so it may itself be interrupted; done tw
 
 from __future__ import annotations
 
+import errno
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
@@ -18,12 +19,13 @@ import pyarrow as pa
 from pydantic import ValidationError
 
 from daq.store import durable
-from daq.store.chunk import Salvage, from_parquet, opening_in, salvage, with_opening
+from daq.store.chunk import MOST_BYTES, Salvage, from_parquet, opening_in, salvage, with_opening
 from daq.store.manifest import MANIFEST, Chunk, Manifest, chunk_name, load_manifest, parse_chunk, sha256
 from daq.store.run import read_chunk
 from daq.store.schema import FAULTS
 from daq.store.stream_writer import describe, store_chunk
 from rigs.errors import CellError, FileError
+from rigs.files import read_bytes
 
 TORN = ".torn"
 
@@ -64,14 +66,16 @@ def recover(path: Path) -> Recovery:
         finally:
             durable.close(held)
     except (OSError, pa.ArrowException) as error:
-        remedy = "make room or repair the disk and try again; nothing was lost"
+        short = isinstance(error, OSError) and error.errno in (errno.ENOMEM, errno.EFBIG)
+        remedy = "use a computer with more memory" if short else "make room or repair the disk and try again"
+        remedy += "; nothing was lost"
         raise CellError(str(path), f"cannot be recovered: {error}", remedy) from error
 
 
 def _manifest_of(path: Path) -> tuple[Manifest, Recovery]:
     done = Recovery(path)
     with suppress(FileNotFoundError):
-        (path / MANIFEST).read_bytes()  # one that the disk does not give now is neither missing nor damaged
+        read_bytes(path / MANIFEST, MOST_BYTES)  # one that the disk does not give now is neither missing nor damaged
     try:
         return load_manifest(path), done
     except FileError as error:
@@ -88,7 +92,7 @@ def _manifest_of(path: Path) -> tuple[Manifest, Recovery]:
 
 def _rebuilt(path: Path) -> Manifest | None:
     for file in sorted(path.iterdir()):
-        if parse_chunk(file.name) and (opening := opening_in(file.read_bytes())):
+        if parse_chunk(file.name) and (opening := opening_in(read_bytes(file, MOST_BYTES))):
             with suppress(ValidationError):
                 return Manifest.model_validate_json(opening)
     return None
@@ -121,7 +125,7 @@ class _Repair:
 
     def _settle(self, file: Path, stream: str, number: int) -> None:
         schema = with_opening(self._schema(stream), self.manifest.opening())
-        found = salvage(file.read_bytes(), schema)
+        found = salvage(read_bytes(file, MOST_BYTES), schema)
         chunk = self._closed(stream, number)
         if (chunk.rows if chunk else 0) < found.rows:
             broken = self.path / chunk_name(stream, number)
@@ -149,7 +153,7 @@ class _Repair:
     def _closed(self, stream: str, number: int) -> Chunk | None:
         """The Parquet file of a chunk, if it is there and whole."""
         file = self.path / chunk_name(stream, number)
-        data = file.read_bytes() if file.exists() else b""
+        data = read_bytes(file, MOST_BYTES) if file.exists() else b""
         listed = next((c for c in self.manifest.chunks if c.file == file.name), None)
         if listed:
             return listed if sha256(data) == listed.sha256 else None
