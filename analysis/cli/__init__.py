@@ -12,6 +12,7 @@ import typer
 from typer.exceptions import TyperException
 
 from rigs.errors import CellError, FileError, RigError
+from rigs.text import plain
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 
@@ -56,7 +57,7 @@ def main() -> None:
 
 
 def _fail(error: RigError) -> NoReturn:
-    sys.stderr.writelines(f"error: {line}\n" for line in error.lines())
+    sys.stderr.writelines(f"error: {plain(line)}\n" for line in error.lines())
     sys.exit(error.exit_code)
 
 

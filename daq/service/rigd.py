@@ -60,7 +60,7 @@ def rigd(
         daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics or _metrics())
     except RigError as error:
         for line in error.lines():
-            typer.echo(journal.with_severity(f"error: {line}", journal.ERROR), err=True)
+            typer.echo(journal.with_severity(f"error: {plain(line)}", journal.ERROR), err=True)
         raise typer.Exit(error.exit_code) from None
     end = ends.get()
     log.info("stopping: %s", end.why)

@@ -86,7 +86,7 @@ def test_what_is_installed_is_removed_and_what_people_made_stays(tmp_path: Path)
     [
         ([], 1, "error: scripts/install: only root may install for everybody; run: sudo scripts/install"),
         (["--remove"], 1, "error: scripts/install: only root may install for everybody; run: sudo scripts/install"),
-        (["--purge"], 2, "unknown argument '--purge'; use: scripts/install [--remove] [--root DIR]"),
+        (["--purge"], 2, "unknown argument '--purge'; use: scripts/install [--addresses | --remove] [--root DIR]"),
         (["--root"], 2, "--root needs a directory"),
     ],
 )
