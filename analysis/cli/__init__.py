@@ -6,6 +6,7 @@ import errno
 import io
 import os
 import sys
+import warnings
 from typing import Annotated, NoReturn
 
 import typer
@@ -28,6 +29,8 @@ def main() -> None:
     """Entry point: every expected failure is one line and an exit code."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")  # a terminal that knows no φ is no reason to say nothing
+    # numpy only warns where a figure becomes nan; such a figure is no result.
+    warnings.simplefilter("error", RuntimeWarning)
     try:
         sys.exit(app(standalone_mode=False))
     except TyperException as error:
@@ -42,7 +45,7 @@ def main() -> None:
         _fail(
             CellError("memory", "there is not enough for this", "close other programs, or give fewer or shorter runs")
         )
-    except (ArithmeticError, ValueError) as error:
+    except (ArithmeticError, ValueError, RuntimeWarning) as error:
         if not _is_numerical(error):
             raise
         what = f"the computation failed: {error}"
@@ -74,8 +77,8 @@ def _wrong_use(error: TyperException) -> NoReturn:
 
 
 def _is_numerical(error: BaseException) -> bool:
-    """Whether a computation failed for its numbers: an overflow, or what numpy's and scipy's solvers raise."""
-    if isinstance(error, ArithmeticError) or type(error).__name__ == "LinAlgError":
+    """Whether a computation failed for its numbers: an overflow, nan, or what numpy's and scipy's solvers raise."""
+    if isinstance(error, ArithmeticError | RuntimeWarning) or type(error).__name__ == "LinAlgError":
         return True
     trace = error.__traceback__
     while trace is not None and trace.tb_next is not None:

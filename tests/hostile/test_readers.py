@@ -182,6 +182,7 @@ def test_out_of_memory_is_one_line(tmp_path: Path) -> None:
     [
         (OverflowError("(34, 'Numerical result out of range')"), True),
         (np.linalg.LinAlgError("SVD did not converge"), True),
+        (RuntimeWarning("invalid value encountered in sqrt"), True),
         (ValueError("a bug"), False),
     ],
 )
