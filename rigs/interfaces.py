@@ -8,11 +8,11 @@ from typing import Any, Literal, get_args
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from rigs.feedback import Feedback
-from rigs.gauges import Gauge
-from rigs.links import Line
-from rigs.origin import Origin
-from rigs.probe import Probe
+from rigs.schema.feedback import Feedback
+from rigs.schema.gauges import Gauge
+from rigs.schema.links import Line
+from rigs.schema.origin import Origin
+from rigs.schema.probe import Probe
 
 NO_DEFAULT = "line to be given"
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from rigs.base import Part, Vector
 from rigs.effects import AnyEffect
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
+from rigs.schema.part import Part, Vector
 from rigs.yaml_text import read_yaml
 
 SHIPPED = Path(__file__).parent

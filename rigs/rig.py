@@ -6,14 +6,14 @@ from typing import Annotated
 
 from pydantic import Field, ValidationInfo, field_validator
 
-from rigs.automatic import Automatic, Retention
-from rigs.base import Part
-from rigs.certificate import Ball, Link, Temperature
 from rigs.effects import AnyEffect
-from rigs.feedback import Feedback, carries_signal
-from rigs.gauges import Gauges
-from rigs.robot import Robot
-from rigs.tests import Tests
+from rigs.schema.certificate import Ball, Link, Temperature
+from rigs.schema.declared_tests import Tests
+from rigs.schema.feedback import Feedback, carries_signal
+from rigs.schema.gauges import Gauges
+from rigs.schema.part import Part
+from rigs.schema.recording_rules import Automatic, Retention
+from rigs.schema.robot import Robot
 
 _LINK_OFF_MM = 10.0
 """A link is set to the radius within a gauge's range; what is further off is another link."""

@@ -12,12 +12,10 @@ from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "blind"))
-
-from real_scoring import as_json, real_cases_of, real_report
-from scoring import cases_of, report
-from stranger import KINDS, REAL_KINDS, SCALES
-from trial import Job, make_case, run_all
+from tests.support.blind.real_scoring import as_json, real_cases_of, real_report
+from tests.support.blind.scoring import cases_of, report
+from tests.support.blind.trial import Job, make_case, run_all
+from tests.support.stranger import KINDS, REAL_KINDS, SCALES
 
 FIRST_REPORTED = 10_000
 WORLDS = {"quiet": KINDS, "real": REAL_KINDS}

@@ -7,7 +7,6 @@ its work. A failure is shown with its seed and its bytes.
 from __future__ import annotations
 
 import faulthandler
-import sys
 import tempfile
 from collections import defaultdict
 from concurrent.futures import ProcessPoolExecutor
@@ -17,11 +16,8 @@ from typing import Annotated
 
 import typer
 
-TESTS = Path(__file__).parents[1] / "tests"
-sys.path.extend(str(TESTS / folder) for folder in ("fuzz", "daq/protocol", "daq/store", "tables"))
-
-from fuzz_files import use  # noqa: E402 - found by the line above
-from fuzzing import GROWTH_MB, Outcome, blocks, is_file, run_block, targets  # noqa: E402
+from tests.support.fuzz.fuzz_files import use
+from tests.support.fuzz.fuzzing import GROWTH_MB, Outcome, blocks, is_file, run_block, targets
 
 _WHOLE = 5
 """Failures shown with where and with what; of the others the first line."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import socket
-import sys
 import tempfile
 import threading
 import time
@@ -20,13 +19,10 @@ from typing import Annotated
 
 import typer
 
-sys.path.append(str(Path(__file__).parents[1] / "tests" / "daq"))
-
-from bench import Bench
-
 from daq.service.client import Client
 from daq.store import read_run, verify
 from rigs.errors import RigError
+from tests.support.bench import Bench
 
 _GROWTH_MB = 20.0
 """A thread for each of 64 connections takes 0.1 MB; 10 000 that were kept would take 100 MB and more."""

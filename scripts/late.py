@@ -6,16 +6,12 @@ pty through the daemon's reader too.
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "daq" / "protocol"))
-
-from drivers import modbus
-from lateness import SLOWEST, TIMEOUT_S, polled, simulated, wired
+from tests.support.drivers import modbus
+from tests.support.lateness import SLOWEST, TIMEOUT_S, polled, simulated, wired
 
 
 def main(

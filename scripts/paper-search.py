@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 from scipy.optimize import differential_evolution
 
+from analysis.geometry.hemisphere import hemisphere_frame, target_angles
+from analysis.geometry.programs import circle_of, hemisphere_of
+from analysis.measures.sphere import free_sphere
 from analysis.model.predict import model_of, nominal_setup, path_of, predict
-from analysis.model.programs import circle_of, hemisphere_of
-from analysis.model.simulate import simulate, with_values
-from analysis.model.targets import hemisphere_frame, target_angles
-from analysis.paper import targets
-from analysis.paper.runs import curve_of
-from analysis.reading.tables import CircleTable, Table
-from analysis.tests.sphere import free_sphere
+from analysis.paper import published
+from analysis.paper.simulated_tests import curve_of
+from analysis.simulation.simulate import simulate, with_values
+from analysis.traces.tables import CircleTable, Table
 from rigs.effects import Effect, size_field
 from rigs.load import load
 from rigs.rig import Rig
@@ -78,7 +78,7 @@ def figures(bench: Bench, effects: tuple[Effect, ...]) -> dict[str, float]:
                 found[f"roll {direction} missed"] = float(missed)
     found["roll apart"] = float(np.ptp(rolls[0] - rolls[1]))
     frame = hemisphere_frame(hemisphere_of(bench.rig))
-    for name, chosen in (("all", effects), ("gears", targets.gears(effects))):
+    for name, chosen in (("all", effects), ("gears", published.gears(effects))):
         g = bench.readings("radial", chosen).g_mm.reshape(-1, 3).mean(axis=1)  # type: ignore[union-attr]
         polar, azimuth = target_angles(hemisphere_of(bench.rig))
         local = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1)
@@ -105,7 +105,7 @@ def misses(f: dict[str, float]) -> dict[str, list[float]]:
             (f["band gears"] - 0.922) / 0.01,
             min(f["radius gears"] - 400.05, 0) / 0.02,
         ],
-        "repeatability": [(f["B"] - targets.REVERSAL_MM) / 0.01],
+        "repeatability": [(f["B"] - published.REVERSAL_MM) / 0.01],
     }
 
 

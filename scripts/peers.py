@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from five_arms import ARMS, OPW, Array, PeerArm, apart, calibrated, pose_apart
 
 from analysis.kinematics.arm import Arm, forward, forward_and_jacobian
 from analysis.kinematics.inverse import inverse
+from tests.support.five_arms import ARMS, OPW, Array, PeerArm, apart, calibrated, pose_apart
 
 POSES = 10_000
 GOAL_MM, GOAL_RAD = 1e-8, 1e-10

@@ -8,7 +8,6 @@ size is off the truth, both in u.
 from __future__ import annotations
 
 import argparse
-import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,17 +16,14 @@ from typing import Any
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "blind"))
-
-from stranger.faults import SIZE, Fault, healthy_of
-from stranger.real.known import Noise, generate_known
-from trial import diagnose_case, import_case, runs_of
-
-from analysis.diagnose.foresight import Foresight
-from analysis.diagnose.planned import planned
+from analysis.diagnosis.foresight import Foresight
+from analysis.diagnosis.planned import planned
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from rigs.effects import healthy_size
 from rigs.load import load
+from tests.support.blind.trial import diagnose_case, import_case, runs_of
+from tests.support.stranger.faults import SIZE, Fault, healthy_of
+from tests.support.stranger.real.known import Noise, generate_known
 
 NOISE = Noise(WHITE_MM.rms, SLOW_MM.rms, 1.5, JOINT_DEG.rms, BALL_MM.rms, TARGET_MM.rms)
 """As the plan assumes it; slow noise is correlated over 1.5 s there."""

@@ -10,9 +10,18 @@ from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "evaluation"))
-
-from planted.score import CASES, CIRCLES, REPORTED, TABLE, Job, Point, as_json, points_of, report, scores_of
+from tests.support.planted.score import (
+    CASES,
+    CIRCLES,
+    REPORTED,
+    TABLE,
+    Job,
+    Point,
+    as_json,
+    points_of,
+    report,
+    scores_of,
+)
 
 KINDS = tuple(dict.fromkeys([TABLE, *(kind for _, kinds in CASES.values() for kind in kinds)]))
 

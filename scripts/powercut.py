@@ -1,8 +1,7 @@
-"""Crash states of a recording on a disk that forgets what was not synced (see tests/daq/store/powercut.py)."""
+"""Crash states of a recording on a disk that forgets what was not synced (see tests/support/powercut.py)."""
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from collections import Counter
 from pathlib import Path
@@ -10,10 +9,8 @@ from typing import Annotated
 
 import typer
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "daq" / "store"))
-
-from powercut import IoWorker, survivors
-from powercut_trial import Outcome, Recording, recording, trial
+from tests.support.powercut import IoWorker, survivors
+from tests.support.powercut_trial import Outcome, Recording, recording, trial
 
 _EACH = 25
 """States of one recording; then another is made."""

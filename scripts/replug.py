@@ -4,16 +4,13 @@ right, each disconnect be counted, and the daemon hold no more descriptors and t
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "daq"))
-
-from replugging import KINDS, replug, report
+from tests.support.replugging import KINDS, replug, report
 
 
 def main(

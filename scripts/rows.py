@@ -16,7 +16,7 @@ from dataclasses import dataclass
 LEAST = 10_000
 """A lap of fewer rows at 4 kHz is quicker than its robot."""
 SIZES = (10_000, 100_000, 1_000_000, 10_000_000)
-READ = "import sys, pathlib, analysis.reading.loading as it; it.load_measured(pathlib.Path(sys.argv[1]))"
+READ = "import sys, pathlib, analysis.traces.loading as it; it.load_measured(pathlib.Path(sys.argv[1]))"
 PANDAS = """
 import sys, pathlib
 import numpy as np, pandas as pd

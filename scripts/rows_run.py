@@ -14,8 +14,8 @@ import numpy as np
 import pyarrow as pa
 import yaml
 
-from analysis.model.simulate import simulate
-from analysis.reading.tables import CircleTable
+from analysis.simulation.simulate import simulate
+from analysis.traces.tables import CircleTable
 from daq.protocol.conversation import NO_TIME
 from daq.store import RunWriter
 from daq.store.chunk import Salvage

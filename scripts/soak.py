@@ -7,16 +7,13 @@ given half an hour's items in a minute.
 from __future__ import annotations
 
 import logging
-import sys
 import tempfile
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "daq"))
-
-from soaking import accelerated, in_real_time, wrong
+from tests.support.soaking import accelerated, in_real_time, wrong
 
 ROWS = 20
 

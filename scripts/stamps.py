@@ -5,7 +5,6 @@ In simulated time, exact and quick; or with --wire on ptys and a local port in r
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,20 +13,17 @@ from typing import Annotated
 import numpy as np
 import typer
 import yaml
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "timing"))
-
 from daemon_on_cell import daemon_on
-from stamp_cells import CELLS, DRIFT_PPM, GAUGES, JITTER_MS, LATENCIES_MS, TIMED, Errors, errors_of
-from stamped import GAUGE_STEP_MM, JOINT_STEP_DEG, MOVES, Latched, Stamped
 
-from analysis.reading.clocks import gauge_instants, robot_instants
+from analysis.traces.clocks import gauge_instants, robot_instants
 from daq.emulators import Adversity, emulated
 from daq.emulators.own_cycle import STEADY
 from daq.store import read_run
-from rigs.gauges import Gauge
 from rigs.load import find, parse
-from rigs.timing import Timing
+from rigs.schema.gauges import Gauge
+from rigs.schema.timing import Timing
+from tests.support.stamp_cells import CELLS, DRIFT_PPM, GAUGES, JITTER_MS, LATENCIES_MS, TIMED, Errors, errors_of
+from tests.support.stamped import GAUGE_STEP_MM, JOINT_STEP_DEG, MOVES, Latched, Stamped
 
 _ENOUGH = 0.9
 """Share of the times that must lie within twice their stated uncertainty; on the wire a loaded computer keeps the

@@ -6,21 +6,27 @@ import argparse
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "fitting"))
-
-from independent_arm import Array, Cell, Seen, Wrong, bad_arm, bad_zeros, cell, least_squares_fit, postures
 
 from analysis.fitting.calibrate import calibrate
 from analysis.fitting.observation import Observation, observe, residuals_of, rms
 from analysis.fitting.setups import settled
 from analysis.model.predict import model_of
-from analysis.reading.tables import PoseTable
+from analysis.traces.tables import PoseTable
 from rigs.load import load
 from rigs.rig import Rig
+from tests.support.independent_arm import (
+    Array,
+    Cell,
+    Seen,
+    Wrong,
+    bad_arm,
+    bad_zeros,
+    cell,
+    least_squares_fit,
+    postures,
+)
 
 ZEROS, DH = "joint_offset", "joint_offset,link_geometry"
 CORNER_DEG = (25, 12, 12, 30, 20, 60)

@@ -16,19 +16,19 @@ from pathlib import Path
 import numpy as np
 from ur10 import FIT, read
 
-from analysis.diagnose.look import Look, looked
-from analysis.diagnose.neighbourhoods import without_a_fold
-from analysis.diagnose.observed import Seen, see
-from analysis.diagnose.proof import gap
-from analysis.diagnose.verdict import names_of
-from analysis.diagnose.worth import limits_um, worth
+from analysis.diagnosis.look import Look, looked
+from analysis.diagnosis.neighbourhoods import without_a_fold
+from analysis.diagnosis.observed import Seen, see
+from analysis.diagnosis.proof import gap
+from analysis.diagnosis.verdict import names_of
+from analysis.diagnosis.worth import limits_um, worth
 from analysis.fitting.calibrate import calibrate
 from analysis.fitting.estimate import fit
 from analysis.model.predict import model_of
-from analysis.reading.tables import PoseTable
-from rigs.effect import label_of
+from analysis.traces.tables import PoseTable
 from rigs.load import load
 from rigs.rig import Rig
+from rigs.schema.effect import label_of
 
 LISTED = 12
 """Healthy shares that are printed, the most worth first."""

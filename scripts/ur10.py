@@ -19,18 +19,18 @@ from analysis.files.write import write_csv, write_new
 from analysis.fitting.calibrate import Calibration, calibrate
 from analysis.fitting.observation import Observation, observe
 from analysis.fitting.split import split
+from analysis.geometry.ball_link import readings
+from analysis.geometry.programs import circle_of, hemisphere_of
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.model.ball_link import readings
+from analysis.measures.pose import fit_setup
 from analysis.model.hysteresis import Motion
 from analysis.model.predict import Path as Driven
 from analysis.model.predict import model_of
-from analysis.model.programs import circle_of, hemisphere_of
-from analysis.reading.csv_tables import columns_of
-from analysis.reading.tables import CircleTable, PoseTable, RadialTable
-from analysis.tests.pose import fit_setup
+from analysis.traces.csv_tables import columns_of
+from analysis.traces.tables import CircleTable, PoseTable, RadialTable
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.robot import Pose
+from rigs.schema.robot import Pose
 
 JOINTS = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
 LINK_MM = 400.0

@@ -22,8 +22,8 @@ def analyse(
     ] = None,
 ) -> None:
     """Evaluate runs of every test: yaw, roll, radial, repeatability, pose; each figure with its uncertainty."""
-    from analysis.reporting.report import as_object, as_tables, write_report  # noqa: PLC0415
-    from analysis.reporting.results import analyse_runs  # noqa: PLC0415
+    from analysis.measures.results import analyse_runs  # noqa: PLC0415
+    from analysis.reporting.run_report import as_object, as_tables, write_report  # noqa: PLC0415
     from analysis.reporting.truth import compare  # noqa: PLC0415
 
     results = analyse_runs(runs)

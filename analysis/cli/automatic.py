@@ -19,10 +19,10 @@ def automatic(
     import yaml  # noqa: PLC0415
     from pydantic import ValidationError  # noqa: PLC0415
 
-    from analysis.reading.events import rule_of  # noqa: PLC0415
+    from analysis.traces.recording_rule import rule_of  # noqa: PLC0415
     from daq.store import read_run  # noqa: PLC0415
-    from rigs.automatic import Automatic  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
+    from rigs.schema.recording_rules import Automatic  # noqa: PLC0415
 
     rules = [rule_of(read_run(path)) for path in paths]
     try:

@@ -35,9 +35,9 @@ def calibrate(
     """Estimate known effects by least squares on the simulator, set-up terms always with them."""
 
     from analysis.fitting.calibrate import calibrate_runs  # noqa: PLC0415
-    from analysis.reading.loading import load_measured  # noqa: PLC0415
     from analysis.reporting import calibration_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+    from analysis.traces.loading import load_measured  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 

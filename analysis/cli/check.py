@@ -17,7 +17,7 @@ def check(
     """Say whether a rig file is good: every mistake with its line, and whether the robot can drive its circle."""
     import datetime as dt  # noqa: PLC0415
 
-    from analysis.model.feasible import feasible_tests  # noqa: PLC0415
+    from analysis.geometry.feasible import feasible_tests  # noqa: PLC0415
     from analysis.noise.certificate import doubts_of  # noqa: PLC0415
     from analysis.reporting.origins import begins_with  # noqa: PLC0415
     from rigs.load import find, load  # noqa: PLC0415

@@ -23,9 +23,9 @@ def compare(
     """Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by side."""
 
     from analysis.fitting.compare import compare as compare_runs  # noqa: PLC0415
-    from analysis.reading.loading import load_measured  # noqa: PLC0415
     from analysis.reporting import comparison_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+    from analysis.traces.loading import load_measured  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     measured = [load_measured(path) for path in runs]

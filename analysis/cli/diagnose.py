@@ -36,13 +36,13 @@ def diagnose(
 ) -> None:
     """Find where simulation and measurement disagree, name the missing effect, add it, prove that the gap shrinks."""
 
-    from analysis.diagnose.diagnose import diagnose as diagnose_runs  # noqa: PLC0415
-    from analysis.diagnose.runs import refuse_copies  # noqa: PLC0415
-    from analysis.reading.loading import load_measured  # noqa: PLC0415
+    from analysis.diagnosis.diagnose import diagnose as diagnose_runs  # noqa: PLC0415
+    from analysis.diagnosis.prepared_runs import refuse_copies  # noqa: PLC0415
     from analysis.reporting import diagnosis_report  # noqa: PLC0415
     from analysis.reporting.diagnosis_json import as_object  # noqa: PLC0415
     from analysis.reporting.diagnosis_screen import as_screen  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+    from analysis.traces.loading import load_measured  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 

@@ -13,7 +13,7 @@ from analysis.cli.console import say
 if TYPE_CHECKING:
     from queue import SimpleQueue
 
-    from analysis.model.emulated import EmulatedRobot
+    from analysis.simulation.emulated_robot import EmulatedRobot
 
 HiddenEffects = Annotated[
     str | None,
@@ -43,7 +43,7 @@ def emulate(
     import threading  # noqa: PLC0415
     from queue import SimpleQueue  # noqa: PLC0415
 
-    from analysis.model.emulated import PROGRAMS, EmulatedRobot, truth  # noqa: PLC0415
+    from analysis.simulation.emulated_robot import PROGRAMS, EmulatedRobot, truth  # noqa: PLC0415
     from daq.emulators import emulated  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load, load_hidden  # noqa: PLC0415

@@ -22,9 +22,9 @@ def export(
     """Write the table of a run as CSV or Parquet, or its raw streams as MCAP for Foxglove and PlotJuggler."""
     from functools import partial  # noqa: PLC0415
 
-    from analysis.files.messages import write_mcap  # noqa: PLC0415
+    from analysis.files.mcap_export import write_mcap  # noqa: PLC0415
     from analysis.files.write import write_csv, write_new, write_parquet  # noqa: PLC0415
-    from analysis.reading.loading import file_columns, measured_of  # noqa: PLC0415
+    from analysis.traces.loading import file_columns, measured_of  # noqa: PLC0415
     from daq.store import mark_exported, read_run  # noqa: PLC0415
     from rigs.errors import RigError  # noqa: PLC0415
 

@@ -9,8 +9,8 @@ import typer
 
 from analysis.cli import app
 from analysis.cli.console import say
-from analysis.files.layout import JointSource
-from rigs.vocabulary import Direction, TestName
+from analysis.traces.table_layout import JointSource
+from rigs.schema.vocabulary import Direction, TestName
 
 
 @app.command("import")

@@ -20,8 +20,8 @@ def live(rig: RigName = None) -> None:
 
     from rich.live import Live  # noqa: PLC0415
 
+    from analysis.reporting.daemon_screen import screen  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from analysis.reporting.screen import screen  # noqa: PLC0415
     from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     console = PlainConsole()

@@ -21,7 +21,7 @@ def paper(
 ) -> None:
     """Simulate the paper's tests, evaluate them, and set its figures beside ours; all of it computed now."""
 
-    from analysis.paper.report import as_object, as_table  # noqa: PLC0415
+    from analysis.paper.paper_table import as_object, as_table  # noqa: PLC0415
     from analysis.paper.rows import rows_of  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415

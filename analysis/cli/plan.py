@@ -24,8 +24,8 @@ def plan(
 ) -> None:
     """Say what tests can and cannot tell apart for this robot, from which size on, and which test adds the most."""
 
-    from analysis.diagnose.plan import plan as planned  # noqa: PLC0415
-    from analysis.diagnose.plan import tests_named  # noqa: PLC0415
+    from analysis.diagnosis.plan import plan as planned  # noqa: PLC0415
+    from analysis.diagnosis.plan import tests_named  # noqa: PLC0415
     from analysis.reporting import plan_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415

@@ -8,7 +8,7 @@ import typer
 
 from analysis.cli import app
 from analysis.cli.console import say, say_json
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 record = typer.Typer(no_args_is_help=True, help="Start and stop a recording of the running daemon.")
 app.add_typer(record, name="record")
@@ -69,8 +69,9 @@ def status(
     if as_json:
         say_json(state)
         return
+
+    from analysis.reporting.daemon_screen import screen  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from analysis.reporting.screen import screen  # noqa: PLC0415
 
     PlainConsole().print(screen(state))
 

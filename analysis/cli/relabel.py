@@ -9,7 +9,7 @@ import typer
 
 from analysis.cli import app
 from analysis.cli.console import say
-from rigs.vocabulary import Direction
+from rigs.schema.vocabulary import Direction
 
 
 @app.command()

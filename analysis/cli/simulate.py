@@ -10,7 +10,7 @@ import typer
 from analysis.cli import app
 from analysis.cli.console import say
 from analysis.cli.emulate import HiddenEffects
-from rigs.vocabulary import CIRCLES, Direction
+from rigs.schema.vocabulary import CIRCLES, Direction
 
 
 @app.command()
@@ -25,7 +25,7 @@ def simulate(
     csv: Annotated[bool, typer.Option("--csv", help="Write CSV tables instead of runs.")] = False,
 ) -> None:
     """Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to run."""
-    from analysis.reading.simulated_runs import write_simulated  # noqa: PLC0415
+    from analysis.simulation.simulated_runs import write_simulated  # noqa: PLC0415
     from rigs.load import load, load_hidden  # noqa: PLC0415
 
     rig, text = load(rig_file)

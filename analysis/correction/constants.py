@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from analysis.correction.support import Support
-from rigs.effect import Use
 from rigs.rig import Rig
+from rigs.schema.effect import Use
 
 CONSTANTS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg")
 """Columns of a table of constants, named as in the rig file."""

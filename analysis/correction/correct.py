@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from analysis.correction.constants import Correction, joint_zeros, link_constants
-from analysis.correction.path import TargetPath, read_path
+from analysis.correction.corrected_targets import Corrected, angles_for, corrected
 from analysis.correction.support import Support, supports
-from analysis.correction.targets import Corrected, angles_for, corrected
+from analysis.correction.target_path import TargetPath, read_path
 from rigs.errors import FileError
 from rigs.rig import Rig
 

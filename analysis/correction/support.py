@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rigs.effect import Use
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
+from rigs.schema.effect import Use
 
 _HOW: dict[Use, str] = {
     "joint zero": "is the same in every posture: re-master the axis",

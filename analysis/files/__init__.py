@@ -1,1 +1,1 @@
-"""Tables of docs/geometry.md as files: reading with every bad row named, checks against the rig, writing, MCAP."""
+"""Table files: reading with every bad row named, checks against the rig, writing, MCAP."""

@@ -8,8 +8,8 @@ from __future__ import annotations
 import difflib
 import re
 
-from analysis.files.layout import COUNTS, WORDS
-from analysis.files.problems import quoted
+from analysis.files.table_problems import quoted
+from analysis.traces.table_layout import COUNTS, WORDS
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _COUNT = re.compile(r"\+?[0-9]{1,9}(\.0*)?")

@@ -11,12 +11,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from analysis.files.path import off_path
+from analysis.files.off_path import off_path
+from analysis.geometry.circle import frame_of
 from analysis.kinematics.arm import Array
-from analysis.model.circle import frame_of
-from analysis.reading.tables import CircleTable
+from analysis.traces.tables import CircleTable
 from rigs.rig import Rig
-from rigs.tests import Circle
+from rigs.schema.declared_tests import Circle
 
 _ECCENTRIC_MM = 0.2
 """Below it a robot's own errors could make the two eccentricities differ."""

@@ -6,10 +6,10 @@ import difflib
 import re
 from collections import Counter
 
-from analysis.files.layout import LAYOUTS, TURN, WORDS, Layout
-from analysis.files.problems import Problem, TableFileError, quoted
+from analysis.files.table_problems import TableFileError, TableProblem, quoted
+from analysis.traces.table_layout import LAYOUTS, TURN, WORDS, Layout
 from rigs.errors import FileError
-from rigs.vocabulary import TestName
+from rigs.schema.vocabulary import TestName
 
 _OF_ANY = {name for layout in LAYOUTS.values() for name in layout.known}
 """A column that means something in another test is that, and no other one misspelt."""
@@ -27,17 +27,17 @@ def check_header(where: str, names: list[str], test: TestName, direction_given: 
     _separator(where, names)
     layout = LAYOUTS[test]
     problems = [
-        Problem(1, name, "this column stands here twice; remove or rename one")
+        TableProblem(1, name, "this column stands here twice; remove or rename one")
         for name, count in Counter(names).items()
         if count > 1
     ]
     missing = [name for name in layout.required if name not in names and not (direction_given and name == "direction")]
     if len(missing) == len(layout.required) and all(re.fullmatch(_CELL, name) for name in names):
         raise FileError(where, "has no header line", f"begin it with: {','.join(layout.required)}")
-    problems += [Problem(1, name, _missing(name, names, layout, test)) for name in missing]
+    problems += [TableProblem(1, name, _missing(name, names, layout, test)) for name in missing]
     turns = [name for name in TURN if name in names]
     if test == "pose" and 0 < len(turns) < len(TURN):
-        problems.append(Problem(1, "", f"has {' and '.join(turns)} only; give all of {', '.join(TURN)}, or none"))
+        problems.append(TableProblem(1, "", f"has {' and '.join(turns)} only; give all of {', '.join(TURN)}, or none"))
     if problems:
         raise TableFileError(where, problems, f"a {test} table needs {','.join(layout.required)}")
 

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from analysis.files.layout import JointSource
 from analysis.files.read import read_csv
 from analysis.files.units import check_units
-from analysis.reading.csv_tables import table_from
-from analysis.reading.laps import laps_of
-from analysis.reading.tables import CircleTable, PoseTable, Table
-from analysis.tests.checks import hold_alive
+from analysis.measures.checks import hold_alive
+from analysis.traces.csv_tables import table_from
+from analysis.traces.laps import laps_of
+from analysis.traces.table_layout import JointSource
+from analysis.traces.tables import CircleTable, PoseTable, Table
 from daq.store import write_table_run
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.rig import Rig
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 
 def import_table(  # noqa: PLR0913 - one keyword for each option of the command

@@ -17,14 +17,14 @@ import pyarrow as pa
 
 from analysis.files.cells import Value, value
 from analysis.files.header import check_header
-from analysis.files.layout import COMMANDED, COUNTS, JOINTS, LAYOUTS, WORDS, JointSource
-from analysis.files.problems import Problem, TableFileError
 from analysis.files.sequence import check_sequence
+from analysis.files.table_problems import TableFileError, TableProblem
+from analysis.traces.table_layout import COMMANDED, COUNTS, JOINTS, LAYOUTS, WORDS, JointSource
 from daq.store.schema import ColumnType, table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 MOST_BYTES = 256_000_000
 _MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000
@@ -134,25 +134,25 @@ def _rows(text: str, where: str) -> Iterator[Row]:
                 yield begin, fields
             begin = reader.line_num + 1
     except csv.Error as error:
-        problem = Problem(begin, "", f"cannot be split into fields: {error}; check its quotes")
+        problem = TableProblem(begin, "", f"cannot be split into fields: {error}; check its quotes")
         raise TableFileError(where, [problem]) from None
 
 
 def _columns(
     rows: Iterator[Row], names: list[str], test: TestName, where: str
-) -> tuple[dict[str, list[Value | None]], list[int], list[Problem]]:
+) -> tuple[dict[str, list[Value | None]], list[int], list[TableProblem]]:
     """Columns by name, None where a cell is bad; the line of each row; what is bad."""
     columns: dict[str, list[Value | None]] = {name: [] for name in names}
     known = set(LAYOUTS[test].known)
     lines: list[int] = []
-    problems: list[Problem] = []
+    problems: list[TableProblem] = []
     for line, fields in rows:
         if len(lines) * len(names) > _MOST_CELLS:
             what = f"has more than {_MOST_CELLS} cells, the first {line} lines alone"
             raise FileError(where, what, "import it in several runs")
         if len(fields) != len(names):
             problems.append(
-                Problem(line, "", f"has {len(fields)} fields, the header {len(names)}{_why(fields, names)}")
+                TableProblem(line, "", f"has {len(fields)} fields, the header {len(names)}{_why(fields, names)}")
             )
             continue
         lines.append(line)
@@ -161,7 +161,7 @@ def _columns(
                 columns[name].append(value(name, text) if name in known else text)
             except ValueError as error:
                 columns[name].append(None)
-                problems.append(Problem(line, name, str(error)))
+                problems.append(TableProblem(line, name, str(error)))
     return columns, lines, problems
 
 

@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from analysis.files.cells import Value
-from analysis.files.layout import JOINTS, LAYOUTS
-from analysis.files.problems import Problem
+from analysis.files.table_problems import TableProblem
 from analysis.kinematics.arm import Array
-from analysis.tests.places import target_count
+from analysis.measures.rig_agreement import target_count
+from analysis.traces.table_layout import JOINTS, LAYOUTS
 from rigs.rig import Rig
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 _SPEED_FACTOR = 2.0
 """A joint that moves faster than this many times its rated speed …"""
@@ -26,9 +26,9 @@ Columns = Mapping[str, Sequence[Value | None]]
 
 def check_sequence(
     columns: Columns, lines: list[int], test: TestName, rig: Rig, direction: Direction | None
-) -> list[Problem]:
+) -> list[TableProblem]:
     """Mistakes between rows, and beside the rig; cells that are None are left out, they are mistakes already."""
-    problems: list[Problem] = []
+    problems: list[TableProblem] = []
     known = LAYOUTS[test].known
     if "t_s" in known and "t_s" in columns:
         problems += _time(_numbers(columns["t_s"]), lines)
@@ -46,38 +46,38 @@ def _numbers(values: Sequence[Value | None]) -> Array:
     return np.array([np.nan if value is None else value for value in values], dtype=float)
 
 
-def _time(t_s: Array, lines: list[int]) -> list[Problem]:
+def _time(t_s: Array, lines: list[int]) -> list[TableProblem]:
     there = np.flatnonzero(np.isfinite(t_s))
     back = np.flatnonzero(np.diff(t_s[there]) <= 0)
     return [
-        Problem(lines[there[k + 1]], "t_s", f"time does not grow: {t_s[there[k + 1]]:g} after {t_s[there[k]]:g}")
+        TableProblem(lines[there[k + 1]], "t_s", f"time does not grow: {t_s[there[k + 1]]:g} after {t_s[there[k]]:g}")
         for k in back
     ]
 
 
-def _targets(values: Sequence[Value | None], lines: list[int], count: int) -> list[Problem]:
+def _targets(values: Sequence[Value | None], lines: list[int], count: int) -> list[TableProblem]:
     return [
-        Problem(line, "target", f"{value} is none of the {count} targets of the rig's hemisphere")
+        TableProblem(line, "target", f"{value} is none of the {count} targets of the rig's hemisphere")
         for line, value in zip(lines, values, strict=True)
         if isinstance(value, int) and value > count
     ]
 
 
-def _one_direction(values: Sequence[Value | None], lines: list[int], direction: Direction | None) -> list[Problem]:
+def _one_direction(values: Sequence[Value | None], lines: list[int], direction: Direction | None) -> list[TableProblem]:
     named = Counter(value for value in values if value is not None)
     if not named:
         return []
     if direction and set(named) == {"acw" if direction == "cw" else "cw"}:
-        return [Problem(lines[0], "direction", f"the table says {values[0]}; leave --direction out")]
+        return [TableProblem(lines[0], "direction", f"the table says {values[0]}; leave --direction out")]
     first = next(value for value in values if value is not None)
     other = [k for k, value in enumerate(values) if value not in (first, None)]
     if not other:
         return []
     message = f"{values[other[0]]} after {first}: one file holds one direction; split it here"
-    return [Problem(lines[other[0]], "direction", message)]
+    return [TableProblem(lines[other[0]], "direction", message)]
 
 
-def _jumps(name: str, t_s: Array, q_deg: Array, lines: list[int], speed_deg_s: float) -> list[Problem]:
+def _jumps(name: str, t_s: Array, q_deg: Array, lines: list[int], speed_deg_s: float) -> list[TableProblem]:
     there = np.flatnonzero(np.isfinite(t_s) & np.isfinite(q_deg))
     step, gap_s = np.diff(q_deg[there]), np.diff(t_s[there])
     reachable = _SPEED_FACTOR * speed_deg_s * np.maximum(gap_s, 0.0) + _ROUNDING_DEG
@@ -89,7 +89,7 @@ def _jumps(name: str, t_s: Array, q_deg: Array, lines: list[int], speed_deg_s: f
             came = -2
             continue
         came = k
-        problems.append(Problem(lines[there[k + 1]], name, _jump(step[k], gap_s[k])))
+        problems.append(TableProblem(lines[there[k + 1]], name, _jump(step[k], gap_s[k])))
     return problems
 
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from analysis.files.gauge_units import FACTORS
-from analysis.files.path import steps
+from analysis.files.off_path import steps
 from analysis.kinematics.arm import Array
-from analysis.reading.tables import PoseTable
+from analysis.traces.tables import PoseTable
 
 _ABOUT = 0.3
 """The rig file may know nothing of the tracker's target, so that distances are alike roughly only."""

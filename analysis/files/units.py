@@ -11,11 +11,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from analysis.files.gauge_units import circle_gauges, too_far
-from analysis.files.path import off_path
+from analysis.files.off_path import off_path
 from analysis.files.tracker_units import tracker
 from analysis.kinematics.arm import Array, arm_of, forward
-from analysis.reading.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
-from analysis.tests.places import doubts_of
+from analysis.measures.rig_agreement import doubts_of
+from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
 from rigs.errors import FileError
 from rigs.rig import Rig
 

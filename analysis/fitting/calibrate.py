@@ -24,12 +24,12 @@ from analysis.fitting.uncertainty import Scatter, covariance
 from analysis.fitting.weighing import SOUND, Weighing, apart, begun, renewed, resolution
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, model_of
-from analysis.reading.loading import Measured
-from analysis.reading.tables import PoseTable
-from rigs.effect import identity, is_wave
+from analysis.traces.loading import Measured
+from analysis.traces.tables import PoseTable
 from rigs.effects import VOCABULARY, Effect, healthy_size, size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
+from rigs.schema.effect import identity, is_wave
 
 _ANY_PHASE_DEG = 180.0 / np.sqrt(3)
 """Standard uncertainty of a phase of which nothing is known."""

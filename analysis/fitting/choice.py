@@ -9,9 +9,9 @@ from __future__ import annotations
 import re
 from itertools import product
 
-from rigs.effect import healthy, phases, scaled
 from rigs.effects import VOCABULARY, Effect, one_sided
 from rigs.errors import FileError
+from rigs.schema.effect import healthy, phases, scaled
 
 
 def chosen(words: str) -> list[Effect]:

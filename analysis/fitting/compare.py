@@ -11,17 +11,17 @@ from analysis.fitting.covered import beyond_effects
 from analysis.fitting.estimate import Fit, fit
 from analysis.fitting.placements import observed, parted
 from analysis.kinematics.arm import Array
+from analysis.measures.evaluate import Evaluated, evaluate
+from analysis.measures.link_angle import CircleResult
+from analysis.measures.radial import RadialResult
+from analysis.measures.reduction import PHI
+from analysis.measures.repeatability import RepeatabilityResult
+from analysis.measures.results import Result, result_of
+from analysis.measures.rig_agreement import hold_targets
 from analysis.model.predict import SetUp, model_of, path_of, predict
-from analysis.model.simulate import with_values
-from analysis.reading.loading import Measured
-from analysis.reading.tables import PoseTable
-from analysis.reporting.evaluate import Evaluated, evaluate
-from analysis.reporting.results import Result, result_of
-from analysis.tests.circle import CircleResult
-from analysis.tests.places import hold_targets
-from analysis.tests.radial import Radial
-from analysis.tests.reduction import PHI
-from analysis.tests.repeatability import Repeatability
+from analysis.simulation.simulate import with_values
+from analysis.traces.loading import Measured
+from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -90,10 +90,10 @@ def curve(found: Evaluated) -> tuple[Array, Array, str]:
     match found:
         case CircleResult():
             return np.degrees(PHI), np.degrees(found.residual), "deg"
-        case Radial():
+        case RadialResult():
             deviation = np.linalg.norm(found.points - found.free.centre, axis=1) - found.free.radius
             return found.cells.target.astype(float), deviation, "mm"
-        case Repeatability():
+        case RepeatabilityResult():
             mean = np.nanmean(found.readings_mm, axis=2)
             return np.arange(mean.size, dtype=float), mean.ravel(), "mm"
     raise TypeError("poses have no gauges to compare")

@@ -16,7 +16,7 @@ from analysis.fitting.setups import BALL_MM, columns_of, moved_setup, settled
 from analysis.fitting.weighing import Weighing, equal
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp
-from analysis.reading.tables import PoseTable, Table
+from analysis.traces.tables import PoseTable, Table
 from rigs.effects import Effect, bounds, healthy_size, size_field
 
 _INSIDE = 0.5

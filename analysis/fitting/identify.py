@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from rigs.effect import label_of
 from rigs.effects import Effect, size_field
+from rigs.schema.effect import label_of
 
 UNSEEN = 0.05
 """Told by less than this share, a parameter is not fitted: its value is the one known beforehand."""

@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, Integers
+from analysis.measures.rig_agreement import hold_targets
 from analysis.model.predict import Model, Path, SetUp, moved, path_of, read
 from analysis.model.scene import Scene
-from analysis.reading.laps import laps_of
-from analysis.reading.tables import CircleTable, Integers, PoseTable, RadialTable, RepeatabilityTable, Table, test_of
-from analysis.tests.places import hold_targets
+from analysis.traces.laps import laps_of
+from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table, test_of
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ from analysis.fitting.setups import FRAME_TERMS, settled, terms_of
 from analysis.kinematics.arm import Arm, Array, arm_of
 from analysis.model.predict import Model, model_of
 from analysis.noise.cell import BALL_MM, JOINT_DEG
-from analysis.reading.loading import Measured
-from analysis.reading.tables import CircleTable, PoseTable
+from analysis.traces.loading import Measured
+from analysis.traces.tables import CircleTable, PoseTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 

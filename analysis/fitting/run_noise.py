@@ -14,9 +14,9 @@ import numpy as np
 
 from analysis.fitting.observation import Observation
 from analysis.kinematics.arm import Array
+from analysis.measures.pose import SAME_RAD, groups
 from analysis.noise.cell import TARGET_MM, WHITE_MM
-from analysis.reading.tables import CircleTable, RepeatabilityTable
-from analysis.tests.pose import SAME_RAD, groups
+from analysis.traces.tables import CircleTable, RepeatabilityTable
 
 _WILD_SHARE, _WILDER = 0.01, 30.0
 """How many readings are wild beforehand, and how much wider they scatter: 10 to 100 standard deviations."""

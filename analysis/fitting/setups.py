@@ -15,7 +15,7 @@ from analysis.fitting.observation import Observation, predicted, seen
 from analysis.fitting.rigid import best_rigid, moved_by
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, moved, nominal_setup
-from analysis.reading.tables import CircleTable, PoseTable, Table
+from analysis.traces.tables import CircleTable, PoseTable, Table
 
 _REACH_MM = 100.0
 """At which a turn of an instrument is told in mm."""

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.fitting.observation import Observation
-from analysis.kinematics.arm import Array
-from analysis.reading.tables import Integers
+from analysis.kinematics.arm import Array, Integers
 from rigs.errors import FileError
 
 GROUPS = 20

@@ -16,12 +16,12 @@ import numpy as np
 from analysis.fitting.observation import Observation, residuals_of
 from analysis.fitting.run_noise import LAG_S
 from analysis.fitting.weighing import Weighing
+from analysis.geometry.circle import frame_of
+from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, forward
-from analysis.model.circle import frame_of
 from analysis.model.predict import Model, SetUp
-from analysis.model.programs import circle_of
 from analysis.noise.cell import BALL_MM, JOINT_DEG, NoiseSource
-from analysis.reading.tables import CircleTable, PoseTable
+from analysis.traces.tables import CircleTable, PoseTable
 from rigs.effects import Effect, turned
 
 if TYPE_CHECKING:

@@ -21,7 +21,7 @@ from analysis.fitting.run_noise import RunShare, memory_of, noise_of, repeats_of
 from analysis.kinematics.arm import Array
 from analysis.noise.cell import TARGET_MM
 from analysis.noise.readings import is_wild
-from analysis.reading.tables import CircleTable
+from analysis.traces.tables import CircleTable
 from rigs.effects import Effect
 
 if TYPE_CHECKING:

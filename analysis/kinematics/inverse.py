@@ -12,15 +12,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analysis.kinematics.arm import Arm, Array, forward, pose_error
+from analysis.kinematics.arm import Arm, Array, Mask, forward, pose_error
 from analysis.kinematics.canonical import Canonical, canonical
 from analysis.kinematics.closed_form import branches
 from analysis.kinematics.newton import newton
 from analysis.kinematics.singularity import null_motion
-
-Mask = NDArray[np.bool_]
 
 TOLERANCE_MM, TOLERANCE_RAD = 1e-8, 1e-10
 _POLISHED_MM = 1e-3

@@ -1,1 +1,1 @@
-"""The forward model: programs, effects in their stages, and what the instruments read."""
+"""The forward model: from reported joint angles, through effects in their stages, to what the instruments read."""

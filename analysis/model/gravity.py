@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, link_frames
-from rigs.robot import Robot
+from rigs.schema.robot import Robot
 
 _G = np.array([0.0, 0.0, -9.80665])
 

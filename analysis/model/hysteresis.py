@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from rigs.play import play
+from rigs.schema.play import play
 
 _TURN_RAD = np.radians(0.003)
 """Less than this is an encoder's noise, not a reversal."""

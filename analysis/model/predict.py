@@ -13,18 +13,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.kinematics.arm import Arm, Array, arm_of, forward
-from analysis.model.ball_link import readings
-from analysis.model.circle import frame_of
+from analysis.geometry.ball_link import readings
+from analysis.geometry.circle import frame_of
+from analysis.geometry.hemisphere import hemisphere_frame, target_angles
+from analysis.geometry.programs import beside, circle_of, hemisphere_of, repeatability_of
+from analysis.kinematics.arm import Arm, Array, Integers, arm_of, forward
 from analysis.model.gravity import Load, load_of
 from analysis.model.hysteresis import Motion
-from analysis.model.programs import beside, circle_of, hemisphere_of, repeatability_of
 from analysis.model.scene import Scene, apply
-from analysis.model.targets import hemisphere_frame, target_angles
-from analysis.reading.tables import CircleTable, Integers, PoseTable, RepeatabilityTable, Table
+from analysis.traces.tables import CircleTable, PoseTable, RepeatabilityTable, Table
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.scene import STAGES
+from rigs.schema.scene import STAGES
 
 _NOTHING = np.empty(0)
 _VISIT_S = 4.0

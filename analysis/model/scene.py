@@ -1,4 +1,4 @@
-"""What the effects act on, as the simulator has it: the scene of `rigs/scene.py` with an arm and its loads."""
+"""What the effects act on, as the simulator has it: the scene of `rigs/schema/scene.py` with an arm and its loads."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from analysis.kinematics.arm import Arm, Array, link_frames
 from analysis.model.gravity import Load, torques
 from analysis.model.hysteresis import Motion
 from rigs.effects import Effect
-from rigs.scene import Stage
+from rigs.schema.scene import Stage
 
 
 @dataclass(frozen=True)

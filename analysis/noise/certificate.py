@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from rigs.certificate import Certificate, GaugeCertificate, Temperature
 from rigs.rig import Rig
+from rigs.schema.certificate import Certificate, GaugeCertificate, Temperature
 
 _ASSUMED = Temperature(mean_c=20.0, u_c=5.0 / math.sqrt(3))
 

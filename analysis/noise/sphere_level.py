@@ -3,7 +3,7 @@
 A tilt of the tool shifts all targets alike (a wrong TCP does); errors of targets and of single orientations are the
 robot's and have widths of their own, found with everything else. What a cell (target, orientation) is worth is then
 drawn from its readings and from its neighbours in the model, which is what keeps ranges over noisy cells from being too
-large: a `Level` of `analysis.noise.targets`.
+large: a `Level` of `analysis.noise.target_scatter`.
 """
 
 from __future__ import annotations

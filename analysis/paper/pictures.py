@@ -10,17 +10,17 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from analysis.model.simulate import simulate
-from analysis.paper.runs import SCATTER, repeats, typical_seed
-from analysis.paper.targets import gears
-from analysis.reading.csv_tables import columns_of
+from analysis.measures.results import Result, analyse_run
+from analysis.paper.published import gears
+from analysis.paper.simulated_tests import SCATTER, repeats, typical_seed
 from analysis.reporting.plots import save_pictures
-from analysis.reporting.results import Result, analyse_run
+from analysis.simulation.simulate import simulate
+from analysis.traces.csv_tables import columns_of
 from daq.store import write_table_run
 from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 _RUNS: tuple[tuple[str, TestName, Direction | None], ...] = (
     ("figure-6-cw", "yaw", "cw"),

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.geometry.circle import frame_of, reversals
+from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import arm_of
-from analysis.model.circle import frame_of, reversals
-from analysis.model.programs import circle_of
-from analysis.paper import targets as paper
-from analysis.paper.runs import Ball, Curve, circle, repeats, sphere, step
-from rigs.effect import is_play
+from analysis.paper import published as paper
+from analysis.paper.simulated_tests import FittedSphere, SimulatedLap, circle, repeats, sphere, step
 from rigs.effects import Effect
 from rigs.rig import Rig
-from rigs.vocabulary import Direction
+from rigs.schema.effect import is_play
+from rigs.schema.vocabulary import Direction
 
 STEP_DEG = 6.0
 """A jump is looked for over this much of the lap: what Theta needs after a reversal to cross its play."""
@@ -107,7 +107,7 @@ def yaw_rows(rig: Rig) -> Iterator[Row]:
     yield from (_jump_row(rig, direction, curve) for direction, curve in curves.items())
 
 
-def _jump_row(rig: Rig, direction: Direction, curve: Curve) -> Row:
+def _jump_row(rig: Rig, direction: Direction, curve: SimulatedLap) -> Row:
     """How far the residual jumps after each reversal, by plays alone: with them less without them."""
     sense = 1.0 if direction == "acw" else -1.0
     without = circle(rig, "yaw", direction, _without_play(rig.effects))
@@ -155,14 +155,14 @@ def roll_rows(rig: Rig) -> Iterator[Row]:
         yield Row("Fig. 11", f"roll {name} at", place, float(ours), "°", _flat(mean, float(ours), place), 0, place=True)
 
 
-def _mean(curves: Sequence[Curve]) -> Curve:
+def _mean(curves: Sequence[SimulatedLap]) -> SimulatedLap:
     """The mean of curves on the places of the first."""
     phi = curves[0].phi
     y = np.mean([np.interp(phi, curve.phi, curve.angle) for curve in curves], axis=0)
-    return Curve(phi, y, y, {})
+    return SimulatedLap(phi, y, y, {})
 
 
-def _flat(curve: Curve, ours: float, place: float) -> str:
+def _flat(curve: SimulatedLap, ours: float, place: float) -> str:
     there, here = np.degrees(np.interp(np.radians([place, ours]), curve.phi, curve.angle))
     return f"at {place:.0f}° within {abs(there - here):.2f}° of it"
 
@@ -190,7 +190,7 @@ def sphere_rows(rig: Rig) -> Iterator[Row]:
     )
 
 
-def _towards(ball: Ball, other: Ball | None = None) -> str:
+def _towards(ball: FittedSphere, other: FittedSphere | None = None) -> str:
     told = "by ({:+.2f}, {:+.2f}, {:+.2f}) mm".format(*ball.centre_mm)
     if other is None:
         return told

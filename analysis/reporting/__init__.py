@@ -1,1 +1,1 @@
-"""Results and how people and scripts see them: figures, tables, pictures, reports."""
+"""How people and scripts see results: tables, JSON, pictures, reports."""

@@ -16,7 +16,7 @@ from analysis.fitting.calibrate import Calibration, fitted_effects
 from analysis.fitting.identify import name_of
 from analysis.reporting.extended_rig import with_origin, write_extended
 from analysis.reporting.parameters import quantity_of
-from analysis.reporting.whole import whole
+from analysis.reporting.wide_tables import whole
 
 
 def as_table(found: Calibration) -> RenderableType:

@@ -18,7 +18,7 @@ from analysis.reporting.for_json import for_json
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.plots import distinctly_named
 from analysis.reporting.sheet import Sheet
-from analysis.reporting.whole import whole
+from analysis.reporting.wide_tables import whole
 from rigs.errors import FileError
 
 

@@ -16,15 +16,15 @@ from rich.text import Text
 
 from analysis.correction.constants import CONSTANTS, Correction, corrected_table
 from analysis.correction.correct import Corrections
-from analysis.correction.path import write_path
+from analysis.correction.corrected_targets import Corrected
 from analysis.correction.support import Support
-from analysis.correction.targets import Corrected
+from analysis.correction.target_path import write_path
 from analysis.kinematics.arm import Array
 from analysis.reporting.parameters import quantity_of
-from analysis.reporting.whole import whole
-from rigs.effect import label_of
+from analysis.reporting.wide_tables import whole
 from rigs.effects import size_field
 from rigs.errors import FileError
+from rigs.schema.effect import label_of
 
 _TOLD_MM = 1e-3
 """What an effect that is not corrected does to a target is told from here on."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from analysis.diagnose.diagnosis import Diagnosis, Gap, Named, Place, Rival
+from analysis.diagnosis.diagnosis import Diagnosis, Gap, Named, Place, Rival
 from analysis.model.predict import SetUp
 from analysis.reporting.for_json import for_json
 from analysis.reporting.parameters import parameters_of
-from rigs.effect import SEATS, name_of
+from rigs.schema.effect import SEATS, name_of
 
 
 def as_object(found: Diagnosis) -> dict[str, Any]:

@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from analysis.diagnose.diagnosis import Diagnosis
+from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.reporting.diagnosis_curves import GREY, LEFT, MEASURED, MODEL, draw_circles, strands_of
 from analysis.reporting.diagnosis_maps import draw_map
 from analysis.reporting.diagnosis_words import headline, standing
 from analysis.reporting.sheet import Sheet
-from rigs.effect import name_of
+from rigs.schema.effect import name_of
 
 _WIDTH = 11.0
 _MOST_MAPS = 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from analysis.diagnose.diagnosis import Diagnosis
+from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.reporting.diagnosis_json import as_object
 from analysis.reporting.diagnosis_words import standing
 from analysis.reporting.extended_rig import with_origin, write_extended

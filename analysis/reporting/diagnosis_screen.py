@@ -10,7 +10,7 @@ from rich.padding import Padding
 from rich.table import Table
 from rich.text import Text
 
-from analysis.diagnose.diagnosis import Diagnosis, Gap, Verdict
+from analysis.diagnosis.diagnosis import Diagnosis, Gap, Verdict
 from analysis.reporting.diagnosis_words import (
     beside_size,
     closed,
@@ -24,8 +24,8 @@ from analysis.reporting.diagnosis_words import (
     sure,
     told,
 )
-from analysis.reporting.whole import whole
-from rigs.effect import name_of
+from analysis.reporting.wide_tables import whole
+from rigs.schema.effect import name_of
 
 _COLOUR: dict[Verdict, str] = {
     "named": "bold green",

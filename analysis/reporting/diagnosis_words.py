@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-from analysis.diagnose.diagnosis import ODDS, Curve, Diagnosis, Gap, Leftover, Named, Place, Rival
+from analysis.diagnosis.diagnosis import ODDS, Curve, Diagnosis, Gap, Leftover, Named, Place, Rival
+from analysis.measures.quantity import Quantity
 from analysis.reporting.parameters import parameters_of, quantity_of
-from analysis.reporting.quantity import Quantity
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
 

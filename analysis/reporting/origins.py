@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from rigs.effect import name_of
 from rigs.effects import Effect
+from rigs.schema.effect import name_of
 
 _MOST_NAMED = 5
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from analysis.reporting.quantity import Quantity
-from rigs.effect import SEATS
+from analysis.measures.quantity import Quantity
 from rigs.effects import Effect
+from rigs.schema.effect import SEATS
 
 
 def quantity_of(effect: Effect, field: str, sd: Mapping[str, float]) -> Quantity:

@@ -12,18 +12,18 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.diagnose.columns import LARGEST
-from analysis.diagnose.diagnosis import ODDS
-from analysis.diagnose.foresight import ALIKE, DETECTABLE, parts, shows
-from analysis.diagnose.parting import Parting
-from analysis.diagnose.plan import Pair, Plan
-from analysis.diagnose.planned import ASSUMED_JOINT_DEG, ASSUMED_UM
-from analysis.diagnose.sights import Sight
-from analysis.diagnose.state import FAULT
+from analysis.diagnosis.columns import LARGEST
+from analysis.diagnosis.diagnosis import ODDS
+from analysis.diagnosis.foresight import ALIKE, DETECTABLE, parts, shows
+from analysis.diagnosis.parting import Parting
+from analysis.diagnosis.plan import Pair, Plan
+from analysis.diagnosis.planned import ASSUMED_JOINT_DEG, ASSUMED_UM
+from analysis.diagnosis.sights import Sight
+from analysis.diagnosis.state import FAULT
 from analysis.reporting.parameters import quantity_of
-from analysis.reporting.whole import whole
-from rigs.effect import name_of
+from analysis.reporting.wide_tables import whole
 from rigs.effects import Effect, healthy_size, size_field
+from rigs.schema.effect import name_of
 
 _MOST = 3
 """Further tests told for one pair."""

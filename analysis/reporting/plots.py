@@ -10,17 +10,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from analysis.geometry.circle import Reversal, frame_of, reversals
+from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import arm_of
-from analysis.model.circle import Reversal, frame_of, reversals
-from analysis.model.programs import circle_of
-from analysis.reporting.results import Result
+from analysis.measures.lap_curve import at_resolution
+from analysis.measures.link_angle import CircleResult
+from analysis.measures.pose import PoseResult
+from analysis.measures.radial import RadialResult
+from analysis.measures.reduction import PHI
+from analysis.measures.repeatability import RepeatabilityResult
+from analysis.measures.results import Result
 from analysis.reporting.sheet import Sheet
-from analysis.tests.circle import CircleResult
-from analysis.tests.curve import at_resolution
-from analysis.tests.pose import PoseResult
-from analysis.tests.radial import Radial
-from analysis.tests.reduction import PHI
-from analysis.tests.repeatability import Repeatability
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"
@@ -53,9 +53,9 @@ def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:
 
 def _other_figure(result: Result) -> Figure:
     match result.found:
-        case Radial():
+        case RadialResult():
             return radial_figure(result, result.found)
-        case Repeatability():
+        case RepeatabilityResult():
             return repeatability_figure(result, result.found)
         case PoseResult():
             return pose_figure(result, result.found)
@@ -68,7 +68,7 @@ def _blank(result: Result, title: str, width: float, height: float) -> Figure:
     return figure
 
 
-def radial_figure(result: Result, found: Radial) -> Figure:
+def radial_figure(result: Result, found: RadialResult) -> Figure:
     """Deviation from the least-squares sphere over the hemisphere, and target by target (figure 13)."""
     figure = _blank(result, "Radial error about the least-squares sphere", 11, 4.6)
     deviation = np.linalg.norm(found.points - found.free.centre, axis=1) - found.free.radius
@@ -109,7 +109,7 @@ def radial_figure(result: Result, found: Radial) -> Figure:
     return figure
 
 
-def repeatability_figure(result: Result, found: Repeatability) -> Figure:
+def repeatability_figure(result: Result, found: RepeatabilityResult) -> Figure:
     """Every reading by target and side of approach (figure 15)."""
     figure = _blank(result, "Repeatability", 8, 4.2)
     axes = figure.subplots()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from analysis.reporting.results import Result
+from analysis.measures.results import Result
 from rigs.errors import FileError
 from rigs.files import read_bytes
 
@@ -16,14 +16,14 @@ _MOST_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
-class Comparison:
+class TruthComparison:
     """One figure of one run: the truth, and how many standard uncertainties the measured one lies from it."""
 
     truth: float
     deviation_u: float
 
 
-def compare(results: Sequence[Result], path: Path) -> list[dict[str, Comparison]]:
+def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthComparison]]:
     """For each result, its figures by name beside the truth, none for a test it tells nothing of. Raises FileError."""
     try:
         truth = json.loads(read_bytes(path, _MOST_BYTES))
@@ -37,7 +37,7 @@ def compare(results: Sequence[Result], path: Path) -> list[dict[str, Comparison]
     return found
 
 
-def _one(result: Result, truth: dict[str, Any]) -> dict[str, Comparison]:
+def _one(result: Result, truth: dict[str, Any]) -> dict[str, TruthComparison]:
     manifest = result.measured.run.manifest
     if truth["rig"] != manifest.rig_name:
         raise KeyError(manifest.rig_name)
@@ -45,17 +45,17 @@ def _one(result: Result, truth: dict[str, Any]) -> dict[str, Comparison]:
         return {}
     values = truth[manifest.test][manifest.direction]
     return {
-        name: Comparison(float(value), (result.figures[name].value - float(value)) / result.figures[name].u)
+        name: TruthComparison(float(value), (result.figures[name].value - float(value)) / result.figures[name].u)
         for name, value in values.items()
     }
 
 
-def all_agree(comparisons: Sequence[dict[str, Comparison]]) -> bool:
+def all_agree(comparisons: Sequence[dict[str, TruthComparison]]) -> bool:
     """Whether every figure lies within two standard uncertainties of the truth."""
     return all(abs(comparison.deviation_u) <= 2 for one in comparisons for comparison in one.values())
 
 
-def verdict(comparisons: Sequence[dict[str, Comparison]]) -> str:
+def verdict(comparisons: Sequence[dict[str, TruthComparison]]) -> str:
     """In one line: how many figures agree with the truth within two standard uncertainties."""
     every = [comparison for one in comparisons for comparison in one.values()]
     within = sum(abs(comparison.deviation_u) <= 2 for comparison in every)

@@ -9,9 +9,9 @@ from functools import partial
 from daq import feedback, gauges
 from daq.protocol.conversation import Host
 from daq.wire.links import DEAD_S, Link, open_link
-from rigs.feedback import SIGNAL, carries_signal
-from rigs.links import Line
 from rigs.rig import Rig
+from rigs.schema.feedback import SIGNAL, carries_signal
+from rigs.schema.links import Line
 
 ROBOT = "robot"
 JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))

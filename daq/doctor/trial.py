@@ -17,7 +17,7 @@ from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 from daq.wire.links import Link, LinkLost
 from daq.wire.session import run_conversation
 from rigs.errors import CellError
-from rigs.links import Line
+from rigs.schema.links import Line
 
 _LISTEN_S = 2.0
 _TALK_S, _LONGEST_WAIT_S = 1.0, 5.0

@@ -24,8 +24,8 @@ from daq.emulators.udp_port import UdpPort
 from daq.protocol.conversation import Device
 from daq.wire.links import LinkLost
 from daq.wire.session import run_conversation
-from rigs.links import tcp_address, udp_address
 from rigs.rig import Rig
+from rigs.schema.links import tcp_address, udp_address
 
 _NOTICE_S = 0.05
 

@@ -18,8 +18,8 @@ from daq.emulators.own_clock import OwnClock
 from daq.emulators.own_cycle import STEADY, Unsteady
 from daq.emulators.timed import timed_device, timed_read
 from daq.protocol.conversation import Device
-from rigs.feedback import carries_signal
 from rigs.rig import Rig
+from rigs.schema.feedback import carries_signal
 
 
 class Motion(Protocol):

@@ -22,7 +22,7 @@ from pathlib import Path
 from daq.emulators.latency_timer import LatencyTimer
 from daq.emulators.uart import heard
 from daq.wire.links import LinkLost
-from rigs.links import Line
+from rigs.schema.links import Line
 
 _SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdigit()}
 _ISPEED, _OSPEED = 4, 5

@@ -24,8 +24,8 @@ from daq.emulators.timebase import Steps, Timebase, bearable_ns, u_asked_ns, u_c
 from daq.protocol.polled import Polled
 from daq.wire.capture import Capture, Mark, Piece
 from rigs.errors import FileError
-from rigs.links import tcp_address, udp_address
 from rigs.rig import Rig
+from rigs.schema.links import tcp_address, udp_address
 
 _OVER_NS = 5_000_000_000
 """So long after the end nobody comes any more for what is left."""

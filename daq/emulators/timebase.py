@@ -112,7 +112,7 @@ class Steps:
 def u_asked_ns(pieces: Sequence[Piece]) -> float:
     """Return the standard uncertainty of the time of an answer: measured anywhere between request and answer.
 
-    This and the next as the analysis has them, in `analysis.reading.clocks`.
+    This and the next as the analysis has them, in `analysis.traces.clocks`.
     """
     windows_ns = [
         answer.at_ns - question.at_ns

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from daq.emulators.own_cycle import OwnCycle, Read, Unsteady
 from daq.protocol.conversation import Device, Step
-from rigs.timing import Timing
+from rigs.schema.timing import Timing
 
 
 def timed_read(read: Read, timing: Timing, unsteady: Unsteady, chance: random.Random) -> Read:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from rigs.links import Line
+from rigs.schema.links import Line
 
 _LOOKS = 16
 """A bit time: how often a UART looks for the edge that begins a character."""

@@ -1,7 +1,7 @@
 """Robot feedback: one interface a file, named as `interface` names it in the rig file.
 
 Each file offers `host(feedback)`, the conversation that listens (values q1_deg … q6_deg, always all six in
-that order, then `signal` where `rigs.feedback.carries_signal`), and `device(feedback, read)`, the controller's
+that order, then `signal` where `rigs.schema.feedback.carries_signal`), and `device(feedback, read)`, the controller's
 side, where `read(now_ns)` gives the same: six angles in degrees, then the signal.
 """
 
@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from daq.protocol.conversation import Device, Host
-from rigs.feedback import Feedback
+from rigs.schema.feedback import Feedback
 
 Read = Callable[[int], Sequence[float]]
 

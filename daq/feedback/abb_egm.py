@@ -15,7 +15,7 @@ from daq.protocol.pace import Pace
 from daq.protocol.positions import Position, Positions, Refused
 from daq.protocol.protobuf import doubles, doubles_in, fields, integer, message_in, nested, number_in
 from daq.protocol.streamed import Streamed
-from rigs.feedback import ABBEGM
+from rigs.schema.feedback import ABBEGM
 
 RATE_HZ = 250.0
 _DATA = 2

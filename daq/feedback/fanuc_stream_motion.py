@@ -18,7 +18,7 @@ from daq.protocol.order import Order
 from daq.protocol.pace import Pace
 from daq.protocol.positions import Position, Positions, Refused
 from daq.protocol.streamed import Streamed
-from rigs.feedback import FANUCStreamMotion
+from rigs.schema.feedback import FANUCStreamMotion
 
 RATE_HZ = 125.0
 _REQUEST = struct.Struct(">II")

@@ -22,7 +22,7 @@ from daq.protocol.order import Order
 from daq.protocol.pace import Pace
 from daq.protocol.positions import Position, Positions, Refused
 from daq.protocol.streamed import Reaction, Streamed
-from rigs.feedback import KUKARSI
+from rigs.schema.feedback import KUKARSI
 
 _ROB = re.compile(rb"\s*(<\?xml[^<>]*\?>\s*)?<Rob\b[^<>]*>.*</Rob>\s*", re.DOTALL)
 _IPOC = re.compile(rb"<IPOC>\s*(\d{1,18})\s*</IPOC>")

@@ -21,8 +21,8 @@ from daq.protocol.framing import Lines, Message
 from daq.protocol.numerals import are_angles, number
 from daq.protocol.pace import Pace
 from daq.protocol.streamed import Reaction, Streamed
-from rigs.feedback import CLOCK_FIELDS, SIGNAL, LineFeed
-from rigs.links import tcp_address
+from rigs.schema.feedback import CLOCK_FIELDS, SIGNAL, LineFeed
+from rigs.schema.links import tcp_address
 
 RATE_HZ = 100.0
 _LEFT_OUT = {"_": 0.0, SIGNAL: math.nan}

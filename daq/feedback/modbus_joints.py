@@ -16,7 +16,7 @@ from daq.protocol.modbus import fits, pack, unpack
 from daq.protocol.numerals import are_angles
 from daq.protocol.polled import Polled
 from daq.protocol.registers import RegisterDevice, RegisterDialect, Registers, pack_verdict, verdict
-from rigs.feedback import ModbusJoints
+from rigs.schema.feedback import ModbusJoints
 
 _DEG_PER_UNIT = {"deg": 1.0, "rad": math.degrees(1)}
 

@@ -25,7 +25,7 @@ from daq.protocol.framing import Message, Sized
 from daq.protocol.numerals import are_angles
 from daq.protocol.pace import Pace
 from daq.protocol.streamed import Reaction, Streamed
-from rigs.feedback import URRTDE, RTDESignal
+from rigs.schema.feedback import URRTDE, RTDESignal
 
 _HEADER = struct.Struct(">HB")
 _FORMATS = {"DOUBLE": "d", "VECTOR6D": "6d", "UINT64": "Q", "INT32": "i"}

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from daq.protocol.conversation import Device, Host
-from rigs.gauges import Gauge
+from rigs.schema.gauges import Gauge
 
 Read = Callable[[int], Sequence[float]]
 

@@ -16,7 +16,7 @@ from daq.protocol.conversation import Device, Fault, Host
 from daq.protocol.framing import Lines, Message
 from daq.protocol.polled import Polled
 from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, mm, shown
-from rigs.serial_gauges import HeidenhainND287
+from rigs.schema.serial_gauges import HeidenhainND287
 
 _STX, _NAK, _END = b"\x02", b"\x15", b"\r\n"
 _DISPLAY, _POSITION, _IDENTITY, _ERROR = b"\x1bA0100", b"\x1bA0200", b"\x1bA0000", b"\x1bA0301"

@@ -22,7 +22,7 @@ from daq.protocol.framing import Lines, Message
 from daq.protocol.pace import Pace
 from daq.protocol.streamed import Reaction, Streamed
 from daq.protocol.texts import Reading, Trouble, items_of
-from rigs.serial_gauges import MicroEpsilonILD1420
+from rigs.schema.serial_gauges import MicroEpsilonILD1420
 
 _START = b"OUTPUT RS422\n"
 _LOW, _MIDDLE, _HIGH, _FURTHER = range(4)

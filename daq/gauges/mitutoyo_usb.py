@@ -15,7 +15,7 @@ from daq.protocol.conversation import Device, Host
 from daq.protocol.framing import Lines
 from daq.protocol.polled import Polled
 from daq.protocol.texts import SIGNED, Reading, Show, TextDevice, TextDialect, Trouble, garbled, mm, shown
-from rigs.probe import Probe
+from rigs.schema.probe import Probe
 
 _END = b"\r"
 _REPLY = re.compile(rb"01A(" + SIGNED + rb")")

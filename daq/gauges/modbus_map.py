@@ -13,8 +13,8 @@ from daq.protocol.modbus import fits, pack, unpack
 from daq.protocol.polled import Polled
 from daq.protocol.registers import Held, RegisterDevice, RegisterDialect, Registers, pack_verdict, verdict
 from daq.protocol.resync import Resync
-from rigs.modbus import ModbusMap
-from rigs.probe import MM_PER_UNIT
+from rigs.schema.modbus import ModbusMap
+from rigs.schema.probe import MM_PER_UNIT
 
 
 def host(gauges: Sequence[ModbusMap]) -> Host:

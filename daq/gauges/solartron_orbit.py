@@ -19,7 +19,7 @@ from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
 from daq.protocol.polled import Polled, Reply, Then
 from daq.protocol.registers import RegisterDevice
-from rigs.modbus import ModbusMap, SolartronOrbit, ValueRegister
+from rigs.schema.modbus import ModbusMap, SolartronOrbit, ValueRegister
 
 _FLOATS = 8000
 _NO_PROBE = 247.0

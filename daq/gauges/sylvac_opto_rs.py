@@ -20,7 +20,7 @@ from daq.protocol import polled, streamed
 from daq.protocol.conversation import NO_TIME, Device, Fault, Host, Step
 from daq.protocol.framing import Lines, Message
 from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled, items_of, mm
-from rigs.serial_gauges import SylvacOptoRS
+from rigs.schema.serial_gauges import SylvacOptoRS
 
 _END = b"\r"
 _READING = re.compile(rb"([+\- ]\d{1,7}\.\d{1,7})[<=>]?")

@@ -21,8 +21,8 @@ from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInput
 
 from daq.protocol.framing import Framer, Lines, Message, Sized
 from daq.protocol.resync import Resync
-from rigs.links import tcp_address
-from rigs.modbus import Register
+from rigs.schema.links import tcp_address
+from rigs.schema.modbus import Register
 
 _REQUEST = {3: ReadHoldingRegistersRequest, 4: ReadInputRegistersRequest}
 _RTU_REQUEST = 8

@@ -19,7 +19,7 @@ from daq.protocol.framing import Message
 from daq.protocol.modbus import Block, Wire, pack, unpack
 from daq.protocol.polled import Reply, Then
 from daq.protocol.resync import Resync
-from rigs.modbus import StatusRegister
+from rigs.schema.modbus import StatusRegister
 
 Registers = Sequence[int]
 Reading = Callable[[Registers, Message, int], Sample | Fault]

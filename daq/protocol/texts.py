@@ -19,7 +19,7 @@ from typing import Generic, TypeVar
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
 from daq.protocol.framing import Framer, Message
 from daq.protocol.polled import Reply, Then
-from rigs.probe import MM_PER_UNIT, Probe, Units
+from rigs.schema.probe import MM_PER_UNIT, Probe, Units
 
 CHECK = "check the cable, that the gauge is on, and the line's settings"
 SIGNED = rb"[+-]\d{1,7}\.\d{1,7}"

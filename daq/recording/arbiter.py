@@ -24,8 +24,8 @@ from daq.recording.pending_run import EndedRun
 from daq.recording.recorder import Recorder
 from daq.recording.trigger import Command, StartRun, StopRun, Trigger
 from daq.store.manifest import Ending
-from rigs.automatic import Automatic, Rule
 from rigs.errors import RigError
+from rigs.schema.recording_rules import Automatic, Rule
 
 log = logging.getLogger("rigd")
 OPERATOR = "automatic"

@@ -7,8 +7,8 @@ from typing import Annotated
 from pydantic import Field
 
 from daq.store.manifest import Operator, Placement
-from rigs.base import Part
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.part import Part
+from rigs.schema.vocabulary import Direction, TestName
 
 NAME_RULE = "use up to 64 letters, digits, . _ and -, a letter or digit first"
 

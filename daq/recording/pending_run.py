@@ -15,7 +15,7 @@ from daq.recording.suspended import SuspendedRecording
 from daq.store.manifest import Ending
 from daq.store.writer import MOST_PENDING
 from rigs.errors import CellError
-from rigs.vocabulary import TestName
+from rigs.schema.vocabulary import TestName
 
 _FRESH_S = 3.0
 

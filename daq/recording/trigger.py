@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from daq.protocol.conversation import Sample
-from rigs.automatic import NEAR_DEG, Rule, When
+from rigs.schema.recording_rules import NEAR_DEG, Rule, When
 
 _S = 1_000_000_000
 _SETTLED_NS = _S // 10

@@ -15,9 +15,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from rigs.errors import CellError, RigError
-from rigs.links import tcp_address, udp_address
 from rigs.load import load
 from rigs.rig import Rig
+from rigs.schema.links import tcp_address, udp_address
 
 Resolve = Callable[[str], Sequence[str]]
 _PRIVATE = ("10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "169.254.0.0/16", "fc00::/7", "fe80::/10")

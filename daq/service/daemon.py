@@ -34,8 +34,8 @@ from daq.store.startup_recovery import StartupRecovery
 from daq.wire.links import Link
 from rigs.errors import CellError, RigError
 from rigs.rig import Rig
+from rigs.schema.vocabulary import CIRCLES
 from rigs.text import plain
-from rigs.vocabulary import CIRCLES
 
 log = logging.getLogger("rigd")
 _BRIEF = 80

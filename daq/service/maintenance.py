@@ -15,8 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from daq.store.retention import RunInfo, clear, decide, delete, survey
-from rigs.automatic import Retention
 from rigs.errors import CellError, FileError
+from rigs.schema.recording_rules import Retention
 
 log = logging.getLogger("rigd")
 _METRICS_S = 10.0

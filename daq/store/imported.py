@@ -17,7 +17,7 @@ from daq.store.manifest import ImportedTable, Manifest, chunk_name, hold_operato
 from daq.store.schema import TABLE
 from daq.store.stream_writer import describe
 from rigs.errors import CellError, FileError
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 
 def write_table_run(  # noqa: PLR0913 - what a manifest needs to know

@@ -25,7 +25,7 @@ from daq.store.durable import replace
 from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, ColumnType, schema_of, storable, table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 MANIFEST = "manifest.json"
 _MOST_BYTES = 100_000_000

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from daq.store import durable
 from daq.store.manifest import PLACEMENT_RULE, Manifest, first_error, hold_operator, iso_now, load_manifest
 from rigs.errors import CellError, FileError
-from rigs.vocabulary import CIRCLES, Direction, TestName
+from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
 _GAUGED = ("yaw", "roll", "radial", "repeatability")
 """Tests whose recorded streams are alike, so that one may have been taken for another."""

@@ -19,8 +19,8 @@ from pathlib import Path
 from daq.store import durable
 from daq.store.manifest import MANIFEST, Manifest, load_manifest
 from daq.store.marks import Marks, load_marks
-from rigs.automatic import Retention
 from rigs.errors import FileError
+from rigs.schema.recording_rules import Retention
 
 _DELETED = ".deleted"
 _DAY_S = 86400.0

@@ -29,7 +29,7 @@ from daq.store.run_directory import create_run_directory
 from daq.store.schema import FAULTS, schema_of
 from daq.store.stream_writer import OpenChunk, StreamWriter
 from rigs.errors import CellError
-from rigs.vocabulary import Direction, TestName
+from rigs.schema.vocabulary import Direction, TestName
 
 CHUNK_ROWS = 200_000
 """Closing a chunk of this size takes about 0.2 s (7 columns and 6 joints)."""

@@ -30,7 +30,7 @@ import serial
 
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 from rigs.errors import CellError
-from rigs.links import Line, tcp_address, udp_address
+from rigs.schema.links import Line, tcp_address, udp_address
 
 _CONNECT_S = 3.0
 _WRITE_S = 2.0

@@ -1,7 +1,7 @@
 """The vocabulary of effects: why link side = reported + effect. One effect a file of this folder, named as the effect.
 
 A file that is put here is at once an effect of rig files and a candidate of every simulation, fit, plan, diagnosis and
-correction: `rigs.effects.X` is its class. What an effect has to say of itself stands in `rigs/effect.py`.
+correction: `rigs.effects.X` is its class. What an effect has to say of itself stands in `rigs/schema/effect.py`.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
-from rigs.effect import Effect as Effect
-from rigs.effect import Found as Found
-from rigs.effect import bounds as bounds
-from rigs.effect import healthy_size as healthy_size
-from rigs.effect import one_sided as one_sided
-from rigs.effect import size_field as size_field
+from rigs.schema.effect import Effect as Effect
+from rigs.schema.effect import Found as Found
+from rigs.schema.effect import bounds as bounds
+from rigs.schema.effect import healthy_size as healthy_size
+from rigs.schema.effect import one_sided as one_sided
+from rigs.schema.effect import size_field as size_field
 
 
 def _class_in(name: str) -> type[Effect]:

@@ -11,10 +11,10 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.base import Axis
-from rigs.effect import AT_AXIS, Compensation, Departures, Effect, FreeShape, Scope, at_each_axis, shape, size
-from rigs.play import play
-from rigs.scene import S
+from rigs.schema.effect import AT_AXIS, Compensation, Departures, Effect, FreeShape, Scope, at_each_axis, shape, size
+from rigs.schema.part import Axis
+from rigs.schema.play import play
+from rigs.schema.scene import S
 
 _SPREAD = np.linspace(-0.9, 0.9, 7)
 _FIRM_NM = 1.0

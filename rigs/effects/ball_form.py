@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from rigs.effect import Compensation, Departures, Effect, Place, Scope, scaled, shape, size
-from rigs.scene import S
+from rigs.schema.effect import Compensation, Departures, Effect, Place, Scope, scaled, shape, size
+from rigs.schema.scene import S
 
 _FEWEST, _MOST = 2, 30
 _LIKELY = (2, 3, 4, 5, 6)

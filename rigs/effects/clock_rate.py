@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.effect import OF_THE_CLOCKS, Compensation, Effect, Scope, size
-from rigs.scene import S
+from rigs.schema.effect import OF_THE_CLOCKS, Compensation, Effect, Scope, size
+from rigs.schema.scene import S
 
 
 class ClockRate(Effect):

@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.base import Axis
-from rigs.effect import AT_AXIS, BY_TARGETS, Compensation, Effect, FreeShape, Scope, at_each_axis, shape, size
-from rigs.scene import S
+from rigs.schema.effect import AT_AXIS, BY_TARGETS, Compensation, Effect, FreeShape, Scope, at_each_axis, shape, size
+from rigs.schema.part import Axis
+from rigs.schema.scene import S
 
 _HANGS_KG = 5.0
 """Nobody knows what hung at the flange: what is taken first, …"""

@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.effect import OF_THE_GAUGES, Compensation, Effect, Scope, size
-from rigs.scene import S
+from rigs.schema.effect import OF_THE_GAUGES, Compensation, Effect, Scope, size
+from rigs.schema.scene import S
 
 
 class GaugeBaseline(Effect):

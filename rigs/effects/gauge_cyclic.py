@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from rigs.effect import (
+from rigs.schema.effect import (
     NUMBER,
     OF_THE_GAUGES,
     Compensation,
@@ -21,7 +21,7 @@ from rigs.effect import (
     shape,
     size,
 )
-from rigs.scene import S
+from rigs.schema.scene import S
 
 _PERIODS_MM = (0.2, 0.5, 1.0, 2.0)
 _HARMONIC = 0.15

@@ -4,9 +4,19 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.effect import AT_GAUGE, OF_THE_GAUGES, Compensation, Departures, Effect, Gauge, Scope, at_each_gauge, size
-from rigs.play import play
-from rigs.scene import S
+from rigs.schema.effect import (
+    AT_GAUGE,
+    OF_THE_GAUGES,
+    Compensation,
+    Departures,
+    Effect,
+    Gauge,
+    Scope,
+    at_each_gauge,
+    size,
+)
+from rigs.schema.play import play
+from rigs.schema.scene import S
 
 
 class GaugeDeadBand(Effect):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.effect import AT_GAUGE, OF_THE_GAUGES, Compensation, Effect, Gauge, Scope, at_each_gauge, size
-from rigs.scene import S
+from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Compensation, Effect, Gauge, Scope, at_each_gauge, size
+from rigs.schema.scene import S
 
 
 class GaugeDrift(Effect):

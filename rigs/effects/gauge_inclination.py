@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.effect import AT_GAUGE, OF_THE_GAUGES, Compensation, Effect, Gauge, Scope, at_each_gauge, size
-from rigs.scene import S
+from rigs.schema.effect import AT_GAUGE, OF_THE_GAUGES, Compensation, Effect, Gauge, Scope, at_each_gauge, size
+from rigs.schema.scene import S
 
 
 class GaugeInclination(Effect):

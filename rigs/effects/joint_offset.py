@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.base import Axis
-from rigs.effect import AT_AXIS, Compensation, Effect, Scope, at_each_axis, size
-from rigs.scene import S
+from rigs.schema.effect import AT_AXIS, Compensation, Effect, Scope, at_each_axis, size
+from rigs.schema.part import Axis
+from rigs.schema.scene import S
 
 
 class JointOffset(Effect):

@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.base import Axis
-from rigs.effect import AXES, Compensation, Effect, Place, Scope, size
-from rigs.scene import S
+from rigs.schema.effect import AXES, Compensation, Effect, Place, Scope, size
+from rigs.schema.part import Axis
+from rigs.schema.scene import S
 
 Constant = Literal["a", "alpha", "d", "beta"]
 _CONSTANTS: tuple[Constant, ...] = ("a", "alpha", "d", "beta")

@@ -6,8 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.base import Axis
-from rigs.effect import (
+from rigs.schema.effect import (
     AT_AXIS,
     AXES,
     Compensation,
@@ -19,7 +18,8 @@ from rigs.effect import (
     shape,
     size,
 )
-from rigs.scene import S
+from rigs.schema.part import Axis
+from rigs.schema.scene import S
 
 _SLOWER = 4.0
 _DECAYS_S = (0.1, 0.3, 1.0)

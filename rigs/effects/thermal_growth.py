@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.effect import Compensation, Effect, Scope, StretchedShape, shape, size
-from rigs.scene import S
+from rigs.schema.effect import Compensation, Effect, Scope, StretchedShape, shape, size
+from rigs.schema.scene import S
 
 _WARMING_S = (60.0, 300.0, 1200.0)
 

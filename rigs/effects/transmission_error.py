@@ -7,8 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from rigs.base import Axis
-from rigs.effect import (
+from rigs.schema.effect import (
     AXES,
     BY_TARGETS,
     NUMBER,
@@ -23,7 +22,8 @@ from rigs.effect import (
     shape,
     size,
 )
-from rigs.scene import S
+from rigs.schema.part import Axis
+from rigs.schema.scene import S
 
 _MOST_ORDER = 200
 _MOST_WAVES = 120

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from rigs.effect import NUMBER, Compensation, Effect, Place, Scope, shape, size
-from rigs.scene import S
+from rigs.schema.effect import NUMBER, Compensation, Effect, Place, Scope, shape, size
+from rigs.schema.scene import S
 
 
 class Vibration(Effect):

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from rigs.base import Axis
-from rigs.effect import BY_TARGETS, Compensation, Effect, Place, Scope, size
-from rigs.scene import S
+from rigs.schema.effect import BY_TARGETS, Compensation, Effect, Place, Scope, size
+from rigs.schema.part import Axis
+from rigs.schema.scene import S
 
 _WRIST = ((4, 5), (4, 6), (5, 6))
 

@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from stranger.cell import ROBOTS, Cell, read_cell
-from stranger.faults import SIZE, Fault
-from stranger.gauges import Link
-from stranger.measure import measure
-from stranger.motion import Motion, lap, targets, track_of, visits
 
 from analysis.model.predict import model_of, nominal_setup, path_of, predict
-from analysis.reading.tables import CircleTable, RadialTable, Table
+from analysis.traces.tables import CircleTable, RadialTable, Table
 from rigs.effects import VOCABULARY
 from rigs.load import load
+from tests.support.stranger.cell import ROBOTS, Cell, read_cell
+from tests.support.stranger.faults import SIZE, Fault
+from tests.support.stranger.gauges import Link
+from tests.support.stranger.measure import measure
+from tests.support.stranger.motion import Motion, lap, targets, track_of, visits
 
 OFF = np.array([0.6, -0.4, 0.3])
 FEW_PERCENT = 0.04

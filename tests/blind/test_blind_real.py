@@ -11,20 +11,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-import stranger
-import trial
-from stranger.faults import SIGNED, Fault
-from stranger.names import everything
-from stranger.real import noise as noises
-from stranger.real.arm import drawn_fault, healthy_arm, plant
-from stranger.real.cases import LAPS
-from stranger.real.oracle import Oracle, slow_covariance
-from stranger.real.programs import GRID_S, at
-from stranger.sight import REPEATS, sight_of
 
-from analysis.reading.laps import laps_of
-from analysis.reading.loading import load_measured
+from analysis.traces.laps import laps_of
+from analysis.traces.loading import load_measured
 from rigs.load import load
+from tests.support import stranger
+from tests.support.blind import trial
+from tests.support.stranger.faults import SIGNED, Fault
+from tests.support.stranger.names import everything
+from tests.support.stranger.real import noise as noises
+from tests.support.stranger.real.arm import drawn_fault, healthy_arm, plant
+from tests.support.stranger.real.cases import LAPS
+from tests.support.stranger.real.oracle import Oracle, slow_covariance
+from tests.support.stranger.real.programs import GRID_S, at
+from tests.support.stranger.sight import REPEATS, sight_of
 
 
 def levels(rng: np.random.Generator, targets: tuple[int, ...] = (1, 2)) -> noises.Levels:

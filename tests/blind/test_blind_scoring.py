@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import stranger
-import trial
-from answers import VERDICTS, answer_of, name_in
-from scoring import Case, cases_of, confusions, report, rows_of, wilson
+
+from tests.support import stranger
+from tests.support.blind import trial
+from tests.support.blind.answers import VERDICTS, answer_of, name_in
+from tests.support.blind.scoring import Case, cases_of, confusions, report, rows_of, wilson
 
 BACKLASH = {
     "name": "backlash 1",

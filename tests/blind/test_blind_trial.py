@@ -6,8 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
-import trial
-from trial import Job, run_job
+
+from tests.support.blind import trial
+from tests.support.blind.trial import Job, run_job
 
 CASES = [
     ("healthy", 101, "within_tolerance"),
@@ -52,6 +53,6 @@ def test_ctrl_c_ends_the_trial_and_not_one_diagnosis_alone(monkeypatch: pytest.M
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("analysis.reading.loading.load_measured", interrupted)
+    monkeypatch.setattr("analysis.traces.loading.load_measured", interrupted)
     with pytest.raises(KeyboardInterrupt):
         trial.diagnose_case([Path("a")], [], [])

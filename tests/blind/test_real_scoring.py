@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from real_scoring import RealCase, as_json, real_cases_of, real_report, reliability, rows_of
+
+from tests.support.blind.real_scoring import RealCase, as_json, real_cases_of, real_report, reliability, rows_of
 
 BACKLASH = {
     "name": "backlash 1",

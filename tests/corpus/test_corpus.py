@@ -9,20 +9,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bench import PATIENCE_S, Bench
-from recording import HERE, heard
 
 from daq.emulators import Replay
 from daq.wire.capture import Capture, read_capture
 from rigs.errors import FileError
 from rigs.load import parse
+from tests.support.bench import PATIENCE_S, Bench
+from tests.support.corpus_recording import CORPUS, heard
 
-NAMES = sorted(folder.name for folder in HERE.iterdir() if (folder / "cell.log").exists())
+NAMES = sorted(folder.name for folder in CORPUS.iterdir() if (folder / "cell.log").exists())
 ON_WIRES = ("heidenhain-egm", "keyence-rtde", "mahr-rsi", "sylvac-lines")
 
 
 def _case(name: str) -> tuple[str, Capture, dict[str, Any]]:
-    folder = HERE / name
+    folder = CORPUS / name
     expected = json.loads((folder / "heard.json").read_text())
     return (folder / "rig.yaml").read_text(), read_capture(folder / "cell.log"), expected
 
@@ -74,10 +74,10 @@ def test_a_rig_of_which_the_capture_knows_nothing_is_refused() -> None:
 
 def test_the_command_serves_a_capture_until_all_is_said(tmp_path: Path) -> None:
     name = "sylvac-lines"
-    with Bench(tmp_path) as bench, bench.replaying(HERE / name / "cell.log", HERE / name / "rig.yaml") as said:
+    with Bench(tmp_path) as bench, bench.replaying(CORPUS / name / "cell.log", CORPUS / name / "rig.yaml") as said:
         bench.rig = tmp_path / "replayed" / "rig.yaml"
         bench.start().until(lambda state: state["streams"]["robot"]["counters"].get("samples", 0) > 50)
         end = said()
     assert "0 pieces of the host came otherwise than captured" in end
-    bad = bench.fails("rig", "replay", HERE / name / "rig.yaml", HERE / name / "rig.yaml", code=3)
+    bad = bench.fails("rig", "replay", CORPUS / name / "rig.yaml", CORPUS / name / "rig.yaml", code=3)
     assert "is not a capture written by rigd" in bad

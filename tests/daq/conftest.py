@@ -3,9 +3,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from bench import Bench
 
 from daq.store import durable
+from tests.support.bench import Bench
 
 
 @pytest.fixture

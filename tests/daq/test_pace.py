@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from bench import BIN
+from tests.support.bench import BIN
 
 SCRIPT = Path(__file__).parents[2] / "scripts" / "pace.py"
 

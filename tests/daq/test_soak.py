@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from soaking import RATES_HZ, Held, accelerated, wrong
+from tests.support.soaking import RATES_HZ, Held, accelerated, wrong
 
 
 def test_minutes_of_recording_in_a_second(tmp_path: Path) -> None:

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 import yaml
-from bench import Bench, rig_text
-from stalls import BAD_S, Stalls
 
-from analysis.model.emulated import EmulatedRobot, truth
+from analysis.simulation.emulated_robot import EmulatedRobot, truth
 from rigs.load import load, load_hidden, parse
+from tests.support.bench import Bench, rig_text
+from tests.support.stalls import BAD_S, Stalls
 
 TRIES = 3
 """A busy computer holds up the emulated instruments for a part of the lap, which is then rightly refused."""

@@ -87,7 +87,7 @@ def runs(folder: Path) -> list[Path]:
 @pytest.fixture
 def peer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A daemon's socket with hostile answers, and a journal with hostile entries."""
-    from peers import hostile_journal, hostile_peer  # noqa: PLC0415
+    from tests.support.hostile_peers import hostile_journal, hostile_peer  # noqa: PLC0415
 
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     monkeypatch.setenv("PATH", f"{hostile_journal(tmp_path, EVIL)}:{os.environ['PATH']}")

@@ -14,8 +14,8 @@ import daq.feedback
 import daq.gauges
 from analysis.cli import app
 from rigs.interfaces import NO_DEFAULT, Interface, known, models
-from rigs.origin import Origin
-from rigs.probe import Probe
+from rigs.schema.origin import Origin
+from rigs.schema.probe import Probe
 
 
 def test_every_driver_is_listed_once() -> None:

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from rigs.certificate import Certificate
 from rigs.errors import FileError
 from rigs.load import SHIPPED, find, load, load_hidden, parse, shipped, shipped_effects
 from rigs.problems import RigFileError
+from rigs.schema.certificate import Certificate
 
 TEXT = (
     (SHIPPED / "paper-fanuc.yaml").read_text()

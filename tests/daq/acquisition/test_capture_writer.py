@@ -7,13 +7,13 @@ import time
 from pathlib import Path
 
 import pytest
-from bench import BIN, PATIENCE_S, Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.acquisition import capture_writer
 from daq.wire.capture import HEAD, Capture, Mark, Piece, read_capture
 from rigs.errors import FileError
+from tests.support.bench import BIN, PATIENCE_S, Bench
 
 PIECES = st.builds(
     Piece,

@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bench import PATIENCE_S, rig_text
-from replugging import KINDS, Clockwork, replug, wrong
 
 import daq.acquisition.reader
 import daq.acquisition.streams
@@ -25,8 +23,10 @@ from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
 from daq.store import Run, read_run
 from daq.wire.links import Link, LinkLost, open_link
 from rigs.errors import CellError
-from rigs.links import Line
 from rigs.load import parse
+from rigs.schema.links import Line
+from tests.support.bench import PATIENCE_S, rig_text
+from tests.support.replugging import KINDS, Clockwork, replug, wrong
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -16,7 +16,6 @@ from typing import Any
 
 import pytest
 import yaml
-from bench import Bench, ByHand, rig_text
 
 from daq.acquisition.streams import Stream, streams_of
 from daq.doctor import Finding, Verdict, computer, examine, ports, trial
@@ -28,8 +27,9 @@ from daq.protocol.conversation import NO_TIME, Sample
 from daq.service.client import Client
 from daq.wire.links import open_link
 from daq.wire.session import ByteLink
-from rigs.links import Line
 from rigs.load import parse
+from rigs.schema.links import Line
+from tests.support.bench import Bench, ByHand, rig_text
 
 FTDI = "/dev/serial/by-id/usb-FTDI_FT232R_A900XYZ-if00-port0"
 OK, DOUBTFUL, WRONG = Verdict.OK, Verdict.DOUBTFUL, Verdict.WRONG

@@ -13,15 +13,15 @@ from subprocess import CompletedProcess
 
 import pytest
 import yaml
-from bench import BIN, PATIENCE_S, Bench, rig_text
 
-from analysis.model.emulated import EmulatedRobot
+from analysis.simulation.emulated_robot import EmulatedRobot
 from daq.emulators import Replay
 from daq.emulators.played import StreamingPlayer
 from daq.protocol.conversation import Step
 from daq.wire.capture import read_capture
 from rigs.errors import FileError
 from rigs.load import parse
+from tests.support.bench import BIN, PATIENCE_S, Bench, rig_text
 
 TRIES = 3
 FIGURES = ("amplitude_deg", "shift_deg", "offset_deg", "eccentricity_u_mm", "eccentricity_v_mm")

@@ -8,21 +8,31 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from drivers import FEEDBACKS, GAUGES, TCP, gauge, keyence, lines, modbus, rtde, sylvac
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymodbus.framer import FramerRTU
-from replies import POLLED
-from simulated import S, Script, asked, held
-from test_conversations import ANGLES, BAUMER_REPLY, RECIPE, STARTED, VERSION, _data, _rtde, _rtu, _tcp
-from test_datagrams import EGM, PACKED, ROB, egm_robot, rob, status
-from test_gauge_conversations import value
 
 import daq.feedback
 import daq.gauges
 from daq.protocol.conversation import Conversation
 from daq.protocol.framing import LIMIT
-from rigs.feedback import carries_signal
+from rigs.schema.feedback import carries_signal
+from tests.daq.protocol.test_conversations import (
+    ANGLES,
+    BAUMER_REPLY,
+    RECIPE,
+    STARTED,
+    VERSION,
+    _data,
+    _rtde,
+    _rtu,
+    _tcp,
+)
+from tests.daq.protocol.test_datagrams import EGM, PACKED, ROB, egm_robot, rob, status
+from tests.daq.protocol.test_gauge_conversations import value
+from tests.support.drivers import FEEDBACKS, GAUGES, TCP, gauge, keyence, lines, modbus, rtde, sylvac
+from tests.support.replies import POLLED
+from tests.support.simulated_conversation import S, Script, asked, held
 
 HELD_MAX = 3 * LIMIT
 

@@ -9,15 +9,15 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import pytest
-from drivers import FEEDBACKS, GAUGES, keyence, modbus, rtde, sylvac
-from simulated import S, simulate
 
 import daq.feedback
 import daq.gauges
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.polled import STIR, STIR_EVERY_NS, STIR_NS
-from rigs.feedback import Feedback, carries_signal
-from rigs.gauges import Gauge
+from rigs.schema.feedback import Feedback, carries_signal
+from rigs.schema.gauges import Gauge
+from tests.support.drivers import FEEDBACKS, GAUGES, keyence, modbus, rtde, sylvac
+from tests.support.simulated_conversation import S, simulate
 
 CHARACTER_NS = 200_000
 SILENT_IN_ERROR = {"mahr_c1208"}

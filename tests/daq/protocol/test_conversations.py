@@ -6,16 +6,16 @@ import math
 import struct
 
 import pytest
-from drivers import TCP, joints, keyence, lines, modbus, rtde, sylvac
 from pymodbus.framer import FramerRTU
-from simulated import S, Script, asked
 
 import daq.feedback
 import daq.gauges
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.framing import LIMIT
 from daq.protocol.polled import PAUSE_NS
-from rigs.gauges import Gauge
+from rigs.schema.gauges import Gauge
+from tests.support.drivers import TCP, joints, keyence, lines, modbus, rtde, sylvac
+from tests.support.simulated_conversation import S, Script, asked
 
 GARBLED, DEVICE_ERROR, MISSING = FaultKind.GARBLED, FaultKind.DEVICE_ERROR, FaultKind.MISSING
 

@@ -7,13 +7,13 @@ import struct
 from collections.abc import Sequence
 
 import pytest
-from drivers import egm, j519, rsi
-from simulated import S, Script
 
 import daq.feedback
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
 from daq.protocol.datagrams import LIMIT
-from rigs.feedback import Feedback
+from rigs.schema.feedback import Feedback
+from tests.support.drivers import egm, j519, rsi
+from tests.support.simulated_conversation import S, Script
 
 GARBLED, LATE, MISSING, SKIPPED = FaultKind.GARBLED, FaultKind.LATE, FaultKind.MISSING, FaultKind.SKIPPED
 

@@ -12,14 +12,14 @@ from typing import Any
 
 import pytest
 import yaml
-from drivers import LINE, NEEDED
-from simulated import S, simulate
 
 from daq.acquisition.streams import streams_of
 from daq.emulators.instruments import gauge_device
 from daq.protocol.conversation import NO_TIME, Fault, Sample
 from rigs.load import SHIPPED, parse
 from rigs.problems import RigFileError
+from tests.support.drivers import LINE, NEEDED
+from tests.support.simulated_conversation import S, simulate
 
 SHARED = {"keyence_dl_rs1a", "mahr_c1202", "magnescale_lt"}
 INTERFACES = sorted({*NEEDED, "sylvac_opto_rs", "keyence_dl_rs1a"})

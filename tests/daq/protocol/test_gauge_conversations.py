@@ -5,14 +5,14 @@ from __future__ import annotations
 import struct
 
 import pytest
-from drivers import SERIAL, gauge
 from pymodbus.framer import FramerRTU
-from replies import POLLED, Told
-from simulated import S, Script, asked
 
 import daq.gauges
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.polled import PAUSE_NS
+from tests.support.drivers import SERIAL, gauge
+from tests.support.replies import POLLED, Told
+from tests.support.simulated_conversation import S, Script, asked
 
 CASES = [(name, reply) for name, asked_ in POLLED.items() for reply in asked_.replies]
 

@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections import deque
 
 import pytest
-from drivers import TCP, modbus
-from lateness import TIMEOUT_S, Numbered, polled, simulated, wired
-from simulated import S, simulate
 
 import daq.gauges
 from daq.acquisition.stream_buffer import samples_of
@@ -16,6 +13,9 @@ from daq.protocol.framing import Message
 from daq.protocol.modbus import RtuRequests
 from daq.protocol.polled import STIR_EVERY_NS, Polled
 from daq.protocol.resync import Resync
+from tests.support.drivers import TCP, modbus
+from tests.support.lateness import TIMEOUT_S, Numbered, polled, simulated, wired
+from tests.support.simulated_conversation import S, simulate
 
 CASES = polled()
 RTU = modbus(timeout_s=TIMEOUT_S)

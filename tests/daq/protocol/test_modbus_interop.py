@@ -10,13 +10,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from drivers import modbus
 from pymodbus.client import ModbusTcpClient
 from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 import daq.gauges
 from daq.protocol.conversation import Conversation, Fault, FaultKind, Item, Sample
+from tests.support.drivers import modbus
 
 
 @contextmanager

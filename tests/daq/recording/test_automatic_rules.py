@@ -13,14 +13,14 @@ import yaml
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from analysis.reading.events import rule_of
+from analysis.traces.recording_rule import rule_of
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.recording.trigger import StartRun, StopRun, Trigger
 from daq.store import RunWriter, read_run
-from rigs.automatic import Automatic
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.problems import RigFileError
+from rigs.schema.recording_rules import Automatic
 
 UR10E = (SHIPPED / "ur10e.yaml").read_text()
 SIGNAL = "  rate_hz: 500\n  signal: {outputs: [0, 1]}\n"

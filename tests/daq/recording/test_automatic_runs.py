@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from bench import OFF, Bench, rig_text
 
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import streams_of
@@ -22,6 +21,7 @@ from daq.recording.recorder import Recorder
 from daq.store import Manifest, RunWriter, durable, load_manifest, read_run, verify
 from rigs.errors import CellError
 from rigs.load import parse
+from tests.support.bench import OFF, Bench, rig_text
 
 RULES = [
     {"when": {"signal": 1}, "test": "yaw", "direction": "cw"},

@@ -10,7 +10,7 @@ import pytest
 from daq.acquisition.pretrigger import PretriggerBuffer
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.recording.trigger import Command, StartRun, StopRun, Trigger
-from rigs.automatic import Rule
+from rigs.schema.recording_rules import Rule
 
 S = 1_000_000_000
 HOME = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0)

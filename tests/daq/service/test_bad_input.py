@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from bench import BIN, OFF, Bench, rig_text
 
 from daq.service.client import Client
 from daq.store import read_run
 from rigs.errors import RigError
+from tests.support.bench import BIN, OFF, Bench, rig_text
 
 
 def _edited(bench: Bench, **gauges: str) -> None:

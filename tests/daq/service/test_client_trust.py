@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bench import BIN
 
 import daq.service.client
 from daq.service.client import Client
 from rigs.errors import CellError, RigError
+from tests.support.bench import BIN
 
 HOSTILE = "a\x1b]0;title\x07\x1b[31m\nrig: all is well\r\u202e"
 SOMEBODY = 12345

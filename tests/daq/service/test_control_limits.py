@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bench import BIN, Bench
 
 from daq.service import control
 from daq.service.control import ControlServer
 from daq.store import read_run
+from tests.support.bench import BIN, Bench
 
 PATIENCE_S = 10.0
 

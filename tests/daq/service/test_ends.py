@@ -10,7 +10,6 @@ import time
 from pathlib import Path
 
 import pytest
-from bench import Bench, rig_text
 
 import daq.feedback
 from daq.acquisition.reader import Reader
@@ -21,8 +20,9 @@ from daq.service.client import Client
 from daq.service.control import ControlServer
 from daq.wire.links import Link
 from rigs.errors import CellError
-from rigs.feedback import URRTDE, LineFeed
 from rigs.load import parse
+from rigs.schema.feedback import URRTDE, LineFeed
+from tests.support.bench import Bench, rig_text
 
 
 def test_a_client_that_waits_when_the_daemon_ends_gets_its_answer_and_no_other(tmp_path: Path) -> None:

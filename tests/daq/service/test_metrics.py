@@ -10,7 +10,6 @@ import signal
 from pathlib import Path
 
 import pytest
-from bench import Bench
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,6 +19,7 @@ from daq.service.maintenance import Maintenance, write_atomically
 from daq.service.metrics import Metric, render
 from rigs.errors import CellError
 from rigs.text import plain_lines
+from tests.support.bench import Bench
 
 _LINE = re.compile(r'([a-zA-Z_:][a-zA-Z0-9_:]*)(?:\{((?:[a-zA-Z_]\w*="(?:[^"\\\n]|\\["\\n])*",?)*)\})? (\S+)', re.ASCII)
 _LABEL = re.compile(r'(\w+)="((?:[^"\\\n]|\\["\\n])*)"', re.ASCII)

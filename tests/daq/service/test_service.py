@@ -11,9 +11,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from bench import PATIENCE_S, Bench
 
 from daq.store import read_run
+from tests.support.bench import PATIENCE_S, Bench
 
 ROOT = Path(__file__).parents[3]
 UNIT = ROOT / "systemd" / "rigd@.service"

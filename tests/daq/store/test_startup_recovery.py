@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bench import PATIENCE_S, Bench, rig_text
 
 from daq.protocol.conversation import Sample
 from daq.store import RunWriter, durable, load_manifest, read_run, verify
 from daq.store.room import MARGIN_BYTES, TO_BEGIN_BYTES
 from daq.store.startup_recovery import StartupRecovery
+from tests.support.bench import PATIENCE_S, Bench, rig_text
 
 WHO: dict[str, Any] = {"rig_name": "r", "rig_text": "", "operator": "", "streams": {"g1": ("g1_mm",)}}
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from store_cases import bits, fault, samples
 
 from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.store.chunk import (
@@ -20,6 +19,7 @@ from daq.store.chunk import (
     with_opening,
 )
 from daq.store.schema import FAULTS, batch_of, checksum, schema_of
+from tests.support.store_cases import bits, fault, samples
 
 PLAIN = schema_of("g1", ("g1_mm",))
 SCHEMA = with_opening(PLAIN, b'{"run": 1}')

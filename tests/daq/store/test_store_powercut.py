@@ -6,8 +6,9 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from powercut import IoWorker, Link, Sync, Write, survivors
-from powercut_trial import recording, trial
+
+from tests.support.powercut import IoWorker, Link, Sync, Write, survivors
+from tests.support.powercut_trial import recording, trial
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])

@@ -10,14 +10,13 @@ import sys
 from pathlib import Path
 
 import pytest
-from store_cases import assert_holds, crash, finished, record, samples, sync
 
 from daq.store import RunWriter, load_manifest, read_run, recover, verify
 from daq.store.stream_writer import StreamWriter
 from rigs.errors import CellError, FileError
+from tests.support.store_cases import assert_holds, crash, finished, record, samples, sync
 
-HERE = Path(__file__).parent
-ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE.parents[2]), str(HERE)])}
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
 
 
 def python(code: str, *arguments: object) -> list[str]:
@@ -200,7 +199,7 @@ def test_lost_manifest_without_a_chunk_says_so(tmp_path: Path) -> None:
 KILLED = """
 import sys
 from pathlib import Path
-from store_cases import samples, fault, start, sync
+from tests.support.store_cases import samples, fault, start, sync
 writer = start(Path(sys.argv[1]), chunk_rows=40)
 print(writer.path, flush=True)
 for i in range(10**9):
@@ -235,7 +234,7 @@ def test_kill_9_keeps_all_that_was_synced(tmp_path: Path, lines: int) -> None:
 FULL = """
 import resource, signal, sys
 from pathlib import Path
-from store_cases import samples, start
+from tests.support.store_cases import samples, start
 from daq.store import durable
 from rigs.errors import CellError
 durable.free_bytes = lambda path: 1 << 40  # as where a quota is what limits: the disk seems to have room

@@ -7,16 +7,16 @@ from pathlib import Path
 
 import pyarrow as pa
 import pytest
-from store_cases import crash, finished, record
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from analysis.reading.loading import load_measured
-from analysis.reading.simulated_runs import write_simulated
+from analysis.simulation.simulated_runs import write_simulated
+from analysis.traces.loading import load_measured
 from daq.store import durable, load_manifest, read_run, recover, relabel, survey, verify, write_table_run
 from daq.store.manifest import MANIFEST
 from rigs.errors import CellError, FileError
 from rigs.load import load
+from tests.support.store_cases import crash, finished, record
 
 
 @pytest.fixture

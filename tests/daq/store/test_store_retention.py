@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from store_cases import finished, record
 from typer.testing import CliRunner
 
 from analysis.cli import app
@@ -17,8 +16,9 @@ from daq.service.maintenance import RunRetention
 from daq.store import durable, mark_exported, mark_kept, survey, verify
 from daq.store.marks import MARKS, Export, Marks, load_marks
 from daq.store.retention import RunInfo, decide, delete, look
-from rigs.automatic import Retention
 from rigs.errors import CellError, FileError
+from rigs.schema.recording_rules import Retention
+from tests.support.store_cases import finished, record
 
 DAY_S = 86400.0
 NOW_S = 1000 * DAY_S

@@ -8,14 +8,14 @@ from pathlib import Path
 from random import Random
 
 import pytest
-from powercut import BLOCK, watched
-from store_cases import assert_holds, record, samples, start, sync
 
 import daq.store.run_directory
 import daq.store.writer
 from daq.protocol.conversation import Sample
 from daq.store import NearlyFull, RunWriter, load_manifest, read_run, verify
 from daq.store.room import MARGIN_BYTES
+from tests.support.powercut import BLOCK, watched
+from tests.support.store_cases import assert_holds, record, samples, start, sync
 
 
 def wild(count: int, width: int, random: Random) -> list[Sample]:

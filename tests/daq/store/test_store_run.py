@@ -14,11 +14,11 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from store_cases import RIG_TEXT, assert_holds, crash, fault, finished, record, samples, start
 
 from daq.store import RunWriter, durable, load_manifest, read_run, recover, verify
 from daq.store.manifest import sha256
 from rigs.errors import FileError
+from tests.support.store_cases import RIG_TEXT, assert_holds, crash, fault, finished, record, samples, start
 
 
 @pytest.fixture(scope="module")

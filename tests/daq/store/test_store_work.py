@@ -6,10 +6,10 @@ import os
 from pathlib import Path
 
 import pytest
-from store_cases import assert_holds, crash, samples, start
 
 from daq.store import RunWriter, load_manifest, read_run, recover, verify
 from daq.store.writer import Work
+from tests.support.store_cases import assert_holds, crash, samples, start
 
 
 def _append(writer: RunWriter, first: int) -> None:

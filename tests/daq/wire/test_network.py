@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from bench import PATIENCE_S, Bench, rig_text
 
 from daq.acquisition.reader import Reader
 from daq.acquisition.stream_buffer import StreamBuffer
@@ -23,8 +22,9 @@ from daq.acquisition.streams import Stream, streams_of
 from daq.store import read_run
 from daq.wire.links import LinkLost, open_link
 from rigs.errors import CellError
-from rigs.links import Line
 from rigs.load import parse
+from rigs.schema.links import Line
+from tests.support.bench import PATIENCE_S, Bench, rig_text
 
 LINE = Line(baud=9600, bits=8, parity="N", stop=1)
 

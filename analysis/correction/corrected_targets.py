@@ -1,0 +1,158 @@
+"""Corrected targets: what the controller must be told, so that the real arm comes to where the nominal one was sent.
+
+The real arm is the model with the supported effects. The command is moved by what the real arm misses, until it misses
+nothing; effects are small, so each round leaves about a thousandth of the miss. The controller is taken to compute
+with the nominal arm, so a corrected pose is where the nominal arm stands at the corrected angles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from analysis.correction.left_out import left_out_mm
+from analysis.correction.support import Support
+from analysis.fitting.covered import beyond_effects
+from analysis.fitting.identify import name_of
+from analysis.kinematics.arm import Arm, Array, arm_of, forward, pose_error
+from analysis.kinematics.inverse import inverse
+from analysis.kinematics.limits import within_limits
+from analysis.kinematics.newton import newton
+from analysis.model.hysteresis import Motion
+from analysis.model.predict import Model, Path, model_of, moved
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.effect import label_of
+
+_ROUNDS = 20
+_REACHED = 1e-6
+"""mm, and a radian counted as 1 m."""
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """Targets of a path, each with what is known of it.
+
+    q (n, 6) rad: corrected angles; T (n, 4, 4): where the nominal arm stands at them; missed_mm (n,): how far the
+    corrected effects had the real arm miss; left_out_mm (n, e): root mean square of what each effect that is not
+    corrected still does to it, by the names left_out (e,); u_mm (n,): standard uncertainty of the place, by those of
+    the effects and what is left out; doubts in words.
+    """
+
+    q: Array
+    T: Array
+    missed_mm: Array
+    left_out: tuple[str, ...]
+    left_out_mm: Array
+    u_mm: Array
+    doubts: tuple[str, ...]
+
+
+def corrected(rig: Rig, found: Sequence[Support], q: Array, lines: Sequence[int], where: str) -> Corrected:
+    """Targets given as nominal angles q (n, 6) rad, corrected for the supported effects.
+
+    lines (n,): of the targets in the file `where`, for messages. Raises FileError for a target beyond limits or at a
+    singularity.
+    """
+    used = [one for one in found if one.use != "none"]
+    model = model_of(rig, [one.effect for one in used])
+    _hold_limits(model.arm, q, lines, where)
+    wanted = forward(model.arm, q)
+    command, angles = wanted.copy(), q
+    for _ in range(_ROUNDS):
+        reached = _reached(model, angles)
+        if (np.abs(pose_error(reached, wanted)) * [1, 1, 1, 1e3, 1e3, 1e3]).max() < _REACHED:
+            break
+        command = command @ np.linalg.inv(reached) @ wanted
+        angles, good = newton(model.arm, command, angles)
+        if not good.all():
+            raise _singular(lines[int(np.argmin(good))], where)
+    else:
+        error = np.abs(pose_error(reached, wanted)).max(axis=1)
+        raise _singular(lines[int(error.argmax())], where)
+    _hold_limits(model.arm, angles, lines, where)
+    rest = [one.effect for one in found if one.use == "none"]
+    left_out = left_out_mm(rig, rest, angles)
+    return Corrected(
+        angles,
+        forward(model.arm, angles),
+        _distance(_reached(model, q), wanted),
+        tuple(map(label_of, rest)),
+        left_out,
+        np.hypot(_uncertainty(model, used, angles), np.linalg.norm(left_out, axis=1)),
+        tuple(beyond_effects([one.effect for one in used], angles, "an effect corrected here")),
+    )
+
+
+def angles_for(rig: Rig, poses: Array, lines: Sequence[int], where: str) -> Array:
+    """Nominal angles (n, 6) rad of target poses (n, 4, 4): the first nearest to the posture of the rig's tests, the
+    others each nearest to the one before. Raises FileError for a pose out of reach or limits."""
+    arm = arm_of(rig.robot)
+    solutions = inverse(arm, poses)
+    near = _posture(rig, arm)
+    chosen = np.empty((len(poses), 6))
+    for k, line in enumerate(lines):
+        branches = solutions.q[k][solutions.found[k]]
+        if not len(branches):
+            raise FileError(f"{where}, line {line}", "is out of the nominal arm's reach", "move the target")
+        allowed, _ = within_limits(arm, branches)
+        if not len(allowed):
+            raise FileError(f"{where}, line {line}", "can only be reached beyond a joint's limits", "move the target")
+        near = chosen[k] = allowed[np.abs(allowed - near).max(axis=1).argmin()]
+    return chosen
+
+
+def _posture(rig: Rig, arm: Arm) -> Array:
+    """In which the arm works: that of its hemisphere or circle, else the middle of its limits."""
+    for test in (rig.tests.hemisphere, rig.tests.circle):
+        if test:
+            return np.radians(test.posture_deg)
+    middle: Array = arm.limits.mean(axis=1)
+    return middle
+
+
+def _reached(model: Model, q: Array) -> Array:
+    """Where the real arm's tool stands, (n, 4, 4), told q (n, 6) rad; no effect here looks at what was before."""
+    return moved(model, Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)))).T
+
+
+def _uncertainty(model: Model, used: Sequence[Support], q: Array) -> Array:
+    """By the uncertainties of the effects, correlated as far as the rig file says it."""
+    base = _reached(model, q)[:, :3, 3]
+    names, moves = [], []
+    for k, one in enumerate(used):
+        effect: Any = one.effect
+        for field, sd in effect.found.sd.items():
+            effects = list(model.effects)
+            effects[k] = effect.model_copy(update={field: getattr(effect, field) + sd})
+            moves.append(_reached(replace(model, effects=tuple(effects)), q)[:, :3, 3] - base)
+            names.append((name_of(effect, field), effect.found.correlation))
+    squares = np.zeros(len(q))
+    for j, (_, known) in enumerate(names):
+        squares += (moves[j] ** 2).sum(axis=1)
+        for k, (other, _) in enumerate(names[:j]):
+            squares += 2 * known.get(other, 0.0) * (moves[j] * moves[k]).sum(axis=1)
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
+
+
+def _distance(T: Array, other: Array) -> Array:
+    distance: Array = np.linalg.norm(T[:, :3, 3] - other[:, :3, 3], axis=1)
+    return distance
+
+
+def _singular(line: int, where: str) -> FileError:
+    return FileError(f"{where}, line {line}", "cannot be corrected: the arm is at a singularity", "move the target")
+
+
+def _hold_limits(arm: Arm, q: Array, lines: Sequence[int], where: str) -> None:
+    outside = (q < arm.limits[:, 0] - 1e-9) | (q > arm.limits[:, 1] + 1e-9)
+    for k, axis in np.argwhere(outside)[:1].tolist():
+        low, high = np.degrees(arm.limits[axis])
+        raise FileError(
+            f"{where}, line {lines[k]}",
+            f"axis {axis + 1} would stand at {np.degrees(q[k, axis]):.3f}°, its limits are {low:g}° and {high:g}°",
+            "move the target",
+        )

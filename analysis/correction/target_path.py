@@ -1,0 +1,122 @@
+"""A path: targets in a CSV table, as joint angles or as poses, in the columns of docs/tables.md.
+
+Columns that mean nothing here are kept as the text they are, in their place.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from analysis.correction.corrected_targets import Corrected
+from analysis.files.cells import value
+from analysis.files.read import MOST_BYTES
+from analysis.files.table_problems import TableFileError, TableProblem
+from analysis.files.write import write_csv, write_new
+from analysis.kinematics.arm import Array
+from analysis.traces.table_layout import JOINTS, PLACE, TURN
+from rigs.errors import FileError
+from rigs.files import read_bytes
+
+ADDED = ("missed_mm", "left_out_mm", "u_mm")
+"""Columns that a corrected path has beside those given: how far the arm missed the target, what effects that are not
+corrected still do to it, and the uncertainty of where it stands now, with that."""
+
+
+@dataclass(frozen=True)
+class TargetPath:
+    """Targets. columns: the file's, by name; lines (n,): of each row; values (n, 6): of `names`, in mm and degrees."""
+
+    columns: dict[str, list[str]]
+    names: tuple[str, ...]
+    lines: tuple[int, ...]
+    values: Array
+
+    @property
+    def joints(self) -> bool:
+        """Whether targets are joint angles; else poses."""
+        return self.names == JOINTS
+
+    def poses(self) -> Array:
+        """(n, 4, 4) of targets given as poses, in the world of the rig file."""
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+        T = np.tile(np.eye(4), (len(self.values), 1, 1))
+        T[:, :3, :3] = Rotation.from_euler("xyz", self.values[:, 3:], degrees=True).as_matrix()
+        T[:, :3, 3] = self.values[:, :3]
+        return T
+
+
+def read_path(path: Path) -> TargetPath:
+    """Read targets. Raises FileError for a file that is none, TableFileError with every bad cell."""
+    names, rows = _rows(path)
+    wanted = JOINTS if set(JOINTS) <= set(names) else (*PLACE, *TURN)
+    missing = [name for name in wanted if name not in names]
+    if missing:
+        remedy = f"give {','.join(JOINTS)}, or {','.join((*PLACE, *TURN))}"
+        raise FileError(str(path), f"has no column {', '.join(missing)}", remedy)
+    if len(set(names)) < len(names) or set(ADDED) & set(names):
+        twice = next(name for name in names if names.count(name) > 1 or name in ADDED)
+        raise FileError(str(path), f"has a column {twice} already", "rename it; is the path corrected already?")
+    if not rows:
+        raise FileError(str(path), "has a header and no rows", "give the targets")
+    problems = [
+        TableProblem(line, "", f"has {len(row)} fields, the header {len(names)}")
+        for line, row in rows
+        if len(row) != len(names)
+    ]
+    values = np.zeros((len(rows), 6))
+    for k, (line, row) in enumerate(rows):
+        for column, name in enumerate(wanted):
+            if len(row) == len(names):
+                try:
+                    values[k, column] = value(name, row[names.index(name)])
+                except ValueError as error:
+                    problems.append(TableProblem(line, name, str(error)))
+    if problems:
+        raise TableFileError(str(path), problems)
+    columns = {name: [row[place] for _, row in rows] for place, name in enumerate(names)}
+    return TargetPath(columns, wanted, tuple(line for line, _ in rows), values)
+
+
+def write_path(path: TargetPath, found: Corrected, output: Path) -> None:
+    """The same table with corrected targets, and what was missed. Raises FileError where the file is there already."""
+    values = np.degrees(found.q) if path.joints else _columns_of(found.T)
+    columns: dict[str, list[str] | list[float]] = dict(path.columns)
+    for name, corrected in zip(path.names, values.T, strict=True):
+        columns[name] = (np.round(corrected, 7) + 0.0).tolist()  # no -0.0
+    told = (found.missed_mm, np.linalg.norm(found.left_out_mm, axis=1), found.u_mm)
+    columns |= {name: np.round(mm, 6).tolist() for name, mm in zip(ADDED, told, strict=True)}
+    write_new(output, lambda file: write_csv(pa.table(columns), file))
+
+
+def _columns_of(T: Array) -> Array:
+    """Places in mm and fixed-axis roll-pitch-yaw in degrees (n, 6) of poses (n, 4, 4)."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    turns = Rotation.from_matrix(T[:, :3, :3]).as_euler("xyz", degrees=True)
+    return np.concatenate([T[:, :3, 3], turns], axis=1)
+
+
+def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
+    try:
+        text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise FileError(str(path), "is not UTF-8 text", "save it as CSV in UTF-8") from None
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    try:
+        rows = [(reader.line_num, fields) for fields in reader if fields]
+    except csv.Error as error:
+        raise FileError(
+            f"{path}, line {reader.line_num}", f"cannot be split into fields: {error}", "check its quotes"
+        ) from None
+    if not rows:
+        raise FileError(str(path), "is empty", "give a table with a header line")
+    return [name.strip() for name in rows[0][1]], rows[1:]

@@ -1,0 +1,90 @@
+"""The circle of the yaw and roll tests: its frame, the tool's nominal poses on it, the angle of a point.
+
+docs/geometry.md, "Circle test": P = C + R r(phi), z_T = -r, x_T = n, y_T = z_T × x_T (the acw tangent).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from analysis.kinematics.arm import Arm, Array
+from analysis.kinematics.follow import follow
+from rigs.schema.declared_tests import Circle
+from rigs.schema.vocabulary import Direction
+
+SENSE: dict[Direction, float] = {"acw": 1.0, "cw": -1.0}
+
+
+@dataclass(frozen=True)
+class CircleFrame:
+    """centre (3,) mm; u, v, n: (3,) unit vectors, v = n × u; radius mm."""
+
+    centre: Array
+    u: Array
+    v: Array
+    n: Array
+    radius: float
+
+    def radial(self, phi: Array) -> Array:
+        """r(phi) (k, 3) for circle angles phi (k,) rad."""
+        return np.cos(phi)[:, None] * self.u + np.sin(phi)[:, None] * self.v
+
+    def poses(self, phi: Array) -> Array:
+        """Nominal T_world_tool (k, 4, 4) at circle angles phi (k,) rad."""
+        r = self.radial(phi)
+        T = np.zeros((len(phi), 4, 4))
+        T[:, :3, 0] = self.n
+        T[:, :3, 1] = np.cross(-r, self.n)
+        T[:, :3, 2] = -r
+        T[:, :3, 3] = self.centre + self.radius * r
+        T[:, 3, 3] = 1.0
+        return T
+
+    def angle(self, points: Array) -> Array:
+        """Unwrapped circle angle (k,) rad of points (k, 3) mm in the world."""
+        from_centre = points - self.centre
+        return np.unwrap(np.arctan2(from_centre @ self.v, from_centre @ self.u))
+
+
+@lru_cache(maxsize=16)
+def frame_of(circle: Circle) -> CircleFrame:
+    """The frame of a rig file's circle; a fit asks for that of the same few over and over."""
+    n = np.array(circle.normal) / np.linalg.norm(circle.normal)
+    zero = np.array(circle.zero)
+    u = zero - (zero @ n) * n
+    u /= np.linalg.norm(u)
+    return CircleFrame(np.array(circle.centre_mm), u, np.cross(n, u), n, circle.radius_mm)
+
+
+@dataclass(frozen=True)
+class Reversal:
+    """A joint (1 … 6) turns back at circle angle phi (rad, 0 … 2 pi); upper: from rising to falling as phi grows."""
+
+    axis: int
+    phi: float
+    upper: bool
+
+
+def reversals(frame: CircleFrame, arm: Arm, posture: Array, where: str) -> list[Reversal]:
+    """Where the joints turn back on the nominal circle, by axis and phi (Table 1 of the paper).
+
+    A joint that swings by less than 0.05° about the point is taken as standing. Raises FileError where
+    the circle cannot be driven.
+    """
+    from scipy.signal import find_peaks  # noqa: PLC0415 - slow to import, needed here only
+
+    # Beyond one lap at both ends, so that a turn near the start has both its flanks.
+    phi = np.radians(np.arange(-40.0, 400.0, 0.5))
+    q = follow(arm, frame.poses(phi), posture, where)
+    found = []
+    for axis, joint in enumerate(q.T, start=1):
+        for sign in (1.0, -1.0):
+            for k in find_peaks(sign * joint, prominence=np.radians(0.05))[0]:
+                c = np.polyfit(phi[k - 1 : k + 2] - phi[k], joint[k - 1 : k + 2], 2)
+                vertex = phi[k] - c[1] / (2 * c[0])
+                if 0 <= vertex < 2 * np.pi:
+                    found.append(Reversal(axis, float(vertex), sign > 0))
+    return sorted(found, key=lambda turn: (turn.axis, turn.phi))

@@ -1,0 +1,29 @@
+"""Whether a rig's robot can do the tests that its file names, in words."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.geometry.circle import frame_of, reversals
+from analysis.geometry.programs import circle_program
+from analysis.kinematics.arm import arm_of
+from rigs.rig import Rig
+
+
+def feasible_tests(rig: Rig) -> list[str]:
+    """A line for each test. Raises FileError for a circle that the robot cannot drive."""
+    circle = rig.tests.circle
+    if circle is None:
+        return ["no circle test"]
+    seconds = circle_program(rig, "acw").t_s[-1]
+    laps = "1 lap" if circle.laps == 1 else f"{circle.laps} laps and the ways back"
+    posture = np.radians(circle.posture_deg)
+    turns = reversals(frame_of(circle), arm_of(rig.robot), posture, f"{rig.name}, tests.circle")
+    by_axis: dict[int, list[str]] = {}
+    for turn in turns:
+        by_axis.setdefault(turn.axis, []).append(f"{np.degrees(turn.phi):.0f}°")
+    listed = "; ".join(f"{rig.robot.axes[axis - 1].name} {' '.join(marks)}" for axis, marks in by_axis.items())
+    return [
+        f"circle of {circle.radius_mm:g} mm: reachable, {seconds:.0f} s for {laps} in one direction",
+        f"joint reversals: {listed}",
+    ]

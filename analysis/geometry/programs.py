@@ -1,0 +1,234 @@
+"""What a robot program of each test makes the controller do: nominal poses, turned into reported joint angles.
+
+The controller moves along the nominal path, so the reported angles follow it exactly; effects are what the link
+side adds to that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from analysis.geometry.circle import SENSE, CircleFrame, frame_of
+from analysis.geometry.hemisphere import hemisphere_frame, target_angles, target_poses
+from analysis.kinematics.arm import Arm, Array, Integers, arm_of
+from analysis.kinematics.follow import follow
+from analysis.kinematics.newton import newton
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Circle, Hemisphere, Repeatability
+from rigs.schema.vocabulary import Direction
+
+_ACCELERATION_MM_S2 = 200.0
+"""Of a controller that moves a calibration circle: gentle."""
+_CONTROL_PERIOD_S = 0.004
+_BACK = 2.0
+"""Times the speed of a lap at which a program drives back to the start of the next."""
+_PAUSE_S = 0.5
+"""Standing where a program turns back."""
+_JOINT_SPEED = np.radians(30.0)
+_SHORTEST_MOVE_S = 0.6
+
+
+def circle_of(rig: Rig) -> Circle:
+    """The circle of a rig. Raises FileError for a rig without one."""
+    if rig.tests.circle is None:
+        raise FileError(rig.name, "the rig file has no tests.circle", "add it: centre, posture, radius")
+    return rig.tests.circle
+
+
+def hemisphere_of(rig: Rig) -> Hemisphere:
+    """The hemisphere of a rig. Raises FileError for a rig without one."""
+    if rig.tests.hemisphere is None:
+        raise FileError(rig.name, "the rig file has no tests.hemisphere", "add it: centre, posture, radius")
+    return rig.tests.hemisphere
+
+
+@dataclass(frozen=True)
+class CircleProgram:
+    """Laps with lead-in and lead-out, and the ways back between them, at the controller's period. t_s (n,); phi (n,)
+    rad; q (n, 6) rad."""
+
+    t_s: Array
+    phi: Array
+    q: Array
+
+
+def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
+    """The circle of a rig, all its laps, from rest to rest. Raises FileError where the robot cannot drive it.
+
+    Between two laps the robot drives back along the circle, since few arms have two turns of the wrist to give; twice
+    as fast where its joints can."""
+    circle = circle_of(rig)
+    arm, frame = arm_of(rig.robot), frame_of(circle)
+    t_s, phi = lap(circle, direction)
+    where = f"{rig.name}, tests.circle"
+    q = drive(arm, frame, phi, np.radians(circle.posture_deg), where)
+    fastest = _fastest(t_s, q)
+    _hold_speeds(arm, fastest, where)
+    back_s = t_s / (_BACK if (_BACK * fastest < arm.speed).all() else 1.0)
+    round_s = t_s[-1] + back_s[-1] + 2 * _PAUSE_S
+    times, rows = [t_s], [np.arange(len(t_s))]
+    for done in range(1, circle.laps):
+        times += [t_s[-1] + _PAUSE_S + back_s + (done - 1) * round_s, t_s + done * round_s]
+        rows += [rows[0][::-1], rows[0]]
+    order = np.concatenate(rows)
+    return CircleProgram(np.concatenate(times), phi[order], q[order])
+
+
+def drive(arm: Arm, frame: CircleFrame, phi: Array, posture: Array, where: str) -> Array:
+    """Reported angles (n, 6) rad along monotone circle angles phi (n,), of either direction.
+
+    The posture is that of the acw start. A cw program drives the same joint angles back: a joint that
+    makes the full turn begins where the acw lap ends, since most have no second turn to give.
+    """
+    order = slice(None) if phi[-1] > phi[0] else slice(None, None, -1)
+    return follow(arm, frame.poses(phi[order]), posture, where)[order]
+
+
+def lap(circle: Circle, direction: Direction) -> tuple[Array, Array]:
+    """Time (n,) s and circle angle (n,) rad: lead-in, one lap at constant speed, lead-out, from rest to rest."""
+    arc = np.radians(360.0 + 2 * circle.lead_deg)
+    speed = circle.speed_mm_s / circle.radius_mm
+    acceleration = _ACCELERATION_MM_S2 / circle.radius_mm
+    ramp_s = min(speed / acceleration, np.sqrt(arc / acceleration))
+    cruise_s = max(0.0, arc / speed - ramp_s)
+    t = np.arange(0.0, cruise_s + 2 * ramp_s + _CONTROL_PERIOD_S, _CONTROL_PERIOD_S)
+    # Distance of a trapezoid: the integral of a ramp up less that of a ramp down begun at its time.
+    driven = acceleration / 2 * (_ramp(t, 0, ramp_s) - _ramp(t, ramp_s + cruise_s, 2 * ramp_s + cruise_s))
+    start = np.radians(circle.start_deg) - SENSE[direction] * np.radians(circle.lead_deg)
+    return t, start + SENSE[direction] * np.minimum(driven, arc)
+
+
+def _ramp(t: Array, begin: float, end: float) -> Array:
+    """Twice the distance of a unit acceleration from begin to end, the speed held afterwards."""
+    inside = np.clip(t, begin, end) - begin
+    distance: Array = inside**2 + 2 * (end - begin) * np.maximum(t - end, 0.0)
+    return distance
+
+
+def _fastest(t_s: Array, q: Array) -> Array:
+    """Greatest speed (6,) rad/s of each joint."""
+    fastest: Array = np.abs(np.diff(q, axis=0) / np.diff(t_s)[:, None]).max(axis=0)
+    return fastest
+
+
+def _hold_speeds(arm: Arm, fastest: Array, where: str) -> None:
+    for axis in np.flatnonzero(fastest > arm.speed):
+        raise FileError(
+            where,
+            f"axis {axis + 1} would move at {np.degrees(fastest[axis]):.0f}°/s, it can do "
+            f"{np.degrees(arm.speed[axis]):.0f}°/s",
+            "lower speed_mm_s, or move the circle away from the singularity",
+        )
+
+
+@dataclass(frozen=True)
+class TargetProgram:
+    """Targets of the hemisphere in the order they are visited. All (n,) or (n, 6); angles in rad, numbers from 1."""
+
+    target: Integers
+    polar: Array
+    azimuth: Array
+    orientation: Integers
+    q: Array
+
+
+def radial_program(rig: Rig) -> TargetProgram:
+    """Every target of the rig's hemisphere in each of its orientations, and all of that `visits` times, so that the
+    visits of one target lie minutes apart. Raises FileError where one is out of reach.
+    """
+    hemisphere = hemisphere_of(rig)
+    polar, azimuth = target_angles(hemisphere)
+    count = hemisphere.orientations
+    target = np.repeat(np.arange(1, len(polar) + 1), count)
+    orientation = np.tile(np.arange(1, count + 1), len(polar))
+    polar, azimuth = np.repeat(polar, count), np.repeat(azimuth, count)
+    poses = target_poses(hemisphere_frame(hemisphere), polar, azimuth, orientation, count)
+    names = [f"target {t}, orientation {o}" for t, o in zip(target, orientation, strict=True)]
+    q = _reach(rig, hemisphere, poses, names)
+    rows = np.tile(np.arange(len(target)), hemisphere.visits)
+    return TargetProgram(target[rows], polar[rows], azimuth[rows], orientation[rows], q[rows])
+
+
+def repeatability_program(rig: Rig) -> TargetProgram:
+    """The rig's repeatability targets in their middle orientation, one row each. Raises FileError as above."""
+    hemisphere, plan = hemisphere_of(rig), repeatability_of(rig)
+    polar, azimuth = target_angles(hemisphere)
+    unknown = [number for number in plan.targets if not 1 <= number <= len(polar)]
+    if unknown:
+        where = f"{rig.name}, tests.repeatability"
+        raise FileError(where, f"target {unknown[0]} is none of the {len(polar)} of the hemisphere", "correct targets")
+    target = np.array(plan.targets, dtype=np.int64)
+    polar, azimuth = polar[target - 1], azimuth[target - 1]
+    middle = np.full(len(target), (hemisphere.orientations + 1) // 2)
+    poses = target_poses(hemisphere_frame(hemisphere), polar, azimuth, middle, hemisphere.orientations)
+    q = _reach(rig, hemisphere, poses, [f"target {number}" for number in target])
+    return TargetProgram(target, polar, azimuth, middle, q)
+
+
+def repeatability_of(rig: Rig) -> Repeatability:
+    """The rig's repeatability test, or the paper's where the file says nothing of it."""
+    return rig.tests.repeatability or Repeatability()
+
+
+def stops(q: Array, *, dwell_s: float) -> tuple[Array, Array]:
+    """Time (n,) s and reported angles (n, 6) rad of a program that stops at each of q (m, 6) for `dwell_s`.
+
+    Between stops all joints move together, smoothly, from rest to rest; the slowest way decides the time.
+    """
+    t, path = [np.zeros(1)], [q[:1]]
+    for begin, end in pairwise(q):
+        seconds = max(_SHORTEST_MOVE_S, float(np.abs(end - begin).max() / _JOINT_SPEED))
+        share = np.arange(_CONTROL_PERIOD_S, seconds, _CONTROL_PERIOD_S) / seconds
+        smooth = (1 - np.cos(np.pi * share)) / 2
+        t += [t[-1][-1] + np.array([dwell_s]), t[-1][-1] + dwell_s + seconds * share]
+        path += [begin[None], begin + smooth[:, None] * (end - begin)]
+        t.append(t[-2] + seconds)
+        path.append(end[None])
+    t.append(t[-1] + dwell_s)
+    path.append(q[-1:])
+    return np.concatenate(t), np.concatenate(path)
+
+
+def radial_stops(rig: Rig) -> Array:
+    """Joint angles (m, 6) rad at which a radial program stops."""
+    return radial_program(rig).q
+
+
+def repeatability_stops(rig: Rig) -> Array:
+    """Joint angles (m, 6) rad of a repeatability program: each target, then out and back, in and back, in rounds."""
+    program, plan = repeatability_program(rig), repeatability_of(rig)
+    radius = hemisphere_frame(hemisphere_of(rig)).direction(program.polar, program.azimuth)
+    arm = arm_of(rig.robot)
+    out = beside(arm, program.q, plan.approach_mm * radius)
+    back = beside(arm, program.q, -plan.approach_mm * radius)
+    at = program.q
+    rounds = np.stack([out, at, back, at], axis=1)
+    return np.concatenate([at[:, None], *[rounds] * plan.rounds], axis=1).reshape(-1, 6)
+
+
+def beside(arm: Arm, q: Array, offset_mm: Array) -> Array:
+    """Joint angles (n, 6) with the tool moved by offset (n, 3) mm from where q (n, 6) has it, its orientation kept."""
+    from analysis.kinematics.arm import forward  # noqa: PLC0415
+
+    poses = forward(arm, q)
+    poses[:, :3, 3] += offset_mm
+    return newton(arm, poses, q)[0]
+
+
+def _reach(rig: Rig, hemisphere: Hemisphere, poses: Array, names: list[str]) -> Array:
+    arm = arm_of(rig.robot)
+    posture = np.radians(hemisphere.posture_deg)
+    q, good = newton(arm, poses, np.tile(posture, (len(poses), 1)))
+    good &= (q >= arm.limits[:, 0]).all(axis=1) & (q <= arm.limits[:, 1]).all(axis=1)
+    if not good.all():
+        bad = [name for name, reached in zip(names, good, strict=True) if not reached]
+        raise FileError(
+            f"{rig.name}, tests.hemisphere",
+            f"{len(bad)} of {len(poses)} poses are out of reach or limits, first {bad[0]}",
+            "move centre_mm, lower polar_max_deg, or set posture_deg near the pole",
+        )
+    return q

@@ -1,0 +1,70 @@
+"""What calibration certificates leave uncertain, in every figure.
+
+A gauge's error is taken as a smooth unknown curve over its readings, of standard deviation u. Of a wave as long as a
+gauge travels nearly all reaches a figure, of longer ones less: the worst is stated. A trial draws such errors over laps
+and targets of the shipped rigs (tests/analysis/measures/test_certificate_uncertainty.py). What holds one run against
+another is left alone, since both have the same gauges.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+from analysis.measures.quantity import Quantity
+from analysis.noise.certificate import NO_CERTIFICATE, Systematic
+from rigs.rig import Rig
+from rigs.schema.vocabulary import CIRCLES, TestName
+
+Figures = dict[str, Quantity]
+_SHORTEST_MM = 0.3
+"""Readings further apart than this may be wrong by independent amounts; the error of closer ones is shared in part."""
+_LENGTHS = ("radius_mm", "held_radius_mm", "ap_mm", "ap_mean_mm")
+"""Figures that an error common to all readings moves by as much."""
+
+
+def with_certificates(figures: Figures, systematic: Systematic, rig: Rig, test: TestName) -> Figures:
+    """Figures of a run with what its certificates leave uncertain added in quadrature."""
+    if systematic == NO_CERTIFICATE or test == "pose":
+        return figures
+    of_test = _of_circle(figures, systematic, rig, test) if test in CIRCLES else _of_targets(figures, systematic)
+    return {name: replace(one, u=math.hypot(one.u, of_test(name, one))) for name, one in figures.items()}
+
+
+def _of_circle(figures: Figures, systematic: Systematic, rig: Rig, test: TestName) -> Callable[[str, Quantity], float]:
+    """Standard uncertainty of each figure of a circle, in its unit."""
+    gauges_mm = math.hypot(*systematic.gauge_mm)
+    angle_rad, distance_mm = gauges_mm / rig.gauges.baseline_mm, gauges_mm / 2
+    radius_mm = rig.tests.circle.radius_mm if rig.tests.circle else 0.0
+
+    def u(name: str, figure: Quantity) -> float:
+        if name.endswith("_at_deg"):
+            return 0.0  # a place on the circle, which the shape of the curve tells and not its size
+        if name == "shift_deg":
+            amplitude_rad = math.radians(abs(figures["amplitude_deg"].value))
+            return math.degrees(angle_rad / amplitude_rad) if amplitude_rad else 0.0
+        if figure.unit == "deg":
+            ends = 2 if name.startswith("range") else 1  # of the whole curve, whose two ends may be wrong oppositely
+            return ends * math.degrees(angle_rad)
+        if "eccentricity" in name:
+            by_angle = test == "yaw" and not name.startswith("distance_")
+            return radius_mm * angle_rad if by_angle else distance_mm
+        return math.hypot(distance_mm, math.sqrt(2) * systematic.ball_mm)
+
+    return u
+
+
+def _of_targets(figures: Figures, systematic: Systematic) -> Callable[[str, Quantity], float]:
+    """Standard uncertainty of each figure of a radial or repeatability test, mm."""
+    gauge_mm, ball_mm, link_mm = systematic.gauge_mm[0], systematic.ball_mm, systematic.link_mm
+
+    def u(name: str, figure: Quantity) -> float:
+        if name in _LENGTHS:
+            return math.hypot(gauge_mm, ball_mm, link_mm)
+        apart_mm = figures.get("held_band_mm", figure) if name.startswith("centre_") else figure
+        difference_mm = math.sqrt(2) * gauge_mm * min(1.0, abs(apart_mm.value) / _SHORTEST_MM)
+        about_ball = name.startswith(("centre_", "band", "held_band"))  # from targets that touch it elsewhere
+        return math.hypot(difference_mm, math.sqrt(2) * ball_mm if about_ball else 0.0)
+
+    return u

@@ -1,0 +1,150 @@
+"""An anticlockwise and a clockwise run of one set-up against each other: what reverses with the direction.
+
+At the same circle angle the eccentricity is the same in both, so the difference acw - cw of the angle holds
+only what depends on direction and history: backlash above all (Oh 2019, figure 6 a against b). For the
+distance, ISO 230-4:2005, clause 3: bidirectional circular deviation G(b) about the least-squares circle
+of both paths together, and circular hysteresis H, the largest radial difference of the two.
+
+Ball and zeros of the gauges must not be touched between the runs. A ball that sits elsewhere makes a difference of
+order one and nothing else, in the distance and, of a yaw, in the angle alike: such runs are no pair. A lag between
+gauges and robot belongs to the set-up: it is drawn once for both runs, from what the less certain of them knows of it,
+and moves them apart, which is the worst it can do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.measures.circularity import circle_at, fit_circle
+from analysis.measures.lag import lag_of
+from analysis.measures.lap_curve import SEED, LapCurve, at_resolution, calmed, figures
+from analysis.measures.largest import largest
+from analysis.measures.link_angle import CircleResult
+from analysis.measures.quantity import Quantity
+from analysis.measures.reduction import PHI, nodes_of
+from analysis.noise.cell import NoiseSource
+from analysis.noise.spectrum import DRAWS, NODES
+from rigs.errors import FileError
+
+RANGES = frozenset({"circular_deviation_mm"})
+_ELSEWHERE_MM = 0.06
+"""A ball that moved by more than this was touched: three times what clamping and temperature do in a cell."""
+_ALIKE = 0.5
+"""Of a move by the angle: how far that by the distance may be from it, which a play moves too."""
+_ALONE, _MOSTLY = 0.9, 0.5
+"""Share of acw - cw, as energy, that a ball elsewhere explains; a play, which changes its side at each reversal of a
+joint, leaves much of itself in the higher orders."""
+
+
+@dataclass(frozen=True)
+class DirectionPair:
+    """What differs between the directions, by name; lag: of the gauges behind the robot, ms, told and not applied."""
+
+    figures: dict[str, Quantity]
+    lag: Quantity
+
+
+def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> DirectionPair:
+    """figures of acw - cw at the same phi: hysteresis_mean_deg with its sign, hysteresis_max_deg without and
+    hysteresis_max_at_deg where; of the distance hysteresis_mean_mm, hysteresis_max_mm (H) and
+    circular_deviation_mm (G(b)). Maxima are noise-corrected. Raises FileError where it is no pair."""
+    _hold(acw, cw, where)
+    curves = [acw.curve, cw.curve, acw.distance.curve, cw.distance.curve]
+    radius = acw.laps.frame.radius
+    rng = np.random.default_rng(SEED)
+    lag_s = rng.normal(0.0, max(acw.u_lag_s, cw.u_lag_s), DRAWS)
+    scale, unscaled = 1.0 + rng.normal(0.0, acw.u_scale, DRAWS), np.ones(DRAWS)
+
+    def drawn(about: Sequence[Array]) -> list[Array]:
+        scales = (scale, scale, unscaled, unscaled)
+        return [curve.drawn(y, lag_s, one) for curve, y, one in zip(curves, about, scales, strict=True)]
+
+    samples = acw.samples + cw.samples
+    calm = [*_calm(acw.curve, cw.curve), *_calm(acw.distance.curve, cw.distance.curve)]
+    found = figures(lambda y: figures_at(y, radius), curves, drawn, samples, RANGES, calm)
+    found |= _largest(curves, drawn([curve.y for curve in curves]), samples, found["hysteresis_mean_deg"].noise)
+    lag = lag_of([(curves[0], curves[1]), (curves[2], curves[3])], [radius, 1.0], samples)
+    return DirectionPair(found, lag)
+
+
+def _largest(
+    curves: Sequence[LapCurve], draws: Sequence[Array], samples: int, noise: NoiseSource
+) -> dict[str, Quantity]:
+    """The largest hysteresis of angle and distance, and the place of that of the angle, of curves and their draws
+    (DRAWS, NODES) in the order of figures_at."""
+    found = []
+    for k, unit, scale in ((0, "deg", np.degrees(1.0)), (2, "mm", 1.0)):
+        between = scale * at_resolution(curves[k].y - curves[k + 1].y)
+        errors = scale * at_resolution(draws[k] - draws[k + 1]) - between
+        blur = float(np.hypot(curves[k].blur, curves[k + 1].blur) / np.sqrt(2))
+        found += [replace(figure, noise=noise) for figure in largest(between, errors, blur, unit, samples)]
+    return dict(zip(("hysteresis_max_deg", "hysteresis_max_at_deg", "hysteresis_max_mm"), found, strict=False))
+
+
+def _calm(acw: LapCurve, cw: LapCurve) -> tuple[Array, Array]:
+    """Both curves (NODES,) with the noise reduced of their mean and of their difference, which is small beside them."""
+    power = acw.power + cw.power
+    mean, half = calmed((acw.y + cw.y) / 2, power / 4), calmed((acw.y - cw.y) / 2, power / 4)
+    return mean + half, mean - half
+
+
+Run = tuple[Array, Array]
+"""phi (n,) rad and values (n,) there."""
+
+
+def plain_figures(angle: list[Run], distance: list[Run], radius_mm: float) -> dict[str, float]:
+    """The plain figures of a noise-free acw and cw run, in this order: angle in rad, distance in mm."""
+    nodes = np.stack([nodes_of(phi, y) for phi, y in (*angle, *distance)])
+    return {name: float(value) for name, value in figures_at(nodes, radius_mm).items()}
+
+
+def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
+    """The plain figures (...,) of curves (4, ..., NODES): angle acw and cw, distance acw and cw."""
+    turned, moved = at_resolution(np.degrees(y[0] - y[1])), at_resolution(y[2] - y[3])
+    fit = (fit_circle(y[2], radius_mm) + fit_circle(y[3], radius_mm)) / 2
+    deviation = at_resolution(y[2:] - circle_at(fit, radius_mm))
+    return {
+        "hysteresis_mean_deg": turned.mean(axis=-1),
+        "hysteresis_max_deg": np.abs(turned).max(axis=-1),
+        "hysteresis_max_at_deg": np.degrees(PHI)[np.argmax(np.abs(turned), axis=-1)],
+        "hysteresis_mean_mm": moved.mean(axis=-1),
+        "hysteresis_max_mm": np.abs(moved).max(axis=-1),
+        "circular_deviation_mm": deviation.max(axis=(0, -1)) - deviation.min(axis=(0, -1)),
+    }
+
+
+def ball_moved_mm(acw: CircleResult, cw: CircleResult) -> float:
+    """By how much the ball sits elsewhere in the second run, mm; 0 where a robot may have done what differs.
+
+    A play moves the distance by the way that a joint turns, and with it the first order too; of a yaw the angle shows
+    the ball a second time, and a play hardly shows the same there.
+    """
+    moved = acw.distance.ball_mm - cw.distance.ball_mm
+    by_angle = acw.laps.frame.radius * np.array([-(acw.sine.a - cw.sine.a), acw.sine.b - cw.sine.b])
+    size, seen = float(np.linalg.norm(moved)), float(np.linalg.norm(by_angle))
+    power = np.abs(np.fft.rfft(acw.distance.curve.y - cw.distance.curve.y) / NODES)[1:] ** 2
+    alone = float(power[0] / max(power.sum(), 1e-30))
+    if seen > _ELSEWHERE_MM and float(np.linalg.norm(by_angle - moved)) < _ALIKE * seen and alone > _MOSTLY:
+        return seen
+    # In roll the ball's place does not show in the angle's sine.
+    return size if size > _ELSEWHERE_MM and alone > _ALONE and seen < 0.1 * size else 0.0
+
+
+def _hold(acw: CircleResult, cw: CircleResult, where: str) -> None:
+    directions = (acw.laps.direction, cw.laps.direction)
+    if directions != ("acw", "cw"):
+        raise FileError(
+            where, f"are {directions[0]} and {directions[1]}", "give an acw run and a cw run, in this order"
+        )
+    one, other = acw.laps.frame, cw.laps.frame
+    if abs(one.radius - other.radius) > 1e-6 or np.linalg.norm(one.centre - other.centre) > 1e-6:
+        raise FileError(where, "were driven on different circles", "compare runs of one rig file")
+    if moved_mm := ball_moved_mm(acw, cw):
+        raise FileError(
+            where,
+            f"have their balls {moved_mm:.2f} mm apart: it was mounted anew, and acw - cw is no hysteresis",
+            "record acw and cw without touching ball and gauges between them",
+        )

@@ -1,0 +1,67 @@
+"""The largest size of a noisy curve, and where it lies.
+
+The maximum of a noisy curve is chosen by its noise and too large on average; by how much depends on how many places
+come near it. On a plateau, as a play makes one between two reversals, any place may be the largest. So the curve is
+flattened: all that stands above some level is taken for noise, and that level is the size of which the observed
+maximum is the median, with the same noise again. It is the least favourable curve that the readings allow, as in the
+half-median-unbiased bounds of Chernozhukov, Lee and Rosen (Intersection bounds, Econometrica 2013).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.measures.lap_curve import RANGE_U, blurred
+from analysis.measures.quantity import Quantity, figures_of, from_draws
+from analysis.measures.reduction import PHI
+
+_SURE = 0.9545
+"""Of draws that 2 u covers."""
+_ROUNDS = 2
+"""In which a plateau is found: the wider it is, the further below its maximum one of its places may be read."""
+_HALVINGS = 10
+"""Of what lies between the bounds of the level: to a thousandth of what noise adds."""
+
+
+def largest(curve: Array, errors: Array, blur: float, unit: str, samples: int) -> tuple[Quantity, Quantity]:
+    """The largest size of a curve (NODES,) without sign, and the place of it, with errors (m, NODES) that noise may
+    have put into it. Its rows fell anywhere about their places with a standard deviation of `blur` rad, which takes
+    something off a narrow peak."""
+    peak = int(np.argmax(np.abs(curve)))
+    top = float(np.abs(curve[peak]))
+    level = _level(curve * np.sign(curve[peak]), errors * np.sign(curve[peak]))
+    flat = np.clip(curve, -level, level)
+    lost = max(level - float(np.abs(blurred(flat, blur)).max()), 0.0)
+    again = np.abs(flat + errors)
+    u = float(np.sqrt(from_draws(0.0, again.max(axis=1), unit).u ** 2 + (RANGE_U * (top - level)) ** 2 + lost**2))
+    at, drawn = np.degrees(PHI), _places(curve, flat, errors)
+    place = figures_of({"_at_deg": float(at[peak])}, {"_at_deg": at[drawn]}, samples)["_at_deg"]
+    return Quantity(level + lost, u, unit, samples), place
+
+
+def _places(curve: Array, flat: Array, errors: Array) -> Array:
+    """Nodes (m,) at which a curve (NODES,), of which `flat` is as much as stands no higher than its level, may have its
+    largest size: those that lie no further below its maximum than one place of a plateau may be read."""
+    peak = int(np.argmax(np.abs(curve)))
+    size = np.abs(curve)
+    for _ in range(_ROUNDS):
+        again = np.abs(flat + errors)
+        below = float(np.quantile(again.max(axis=1) - again[:, peak], _SURE))
+        flat = np.where(size >= size[peak] - below, np.abs(flat[peak]) * np.sign(curve), flat)
+    found: Array = np.abs(flat + errors).argmax(axis=1)
+    return found
+
+
+def _level(curve: Array, errors: Array) -> float:
+    """The level, not below zero, at which a curve (NODES,) with a positive maximum is cut off, so that with errors
+    (m, NODES) again its largest value has that maximum as its median."""
+    top = float(curve.max())
+    low, high = max(top - float(np.median(errors.max(axis=1))), 0.0), top
+    for _ in range(_HALVINGS):
+        level = (low + high) / 2
+        if float(np.median((np.minimum(curve, level) + errors).max(axis=1))) > top:
+            high = level
+        else:
+            low = level
+    return (low + high) / 2

@@ -1,0 +1,195 @@
+"""The angle between link and tool over a circle: what yaw and roll share, after Oh 2019, section 2.1.
+
+What is left of the angle after the least-squares sine, eqs. (1) to (11), is the orientation error, and its
+maximum less its minimum the error band. Which figures are taken besides, yaw and roll say themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.geometry.ball_link import angle
+from analysis.kinematics.arm import Array
+from analysis.measures.checks import hold_alive, hold_numbers, hold_radius
+from analysis.measures.circularity import Circularity
+from analysis.measures.circularity import evaluate as evaluate_distance
+from analysis.measures.lap_curve import SEED, LapCurve, at_resolution, curve_of, figures
+from analysis.measures.quantity import Quantity
+from analysis.measures.reduction import PHI, nodes_of, reduced
+from analysis.noise.spectrum import DRAWS, NODES, LapNoise
+from analysis.traces.laps import Laps
+from rigs.errors import FileError
+
+Plain = Callable[[Array, float], Mapping[str, Array]]
+"""The plain figures (...,) by name of angles (..., NODES) rad on a circle of a radius in mm."""
+RANGES = frozenset({"band_deg", "range_deg"})
+"""Figures that noise makes too large."""
+
+
+@dataclass(frozen=True)
+class Sine:
+    """Least-squares A + a sin(phi) + b cos(phi), eq. (4), in rad."""
+
+    A: float
+    a: float
+    b: float
+
+    def __call__(self, phi: Array) -> Array:
+        """Its value (n,) at phi (n,)."""
+        values: Array = self.A + self.a * np.sin(phi) + self.b * np.cos(phi)
+        return values
+
+    @property
+    def amplitude(self) -> float:
+        """r of eq. (11)."""
+        return float(np.hypot(self.a, self.b))
+
+    @property
+    def shift(self) -> float:
+        """alpha of eq. (11); by atan2, since arctan(b/a) loses the quadrant. (The paper's last formula
+        for it has b11 where b21 belongs.)"""
+        return float(np.arctan2(self.b, self.a))
+
+
+def sine_of(y: Array) -> tuple[Array, Array, Array]:
+    """A, a and b (...,) of the least-squares sine of eq. (2) through curves (..., NODES).
+
+    Nodes lie evenly around the circle, so that the paper's sums are the orders 0 and 1 of the spectrum.
+    """
+    spectrum = np.fft.rfft(y) / NODES
+    return spectrum[..., 0].real, -2 * spectrum[..., 1].imag, 2 * spectrum[..., 1].real
+
+
+def fit_sine(phi: Array, y: Array) -> Sine:
+    """The sine of a noise-free curve y (n,) rad at phi (n,) rad of one lap."""
+    A, a, b = sine_of(nodes_of(phi, y))
+    return Sine(float(A), float(a), float(b))
+
+
+@dataclass(frozen=True)
+class CircleResult:
+    """Result of one direction. angle, residual: (NODES,) rad over PHI, the residual at the stated resolution; curve:
+    the angle with its noise; distance: what the mean of the gauges shows; u_lag_s, u_scale: what was assumed of the
+    gauges' time and of the baseline (relative)."""
+
+    laps: Laps
+    angle: Array
+    residual: Array
+    sine: Sine
+    figures: dict[str, Quantity]
+    samples: int
+    notes: tuple[str, ...]
+    curve: LapCurve
+    distance: Circularity
+    u_lag_s: float
+    u_scale: float
+
+
+@dataclass(frozen=True)
+class AngleTest:
+    """Yaw or roll. figures_at: its plain figures; notes_of: what it says of a result, of a run named where, besides.
+    The latter raises FileError for readings that are not of this test."""
+
+    figures_at: Plain
+    notes_of: Callable[[CircleResult, str], tuple[str, ...]]
+
+    def evaluate(
+        self,
+        laps: Laps,
+        baseline_mm: float,
+        baseline_u_mm: float,
+        u_lag_s: float,
+        where: str = "the run",
+        like: tuple[LapNoise, LapNoise] | None = None,
+    ) -> CircleResult:
+        """The figures of a run's laps, ranges corrected for noise, each with its uncertainty.
+
+        like: noise of the angle and of the distance in another run of the cell, for a run of one lap. Raises FileError
+        for readings that no ball link gives.
+        """
+        _hold(laps, baseline_mm, where)
+        run = reduced(laps)
+
+        def angle_of(g_mm: Array) -> Array:
+            return angle(g_mm[..., 0], g_mm[..., 1], baseline_mm)
+
+        curve = curve_of(run, angle_of, np.sqrt(2) / abs(baseline_mm), 0, like and like[0])
+        radius, u_scale = laps.frame.radius, baseline_u_mm / abs(baseline_mm)
+        rng = np.random.default_rng(SEED)
+        lag_s, scale = rng.normal(0.0, u_lag_s, DRAWS), 1.0 + rng.normal(0.0, u_scale, DRAWS)
+
+        def drawn(curves: Sequence[Array]) -> list[Array]:
+            return [curve.drawn(curves[0], lag_s, scale)]
+
+        found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, len(laps.phi), RANGES)
+        sine = Sine(*(float(part) for part in sine_of(curve.y)))
+        residual = at_resolution(curve.y - sine(PHI))
+        distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
+        notes = (*laps.notes, *run.notes, *_about_noise(curve))
+        count = len(laps.phi)
+        result = CircleResult(laps, curve.y, residual, sine, found, count, notes, curve, distance, u_lag_s, u_scale)
+        return replace(result, notes=(*notes, *self.notes_of(result, where)))
+
+    def plain_figures(self, phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
+        """The plain figures of a noise-free curve y (n,) rad over phi (n,) rad, by the definitions of
+        docs/geometry.md."""
+        return {name: float(value) for name, value in self.figures_at(nodes_of(phi, y), radius_mm).items()}
+
+
+def _about_noise(curve: LapCurve) -> tuple[str, ...]:
+    """Where the noise is not from laps of this run, and what happened between its laps, in words."""
+    if curve.slips:
+        sizes = ", ".join(f"{np.degrees(slip):+.4f}°" for slip in curve.slips)
+        return (
+            f"the level of the angle steps by {sizes} between laps, more than noise and drift do: check the clamps",
+        )
+    match curve.noise.source:
+        case "borrowed":
+            return ("one lap: its slow noise is borrowed from another run of this cell, at an unknown level",)
+        case "assumed":
+            return ("one lap: its slow noise cannot be seen and is assumed as real cells have it; drive two laps",)
+    return ()
+
+
+def eccentricities(result: CircleResult) -> tuple[Array, Array]:
+    """Where the ball lies from the centre along u and v, (2,) mm each: by the angle of a yaw, and by the distance."""
+    radius = result.laps.frame.radius
+    by_angle = radius * np.array([-result.sine.a, result.sine.b])
+    return by_angle, result.distance.ball_mm
+
+
+def sine_figures(y: Array) -> dict[str, Array]:
+    """Band, amplitude, shift and offset (...,) of curves (..., NODES): the paper's section 2.1."""
+    A, a, b = sine_of(y)
+    error = at_resolution(y - _sines(A, a, b))
+    return {
+        "band_deg": np.degrees(np.ptp(error, axis=-1)),
+        "amplitude_deg": np.degrees(np.hypot(a, b)),
+        "shift_deg": np.degrees(np.arctan2(b, a)),
+        "offset_deg": np.degrees(A),
+    }
+
+
+def error_of(y: Array) -> tuple[Array, Array]:
+    """Orientation errors (..., NODES) of curves, and these with their sine, at the stated resolution."""
+    sine = _sines(*sine_of(y))
+    error = at_resolution(y - sine)
+    return error, error + sine
+
+
+def _sines(A: Array, a: Array, b: Array) -> Array:
+    values: Array = A[..., None] + a[..., None] * np.sin(PHI) + b[..., None] * np.cos(PHI)
+    return values
+
+
+def _hold(laps: Laps, baseline_mm: float, where: str) -> None:
+    if laps.g_mm.ndim != 2 or laps.g_mm.shape[1] != 2:
+        raise FileError(where, "has not two gauges, and an angle takes two", "give g1_mm and g2_mm")
+    if baseline_mm == 0:
+        raise FileError(where, "the gauges stand at the same place", "correct offset_mm of g1 and g2 in the rig file")
+    hold_radius(where, laps.frame.radius)
+    hold_numbers(where, t_s=laps.t_s, q=laps.q, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
+    hold_alive(where, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])

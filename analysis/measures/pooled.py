@@ -1,0 +1,201 @@
+"""Several runs of one test as one figure: their mean, what differs between them, and acw against cw pair by pair.
+
+u of one run says how well that run's figure is known; what differs from run to run is not in it and shows only where
+runs are repeated. The mean of m runs then has Student's law with m - 1 degrees of freedom.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.measures.direction_pair import pair
+from analysis.measures.link_angle import CircleResult
+from analysis.measures.quantity import Quantity
+from analysis.measures.radial import RadialResult
+from analysis.measures.results import Result
+from analysis.noise.cell import BALL_MM, JOINT_DEG
+from rigs.errors import FileError
+
+ONE_RUN = (
+    "one run only: what differs between runs is not in u; expect the ball "
+    f"{1e3 * BALL_MM.low:g} to {1e3 * BALL_MM.high:g} µm and each joint {JOINT_DEG.low:g} to {JOINT_DEG.high:g}° "
+    "elsewhere in the next, and repeat it to see"
+)
+_STUDENT = (6.985, 2.266, 1.653, 1.434, 1.324, 1.259, 1.215, 1.184, 1.160)
+"""Half of what reaches 95.45 % of Student's law to either side, for 1, 2, … degrees of freedom; below, by 1 +
+1.25/ν."""
+_ELSEWHERE_MM = 0.06
+"""A ball so far from the others' was mounted anew: three times what clamping and temperature do in a cell, …"""
+_SPREADS = 5.0
+"""… and so many times the usual distance of these runs, which the scatter of joints makes too; …"""
+_TWO_MM = 0.35
+"""… of two runs, where nothing shows that scatter: 2 √2 times the table's largest at the end of an arm of a metre."""
+_ANYWHERE_DEG = 180.0 / math.sqrt(3)
+"""Standard uncertainty of a place that may be anywhere around the circle."""
+
+
+@dataclass(frozen=True)
+class BetweenRuns:
+    """A figure over runs: mean, its standard uncertainty, and the standard deviation between the runs."""
+
+    mean: Quantity
+    sd: float
+    runs: int
+
+    def __str__(self) -> str:
+        return f"{self.mean}, sd {self.in_sd}"
+
+    @property
+    def in_sd(self) -> str:
+        """The standard deviation between the runs, as people read it."""
+        return self.mean.rounded(self.sd)
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """Runs of one test and direction that were taken together; left_out: the others, each with the reason."""
+
+    title: str
+    runs: tuple[Result, ...]
+    left_out: tuple[tuple[Result, str], ...]
+    figures: dict[str, BetweenRuns]
+
+
+@dataclass(frozen=True)
+class Pairs:
+    """acw against cw: the runs that were paired, their figures with the lag of the gauges in ms, and why others were
+    not."""
+
+    runs: tuple[tuple[Result, Result], ...]
+    figures: dict[str, Quantity | BetweenRuns]
+    lag: Quantity | None
+    refused: tuple[str, ...]
+
+
+def pooled(group: Sequence[Result]) -> list[Pooled]:
+    """Runs of one test, direction by direction; where a direction has a single run there is nothing to pool."""
+    found = []
+    for title in dict.fromkeys(result.title for result in group):
+        runs, others = _of_one_setup([result for result in group if result.title == title])
+        if len(runs) > 1:
+            found.append(Pooled(title, tuple(runs), tuple(others), between([run.figures for run in runs])))
+        elif others:
+            found.append(Pooled(title, tuple(runs), tuple(others), {}))
+    return found
+
+
+def between(runs: Sequence[Mapping[str, Quantity]]) -> dict[str, BetweenRuns]:
+    """Figures that all runs have, over the runs. The u of a mean is never below the least u of a run, part of which,
+    the gauges' time and baseline, all runs share."""
+    names = [name for name in runs[0] if all(name in run for run in runs)]
+    return {name: _between(name, [run[name] for run in runs]) for name in names}
+
+
+def _between(name: str, figures: Sequence[Quantity]) -> BetweenRuns:
+    values = np.array([figure.value for figure in figures])
+    if name.endswith(("_at_deg", "shift_deg")):
+        values = values[0] + (values - values[0] + 180.0) % 360.0 - 180.0
+    count, sd = len(values), float(values.std(ddof=1))
+    freedom = count - 1
+    factor = _STUDENT[freedom - 1] if freedom <= len(_STUDENT) else 1 + 1.4 / freedom
+    u = float(np.hypot(factor * sd / np.sqrt(count), min(figure.u for figure in figures)))
+    middle = float(values.mean())
+    if name.endswith("_at_deg"):
+        middle, u = middle % 360.0, min(u, _ANYWHERE_DEG)
+    source = max((figure.noise for figure in figures), key=("measured", "borrowed", "assumed").index)
+    samples = sum(figure.samples for figure in figures)
+    return BetweenRuns(Quantity(middle, u, figures[0].unit, samples, source), sd, count)
+
+
+def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, str]]]:
+    """The runs that belong together, and the others, each with the reason: readings given twice, and balls mounted
+    anew."""
+    once: dict[tuple[str, ...], Result] = {}
+    copies: list[tuple[Result, str]] = []
+    for run in runs:
+        first = once.setdefault(tuple(chunk.sha256 for chunk in run.measured.run.manifest.chunks), run)
+        if first is not run:
+            copies.append((run, f"holds the same readings as {first.measured.path}: left out of the mean"))
+    single = list(once.values())
+    balls = [ball for ball in map(_ball_mm, single) if ball is not None]
+    if len(balls) < max(2, len(single)):
+        return single, copies
+    away = np.linalg.norm(np.array(balls) - np.median(balls, axis=0), axis=1)
+    if len(single) == 2:
+        if 2 * away.max() <= _TWO_MM:
+            return single, copies
+        why = f"the balls of the two runs lie {2 * away.max():.2f} mm apart: no mean of two set-ups"
+        return [], [*copies, *((run, why) for run in single)]
+    limit = max(_ELSEWHERE_MM, _SPREADS * float(np.median(away)))
+    near = [run for run, far in zip(single, away, strict=True) if far <= limit]
+    others = [
+        (run, f"its ball lies {far:.2f} mm from that of the other runs: another set-up, left out of the mean")
+        for run, far in zip(single, away, strict=True)
+        if far > limit
+    ]
+    return near, [*copies, *others]
+
+
+def _ball_mm(run: Result) -> Array | None:
+    """Where a run has its ball, mm; None in tests that do not show it."""
+    match run.found:
+        case CircleResult():
+            return run.found.distance.ball_mm
+        case RadialResult():
+            return run.found.free.centre
+    return None
+
+
+def pairs_of(group: Sequence[Result]) -> Pairs | None:
+    """Every acw run with the cw run of the same place in the order given; None without both."""
+    ways = {
+        way: [one for one in group if isinstance(one.found, CircleResult) and one.found.laps.direction == way]
+        for way in ("acw", "cw")
+    }
+    both, alone = _matched(ways["acw"], ways["cw"])
+    if not both:
+        return None
+    runs, found = [], []
+    refused = [f"{one.name}: no run of the other direction is left to pair it with" for one in alone]
+    for acw, cw in both:
+        assert isinstance(acw.found, CircleResult) and isinstance(cw.found, CircleResult)  # noqa: S101 - as chosen above
+        try:
+            found.append(pair(acw.found, cw.found, f"{acw.name} and {cw.name}"))
+            runs.append((acw, cw))
+        except FileError as error:
+            refused += error.lines()
+    if not found:
+        return Pairs((), {}, None, tuple(refused))
+    several = len(found) > 1
+    figures: dict[str, Quantity | BetweenRuns] = {
+        **(between([one.figures for one in found]) if several else found[0].figures)
+    }
+    lag = between([{"lag_ms": one.lag} for one in found])["lag_ms"].mean if several else found[0].lag
+    return Pairs(tuple(runs), figures, lag, tuple(refused))
+
+
+def _matched(acw: list[Result], cw: list[Result]) -> tuple[list[tuple[Result, Result]], list[Result]]:
+    """Each acw run with a cw run whose ball lies with its own, else in the order given; and the runs that are left."""
+    left, both, alone = list(cw), [], []
+    for one in acw:
+        if not left:
+            alone.append(one)
+            continue
+        nearest = min(left, key=lambda other: _apart_mm(one, other))
+        left.remove(nearest)
+        both.append((one, nearest))
+    return both, [*alone, *left]
+
+
+def _apart_mm(one: Result, other: Result) -> float:
+    """How far the balls of two circles are apart by the angle, which plays move less than the distance; 0 within what a
+    set-up does."""
+    assert isinstance(one.found, CircleResult) and isinstance(other.found, CircleResult)  # noqa: S101 - circles alone
+    sine, its, radius = one.found.sine, other.found.sine, one.found.laps.frame.radius
+    apart = radius * float(np.hypot(sine.a - its.a, sine.b - its.b))
+    return apart if apart > _ELSEWHERE_MM else 0.0

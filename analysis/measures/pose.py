@@ -1,0 +1,297 @@
+"""Pose test: what a tracker saw of the tool against what the nominal arm says, base and tool fitted.
+
+Base pose (6) and tool place (3) are least squares over the places, all rows with equal weight; the tool's orientation
+(3), where it was measured, is then the mean of what is left (Moakher 2002, chordal). The error of a pose is the vector
+measured less fitted, in the arm's base; rms_mm is the root of its mean squared LENGTH, not of one coordinate.
+
+Rows that visit the same joint angles are a group: ISO 9283:1998, 7.2.1 AP, the distance of the group's mean from
+what is fitted (not from a command in a frame known beforehand: the set-up is fitted away), and 7.2.2 RP, mean + 3 S of
+the distances from that mean; of each rotation, largest |mean| and 3 S.
+
+Uncertainties: the scatter of one row is what poses visited again show, each its own, with tails
+(`analysis.noise.target_scatter`); where none was, the instrument's is assumed. Of the errors, that scatter through the
+fit, for these poses as they stood; of AP and RP, how far they may lie from their expectation, were the visits made
+again.
+Nothing is corrected for noise here: the standards' figures are what their formulas give.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.kinematics.arm import Arm, Array, forward
+from analysis.measures.checks import hold_numbers
+from analysis.measures.iso_figures import RP_VISITS, rp
+from analysis.measures.lap_curve import SEED
+from analysis.measures.quantity import Quantity, figures_of
+from analysis.measures.scatter_figures import of_scatter
+from analysis.noise.cell import TARGET_MM, Between
+from analysis.noise.spectrum import DRAWS
+from analysis.noise.target_scatter import Scatter, scatter_of
+from analysis.traces.tables import PoseTable
+from rigs.errors import FileError
+
+SAME_RAD = float(np.radians(0.1))
+"""Poses whose joints all lie within this are visits of one pose; what they still differ by is taken off."""
+_FEWEST = 6
+_BLIND = 1e-3
+"""A singular value below this share of the largest (lengths and turns scaled alike): not told by these poses."""
+
+
+@dataclass(frozen=True)
+class PoseSetUp:
+    """T_world_base and T_flange_tool (4, 4), fitted; the world is the tracker's."""
+
+    T_world_base: Array
+    T_flange_tool: Array
+    design: Array
+    """Slopes (3 n, 9) mm of the errors by base turn and place and tool place, at the solution."""
+
+
+@dataclass(frozen=True)
+class PoseResult:
+    """position_mm (n, 3), rotation (n, 3) rad or None: measured less fitted, in the arm's base; group (n,): number of
+    the group of visits, from 0."""
+
+    setup: PoseSetUp
+    position_mm: Array
+    rotation: Array | None
+    group: NDArray[np.int64]
+    figures: dict[str, Quantity]
+    samples: int
+    notes: tuple[str, ...]
+
+
+def evaluate(
+    table: PoseTable,
+    arm: Arm,
+    u_mm: float,
+    u_rad: float | None = None,
+    where: str = "the pose table",
+    same_rad: float = SAME_RAD,
+) -> PoseResult:
+    """arm: nominal; its base and tool are replaced by the fitted. u_mm, u_rad: standard uncertainty of one coordinate
+    and of one rotation of the instrument, assumed where no pose was visited again; without u_rad the orientation's
+    uncertainty is nan there.
+
+    figures: rms_mm, mean_mm, max_mm of the position error; rms_deg, max_deg of the orientation error where measured;
+    where poses were visited again repeat_mm (pooled scatter of one coordinate), ap_mm and ap_mean_mm and, from
+    three visits on, rp_mm and rp_mean_mm (largest and mean over the groups), ap_a_deg, rp_a_deg … of the
+    rotations about the arm's x, y, z (a, b, c as in the standard). Raises FileError.
+    """
+    _hold(table, where)
+    bare = dataclasses.replace(arm, T_world_base=np.eye(4), T_flange_tool=np.eye(4))
+    T = forward(bare, table.q)
+    setup = fit_setup(T, table.xyz_mm)
+    position = _position_error(T, table.xyz_mm, setup)
+    rotation = None
+    if table.rpy is not None:
+        setup, rotation = _orientation(T, table.rpy, setup)
+    group = groups(table.q, same_rad)
+    again = np.flatnonzero(np.bincount(group) >= 2)
+    figures, notes = {}, ["no pose was visited twice: no repeatability; the noise of instrument and robot is assumed"]
+    place = turn = None
+    if len(again):
+        seen = _padded(position, group, again)
+        place = scatter_of(seen, 0.0)
+        figures, notes = of_scatter(_place_figures, seen, place), _few(group, again)
+        if rotation is not None:
+            turned = np.degrees(_padded(rotation, group, again))
+            turn = scatter_of(turned, 0.0)
+            figures |= of_scatter(_turn_figures, turned, turn)
+    figures = _position_figures(position, setup, _noise(place, group, again, u_mm, TARGET_MM)) | figures
+    if rotation is not None:
+        of_turn = _noise(turn, group, again, np.nan if u_rad is None else float(np.degrees(u_rad)))
+        figures |= _rotation_figures(rotation, np.radians(of_turn))
+    if place is None:
+        figures = {name: dataclasses.replace(figure, noise="assumed") for name, figure in figures.items()}
+    return PoseResult(setup, position, rotation, group, figures, len(T), _blind(setup) + tuple(notes))
+
+
+def fit_setup(T: Array, xyz_mm: Array) -> PoseSetUp:
+    """Base and tool that bring the flanges T (n, 4, 4) of the bare arm to the places xyz_mm (n, 3)."""
+    from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, needed here only
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415
+
+    start = _aligned(T[:, :3, 3], xyz_mm)
+    reach = float(np.linalg.norm(T[:, :3, 3], axis=1).max()) or 1.0
+
+    def parts(x: Array) -> tuple[Array, Array, Array]:
+        base: Array = Rotation.from_rotvec(x[:3] / reach).as_matrix() @ start[:3, :3]
+        return base, start[:3, 3] + x[3:6], x[6:9]
+
+    def misfit(x: Array) -> Array:
+        base, origin, tool = parts(x)
+        values: Array = xyz_mm - ((T[:, :3, 3] + T[:, :3, :3] @ tool) @ base.T + origin)
+        return values.ravel()
+
+    found = least_squares(misfit, np.zeros(9), method="lm", xtol=1e-12, ftol=1e-12)
+    base, origin, tool = parts(found.x)
+    return PoseSetUp(_frame(base, origin), _frame(np.eye(3), tool), np.asarray(found.jac))
+
+
+def groups(q: Array, same_rad: float) -> NDArray[np.int64]:
+    """Number of the group (n,) of each row: rows whose joints all lie within same_rad of the group's first."""
+    number = np.full(len(q), -1, dtype=np.int64)
+    count = 0
+    for row in range(len(q)):
+        if number[row] < 0:
+            near = (np.abs(q - q[row]).max(axis=1) <= same_rad) & (number < 0)
+            number[near] = count
+            count += 1
+    return number
+
+
+def _noise(
+    scatter: Scatter | None,
+    group: NDArray[np.int64],
+    again: NDArray[np.int64],
+    u: float,
+    stops: Between | None = None,
+) -> Array:
+    """Draws (m, n, 3) of the noise of all rows: of their own group's scatter, of any group's where it has none; where
+    no group shows any, of the instrument's u and of a robot that stops as real ones do."""
+    rng = np.random.default_rng(SEED)
+    if scatter is None:
+        robot = 0.0 if stops is None else stops.low * (stops.high / stops.low) ** rng.uniform(size=(DRAWS, 1, 1))
+        level: Array = np.hypot(u, robot)
+        return level * rng.standard_normal((DRAWS, len(group), 3))
+    place = np.searchsorted(again, group).clip(max=len(again) - 1)
+    place = np.where(again[place] == group, place, rng.integers(len(again), size=len(group)))
+    return dataclasses.replace(scatter, sd_mm=scatter.sd_mm[:, place]).again(rng, (3,))
+
+
+def _position_figures(position: Array, setup: PoseSetUp, noise_mm: Array) -> dict[str, Quantity]:
+    basis, s, _ = np.linalg.svd(setup.design, full_matrices=False)
+    basis = basis[:, s > 1e-9 * s[0]]
+    noise = noise_mm.reshape(len(noise_mm), -1)
+    drawn = position + (noise - noise @ basis @ basis.T).reshape(noise_mm.shape)
+    return figures_of(_lengths(position), _lengths(drawn), len(position))
+
+
+def _rotation_figures(rotation: Array, noise: Array) -> dict[str, Quantity]:
+    return figures_of(_angles(rotation), _angles(rotation + noise), len(rotation))
+
+
+def _lengths(vectors: Array) -> dict[str, Array]:
+    length = np.linalg.norm(vectors, axis=-1)
+    return {
+        "rms_mm": np.sqrt((length**2).mean(axis=-1)),
+        "mean_mm": length.mean(axis=-1),
+        "max_mm": length.max(axis=-1),
+    }
+
+
+def _angles(vectors: Array) -> dict[str, Array]:
+    length = np.degrees(np.linalg.norm(vectors, axis=-1))
+    return {"rms_deg": np.sqrt((length**2).mean(axis=-1)), "max_deg": length.max(axis=-1)}
+
+
+def _few(group: NDArray[np.int64], again: NDArray[np.int64]) -> list[str]:
+    most = int(np.bincount(group).max())
+    few = f"{len(again)} poses visited again, at most {most} times; ISO 9283 asks {RP_VISITS}"
+    return [few] if most < RP_VISITS else []
+
+
+def _place_figures(x: Array) -> dict[str, Array]:
+    x = np.swapaxes(x, -1, -2)
+    mean = np.nanmean(x, axis=-2, keepdims=True)
+    away = np.linalg.norm(mean[..., 0, :], axis=-1)
+    freedom = (np.isfinite(x).sum(axis=-2) - 1).sum(axis=(-2, -1))
+    pooled = np.sqrt(np.nansum((x - mean) ** 2, axis=(-3, -2, -1)) / freedom)
+    figures = {"repeat_mm": pooled, "ap_mm": away.max(axis=-1), "ap_mean_mm": away.mean(axis=-1)}
+    thrice = _thrice(x)
+    if thrice.any():
+        repeat = rp(x[..., thrice, :, :])
+        figures |= {"rp_mm": repeat.max(axis=-1), "rp_mean_mm": repeat.mean(axis=-1)}
+    return figures
+
+
+def _turn_figures(x: Array) -> dict[str, Array]:
+    x = np.swapaxes(x, -1, -2)
+    figures = {}
+    mean, thrice = np.abs(np.nanmean(x, axis=-2)), _thrice(x)
+    for column, name in enumerate("abc"):
+        figures[f"ap_{name}_deg"] = mean[..., column].max(axis=-1)
+        if thrice.any():
+            s = np.nanstd(x[..., thrice, :, :][..., column], axis=-1, ddof=1)
+            figures[f"rp_{name}_deg"] = 3 * s.max(axis=-1)
+    return figures
+
+
+def _thrice(x: Array) -> NDArray[np.bool_]:
+    """Which groups (g,) of (..., g, n, 3) have three visits or more."""
+    counts = np.isfinite(x[..., 0]).sum(axis=-1)
+    thrice: NDArray[np.bool_] = counts.reshape(-1, counts.shape[-1])[0] >= 3
+    return thrice
+
+
+def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -> Array:
+    """(groups, 3, visits), NaN where there is none."""
+    visits = [values[group == number] for number in again]
+    x = np.full((len(again), 3, max(map(len, visits))), np.nan)
+    for row, found in enumerate(visits):
+        x[row, :, : len(found)] = found.T
+    return x
+
+
+def _position_error(T: Array, xyz_mm: Array, setup: PoseSetUp) -> Array:
+    base = setup.T_world_base
+    tool = T[:, :3, 3] + T[:, :3, :3] @ setup.T_flange_tool[:3, 3]
+    error: Array = (xyz_mm - base[:3, 3]) @ base[:3, :3] - tool
+    return error
+
+
+def _orientation(T: Array, rpy: Array, setup: PoseSetUp) -> tuple[PoseSetUp, Array]:
+    """The set-up with the tool's orientation, and the rotation vectors (n, 3) rad that are left, in the arm's base."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    seen = Rotation.from_matrix(setup.T_world_base[:3, :3]).inv() * Rotation.from_euler("xyz", rpy)
+    flange = Rotation.from_matrix(T[:, :3, :3])
+    tool = (flange.inv() * seen).mean()
+    left: Array = (seen * (flange * tool).inv()).as_rotvec()
+    whole = _frame(tool.as_matrix(), setup.T_flange_tool[:3, 3])
+    return dataclasses.replace(setup, T_flange_tool=whole), left
+
+
+def _aligned(points: Array, seen: Array) -> Array:
+    """The frame that brings points onto seen, (n, 3) each, in least squares (Umeyama 1991)."""
+    middle, other = points.mean(axis=0), seen.mean(axis=0)
+    U, _, V = np.linalg.svd((seen - other).T @ (points - middle))
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
+    return _frame(R, other - R @ middle)
+
+
+def _frame(R: Array, origin: Array) -> Array:
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, origin
+    return T
+
+
+def _blind(setup: PoseSetUp) -> tuple[str, ...]:
+    s = np.linalg.svd(setup.design / np.linalg.norm(setup.design, axis=0), compute_uv=False)
+    if s[-1] > _BLIND * s[0]:
+        return ()
+    return ("the tool turned too little to tell base from tool: their places are not to be used, the errors are",)
+
+
+def _hold(table: PoseTable, where: str) -> None:
+    if len(table.q) < _FEWEST:
+        raise FileError(where, f"has {len(table.q)} poses, too few to fit base and tool", f"give at least {_FEWEST}")
+    hold_numbers(where, q=table.q, xyz_mm=table.xyz_mm)
+    if table.rpy is not None:
+        hold_numbers(where, rpy=table.rpy)
+    if np.ptp(table.q, axis=0).max() < 1e-6:
+        raise FileError(where, "the robot stood still in all rows", "give poses from over the working space")
+    if np.ptp(table.xyz_mm, axis=0).max() == 0:
+        raise FileError(where, "the instrument saw the same place in all rows", "see that it follows the target")
+    if np.abs(table.q).max() > 4 * np.pi:
+        raise FileError(
+            where,
+            f"a joint at {np.degrees(np.abs(table.q).max()):.0f}° is none",
+            "see the units of q: degrees in files",
+        )

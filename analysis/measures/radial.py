@@ -1,0 +1,287 @@
+"""Radial test: the distance of tool and ball on a hemisphere, after Oh 2019, section 2.3.
+
+A reading g at a target puts the tool's ball at B + (R + g) × the target's direction, in the hemisphere's frame: z
+to its middle (polar 0), x to azimuth 0. Per target, the mean and the range over the tool's orientations; the
+means make the sphere.
+
+That targets and orientations differ is the robot's error; that it does not come back to the same place is noise. How
+large that is at each target, visits of the same target and orientation show (`analysis.noise.target_scatter`); where
+nothing was visited twice it is assumed. Every figure is of where the targets lie on average: its value is the expected
+one over draws of those places, its uncertainty such that value ± 2 u holds 95 % of them. So no range is below zero, and
+none is too large by the noise. A drift that the visits show is taken out. A length is then that of the middle of the
+run, and may be asked for at its start: what it drifted by between is in its uncertainty, as of a law with its weight at
+both ends (JCGM 101, 6.4.6).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.kinematics.arm import Array, Integers
+from analysis.measures.checks import hold_alive, hold_numbers, hold_radius, listed
+from analysis.measures.iso_figures import rp
+from analysis.measures.lap_curve import SEED
+from analysis.measures.quantity import Quantity
+from analysis.measures.scatter_figures import assumed, coarse, half_width, of_scatter
+from analysis.measures.sphere import PARAMETERS, Sphere, far_off, free_sphere
+from analysis.noise.resolution import step_of_stops
+from analysis.noise.sphere_level import SphereLevel
+from analysis.noise.target_scatter import Scatter, scatter_of
+from analysis.traces.tables import RadialTable
+from rigs.errors import FileError
+
+_FEWEST = 6
+_RANGES = frozenset({"band_mm", "held_band_mm", "spread_mm", "spread_mean_mm", "ap_mm"})
+_RP_VISITS = 3
+_APART = 0.2
+"""Visits that lie this share of the run apart are rounds."""
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Readings by target and orientation. target (t,); direction (t, 3) unit vectors in the hemisphere's frame;
+    g_mm (t, o, r) mm of r visits and t_s of their times, NaN where there is none."""
+
+    target: Integers
+    direction: Array
+    g_mm: Array
+    t_s: Array
+
+    @property
+    def by_orientation(self) -> Array:
+        """Mean (t, o) over visits, NaN where there is none."""
+        return _mean(self.g_mm)
+
+    @property
+    def by_visit(self) -> Array:
+        """Every reading (t, o·r) of a target, NaN where there is none."""
+        return self.g_mm.reshape(len(self.g_mm), -1)
+
+    @property
+    def rounds(self) -> bool:
+        """Whether the visits of a target lie apart, as where the whole program was driven again."""
+        there = np.isfinite(self.t_s)
+        first = np.where(there, self.t_s, np.inf).min(axis=-1)
+        last = np.where(there, self.t_s, -np.inf).max(axis=-1)
+        apart = (last - first)[there.any(axis=-1)]
+        return bool(np.median(apart) > _APART * (last.max() - first.min()))
+
+    def only(self, rows: NDArray[np.bool_]) -> Cells:
+        """Without the other targets."""
+        return Cells(self.target[rows], self.direction[rows], self.g_mm[rows], self.t_s[rows])
+
+
+@dataclass(frozen=True)
+class RadialResult:
+    """cells: of all targets; spread_mm (t,) of each; used (t,): False where left out; points (t, 3) mm from
+    the ball; free: the sphere through the used points; scatter: of the visits, None where the readings are exact."""
+
+    cells: Cells
+    spread_mm: Array
+    used: NDArray[np.bool_]
+    points: Array
+    free: Sphere
+    scatter: Scatter | None
+    figures: dict[str, Quantity]
+    samples: int
+    notes: tuple[str, ...]
+
+
+def evaluate(
+    table: RadialTable,
+    radius_mm: float,
+    u_mm: float,
+    where: str = "the radial run",
+    expected: Collection[int] = (),
+    orientations: int = 1,
+) -> RadialResult:
+    """radius_mm: nominal; u_mm: standard uncertainty of one gauge reading beside the step that the readings show, 0 for
+    readings that are exact (simulated ones); expected: numbers of the targets that were to be measured; orientations:
+    how many there were to be of each.
+
+    figures: radius_mm and centre_x_mm, _y, _z (from the ball) of the least-squares sphere, without those that the
+    targets do not determine, band_mm about it; held_radius_mm and held_band_mm with the centre held at the ball;
+    spread_mm and spread_mean_mm, largest and mean range over orientations where there are several; ap_mm, largest
+    |mean g| of a target (ISO 9283 AP along the radius); where targets were visited three times, rp_mm and rp_mean_mm.
+    Raises FileError.
+    """
+    hold_radius(where, radius_mm)
+    _hold(table, radius_mm, where)
+    cells = _cells(table, where)
+    measured = cells.by_orientation
+    if len(measured) < _FEWEST:
+        what = f"has {len(measured)} targets, too few for a sphere"
+        raise FileError(where, what, f"measure at least {_FEWEST}, well apart")
+    readings = (radius_mm + cells.by_visit)[..., None] * cells.direction[:, None, :]
+    far = far_off(readings)
+    used = cells.only(~far)
+    scatter = None
+    if u_mm > 0:
+        level = SphereLevel(used.direction, measured.shape[1])
+        times = used.t_s if _has_time(table.t_s) or used.rounds else None
+        scatter = scatter_of(used.g_mm, u_mm, times, level, step_of_stops(table.g_mm))
+        measured[~far] = np.where(np.isfinite(measured[~far]), scatter.best_mm, np.nan)
+    points = (radius_mm + _mean(measured))[:, None] * cells.direction
+    free = free_sphere(points[~far])
+    figures = _figures(used, measured[~far], free, scatter, radius_mm)
+    notes = (
+        _missing(cells, expected, orientations)
+        + _left_out(cells, far, readings, free)
+        + _unknown(free)
+        + assumed(scatter)
+        + coarse(scatter)
+    )
+    spread = np.nanmax(measured, axis=1) - np.nanmin(measured, axis=1)
+    samples = int(np.isfinite(used.g_mm).sum())
+    return RadialResult(cells, spread, ~far, points, free, scatter, figures, samples, notes)
+
+
+def _figures(cells: Cells, best: Array, free: Sphere, scatter: Scatter | None, radius_mm: float) -> dict[str, Quantity]:
+    samples = int(np.isfinite(cells.g_mm).sum())
+    plain = {name: float(value[0]) for name, value in _plain(best[None], best, free, radius_mm).items()}
+    if scatter is None:
+        return {name: Quantity(value, 0.0, "mm", samples) for name, value in plain.items()}
+    rng = np.random.default_rng(SEED)
+    length = rng.normal(0.0, scatter.drifted_mm / np.sqrt(2.0), len(scatter.cell_mm))
+    drawn = _plain(np.where(np.isfinite(best), scatter.cell_mm, np.nan), best, free, radius_mm, length)
+    values = {name: float(drawn[name].mean()) if name in _RANGES else value for name, value in plain.items()}
+    figures = {name: Quantity(value, half_width(drawn[name] - value), "mm", samples) for name, value in values.items()}
+    figures = {name: replace(figure, noise=scatter.noise) for name, figure in figures.items()}
+    return figures | _repeatability(cells, scatter)
+
+
+def _plain(
+    cell_mm: Array, best: Array, free: Sphere, radius_mm: float, length_mm: Array | float = 0.0
+) -> dict[str, Array]:
+    """The figures (m,) of draws cell_mm (m, t, o) of the readings about those of the sphere, best (t, o); length_mm
+    (m,) is added to every distance. The sphere answers to what the draws differ by with its slopes."""
+    length = np.broadcast_to(length_mm, len(cell_mm))
+    mean = _mean(cell_mm)
+    moved = mean - _mean(best)
+    answer = moved @ free.slopes.T
+    residual = free.residual + moved - answer @ free.design.T
+    sphere = np.append(free.centre, free.radius) + answer
+    sphere[:, 3] += length
+    figures = {name: sphere[:, column] for column, name in enumerate(PARAMETERS) if name not in free.unknown}
+    figures |= {
+        "band_mm": np.ptp(residual, axis=1),
+        "held_radius_mm": radius_mm + mean.mean(axis=1) + length,
+        "held_band_mm": np.ptp(mean, axis=1),
+        "ap_mm": np.abs(mean + length[:, None]).max(axis=1),
+    }
+    several = np.isfinite(best).sum(axis=1) > 1
+    if several.any():
+        spread = np.nanmax(cell_mm[:, several], axis=2) - np.nanmin(cell_mm[:, several], axis=2)
+        figures |= {"spread_mm": spread.max(axis=1), "spread_mean_mm": spread.mean(axis=1)}
+    return figures
+
+
+def _repeatability(cells: Cells, scatter: Scatter) -> dict[str, Quantity]:
+    """RP along the radius where there are three visits or more; its uncertainty as in the repeatability test.
+
+    By ISO 9283, 7.2.2, it is of the poses as they were attained: a drift between the visits is in it.
+    """
+    often = np.isfinite(cells.g_mm).sum(axis=-1) >= _RP_VISITS
+    if not often.any():
+        return {}
+    x = np.where(often[..., None], cells.g_mm, np.nan)
+
+    def largest_and_mean(readings: Array) -> dict[str, Array]:
+        found = rp(readings[..., often, :, None])
+        return {"rp_mm": found.max(axis=-1), "rp_mean_mm": found.mean(axis=-1)}
+
+    return of_scatter(largest_and_mean, x, scatter, scatter.drift_mm)
+
+
+def _cells(table: RadialTable, where: str) -> Cells:
+    targets, row = np.unique(table.target, return_inverse=True)
+    orientations, column = np.unique(table.orientation, return_inverse=True)
+    direction = _direction(table.polar, table.azimuth)
+    first = np.array([direction[row == k][0] for k in range(len(targets))])
+    moved = np.linalg.norm(direction - first[row], axis=1) > 1e-3
+    if moved.any():
+        target = int(table.target[np.argmax(moved)])
+        raise FileError(where, f"target {target} has two directions", "give each target one polar and one azimuth")
+    visits: dict[tuple[int, int], list[int]] = {}
+    for k, place in enumerate(zip(row.tolist(), column.tolist(), strict=True)):
+        visits.setdefault(place, []).append(k)
+    g_mm = np.full((len(targets), len(orientations), max(map(len, visits.values()))), np.nan)
+    t_s, times = g_mm.copy(), _times(table.t_s)
+    for (target, orientation), rows in visits.items():
+        g_mm[target, orientation, : len(rows)] = table.g_mm[rows]
+        t_s[target, orientation, : len(rows)] = times[rows]
+    return Cells(targets, first, g_mm, t_s)
+
+
+def _times(t_s: Array) -> Array:
+    """Times (n,) of the rows; of a table without time, their numbers."""
+    return t_s if _has_time(t_s) else np.arange(len(t_s), dtype=float)
+
+
+def _has_time(t_s: Array) -> bool:
+    return bool(np.ptp(t_s) > 0)
+
+
+def _direction(polar: Array, azimuth: Array) -> Array:
+    """Unit vectors (n, 3) in the hemisphere's frame."""
+    return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=1)
+
+
+def _mean(x: Array) -> Array:
+    """Mean over the last axis of what is there; NaN, without a warning, where nothing is."""
+    there = np.isfinite(x)
+    count = there.sum(axis=-1)
+    values: Array = np.where(count > 0, np.where(there, x, 0.0).sum(axis=-1) / np.maximum(count, 1), np.nan)
+    return values
+
+
+def _missing(cells: Cells, expected: Collection[int], orientations: int) -> tuple[str, ...]:
+    notes = []
+    wanted = set(expected) or set(range(1, int(cells.target.max()) + 1))
+    missing = sorted(wanted - set(cells.target.tolist()))
+    if missing:
+        notes.append(f"target {listed(missing)} missing: {len(cells.target)} of {len(wanted)} measured")
+    partial = cells.target[np.isnan(cells.by_orientation).any(axis=1)].tolist()
+    if partial:
+        notes.append(f"target {listed(partial)} without all {cells.g_mm.shape[1]} orientations")
+    have = cells.g_mm.shape[1]
+    if have < orientations:
+        notes.append(f"{have} of {orientations} orientations measured{': no range over them' if have == 1 else ''}")
+    return tuple(notes)
+
+
+def _left_out(cells: Cells, far: NDArray[np.bool_], readings: Array, free: Sphere) -> tuple[str, ...]:
+    """readings (t, o, 3) mm from the ball."""
+    off = np.linalg.norm(readings - free.centre, axis=-1) - free.radius
+    rest = float(np.nanmax(np.abs(off[~far])))
+    return tuple(
+        f"target {cells.target[k]} left out: a reading {off[k, np.nanargmax(np.abs(off[k]))]:+.3f} mm off the sphere, "
+        f"those of the others within {rest:.3f} mm"
+        for k in np.flatnonzero(far)
+    )
+
+
+def _unknown(free: Sphere) -> tuple[str, ...]:
+    if not free.unknown:
+        return ()
+    what = f"{', '.join(free.unknown)} left out: these targets, near one plane or place, do not determine them"
+    return (f"{what}; measure at more polar angles",)
+
+
+def _hold(table: RadialTable, radius_mm: float, where: str) -> None:
+    if len(table.g_mm) == 0:
+        raise FileError(where, "has no rows", "give a table with readings")
+    hold_numbers(where, g1_mm=table.g_mm, polar=table.polar, azimuth=table.azimuth)
+    hold_alive(where, g1_mm=table.g_mm)
+    if np.abs(table.polar).max() > np.pi + 1e-6 or np.abs(table.azimuth).max() > 2 * np.pi + 1e-6:
+        raise FileError(where, "has targets beyond 180° polar or 360° azimuth", "see the units of polar and azimuth")
+    if np.abs(table.g_mm).max() > 0.5 * radius_mm:
+        raise FileError(
+            where,
+            f"a reading of {table.g_mm[np.argmax(np.abs(table.g_mm))]:g} mm is no deviation from {radius_mm:g} mm",
+            "give g1_mm as the distance less the link's set length",
+        )

@@ -1,0 +1,221 @@
+"""A run's readings reduced to 720 circle angles, lap by lap, without what is wild and without slips of a clamp.
+
+    rows of a run  →  wild readings and bursts left out  →  least-squares broken line of each lap  →  slips taken out
+
+Cost grows with the rows once, here; all that follows is of 720 numbers a lap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.geometry.circle import SENSE
+from analysis.kinematics.arm import Array
+from analysis.noise.lap_changes import bursts, changes, following, without_slips
+from analysis.noise.readings import Mask, beyond_neighbours, is_wild, noise_beneath, step_of
+from analysis.noise.spectrum import NODES, Integers, node_response
+from analysis.traces.laps import Laps
+
+PHI = 2 * np.pi * np.arange(NODES) / NODES
+"""The circle angles (NODES,) rad of a curve."""
+_STIFF = 1e-3
+"""Of the rows at a node: weight of second differences, which bridge nodes without rows."""
+_SOLVED = 1e-9
+"""Relative: a picometre in a millimetre."""
+_COARSEST = 10.0
+"""Steps that a gauge must move by: with fewer the curve lies between two or three values."""
+_BASE_ROWS = 20_000
+_JUMPS = 2.0
+"""Times what a line changes by within two nodes."""
+_BLOCK = 1 << 17
+"""Rows at a time, so that a long run needs no memory for all of them."""
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A run's laps at NODES circle angles. g_mm (L, NODES, k) in order of time; order (NODES,): which circle angle each
+    is; rows: in a lap; readings: in a lap, of the gauge that repeats itself most, that differ from the one before;
+    rate: rad/s of phi; step_mm, noise_mm (k,): rounding of each gauge and the noise beneath it; blur: standard
+    deviation, rad, of where rows fell by their own times."""
+
+    g_mm: Array
+    order: Integers
+    rows: float
+    readings: float
+    lap_s: float
+    apart_s: float
+    rate: float
+    step_mm: tuple[float, ...]
+    noise_mm: tuple[float, ...]
+    blur: float
+    notes: tuple[str, ...]
+
+
+def reduced(laps: Laps) -> Reduced:
+    """The readings of a run at NODES circle angles, lap by lap; wild readings are left out and counted."""
+    some = slice(None, None, max(1, len(laps.phi) // _BASE_ROWS))
+    base = np.asarray(np.linalg.lstsq(_waves(laps.phi[some]), laps.g_mm[some], rcond=None)[0], dtype=np.float64)
+    rough = _less_base(laps.phi, laps.g_mm, base)
+    wild = np.array([is_wild(column) for column in rough.T])
+    keep: Mask = ~np.any(wild, axis=0)
+    lap = np.minimum(np.abs(laps.phi - laps.start) // (2 * np.pi), laps.count - 1).astype(np.int64)
+    nodes = _broken_lines(laps.phi, rough, lap, keep)
+    if wild.any():  # where there are some, others may have come too many in a row to leave their neighbours
+        wild |= _off_the_line(laps.phi, rough, lap, nodes)
+        keep = ~np.any(wild, axis=0)
+        nodes = _broken_lines(laps.phi, rough, lap, keep)
+    nodes += _waves(PHI) @ base
+    odd: Mask = np.any([bursts(of_gauge) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=0)
+    if odd.any():
+        left = np.floor(laps.phi % (2 * np.pi) * (NODES / (2 * np.pi))).astype(np.int64) % NODES
+        burst = keep & odd[lap, left]
+        nodes = _broken_lines(laps.phi, rough, lap, keep & ~burst) + _waves(PHI) @ base
+        nodes = np.stack([following(of_gauge, odd) for of_gauge in np.moveaxis(nodes, 2, 0)], axis=2)
+    order = _driven(laps)
+    nodes, notes = _steady(nodes[:, order])
+    if odd.any():
+        notes = (
+            f"{int(burst.sum())} readings beside bursts of wild ones left out: there a lap follows the others",
+            *notes,
+        )
+    steps = tuple(step_of(g_mm) for g_mm in laps.g_mm.T)
+    beneath = tuple(noise_beneath(g_mm, step) for g_mm, step in zip(laps.g_mm.T, steps, strict=True))
+    notes = (*_coarse(laps.g_mm, steps), *notes)
+    if wild.any():
+        notes = (f"wild readings left out: {', '.join(map(str, wild.sum(axis=1)))} of {len(keep)} (g1, g2)", *notes)
+    rate = SENSE[laps.direction] * 2 * np.pi / laps.lap_s
+    rows = float(keep.sum()) / laps.count
+    readings = min(np.count_nonzero(g_mm[1:] != g_mm[:-1]) for g_mm in laps.g_mm.T) / laps.count
+    blur = abs(rate) * laps.u_t_s
+    return Reduced(nodes, order, rows, readings, laps.lap_s, laps.apart_s, rate, steps, beneath, blur, notes)
+
+
+def _off_the_line(phi: Array, rough: Array, lap: Integers, lines: Array) -> Mask:
+    """Which readings rough (n, k) leave the broken lines (L, NODES, k) through all, (k, n), and by more than a line
+    changes there, as where a play is crossed."""
+    place = phi % (2 * np.pi) * (NODES / (2 * np.pi))
+    left = np.floor(place).astype(np.int64) % NODES
+    share = place % 1.0
+    wild = np.zeros(rough.shape[::-1], dtype=bool)
+    for k, of_gauge in enumerate(np.moveaxis(lines, 2, 0)):
+        line = of_gauge[lap, left] * (1 - share) + of_gauge[lap, (left + 1) % NODES] * share
+        away = np.abs(rough[:, k] - line)
+        change = np.stack([changes(one) for one in of_gauge])
+        wild[k] = beyond_neighbours(away) & (away > _JUMPS * change[lap, left])
+    return wild
+
+
+def _coarse(g_mm: Array, steps: Sequence[float]) -> tuple[str, ...]:
+    """Which gauges (n, k) mm read in steps too coarse for how far they move, in words."""
+    return tuple(
+        f"g{k} reads in steps of {1e3 * step:.3g} µm and moves by {1e3 * np.ptp(column):.3g} µm only, too coarse to "
+        "show the curve: use a finer gauge or set its resolution"
+        for k, (column, step) in enumerate(zip(g_mm.T, steps, strict=True), start=1)
+        if np.ptp(column) < _COARSEST * step
+    )
+
+
+def nodes_of(phi: Array, y: Array) -> Array:
+    """A noise-free curve y (n,) over phi (n,) rad, of one lap, at PHI (NODES,)."""
+    once, all_rows = np.zeros(len(phi), dtype=np.int64), np.ones(len(phi), dtype=bool)
+    base = np.asarray(np.linalg.lstsq(_waves(phi), y[:, None], rcond=None)[0], dtype=np.float64)
+    rough = y[:, None] - _waves(phi) @ base
+    nodes: Array = (_broken_lines(phi, rough, once, all_rows)[0] + _waves(PHI) @ base)[:, 0]
+    return nodes
+
+
+def _waves(phi: Array) -> Array:
+    """Level and the first two orders (n, 5) at phi (n,)."""
+    return np.stack([np.ones_like(phi), np.sin(phi), np.cos(phi), np.sin(2 * phi), np.cos(2 * phi)], axis=1)
+
+
+def _less_base(phi: Array, values: Array, base: Array) -> Array:
+    """Values (n, k) without level and first two orders (5, k), which the broken line need not follow, in blocks."""
+    left = np.empty(values.shape)
+    for begin in range(0, len(values), _BLOCK):
+        rows = slice(begin, begin + _BLOCK)
+        left[rows] = values[rows] - _waves(phi[rows]) @ base
+    return left
+
+
+def _broken_lines(phi: Array, values: Array, lap: Integers, keep: Mask) -> Array:
+    """The closed broken lines (L, NODES, k) through NODES that fit values (n, k) best, lap by lap, as smooth curves.
+
+    The normal equations of hat functions are summed over blocks of rows.
+    """
+    count = int(lap.max()) + 1
+    beyond, between, before = (np.zeros(count * NODES) for _ in range(3))
+    pull_left, pull_right = (np.zeros((values.shape[1], count * NODES)) for _ in range(2))
+    for begin in range(0, len(phi), _BLOCK):
+        rows = begin + np.flatnonzero(keep[begin : begin + _BLOCK])
+        place = phi[rows] % (2 * np.pi) * (NODES / (2 * np.pi))
+        left = np.floor(place)
+        share = place - left
+        at = lap[rows] * NODES + left.astype(np.int64) % NODES
+        before += np.bincount(at, (1 - share) ** 2, len(before))
+        between += np.bincount(at, share * (1 - share), len(before))
+        beyond += np.bincount(at, share**2, len(before))
+        for k, column in enumerate(values[rows].T):
+            pull_left[k] += np.bincount(at, (1 - share) * column, len(before))
+            pull_right[k] += np.bincount(at, share * column, len(before))
+    shape = (values.shape[1], count, NODES)
+    pull = pull_left.reshape(shape) + np.roll(pull_right.reshape(shape), 1, axis=2)
+    diagonals = before.reshape(count, NODES) + np.roll(beyond.reshape(count, NODES), 1, axis=1)
+    lines = _solved(diagonals, between.reshape(count, NODES), pull)
+    smooth = np.fft.irfft(np.fft.rfft(lines, axis=2) / node_response(), NODES, axis=2)
+    nodes: Array = np.moveaxis(smooth, 0, 2)
+    return nodes
+
+
+def _solved(diagonal: Array, beside: Array, pull: Array) -> Array:
+    """The broken lines (k, L, NODES) of cyclic normal equations, a little stiff, so that a node without rows is
+    bridged.
+
+    By conjugate gradients (Hestenes and Stiefel 1952): some thirty steps where every node has rows.
+    """
+    stiff = _STIFF * diagonal.mean(axis=1, keepdims=True)
+    scale = 1 / (diagonal + 6 * stiff)
+
+    def normal(x: Array) -> Array:
+        bend = 2 * x - np.roll(x, 1, axis=-1) - np.roll(x, -1, axis=-1)
+        bend = 2 * bend - np.roll(bend, 1, axis=-1) - np.roll(bend, -1, axis=-1)
+        moved: Array = diagonal * x + beside * np.roll(x, -1, axis=-1) + np.roll(beside * x, 1, axis=-1) + stiff * bend
+        return moved
+
+    line: Array = scale * pull
+    left = pull - normal(line)
+    way = scale * left
+    size = (left * way).sum(axis=-1, keepdims=True)
+    enough = _SOLVED**2 * np.maximum((pull * scale * pull).sum(axis=-1, keepdims=True), 1e-300)
+    for _ in range(2 * NODES):
+        if (size <= enough).all():
+            break
+        moved = normal(way)
+        step = size / np.maximum((way * moved).sum(axis=-1, keepdims=True), 1e-300)
+        line, left = line + step * way, left - step * moved
+        before, size = size, (left * scale * left).sum(axis=-1, keepdims=True)
+        way = scale * left + size / np.maximum(before, 1e-300) * way
+    return line
+
+
+def _driven(laps: Laps) -> Integers:
+    """Circle angles (NODES,) by number, in the order in which a lap comes to them."""
+    sense = int(SENSE[laps.direction])
+    first = int(np.ceil(sense * laps.start / (2 * np.pi) * NODES - 1e-6)) * sense
+    order: Integers = (first + sense * np.arange(NODES)) % NODES
+    return order
+
+
+def _steady(nodes: Array) -> tuple[Array, tuple[str, ...]]:
+    """Laps (L, NODES, k) mm of the gauges without slips, and what was found, in words."""
+    mended, notes = [], []
+    for name, laps in zip(("g1", "g2"), np.moveaxis(nodes, 2, 0), strict=False):
+        whole, slips = without_slips(laps)
+        mended.append(whole)
+        if slips:
+            sizes = ", ".join(f"{1e3 * slip:+.1f}" for slip in slips)
+            notes.append(f"{name} slipped between its laps by {sizes} µm, which was taken out: check its clamp")
+    return np.stack(mended, axis=2), tuple(notes)

@@ -1,0 +1,122 @@
+"""Repeatability test: how the distance scatters where a target is approached again, from one side and from both.
+
+After Oh 2019, section 2.3 and figure 15 (ranges), ISO 9283 (RP) and ISO 230-2 (R, B). The scatter is what is
+measured, and a few readings a side show it badly: the uncertainty of a figure is how far it may lie from its
+expectation, were the whole test done again and again on the same robot. Each target scatters in its own way, with tails
+(`analysis.noise.target_scatter`); 2 u holds 95 % of such tests. So a figure is compared with its expectation for this
+number of readings and targets. The largest of ranges grows with both; 4 s does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.kinematics.arm import Array, Integers
+from analysis.measures.checks import hold_alive, hold_numbers, listed
+from analysis.measures.iso_figures import RANGE_VISITS, RP_VISITS, reversal, rp
+from analysis.measures.quantity import Quantity
+from analysis.measures.scatter_figures import assumed, coarse, exact, of_scatter
+from analysis.noise.resolution import step_of_stops
+from analysis.noise.target_scatter import scatter_of
+from analysis.traces.tables import RepeatabilityTable
+from rigs.errors import FileError
+
+SIDES = ("out", "in")
+
+
+@dataclass(frozen=True)
+class RepeatabilityResult:
+    """targets (t,); readings_mm (t, 2, n) of the sides out and in, in order of time, NaN where there is none."""
+
+    targets: Integers
+    readings_mm: Array
+    figures: dict[str, Quantity]
+    samples: int
+    notes: tuple[str, ...]
+
+
+def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatability run") -> RepeatabilityResult:
+    """u_mm: standard uncertainty of one gauge reading beside the step that the readings show, 0 for readings that are
+    exact (simulated ones).
+
+    figures: uni_mm and bi_mm, the largest range within one side and over both; uni_mean_mm, bi_mean_mm over the
+    targets; rp_mm and rp_mean_mm (ISO 9283, within one side); r_out_mm (↓), r_in_mm (↑), r_mm, reversal_mm (largest
+    |B|) and reversal_mean_mm (mean B = mean from inside less mean from outside), ISO 230-2. Raises FileError.
+    """
+    _hold(table, where)
+    targets, x, notes = _sides(table, where)
+    scatter = scatter_of(x, u_mm, step_mm=step_of_stops(table.g_mm)) if u_mm > 0 else None
+    figures = of_scatter(plain_figures, x, scatter) if scatter else exact(plain_figures, x)
+    notes += _few(x) + assumed(scatter) + coarse(scatter)
+    return RepeatabilityResult(targets, x, figures, int(np.isfinite(x).sum()), notes)
+
+
+def plain_figures(x: Array) -> dict[str, Array]:
+    """The figures (...,) of readings x (..., targets, 2, n) mm, sides out and in, NaN where there is none."""
+    uni, bi, repeat = _range(x), _range(_both(x)), rp(x[..., None])
+    return {
+        "uni_mm": uni.max(axis=(-2, -1)),
+        "uni_mean_mm": uni.mean(axis=(-2, -1)),
+        "bi_mm": bi.max(axis=-1),
+        "bi_mean_mm": bi.mean(axis=-1),
+        "rp_mm": repeat.max(axis=(-2, -1)),
+        "rp_mean_mm": repeat.mean(axis=(-2, -1)),
+        **reversal(x),
+    }
+
+
+def _both(x: Array) -> Array:
+    return x.reshape(*x.shape[:-2], -1)
+
+
+def _range(x: Array) -> Array:
+    values: Array = np.nanmax(x, axis=-1) - np.nanmin(x, axis=-1)
+    return values
+
+
+def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tuple[str, ...]]:
+    """Targets with at least two readings from each side, and those readings padded with NaN: (t, 2, n)."""
+    every = np.unique(table.target)
+    cells = {
+        int(target): [table.g_mm[(table.target == target) & (table.approach == side)] for side in SIDES]
+        for target in every
+    }
+    kept = [target for target, sides in cells.items() if min(len(side) for side in sides) >= 2]
+    if not kept:
+        raise FileError(
+            where, "no target has two readings from each side", "approach each target three times from out and from in"
+        )
+    width = max(len(side) for target in kept for side in cells[target])
+    x = np.full((len(kept), 2, width), np.nan)
+    for row, target in enumerate(kept):
+        for column, side in enumerate(cells[target]):
+            x[row, column, : len(side)] = side
+    dropped = [target for target in cells if target not in kept]
+    notes = [f"target {listed(dropped)} left out: fewer than two readings from a side"] if dropped else []
+    without = int((table.approach == "none").sum())
+    notes += [f"{without} readings without an approach are not used"] if without else []
+    return np.array(kept), x, tuple(notes)
+
+
+def _few(x: Array) -> tuple[str, ...]:
+    least = int(np.isfinite(x).sum(axis=-1).min())
+    asked = [
+        f"{name} asks {count}"
+        for name, count in (("ISO 230-2", RANGE_VISITS), ("ISO 9283", RP_VISITS))
+        if least < count
+    ]
+    return (f"{least} readings a side; {', '.join(asked)}",) if asked else ()
+
+
+def _hold(table: RepeatabilityTable, where: str) -> None:
+    if len(table.g_mm) == 0:
+        raise FileError(where, "has no rows", "give a table with readings")
+    hold_numbers(where, g1_mm=table.g_mm)
+    hold_alive(where, g1_mm=table.g_mm)
+    other = sorted({str(name) for name in table.approach} - {"none", *SIDES})
+    if other:
+        raise FileError(
+            where, f"approach {other[0]!r} is no side", "write out, in or none: the side the tool came from"
+        )

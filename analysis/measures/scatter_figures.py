@@ -1,0 +1,79 @@
+"""Figures that are made of scatter: what they would be, were all visits made again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.measures.quantity import Quantity
+from analysis.noise.target_scatter import Scatter
+
+_SEED = 1
+"""Another than the sampler's, fixed, so that the same run gives the same report."""
+_SHARE = 0.95
+_TESTS = 4
+"""Of every other draw of the scatter: some five hundred tests in all."""
+Plain = Callable[[Array], dict[str, Array]]
+"""Figures (...,) by name, which ends in the unit, of readings (..., t, k, n), NaN where there is none."""
+
+
+def half_width(off: Array) -> float:
+    """Standard uncertainty such that 2 u holds 95 % of errors (m,): for tails that are not those of a normal law."""
+    return float(np.quantile(np.abs(off), _SHARE)) / 2
+
+
+def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array | float = 0.0) -> dict[str, Quantity]:
+    """Figures of readings (t, k, n), NaN where there is none. value: as the standard has it; u: of its distance from
+    its expectation, were the test made again and again with the same scatter about each cell's mean. Of each draw of
+    the scatter a few such tests are made; they lie too near to their own mean, by a known factor. The expectation is
+    that of a gauge without steps, and nobody knows where between two steps a cell lies. drift_mm like the readings:
+    what of them drifted, which is no scatter and happens in each of these tests.
+    """
+    rng = np.random.default_rng(_SEED)
+    there = np.isfinite(readings)
+    still = np.where(there, readings - drift_mm, 0.0)
+    mean = still.sum(axis=-1, keepdims=True) / np.maximum(there.sum(axis=-1, keepdims=True), 1)
+    middle = np.where(there, mean + drift_mm, np.nan)
+    few = replace(scatter, sd_mm=scatter.sd_mm[::2], tail=scatter.tail[::2]).beneath(rng)
+    if scatter.step_mm:
+        middle = middle + scatter.step_mm * rng.uniform(-0.5, 0.5, (len(few.tail), *mean.shape))
+    tests = [middle + few.again(rng, readings.shape[1:]) for _ in range(_TESTS)]
+    figures_without = [plain(test) for test in tests]
+    figures_with = [plain(_in_steps(test, scatter.step_mm)) for test in tests] if scatter.step_mm else figures_without
+    samples = int(np.isfinite(readings).sum())
+    figures = {}
+    for name, value in plain(readings).items():
+        expected = np.mean([test[name] for test in figures_without], axis=0)
+        u = half_width(np.array([test[name] for test in figures_with]) - expected) * np.sqrt(_TESTS / (_TESTS - 1))
+        figures[name] = Quantity(float(value), u, name.rsplit("_", 1)[1], samples, scatter.noise)
+    return figures
+
+
+def _in_steps(readings: Array, step_mm: float) -> Array:
+    in_steps: Array = np.round(readings / step_mm) * step_mm
+    return in_steps
+
+
+def exact(plain: Plain, readings: Array) -> dict[str, Quantity]:
+    """Figures of readings without noise."""
+    samples = int(np.isfinite(readings).sum())
+    values = plain(readings)
+    return {name: Quantity(float(value), 0.0, name.rsplit("_", 1)[1], samples) for name, value in values.items()}
+
+
+def assumed(scatter: Scatter | None) -> tuple[str, ...]:
+    """The note that the scatter was not measured, where it was not."""
+    if scatter is None or scatter.noise != "assumed":
+        return ()
+    return ("targets visited again: none or too few to show their scatter, which is assumed; visit each twice or more",)
+
+
+def coarse(scatter: Scatter | None) -> tuple[str, ...]:
+    """The note that readings step by more than they scatter, where they do."""
+    if scatter is None or scatter.step_mm <= float(np.median(scatter.sd_mm)):
+        return ()
+    step = f"readings step by {1e3 * scatter.step_mm:.3g} µm, more than they scatter"
+    return (f"{step}: the figures cannot show less; use a finer gauge",)

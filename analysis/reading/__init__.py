@@ -1,1 +1,0 @@
-"""From runs and files to tables: times, alignment, stands at targets, columns."""

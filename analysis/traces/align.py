@@ -1,0 +1,202 @@
+"""From a recorded run to one table: each gauge reading beside the joint angles at the same instant.
+
+Gauge 1 sets the rows; the other gauge and the robot are interpolated to its instants. A row is left out,
+and counted, where either has a gap there: a straight line across missing data is no measurement.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.traces.clocks import Columns, Instants, gauge_instants, robot_instants
+from analysis.traces.lower_hull import Mask
+from analysis.traces.stream_checks import LARGEST_DEG, LONGEST_MM, is_reading, require_sound
+from daq.store import Run
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import CIRCLES
+
+_GAP = 4.0
+"""A gap is this many times the usual distance between samples, …"""
+_MOVES_NS = 25e6
+"""… and of a robot's longer than this: a quarter of a cycle of the quickest vibration an arm shows, some 10 Hz; …"""
+_JUMPS_NS = 5e6
+"""… of a gauge's longer than this: where a joint turns back, a play is crossed in some ten milliseconds."""
+_OFTEN = 0.05
+"""Rows left out for gaps of a gauge are told where they are a larger share than this, or a gap is as long as a robot's:
+rigd itself makes each polled gauge wait now and then (daq.protocol.polled), for less."""
+_STALLED = 5.0
+"""A row's time is doubtful where its own uncertainty is so many times the usual, …"""
+_STALLED_S = 1e-3
+"""… and more than this: a shorter doubt is borne by the figures' uncertainty."""
+
+_WANDERS_S = 1e-3
+"""What a pace is left by and not told: the figures' uncertainty bears it."""
+
+
+@dataclass(frozen=True)
+class Aligned:
+    """A run as one table.
+
+    t_s (n,) since its first row; q (n, 6) rad as reported; g_mm (n, k) of g1 and, on a circle, g2. Of the gauges' time
+    against the robot's the standard uncertainty u_lag_s is common to all rows, and u_t_s (n,) each row's own beside
+    it. doubts: what a person should know before trusting it, in words.
+    """
+
+    t_s: Array
+    q: Array
+    g_mm: Array
+    u_lag_s: float
+    u_t_s: Array
+    doubts: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _Track:
+    """Values (n, k) of one instrument at increasing times (n,) ns, and the uncertainty of each in s: that which all
+    share, and what each row (n,) has beside it."""
+
+    ns: Array
+    values: Array
+    u_s: float
+    own_u_s: Array
+
+
+def align(path: Path, run: Run, rig: Rig) -> Aligned:
+    """One table of a run. Raises FileError where a stream is missing or has nothing in common with the rest.
+
+    At targets gauge 1 alone measures: whether there is a second, and how it reads, is nothing to them.
+    """
+    doubts: list[str] = []
+    names = [name for name, _ in rig.gauges] if run.manifest.test in CIRCLES else ["g1"]
+    gauges = [_gauge(path, run, rig, name, doubts) for name in names]
+    robot = _robot(path, run, doubts)
+    for name, track in zip([*names, "robot"], [*gauges, robot], strict=True):
+        if len(track.ns) < 2:
+            raise FileError(
+                str(path), f"holds no two readings of {name} at known times", "record again: rig status tells"
+            )
+    rows_ns = gauges[0].ns
+    keep = np.ones(len(rows_ns), dtype=bool)
+    for name, track in zip([*names[1:], "robot"], [*gauges[1:], robot], strict=True):
+        spanned = (rows_ns >= track.ns[0]) & (rows_ns <= track.ns[-1])
+        gaps_ns = _gaps_ns(rows_ns, track.ns, _MOVES_NS if track is robot else _JUMPS_NS)
+        keep &= spanned & (gaps_ns == 0)
+        gaps_ns = gaps_ns[spanned & (gaps_ns > 0)]
+        if _are_many(gaps_ns, len(rows_ns)):
+            doubts.append(f"{name}: rows left out for gaps: {len(gaps_ns)}")
+    if keep.sum() < 2:
+        raise FileError(str(path), "gauges and robot share no stretch of time", "record both through the whole test")
+    rows_ns = rows_ns[keep]
+    u_lag_s = float(np.hypot(max(gauge.u_s for gauge in gauges), robot.u_s))
+    own_u_s = _own_u_s(rows_ns, gauges, robot)
+    g_mm = _columns_at(rows_ns, gauges)
+    return Aligned((rows_ns - rows_ns[0]) / 1e9, _columns_at(rows_ns, [robot]), g_mm, u_lag_s, own_u_s, tuple(doubts))
+
+
+def _columns_at(rows_ns: Array, tracks: Sequence[_Track]) -> Array:
+    """Values (n, k) of all tracks side by side at the times of the rows (n,), column by column."""
+    columns = [(track.ns, column) for track in tracks for column in track.values.T]
+    at_rows = np.empty((len(rows_ns), len(columns)))
+    for k, (ns, column) in enumerate(columns):
+        at_rows[:, k] = np.interp(rows_ns, ns, column)
+    return at_rows
+
+
+def _are_many(gaps_ns: Array, rows: int) -> bool:
+    """Whether gaps (n,) of the rows left out are more than what rigd itself makes a gauge wait."""
+    return len(gaps_ns) > 0 and bool(gaps_ns.max() > _MOVES_NS or len(gaps_ns) > _OFTEN * rows)
+
+
+def _own_u_s(rows_ns: Array, gauges: Sequence[_Track], robot: _Track) -> Array:
+    """Of each row (n,): the less certain gauge's and the robot's together."""
+    own_u_s = np.zeros(len(rows_ns))
+    for track, together in [*((gauge, np.maximum) for gauge in gauges), (robot, np.hypot)]:
+        if track.own_u_s.any():
+            own_u_s = together(own_u_s, np.interp(rows_ns, track.ns, track.own_u_s))
+    return own_u_s
+
+
+def _gauge(path: Path, run: Run, rig: Rig, name: str, doubts: list[str]) -> _Track:
+    """Readings (n, 1) mm of one gauge."""
+    stream = _stream(path, run, [f"{name}_mm"], f"gauge {name}", LONGEST_MM)
+    instants = gauge_instants(stream, dict(rig.gauges)[name])
+    _tell(name, instants, doubts)
+    if doubtful := int(np.count_nonzero(stream["status"])):
+        doubts.append(f"{name}: {doubtful} readings that the gauge itself calls doubtful")
+    values = stream[f"{name}_mm"][:, None]
+    sound = is_reading(values, LONGEST_MM)
+    if run.manifest.test in CIRCLES and rig.tests.circle:
+        # With the ball inside the circle no link is ever longer than twice its radius.
+        sound &= is_reading(values - np.median(values[sound]), 2 * rig.tests.circle.radius_mm)
+    return _track(name, instants, values, sound, doubts)
+
+
+def _robot(path: Path, run: Run, doubts: list[str]) -> _Track:
+    """Joint angles (n, 6) rad as reported."""
+    columns = [f"q{axis}_deg" for axis in range(1, 7)]
+    stream = _stream(path, run, columns, "the robot", LARGEST_DEG)
+    instants = robot_instants(stream)
+    _tell("robot", instants, doubts)
+    q_deg = np.stack([stream[column] for column in columns], axis=1)
+    return _track("robot", instants, np.radians(q_deg), is_reading(q_deg, LARGEST_DEG), doubts)
+
+
+def _tell(name: str, instants: Instants, doubts: list[str]) -> None:
+    if instants.restarts:
+        doubts.append(f"{name}: its clock began anew {instants.restarts} times; fitted in pieces")
+    if instants.wrong:
+        doubts.append(f"{name}: {instants.wrong} stamps of its clock make no sense; those rows go by their arrival")
+    if instants.wanders_s > _WANDERS_S:
+        doubts.append(
+            f"{name}: its messages leave their steady pace by {1e3 * instants.wanders_s:.1f} ms: it waited, or they "
+            "came later for good; the uncertainty covers both; record again with a computer that has time to spare"
+        )
+    if instants.held:
+        doubts.append(f"{name}: its adapter holds bytes back, which costs certainty; set its latency_timer to 1 ms")
+    doubts.extend(f"{name}: {words}" for words in instants.doubts)
+
+
+def _track(name: str, instants: Instants, values: Array, sound: Mask, doubts: list[str]) -> _Track:
+    """In order of time, without what holds no reading, whose time nobody knows, and second values of an instant."""
+    if odd := int((~sound).sum()):
+        doubts.append(f"{name}: rows left out that hold no reading: {odd}; check it and its connection")
+    usual_s = float(np.median(instants.own_u_s[sound])) if sound.any() else 0.0
+    there = sound & (instants.own_u_s <= max(_STALLED * usual_s, _STALLED_S))
+    if stalled := int((sound & ~there).sum()):
+        doubts.append(
+            f"{name}: rows left out whose time is known far worse than the others': {stalled}; "
+            "a computer was held up, or a stamp was wrong"
+        )
+    ns, own_u_s = instants.ns, instants.own_u_s
+    if not there.all():
+        ns, values, own_u_s = ns[there], values[there], own_u_s[there]
+    if not (np.diff(ns) > 0).all():
+        ns, first = np.unique(ns, return_index=True)
+        values, own_u_s = values[first], own_u_s[first]
+    return _Track(ns, values, instants.u_s, own_u_s)
+
+
+def _stream(path: Path, run: Run, columns: Sequence[str], what: str, largest: float) -> Columns:
+    for stream in run.streams.values():
+        if all(column in stream and is_reading(stream[column][:, None], largest).sum() > 1 for column in columns):
+            require_sound(path, what, stream)
+            return stream
+    raise FileError(str(path), f"holds no readings of {what}", "record again with it connected: rig status tells")
+
+
+def _gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:
+    """How far apart the two of `times` (m,) are that rows (n,) lie between: 0 where no further than usual, or hardly,
+    and where a row is of one of those times. Both increase."""
+    apart = np.diff(times)
+    wide = np.flatnonzero(apart > max(short_ns, _GAP * np.median(apart)))
+    begins, ends = np.searchsorted(rows, times[wide], side="right"), np.searchsorted(rows, times[wide + 1], side="left")
+    gaps = np.zeros(len(rows))
+    for begin, end, gap in zip(begins.tolist(), ends.tolist(), apart[wide].tolist(), strict=True):
+        gaps[begin:end] = gap
+    return gaps

@@ -1,0 +1,78 @@
+"""Between tables in memory (rad, mm) and the columns of docs/tables.md (degrees, mm)."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+import pyarrow as pa
+
+from analysis.kinematics.arm import Array
+from analysis.traces.table_layout import JOINTS, LAYOUTS, PLACE, TURN
+from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from rigs.errors import FileError
+from rigs.schema.vocabulary import Direction, TestName
+
+
+def table_from(columns: pa.Table, test: TestName, direction: Direction | None, where: str) -> Table:
+    """A table in memory of the columns of docs/tables.md; extra columns are left out.
+
+    Raises FileError where the columns are not those of the test, or hold no rows.
+    """
+    missing = [name for name in LAYOUTS[test].required if name not in columns.column_names]
+    if missing or not columns.num_rows:
+        what = f"its table has no {', '.join(missing) or 'rows'}"
+        raise FileError(where, what, "import the table again")
+    q = np.radians(_stack(columns, JOINTS))
+    if test in ("yaw", "roll"):
+        if direction is None:
+            raise FileError(where, "has no direction, which a circle needs", "import it with --direction cw or acw")
+        g_mm = _stack(columns, ("g1_mm", "g2_mm"))
+        return CircleTable(_circle_test(test), direction, _floats(columns, "t_s"), q, g_mm)
+    if test == "pose":
+        turned = set(TURN) <= set(columns.column_names)
+        return PoseTable(q, _stack(columns, PLACE), np.radians(_stack(columns, TURN)) if turned else None)
+    t_s = _floats(columns, "t_s") if "t_s" in columns.column_names else np.zeros(len(q))
+    if test == "radial":
+        polar, azimuth = (np.radians(_floats(columns, name)) for name in ("polar_deg", "azimuth_deg"))
+        target, orientation = columns["target"].to_numpy(), columns["orientation"].to_numpy()
+        return RadialTable(target, polar, azimuth, orientation, t_s, q, _floats(columns, "g1_mm"))
+    approach = np.array(columns["approach"].to_pylist(), dtype=np.str_)
+    target, rounds = columns["target"].to_numpy(), columns["round"].to_numpy()
+    return RepeatabilityTable(target, approach, rounds, t_s, q, _floats(columns, "g1_mm"))
+
+
+def columns_of(table: Table) -> pa.Table:
+    """The columns of docs/tables.md, in its order: degrees and mm. A time of zeros only is no time, and left out."""
+    joints = dict(zip(JOINTS, np.degrees(table.q).T, strict=True))
+    match table:
+        case CircleTable():
+            gauges = {f"g{k}_mm": g_mm for k, g_mm in enumerate(table.g_mm.T, start=1)}
+            return _table({"t_s": table.t_s, "direction": [table.direction] * len(table.t_s), **joints, **gauges})
+        case PoseTable():
+            turns = {} if table.rpy is None else dict(zip(TURN, np.degrees(table.rpy).T, strict=True))
+            return _table({**joints, **dict(zip(PLACE, table.xyz_mm.T, strict=True)), **turns})
+        case RadialTable():
+            place = {"polar_deg": np.degrees(table.polar), "azimuth_deg": np.degrees(table.azimuth)}
+            first = {"target": table.target, **place, "orientation": table.orientation}
+        case RepeatabilityTable():
+            first = {"target": table.target, "approach": table.approach.tolist(), "round": table.round}
+    time = {"t_s": table.t_s} if table.t_s.any() else {}
+    return _table({**first, **joints, "g1_mm": table.g_mm, **time})
+
+
+def _circle_test(test: TestName) -> Literal["yaw", "roll"]:
+    return "yaw" if test == "yaw" else "roll"
+
+
+def _floats(columns: pa.Table, name: str) -> Array:
+    return np.asarray(columns[name].to_numpy(), dtype=float)
+
+
+def _stack(columns: pa.Table, names: tuple[str, ...]) -> Array:
+    """Columns side by side: (n, k)."""
+    return np.stack([_floats(columns, name) for name in names], axis=1)
+
+
+def _table(columns: dict[str, Any]) -> pa.Table:
+    return pa.table({name: pa.array(values) for name, values in columns.items()})

@@ -1,0 +1,278 @@
+"""The analysed part of a circle run: its whole laps from the start angle, lead-in and lead-out left away.
+
+What the controller reported goes through the nominal kinematics; that is where the robot believed to be,
+and the circle angle phi is taken from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from analysis.geometry.circle import SENSE, CircleFrame, frame_of
+from analysis.geometry.programs import circle_of
+from analysis.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.traces.tables import CircleTable
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction
+
+_RADIUS_OFF_MM = 2.0
+_AWAY_S = 0.1
+"""The tool was away from the circle, and not a row or two of the feedback wrong, if it was so for this long."""
+_GAP_RAD, _WIDEST_RAD = np.radians(5.0), np.radians(10.0)
+_STEPS = 4.0
+"""A lap may have holes of 5°; of a slow gauge as many of its steps as a row more or less leaves, up to 10°."""
+_TURNS_BACK_RAD = np.radians(20.0)
+"""Less is the noise of the feedback, or a program that finds its start."""
+_SEEN = 4000
+"""Rows by which turning back and standing still are seen."""
+_REPORTS_S = 0.002
+"""No controller reports oftener than each 2 ms (RTDE of the e-Series); gauges may."""
+_BLOCK = 4096
+"""Rows whose poses are reckoned at a time, so that a long run needs no memory for all of them."""
+_HARDLY = 0.01
+"""Of a lap: a run that ends so little before the whole lap holds it; a wider gap would be refused anyway."""
+_STANDING_RAD = np.radians(0.2)
+_JUMP_RAD = np.radians(1.0)
+_JUMP_SPEEDS = 3.0
+"""Between two rows a joint moves no further than this many times its greatest speed, and _JUMP_RAD, allow."""
+
+
+@dataclass(frozen=True)
+class Laps:
+    """Whole laps in order of time. t_s (n,), q (n, 6) rad, g_mm (n, k); phi (n,) rad, going on from lap to lap,
+    whatever the robot did between them; notes: what a person should know of how they were cut out; count: how many
+    laps these are; lap_s: mean time of a lap; apart_s: of the beginning of one to that of the next; u_t_s: rms of the
+    rows' own uncertainties of time."""
+
+    direction: Direction
+    frame: CircleFrame
+    t_s: Array
+    phi: Array
+    q: Array
+    g_mm: Array
+    lap_s: float
+    apart_s: float
+    count: int = 1
+    u_t_s: float = 0.0
+    notes: tuple[str, ...] = ()
+
+    @property
+    def first(self) -> Laps:
+        """The first lap alone."""
+        own = np.abs(self.phi - self.start) < 2 * np.pi
+        return replace(
+            self,
+            count=1,
+            t_s=self.t_s[own],
+            phi=self.phi[own],
+            q=self.q[own],
+            g_mm=self.g_mm[own],
+        )
+
+    @property
+    def start(self) -> float:
+        """Circle angle, rad, at which a lap begins, to the nearest row."""
+        return float(self.phi[0])
+
+
+def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
+    """All whole laps that a circle table holds in its direction; `where` names the run in errors.
+
+    They may follow each other or, since few wrists have two turns to give, with ways back between them. Raises
+    FileError where the robot did not drive the circle that the rig file says."""
+    circle = circle_of(rig)
+    _is_motion(where, table)
+    frame, sense = frame_of(circle), SENSE[table.direction]
+    tool = _places(arm_of(rig.robot), table.t_s, table.q)
+    phi = frame.angle(tool)
+    stretches = _on_circle(table.t_s, tool, frame)
+    turned = [float(np.ptp(phi[rows])) for rows in stretches]
+    if max(turned, default=0.0) < np.pi:
+        _is_this_circle(where, frame, tool, bool(stretches))
+    start, lead = np.radians(circle.start_deg), np.radians(circle.lead_deg)
+    ways: list[tuple[slice, Array]] = []
+    for stretch in stretches:
+        rows = _without_leaps(where, table, phi, stretch, rig)
+        ahead = sense * (phi[rows] - start)
+        # A way begins at the lead-in, so the start lies less than half a turn ahead of it.
+        ways += [(slice(rows.start + a, rows.start + b), ahead[a:b]) for a, b in _ways(ahead)]
+    forth, back = (sum(max(sign * float(way[-1] - way[0]), 0.0) for _, way in ways) for sign in (1.0, -1.0))
+    _is_this_direction(where, forth, back, table.direction)
+    laps = [lap for rows, ahead in ways if ahead[-1] > ahead[0] for lap in _laps_in(rows, ahead, lead)]
+    if not laps:
+        rows, ahead = max(ways, key=lambda way: float(way[1][-1] - way[1][0]))
+        laps = [_lap_from(rows, ahead, _turns_before(ahead, lead))]
+    for _, ahead in laps:
+        _is_covered(where, ahead, sense, start)
+    # Of a single lap a view is enough: it may be long.
+    inside = laps[0][0] if len(laps) == 1 else np.concatenate([np.arange(rows.start, rows.stop) for rows, _ in laps])
+    begins = np.array([table.t_s[rows.start] for rows, _ in laps])
+    lap_s = float(np.mean([table.t_s[rows.stop - 1] - table.t_s[rows.start] for rows, _ in laps]))
+    return Laps(
+        table.direction,
+        frame,
+        table.t_s[inside],
+        start + sense * np.concatenate([2 * np.pi * k + ahead for k, (_, ahead) in enumerate(laps)]),
+        table.q[inside],
+        table.g_mm[inside],
+        lap_s,
+        float(np.diff(begins).mean()) if len(laps) > 1 else lap_s,
+        len(laps),
+        0.0 if table.u_t_s is None else float(np.sqrt(np.mean(table.u_t_s[inside] ** 2))),
+    )
+
+
+def _ways(ahead: Array) -> list[tuple[int, int]]:
+    """Rows (begin, end) of each way that a path of circle angles (n,) goes before it turns back for good."""
+    step = max(1, len(ahead) // _SEEN)
+    turns, extreme, sense = [0], 0, 0.0
+    for row in range(0, len(ahead), step):
+        away = ahead[row] - ahead[extreme]
+        if sense == 0.0:
+            sense = float(np.sign(away)) if abs(away) > _TURNS_BACK_RAD else 0.0
+            extreme = row if sense else extreme
+        elif sense * away > 0:
+            extreme = row
+        elif -sense * away > _TURNS_BACK_RAD:
+            turns.append(extreme)
+            sense, extreme = -sense, row
+    return list(pairwise([*turns, len(ahead)]))
+
+
+def _turns_before(ahead: Array, lead: float) -> float:
+    """Circle angle, a multiple of whole turns, at which the first lap of a way (n,) begins; its first row stands at the
+    lead-in, or at the start itself."""
+    return float(2 * np.pi * np.round((ahead[0] + lead) / (2 * np.pi)))
+
+
+def _laps_in(rows: slice, ahead: Array, lead: float) -> list[tuple[slice, Array]]:
+    """Rows and circle angles from 0 of each whole lap of one way."""
+    first = _turns_before(ahead, lead)
+    count = int((ahead.max() - first) / (2 * np.pi) + _HARDLY)
+    return [_lap_from(rows, ahead, first + 2 * np.pi * lap) for lap in range(count)]
+
+
+def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
+    """Rows of the lap that begins at a circle angle, and its circle angles from 0.
+
+    In order of time, so that standing, or coming to the start from elsewhere, is no part of it.
+    """
+    own = ahead - begins
+    end = int(np.argmax(own >= 2 * np.pi)) or len(own)
+    begin = int(np.flatnonzero(own[:end] < 0).max(initial=-1)) + 1
+    return slice(rows.start + begin, rows.start + end), own[begin:end]
+
+
+def _places(arm: Arm, t_s: Array, q: Array) -> Array:
+    """Where the tool is (n, 3) mm; between rows closer than a controller reports, on a chord."""
+    step = max(1, int(_REPORTS_S / max(float(np.median(np.diff(t_s[:_SEEN]))), 1e-9)))
+    rows = np.append(np.arange(0, len(q) - 1, step), len(q) - 1)
+    places = np.empty((len(rows), 3))
+    for begin in range(0, len(rows), _BLOCK):
+        places[begin : begin + _BLOCK] = forward(arm, q[rows[begin : begin + _BLOCK]])[:, :3, 3]
+    if step == 1:
+        return places
+    every = np.arange(len(q))
+    return np.stack([np.interp(every, rows, column) for column in places.T], axis=1)
+
+
+def _on_circle(t_s: Array, tool: Array, frame: CircleFrame) -> list[slice]:
+    """Rows (n,) while the tool (n, 3) was on the circle, stretch by stretch: not on the way to it or from it, where it
+    may pass any angle. A row or two that jump off belong to their stretch, and are found there."""
+    radius, height = np.linalg.norm(tool - frame.centre, axis=1), (tool - frame.centre) @ frame.n
+    rows = np.flatnonzero(np.maximum(np.abs(radius - frame.radius), np.abs(height)) <= _RADIUS_OFF_MM)
+    if not len(rows):
+        return []
+    left = np.flatnonzero((np.diff(rows) > 1) & (np.diff(t_s[rows]) > _AWAY_S))
+    begins, ends = np.append(rows[0], rows[left + 1]), np.append(rows[left], rows[-1])
+    return [slice(begin, end + 1) for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)]
+
+
+def _is_motion(where: str, table: CircleTable) -> None:
+    """Raises FileError for angles that no robot runs through: none at all, or no numbers."""
+    if len(table.q) < 2:
+        raise FileError(where, f"has {len(table.q)} rows, which is no circle", "record the whole circle")
+    if not np.isfinite(table.q).all():
+        row = int(np.argmin(np.isfinite(table.q).all(axis=1))) + 1
+        raise FileError(where, f"row {row} has a joint angle that is no number", "leave such rows out")
+    if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < _STANDING_RAD:
+        raise FileError(where, "the robot stood still", "start the circle program once the recording runs")
+
+
+def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig: Rig) -> slice:
+    """A stretch without what lies before or after a leap while the robot stood: there it was set to a start.
+
+    Raises FileError where a joint jumps further than it can run in the middle of the circle.
+    """
+    t_s, q = table.t_s[rows], table.q[rows]
+    begin, end = 0, len(q)
+    for row, axis, step in _leaps(t_s, q, rig):
+        before, after = phi[rows.start + begin : rows.start + row + 1], phi[rows.start + row + 1 : rows.stop]
+        if row < begin:
+            continue
+        if np.ptp(before) < _TURNS_BACK_RAD:
+            begin = row + 1
+        elif np.ptp(after) < _TURNS_BACK_RAD:
+            end = row + 1
+            break
+        else:
+            raise FileError(
+                where,
+                f"{rig.robot.axes[axis].name} jumps by {np.degrees(step):.1f}° at {t_s[row + 1]:.3f} s",
+                "see the feedback's units and wrap-around, or leave the bad rows out",
+            )
+    return slice(rows.start + begin, rows.start + end)
+
+
+def _leaps(t_s: Array, q: Array, rig: Rig) -> list[tuple[int, int, float]]:
+    """Row before, axis and size, rad, of each step between two rows that no joint can run; axis by axis, since a run
+    may be long."""
+    found = []
+    for axis, joint in enumerate(q.T):
+        step = np.abs(np.diff(joint))
+        if step.max(initial=0.0) > _JUMP_RAD:
+            run_rad = np.radians(rig.robot.axes[axis].speed_deg_s) * np.abs(np.diff(t_s))
+            over = np.flatnonzero(step > _JUMP_RAD + _JUMP_SPEEDS * run_rad)
+            found += [(row, axis, float(step[row])) for row in over.tolist()]
+    return sorted(found)
+
+
+def _is_this_direction(where: str, forth: float, back: float, direction: str) -> None:
+    """forth, back: how far the robot went along the circle, rad, in the run's direction and against it."""
+    if back > forth and back > np.radians(10):
+        other = "acw" if direction == "cw" else "cw"
+        raise FileError(
+            where,
+            f"is labelled {direction}, the robot moved {other}",
+            f"correct it: rig relabel RUN --direction {other}",
+        )
+
+
+def _is_this_circle(where: str, frame: CircleFrame, tool: Array, ever: bool) -> None:
+    radius = float(np.median(np.linalg.norm(tool - frame.centre, axis=1)))
+    height = float(np.median(np.abs((tool - frame.centre) @ frame.n)))
+    if not ever or abs(radius - frame.radius) > _RADIUS_OFF_MM or height > _RADIUS_OFF_MM:
+        raise FileError(
+            where,
+            f"the robot stayed {radius:.1f} mm from the centre and {height:.1f} mm out of the plane of the "
+            f"circle in the rig file (radius {frame.radius:g} mm)",
+            "correct tests.circle, robot.tool or the units of the feedback",
+        )
+
+
+def _is_covered(where: str, ahead: Array, sense: float, start: float) -> None:
+    edges = np.concatenate([[0.0], np.sort(ahead), [2 * np.pi]])
+    gaps = np.diff(edges)
+    widest = int(np.argmax(gaps))
+    usual = float(np.median(gaps))
+    if gaps[widest] > max(_GAP_RAD, min(_STEPS * usual, _WIDEST_RAD)):
+        begin, end = (np.degrees(start + sense * edges[k]) % 360 for k in (widest, widest + 1))
+        raise FileError(
+            where,
+            f"the lap has no data from {begin:.0f}° to {end:.0f}° ({np.degrees(gaps[widest]):.0f}° wide)",
+            "record the whole circle, from before the lead-in to after the lead-out, on a computer with time to spare",
+        )

@@ -1,0 +1,175 @@
+"""A run as it is analysed: its table, its rig, and what a person should know before trusting it."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+
+import pyarrow as pa
+
+from analysis.noise.certificate import NO_CERTIFICATE, Systematic, corrected_gauges, link_excess_mm, systematic
+from analysis.noise.certificate import doubts_of as certificate_doubts
+from analysis.traces.align import align
+from analysis.traces.csv_tables import columns_of, table_from
+from analysis.traces.dwells import radial_table, repeatability_table
+from analysis.traces.tables import CircleTable, PoseTable, Table
+from daq.store import Relabelling, Run, read_run
+from rigs.errors import FileError
+from rigs.load import parse
+from rigs.rig import Rig
+from rigs.schema.vocabulary import CIRCLES
+
+SIMULATED = "simulated, "
+"""What the source of a simulated table begins with; the seed follows."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A run, its rig and its table; u_lag_s: standard uncertainty of the gauges' time against the robot's, 0 where a
+    table came with its own time; doubts in words; systematic: what calibration certificates leave uncertain. The run is
+    without its streams: the table is made of them, and of a long run they take as much memory."""
+
+    path: Path
+    run: Run
+    rig: Rig
+    table: Table
+    u_lag_s: float
+    doubts: tuple[str, ...]
+    systematic: Systematic = NO_CERTIFICATE
+
+    @property
+    def title(self) -> str:
+        """`yaw acw`, say."""
+        manifest = self.run.manifest
+        return f"{manifest.test} {manifest.direction}" if manifest.direction else manifest.test
+
+
+def load_measured(path: Path) -> Measured:
+    """Read a run directory, recorded or imported. Raises FileError."""
+    return measured_of(read_run(path))
+
+
+def measured_of(run: Run) -> Measured:
+    """A run that has been read, with its rig and its table. Raises FileError."""
+    path = run.path
+    _is_in_step(run)
+    rig = parse(run.manifest.rig_text, f"{path}, rig file")
+    doubts = [*_doubts(run), *_certificates(run, rig)]
+    if run.table is not None:
+        doubts += _taken_as_corrected(run, rig)
+        table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
+        return Measured(path, run, rig, table, 0.0, tuple(doubts), _systematic(rig, table))
+    table, u_lag_s, more = _recorded(path, run, rig)
+    return Measured(path, replace(run, streams={}), rig, table, u_lag_s, (*doubts, *more), _systematic(rig, table))
+
+
+def _is_in_step(run: Run) -> None:
+    """Raises FileError for a run that was made from a replay whose instruments were out of step with one another."""
+    seconds = {stream: counted.get("out_of_step", 0) for stream, counted in run.manifest.counters.items()}
+    if told := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
+        what = f"was made from a replay out of step ({told}), and has no figures of the cell"
+        raise FileError(
+            str(run.path), what, "replay the capture again on a computer that is less busy, and record that"
+        )
+
+
+def file_columns(measured: Measured) -> pa.Table:
+    """What a file made of a run holds: the imported columns as they came, or those of the aligned table."""
+    return columns_of(measured.table) if measured.run.table is None else measured.run.table
+
+
+def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:
+    data = align(path, run, rig)
+    test, direction = run.manifest.test, run.manifest.direction
+    names = [name for name, _ in rig.gauges][: data.g_mm.shape[1]]
+    g_mm, beyond = corrected_gauges(rig, names, data.g_mm)
+    data = replace(data, g_mm=g_mm)
+    doubts = [*data.doubts, *beyond]
+    match test:
+        case "yaw" | "roll":
+            if direction is None:
+                raise FileError(
+                    str(path),
+                    "has no direction, which a circle needs",
+                    "give it one: rig relabel RUN --direction acw or cw",
+                )
+            circle = CircleTable(test, direction, data.t_s, data.q, data.g_mm, data.u_t_s)
+            return circle, data.u_lag_s, doubts
+        case "radial":
+            table, more = radial_table(data, rig, str(path))
+            table = replace(table, g_mm=table.g_mm + link_excess_mm(rig))
+            return table, data.u_lag_s, doubts + more
+        case "repeatability":
+            visits, more = repeatability_table(data, rig, str(path))
+            return visits, data.u_lag_s, doubts + more
+    raise FileError(str(path), f"a recorded {test} run has no instrument to read", "import its table: rig import")
+
+
+def _taken_as_corrected(run: Run, rig: Rig) -> list[str]:
+    """What the rig file would correct in readings that were imported, where nothing says whether that was done.
+
+    Simulated readings are what they mean, and need no correction.
+    """
+    test, table = run.manifest.test, run.manifest.table
+    if test == "pose" or table is None or table.file.startswith(SIMULATED):
+        return []
+    names = ("g1", "g2") if test in CIRCLES else ("g1",)
+    known = [
+        f"the correction of {name} by certificate {gauge.certificate.number}"
+        for name, gauge in rig.gauges
+        if name in names and gauge.certificate and gauge.certificate.valid_mm
+    ]
+    if test == "radial" and link_excess_mm(rig):
+        known.append(f"the link's {link_excess_mm(rig):+.4f} mm beyond the radius")
+    if not known:
+        return []
+    what = f"imported readings are taken as corrected: {' and '.join(known)} is not added"
+    return [f"{what}; if they are raw, correct g1_mm in the table and import it again"]
+
+
+def _systematic(rig: Rig, table: Table) -> Systematic:
+    if isinstance(table, PoseTable):
+        return NO_CERTIFICATE
+    return systematic(rig, table.g_mm if table.g_mm.ndim == 2 else table.g_mm[:, None])
+
+
+def _certificates(run: Run, rig: Rig) -> list[str]:
+    """Doubts about the certificates of what the test measures with."""
+    test = run.manifest.test
+    if test == "pose":
+        return []
+    parts = ["g1", "g2", "ball"] if test in CIRCLES else ["g1", "ball", *["link"] * (test == "radial")]
+    try:
+        return certificate_doubts(rig, parts, dt.date.fromisoformat(run.manifest.started[:10]))
+    except ValueError:
+        return [f"its manifest does not say on which day it was recorded, but {run.manifest.started[:30]!r}"]
+
+
+def _doubts(run: Run) -> list[str]:
+    manifest = run.manifest
+    found = [
+        f"{count} {stream} {kind} while recording"
+        for stream, counted in manifest.counters.items()
+        for kind, count in counted.items()
+        if kind != "samples" and count
+    ]
+    if manifest.exit_status != "complete":
+        found.append(f"the recording ended {manifest.exit_status}: {manifest.reason}")
+    found += _relabelled(manifest.relabelled)
+    if sha256(manifest.rig_text.encode()).hexdigest() != manifest.rig_sha256:
+        found.append("the rig file in its manifest has been changed since (SHA-256)")
+    return found
+
+
+def _relabelled(history: Sequence[Relabelling]) -> list[str]:
+    """What a run was recorded as, in one line; nothing where it has its old words again."""
+    first, last = {change.field: change for change in reversed(history)}, {change.field: change for change in history}
+    changes = [
+        f"{field} {first[field].old or 'none'} to {last[field].new or 'none'}"
+        for field in last
+        if first[field].old != last[field].new
+    ]
+    return [f"relabelled on {history[-1].at[:10]} after it was recorded: {', '.join(changes)}"] if changes else []

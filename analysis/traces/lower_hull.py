@@ -1,0 +1,126 @@
+"""The line under points that delay can only lift: through the least delayed, whatever the others do.
+
+A straight line over a short span; over a long one, where a clock's rate follows the temperature, a broken line of
+windows joined without a step. Both are the line under all points that lies closest to them on average (Olson, A
+Passive Solution to the Sensor Synchronization Problem, IROS 2010, for the straight one).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.kinematics.arm import Array, Integers
+
+WINDOW_S = 120.0
+"""A crystal's rate changes by less than 0.01 ppm/s with the temperature of a hall: 18 µs over half of this."""
+_BLOCK = 8
+_BLOCKS = 400
+_NEIGHBOURS = 9
+_SPREADS = 4.0
+_SHORT_S = 50e-6
+_FEW = 0.002
+"""Points below the line of their neighbours are wrong while they are fewer than this; more of them are the line."""
+
+Mask = np.ndarray[tuple[int], np.dtype[np.bool_]]
+
+
+def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
+    """The line (n,) under points y (n,) at increasing x (n,), both in s, and which points were too low to be true.
+
+    At least two points. Raises nothing: where points are few none is taken for wrong.
+    """
+    low = low_outliers(x, y)
+    under = (x[~low], y[~low]) if low.any() else (x, y)
+    windows = int(np.clip((x[-1] - x[0]) // window, 1, max(1, len(x) // _BLOCK)))
+    if windows == 1:
+        offset, rate = lower_line(*under)
+        return offset + rate * x, low
+    knots = np.linspace(x[0], x[-1], windows + 1)
+    return np.interp(x, knots, _broken(*under, knots)), low
+
+
+def low_outliers(x: Array, y: Array) -> Mask:
+    """Which of y (n,) at increasing x (n,) lie alone below their neighbours' least: wrong stamps, not short delays.
+
+    The least of each block of rows is compared with those around it. No more than one in 500 (or three) is ever
+    taken for wrong: what recurs is a short delay.
+    """
+    none = np.zeros(len(x), dtype=bool)
+    size = max(_BLOCK, len(x) // _BLOCKS)
+    blocks = len(x) // size
+    if blocks < _NEIGHBOURS:
+        return none
+    least = np.minimum.reduceat(y, np.arange(blocks) * size)
+    at = x[np.arange(blocks) * size]
+    half = blocks // 2
+    slope = float(np.median((least[-half:] - least[:half]) / (at[-half:] - at[:half])))
+    level = least - slope * at
+    around = np.median(np.lib.stride_tricks.sliding_window_view(_mirrored(level), _NEIGHBOURS), axis=1)
+    spread = float(np.quantile(np.abs(level - around), 0.95))
+    level = around - _SPREADS * spread - _SHORT_S
+    low: Mask = y - slope * x < np.concatenate([np.repeat(level, size), np.full(len(x) - blocks * size, level[-1])])
+    return low if low.sum() <= max(3, _FEW * len(x)) else none
+
+
+def _mirrored(level: Array) -> Array:
+    return np.pad(level, _NEIGHBOURS // 2, mode="reflect")
+
+
+def lower_line(x: Array, y: Array) -> tuple[float, float]:
+    """Intercept and slope of the line below all points (n,) that lies closest to them on average.
+
+    It is the edge of the lower convex hull above which the mean of x lies.
+    """
+    hx, hy = lower_hull(x, y)
+    if len(hx) == 1:
+        return float(hy[0]), 0.0
+    right = int(np.clip(np.searchsorted(hx, x.mean()), 1, len(hx) - 1))
+    slope = float((hy[right] - hy[right - 1]) / (hx[right] - hx[right - 1]))
+    return float(hy[right] - slope * hx[right]), slope
+
+
+def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
+    """The corners (m,) of the lower convex hull of points (n,), x increasing."""
+    if not (np.diff(x) > 0).all():
+        order = np.lexsort((y, x))
+        x, y = x[order], y[order]
+        once = np.concatenate([[True], np.diff(x) > 0])
+        x, y = x[once], y[once]
+    while len(x) > 2:
+        # A point on or above the line between two others is no corner, whatever else is taken away with it.
+        turn = (x[1:-1] - x[:-2]) * (y[2:] - y[:-2]) - (y[1:-1] - y[:-2]) * (x[2:] - x[:-2])
+        corner = np.concatenate([[True], turn > 0, [True]])
+        if corner.all():
+            break
+        x, y = x[corner], y[corner]
+    return x, y
+
+
+def _broken(x: Array, y: Array, knots: Array) -> Array:
+    """Heights (k,) at the knots of the broken line under all points that lies closest to them on average.
+
+    A line lies under the points of its window where it lies under the corners of their hull: a small linear program.
+    """
+    from scipy.optimize import linprog  # noqa: PLC0415 - slow to import, needed for long runs only
+    from scipy.sparse import csr_array  # noqa: PLC0415
+
+    edges = np.searchsorted(x, knots[1:-1], side="left")
+    corners = []
+    for inside_x, inside_y in zip(np.split(x, edges), np.split(y, edges), strict=True):
+        if len(inside_x):
+            corners.append(lower_hull(inside_x, inside_y))
+    corner_x, corner_y = (np.concatenate(of) for of in zip(*corners, strict=True))
+    right, share = _between(corner_x, knots)
+    # The line is as high at a corner as the knots left and right of it, each by its share.
+    knot, weight = np.stack([right - 1, right], axis=1), np.stack([1 - share, share], axis=1)
+    at_corners = csr_array((weight.ravel(), knot.ravel(), 2 * np.arange(len(right) + 1)), (len(right), len(knots)))
+    right, share = _between(x, knots)
+    pull = np.bincount(right, share, len(knots)) + np.bincount(right - 1, 1 - share, len(knots))
+    found = linprog(-pull, at_corners, corner_y, bounds=(None, None), method="highs")  # type: ignore[call-overload]
+    return np.asarray(found.x) if found.success else np.polyval(lower_line(x, y)[::-1], knots)
+
+
+def _between(x: Array, knots: Array) -> tuple[Integers, Array]:
+    """The knot right of each x (n,), and its share in the broken line there."""
+    right = np.clip(np.searchsorted(knots, x), 1, len(knots) - 1)
+    return right, (x - knots[right - 1]) / (knots[right] - knots[right - 1])

@@ -1,0 +1,89 @@
+"""The event by which a recorded program can be known again: the rule that would have started its recording.
+
+A signal that came while it was recorded is one. Without, it is where the robot stood and whither it went; angles as the
+controller reported them, so that neither the arm's constants nor the ball's place come into it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from analysis.kinematics.arm import Array
+from daq.store import Run
+from daq.store.manifest import first_error
+from rigs.errors import FileError
+from rigs.schema.feedback import SIGNAL
+from rigs.schema.recording_rules import Rule
+from rigs.schema.vocabulary import CIRCLES
+
+_STILL_DEG = 0.02
+_STOOD_S = 0.3
+_ON_THE_WAY_DEG = 3.0
+_STEP_S = 0.05
+_LEAST_STILL_S = 2.0
+
+
+def rule_of(run: Run) -> Rule:
+    """The rule for the program of a recorded run. Raises FileError where the run shows no event that could be known."""
+    manifest, where = run.manifest, str(run.path)
+    if "robot" not in run.streams:
+        raise FileError(where, "was imported and has no robot to follow", "give a recorded run")
+    if manifest.test == "pose":
+        raise FileError(where, "is a pose test, which no daemon records", "give a recorded run of another test")
+    robot = run.streams["robot"]
+    t_s = (robot["last_byte_ns"] - robot["last_byte_ns"][:1]) / 1e9
+    q_deg = np.column_stack([robot[f"q{axis}_deg"] for axis in range(1, 7)])
+    t_s, q_deg = _thinned(t_s, q_deg)
+    when = _signal(robot) or _departure(t_s, q_deg, where)
+    direction = manifest.direction if manifest.test in CIRCLES else None  # told of another test it means nothing
+    still_s = _patience_s(t_s, q_deg, when)
+    try:
+        return Rule.model_validate({"when": when, "test": manifest.test, "direction": direction, "still_s": still_s})
+    except ValidationError as error:
+        raise FileError(where, f"makes no rule: {first_error(error)}", "record its program again") from None
+
+
+def _signal(robot: dict[str, np.ndarray[Any, Any]]) -> dict[str, Any]:
+    """The value that the signal had longest after it changed; nothing where it has none or never changed."""
+    values = robot[SIGNAL][np.isfinite(robot[SIGNAL])] if SIGNAL in robot else np.empty(0)
+    others, counts = np.unique(values[values != values[:1]], return_counts=True)
+    return {"signal": int(others[counts.argmax()])} if len(others) else {}
+
+
+def _departure(t_s: Array, q_deg: Array, where: str) -> dict[str, Any]:
+    if not len(t_s) or _leaves(q_deg, _ON_THE_WAY_DEG) == len(t_s):
+        raise FileError(where, "the robot stood still", "record its program from before it starts")
+    begins = _leaves(q_deg, _STILL_DEG)
+    if t_s[begins - 1] < _STOOD_S:
+        raise FileError(where, "the robot moves already where the run begins", "record from before its program starts")
+    start, onwards = np.median(q_deg[:begins], axis=0), q_deg[_leaves(q_deg, _ON_THE_WAY_DEG)]
+    return {"from_deg": start.round(3).tolist(), "to_deg": onwards.round(3).tolist()}
+
+
+def _patience_s(t_s: Array, q_deg: Array, when: dict[str, Any]) -> float:
+    """How long it must stand to have ended: twice its longest stand on the way, where a stand may end it."""
+    if "signal" in when:
+        return _LEAST_STILL_S
+    begin, longest_s = _leaves(q_deg, _STILL_DEG), 0.0
+    while begin < len(t_s):
+        after = begin + _leaves(q_deg[begin:], _STILL_DEG)
+        if after < len(t_s):  # the last one is the end
+            longest_s = max(longest_s, t_s[after - 1] - t_s[begin])
+        begin = after
+    return max(_LEAST_STILL_S, float(math.ceil(2 * longest_s)))
+
+
+def _thinned(t_s: Array, q_deg: Array) -> tuple[Array, Array]:
+    """A row each 0.05 s at most: enough to see a stand."""
+    kept = np.unique(np.searchsorted(t_s, np.arange(0, t_s[-1], _STEP_S))) if len(t_s) else np.empty(0, int)
+    return t_s[kept], q_deg[kept]
+
+
+def _leaves(q_deg: Array, by_deg: float) -> int:
+    """Row in which some joint is further than this from where it was in the first; their number where none is."""
+    away = np.abs(q_deg - q_deg[:1]).max(axis=1, initial=0.0) > by_deg
+    return int(away.argmax()) if away.any() else len(q_deg)

@@ -1,0 +1,47 @@
+"""Whether the columns of a stream can have been recorded: stamps of one computer's clock in order, values in bounds.
+
+`rigd` stamps what it reads by a clock that never goes back. What breaks this rule was changed since, whatever the
+checksums say, and no time can be made of it. A value that cannot be a reading is left out instead, and counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.traces.lower_hull import Mask
+from rigs.errors import FileError
+
+LONGEST_MM = 1e5
+"""No gauge measures further than 100 m, the bound of lengths in a rig file (`rigs.schema.part.Length`)."""
+LARGEST_DEG = 36e3
+"""No joint of a robot makes more than 100 turns."""
+_LATEST_NS = 2**61
+"""A monotonic clock begins with its computer: 73 years."""
+_LONGEST_MESSAGE = 65_536
+"""Bytes; the longest message of any protocol is a UDP datagram."""
+
+
+def require_sound(path: Path, what: str, columns: Mapping[str, np.ndarray[Any, Any]]) -> None:
+    """Raises FileError for a stream with a stamp that `rigd` cannot have written."""
+    requested, first, last = (columns[name] for name in ("requested_ns", "first_byte_ns", "last_byte_ns"))
+    rules = {
+        "a stamp that no clock shows": (first < 0) | (last > _LATEST_NS),
+        "a first byte that came after the last": first > last,
+        "a request that went out after its answer": requested > last,
+        "a stamp earlier than the row before": np.diff(last, prepend=last[:1]) < 0,
+        "a size that no message has": (columns["size"] < 0) | (columns["size"] > _LONGEST_MESSAGE),
+    }
+    for words, broken in rules.items():
+        if broken.any():
+            row = int(broken.argmax()) + 1
+            raise FileError(str(path), f"row {row} of {what} has {words}", "restore the run from a copy")
+
+
+def is_reading(values: Array, largest: float) -> Mask:
+    """Which rows of values (n, k) hold nothing but numbers up to the largest that can be."""
+    return np.asarray((np.abs(values) <= largest).all(axis=1))

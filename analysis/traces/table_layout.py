@@ -1,0 +1,42 @@
+"""What each table of docs/geometry.md consists of: its columns, and what stands in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from rigs.schema.vocabulary import TestName
+
+JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
+COMMANDED = tuple(f"q{axis}_commanded_deg" for axis in range(1, 7))
+"""Joints as they were commanded, beside those of JOINTS."""
+JointSource = Literal["measured", "commanded"]
+PLACE = ("x_mm", "y_mm", "z_mm")
+TURN = ("rx_deg", "ry_deg", "rz_deg")
+WORDS = {"direction": ("acw", "cw"), "approach": ("none", "out", "in")}
+"""Columns of words, and the words they know."""
+COUNTS = ("target", "orientation", "round")
+"""Columns of positive integers. Every other known column holds numbers."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Columns that a table needs, and those that it may have; any other is extra and kept as it is."""
+
+    required: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """All columns that mean something here."""
+        return (*self.required, *self.optional)
+
+
+_CIRCLE = Layout(("t_s", "direction", *JOINTS, "g1_mm", "g2_mm"), ("phi_deg",))
+LAYOUTS: dict[TestName, Layout] = {
+    "yaw": _CIRCLE,
+    "roll": _CIRCLE,
+    "radial": Layout(("target", "polar_deg", "azimuth_deg", "orientation", *JOINTS, "g1_mm"), ("t_s",)),
+    "repeatability": Layout(("target", "approach", "round", *JOINTS, "g1_mm"), ("t_s",)),
+    "pose": Layout((*JOINTS, *PLACE), TURN),
+}

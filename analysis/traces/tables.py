@@ -1,0 +1,92 @@
+"""What was measured, in the tables of docs/tables.md: the one form that every evaluation, simulation and fit takes.
+
+Recorded runs become tables by alignment, imported ones by reading; simulation fills the same tables.
+Angles are radians and lengths mm here; in files (`analysis.traces.csv_tables`) degrees and mm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.kinematics.arm import Array, Integers
+from rigs.schema.vocabulary import Direction, TestName
+
+
+@dataclass(frozen=True)
+class CircleTable:
+    """One circle driven in one direction, lead-in and lead-out included where they were recorded.
+
+    t_s (n,); q (n, 6) rad as reported; g_mm (n, 2) of g1 and g2; u_t_s (n,): standard uncertainty of each row's time
+    beside what all rows share, None where nothing is known of it.
+    """
+
+    test: Literal["yaw", "roll"]
+    direction: Direction
+    t_s: Array
+    q: Array
+    g_mm: Array
+    u_t_s: Array | None = None
+
+
+@dataclass(frozen=True)
+class RadialTable:
+    """Readings at targets of a hemisphere, in order of time.
+
+    target, orientation (n,) count from 1; polar, azimuth (n,) rad; q (n, 6) rad; g_mm (n,): |B - TCP| less the
+    link's set length; t_s (n,), zeros where the table has no time.
+    """
+
+    target: Integers
+    polar: Array
+    azimuth: Array
+    orientation: Integers
+    t_s: Array
+    q: Array
+    g_mm: Array
+
+
+@dataclass(frozen=True)
+class RepeatabilityTable:
+    """Readings at targets approached from outside (`out`), from inside (`in`) or from elsewhere (`none`).
+
+    target, round (n,) count from 1; approach (n,) of str; q (n, 6) rad; g_mm (n,); t_s (n,) as in a radial table.
+    """
+
+    target: Integers
+    approach: NDArray[np.str_]
+    round: Integers
+    t_s: Array
+    q: Array
+    g_mm: Array
+
+
+@dataclass(frozen=True)
+class PoseTable:
+    """Poses of the tool as a tracker saw them, in the tracker's frame.
+
+    q (n, 6) rad; xyz_mm (n, 3); rpy (n, 3) rad, fixed-axis roll-pitch-yaw, or None where only places were measured.
+    """
+
+    q: Array
+    xyz_mm: Array
+    rpy: Array | None
+
+
+Table = CircleTable | RadialTable | RepeatabilityTable | PoseTable
+
+
+def test_of(table: Table) -> TestName:
+    """The test that a table is of."""
+    match table:
+        case CircleTable():
+            return table.test
+        case RadialTable():
+            return "radial"
+        case RepeatabilityTable():
+            return "repeatability"
+        case PoseTable():
+            return "pose"

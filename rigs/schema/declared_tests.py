@@ -1,0 +1,99 @@
+"""The tests that a rig is set up for (docs/geometry.md): circle for yaw and roll, hemisphere, repeatability.
+
+Bounds keep a slip of the pen from becoming a program of millions of poses.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field, field_validator, model_validator
+
+from rigs.schema.part import Angle, Part, Vector
+from rigs.schema.robot import Posture
+
+_LONGEST_LAP_S = 1800.0
+
+
+class _AboutTheBall(Part):
+    """Where targets lie about the base-ball."""
+
+    centre_mm: Vector
+    normal: Vector = (0.0, 0.0, 1.0)
+    zero: Vector = (1.0, 0.0, 0.0)
+    posture_deg: Posture
+
+    @field_validator("normal", "zero")
+    @classmethod
+    def _has_length(cls, value: Vector) -> Vector:
+        if math.hypot(*value) < 1e-9:
+            raise ValueError("a direction of length zero points nowhere")
+        return value
+
+    @model_validator(mode="after")
+    def _zero_in_plane(self) -> _AboutTheBall:
+        (a, b, c), (x, y, z) = self.normal, self.zero
+        across = math.hypot(b * z - c * y, c * x - a * z, a * y - b * x)
+        if across < 1e-6 * math.hypot(a, b, c) * math.hypot(x, y, z):
+            raise ValueError("zero is parallel to normal; choose a direction across it")
+        return self
+
+
+class Circle(_AboutTheBall):
+    """A circle about the base-ball, driven acw and cw with the tool pointing at its centre.
+
+    normal: of its plane; zero: where phi = 0 lies, projected onto the plane; posture_deg: joint angles near the
+    start of the acw circle, which say which of the arm's solutions the program uses.
+    """
+
+    radius_mm: float = Field(default=70.0, ge=1, le=2000)
+    speed_mm_s: float = Field(default=25.0, ge=0.5, le=2000)
+    laps: int = Field(default=2, ge=1, le=50)
+    """Driven in each direction, with a way back between them: one lap says nothing about its own slow noise."""
+    start_deg: Angle = 0.0
+    lead_deg: float = Field(default=10.0, ge=0, le=90)
+    """Arc driven before the lap to come to speed, and after it to stop; not analysed."""
+    eccentricity_mm: Vector = (0.0, 0.0, 0.0)
+    """Base-ball less circle centre, in the world: known only where the cell is emulated or simulated."""
+
+    @model_validator(mode="after")
+    def _ends_today(self) -> Circle:
+        lap_s = 2 * math.pi * self.radius_mm / self.speed_mm_s
+        if lap_s > _LONGEST_LAP_S:
+            raise ValueError(f"a lap takes {lap_s / 60:.0f} min, at most {_LONGEST_LAP_S / 60:.0f}; raise speed_mm_s")
+        return self
+
+
+class Hemisphere(_AboutTheBall):
+    """Targets on a half sphere about the base-ball, each with several tool orientations.
+
+    normal: to the middle of the hemisphere, towards the robot's working side, polar angle 0; zero: where azimuth 0
+    lies, projected onto the hemisphere's base.
+    """
+
+    radius_mm: float = Field(default=400.0, ge=1, le=10_000)
+    step_deg: float = Field(default=30.0, ge=5, le=90)
+    """Between targets, in polar angle and in azimuth."""
+    polar_max_deg: float = Field(default=90.0, gt=0, le=180)
+    """Where the outermost ring lies."""
+    orientations: int = Field(default=3, ge=1, le=15)
+    visits: int = Field(default=2, ge=1, le=20)
+    """How often the program goes through all targets and orientations: what differs between visits is the scatter."""
+
+
+class Repeatability(Part):
+    """Targets of the hemisphere approached from outside and from inside along the radius."""
+
+    approach_mm: float = Field(default=3.0, gt=0, le=100)
+    rounds: int = Field(default=3, ge=1, le=1000)
+    targets: Annotated[tuple[Annotated[int, Field(ge=1, le=10_000)], ...], Field(min_length=1, max_length=200)] = (1,)
+    """Numbers of hemisphere targets, counted from 1."""
+
+
+class Tests(Part):
+    """The tests of a rig; leave out what it is not set up for."""
+
+    circle: Circle | None = None
+    hemisphere: Hemisphere | None = None
+    repeatability: Repeatability | None = None

@@ -1,0 +1,299 @@
+"""What every effect has: its keys and physics, where it may sit, its words, its remedy, how a controller corrects it.
+
+An effect is one class in one file of `rigs/effects/`; nothing else names it. A parameter's unit is in its name; its
+bounds, and the size that a healthy arm shows anyway, are its field's. The size scales an effect and is zero for none;
+shapes say how it looks and need a size to be seen. A wave has a `phase_deg`; a gear's errors have an `order`.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal, Self, TypeVar
+
+from pydantic import Field
+
+from rigs.schema.part import Part
+from rigs.schema.scene import S, Stage
+
+AXES = range(1, 7)
+Gauge = Literal["g1", "g2"]
+Use = Literal["joint zero", "link constant", "targets only", "none"]
+PHASE = "phase_deg"
+"""Parameter that makes an effect a wave."""
+SEATS = ("axis", "field", "gauge", "from_axis", "to_axis")
+"""Parameters that say where an effect sits."""
+
+
+def size(bound: float, healthy: float, *, least: float | None = None) -> Any:
+    """A size: between -bound (or least) and bound, zero is none; `healthy` is its spread over good arms."""
+    return Field(default=0.0, ge=-bound if least is None else least, le=bound, json_schema_extra={"healthy": healthy})
+
+
+def shape(low: float, high: float, default: float) -> Any:
+    """A shape, which may be from low to high."""
+    return Field(default=default, ge=low, le=high)
+
+
+class Found(Part):
+    """Where an effect of a rig file came from: when, from which runs, how sure, and the gap that it closed."""
+
+    date: dt.date
+    runs: tuple[str, ...]
+    sd: dict[str, float] = Field(default_factory=dict)
+    """Standard uncertainty of each fitted parameter, in its own unit."""
+    gap_um: tuple[float, float] | None = None
+    """Root mean square of what was unexplained, before and after, in µm of the readings."""
+    correlation: dict[str, float] = Field(default_factory=dict)
+    """Of the size with those of other effects that came from the same fit, by their names."""
+    together: tuple[str, ...] = ()
+    """Effects of the same fit that look like this one: only what they make up together is known."""
+    joints_deg: tuple[tuple[float, float], ...] | None = Field(default=None, min_length=6, max_length=6)
+    """The lowest and the highest angle of each joint in those runs."""
+
+
+@dataclass(frozen=True)
+class Scope:
+    """What runs can show of effects. timed: joints turn while they are read (circles); gauges that are read;
+    twist_deg (6): the arm's alpha; turned (6): by how much of a turn each joint turns while it is read."""
+
+    timed: bool
+    gauges: tuple[Gauge, ...]
+    twist_deg: tuple[float, ...]
+    turned: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class FreeShape:
+    """A shape that is fitted with the size: what is expected, and how far it may be off. tried: the value at which a
+    search looks for it; None where a search does not."""
+
+    field: str
+    expected: float
+    spread: float
+    tried: float | None = None
+
+
+@dataclass(frozen=True)
+class StretchedShape:
+    """A shape that is fitted from where one of the forms has it, and may be off by a share of that, or by least; a fit
+    takes it no lower than low."""
+
+    field: str
+    share: float
+    least: float = 0.0
+    low: float = 0.0
+
+
+@dataclass(frozen=True)
+class Departures:
+    """How nature departs from the page: what may stand beside an effect, because no gear, ball or brake is ideal.
+
+    beside: effects, each at one standard deviation; begin: a joint and by how many degrees it may stand off, for nobody
+    knows where a run began; jolt: a joint and by how many degrees it may be off about each of its turns; stick: a gauge
+    and by how many mm it may be off at a target, for nobody knows how the plunger came there.
+    """
+
+    beside: tuple[Effect, ...] = ()
+    begin: tuple[int, float] | None = None
+    jolt: tuple[int, float] | None = None
+    stick: tuple[Gauge, float] | None = None
+
+
+@dataclass(frozen=True)
+class Compensation:
+    """How a controller can make up for an effect. why_not: where it cannot; constant: the axis (1 … 6) and the key of
+    the number in its rig file, mm or degrees, where it is one; `q_deg` is the joint's angle itself."""
+
+    use: Use
+    why_not: str = ""
+    constant: tuple[int, str] | None = None
+
+
+OF_THE_GAUGES = Compensation("none", "is the gauges', the arm has no part in it")
+OF_THE_CLOCKS = Compensation("none", "is the clocks', the arm has no part in it")
+BY_TARGETS = Compensation("targets only")
+
+
+@dataclass(frozen=True)
+class Place:
+    """How a person writes where an effect sits. pattern: with a group for each parameter; example; every: what a
+    parameter left out stands for."""
+
+    pattern: str
+    example: str
+    every: Mapping[str, Sequence[str]] = field(default_factory=lambda: MappingProxyType({}))
+
+
+NUMBER = r"\d+(?:\.\d+)?"
+NOWHERE = Place("", "")
+AT_AXIS = Place("(?P<axis>[1-6])?", "1", {"axis": "123456"})
+AT_GAUGE = Place("(?P<gauge>g[12])?", "g1", {"gauge": ("g1", "g2")})
+
+
+class Effect(Part, ABC):
+    """One effect. `found`: where it came from, None where a person wrote it."""
+
+    effect: str
+    found: Found | None = None
+
+    STAGE: ClassVar[Stage]
+    PLACE: ClassVar[Place] = NOWHERE
+    STRAIGHT: ClassVar[float] = 1.0
+    """Healthy sizes up to which twice the size does twice as much. 0: never, as in a play."""
+    FREE: ClassVar[tuple[FreeShape, ...]] = ()
+    STRETCHED: ClassVar[tuple[StretchedShape, ...]] = ()
+
+    @abstractmethod
+    def apply(self, scene: S) -> S:
+        """The scene with the effect in it, over the whole trace; a size of zero is the identity."""
+
+    @classmethod
+    @abstractmethod
+    def forms(cls, scope: Scope) -> list[list[Self]]:
+        """A list for each place where it may sit in the runs of a scope, of the forms that it may have there, at size
+        zero. Callers add the second phase of a wave."""
+
+    @abstractmethod
+    def plain(self, joint: str) -> str:
+        """What a person calls it; joint: its joint in words, `axis 1 (Theta)`, where it has one."""
+
+    @abstractmethod
+    def remedy(self) -> str:
+        """What a person should do, in the imperative, with the size where it is to be entered somewhere."""
+
+    @abstractmethod
+    def compensation(self) -> Compensation:
+        """Whether and how a controller can make up for it."""
+
+    @property
+    def healthy(self) -> float:
+        """What a healthy arm shows of it anyway, in the unit of its size."""
+        return float(_extra(type(self), size_field(self))["healthy"])
+
+    @property
+    def seat(self) -> str:
+        """Where it sits, as answers write it."""
+        return str(getattr(self, "axis", getattr(self, "gauge", "")))
+
+    @property
+    def symbol(self) -> str:
+        """The field's own name of the number that it changes; empty where that has none."""
+        return ""
+
+    @property
+    def idle(self) -> str:
+        """The reason why a test that does not move it shows nothing of it."""
+        return "nothing in these tests moves it"
+
+    def unit(self, parameter: str) -> str:
+        """The unit of a parameter, deg, mm and the like; empty for a ratio."""
+        if "_per_" in parameter:
+            return parameter.replace("_per_", "/")
+        return parameter.rsplit("_", 1)[-1] if "_" in parameter else {"ppm": "ppm"}.get(parameter, "")
+
+    def departures(self) -> Departures:
+        """How nature departs from it."""
+        return Departures()
+
+    @classmethod
+    def turning(cls, axis: int, angle_deg: float) -> Effect | None:
+        """The effect that turns a joint by a constant; None of every class but one."""
+        return None
+
+    @classmethod
+    def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Effect | None:
+        """The effect that is a swing of the link; None of every class but one. Its phase is new in each run, so it is
+        looked for in the time of each run, and has no forms."""
+        return None
+
+
+_E = TypeVar("_E", bound=Effect)
+
+
+def at_each_axis(cls: type[_E], **values: float) -> list[list[_E]]:
+    """One form at each joint."""
+    return [[cls.model_validate({"axis": axis, **values})] for axis in AXES]
+
+
+def at_each_gauge(cls: type[_E], scope: Scope) -> list[list[_E]]:
+    """One form at each gauge that is read."""
+    return [[cls.model_validate({"gauge": gauge})] for gauge in scope.gauges]
+
+
+def scaled(effect: _E, share: float, **values: float) -> _E:
+    """An effect with a share of its size, and with other values."""
+    name = size_field(effect)
+    return effect.model_copy(update={name: share * getattr(effect, name), **values})
+
+
+def healthy(effect: _E) -> _E:
+    """An effect at the size that a healthy arm shows anyway."""
+    return effect.model_copy(update={size_field(effect): effect.healthy})
+
+
+def identity(effect: _E) -> _E:
+    """Which effect it is, whatever its size and shape: only what it has to be given, its place and its form."""
+    return type(effect).model_validate(
+        {name: getattr(effect, name) for name, info in type(effect).model_fields.items() if info.is_required()}
+    )
+
+
+def name_of(effect: Effect) -> str:
+    """What an answer names: the effect and where it sits, `gauge_scale g1`, say."""
+    return f"{effect.effect} {effect.seat}".rstrip()
+
+
+def label_of(effect: Effect) -> str:
+    """The name of an effect; gears by order, which are many of one name."""
+    order = getattr(effect, "order", None)
+    return name_of(effect) if order is None else f"{name_of(effect)} order {order:g}"
+
+
+def phases(effect: _E) -> tuple[_E, ...]:
+    """An effect, and, where it is a wave, the same a quarter on: together they reach every phase."""
+    if not is_wave(effect):
+        return (effect,)
+    return effect, effect.model_copy(update={PHASE: (getattr(effect, PHASE) + 90.0) % 360.0})
+
+
+def is_wave(effect: Effect) -> bool:
+    """Whether its phase is free."""
+    return PHASE in type(effect).model_fields
+
+
+def is_play(effect: Effect) -> bool:
+    """Whether twice its size never does twice as much."""
+    return effect.STRAIGHT == 0
+
+
+def size_field(effect: Effect) -> str:
+    """Name of the parameter that scales an effect and is zero for none."""
+    return next(str(name) for name in type(effect).model_fields if "healthy" in _extra(type(effect), name))
+
+
+def _extra(cls: type[Effect], name: str) -> dict[str, Any]:
+    extra = cls.model_fields[name].json_schema_extra
+    return extra if isinstance(extra, dict) else {}
+
+
+def bounds(effect: Effect, name: str) -> tuple[float, float]:
+    """Lowest and highest value of a parameter, infinite where it has no bound."""
+    metadata = type(effect).model_fields[name].metadata
+    low = [float(getattr(m, key)) for m in metadata for key in ("ge", "gt") if hasattr(m, key)]
+    high = [float(m.le) for m in metadata if hasattr(m, "le")]
+    return max(low, default=-math.inf), min(high, default=math.inf)
+
+
+def one_sided(effect: Effect) -> bool:
+    """Whether a size cannot be negative: a width, a softness, an amplitude."""
+    return bounds(effect, size_field(effect))[0] == 0
+
+
+def healthy_size(effect: Effect) -> float:
+    """What a healthy arm shows of it anyway, in the unit of its size."""
+    return effect.healthy

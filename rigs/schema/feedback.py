@@ -1,0 +1,190 @@
+"""Where the robot's position comes from. `interface` is the name of a file in `daq/feedback/`."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from rigs.schema.links import Port, UDPPort, tcp_address
+from rigs.schema.modbus import SLOWEST_HZ, RegisterBlock, StatusRegister, ValueRegister
+from rigs.schema.origin import Origin
+from rigs.schema.part import Part
+
+JOINT_FIELDS = {f"q{axis}_{unit}" for axis in range(1, 7) for unit in ("deg", "rad")}
+CLOCK_FIELDS = {"t_s", "t_ms", "t_us"}
+SIGNAL = "signal"
+"""The column in which a robot's samples carry the number of its program; the field of a line that does."""
+
+
+class RTDESignal(Part):
+    """Where the program on the controller shows its number: in digital outputs, or in a register."""
+
+    outputs: tuple[Annotated[int, Field(ge=0, le=17)], ...] = ()
+    """Read as a binary number, the first is the least: 0-7 standard, 8-15 configurable, 16 and 17 of the tool."""
+    int_register: int | None = Field(default=None, ge=0, le=47)
+
+    @model_validator(mode="after")
+    def _one_place(self) -> RTDESignal:
+        if bool(self.outputs) == (self.int_register is not None):
+            raise ValueError("give either outputs: [0, …], or int_register")
+        if len(set(self.outputs)) < len(self.outputs):
+            raise ValueError("an output stands here twice")
+        return self
+
+
+class _Feedback(Part):
+    listens: ClassVar[bool] = False
+    """Whether `port` is ours, and the controller the one who speaks first (UDP)."""
+    timeout_s: float = Field(default=2.0, ge=0.01, le=60)
+    """Without a message for so long it counts as silent."""
+
+
+class URRTDE(_Feedback):
+    """Universal Robots, Real-Time Data Exchange."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="Universal Robots CB3, e-Series",
+        source="maker's Python client and documents",
+        standing="confirmed",
+    )
+
+    interface: Literal["ur_rtde"]
+    port: Port
+    rate_hz: float = Field(default=500, ge=1, le=500)
+    signal: RTDESignal | None = None
+
+
+class LineFeed(_Feedback):
+    """What a user's program on the controller prints: one line a sample over TCP."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="any controller whose program prints lines over TCP: FANUC KAREL and others",
+        source="what the user's program prints",
+        standing="confirmed",
+    )
+
+    interface: Literal["line_feed"]
+    port: Port
+    fields: tuple[str, ...] = ("t_ms", *(f"q{axis}_deg" for axis in range(1, 7)))
+    """Names in the order of the line: q1_deg … q6_deg (or _rad), at most one of t_s, t_ms, t_us, at most one
+    `signal`; `_` is skipped."""
+    separator: str = Field(default=",", min_length=1)
+    """A blank stands for any run of blanks and tabs."""
+
+    @field_validator("fields")
+    @classmethod
+    def _known(cls, fields: tuple[str, ...]) -> tuple[str, ...]:
+        unknown = [name for name in fields if name not in JOINT_FIELDS | CLOCK_FIELDS | {SIGNAL, "_"}]
+        if unknown:
+            raise ValueError(
+                f"unknown field {unknown[0]!r}; known: q1_deg … q6_deg, q1_rad …, t_s, t_ms, t_us, signal, _"
+            )
+        axes = [name[:2] for name in fields if name in JOINT_FIELDS]
+        if sorted(axes) != [f"q{axis}" for axis in range(1, 7)]:
+            raise ValueError("each of q1 … q6 must stand in the line once, in _deg or _rad")
+        if len(CLOCK_FIELDS & set(fields)) > 1:
+            raise ValueError("only one of t_s, t_ms, t_us can be the controller's clock")
+        if fields.count(SIGNAL) > 1:
+            raise ValueError("signal can stand in the line once")
+        return fields
+
+
+class KUKARSI(_Feedback):
+    """KUKA Robot Sensor Interface: the controller sends to `port`, an address of this computer."""
+
+    listens: ClassVar[bool] = True
+    origin: ClassVar[Origin] = Origin(
+        instruments="KUKA KR C4 and KR C5 with RobotSensorInterface (RSI Ethernet)",
+        source="public code: kroshu/kuka_drivers (its parser's tests), RSI-3 clients with their RSI_EthernetConfig.xml",
+        standing="confirmed",
+        doubts="cycles of 4 and 12 ms, IPOC in ms, and that an answer without corrections is one of zero (it is where "
+        "nothing was corrected before: HOLDON keeps the last value)",
+    )
+    interface: Literal["kuka_rsi"]
+    port: UDPPort
+    cycle_ms: Literal[4, 12] = 4
+    """Of the controller: 4 for IPO_FAST, 12 for IPO. A longer step of IPOC means that datagrams are missing."""
+    onlysend: bool = False
+    """As in the controller's Ethernet configuration: it expects no answers, and gets none."""
+    timeout_s: float = Field(default=1.0, ge=0.01, le=60)
+    """A program started anew sends from another port, and is heard once the old one has been silent for so long."""
+    sentype: str = Field(default="ImFree", pattern=r"^[A-Za-z0-9_.-]{1,64}$")
+    """As SENTYPE there; the controller passes over answers of another name."""
+
+
+class ABBEGM(_Feedback):
+    """ABB Externally Guided Motion, position stream: the controller sends to `port`, an address of this computer."""
+
+    listens: ClassVar[bool] = True
+    origin: ClassVar[Origin] = Origin(
+        instruments="ABB IRC5 (RobotWare 6.10 and later) and OmniCore with Externally Guided Motion",
+        source="ABB's egm.proto, as ros-industrial/abb_libegm publishes it (proto/egm.proto)",
+        standing="confirmed",
+        doubts="that feedBack.time is good for more than its ms (public code calls it useless on some controllers), "
+        "and from which software on positions are streamed",
+    )
+    interface: Literal["abb_egm"]
+    port: UDPPort
+    timeout_s: float = Field(default=1.0, ge=0.01, le=60)
+    """As for KUKA."""
+
+
+class FANUCStreamMotion(_Feedback):
+    """FANUC Stream Motion, its status only: `port` is the controller, which sends once it was asked to."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="FANUC R-30iB Plus with Stream Motion (option J519)",
+        source="manual B-84904EN tables 3.3(a), (b) and (d) as public clients quote them (kumar-nikhil/"
+        "stream_motion_interface, intelligent-control-lab/Stream_Motion_Controller); FANUC's own fanuc_driver has the "
+        "layout, with another type of start packet",
+        standing="confirmed",
+        doubts="the time stamp in ms (in steps of 2) and its wrap; that the status comes from the port it was asked at",
+    )
+    interface: Literal["fanuc_stream_motion"]
+    port: UDPPort
+
+
+class ModbusJoints(_Feedback, RegisterBlock):
+    """Joint angles in the registers of a controller, read over Modbus TCP."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="any controller that shows its joints in Modbus TCP registers",
+        source="the Modbus application protocol; the register map is the rig file's",
+        standing="confirmed",
+        doubts="no controller's own map: which registers, and whether the angles of one read are of one instant",
+    )
+    framing: ClassVar[Literal["rtu"]] = "rtu"
+    """Of a serial line, which it has not."""
+    interface: Literal["modbus_joints"]
+    port: Port
+    function: Literal[3, 4] = 3
+    rate_hz: float = Field(default=100.0, ge=SLOWEST_HZ)
+    joints: tuple[ValueRegister, ValueRegister, ValueRegister, ValueRegister, ValueRegister, ValueRegister]
+    """Of q1 … q6, each `raw * scale + offset` in `units`."""
+    units: Literal["deg", "rad"] = "deg"
+    status: StatusRegister | None = None
+    """The state of controller or program; any value that is not listed is an error."""
+
+    @model_validator(mode="after")
+    def _readable(self) -> ModbusJoints:
+        if tcp_address(self.port) is None:
+            raise ValueError(f"{self.port!r} is no TCP port; write 'tcp://host:502'")
+        joints = {f"joints[{axis}]": register for axis, register in enumerate(self.joints)}
+        self.check_inside(**joints, status=self.status)
+        return self
+
+
+Feedback = Annotated[
+    URRTDE | LineFeed | KUKARSI | ABBEGM | FANUCStreamMotion | ModbusJoints, Field(discriminator="interface")
+]
+
+
+def carries_signal(feedback: Feedback) -> bool:
+    """Whether the robot's samples have the column `signal`."""
+    match feedback:
+        case URRTDE():
+            return feedback.signal is not None
+        case LineFeed():
+            return SIGNAL in feedback.fields
+    return False

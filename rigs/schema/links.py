@@ -1,0 +1,80 @@
+"""Where an instrument is plugged in: a serial device, a TCP or a UDP address, and the pace of its line."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, Field, model_serializer, model_validator
+
+from rigs.schema.part import Part
+
+_LINE = re.compile(r"(\d+) ([78])([NEO])([12])")
+_NETWORK = re.compile(r"(tcp|udp)://(\[[0-9a-fA-F:]+\]|[^/:\s]+):(\d{1,5})")
+
+
+class Line(Part):
+    """Settings of a serial line, written `4800 7E2`: baud, data bits, parity, stop bits."""
+
+    baud: int = Field(ge=50, le=4_000_000)
+    bits: Literal[7, 8]
+    parity: Literal["N", "E", "O"]
+    stop: Literal[1, 2]
+
+    @model_validator(mode="before")
+    @classmethod
+    def _parse(cls, value: object) -> object:
+        if isinstance(value, dict | Line):
+            return value
+        match = _LINE.fullmatch(str(value))
+        if not match or not 50 <= int(match[1]) <= 4_000_000:
+            raise ValueError(f"{value!r} is no line setting; write it as '9600 8N1'")
+        return {"baud": int(match[1]), "bits": int(match[2]), "parity": match[3], "stop": int(match[4])}
+
+    @model_serializer
+    def _write(self) -> str:
+        return str(self)
+
+    def __str__(self) -> str:
+        return f"{self.baud} {self.bits}{self.parity}{self.stop}"
+
+    @property
+    def character_ns(self) -> int:
+        """Time one character takes on the wire: start, data, parity and stop bits."""
+        bits = 1 + self.bits + (self.parity != "N") + self.stop
+        return round(bits * 1e9 / self.baud)
+
+
+def tcp_address(port: str) -> tuple[str, int] | None:
+    """Host and port number of `tcp://host:number`; None for anything else."""
+    return _address("tcp", port)
+
+
+def udp_address(port: str) -> tuple[str, int] | None:
+    """Host and port number of `udp://host:number`; None for anything else."""
+    return _address("udp", port)
+
+
+def _address(scheme: str, port: str) -> tuple[str, int] | None:
+    match = _NETWORK.fullmatch(port)
+    return (match[2].strip("[]"), int(match[3])) if match and match[1] == scheme else None
+
+
+def _port(value: str) -> str:
+    if value.startswith("/") and len(value) > 1:
+        return value
+    address = tcp_address(value)
+    if address is None or not 0 < address[1] < 65536:
+        raise ValueError(f"{value!r} is no port; write '/dev/serial/by-id/…' or 'tcp://host:number'")
+    return value
+
+
+def _udp_port(value: str) -> str:
+    address = udp_address(value)
+    if address is None or not 0 < address[1] < 65536:
+        raise ValueError(f"{value!r} is no UDP port; write 'udp://host:number'")
+    return value
+
+
+Port = Annotated[str, AfterValidator(_port)]
+UDPPort = Annotated[str, AfterValidator(_udp_port)]

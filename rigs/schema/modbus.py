@@ -1,0 +1,134 @@
+"""Gauges that speak Modbus: a register map of any instrument, and instruments whose map is known."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from rigs.schema.links import Line, tcp_address
+from rigs.schema.origin import Origin
+from rigs.schema.part import Part
+from rigs.schema.probe import Probe
+
+SLOWEST_HZ = 0.5
+"""A reading older than 3 s is none to begin a recording with, and a connection of 10 s without one is lost."""
+Number = Literal["int16", "uint16", "int32", "uint32", "float32"]
+
+
+class Register(Part):
+    """One value in a Modbus register map."""
+
+    address: int = Field(ge=0, le=65535)
+    type: Number
+
+    @property
+    def count(self) -> int:
+        """Registers it takes."""
+        return 1 if self.type.endswith("16") else 2
+
+
+class ValueRegister(Register):
+    """The reading itself: `raw * scale + offset`, in the gauge's units."""
+
+    scale: float = Field(default=1.0, ge=-1e6, le=1e6)
+    offset: float = Field(default=0.0, ge=-1e6, le=1e6)
+
+    @field_validator("scale")
+    @classmethod
+    def _not_zero(cls, value: float) -> float:
+        if value == 0:
+            raise ValueError("a scale of zero makes every reading the same; give the units of one count")
+        return value
+
+
+class StatusRegister(Register):
+    """The instrument's own verdict on its reading; any value not listed is an error."""
+
+    type: Number = "uint16"
+    good: tuple[int, ...] = (0,)
+    doubtful: tuple[int, ...] = ()
+
+
+class RegisterBlock(Part):
+    """Modbus registers that are read in one request."""
+
+    unit: int = Field(default=1, ge=0, le=247)
+    function: Literal[3, 4] = 4
+    address: int = Field(ge=0, le=65535)
+    count: int = Field(ge=1, le=125)
+    word_order: Literal["big", "little"] = "big"
+    rate_hz: float = Field(default=500.0, ge=SLOWEST_HZ)
+    """Most requests in a second; a serial line is slower by itself, TCP is not."""
+
+    def check_inside(self, **registers: Register | None) -> None:
+        """Raises ValueError for the first of these that the block does not hold."""
+        for name, register in registers.items():
+            if register is None:
+                continue
+            if register.address < self.address or register.address + register.count > self.address + self.count:
+                raise ValueError(
+                    f"{name} at {register.address} lies outside the block {self.address} … "
+                    f"{self.address + self.count - 1}; widen address and count"
+                )
+
+
+class ModbusMap(Probe, RegisterBlock):
+    """Any Modbus gauge: a block of registers read in one request, on a serial port or over TCP."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="any Modbus gauge; Baumer OM20, OM30",
+        source="Modbus specification; Baumer OM20/OM30 manual p. 14, 22-23",
+        standing="confirmed",
+    )
+
+    request_bytes = 8
+    timing_source = (
+        "the instrument's manual; of OM20 and OM30 p. 22-28: registers 207-208 hold the delay, and filters average up "
+        "to 128 values"
+    )
+    interface: Literal["modbus_map"]
+    line: Line = Line(baud=19200, bits=8, parity="E", stop=1)
+    framing: Literal["rtu", "ascii"] = "rtu"
+    """Of a serial line; TCP has its own."""
+    value: ValueRegister
+    status: StatusRegister | None = None
+    clock_s: Register | None = None
+    clock_us: Register | None = None
+
+    @model_validator(mode="after")
+    def _inside_the_block(self) -> ModbusMap:
+        self.check_inside(value=self.value, status=self.status, clock_s=self.clock_s, clock_us=self.clock_us)
+        return self
+
+
+class SolartronOrbit(Probe):
+    """Solartron Orbit ACS, SI100, SI200 or SI400: two parameters, its reading and that reading's status."""
+
+    origin: ClassVar[Origin] = Origin(
+        instruments="Solartron Orbit ACS: SI100, SI200, SI400",
+        source="Orbit ACS manual (503110) p. 32, 48-54",
+        standing="weak",
+        doubts="function 3, word order, status as float32, line settings; the parameter numbers are in the maker's "
+        "parameter map; the unit is not told: `units` must be the one set there",
+    )
+
+    request_bytes = 8
+    interface: Literal["solartron_orbit"]
+    line: Line
+    framing: Literal["rtu", "ascii"] = "rtu"
+    unit: int = Field(default=1, ge=0, le=247)
+    function: Literal[3, 4] = 3
+    word_order: Literal["big", "little"] = "big"
+    parameter: int = Field(ge=0, le=7999)
+    """Address of the reading in the maker's parameter map (503116, 503166)."""
+    status_parameter: int = Field(ge=0, le=7999)
+    """Address of that reading's status."""
+
+    @model_validator(mode="after")
+    def _of_its_own(self) -> SolartronOrbit:
+        if tcp_address(self.port):
+            raise ValueError("an Orbit ACS is read over its serial port; over TCP use modbus_map")
+        if self.parameter == self.status_parameter:
+            raise ValueError("parameter and status_parameter are the same; give the address of each")
+        return self

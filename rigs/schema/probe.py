@@ -1,0 +1,44 @@
+"""What every gauge of a rig file has, whatever it speaks."""
+
+from __future__ import annotations
+
+import datetime as dt
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from rigs.schema.certificate import GaugeCertificate
+from rigs.schema.links import Port
+from rigs.schema.origin import Origin
+from rigs.schema.part import Length, Part
+from rigs.schema.timing import Timing
+
+Units = Literal["mm", "um", "inch"]
+MM_PER_UNIT: dict[Units, float] = {"mm": 1.0, "um": 1e-3, "inch": 25.4}
+
+
+class Probe(Part):
+    """One gauge: its port, its place on the baseline, and how far to trust it."""
+
+    origin: ClassVar[Origin]
+    shares: ClassVar[bool] = False
+    """Whether several gauges on one port come in one answer, told apart by `channel`."""
+    request_bytes: ClassVar[int] = 1
+    """Characters of a request on a serial line, from which its wire time follows: at the least."""
+    timing_source: ClassVar[str] = "no public source says when a reading is latched"
+    """Where the default of `timing` is known from."""
+
+    port: Port
+    channel: int = Field(default=1, ge=1, le=32)
+    units: Units = "mm"
+    offset_mm: Length
+    """Place on the baseline, along y_T (yaw) or x_T (roll): +25 for gauge 1, -25 for gauge 2."""
+    accuracy_mm: float = Field(default=0.0005, gt=0, le=10)
+    """Standard uncertainty of one reading beside what all readings share, which the certificate has."""
+    certificate: GaugeCertificate | None = None
+    calibrated: dt.date | None = None
+    """When it was calibrated, in files older than `certificate`; nothing follows from it."""
+    timeout_s: float = Field(default=0.5, ge=0.01, le=60)
+    """Without an answer for so long it counts as silent."""
+    timing: Timing = Timing()
+    """When a reading was latched; what the rig file states takes the place of all of the maker's default."""

@@ -1,0 +1,78 @@
+"""The arm as a rig file describes it: modified Denavit–Hartenberg after Craig, in mm and degrees."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, field_validator, model_validator
+
+from rigs.schema.part import Angle, Length, Part, Vector
+
+
+class Pose(Part):
+    """A frame: position, then fixed-axis roll-pitch-yaw (rotations about x, y, z of the parent)."""
+
+    xyz_mm: Vector = (0.0, 0.0, 0.0)
+    rpy_deg: tuple[Angle, Angle, Angle] = (0.0, 0.0, 0.0)
+
+
+class JointAxis(Part):
+    """One joint: `T(i-1,i) = RotX(alpha) TransX(a) RotY(beta) RotZ(theta) TransZ(d)`.
+
+    alpha, a and beta are those of the link before the joint (Craig's alpha[i-1], a[i-1]);
+    beta is Hayati's angle, for a joint parallel to the one before.
+    """
+
+    name: str
+    a_mm: Length = 0.0
+    alpha_deg: Angle = 0.0
+    beta_deg: Angle = 0.0
+    d_mm: Length = 0.0
+    offset_deg: Angle = 0.0
+    limits_deg: tuple[Angle, Angle]
+    speed_deg_s: float = Field(gt=0, le=1e4)
+    mass_kg: float = Field(default=0.0, ge=0, le=1e4)
+    """Of the link that this joint moves; used by effects of gravity."""
+    centre_mm: Vector = (0.0, 0.0, 0.0)
+    """Centre of that mass in the link's frame."""
+
+    @model_validator(mode="after")
+    def _ordered(self) -> JointAxis:
+        if not self.limits_deg[0] < self.limits_deg[1]:
+            raise ValueError(f"limits_deg {list(self.limits_deg)} are not [lower, upper]; swap them")
+        return self
+
+
+Share = Annotated[float, Field(ge=-1e3, le=1e3)]
+Row = tuple[Share, Share, Share, Share, Share, Share]
+Posture = tuple[Angle, Angle, Angle, Angle, Angle, Angle]
+IDENTITY: tuple[Row, ...] = tuple(
+    tuple(float(row == column) for column in range(6))  # type: ignore[misc]
+    for row in range(6)
+)
+
+
+class Robot(Part):
+    """Six revolute axes. `theta = coupling @ q + offset`, with q what the controller reports."""
+
+    name: str
+    axes: Annotated[tuple[JointAxis, ...], Field(min_length=6, max_length=6)]
+    coupling: Annotated[tuple[Row, ...], Field(min_length=6, max_length=6)] = IDENTITY
+    base: Pose = Pose()
+    tool: Pose = Pose()
+    payload_kg: float = Field(default=0.0, ge=0, le=1e4)
+    """Tool and ball link, at the flange."""
+
+    @field_validator("coupling")
+    @classmethod
+    def _solvable(cls, rows: tuple[Row, ...]) -> tuple[Row, ...]:
+        left = [list(row) for row in rows]
+        for column in range(6):  # elimination, largest pivot first
+            left[column:] = sorted(left[column:], key=lambda row: -abs(row[column]))
+            pivot, *below = left[column:]
+            if abs(pivot[column]) < 1e-6:
+                raise ValueError("coupling has no inverse: some motion of the joints moves no axis; correct its rows")
+            left[column + 1 :] = [
+                [x - row[column] / pivot[column] * y for x, y in zip(row, pivot, strict=True)] for row in below
+            ]
+        return rows

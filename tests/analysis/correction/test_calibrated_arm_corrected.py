@@ -1,0 +1,58 @@
+"""From poses of a bad arm to corrected targets: another forward kinematics says where the arm then stands."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from analysis.correction.correct import correct_rig
+from analysis.fitting.calibrate import calibrate
+from analysis.fitting.observation import observe
+from analysis.model.predict import model_of
+from analysis.reporting.calibration_report import write_rig
+from analysis.traces.tables import PoseTable
+from rigs.load import load
+from tests.support.independent_arm import Array, Wrong, bad_zeros, cell, flange, postures
+
+HEAD = ",".join(f"q{k}_deg" for k in range(1, 7))
+
+
+def _apart_mm(places: Array, wanted: Array) -> Array:
+    """Distances (n,) after the best rigid motion: nobody knows where the base of a real arm stands."""
+    turn, _ = Rotation.align_vectors(wanted - wanted.mean(axis=0), places - places.mean(axis=0))
+    moved = (places - places.mean(axis=0)) @ turn.as_matrix().T + wanted.mean(axis=0)
+    distances: Array = np.linalg.norm(moved - wanted, axis=1)
+    return distances
+
+
+def test_told_the_corrected_angles_a_bad_arm_stands_where_the_nominal_one_was_sent(tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    arm = cell("ur10e", bad_zeros(rng), rng)
+    poses = arm.seen(postures("ur10e", 40, rng), rng)
+    rig, text = load("ur10e")
+    rig = rig.model_copy(update={"effects": ()})
+    one = observe(model_of(rig), PoseTable(poses.q, poses.xyz_mm, None), "poses")
+    found = calibrate(rig, [one], [], "joint_offset,link_geometry")
+    write_rig(found, text, ["poses"], tmp_path / "cell.yaml")
+    sent = postures("ur10e", 50, rng, (80, 30, 30, 80, 40, 100))
+    np.savetxt(tmp_path / "path.csv", np.degrees(sent), "%.9f", ",", header=HEAD, comments="")
+    corrections = correct_rig(load(str(tmp_path / "cell.yaml"))[0], tmp_path / "path.csv")
+    assert corrections.path and not corrections.path[2].doubts
+    targets = corrections.path[2]
+    # What the poses cannot tell of axis 6 is in the tool that was fitted with them.
+    (setup,) = found.after.setups.values()
+    tool = (model_of(rig).arm.T_flange_tool @ setup.T_tool_target)[:3, 3]
+    right = Wrong(*(0.0 * getattr(arm.wrong, key) for key in arm.wrong.__dataclass_fields__))
+
+    def stands(wrong: Wrong, q: Array, tool_mm: Array) -> Array:
+        R, p = flange(arm.arm, wrong, q)
+        return np.asarray(p + R @ tool_mm)
+
+    wanted = stands(right, sent, tool)
+    before = _apart_mm(stands(arm.wrong, sent, arm.tool_mm), wanted)
+    after = _apart_mm(stands(arm.wrong, targets.q, arm.tool_mm), wanted)
+    assert after.mean() < 0.1 * before.mean()
+    assert np.mean(after < 2 * targets.u_mm) > 0.9
+    assert np.median(targets.u_mm) < 1.0

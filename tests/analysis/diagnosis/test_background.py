@@ -1,0 +1,140 @@
+"""The posterior beside a background, held against the same normal law written out densely."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.background import Background, Known, Posterior, fault_sizes
+from analysis.diagnosis.columns import LARGEST, Form
+from rigs.effects import Backlash, JointOffset, TransmissionError
+from tests.support.diagnosis_cells import Array, columns_of
+
+N = 60
+RNG = np.random.default_rng(4)
+X = RNG.normal(size=(N, 9))
+BAND = np.arange(N) // 30
+WEIGHT = np.where(BAND == 0, 1.0, 0.4)
+WEIGHT[40:] *= RNG.uniform(0.3, 1.0, 20)
+GEAR = tuple(TransmissionError(axis=1, order=3, amplitude_deg=0.002, phase_deg=phase) for phase in (0.0, 90.0))
+FORMS = (
+    Form("joint_offset 2", (JointOffset(axis=2, offset_deg=0.01),), 1.0, (0,), 1),
+    Form("joint_offset 3", (JointOffset(axis=3, offset_deg=0.01),), 1.0, (1,), 1),
+    Form("transmission_error 1", GEAR, 1.0, (2, 3), 1),
+)
+VARIANCE = np.array([1.0, 0.0, 0.5, 0.5, 100.0, 100.0, 1.0, 1.0, 2.0])
+Y = X @ np.array([4.0, 0.0, -3.0, 2.0, 5.0, -5.0, 1.0, 0.0, 0.5]) + RNG.normal(size=N)
+T = RNG.normal(size=(N, 2))
+PRECISION, MEAN = np.diag([0.1, 0.02]), np.array([0.5, -1.0])
+BACKGROUND = Background(columns_of(X, BAND, FORMS), WEIGHT, VARIANCE)
+
+
+def _covariance(variance: Array) -> Array:
+    dense: Array = np.diag(1 / WEIGHT) + X @ np.diag(variance) @ X.T
+    return dense
+
+
+C = _covariance(VARIANCE)
+
+
+@cache
+def _posterior() -> Posterior:
+    return BACKGROUND.posterior(Known(Y + T @ np.zeros(2), T, PRECISION, MEAN))
+
+
+def _log_density(y: Array, covariance: Array) -> float:
+    """Of a normal law about zero, the constant left out."""
+    return float(-0.5 * (y @ np.linalg.solve(covariance, y) + np.linalg.slogdet(covariance)[1]))
+
+
+def _with_known(variance: Array) -> Array:
+    """Covariance of the readings, what is known beside the background included."""
+    return _covariance(variance) + T @ np.linalg.inv(PRECISION) @ T.T
+
+
+def test_solving_and_determinant_are_those_of_the_dense_covariance() -> None:
+    np.testing.assert_allclose(
+        BACKGROUND.solved(BACKGROUND.weighed(Y[:, None]))[:, 0], np.linalg.solve(C, Y), atol=1e-9
+    )
+    np.testing.assert_allclose(BACKGROUND.solved(BACKGROUND.weighed(T)), np.linalg.solve(C, T), atol=1e-9)
+    assert BACKGROUND.logdet == pytest.approx(np.linalg.slogdet(C)[1])
+    dense = np.diag(VARIANCE) - np.diag(VARIANCE) @ X.T @ np.linalg.solve(C, X @ np.diag(VARIANCE))
+    np.testing.assert_allclose(BACKGROUND.covariance, dense, atol=1e-9)
+
+
+def test_means_and_covariances_are_those_of_the_joint_normal_law() -> None:
+    prior = np.zeros((11, 11))
+    prior[:9, :9], prior[9:, 9:] = np.diag(VARIANCE), np.linalg.inv(PRECISION)
+    columns = np.concatenate([X, T], axis=1)
+    away = Y - T @ MEAN
+    gain = prior @ columns.T @ np.linalg.inv(np.diag(1 / WEIGHT) + columns @ prior @ columns.T)
+    mean, covariance = gain @ away, prior - gain @ columns @ prior
+    found = _posterior()
+    np.testing.assert_allclose(found.mean, mean[:9], atol=1e-8)
+    np.testing.assert_allclose(found.known, MEAN + mean[9:], atol=1e-8)
+    np.testing.assert_allclose(found.A, covariance[:9, :9], atol=1e-8)
+    np.testing.assert_allclose(found.known_covariance, covariance[9:, 9:], atol=1e-8)
+    np.testing.assert_allclose(found.left, Y - X @ found.mean - T @ found.known, atol=1e-9)
+    np.testing.assert_allclose(found.healthy_share, X[:, :4] @ found.mean[:4], atol=1e-9)
+
+
+@pytest.mark.parametrize("k", [0, 2])
+def test_a_cavitys_gain_is_a_difference_of_log_evidence(k: int) -> None:
+    """Of a form of several sizes over its healthy share, everything else as it is."""
+    cols, away = list(FORMS[k].columns), Y - T @ MEAN
+    fault, pick, _ = _posterior().gains(FORMS, 1.0)
+
+    def evidence(each: float) -> float:
+        variance = VARIANCE.copy()
+        variance[cols] = each
+        return _log_density(away, _with_known(variance))
+
+    sizes = fault_sizes(1.0)
+    dense = np.array([evidence(size**2 / len(cols)) for size in sizes])
+    now = evidence(float(VARIANCE[cols[0]]))
+    assert fault[k] == pytest.approx(dense.max() + np.log(np.exp(dense - dense.max()).mean()) - now, abs=1e-6)
+    assert pick[k] == pytest.approx(evidence(1 / len(cols)) - now, abs=1e-6)
+
+
+def test_a_form_that_is_named_already_gains_nothing() -> None:
+    fault, pick, sigma = _posterior().gains(FORMS, 1.0)
+    assert fault[1] == pick[1] == -np.inf and sigma[1] == 0
+
+
+def test_sigma_is_what_the_readings_say_without_a_healthy_prior() -> None:
+    variance = VARIANCE.copy()
+    variance[0] = 0.0
+    wanted = np.sqrt(X[:, 0] @ np.linalg.solve(_with_known(variance), X[:, 0]))
+    assert _posterior().gains(FORMS, 1.0)[2][0] == pytest.approx(wanted, rel=1e-6)
+
+
+def test_a_size_that_cannot_be_negative_is_no_fault_the_wrong_way() -> None:
+    play = Form("backlash 2", (Backlash(axis=2, width_deg=0.01),), 1.0, (0,), 1)
+    background = Background(columns_of(X, BAND, (play,)), WEIGHT, VARIANCE)
+    for sign, is_seen in ((1.0, True), (-1.0, False)):
+        posterior = background.posterior(Known(sign * 10 * X[:, 0], T[:, :0], np.empty((0, 0)), np.empty(0)))
+        assert np.isfinite(posterior.gains((play,), 1.0)[0][0]) == is_seen
+
+
+def test_the_cavity_of_columns_beside_all_else_is_that_of_the_dense_covariance() -> None:
+    pair = np.random.default_rng(9).normal(size=(N, 2))
+    precision, eta = _posterior().cavity(pair)
+    dense = _with_known(VARIANCE)
+    np.testing.assert_allclose(precision, pair.T @ np.linalg.solve(dense, pair), rtol=1e-8)
+    np.testing.assert_allclose(eta, pair.T @ np.linalg.solve(dense, Y - T @ MEAN), rtol=1e-8)
+
+
+def test_the_size_of_a_form_as_a_fault() -> None:
+    variance = VARIANCE.copy()
+    variance[[2, 3]] = LARGEST**2
+    wanted = variance[[2, 3]] * (X[:, 2:4].T @ np.linalg.solve(_with_known(variance), Y - T @ MEAN))
+    np.testing.assert_allclose(_posterior().size(FORMS[2]), wanted, rtol=1e-5)
+
+
+@pytest.mark.parametrize("level", [0.3, 1.0, 4.0])
+def test_faults_begin_at_a_multiple_of_what_the_arm_shows_of_everything(level: float) -> None:
+    sizes = fault_sizes(level)
+    assert sizes[0] == pytest.approx(min(6 * level, LARGEST / 4)) and sizes[-1] == pytest.approx(LARGEST)
+    assert (sizes[1:] / sizes[:-1] < 2.2).all()

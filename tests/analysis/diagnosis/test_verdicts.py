@@ -1,0 +1,127 @@
+"""The whole engine on simulated runs: the right name with its size, no name for a healthy robot or a foreign fault."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import pytest
+
+from analysis.diagnosis import diagnose as verdicts
+from analysis.diagnosis import look as engine
+from analysis.diagnosis.candidates import Candidate, candidates_for
+from analysis.diagnosis.diagnose import diagnose
+from analysis.diagnosis.diagnosis import Diagnosis
+from analysis.diagnosis.linear import Linear
+from analysis.simulation.simulate import simulate
+from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError, Vibration, size_field
+from rigs.errors import FileError
+from rigs.schema.effect import name_of
+from tests.support.diagnosis_cells import RIG, circles, found_in, measured, shaken
+
+CIRCLE = RIG.tests.circle.model_copy(update={"centre_mm": (870.0, 30.0, 250.0)}) if RIG.tests.circle else None
+ELSEWHERE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": CIRCLE})})
+PHASES = (0.3, 2.0, 5.1, 4.2)
+HIDDEN: dict[str, tuple[Effect, ...]] = {
+    "backlash 1": (Backlash(axis=1, width_deg=0.02, transit=0.2),),
+    "joint_offset 3": (JointOffset(axis=3, offset_deg=0.02),),
+    "transmission_error 4": (TransmissionError(axis=4, order=2, amplitude_deg=0.02, phase_deg=40),),
+    "two at once": (
+        Backlash(axis=2, width_deg=0.02, transit=0.2),
+        TransmissionError(axis=1, order=60, amplitude_deg=0.002, phase_deg=-70),
+    ),
+}
+
+
+def _names(found: Diagnosis) -> list[str]:
+    """The material ones."""
+    return sorted(name_of(one.effect) for one in found.effects if one.material)
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_a_healthy_robot_draws_no_name(seed: int) -> None:
+    found = found_in(circles(seed=seed))
+    assert found.verdict == "within_tolerance"
+    assert _names(found) == [] and found.next_test is None
+    assert found.repeated and found.doubts == ()
+    assert found.train.before_um < 2 * found.train.noise_floor_um
+
+
+@pytest.mark.parametrize("case", HIDDEN)
+def test_what_is_hidden_is_named_with_its_size(case: str) -> None:
+    truths = HIDDEN[case]
+    runs, left_out = circles(truths, seed=14), circles(truths, seed=15, count=1, ways=("cw",))
+    there = measured(simulate(ELSEWHERE, "yaw", "cw", 5, truths), "yaw", "elsewhere", ELSEWHERE)
+    found = found_in(runs, held_out=left_out, unseen=[there])
+    assert found.verdict == "named" and _names(found) == sorted(map(name_of, truths))
+    for truth in truths:
+        one = next(one for one in found.effects if name_of(one.effect) == name_of(truth))
+        field = size_field(truth)
+        assert abs(getattr(one.effect, field) - getattr(truth, field)) < 3 * one.sd[field]
+        assert one.posterior > 0.95 and one.remedy and one.worth_um > 3
+        assert one.held_out_gain and 0.2 < one.held_out_gain < 1.05
+        assert one.gap_without_um > 1.2 * found.train.after_um
+        if len(truths) == 1:
+            assert one.gap_without_um == pytest.approx(found.train.before_um, rel=1e-3)
+    assert found.where and found.held_out and found.unseen
+    for gap in (found.train, found.held_out, found.unseen):
+        assert gap.before_um > 1.5 * gap.noise_floor_um
+        assert gap.after_um < 2 * gap.noise_floor_um
+        assert gap.calibrated_um < 1.3 * gap.noise_floor_um
+    assert found.held_out.runs == ("yaw-cw-0",) and found.unseen.runs == ("elsewhere",)
+
+
+def test_an_effect_deleted_from_the_vocabulary_is_outside_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fewer(linear: Linear) -> Sequence[Candidate]:
+        return [one for one in candidates_for(linear) if one.effect.effect != "reversal_spike"]
+
+    runs = circles((ReversalSpike(axis=2, amplitude_deg=0.05, decay_s=0.3),), seed=16)
+    monkeypatch.setattr(engine, "candidates_for", fewer)
+    found = found_in(runs)
+    assert found.verdict == "outside_library"
+    assert found.remainder.um > 10 and found.remainder.um > sum(one.worth_um for one in found.effects if one.material)
+    assert "it looks like" in found.remainder.words and found.remainder.words in found.why
+    assert found.left and all("cycles a lap" in left.words for left in found.left)
+    assert any(place.why.startswith("reversal") for place in found.where)
+
+
+def test_rivals_that_the_circle_cannot_part_are_ambiguous_with_a_next_test() -> None:
+    """diagnosis.md: on the circle alone the zero of axis 5 and the wrist's offset (a of row 6) do the same."""
+    found = found_in(circles((JointOffset(axis=5, offset_deg=0.05),), seed=17))
+    assert found.verdict == "ambiguous"
+    (one,) = found.effects
+    names = {name_of(one.effect), *(name_of(rival.effect) for rival in one.rivals)}
+    assert {"joint_offset 5", "link_geometry 6.a"} <= names
+    assert one.posterior < 20 / 21 and one.posterior + sum(rival.posterior for rival in one.rivals) < 1.001
+    for rival in one.rivals:
+        assert rival.sd[size_field(rival.effect)] > 0
+    assert found.next_test and found.next_test.expected_sigma > 3 and found.next_test.why
+    assert any({"joint_offset 5", "link_geometry 6.a"} <= set(group) for group in found.groups)
+
+
+def test_a_swing_that_begins_anew_with_every_run_is_named() -> None:
+    found = found_in([shaken(run, 9.4, 0.008, phase) for run, phase in zip(circles(seed=18), PHASES, strict=True)])
+    assert found.verdict == "named" and _names(found) == ["vibration"]
+    (one,) = found.effects
+    assert isinstance(one.effect, Vibration)
+    assert one.effect.frequency_hz == pytest.approx(9.4, abs=0.05)
+    assert one.effect.amplitude_mm == pytest.approx(0.008, abs=2 * one.sd["amplitude_mm"])
+
+
+@pytest.mark.parametrize(("tolerance_um", "verdict"), [(0.0, "named"), (1000.0, "within_tolerance")])
+def test_a_tolerance_decides_what_matters(tolerance_um: float, verdict: str) -> None:
+    """The name stays listed, with what it is worth, where it does not."""
+    runs = circles((JointOffset(axis=3, offset_deg=0.02),), seed=14)
+    found = diagnose(RIG, runs, (), (), lambda doing: None, tolerance_um)
+    assert found.verdict == verdict
+    one = next(one for one in found.effects if name_of(one.effect) == "joint_offset 3")
+    assert one.material == (verdict == "named") and 10 < one.worth_um < 100
+
+
+def test_a_next_test_that_cannot_be_simulated_is_a_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused(*given: object) -> None:
+        raise FileError("cell.yaml", "has a hemisphere that the arm cannot reach", "move it")
+
+    monkeypatch.setattr(verdicts, "parting", refused)
+    found = found_in(circles((JointOffset(axis=5, offset_deg=0.05),), seed=17))
+    assert found.verdict == "ambiguous" and found.next_test is None
+    assert any("cannot reach" in doubt for doubt in found.doubts)

@@ -1,0 +1,188 @@
+"""Units and labels taken by mistake are noticed where the data prove it, and nothing else is claimed."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from analysis.files.read import parse_csv
+from analysis.files.units import check_units
+from analysis.measures.rig_agreement import doubts_of
+from analysis.simulation.simulate import simulate
+from analysis.traces.csv_tables import table_from
+from analysis.traces.tables import CircleTable, Table
+from rigs.errors import FileError
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.schema.declared_tests import Hemisphere
+from rigs.schema.vocabulary import TestName
+from tests.support.table_cases import JOINTS, TESTS, Rows, csv_text, plain, rig, scaled, texts
+
+RAD = np.pi / 180
+
+
+def check(rows: Rows, test: TestName, cell: Rig | None = None) -> list[str]:
+    cell = cell or rig()
+    return check_units(read(rows, test, cell), cell, "t.csv")
+
+
+def read(rows: Rows, test: TestName, cell: Rig) -> Table:
+    columns = parse_csv(csv_text(rows), "t.csv", test, cell)
+    words = columns["direction"][0].as_py() if test in ("yaw", "roll") else None
+    return table_from(columns, test, words, "t.csv")
+
+
+def changed(test: TestName, factors: dict[str, float]) -> Rows:
+    rows = plain(test)
+    return rows | {name: scaled(rows[name], factor) for name, factor in factors.items()}
+
+
+def unknown_ball() -> Rig:
+    """As for a real cell: the rig file does not tell the eccentricity."""
+    tests = rig().tests
+    assert tests.circle is not None
+    circle = tests.circle.model_copy(update={"eccentricity_mm": (0.0, 0.0, 0.0)})
+    return rig().model_copy(update={"tests": tests.model_copy(update={"circle": circle})})
+
+
+@pytest.mark.parametrize("direction", ["acw", "cw"])
+@pytest.mark.parametrize("test", TESTS)
+def test_good_tables_are_let_through(test: TestName, direction: str) -> None:
+    assert check(plain(test, "cw" if direction == "cw" else "acw"), test) == []
+    assert check(plain(test, "cw" if direction == "cw" else "acw"), test, unknown_ball()) == []
+
+
+@pytest.mark.parametrize("test", ["yaw", "roll", "pose"])
+def test_joints_in_radians(test: TestName) -> None:
+    with pytest.raises(FileError, match=r"q1_deg … q6_deg are radians.*; convert them to degrees"):
+        check(changed(test, dict.fromkeys(JOINTS, RAD)), test)
+
+
+def test_joints_in_radians_at_targets() -> None:
+    rows = plain("radial")
+    one = {name: [cells[0]] * 5 for name, cells in rows.items()}
+    tool = np.array([0.0, 0.0, 0.0])
+    hemisphere = Hemisphere(centre_mm=tuple(tool), radius_mm=_reach(one), posture_deg=(0, 0, 0, 0, 0, 0))
+    cell = rig().model_copy(update={"tests": rig().tests.model_copy(update={"hemisphere": hemisphere})})
+    check(one, "radial", cell)
+    with pytest.raises(FileError, match="are radians"):
+        check(one | {name: scaled(one[name], RAD) for name in JOINTS}, "radial", cell)
+
+
+def test_targets_of_a_gauge_in_micrometres() -> None:
+    rows = plain("radial")
+    travel = float(np.ptp([float(cell) for cell in rows["g1_mm"]]))
+    (doubt,) = check(rows | {"g1_mm": scaled(rows["g1_mm"], 100 / travel)}, "radial")
+    assert doubt.startswith("g1_mm travels 100 mm on a radius of 400 mm, more than robots err; check its unit")
+    with pytest.raises(FileError, match=r"g1_mm travels 500 mm on a radius of 400 mm, which no link can; check"):
+        check(rows | {"g1_mm": scaled(rows["g1_mm"], 500 / travel)}, "radial")
+
+
+def _reach(rows: Rows) -> float:
+    from analysis.kinematics.arm import arm_of, forward  # noqa: PLC0415
+
+    q = np.radians([[float(rows[name][0]) for name in JOINTS]])
+    return float(np.linalg.norm(forward(arm_of(rig().robot), q)[0, :3, 3]))
+
+
+def test_small_angles_are_no_radians() -> None:
+    """Degrees that all lie within ±6: only the circle says which they are, and this robot is not on it either way."""
+    rows = plain("yaw")
+    t = np.linspace(0, 6, len(rows["t_s"]))
+    check(rows | {name: texts(np.sin(t + k)) for k, name in enumerate(JOINTS)}, "yaw")
+
+
+@pytest.mark.parametrize("test", ["yaw", "roll"])
+@pytest.mark.parametrize(("factor", "unit"), [(1 / 25.4, "inches"), (1000.0, "µm")])
+def test_one_gauge_in_another_unit(test: TestName, factor: float, unit: str) -> None:
+    with pytest.raises(FileError, match=f"g2_mm (is in {unit}|travels)"):
+        check(changed(test, {"g2_mm": factor}), test, unknown_ball())
+
+
+@pytest.mark.parametrize("test", ["yaw", "roll"])
+def test_both_gauges_in_another_unit(test: TestName) -> None:
+    with pytest.raises(FileError, match="g1_mm and g2_mm are in inches"):
+        check(changed(test, {"g1_mm": 1 / 25.4, "g2_mm": 1 / 25.4}), test)
+    with pytest.raises(FileError, match=r"g1_mm travels .* which no link can; convert it to mm: it looks like µm"):
+        check(changed(test, {"g1_mm": 1000.0, "g2_mm": 1000.0}), test, unknown_ball())
+
+
+def test_inches_without_a_known_ball_cannot_be_told() -> None:
+    check(changed("yaw", {"g1_mm": 1 / 25.4, "g2_mm": 1 / 25.4}), "yaw", unknown_ball())
+
+
+def test_gauges_exchanged() -> None:
+    rows = plain("yaw")
+    exchanged = rows | {"g1_mm": rows["g2_mm"], "g2_mm": rows["g1_mm"]}
+    with pytest.raises(FileError, match=r"the gauges are exchanged.*; exchange g1_mm and g2_mm"):
+        check(exchanged, "yaw", unknown_ball())
+    rows = plain("roll")
+    check(rows | {"g1_mm": rows["g2_mm"], "g2_mm": rows["g1_mm"]}, "roll", unknown_ball())
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1e-3, "m"), (1 / 25.4, "inches")])
+def test_tracker_places_in_another_unit(factor: float, unit: str) -> None:
+    with pytest.raises(FileError, match=f"x_mm, y_mm, z_mm are in {unit}"):
+        check(changed("pose", dict.fromkeys(("x_mm", "y_mm", "z_mm"), factor)), "pose")
+
+
+def test_tracker_angles_in_radians() -> None:
+    with pytest.raises(FileError, match="rx_deg, ry_deg, rz_deg are radians"):
+        check(changed("pose", dict.fromkeys(("rx_deg", "ry_deg", "rz_deg"), RAD)), "pose")
+
+
+def test_tracker_angles_about_moving_axes() -> None:
+    rows = plain("pose")
+    names = ("rx_deg", "ry_deg", "rz_deg")
+    fixed = np.array([[float(cell) for cell in rows[name]] for name in names]).T
+    moving = Rotation.from_euler("xyz", fixed, degrees=True).as_euler("XYZ", degrees=True)
+    with pytest.raises(FileError, match="are turns about moving axes"):
+        check(rows | {name: texts(column) for name, column in zip(names, moving.T, strict=True)}, "pose")
+
+
+def test_a_tracker_that_saw_one_place_only_tells_no_unit() -> None:
+    rows = plain("pose")
+    still = {name: [rows[name][0]] * len(rows[name]) for name in ("x_mm", "y_mm", "z_mm")}
+    small = {name: scaled(rows[name], RAD) for name in JOINTS}
+    check({name: cells for name, cells in (rows | still | small).items() if not name.startswith("r")}, "pose")
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        (1e3, "t_s may be in ms"),
+        (1e6, "t_s may be in µs"),
+        (1e9, "t_s may be in ns"),
+        (1e-3, "check the units of t_s and speed_mm_s"),
+    ],
+)
+def test_time_in_another_unit_is_doubted(factor: float, said: str) -> None:
+    table = read(plain("yaw"), "yaw", rig())
+    assert isinstance(table, CircleTable)
+    (doubt,) = doubts_of(dataclasses.replace(table, t_s=factor * table.t_s), rig())
+    assert said in doubt
+
+
+@pytest.mark.parametrize("laps", [1, 2, 5])
+def test_the_speed_is_that_of_all_laps_and_ways_back(laps: int) -> None:
+    shipped, _ = load("paper-fanuc")
+    assert shipped.tests.circle is not None
+    circle = shipped.tests.circle.model_copy(update={"laps": laps})
+    driven = shipped.model_copy(update={"tests": shipped.tests.model_copy(update={"circle": circle})})
+    table = simulate(driven, "yaw", "acw", 1)
+    assert isinstance(table, CircleTable) and doubts_of(table, driven) == ()
+    (doubt,) = doubts_of(dataclasses.replace(table, t_s=1e9 * table.t_s), driven)
+    assert "t_s may be in ns" in doubt
+
+
+@pytest.mark.parametrize("test", ["radial", "repeatability"])
+def test_a_target_that_the_robot_was_not_at_is_doubted_by_name(test: TestName) -> None:
+    rows = plain(test)
+    rows["target"][9:12] = ["8"] * 3
+    if test == "radial":
+        rows["polar_deg"][9:12] = ["60"] * 3
+    (doubt,) = check(rows, test)
+    assert "from target 8 in row 10, and further than 20 mm in 3 of 24 rows" in doubt

@@ -1,0 +1,62 @@
+"""The circle as the arm drives it: pose by pose, within limits and speeds, turning back where the paper's did."""
+
+import numpy as np
+import pytest
+
+from analysis.geometry.circle import frame_of, reversals
+from analysis.geometry.programs import circle_of, lap
+from analysis.kinematics.arm import arm_of, forward
+from analysis.simulation.emulated_robot import trace
+from rigs.errors import FileError
+from rigs.load import load, shipped
+
+RIGS = list(shipped())
+
+
+@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize("direction", ["cw", "acw"])
+def test_the_circle_is_driven_pose_by_pose_without_a_jump(name: str, direction: str) -> None:
+    rig, _ = load(name)
+    driven = trace(rig, direction)  # type: ignore[arg-type]
+    reached = forward(arm_of(rig.robot), driven.q)
+    wanted = frame_of(circle_of(rig)).poses(driven.phi)
+    assert np.abs(reached - wanted).max() < 1e-6
+    assert np.abs(np.diff(driven.q, axis=0)).max() < np.radians(1)
+
+
+def test_reversals_of_the_papers_table_1() -> None:
+    rig, _ = load("paper-fanuc")
+    circle = circle_of(rig)
+    turns = reversals(frame_of(circle), arm_of(rig.robot), np.radians(circle.posture_deg), "paper-fanuc")
+    paper = {(1, True): 105, (1, False): 237, (2, True): 3, (2, False): 182, (3, True): 351, (3, False): 169}
+    paper |= {(5, True): 0, (5, False): 190, (6, True): 82, (6, False): 290}
+    assert {(turn.axis, turn.upper) for turn in turns} == set(paper)
+    for turn in turns:
+        off = (np.degrees(turn.phi) - paper[turn.axis, turn.upper] + 180) % 360 - 180
+        assert abs(off) < 1.5
+
+
+def test_a_joint_limit_on_the_way_is_told() -> None:
+    rig, _ = load("paper-fanuc")
+    axes = list(rig.robot.axes)
+    axes[3] = axes[3].model_copy(update={"limits_deg": (-100.0, 180.0)})
+    narrow = rig.model_copy(update={"robot": rig.robot.model_copy(update={"axes": tuple(axes)})})
+    with pytest.raises(FileError, match="axis 4 would move"):
+        trace(narrow, "acw")
+
+
+def test_a_circle_too_fast_for_a_joint_is_told() -> None:
+    rig, _ = load("paper-fanuc")
+    tests = rig.tests.model_copy(update={"circle": circle_of(rig).model_copy(update={"speed_mm_s": 500.0})})
+    with pytest.raises(FileError, match="lower speed_mm_s"):
+        trace(rig.model_copy(update={"tests": tests}), "acw")
+
+
+def test_a_lap_starts_and_ends_at_rest_and_holds_its_speed() -> None:
+    circle = circle_of(load("paper-fanuc")[0])
+    t, phi = lap(circle, "cw")
+    speed = np.abs(np.diff(phi) / np.diff(t)) * circle.radius_mm
+    assert speed[0] < 2 and speed[-1] < 2
+    assert np.median(speed) == pytest.approx(circle.speed_mm_s, rel=1e-6)
+    assert np.degrees(phi[0]) == pytest.approx(circle.start_deg + circle.lead_deg)
+    assert np.degrees(phi[-1]) == pytest.approx(circle.start_deg - 360 - circle.lead_deg)

@@ -1,0 +1,68 @@
+"""Forward kinematics and Jacobian: against Craig's product, against differences, against py-opw-kinematics."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from analysis.kinematics.arm import forward, forward_and_jacobian, pose_error
+from tests.support.five_arms import ARMS, OPW, PeerArm, pose_apart
+from tests.support.postures import everywhere
+
+ANY = pytest.mark.parametrize("name", ARMS)
+
+
+def _rot(axis: str, angle: float) -> np.ndarray:
+    c, s = np.cos(angle), np.sin(angle)
+    T = np.eye(4)
+    i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
+    T[i, i] = T[j, j] = c
+    T[j, i], T[i, j] = s, -s
+    return T
+
+
+def _trans(x: float = 0.0, z: float = 0.0) -> np.ndarray:
+    T = np.eye(4)
+    T[0, 3], T[2, 3] = x, z
+    return T
+
+
+@ANY
+def test_forward_is_craigs_product_with_hayatis_angle(name: str) -> None:
+    rng = np.random.default_rng(1)
+    arm = dataclasses.replace(ARMS[name], beta=rng.normal(0, 0.1, 6), coupling=rng.normal(0, 1, (6, 6)))
+    q = rng.uniform(-3, 3, (20, 6))
+    T = forward(arm, q)
+    for row, angles in enumerate(q):
+        theta = arm.coupling @ angles + arm.offset
+        expected = arm.T_world_base
+        for k in range(6):
+            expected = expected @ _rot("x", arm.alpha[k]) @ _trans(x=arm.a[k]) @ _rot("y", arm.beta[k])
+            expected = expected @ _rot("z", theta[k]) @ _trans(z=arm.d[k])
+        np.testing.assert_allclose(T[row], expected @ arm.T_flange_tool, atol=1e-9)
+
+
+@ANY
+def test_jacobian_is_the_slope_of_forward(name: str) -> None:
+    arm = ARMS[name]
+    q = np.random.default_rng(2).uniform(-2, 2, (10, 6))
+    _, J = forward_and_jacobian(arm, q)
+    h = 1e-6
+    for axis in range(6):
+        step = np.zeros(6)
+        step[axis] = h
+        slope = pose_error(forward(arm, q - step), forward(arm, q + step)) / (2 * h)
+        np.testing.assert_allclose(J[:, :, axis], slope, rtol=1e-6, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", OPW)
+def test_forward_and_jacobian_are_the_peers(name: str) -> None:
+    q = everywhere(name)
+    T, J = forward_and_jacobian(ARMS[name], q)
+    peer = PeerArm(OPW[name])
+    mm, rad = pose_apart(T, peer.forward(q))
+    assert mm < 1e-8
+    assert rad < 1e-10
+    off = np.abs(J - peer.jacobian(q))
+    assert off[:, :3].max() < 1e-8
+    assert off[:, 3:].max() < 1e-10

@@ -1,0 +1,220 @@
+"""What is shown of a diagnosis: screen, JSON, picture, and the files that -o leaves."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from analysis.diagnosis.diagnosis import Diagnosis, Gap, Leftover, Verdict
+from analysis.model.predict import model_of
+from analysis.reporting.diagnosis_curves import strands_of
+from analysis.reporting.diagnosis_json import as_object
+from analysis.reporting.diagnosis_picture import picture
+from analysis.reporting.diagnosis_report import hold_empty, write
+from analysis.reporting.diagnosis_screen import as_screen
+from analysis.reporting.diagnosis_words import closed, plain, shortened, size, stretch, sure
+from rigs.effects import VOCABULARY, LinkGeometry
+from rigs.errors import FileError
+from rigs.load import load
+from tests.support.handmade_diagnosis import PLACES, PLAY, RIG, SMALL, ZERO, curve, diagnosis, poses, sphere
+
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+TEXT = load("paper-fanuc")[1]
+KEYS = {"verdict", "effects", "remainder", "where", "gap", "setup", "not_testable", "next_test"}
+"""Those of docs/diagnosis.md that scripts rely on."""
+
+
+def _printed(found: Diagnosis, width: int = 80) -> str:
+    printed = io.StringIO()
+    Console(width=width, file=printed).print(as_screen(found))
+    return printed.getvalue()
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_screen_fits_80_columns_and_keeps_its_order(verdict: Verdict) -> None:
+    text = _printed(diagnosis(verdict))
+    assert max(map(len, text.splitlines())) <= 80
+    headings = ["Where they disagree", "What the model says", "Still unexplained", "What these tests cannot tell"]
+    if verdict in ("named", "ambiguous", "outside_library"):
+        headings.insert(1, "What is missing")
+        headings.append("What to do")
+    if verdict == "not_testable_here":
+        headings.remove("Still unexplained")
+    headings.append("Which test next")
+    places = [text.index(heading) for heading in headings]
+    assert places == sorted(places)
+    assert "nan" not in text and "None" not in text
+
+
+def test_the_screen_tells_name_size_gap_and_remedy() -> None:
+    text = _printed(diagnosis("named"), width=120)
+    for words in (
+        "play of axis 1 (Theta), 0.0521 ± 0.0011 °",
+        "> 99.9 %",
+        "231–243°",
+        "352–8°",
+        "targets 3–7",
+        "calibrated",
+        "92.3 %",
+        "take up the play",
+        "circle of radius 140 mm (expected: 12 sigma)",
+        "joint_offset 1 6, link_geometry 6.a, time_lag",
+        "joint_offset 5 or link_geometry 5.a",
+    ):
+        assert words in text, words
+
+
+def test_an_open_name_shows_its_rivals_with_twice_their_uncertainty() -> None:
+    text = _printed(diagnosis("ambiguous"), width=120)
+    assert "zero of axis 5 (beta) or length a of axis 5 (beta) in the rig file" in " ".join(text.split())
+    assert "0.1032 ± 0.0082 °" in text and "or link_geometry 5.a" in text and "0.587 ± 0.046 mm" in text
+
+
+def test_a_link_constant_is_told_where_it_is_to_be_entered() -> None:
+    a5 = LinkGeometry(axis=6, field="a", delta=0.5)
+    assert a5.remedy() == "add +0.5000 mm to a of axis 6 in the rig file (a5 in the robot's constants)"
+    assert "(d6 in" in a5.model_copy(update={"field": "d"}).remedy()
+
+
+def test_names_stay_listed_outside_the_library_with_what_is_left_beside_them() -> None:
+    text = " ".join(_printed(diagnosis("outside_library"), width=120).split())
+    for words in ("0.0521", "worth µm", "What to do", "take up the play", "1.4 µm (5 % of the gap): yaw cw, angle"):
+        assert words in text, words
+
+
+def test_what_is_too_small_to_matter_is_below_the_names() -> None:
+    text = " ".join(_printed(diagnosis("named", effects=(PLAY, SMALL)), width=120).split())
+    assert "too small to matter: joint_offset 5 (0.9 µm)" in text and text.count("re-master axis 5") == 0
+
+
+def test_the_screen_stays_short_when_there_is_much() -> None:
+    names = tuple(f"transmission_error {axis} order {order}" for axis in range(1, 7) for order in range(1, 40))
+    many = diagnosis(where=PLACES * 10, not_testable=names, groups=(("a 1", "b 2"),) * 30)
+    assert len(_printed(many).splitlines()) < 70
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_object_has_the_keys_of_the_documents(verdict: Verdict) -> None:
+    told = as_object(diagnosis(verdict))
+    assert told["verdict"] == verdict and told.keys() >= KEYS
+    assert told.keys() >= {"why", "groups", "left", "doubts", "runs", "level", "repeats_measured", "seconds"}
+    assert bool(told["effects"]) == (verdict in ("named", "ambiguous", "outside_library"))
+    assert told["remainder"].keys() >= {"um", "share", "words"} and told["remainder"]["share"] == 0.05
+    assert told["gap"]["unit"] == "um" and told["gap"]["unseen_place"] is None
+    assert told["gap"]["held_out"].keys() >= {"before", "after", "calibrated", "noise_floor"}
+    assert told["where"][0] == {
+        "channel": "yaw", "direction": "cw", "part": "angle", "from_deg": 231.4, "to_deg": 243.0, "joint": 1,
+        "why": "reversal", "rms_um": 14.21, "sigma": 22.4,
+    }  # fmt: skip
+
+
+def test_effects_and_rivals_of_the_object() -> None:
+    (one,) = as_object(diagnosis("ambiguous"))["effects"]
+    assert (one["effect"], one["axis"], one["posterior"]) == ("joint_offset", 5, 0.62)
+    assert one["parameters"] == {"offset_deg": {"value": 0.1032, "sd": 0.0041}}
+    (rival,) = one["rivals"]
+    assert (rival["effect"], rival["axis"], rival["field"]) == ("link_geometry", 5, "a")
+    assert rival["parameters"]["delta"] == {"value": 0.5871, "sd": 0.023} and rival["posterior"] == 0.36
+    (play,) = as_object(diagnosis("named"))["effects"]
+    assert (play["worth_um"], play["material"], play["held_out_gain"]) == (5.78, True, 0.91)
+    assert play["parameters"]["preload"] == {"value": 0.0, "sd": None}
+
+
+def test_what_is_not_known_is_null() -> None:
+    nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
+    odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
+    left = (Leftover("yaw", None, "angle", None, math.nan, "?"),)
+    told = as_object(diagnosis(train=nothing, effects=(odd,), left=left, level=np.float64(0.2)))
+    text = json.dumps(told, allow_nan=False)
+    assert json.loads(text) == told
+    assert told["gap"]["train"]["before"] is None and told["effects"][0]["parameters"]["width_deg"]["sd"] is None
+    assert "nan" not in _printed(diagnosis(train=nothing, effects=(odd,), left=left))
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_every_verdict_has_its_picture(verdict: Verdict, tmp_path: Path) -> None:
+    picture(diagnosis(verdict, maps=(sphere(), poses()))).savefig(tmp_path / "picture.png", dpi=40)
+    assert (tmp_path / "picture.png").stat().st_size > 10_000
+
+
+def test_a_picture_of_little_and_one_of_much(tmp_path: Path) -> None:
+    nothing = Gap((), math.nan, math.nan, math.nan, math.nan)
+    picture(diagnosis("not_testable_here", curves=(), maps=(), train=nothing, groups=())).savefig(
+        tmp_path / "little.png", dpi=40
+    )
+    curves = tuple(curve("yaw", way, seed) for seed in range(10) for way in ("cw", "acw"))
+    much = picture(diagnosis(curves=curves, maps=(sphere(),) * 9, effects=(PLAY, ZERO) * 2))
+    much.savefig(tmp_path / "much.png", dpi=30)
+    assert much.get_size_inches()[1] < 35
+
+
+def test_a_circle_is_shown_in_the_part_that_disagrees_most() -> None:
+    (strand, *_), left_out = strands_of(diagnosis(where=()))
+    assert strand.part == "angle" and left_out == 0  # g1 and g2 of the curve have opposite signs
+    (strand, *_), _ = strands_of(diagnosis())
+    assert strand.part == "distance" and [place.from_deg for place in strand.places] == [352.0]
+
+
+def test_the_files_of_a_named_effect(tmp_path: Path) -> None:
+    found, directory = diagnosis("named"), tmp_path / "new" / "found"
+    answer, sheet, extended = write(found, TEXT, directory)
+    assert json.loads(answer.read_text()) == as_object(found) and sheet.name == "diagnosis.png"
+    assert extended.read_text().startswith(TEXT)
+    (effect,) = load(extended)[0].effects
+    assert (effect.effect, effect.width_deg, effect.transit) == ("backlash", 0.05213, 0.31)  # type: ignore[union-attr]
+    origin = effect.found
+    assert origin and origin.runs == found.runs and origin.gap_um == (5.94, 1.91)
+    assert origin.sd == {"width_deg": 0.0011, "transit": 0.042}
+    model_of(load(extended)[0])
+
+
+@pytest.mark.parametrize(("verdict", "files"), [("ambiguous", 3), ("outside_library", 3), ("within_tolerance", 2)])
+def test_a_rig_file_is_written_only_where_a_name_stands(verdict: Verdict, files: int, tmp_path: Path) -> None:
+    written = write(diagnosis(verdict), TEXT, tmp_path)
+    assert len(written) == files == len(list(tmp_path.iterdir()))
+    if verdict == "ambiguous":
+        assert [effect.effect for effect in load(written[-1])[0].effects] == ["joint_offset"]
+
+
+def test_only_material_names_go_into_the_rig_file(tmp_path: Path) -> None:
+    written = write(diagnosis("named", effects=(PLAY, SMALL)), TEXT, tmp_path)
+    assert [effect.effect for effect in load(written[-1])[0].effects] == ["backlash"]
+
+
+def test_a_directory_in_use_is_refused(tmp_path: Path) -> None:
+    hold_empty(tmp_path)
+    hold_empty(tmp_path / "new")
+    (tmp_path / "file").write_text("mine")
+    for taken in (tmp_path, tmp_path / "file"):
+        with pytest.raises(FileError, match="not empty"):
+            hold_empty(taken)
+    with pytest.raises(FileError, match="file"):
+        write(diagnosis(), TEXT, tmp_path / "file" / "below")
+
+
+@pytest.mark.parametrize("name", VOCABULARY)
+def test_every_effect_has_plain_words(name: str) -> None:
+    need = {"axis": 2, "field": "d", "gauge": "g1", "from_axis": 4, "to_axis": 5, "order": 8, "lobes": 3}
+    need |= {"period_mm": 0.5, "frequency_hz": 8.5}
+    fields = VOCABULARY[name].model_fields
+    effect: Any = VOCABULARY[name].model_validate({key: value for key, value in need.items() if key in fields})
+    words = plain(RIG, effect)
+    assert "{" not in words and "_" not in words
+
+
+def test_figures_in_words() -> None:
+    assert [sure(p) for p in (1.0, 0.9994, 0.995, 0.62, 0.001)] == ["> 99.9 %", "> 99.9 %", "99.5 %", "62 %", "< 1 %"]
+    assert size(replace(PLAY, sd={})) == "0.05213 °"
+    assert shortened(["a 2", "b", "a 1"]) == "a 1 2, b"
+    assert stretch(PLACES[2]) == stretch(replace(PLACES[2], from_deg=82.0, to_deg=81.0)) == "whole lap"
+    assert stretch(replace(PLACES[3], from_deg=4, to_deg=4)) == "target 4"
+    assert closed(Gap((), 5.0, 4.0, 1.0, 3.0)) == pytest.approx(0.64)
+    assert math.isnan(closed(Gap((), 0.0, 0.0, 0.0, 0.0)))

@@ -1,0 +1,84 @@
+"""The uncertainty of each row's time on its way from the stamps to the figures, and what is said of bad stamps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis.measures.evaluate import evaluate
+from analysis.traces import align
+from analysis.traces.clocks import robot_instants
+from analysis.traces.loading import measured_of
+from daq.store import read_run
+from rigs.errors import FileError
+from tests.support.recorded_lap import WRONG, recorded
+
+STALLS = {"calm": (), "busy": range(40, 900, 50)}
+
+
+def test_each_row_carries_its_own_uncertainty(tmp_path: Path) -> None:
+    run = read_run(recorded(tmp_path))
+    measured = measured_of(run)
+    data = align.align(run.path, run, measured.rig)
+    assert len(data.u_t_s) == len(data.t_s)
+    assert f"robot: {len(WRONG)} stamps of its clock make no sense; those rows go by their arrival" in measured.doubts
+    assert [doubt.split(";")[0] for doubt in measured.doubts if "far worse" in doubt] == [
+        "g1: rows left out whose time is known far worse than the others': 1",
+        "g2: rows left out whose time is known far worse than the others': 1",
+        f"robot: rows left out whose time is known far worse than the others': {len(WRONG)}",
+    ]
+    uncertain = np.flatnonzero(data.u_t_s > 1e-4)
+    assert 1 <= len(uncertain) <= 3, "the slower answer, and those beside it"
+    assert data.u_t_s.max() == pytest.approx(3e-3 / np.sqrt(12), rel=0.1)
+    assert np.median(data.u_t_s) < 1e-5
+
+
+def test_a_band_is_not_widened_by_readings_that_a_busy_computer_held_up(tmp_path: Path) -> None:
+    calm, busy = (measured_of(read_run(recorded(tmp_path / name, rows))) for name, rows in STALLS.items())
+    bands = [evaluate(of.table, of.rig, of.u_lag_s, "lap").figures["band_deg"] for of in (calm, busy)]
+    assert abs(bands[1].value - bands[0].value) < bands[0].u
+    assert f"others': {len(STALLS['busy']) + 1}; a computer" in "; ".join(busy.doubts)
+
+
+def test_a_gauge_is_not_bridged_over_a_hole_in_which_a_play_is_crossed_a_robot_is() -> None:
+    """Of 20 ms, in readings every 2.3 ms: a computer held up there had made a band 10 u too large."""
+    at = np.arange(0.0, 200e6, 2.3e6)
+    with_hole, rows = at[(at < 80e6) | (at > 98e6)], at[:-1] + 1e6
+    inside = (rows > with_hole[with_hole < 80e6].max()) & (rows < with_hole[with_hole > 98e6].min())
+    gaps_ns = align._gaps_ns(rows, with_hole, align._JUMPS_NS)
+    assert np.array_equal(gaps_ns > 0, inside) and gaps_ns.max() == pytest.approx(20.7e6)
+    assert not align._gaps_ns(rows, with_hole, align._MOVES_NS).any()
+    assert not align._gaps_ns(with_hole, with_hole, align._JUMPS_NS).any(), "read in one answer, before and after it"
+
+
+def test_what_rigd_itself_makes_a_gauge_wait_is_no_doubt() -> None:
+    """After half a second's readings each 2.3 ms, one wait of at most 17 ms."""
+    rows = 20 * 217
+    waits = np.repeat(2.3e6 + 17e6 * np.linspace(0, 1, 20), 4)
+    assert not align._are_many(waits, rows) and not align._are_many(np.empty(0), rows)
+    assert align._are_many(np.append(waits, 26e6), rows) and align._are_many(np.tile(waits, 3), rows)
+
+
+def test_a_robot_that_never_told_all_its_joints_is_refused(tmp_path: Path) -> None:
+    run = read_run(recorded(tmp_path))
+    robot = run.streams["robot"]
+    for axis in range(1, 7):
+        robot[f"q{axis}_deg"] = np.where(np.arange(len(robot["size"])) % 6 == axis - 1, np.nan, robot[f"q{axis}_deg"])
+    with pytest.raises(FileError, match="no two readings of robot"):
+        measured_of(run)
+
+
+def test_a_robot_that_is_asked_stood_there_between_request_and_answer() -> None:
+    asked_ns = np.arange(500) * 10_000_000
+    took_ns = np.where(np.arange(500) % 10, 1_000_000, 9_000_000)
+    stream = {
+        "requested_ns": asked_ns,
+        "first_byte_ns": asked_ns + took_ns,
+        "device_time_s": np.full(500, np.nan),
+    }
+    found = robot_instants(stream)
+    np.testing.assert_allclose(found.ns, asked_ns + took_ns / 2)
+    assert found.u_s == pytest.approx(1e-3 / np.sqrt(12), rel=0.01)
+    assert found.own_u_s[0] == pytest.approx(np.sqrt(80 / 12) * 1e-3, rel=0.01) and found.own_u_s[1] == 0

@@ -1,0 +1,1 @@
+"""What tests and the scripts for developers share, imported as `tests.support.NAME`."""

@@ -1,0 +1,80 @@
+"""A yaw lap in simulated time, read by gauges that have a cycle of their own, and stored as rigd stores it."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from analysis.simulation.emulated_robot import Trace, trace
+from daq import feedback, gauges
+from daq.emulators.own_cycle import Unsteady
+from daq.emulators.timed import timed_device, timed_read
+from daq.protocol.conversation import Sample
+from daq.store import RunWriter
+from rigs.load import load, parse
+from rigs.rig import Rig
+from tests.support.stamped import S
+from tests.support.virtual_line import Wire, run
+
+_BEGIN_S = 1.0
+HARSH = Unsteady(ppm=500.0, jitter=0.05, missed=0.005)
+
+
+def lap_rig(cycle_ms: float, mode: str = "polled") -> tuple[Rig, str]:
+    """The UR10e with two Sylvac cables of such a cycle."""
+    data = yaml.safe_load(load("ur10e")[1])
+    for name, offset_mm in (("g1", 25), ("g2", -25)):
+        data["gauges"][name] = {
+            "interface": "sylvac_opto_rs",
+            "mode": mode,
+            "port": f"/dev/ttyUSB{name[1]}",
+            "offset_mm": offset_mm,
+            "timing": {"latch": "own_cycle", "cycle_ms": cycle_ms},
+        }
+    data["tests"]["circle"]["eccentricity_mm"] = [0.5, 0.3, 0.0]
+    text = yaml.safe_dump(data)
+    return parse(text, "cycling"), text
+
+
+def drive(rig: Rig) -> Trace:
+    """The lap, noise-free."""
+    return trace(rig, "acw")
+
+
+def record(runs: Path, rig: Rig, rig_text: str, driven: Trace, wires: dict[str, Wire], seed: int) -> Path:
+    """A run of it. rig_text: what the run says of the rig; wires: of g1, g2 and the robot."""
+    until_ns = round((driven.t_s[-1] + 2 * _BEGIN_S) * S)
+    noise = np.random.default_rng(seed)
+    columns = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": tuple(f"q{axis}_deg" for axis in range(1, 7))}
+    writer = RunWriter.create(
+        runs,
+        name="lap",
+        test="yaw",
+        direction="acw",
+        rig_name=rig.name,
+        rig_text=rig_text,
+        operator="",
+        streams=columns,
+    )
+
+    def joints(now_ns: int) -> list[float]:
+        return [float(np.interp(now_ns / S - _BEGIN_S, driven.t_s, np.degrees(q))) for q in driven.q.T]
+
+    for place, (name, gauge) in enumerate(rig.gauges):
+
+        def reading(now_ns: int, place: int = place) -> list[float]:
+            at = np.interp(now_ns / S - _BEGIN_S, driven.t_s, driven.g_mm[:, place])
+            return [float(at + noise.normal(0.0, 5e-4))]
+
+        chance = random.Random(f"{name} {seed}")
+        device = gauges.device([gauge], timed_read(reading, gauge.timing, HARSH, chance))
+        device = timed_device(device, gauge.timing, HARSH, chance)
+        items = run(gauges.host([gauge]), device, wires[name], until_ns)
+        writer.append(name, [item for item in items if isinstance(item, Sample)])
+    items = run(feedback.host(rig.feedback), feedback.device(rig.feedback, joints), wires["robot"], until_ns)
+    writer.append("robot", [item for item in items if isinstance(item, Sample)])
+    writer.close("complete", "told to", {})
+    return writer.path

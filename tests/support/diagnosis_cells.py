@@ -1,0 +1,154 @@
+"""Runs simulated in memory, and what the engine's parts are made from: for tests of the diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.diagnosis.background import Background
+from analysis.diagnosis.blocks import blocks_of
+from analysis.diagnosis.columns import Columns, Form
+from analysis.diagnosis.diagnose import diagnose
+from analysis.diagnosis.diagnosis import Diagnosis
+from analysis.diagnosis.linear import Linear
+from analysis.diagnosis.observed import Seen, see
+from analysis.diagnosis.settle import settled
+from analysis.kinematics.arm import arm_of, forward
+from analysis.model.predict import SetUp, model_of, nominal_setup
+from analysis.simulation.simulate import simulate
+from analysis.traces.loading import Measured
+from analysis.traces.tables import CircleTable, PoseTable, Table
+from daq.store import Run
+from daq.store.manifest import Manifest
+from rigs.effects import Effect, JointOffset
+from rigs.load import load, load_hidden
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction, TestName
+
+Array = NDArray[np.float64]
+RIG, TEXT = load("paper-fanuc")
+RIG = load_hidden("paper-fanuc").within(RIG).model_copy(update={"effects": ()})
+WAYS: tuple[Direction, ...] = ("cw", "acw")
+
+
+@cache
+def table_of(test: TestName, direction: Direction | None, seed: int | None, effects: tuple[Effect, ...] = ()) -> Table:
+    """One simulated run of the paper's robot; seed None for no noise."""
+    return simulate(RIG, test, direction, seed, effects)
+
+
+def measured(table: Table, test: TestName, name: str, rig: Rig = RIG) -> Measured:
+    """A table as if it had been read from a run directory."""
+    direction = table.direction if isinstance(table, CircleTable) else None
+    told: dict[str, Any] = {"name": name, "test": test, "direction": direction, "rig_text": TEXT}
+    manifest = Manifest.model_construct(**told)
+    return Measured(Path(name), Run(Path(name), manifest, {}, []), rig, table, 0.0, ())
+
+
+def poses(seed: int, *off: JointOffset) -> Measured:
+    """Random poses as a tracker in a frame of its own sees them, 40 µm of noise."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1.0, 1.0, (150, 6))
+    true = q.copy()
+    for one in off:
+        true[:, one.axis - 1] += np.radians(one.offset_deg)
+    xyz = forward(arm_of(RIG.robot), true)[:, :3, 3] + [100.0, -40.0, 10.0] + rng.normal(0.0, 0.04, (150, 3))
+    return measured(PoseTable(q, xyz, None), "pose", "pose")
+
+
+def circles(
+    effects: tuple[Effect, ...] = (),
+    *,
+    seed: int = 1,
+    count: int = 2,
+    tests: Sequence[TestName] = ("yaw",),
+    ways: Sequence[Direction] = WAYS,
+) -> list[Measured]:
+    """Repeated circles, each run with a seed of its own."""
+    return [
+        measured(table_of(test, way, 1000 * seed + 100 * k + 10 * j + i, effects), test, f"{test}-{way}-{i}")
+        for k, test in enumerate(tests)
+        for j, way in enumerate(ways)
+        for i in range(count)
+    ]
+
+
+def shaken(run: Measured, frequency_hz: float, amplitude_mm: float, phase: float) -> Measured:
+    """A circle whose link swings, from a phase in rad of its own."""
+    table = run.table
+    assert isinstance(table, CircleTable)
+    wave = amplitude_mm * np.sin(2 * np.pi * frequency_hz * table.t_s + phase)
+    return replace(run, table=replace(table, g_mm=table.g_mm + wave[:, None]))
+
+
+def found_in(
+    runs: Sequence[Measured],
+    rig: Rig = RIG,
+    held_out: Sequence[Measured] = (),
+    unseen: Sequence[Measured] = (),
+) -> Diagnosis:
+    """The diagnosis of runs."""
+    return diagnose(rig, runs, held_out, unseen, lambda doing: None)
+
+
+def seen(runs: Sequence[Measured]) -> list[Seen]:
+    """Runs as the engine sees them."""
+    return [see(model_of(RIG), run.table, str(run.path)) for run in runs]
+
+
+def planted() -> SetUp:
+    """What simulated circles of the paper's robot are driven about: the ball eccentric, gauges at zero."""
+    setup = nominal_setup(RIG, table_of("yaw", "cw", 0))
+    assert RIG.tests.circle
+    return replace(setup, ball=setup.ball + np.array(RIG.tests.circle.eccentricity_mm))
+
+
+@cache
+def healthy() -> Linear:
+    """Two yaw circles each way of a healthy robot, about the set-up fitted to them."""
+    runs = seen(circles(seed=90))
+    setups, _ = settled(runs)
+    return Linear(blocks_of(runs, setups), setups)
+
+
+def holding(linear: Linear, y: Array) -> Linear:
+    """The same with another residual (N,) in standard deviations."""
+    parts = [y[rows] * block.sd_mm for rows, block in zip(linear.rows, linear.blocks, strict=True)]
+    blocks = [replace(block, y_mm=part) for block, part in zip(linear.blocks, parts, strict=True)]
+    return Linear(blocks, linear.setups)
+
+
+def shown_by(linear: Linear, effects: Sequence[Effect]) -> Array:
+    """What effects, on the simulator and all together, add to the residual (N,) in standard deviations."""
+    return np.concatenate(
+        [block.whitened(linear.adding(k, effects)(linear.setups)) for k, block in enumerate(linear.blocks)]
+    )
+
+
+def white(linear: Linear, seed: int) -> Array:
+    """Noise (N,) of standard deviation 1."""
+    return np.random.default_rng(seed).normal(0.0, 1.0, len(linear.y))
+
+
+def columns_of(X: Array, band: NDArray[np.int64], forms: Sequence[Form] = ()) -> Columns:
+    """Columns (N, p) given as numbers: those of forms first, then those of set-ups."""
+    made = Columns.__new__(Columns)
+    made.X, made.forms = X, tuple(forms)
+    made.divide(band)
+    ends = sum(len(form.columns) for form in forms)
+    made.set_ups = slice(ends, X.shape[1])
+    return made
+
+
+def no_background(linear: Linear, more: Array | None = None) -> Background:
+    """Noise and set-ups alone, with `more` (N, p) columns of standard deviation 1."""
+    other = np.empty((len(linear.y), 0)) if more is None else more
+    X = np.concatenate([linear.U, other], axis=1)
+    variance = np.concatenate([np.full(linear.U.shape[1], 100.0), np.ones(other.shape[1])])
+    return Background(columns_of(X, np.zeros(len(X), dtype=np.int64)), np.ones(len(X)), variance)

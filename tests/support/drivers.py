@@ -1,0 +1,159 @@
+"""A configuration of every driver, in every mode that changes what is on the wire."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed, ModbusJoints
+from rigs.schema.gauges import Gauge
+from rigs.schema.modbus import ModbusMap
+from rigs.schema.serial_gauges import KeyenceDLRS1A, SylvacOptoRS
+
+_GAUGE: TypeAdapter[Any] = TypeAdapter(Gauge)
+
+SERIAL, TCP = "/dev/ttyUSB0", "tcp://127.0.0.1:502"
+BAUMER = {
+    "interface": "modbus_map",
+    "port": SERIAL,
+    "offset_mm": 25,
+    "line": "57600 8E1",
+    "unit": 1,
+    "function": 4,
+    "address": 200,
+    "count": 13,
+    "word_order": "little",
+    "value": {"address": 202, "type": "float32"},
+    "status": {"address": 200, "type": "uint16", "good": (0,), "doubtful": (1,)},
+    "clock_s": {"address": 209, "type": "uint32"},
+    "clock_us": {"address": 211, "type": "uint32"},
+}
+
+
+def gauge(interface: str, **changes: object) -> Any:
+    """A gauge of any interface, on a serial port."""
+    return _GAUGE.validate_python(
+        {"interface": interface, "port": SERIAL, "offset_mm": 25} | NEEDED[interface] | changes
+    )
+
+
+LINE = {"line": "57600 8N1"}
+NEEDED: dict[str, dict[str, object]] = {
+    "tesa_tt": {},
+    "mahr_c1202": {},
+    "mahr_c1208": LINE,
+    "heidenhain_nd281b": {},
+    "heidenhain_nd287": LINE,
+    "magnescale_lt": LINE,
+    "magnescale_mg80": LINE | {"address": "01", "request": "D"},
+    "mitutoyo_usb": {},
+    "mitutoyo_qm_height": {},
+    "cdi_iq": {},
+    "micro_epsilon_ild1420": {"range_mm": 10},
+    "solartron_orbit": LINE | {"parameter": 2, "status_parameter": 3},
+}
+"""What a rig file must say of each beside its port and place."""
+
+
+def sylvac(**changes: object) -> SylvacOptoRS:
+    fields = {"interface": "sylvac_opto_rs", "port": SERIAL, "offset_mm": 25}
+    return SylvacOptoRS.model_validate(fields | changes)
+
+
+def keyence(**changes: object) -> KeyenceDLRS1A:
+    fields = {"interface": "keyence_dl_rs1a", "port": SERIAL, "offset_mm": 25}
+    return KeyenceDLRS1A.model_validate(fields | changes)
+
+
+def modbus(**changes: object) -> ModbusMap:
+    return ModbusMap.model_validate(BAUMER | {"rate_hz": 1e10} | changes)  # asks at once, in simulated time
+
+
+def rtde(**changes: object) -> URRTDE:
+    return URRTDE.model_validate({"interface": "ur_rtde", "port": "tcp://127.0.0.1:30004"} | changes)
+
+
+def lines(**changes: object) -> LineFeed:
+    return LineFeed.model_validate({"interface": "line_feed", "port": "tcp://127.0.0.1:9000"} | changes)
+
+
+def rsi(**changes: object) -> KUKARSI:
+    return KUKARSI.model_validate({"interface": "kuka_rsi", "port": "udp://127.0.0.1:49152"} | changes)
+
+
+def egm(**changes: object) -> ABBEGM:
+    return ABBEGM.model_validate({"interface": "abb_egm", "port": "udp://127.0.0.1:6510"} | changes)
+
+
+def j519(**changes: object) -> FANUCStreamMotion:
+    fields = {"interface": "fanuc_stream_motion", "port": "udp://127.0.0.1:60015"}
+    return FANUCStreamMotion.model_validate(fields | changes)
+
+
+def joints(**changes: object) -> ModbusJoints:
+    """Six float32 from register 100 on, program state in 112."""
+    fields = {
+        "interface": "modbus_joints",
+        "port": TCP,
+        "address": 100,
+        "count": 13,
+        "rate_hz": 200,
+        "joints": [{"address": 100 + 2 * axis, "type": "float32"} for axis in range(6)],
+        "status": {"address": 112, "good": (2,), "doubtful": (4,)},
+    }
+    return ModbusJoints.model_validate(fields | changes)
+
+
+SCALED = {"address": 202, "type": "int32", "scale": 1e-4, "offset": -5.0}
+PLAIN = {"status": None, "clock_s": None, "clock_us": None}
+
+# name, gauges, resolution in mm
+GAUGES: list[tuple[str, Sequence[Gauge], float]] = [
+    *((f"sylvac {unit}", [sylvac(units=unit)], 0.0003) for unit in ("mm", "um", "inch")),
+    *((f"sylvac continuous {u}", [sylvac(units=u, mode="continuous")], 0.0003) for u in ("mm", "um", "inch")),
+    *((f"keyence {u}", [keyence(units=u, channel=2), keyence(units=u)], 0.001) for u in ("mm", "um", "inch")),
+    ("keyence one of three", [keyence(channel=3)], 0.001),
+    *((f"modbus rtu {unit}", [modbus(units=unit)], 1e-5) for unit in ("mm", "um", "inch")),
+    ("modbus tcp", [modbus(port=TCP)], 1e-5),
+    ("modbus scaled", [modbus(value=SCALED, word_order="big", function=3)], 1e-4),
+    ("modbus without status", [modbus(**PLAIN)], 1e-5),
+    ("modbus ascii", [modbus(framing="ascii")], 1e-5),
+    *((f"tesa {u}", [gauge("tesa_tt", units=u)], resolution) for u, resolution in (("mm", 0.006), ("um", 1e-5))),
+    *((f"mahr c1202 {u}", [gauge("mahr_c1202", units=u, channel=2)], 0.0003) for u in ("mm", "um", "inch")),
+    ("mahr c1202 two", [gauge("mahr_c1202", channel=3), gauge("mahr_c1202")], 0.0001),
+    *((f"mahr c1208 {u}", [gauge("mahr_c1208", units=u)], 0.0003) for u in ("mm", "um", "inch")),
+    ("mahr c1208 m1240", [gauge("mahr_c1208", protocol="m1240")], 0.0001),
+    *((f"nd281b {u}", [gauge("heidenhain_nd281b", units=u)], 0.0002) for u in ("mm", "inch")),
+    *((f"nd287 {u}", [gauge("heidenhain_nd287", units=u)], 0.0002) for u in ("mm", "inch")),
+    *((f"magnescale lt {u}", [gauge("magnescale_lt", units=u)], 0.0015) for u in ("mm", "inch")),
+    ("magnescale lt two", [gauge("magnescale_lt", channel=2), gauge("magnescale_lt")], 0.0001),
+    *((f"magnescale mg80 {u}", [gauge("magnescale_mg80", units=u)], 0.0015) for u in ("mm", "inch")),
+    *((f"mitutoyo usb {u}", [gauge("mitutoyo_usb", units=u)], 0.0006) for u in ("mm", "inch")),
+    *((f"qm-height {u}", [gauge("mitutoyo_qm_height", units=u)], 0.0006) for u in ("mm", "inch")),
+    *((f"cdi {u}", [gauge("cdi_iq", units=u)], 0.0002) for u in ("mm", "inch")),
+    ("ild1420 continuous", [gauge("micro_epsilon_ild1420", zero_mm=5)], 0.0001),
+    ("orbit", [gauge("solartron_orbit")], 1e-6),
+    ("orbit ascii", [gauge("solartron_orbit", framing="ascii", function=4, word_order="little")], 1e-6),
+]
+TEN_MICRODEGREES = [{"address": 100 + 2 * axis, "type": "int32", "scale": 1e-5} for axis in range(6)]
+RADIANS = ("_", *(f"q{axis}_rad" for axis in (2, 1, 3, 4, 5, 6)), "t_us")
+FEEDBACKS: list[tuple[str, Feedback]] = [
+    ("rtde 500", rtde()),
+    ("rtde 125", rtde(rate_hz=125)),
+    ("rtde outputs", rtde(signal={"outputs": [3, 9]})),
+    ("rtde register", rtde(signal={"int_register": 24})),
+    ("lines", lines()),
+    ("lines signal", lines(fields=("t_ms", *(f"q{axis}_deg" for axis in range(1, 7)), "signal"))),
+    ("lines rad", lines(fields=RADIANS, separator=" ")),
+    ("lines serial", lines(port=SERIAL, separator=";")),
+    ("rsi 4 ms", rsi()),
+    ("rsi 12 ms", rsi(cycle_ms=12, sentype="Rig")),
+    ("rsi onlysend", rsi(onlysend=True)),
+    ("egm", egm()),
+    ("j519", j519()),
+    ("joints polled", joints()),
+    ("joints polled rad", joints(units="rad", function=4, word_order="little", status=None)),
+    ("joints polled scaled", joints(joints=TEN_MICRODEGREES)),
+]

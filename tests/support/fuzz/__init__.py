@@ -1,0 +1,1 @@
+"""Mutated inputs for protocols, readers of files and the control socket."""

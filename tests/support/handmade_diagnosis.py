@@ -1,0 +1,113 @@
+"""Diagnoses made by hand, of every verdict, for tests of what is shown of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from analysis.diagnosis.diagnosis import (
+    Curve,
+    Diagnosis,
+    Gap,
+    Leftover,
+    Map,
+    Named,
+    NextTest,
+    Place,
+    Remainder,
+    Rival,
+    Verdict,
+)
+from analysis.model.predict import SetUp
+from rigs.effects import Backlash, JointOffset, LinkGeometry
+from rigs.load import load
+
+RIG = load("paper-fanuc")[0].model_copy(update={"effects": ()})
+PLAY = Named(
+    Backlash(axis=1, width_deg=0.05213, transit=0.31),
+    {"width_deg": 0.0011, "transit": 0.042},
+    0.9997,
+    (),
+    5.94,
+    "take up the play of axis 1's reducer, 0.052°, or have it looked at",
+    5.78,
+    True,
+    0.91,
+)
+ZERO = Named(
+    JointOffset(axis=5, offset_deg=0.1032),
+    {"offset_deg": 0.0041},
+    0.62,
+    (Rival(LinkGeometry(axis=5, field="a", delta=0.5871), {"delta": 0.023}, 0.36),),
+    5.2,
+    "re-master axis 5 by 0.103°",
+    5.1,
+    True,
+    0.88,
+)
+SMALL = replace(ZERO, worth_um=0.9, material=False, posterior=0.999, rivals=())
+PLACES = (
+    Place("yaw", "cw", "angle", 231.4, 243.0, 1, "reversal", 14.21, 22.4),
+    Place("yaw", "acw", "distance", 352.0, 8.0, None, "orders 8–29", 3.1, 6.2),
+    Place("roll", "acw", "distance", 0.0, 360.0, None, "slow, orders 0–7", 2.1, 4.4),
+    Place("radial", None, "distance", 3, 7, None, "outermost ring", 22.0, 31.0),
+)
+_PHI = np.linspace(0, 359, 360)
+_TURNS = ((105.2, 1), (237.0, 1), (20.0, 2), (24.0, 3), (31.0, 5), (200.0, 4), (290.0, 6), (358.0, 5))
+
+
+def curve(test: Any, direction: Any, seed: int) -> Curve:
+    """A step between two reversals before, noise after."""
+    rng = np.random.default_rng(seed)
+    noise = rng.normal(0, 0.5, (len(_PHI), 2))
+    step = np.where((_PHI > 105) & (_PHI < 237), 7.0, -7.0)
+    return Curve(test, direction, _PHI, noise + np.stack([step, -0.6 * step], axis=1), noise, _TURNS)
+
+
+def sphere() -> Map:
+    """Three readings at each of 37 targets."""
+    polar = np.repeat([0.0, *[30.0] * 12, *[60.0] * 12, *[90.0] * 12], 3)
+    azimuth = np.repeat([0.0, *np.tile(np.arange(0, 360, 30), 3)], 3)
+    noise = np.random.default_rng(3).normal(0, 2.0, len(polar))
+    before = 25 * np.sin(np.radians(polar)) * np.cos(np.radians(azimuth)) + noise
+    return Map("radial", np.repeat(np.arange(1.0, 38.0), 3), polar, azimuth, before, noise)
+
+
+def poses() -> Map:
+    """Distances left at 200 rows, which have no place on a hemisphere."""
+    left = np.abs(np.random.default_rng(5).normal(0, 400.0, 200))
+    nowhere = np.full(200, np.nan)
+    return Map("pose", np.arange(1.0, 201.0), nowhere, nowhere, 2 * left, left)
+
+
+def diagnosis(verdict: Verdict = "named", **changed: Any) -> Diagnosis:
+    """A diagnosis of a verdict, with everything that it can have unless `changed`."""
+    effects = {"named": (PLAY,), "ambiguous": (ZERO,), "outside_library": (PLAY, ZERO)}.get(verdict, ())
+    after = 1.91 if effects else 6.12
+    setup = SetUp(np.array([930.8, -87.8, 273.2]), np.array([0.01, -0.02]), np.eye(4), np.eye(4))
+    made = Diagnosis(
+        verdict=verdict,
+        why="the data odds for the name are over 1000 to 1, and nothing is left beyond the noise",
+        rig=RIG,
+        runs=("yaw-acw-001", "yaw-acw-002", "yaw-cw-001", "yaw-cw-002"),
+        where=PLACES,
+        effects=effects,
+        remainder=Remainder(1.4, 0.05, "yaw cw, angle: 8 to 29 cycles a lap, 1.5 times the noise", 2.2),
+        train=Gap(("yaw-acw-001", "yaw-cw-001"), 6.12, after, 1.88, 1.7),
+        held_out=Gap(("yaw-acw-003",), 6.3, after, 1.9, 1.75),
+        unseen=None,
+        left=(Leftover("yaw", "cw", "angle", (8, 29), 2.31, "orders 8–29 are 1.5 times the noise"),),
+        setups={"yaw": setup},
+        groups=(("joint_offset 5", "link_geometry 5.a"),),
+        not_testable=("joint_offset 1", "joint_offset 6", "link_geometry 6.a", "time_lag"),
+        next_test=NextTest("circle of radius 140 mm", "an angle's effect grows with the radius", 12.3),
+        repeated=True,
+        level=0.2,
+        doubts=("the runs are of one direction only",),
+        curves=(curve("yaw", "acw", 1), curve("yaw", "cw", 2), curve("roll", "acw", 3), curve("roll", "cw", 4)),
+        maps=(sphere(),),
+        seconds=1.84,
+    )
+    return replace(made, **changed)

@@ -1,0 +1,118 @@
+"""The ball link, the hemisphere and a nominal arm by formulas of their own, with one quiet robot that has fixed errors.
+
+Nothing here uses the simulator. The noisy cells of `cells`, `circles`, `targets` and `poses` are built on these forms.
+"""
+
+import numpy as np
+
+from analysis.geometry.circle import CircleFrame
+from analysis.kinematics.arm import Arm
+from analysis.traces.tables import RadialTable, RepeatabilityTable
+
+RADIUS_MM, BASELINE_MM = 70.0, 50.0
+FRAME = CircleFrame(np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), np.array([0, 0, 1.0]), RADIUS_MM)
+BALL = np.array([0.8, -0.5, 0.3])
+FINE = np.linspace(0, 2 * np.pi, 36001)[:-1]
+_HAND = float(np.cross([-1.0, 0, 0], [0, 0, 1.0])[1])
+"""y_T at phi = 0 along v: z_T × x_T with z_T = -u, x_T = n."""
+
+
+def link_readings(
+    phi: np.ndarray,
+    ball_mm: np.ndarray,
+    test: str,
+    angle_rad: np.ndarray,
+    distance_mm: np.ndarray,
+    baseline_mm: float = BASELINE_MM,
+) -> np.ndarray:
+    """Readings (n, 2) mm of g1 and g2 at phi (n,) rad: the ball (3,) mm from the centre along u, v, n, and what the
+    robot adds to the angle (n,) and to the distance (n,)."""
+    x, y = RADIUS_MM * np.cos(phi) - ball_mm[0], RADIUS_MM * np.sin(phi) - ball_mm[1]
+    along_z = x * np.cos(phi) + y * np.sin(phi)
+    along_y = _HAND * (x * np.sin(phi) - y * np.cos(phi))
+    angle = np.arctan2(ball_mm[2] if test == "roll" else along_y, along_z) + angle_rad
+    distance = np.hypot(x, y) + distance_mm - RADIUS_MM
+    half = np.tan(angle) * baseline_mm / 2
+    return np.stack([distance - half, distance + half], axis=1)
+
+
+# --- one robot with fixed errors
+
+
+def wrong_angle(phi: np.ndarray, sense: float) -> np.ndarray:
+    """Orientation error (n,) rad: harmonics and, of a backlash, jumps about 105° and 237° that change sign
+    with sense (over some degrees: a joint crosses its play slowly where it turns)."""
+    turn = np.degrees(phi) % 360
+    play = 0.5 * (np.tanh((turn - 105) / 1.5) - np.tanh((turn - 237) / 1.5) - 1)
+    play *= 1 + 0.3 * np.cos(phi - np.radians(170))  # so that there is one place where it shows most
+    rough = 0.15 * np.sin(2 * phi + 0.4) + 0.05 * np.sin(7 * phi) + 0.08 * sense * play
+    return np.asarray(np.radians(rough))
+
+
+def wrong_distance(phi: np.ndarray, sense: float) -> np.ndarray:
+    """Radial error (n,) mm."""
+    return np.asarray(0.03 * np.sin(3 * phi) + 0.02 * np.cos(2 * phi + 1) + 0.01 * sense * np.sin(phi + 0.3) ** 2)
+
+
+def circle_readings(phi: np.ndarray, sense: float, test: str) -> np.ndarray:
+    """(n, 2) mm of that robot about BALL."""
+    return link_readings(phi, BALL, test, wrong_angle(phi, sense), wrong_distance(phi, sense))
+
+
+# --- tables of targets
+
+
+def hemisphere(visits: int = 1) -> RadialTable:
+    """37 targets each 30°, three orientations, without readings."""
+    places = [(0.0, 0.0)] + [(polar, azimuth) for polar in (30.0, 60.0, 90.0) for azimuth in range(0, 360, 30)]
+    rows = [(k + 1, *place, o) for k, place in enumerate(places) for o in (1, 2, 3) for _ in range(visits)]
+    target, polar, azimuth, orientation = (np.array(column) for column in zip(*rows, strict=True))
+    zeros = np.zeros(len(rows))
+    return RadialTable(
+        target, np.radians(polar), np.radians(azimuth), orientation, zeros, np.zeros((len(rows), 6)), zeros
+    )
+
+
+def with_readings(table: RadialTable, g_mm: np.ndarray) -> RadialTable:
+    return RadialTable(table.target, table.polar, table.azimuth, table.orientation, table.t_s, table.q, g_mm)
+
+
+def directions(table: RadialTable) -> np.ndarray:
+    """Unit vectors (n, 3) from the ball to each row's target, z to polar 0."""
+    s = np.sin(table.polar)
+    return np.stack([s * np.cos(table.azimuth), s * np.sin(table.azimuth), np.cos(table.polar)], axis=1)
+
+
+def true_radial(table: RadialTable) -> np.ndarray:
+    """Readings (n,) mm: radius 0.192 too large, pulled to one side, an error of each target and orientation."""
+    robot = np.random.default_rng(77).normal(0, 0.12, (100, 4))
+    pull = directions(table) @ np.array([0.3, -0.2, 0.1])
+    return 0.192 + pull + 0.9 * robot[table.target, 3] + 0.5 * robot[table.target, table.orientation - 1]
+
+
+def repeatability_table(g: np.ndarray) -> RepeatabilityTable:
+    """Of readings (targets, rounds, 2): out, then in."""
+    targets, rounds, _ = g.shape
+    rows = [(t + 1, side, r + 1) for t in range(targets) for r in range(rounds) for side in ("out", "in")]
+    target, approach, round_ = zip(*rows, strict=True)
+    zeros = np.zeros(len(rows))
+    return RepeatabilityTable(
+        np.array(target), np.array(approach), np.array(round_), zeros, np.zeros((len(rows), 6)), g.ravel()
+    )
+
+
+def ur10() -> Arm:
+    """The nominal UR10 of the data set's README, its standard DH rows moved to Craig's."""
+    ninety = np.pi / 2
+    return Arm(
+        a=np.array([0, 0, -612.0, -572.3, 0, 0]),
+        alpha=np.array([0, ninety, 0, 0, ninety, -ninety]),
+        beta=np.zeros(6),
+        d=np.array([127.3, 0, 0, 163.941, 115.7, 92.2]),
+        offset=np.zeros(6),
+        coupling=np.eye(6),
+        T_world_base=np.eye(4),
+        T_flange_tool=np.eye(4),
+        limits=np.full((6, 2), np.pi),
+        speed=np.ones(6),
+    )

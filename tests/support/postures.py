@@ -1,0 +1,70 @@
+"""Joint angles to try an arm at: random, on and beside every singularity, and at the joint limits."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.support.five_arms import ARMS, OPW, Array
+
+RANDOM = 10_000
+BESIDE = np.array([0.0, 1e-15, 1e-13, 1e-11, 1e-9, 1e-7, 1e-5, 1e-3])
+"""rad from a singularity."""
+
+
+def random_angles(seed: int, n: int = RANDOM) -> Array:
+    """(n, 6) rad, every axis all round."""
+    return np.random.default_rng(seed).uniform(-np.pi, np.pi, (n, 6))
+
+
+def at_limits(name: str, n: int = 500) -> Array:
+    """Each axis on a limit, a hair inside, or anywhere between (n, 6) rad."""
+    rng = np.random.default_rng(7)
+    low, high = ARMS[name].limits.T
+    share = rng.choice([0.0, 1e-12, 1e-6, 0.5, 1 - 1e-6, 1.0], (n, 6))
+    share = np.where(share == 0.5, rng.uniform(size=(n, 6)), share)
+    return np.asarray(low + share * (high - low))
+
+
+def singular(name: str, n: int = 500) -> dict[str, Array]:
+    """Random angles (n, 6) rad brought to the arm's singularities, or as far beside them as BESIDE says."""
+    return _ur_singular(n) if name == "ur10e" else _opw_singular(name, n)
+
+
+def _opw_singular(name: str, n: int) -> dict[str, Array]:
+    opw = OPW[name]
+    upright = {what: random_angles(seed, n) for seed, what in enumerate(("wrist", "stretched", "folded", "shoulder"))}
+    beside = np.resize(BESIDE, n)
+    half_turns = np.resize([0.0, np.pi], n)
+    upright["wrist"][:, 4] = beside + half_turns
+    straight = -np.arctan2(opw.a2, opw.c3)
+    upright["stretched"][:, 2] = straight + beside
+    upright["folded"][:, 2] = straight + np.pi + beside
+    # The wrist centre on axis 1: a1 + Re[(c2 + forearm e^(i t3)) e^(i (t2 - 90°))] = 0, the elbow nearly straight.
+    upright["shoulder"][:, 2] = straight + upright["shoulder"][:, 2] / 2
+    arm = opw.c2 + np.hypot(opw.a2, opw.c3) * np.exp(1j * (upright["shoulder"][:, 2] - straight))
+    upright["shoulder"][:, 1] = np.arcsin(-opw.a1 / np.abs(arm)) - np.angle(arm) + beside
+    return {what: opw.upright(angles) for what, angles in upright.items()}
+
+
+def _ur_singular(n: int) -> dict[str, Array]:
+    q = {what: random_angles(seed, n) for seed, what in enumerate(("wrist", "stretched", "folded", "shoulder"))}
+    beside = np.resize(BESIDE, n)
+    q["wrist"][:, 4] = beside + np.resize([0.0, np.pi], n)
+    q["stretched"][:, 2] = beside
+    q["folded"][:, 2] = np.pi + beside
+    arm = ARMS["ur10e"]
+    turned = np.exp(1j * q["shoulder"][:, 2])
+    reach = arm.a[2] + arm.a[3] * turned - 1j * arm.d[4] * turned * np.exp(1j * q["shoulder"][:, 3])
+    q["shoulder"][:, 1] = np.pi / 2 - np.angle(reach) + beside
+    return q
+
+
+def everywhere(name: str) -> Array:
+    """All of the above in one stack."""
+    return np.concatenate([random_angles(11), at_limits(name), *singular(name).values()])
+
+
+def rows(found: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """The row of each solution of a stack found (n, k)."""
+    return np.nonzero(found)[0]

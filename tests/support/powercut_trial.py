@@ -1,0 +1,179 @@
+"""Recordings cut off by a power cut at any change: what was promised is there and right, and nothing else is wrong.
+
+A recording by the real `RunWriter` rolls chunks, syncs now and then and ends; each time it says that
+rows are safe, the log is marked. One state: the log is cut anywhere, a possible disk made of it,
+recovered (one time in three with a second cut in the recovery, one time in six after one that found
+no room), and held to the last mark.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+from daq.store import RunWriter, load_manifest, read_run, recover, verify
+from daq.store.writer import Work
+from rigs.errors import CellError, FileError
+from tests.support.powercut import BLOCK, Change, IoWorker, Mark, Watched, survivors, watched
+from tests.support.store_cases import STREAMS, assert_rows, fault, samples, start
+
+ENDED = "ended"
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The changes of a recording, and the disk as it was before; full: a quota ended it."""
+
+    before: IoWorker
+    log: list[Change]
+    full: bool
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one state. kind: not begun, brought back, ended. beyond: rows kept that were not promised."""
+
+    kind: str
+    cut_twice: bool
+    promised: int
+    beyond: int
+
+
+def recording(root: Path, seed: int, rounds: int = 12) -> Recording:
+    """Record below root; a mark says {stream: rows} after each sync, and `ENDED` at the end.
+
+    One in three meets a quota, of which statvfs tells nothing.
+    """
+    random = Random(seed)
+    full = False
+    with watched(root) as watch:
+        writer = start(root / "cell" / "runs", chunk_rows=random.choice((20, 40, 200)))
+        watch.mark(_rows(writer))
+        if random.random() < 1 / 3:
+            watch.limit(watch.used + random.randint(2, 40) * BLOCK)
+        try:
+            for _ in range(rounds):
+                _one_round(writer, watch, random)
+        except CellError:
+            full = True
+        with suppress(CellError):
+            writer.close("failed" if full else "complete", "told to stop", {stream: {} for stream in STREAMS})
+            watch.mark(ENDED)
+    return Recording(watch.before, watch.log, full)
+
+
+def _one_round(writer: RunWriter, watch: Watched, random: Random) -> None:
+    _append(writer, random)
+    writer.write()
+    what = random.random()
+    if what < 0.4:
+        writer.sync()
+        watch.mark(_rows(writer))
+        writer.roll()
+    elif what < 0.7:
+        rows = _rows(writer)
+        _meanwhile(writer, writer.begin_sync(), random)
+        watch.mark(rows)
+        if rolling := writer.begin_roll():
+            _meanwhile(writer, rolling, random)
+
+
+def _append(writer: RunWriter, random: Random) -> None:
+    for stream, columns in STREAMS.items():
+        stream_writer = writer._writers[stream]
+        first = stream_writer.rows + len(stream_writer.pending)
+        writer.append(stream, samples(random.choice((0, 1, 4, 30)), len(columns), first))
+    if random.random() < 0.7:
+        stream_writer = writer._writers["faults"]
+        writer.append_faults("g1", [fault(stream_writer.rows + len(stream_writer.pending) + 1)])
+
+
+def _meanwhile(writer: RunWriter, work: Work, random: Random) -> None:
+    """Work of which a part is done when more is written, as by the daemon while another thread waits for the disk."""
+    split, error = random.randint(0, len(work.steps)), None
+    try:
+        Work(work.steps[:split]).wait()
+        _append(writer, random)
+        writer.write()
+        Work(work.steps[split:]).wait()
+    except OSError as refused:
+        error = refused
+    writer.end_work(error)
+
+
+def _rows(writer: RunWriter) -> dict[str, int]:
+    return {stream: stream_writer.rows for stream, stream_writer in writer._writers.items()}
+
+
+def trial(recorded: Recording, scratch: Path, seed: int) -> Outcome:
+    """One state, made below scratch. Raises AssertionError for what must not be."""
+    random = Random(seed)
+    log = recorded.log[: random.randint(0, len(recorded.log) * 11 // 10)]
+    root = scratch / "first"
+    survivors(recorded.before, log, random).put(root)
+    said = [change.said for change in log if isinstance(change, Mark)]
+    promised = next((rows for rows in reversed(said) if rows != ENDED), None)
+    if promised is None:
+        return _not_begun(root)
+    (path,) = (root / "cell" / "runs").iterdir()
+    if ENDED in said:
+        assert recover(path).nothing_to_do, "the store had said that the run was closed"
+        assert load_manifest(path).exit_status == ("failed" if recorded.full else "complete")
+    twice = random.random() < 1 / 3
+    if twice:
+        path = _cut_again(path, scratch / "second", random)
+    if random.random() < 1 / 6:
+        _starve(path, random)
+    with watched(path.parent):
+        recover(path)
+        assert recover(path).nothing_to_do, "a second recovery found something to do"
+    return Outcome("ended" if ENDED in said else "brought back", twice, *held_to(path, promised))
+
+
+def _not_begun(root: Path) -> Outcome:
+    """Before the first promise there may be anything from nothing to a whole run: told, or right."""
+    for path in (root / "cell" / "runs").glob("*"):
+        try:
+            recover(path)
+        except FileError as error:
+            assert "manifest" in str(error)
+        else:
+            held_to(path, {})
+    return Outcome("not begun", False, 0, 0)
+
+
+def _cut_again(path: Path, root: Path, random: Random) -> Path:
+    with watched(path.parent) as watch:
+        recover(path)
+    cut = random.randint(0, len(watch.log))  # all of it: then it was done
+    survivors(watch.before, watch.log[:cut], random).put(root)
+    if cut == len(watch.log):
+        assert recover(root / path.name).nothing_to_do, "recover had said that it was done"
+    return root / path.name
+
+
+def _starve(path: Path, random: Random) -> None:
+    """A recovery for which there is hardly any room."""
+    with watched(path.parent) as watch, suppress(CellError):
+        watch.limit(watch.used + random.randint(0, 6) * BLOCK)
+        recover(path)
+
+
+def held_to(path: Path, promised: dict[str, int]) -> tuple[int, int]:
+    """Rows promised, and rows beyond them; every row that is there is the one that was recorded."""
+    problems = verify(path)
+    assert not problems, problems[0]
+    run = read_run(path)
+    for stream, columns in STREAMS.items():
+        stored = run.streams[stream]
+        assert_rows(stored, samples(len(stored["sequence"]), len(columns)), columns)
+    expected_faults = [fault(number) for number in range(1, len(run.faults) + 1)]
+    assert [(f["at_ns"], f["detail"], f["count"]) for f in run.faults] == [
+        (f.at_ns, f.detail, f.count) for f in expected_faults
+    ], "other faults than were recorded"
+    held = {stream: len(run.streams[stream]["sequence"]) for stream in STREAMS} | {"faults": len(run.faults)}
+    short = {stream: held[stream] for stream, rows in promised.items() if held[stream] < rows}
+    assert not short, f"{short} rows of {promised} promised"
+    return sum(promised.values()), sum(held.values()) - sum(promised.values())

@@ -1,0 +1,51 @@
+"""A recorded yaw lap whose stamps hold what real ones do: late answers, odd stamps, stalls."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from analysis.simulation.simulate import simulate
+from analysis.traces.tables import CircleTable
+from daq.protocol.conversation import NO_TIME, Sample
+from daq.store import RunWriter
+from rigs.load import load, load_hidden
+
+WRONG = (100, 400)
+"""Rows whose stamp of the robot's own clock is odd."""
+
+
+def recorded(runs: Path, stalls: Collection[int] = ()) -> Path:
+    """A yaw lap by Baumer gauges over TCP that answer within 1 ms, once take 3 and once 20; two stamps of the robot are
+    odd. Stalls: readings of g1 taken 100 ms after they were asked for, at the end of that time."""
+    rig, text = load("ur10e")
+    table = simulate(load_hidden("ur10e").within(rig), "yaw", "acw", 1)
+    assert isinstance(table, CircleTable)
+    data = yaml.safe_load(text)
+    for number, gauge in enumerate(data["gauges"].values()):
+        gauge |= {"port": f"tcp://127.0.0.1:{502 + number}", "clock_s": None, "clock_us": None}
+    streams = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": tuple(f"q{axis}_deg" for axis in range(1, 7))}
+    writer = RunWriter.create(
+        runs,
+        name="lap",
+        test="yaw",
+        direction="acw",
+        rig_name="ur10e",
+        rig_text=yaml.safe_dump(data),
+        operator="",
+        streams=streams,
+    )
+    for k, at in enumerate(((5 + table.t_s) * 1e9).astype(int).tolist()):
+        took = {300: 20_000_000, 600: 3_000_000}.get(k, 1_000_000)
+        for g in (0, 1):
+            begin, end = (at - 100_000_000, at) if k in stalls and g == 0 else (at - took // 2, at + took // 2)
+            sample = Sample((table.g_mm[k, g],), begin, end, end, 31)
+            writer.append(f"g{g + 1}", [sample])
+        clock_s = 1000 + at / 1e9 + (0.1 if k in WRONG else 0)
+        late = at + 200_000 + 3_000_000 * (k % 7)
+        writer.append("robot", [Sample(tuple(np.degrees(table.q[k])), NO_TIME, late, late, 63, clock_s)])
+    writer.close("complete", "told to", {})
+    return writer.path

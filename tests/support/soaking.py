@@ -1,0 +1,127 @@
+"""Recording for a long time while memory, descriptors and threads are watched.
+
+In real time it is the real daemon on an emulated cell. Accelerated it is the daemon's buffers, recorder and store in
+this process, given the items of so many hours in minutes.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+from daq.acquisition.stream_buffer import StreamBuffer
+from daq.acquisition.streams import JOINTS
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
+from daq.protocol.pace import Pace
+from daq.recording.label import Label
+from daq.recording.recorder import Recorder
+from daq.service.client import Client
+from daq.store import RunWriter, verify
+from tests.support.bench import Bench, rig_text
+from tests.support.replugging import Clockwork, swallow
+
+GROWTH_MB = 8.0
+"""Between the second third and the last; less is the allocator's breath."""
+RATES_HZ = {"g1": 50.0, "g2": 50.0, "robot": 500.0}
+COLUMNS = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": JOINTS}
+SLICE_S = 0.1
+
+
+@dataclass(frozen=True)
+class Held:
+    """What a process holds at a time: minutes recorded, megabytes, descriptors, threads and samples so far."""
+
+    minutes: float
+    rss_mb: float
+    descriptors: int
+    threads: int
+    samples: int
+
+
+def held(pid: int, minutes: float, samples: int) -> Held:
+    """As of now."""
+    process = Path(f"/proc/{pid}")
+    rss_mb = int((process / "statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+    return Held(
+        minutes, rss_mb, len(list((process / "fd").iterdir())), len(list((process / "task").iterdir())), samples
+    )
+
+
+def in_real_time(folder: Path, minutes: float, every_s: float) -> Iterator[Held]:
+    """The real daemon on two gauges at 4800 baud and a robot at 500 Hz; raises AssertionError for a run gone wrong."""
+    with Bench(folder, rig_text("sylvac").replace("57600", "4800"), Clockwork()) as bench:
+        bench.start()
+        threading.Thread(target=swallow, args=(bench,), daemon=True).start()
+        bench.all_reading()
+        path = bench.record()
+        assert bench.daemon is not None
+        began = time.monotonic()
+        while (now := time.monotonic() - began) < minutes * 60:
+            with Client(bench.socket) as client:
+                samples = sum(client.ask("status")["samples"].values())
+            yield held(bench.daemon.pid, now / 60, samples)
+            time.sleep(min(every_s, max(0.0, minutes * 60 - now)))
+        assert bench.run("rig", "record", "stop").returncode == 0
+        assert verify(path) == []
+
+
+def accelerated(folder: Path, minutes: float, times: float, every_s: float) -> Iterator[Held]:
+    """The same in so many times real time, with a fault a second of each stream, without links and readers."""
+    buffers = {name: StreamBuffer(name, columns) for name, columns in COLUMNS.items()}
+    recorder = Recorder(buffers, lambda label, _: _create(folder, label), lambda: None)
+    recorder.start()
+    _deliver(buffers, {name: Pace(rate, 0) for name, rate in RATES_HZ.items()}, 0)
+    path = recorder.start_run(Label(name="soak", test="yaw", direction="acw")).result()
+    paces = {name: Pace(rate, 0) for name, rate in RATES_HZ.items()}
+    began, told_s, recorded_s = time.monotonic(), -math.inf, 0.0
+    while recorded_s < minutes * 60:
+        recorded_s += SLICE_S * times
+        _deliver(buffers, paces, round(recorded_s * 1e9))
+        time.sleep(max(0.0, began + recorded_s / times - time.monotonic()))
+        if time.monotonic() - told_s > every_s:
+            told_s = time.monotonic()
+            samples = sum(buffer.state().counters["samples"] for buffer in buffers.values())
+            yield held(os.getpid(), recorded_s / 60, samples)
+    ended = recorder.stop_run().result()
+    recorder.shut_down("complete", "")
+    for name, buffer in buffers.items():
+        kept = ended.counters[name]
+        assert kept["samples"] == buffer.state().counters["samples"] - 1, f"{name}: {kept}"
+    assert verify(path) == []
+
+
+def _create(folder: Path, label: Label) -> RunWriter:
+    about = {"rig_name": "soak", "rig_text": rig_text(), "operator": "", "streams": COLUMNS}
+    return RunWriter.create(folder, name=label.name, test=label.test, direction=label.direction, **about)  # type: ignore[arg-type]
+
+
+def _deliver(buffers: dict[str, StreamBuffer], paces: dict[str, Pace], until_ns: int) -> None:
+    now_ns = time.monotonic_ns()
+    for name, buffer in buffers.items():
+        value = math.sin(until_ns * 1e-9)
+        width = len(buffer.columns)
+        buffer.deliver([Sample((value,) * width, NO_TIME, at, now_ns, 9) for at in paces[name].due(until_ns)])
+        buffer.deliver([Fault(FaultKind.GARBLED, now_ns, f"{value} is not a reading")])
+
+
+def wrong(rows: list[Held]) -> list[str]:
+    """What grew from the second third to the last, a line each.
+
+    The first third is warming up: each stream closes its first chunks, and the allocator takes room for that.
+    """
+    third = max(1, len(rows) // 3)
+    first, last = rows[-2 * third : -third], rows[-third:]
+    grown_mb = median(row.rss_mb for row in last) - median(row.rss_mb for row in first)
+    problems = [f"memory grew by {grown_mb:.1f} MB"] if grown_mb > GROWTH_MB else []
+    counts: dict[str, Callable[[Held], int]] = {"descriptors": lambda r: r.descriptors, "threads": lambda r: r.threads}
+    for name, count in counts.items():
+        before, after = max(map(count, first)), min(map(count, last))
+        if after > before:
+            problems.append(f"{name} grew from {before} to {after}")
+    return problems

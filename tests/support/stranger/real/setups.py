@@ -1,0 +1,72 @@
+"""Set-ups as people make them: the ball stands where the tool really goes round it, whatever the arm's errors.
+
+An error that only moves the whole circle is then no error of the readings, to all orders and not just the first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tests.support.stranger.cell import Cell
+from tests.support.stranger.faults import Fault
+from tests.support.stranger.gauges import Link
+from tests.support.stranger.joints import Trace
+from tests.support.stranger.measure import measure, tool_of
+from tests.support.stranger.motion import Motion
+from tests.support.stranger.screws import Array
+
+_STEP_MM = 1e-4
+_NEAR_MM = 1e-4
+_ROUNDS = 8
+HARDLY = 0.05
+"""A move of the ball that shows less than this share of what shows most is not fitted."""
+
+
+@dataclass(frozen=True)
+class Watch:
+    """A motion of a set-up: plain (m, k) mm without faults, by_ball (m, k, 3)."""
+
+    motion: Motion
+    trace: Trace
+    plain: Array
+    by_ball: Array
+
+
+def watched(cell: Cell, motion: Motion, trace: Trace, link: Link) -> Watch:
+    """A motion with this set-up, no faults."""
+    plain = measure(cell, motion, [], link, trace=trace)
+    steps = _STEP_MM * np.eye(3)
+    shifted = [measure(cell, motion, [], replace(link, ball=link.ball + step), trace=trace) for step in steps]
+    return Watch(motion, trace, plain, np.stack([(g - plain) / _STEP_MM for g in shifted], axis=2))
+
+
+def by_setup(watches: Sequence[Watch]) -> Array:
+    """(D, 3 + k): how the readings of all motions, one after the other, go with the ball and the zeros."""
+    ball = np.concatenate([watch.by_ball.reshape(-1, 3) for watch in watches])
+    gauges = watches[0].plain.shape[1]
+    return np.concatenate([ball, np.tile(np.eye(gauges), (len(ball) // gauges, 1))], axis=1)
+
+
+def centred(cell: Cell, watches: Sequence[Watch], link: Link, faults: Sequence[Fault]) -> Link:
+    """The link with its ball moved to where an arm with faults has it as eccentric as the link is without.
+
+    A circle's centre goes with the mean of the tool's places; what is left, and all of a hemisphere's, is fitted. A
+    ball that moves along a circle's normal hardly shows, and is left there.
+    """
+    A = by_setup(watches)
+    if watches[0].motion.test != "radial":
+        moves = [
+            np.mean(tool_of(cell, w.motion, faults, w.trace)[1] - tool_of(cell, w.motion, [], w.trace)[1], axis=0)
+            for w in watches
+        ]
+        link = replace(link, ball=link.ball + np.mean(moves, axis=0))
+    for _ in range(_ROUNDS):
+        added = [measure(cell, w.motion, faults, link, trace=w.trace) - w.plain for w in watches]
+        step = np.linalg.lstsq(A, np.concatenate([x.ravel() for x in added]), rcond=HARDLY)[0][:3]
+        link = replace(link, ball=link.ball - step)
+        if np.abs(step).max() < _NEAR_MM:
+            break
+    return link
