@@ -16,7 +16,7 @@ from rigs.errors import CellError, FileError, RigError
 from rigs.text import plain
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-_OF_A_CELL = ("fcntl", "grp", "termios", "tty")
+_OF_A_CELL = ("fcntl", "grp", "resource", "termios", "tty")
 """Modules that Windows lacks: serial lines, and the socket of a running daemon."""
 
 app = typer.Typer(

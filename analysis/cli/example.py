@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 
 
 @app.command()
@@ -31,4 +32,4 @@ def example(
     for source in sources:
         with source.open("rb") as original:
             write_new(folder / source.name, partial(copyfileobj, original))
-        typer.echo(folder / source.name)
+        say(str(folder / source.name))

@@ -6,7 +6,6 @@ A command that is added needs a case here, or the walk fails.
 from __future__ import annotations
 
 import io
-import json
 import os
 import shutil
 import stat
@@ -23,6 +22,7 @@ from typer.main import get_command
 
 from analysis import cli
 from rigs.load import SHIPPED
+from tests.support.rewritten_runs import rewrite
 
 EVIL = "a\x1b]0;owned\x07\x1b[31m$\\frac{$[/bold]\nrun: whole\r\u202e{{7*7}}<script>"
 """A title for the terminal, a colour, broken mathematics, markup, a forged line, reversed reading, a template, HTML."""
@@ -74,9 +74,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
         code, _, told = ran("simulate", folder / "rig.yaml", "--test", test, "-o", folder / test, *options)
         assert code == 0, told
     for run in runs(folder):
-        manifest = json.loads((run / "manifest.json").read_text())
-        manifest |= {"operator": EVIL, "reason": EVIL, "host": EVIL, "software": {EVIL: EVIL}, "follows": EVIL}
-        (run / "manifest.json").write_text(json.dumps(manifest))
+        rewrite(run, {"operator": EVIL, "host": EVIL, "software": {EVIL: EVIL}, "follows": EVIL}, reason=EVIL)
     return folder
 
 
@@ -124,6 +122,7 @@ def cases() -> dict[str, Case]:
         "diagnose": lambda cell, own: [[cell / "no run"], [first(cell), "--hold-out", first(cell)]],
         "doctor": lambda cell, own: [[cell / "rig.yaml"], [cell / "rig.yaml", "--json"]],
         "emulate": lambda cell, own: [[cell / "rig.yaml", "-o", cell / "cell"]],
+        "example": lambda cell, own: [[own / (EVIL.replace("/", "|") + BYTES)], [cell / "rig.yaml"]],
         "export": lambda cell, own: [
             *([first(cell), "--to", to, "-o", own / f"out.{to}"] for to in ("csv", "parquet", "mcap")),
             [first(cell), "--to", "csv", "-o", cell / EVIL / "out.csv"],

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import resource
 import shutil
@@ -24,6 +23,7 @@ from daq.store.chunk import from_parquet, salvage
 from daq.store.schema import FAULTS, schema_of
 from rigs.errors import CellError, FileError
 from rigs.load import load
+from tests.support.rewritten_runs import forget_chunks
 
 BIN = Path(sys.executable).parent
 AT_ONCE_S = 20.0
@@ -131,13 +131,12 @@ def _no_memory(*_: object, **__: object) -> None:
 
 
 def test_where_the_memory_is_short_the_file_is_not_at_fault(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A whole chunk that no manifest lists yet, as a crash leaves it: recovery could set it aside for damaged."""
+    """A whole chunk that no ledger lists yet, as a crash leaves it: recovery could set it aside for damaged."""
     rows = schema_of("g1", ("g1_mm",)).empty_table()
     columns = {f.name: pa.array([1] * 3, f.type) for f in rows.schema}
     good = run / "g1-0001.parquet"
     good.write_bytes(chunk.to_parquet(pa.table(columns, schema=rows.schema)))
-    manifest = json.loads((run / "manifest.json").read_text())
-    (run / "manifest.json").write_text(json.dumps(manifest | {"exit_status": "recording", "chunks": []}))
+    forget_chunks(run)
     before = {file.name: file.read_bytes() for file in run.iterdir()}
     with monkeypatch.context() as short:
         short.setattr(pq.ParquetFile, "read", _no_memory)
