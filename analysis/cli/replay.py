@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 
 if TYPE_CHECKING:
     from queue import SimpleQueue
@@ -49,19 +50,19 @@ def replay(
     played.cell.start()
     try:
         for name, port in played.cell.ports.items():
-            typer.echo(f"{name}: {port}")
+            say(f"{name}: {port}")
         if capture.cut:
-            typer.echo(f"{log}: ends in the middle of a line, which is left out", err=True)
-        typer.echo(f"ready; next: rigd {directory / 'rig.yaml'}")
+            say(f"{log}: ends in the middle of a line, which is left out", err=True)
+        say(f"ready; next: rigd {directory / 'rig.yaml'}")
         exit_code = _end(played, ends)
     finally:
         sent = played.cell.stop()
     for name, count in sent.items():
-        typer.echo(f"{name}: {count} pieces said, {played.steps[name].words()}")
+        say(f"{name}: {count} pieces said, {played.steps[name].words()}")
     if played.unmarked:
         raise FileError(str(directory), f"cannot mark what is out of step: {played.unmarked}", "give another --output")
     doubt = "; was it captured with another rig file?" if played.otherwise else ""
-    typer.echo(f"{played.otherwise} pieces of the host came otherwise than captured{doubt}")
+    say(f"{played.otherwise} pieces of the host came otherwise than captured{doubt}")
     raise typer.Exit(exit_code)
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
 
@@ -18,7 +19,6 @@ def runs(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON list.")] = False,
 ) -> None:
     """List runs with size and age, whether they were exported, and whether they are kept for ever."""
-    import json  # noqa: PLC0415
     import time  # noqa: PLC0415
 
     from analysis.reporting.runs_list import listed, row  # noqa: PLC0415
@@ -26,17 +26,17 @@ def runs(
 
     found = [row(run, time.time()) for run in survey(directory)]
     if as_json:
-        typer.echo(json.dumps(found, indent=2))
+        say_json(found)
         return
     if not found:
-        typer.echo(f"no runs in {directory}")
+        say(f"no runs in {directory}")
         return
-    from rich.console import Console  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
     table = listed(found)
-    whole = Console(width=10_000).measure(table).maximum
+    whole = PlainConsole(width=10_000).measure(table).maximum
     # A directory in pieces cannot be copied: a line stays one, however narrow the terminal is.
-    Console(width=max(whole, Console().width)).print(table)
+    PlainConsole(width=max(whole, PlainConsole().width)).print(table)
 
 
 @app.command()
@@ -49,7 +49,7 @@ def keep(
 
     for path in paths:
         mark_kept(path, not no_more)
-        typer.echo(f"{path}: {'not kept any more' if no_more else 'kept'}")
+        say(f"{path}: {'not kept any more' if no_more else 'kept'}")
 
 
 @app.command()
@@ -59,22 +59,22 @@ def recover(path: RunPath) -> None:
 
     done = recover_run(path)
     for stream, rows in done.rows.items():
-        typer.echo(f"{stream}: {rows} rows recovered")
+        say(f"{stream}: {rows} rows recovered")
     for note in done.notes:
-        typer.echo(note)
+        say(note)
     for file, loss in done.losses.items():
-        typer.echo(f"lost: {file}: {loss}")
-    typer.echo(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {path}")
+        say(f"lost: {file}: {loss}")
+    say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {path}")
 
 
 @app.command()
 def verify(path: RunPath) -> None:
-    """Check every chunk of a run against its manifest; exit code 3 where something is wrong."""
-    from daq.store import verify as verify_run  # noqa: PLC0415
+    """Say whether a run is whole, recovered or not whole; exit code 3 where something is wrong or missing."""
+    from daq.store import judge  # noqa: PLC0415
 
-    problems = verify_run(path)
-    for problem in problems:
-        typer.echo(problem, err=True)
-    if problems:
+    verdict = judge(path)
+    for line in verdict.lines:
+        say(line, err=True)
+    say(verdict.summary)
+    if verdict.lines:
         raise typer.Exit(3)
-    typer.echo(f"{path}: whole")

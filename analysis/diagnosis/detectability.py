@@ -70,15 +70,15 @@ def _reason(linear: Linearisation, effect: Effect, zeros: Array) -> str:
     column = linear.columns([effect])[:, 0]
     whole, own = float(np.linalg.norm(column)), float(np.linalg.norm(linear.without_set_up(column)))
     if whole > _NOTHING and own < _OWN_SHARE * whole:
-        return "the set-up takes it up: the ball's place and the gauges' zeros, which are always fitted"
+        return "the set-up absorbs it: the ball's position and the gauges' zeros, which are always fitted"
     axis = getattr(effect, "axis", None)
     if axis is not None and zeros[axis - 1] < _ON_AXIS * zeros.max():
         return f"the ball lies on axis {axis}"
     if LARGEST_FAULT * whole < _NOTHING:
         return effect.idle
     if LARGEST_FAULT * own < DETECTABLE:
-        return f"too small: even {LARGEST_FAULT:g} times a healthy arm's stays below {DETECTABLE:g} sigma"
-    return "what a healthy arm shows of everything else hides it"
+        return f"too small: even {LARGEST_FAULT:g} times its healthy size stays below {DETECTABLE:g} sigma"
+    return "the other effects of a healthy arm hide it"
 
 
 def _sigma(linear: Linearisation, effects: Sequence[Effect]) -> Array:

@@ -66,8 +66,8 @@ def early_readings(result: SearchResult) -> tuple[str, ...]:
     if share < _LEAST_SHARE or not early.any():
         return ()
     axes = ", ".join(f"axis {k + 1} {words.format(unit * ahead[k], unit * sd[k])}" for k in np.flatnonzero(early))
-    what = f"poses were read before the joints stood: links are ahead of them, the way each came ({axes})"
-    return (f"{what}, as no play is; wait longer before a pose is read, or import it with --joints commanded",)
+    what = f"poses were read before the joints came to rest: links are ahead in the direction of travel ({axes})"
+    return (f"{what}, unlike with a play; wait longer before reading a pose, or import with --joints commanded",)
 
 
 def _by_angle(linear: Linearisation) -> list[Array]:

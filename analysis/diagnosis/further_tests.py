@@ -62,13 +62,17 @@ def _other_circles(rig: Rig, circle: Circle, tests: Sequence[TestName]) -> list[
             choices = [(words, _with(rig, circle, radius_mm=radius))]
             choices += [(f"{words}, {w}", _with(rig, circle, radius_mm=radius, centre_mm=at)) for w, at in places]
             found.append(
-                FurtherTest(circles, "what an angle does grows with the radius, a length's not", tuple(choices))
+                FurtherTest(
+                    circles, "the effect of an angle grows with the radius, that of a length does not", tuple(choices)
+                )
             )
     elsewhere = tuple((f"circle {words}", _with(rig, circle, centre_mm=at)) for words, at in places)
-    found.append(FurtherTest(circles, "the posture is another, and with it what each joint and link does", elsewhere))
+    found.append(FurtherTest(circles, "another posture changes the effect of each joint and link", elsewhere))
     speed = _FASTER * circle.speed_mm_s
     faster = ((f"circle at {speed:g} mm/s", _with(rig, circle, speed_mm_s=speed)),)
-    found.append(FurtherTest(circles, "what is late grows with the speed, a play or a length does not", faster))
+    found.append(
+        FurtherTest(circles, "the effect of a delay grows with the speed, that of a play or a length does not", faster)
+    )
     x, y, z = rig.robot.tool.xyz_mm
     if np.hypot(x, y) < _OFF_AXIS_MM / 2:
         tool = rig.robot.tool.model_copy(update={"xyz_mm": (x + _OFF_AXIS_MM, y, z)})

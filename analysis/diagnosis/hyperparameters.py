@@ -73,18 +73,26 @@ class Hyperparameters:
             weight[targets] = np.minimum(1.0, (_TAIL + 1) / (_TAIL + (left / scale) ** 2))
         return weight
 
-    def _energy(self, state: SelectionState, posterior: Posterior) -> tuple[Array, Array]:
-        """Return the robust energy of the residual of each band (b,), and its degrees of freedom (b,)."""
-        columns = self.columns
-        raw = posterior.background.weight * state.strength[columns.band] * posterior.residual**2
-        energy = np.asarray(np.bincount(columns.band, raw), dtype=float)
-        spent = np.einsum("bij,ji->b", columns.K, posterior.A) / state.strength
-        return energy, np.maximum(columns.count - spent, 0.25 * columns.count)
-
     def strength(self, state: SelectionState, posterior: Posterior) -> Array:
         """Return the strength (b,) of each band: that of the residual where it exceeds the noise by more than its
         price. Assumed noise, which is wide, may also be reduced."""
-        energy, free = self._energy(state, posterior)
-        ratio = np.maximum(energy / free, 1e-9)
+        energy, spent = self._energy(state, posterior)
+        free: Array = np.maximum(self.columns.count - spent / state.strength, 0.25 * self.columns.count)
+        ratio: Array = np.maximum(energy / free, 1e-9)
         gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - self._band_price
         return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self._least, 1.0))
+
+    def nearer_strength(self, state: SelectionState, posterior: Posterior) -> Array:
+        """Return the strength (b,) after a shorter step, which never makes the readings less likely (expectation
+        maximisation: Dempster, Laird and Rubin 1977)."""
+        energy, spent = self._energy(state, posterior)
+        nearer: Array = np.maximum((energy + spent) / self.columns.count, self._least)
+        return nearer
+
+    def _energy(self, state: SelectionState, posterior: Posterior) -> tuple[Array, Array]:
+        """Return, for each band (b,) and in variances of the noise, the robust energy of the residual and the energy
+        that the uncertainty of the coefficients may hide."""
+        columns = self.columns
+        raw = posterior.background.weight * state.strength[columns.band] * posterior.residual**2
+        energy = np.asarray(np.bincount(columns.band, raw), dtype=float)
+        return energy, np.einsum("bij,ji->b", columns.K, posterior.A)

@@ -44,13 +44,13 @@ def compare_with_rivals(selection: Selection, state: SelectionState) -> tuple[Se
     An effect of healthy size, or one that changes no reading, has no rivals, because it is not reported as a fault.
     """
     swapped: set[int] = set()
-    rivalries: list[RivalOdds] = []
+    compared: list[RivalOdds] = []
     for swaps_left in reversed(range(_SWAPS + 1)):
-        rivalries = []
+        compared = []
         for place in range(len(state.refined.effects)):
             is_reported = state.is_fault(place) and _moves(selection, state, place)
             one = rival_odds(selection, state, place) if is_reported else RivalOdds(1.0)
-            rivalries.append(one)
+            compared.append(one)
             if swaps_left and place not in swapped and one.rivals and one.rivals[0][1] > one.odds:
                 other = selection.select(one.rivals[0][0])
                 swapped.add(place)
@@ -59,7 +59,7 @@ def compare_with_rivals(selection: Selection, state: SelectionState) -> tuple[Se
                     break
         else:
             break
-    return state, tuple(rivalries)
+    return state, tuple(compared)
 
 
 def _moves(selection: Selection, state: SelectionState, place: int) -> bool:

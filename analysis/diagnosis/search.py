@@ -42,7 +42,7 @@ class SearchResult:
     selection: Selection
     state: SelectionState
     posterior: Posterior
-    rivalries: tuple[RivalOdds, ...]
+    rival_odds: tuple[RivalOdds, ...]
 
     @cached_property
     def contributions(self) -> list[Array]:
@@ -78,8 +78,8 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
         if float(np.sqrt(np.mean(bent**2))) < _BENT:
             break
     progress("comparing names with their rivals")
-    state, rivalries = compare_with_rivals(selection, state)
-    return SearchResult(linear, selection, state, selection.posterior(state), rivalries)
+    state, odds = compare_with_rivals(selection, state)
+    return SearchResult(linear, selection, state, selection.posterior(state), odds)
 
 
 def _first_of_each(runs: Sequence[ObservedRun]) -> list[ObservedRun]:

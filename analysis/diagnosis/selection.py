@@ -12,17 +12,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from analysis.diagnosis.background import Background, Posterior, cavity_evidence, fault_evidence, fault_sizes
-from analysis.diagnosis.columns import LARGEST_FAULT, Columns, Form
+from analysis.diagnosis.background_cache import Backgrounds
+from analysis.diagnosis.columns import LARGEST_FAULT, Columns
 from analysis.diagnosis.free_forms import FREE_PRICE, best_free_form, free_forms_of
 from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import no_effects, refine
-from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_same, order_of, size_of
+from analysis.diagnosis.selection_state import SelectionState, is_same, size_of
+from analysis.diagnosis.starting_effect import starting_effect
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, healthy_size
 from rigs.schema.effect import is_play, name_of, scaled
@@ -37,9 +38,6 @@ _ROUNDS = 40
 """Largest number of rounds; each adds or removes one effect, so it equals the largest number of effects."""
 _HEALTHY_PRICE = 6.0
 """Log evidence that a single form at healthy size must gain to be fitted. Chosen: a smaller gain changes no verdict."""
-_BETWEEN = np.linspace(-0.6, 0.6, 9)
-"""Orders tried about the order of a form, as multiples of the distance to its neighbour. They cover a little more than
-half of the distance to either side."""
 _SEEN = 4.0
 """Sigmas that the largest fault must have for its name to be testable. Chosen: below the 7 sigma at which an effect is
 detected, so that names in between are not reported as hidden."""
@@ -51,8 +49,9 @@ Chosen: foreign effects leave 50 to 500 in log evidence, and effects of the libr
 _MARGIN = 1.2
 """Factor by which a free form must explain more than the best name, because the first fit of a name is not yet at its
 optimum. Chosen."""
-_KEPT = 12
-"""Number of backgrounds that are cached, at some 8 MB each: about as many as one round of a search returns to."""
+_TRIED, _CLOSE = 3, 0.5
+"""Largest number of names that are fitted before one is added, and the share of the largest gain that the others must
+have. Chosen: each fit costs a fraction of a round."""
 _PLAY_STARTS = (0.5, 1.0, 1.9)
 """Starting widths of the fit of a play, as multiples of the width of the linear fit. Chosen: a factor of two to either
 side, since the response to a play is not linear."""
@@ -66,7 +65,7 @@ class Selection:
         self._fault_price = float(np.log(_FAULTS / max(len(columns.among), 1)))
         self._among = np.log([form.among for form in columns.forms])
         self._hyperparameters = Hyperparameters(linear, columns)
-        self._backgrounds: dict[tuple[bytes, bytes], Background] = {}
+        self._backgrounds = Backgrounds(columns)
         # With targets alone a free form follows the scatter: on poses of a UR10 it replaced names, and the rms of
         # held-out poses was 0.317 mm instead of the 0.141 mm with names alone.
         self._free = tuple(free_forms_of(linear)) if any(block.sampling for block in linear.blocks) else ()
@@ -129,33 +128,28 @@ class Selection:
         return tuple(name for name in hidden if name not in seen | named)
 
     def background(self, state: SelectionState) -> Background:
-        """Return the background of everything that is not fitted as an effect. Recent backgrounds are cached, because
-        states that differ only in the fitted sizes and shapes of the same names share one."""
-        columns = self.columns
-        variance = columns.variance(state.level)
-        fitted: dict[str, list[Effect]] = {}
-        for effect in state.refined.effects:
-            fitted.setdefault(name_of(effect), []).append(effect)
-        for form in columns.forms:
-            if any(is_same(form, effect) for effect in fitted.get(form.name, ())):
-                variance[list(form.columns)] = 0.0
-        weight = state.robust / state.strength[columns.band]
-        key = (weight.tobytes(), variance.tobytes())
-        if key in self._backgrounds:
-            self._backgrounds[key] = self._backgrounds.pop(key)
-        else:
-            self._backgrounds[key] = Background(columns, weight, variance)
-            if len(self._backgrounds) > _KEPT:
-                del self._backgrounds[next(iter(self._backgrounds))]
-        return self._backgrounds[key]
+        """Return the background of everything that is not fitted as an effect."""
+        return self._backgrounds.of(state)
 
     def _with_updated_noise(self, state: SelectionState, posterior: Posterior) -> SelectionState:
-        """Return the state with its most likely level, strengths and robust weights."""
+        """Return the state with strengths, robust weights and a level that increase its evidence.
+
+        Each is estimated with the others unchanged, so that an estimate may go too far; then a shorter step is tried,
+        and where that does not help either, nothing changes.
+        """
         hyper = self._hyperparameters
-        return replace(
-            state, level=hyper.level(state, posterior), strength=hyper.strength(state, posterior),
-            robust=hyper.robust(posterior),
-        )  # fmt: skip
+        whole, robust = self.evidence(state), hyper.robust(posterior)
+        for estimate in (hyper.strength, hyper.nearer_strength):
+            tried = replace(state, strength=estimate(state, posterior), robust=robust)
+            if (own := self.evidence(tried)) > whole:
+                state, whole = tried, own
+                break
+        level = hyper.level(state, posterior)
+        for nearer in (level, float(np.sqrt(level * state.level))):
+            tried = replace(state, level=nearer)
+            if nearer != state.level and self.evidence(tried) > whole:
+                return tried
+        return state
 
     def _backward_step(self, state: SelectionState, posterior: Posterior, sure: float) -> SelectionState | None:
         """Return the state without the effect of least evidence, if it does not cover its price, and None otherwise.
@@ -169,9 +163,12 @@ class Selection:
         rest = self.without(state, place)
         if whole >= self.evidence(rest):
             return None
-        effect = state.refined.effects[place]
-        own = {k for k, form in enumerate(self.columns.forms) if is_same(form, effect)} | {state.origins[place]}
-        return replace(rest, refused=state.refused | own)
+        return self._refusing(rest, state.refined.effects[place], state.origins[place])
+
+    def _refusing(self, state: SelectionState, effect: Effect, origin: int = -1) -> SelectionState:
+        """Return the state in which all forms of an effect, and the one it came from, are refused."""
+        own = {k for k, form in enumerate(self.columns.forms) if is_same(form, effect)} | {origin}
+        return replace(state, refused=state.refused | own)
 
     def _without_free_form(self, state: SelectionState) -> SelectionState | None:
         """Return the state without a free form if the best name in its place, or nothing, explains as much, and None
@@ -238,32 +235,48 @@ class Selection:
     ) -> tuple[SelectionState, SelectionState | None] | None:
         """Return the state with the effect of largest gain, if one covers its price, and a state with a free form
         instead, if one explains more; None if no effect covers its price."""
-        if len(state.refined.effects) >= _DEPTH:
-            return None
         gain = np.maximum(*self.gains(state, posterior))
         gain[[k for k in state.refused if k >= 0]] = -np.inf
-        k = int(np.argmax(gain))
-        if not gain[k] > 0:
+        best = self._best_names(gain)
+        if not best or len(state.refined.effects) >= _DEPTH:
             return None
-        changed = self.with_form(state, posterior, k)
-        if gain[k] < _MUCH:
-            return changed, None
+        # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
+        tried = [self.with_form(state, posterior, k) for k in best]
+        whole = self.evidence(state)
+        changed = max(tried, key=self.evidence)
+        most = float(gain[best[0]])
+        if most < _MUCH:
+            if self.evidence(changed) > whole:
+                return changed, None
+            for k in best:
+                state = self._refusing(state, self.columns.forms[k].effects[0])
+            return self._forward_step(state, posterior)
         known = state.replaced_forms | {one.form.words for one in state.free_forms}
         forms = [form for form in self._free if form.words not in known]
         if not forms:
             return self._refitted(changed), None
         free_form = best_free_form(forms, posterior)
         # A fit may be worse than its linear prediction where it moves the set-up far; the next iteration corrects that.
-        named = max(float(gain[k]), self.evidence(changed) - self.evidence(state))
+        named = max(most, self.evidence(changed) - whole)
         changed = self._refitted(changed)
         if free_form.gain < _MARGIN * named:
             return changed, None
         return changed, self._refitted(replace(state, free_forms=(*state.free_forms, free_form)))
 
+    def _best_names(self, gain: Array) -> list[int]:
+        """Return the best form of each of the few names that gain most, the best first, given the gain (n,) of each
+        form."""
+        best: dict[str, int] = {}
+        for k in np.argsort(-gain).tolist():
+            if not gain[k] > max(_CLOSE * gain.max(), 0.0) or len(best) == _TRIED:
+                break
+            best.setdefault(self.columns.forms[k].name, k)
+        return list(best.values())
+
     def with_form(self, state: SelectionState, posterior: Posterior, k: int) -> SelectionState:
         """Return the state with form k added as an effect and fitted; the other effects move along their earlier
         tangents."""
-        effect = self._starting_effect(state, posterior, self.columns.forms[k])
+        effect = starting_effect(self.linear, self.columns, posterior, self.columns.forms[k])
         # The response to a play is not proportional to its width, so a fit may end in a local minimum.
         sizes = _PLAY_STARTS if is_play(effect) else (1.0,)
         tried = [self._with_effect(state, scaled(effect, size), k) for size in sizes]
@@ -274,22 +287,6 @@ class Selection:
         effects = (*state.refined.effects, effect)
         bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
         return replace(bare, refined=refine(self.linear, self.background(bare), effects, state.refined))
-
-    def _starting_effect(self, state: SelectionState, posterior: Posterior, form: Form) -> Effect:
-        """Return a form at the size that it would have as a fault; for a wave, of the order between its neighbours that
-        explains most."""
-        effect: Any = form.effects[0]
-        if not hasattr(effect, "order"):
-            return combined_effect(form.effects, posterior.size(form))
-        near = [abs(order_of(one.effects[0]) - effect.order) for one in self.columns.forms if one.name == form.name]
-        tried = effect.order + (sorted(near)[1] if len(near) > 1 else 0.0) * _BETWEEN
-        tried = tried[tried >= min(effect.order, max(one.low for one in effect.STRETCHED))]
-        effects = [one.model_copy(update={"order": float(order)}) for order in tried for one in form.effects]
-        precision, eta = posterior.cavity(self.linear.columns(effects) / form.size)
-        pairs = [slice(2 * i, 2 * i + 2) for i in range(len(tried))]
-        sizes = [np.linalg.solve(precision[own, own] + np.eye(2) / LARGEST_FAULT**2, eta[own]) for own in pairs]
-        best = int(np.argmax([size @ eta[own] for size, own in zip(sizes, pairs, strict=True)]))
-        return combined_effect(effects[pairs[best]], np.asarray(sizes[best], dtype=float))
 
     def _refitted(self, state: SelectionState) -> SelectionState:
         """Return the state with all effects fitted together."""

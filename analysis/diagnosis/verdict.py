@@ -47,19 +47,19 @@ def named_effects(
 def _named(result: SearchResult, k: int, gain: float | None, limits: Array, gap_without_um: float) -> Named:
     """Return one name with its worth. A name that makes held-out runs worse, or that is no larger than arms of this
     level show, is not material, whatever its worth."""
-    effects, rivalry = result.state.refined.effects, result.rivalries[k]
+    effects, own_odds = result.state.refined.effects, result.rival_odds[k]
     own = worth(result.linear, result.contributions[k])
-    likely = rivalry.odds > _LIKELY and rivalry.healthy_odds < _HEALTHY
+    likely = own_odds.odds > _LIKELY and own_odds.healthy_odds < _HEALTHY
     material = result.state.is_fault(k) and own.is_material(limits) and (gain is None or gain > 0) and likely
     return Named(
-        effects[k], result.state.refined.sd(k), rivalry.odds, _rivals(rivalry), gap_without_um, effects[k].remedy(),
+        effects[k], result.state.refined.sd(k), own_odds.odds, _rivals(own_odds), gap_without_um, effects[k].remedy(),
         own.whole_um, material, gain,
     )  # fmt: skip
 
 
-def _rivals(rivalry: RivalOdds) -> tuple[Rival, ...]:
+def _rivals(own_odds: RivalOdds) -> tuple[Rival, ...]:
     found = []
-    for tried, odds in rivalry.rivals:
+    for tried, odds in own_odds.rivals:
         effects = tried.refined.effects
         found.append(Rival(effects[-1], tried.refined.sd(len(effects) - 1), odds))
     return tuple(rival for rival in found if rival.posterior > 1e-4)

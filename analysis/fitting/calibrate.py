@@ -44,7 +44,7 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import is_wave
 
-_ROUNDS, _SETTLED = 8, 0.02
+_ROUNDS, _CONVERGED = 8, 0.02
 """Largest number of rounds of fitting and weighting, and the relative change of a level or noise below which they end.
 Chosen: 2 % of a standard deviation changes no decision."""
 _WORSE = 1.01
@@ -222,7 +222,7 @@ def _converged(
         better = updated_weighting(weighting, after, observations)
         change, weighting = relative_change(weighting, better), better
         after = fit(model, observations, free, setups, weighting, near=after)
-        if change < _SETTLED:
+        if change < _CONVERGED:
             break
     return after, weighting
 

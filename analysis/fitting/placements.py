@@ -65,7 +65,7 @@ def split_by_frame(
                 found[k] = replace(found[k], setup=f"{setup}, frame {number}")
         if len(frames) > 1:
             runs = "; ".join(", ".join(names[k] for k in frame) for frame in frames)
-            what = f"runs of {setup} do not stand in one frame: fitted as {len(frames)} placements ({runs})"
+            what = f"runs of {setup} do not share one frame: fitted as {len(frames)} placements ({runs})"
             messages.append(f"{what}, which rig relabel --placement can name")
     return found, messages
 

@@ -37,7 +37,7 @@ _MOST_LEVERAGE = 0.9
 own noise."""
 SOUND = 0.5
 """Soundness below which a reading is wild: equal odds."""
-_TURNS, _SETTLED = 50, 1e-3
+_TURNS, _CONVERGED = 50, 1e-3
 """Largest number of iterations of the levels, and the relative change below which they end. Chosen: far below the
 uncertainty of a level."""
 
@@ -174,7 +174,7 @@ def _spread(design: Array, values: Array, weighting: Weighting, kinds: Sequence[
             own = [k for k, other in enumerate(kinds) if other == kind]
             level = float(np.sqrt((mean[own] ** 2).sum() / max(float(determined[own].sum()), 1e-9)))
             spread[own] = min(max(level, LEVELS[0]), LEVELS[1])
-        settled = np.abs(np.log(spread / before)).max() < _SETTLED
-        if settled:
+        converged = np.abs(np.log(spread / before)).max() < _CONVERGED
+        if converged:
             break
     return spread

@@ -31,7 +31,7 @@ def _ahead(reported: Array) -> Diagnosis:
 
 
 def _reported(found: Diagnosis) -> dict[int, float]:
-    said = [doubt for doubt in found.doubts if "before the joints stood" in doubt]
+    said = [doubt for doubt in found.doubts if "before the joints came to rest" in doubt]
     return {int(axis): float(size) for axis, size in re.findall(r"axis (\d) by ([\d.]+)", said[0])} if said else {}
 
 

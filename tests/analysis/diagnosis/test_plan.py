@@ -50,9 +50,9 @@ def test_80_columns_hold_every_size_of_the_table_of_joints_whole(circle_alone: P
         console.print(as_table(circle_alone))
     joints = shown.get().partition("joints and links")[2].partition("the rest")[0]
     assert "…" not in joints
-    for sight in circle_alone.detectabilities:
-        if sight.name.startswith(("joint_offset", "backlash")) and not sight.hidden:
-            assert f"{sight.limit:.2g}" in joints, sight.name
+    for one in circle_alone.detectabilities:
+        if one.name.startswith(("joint_offset", "backlash")) and not one.hidden:
+            assert f"{one.limit:.2g}" in joints, one.name
 
 
 def _parted(rig: Rig, effects: Sequence[Effect], tests: Sequence[TestName]) -> tuple[SeparatingTest, ...]:
@@ -95,8 +95,8 @@ def test_a_fit_agrees_that_the_one_stands_in_for_the_other_on_one_circle_and_not
 
 
 def test_what_the_set_up_takes_up_and_what_does_nothing_is_listed_with_the_reason(circle_alone: Plan) -> None:
-    hidden = {sight.name: sight for sight in circle_alone.hidden}
-    assert "set-up takes it up" in hidden["joint_offset 1"].hidden
+    hidden = {one.name: one for one in circle_alone.hidden}
+    assert "set-up absorbs it" in hidden["joint_offset 1"].hidden
     assert hidden["compliance 1"].hidden == "gravity does not load axis 1"
     assert "healthy arm" in hidden["time_lag"].hidden
     assert "axis 6" in hidden["compliance 6"].hidden
@@ -112,11 +112,11 @@ def test_neighbours_that_are_one_thing_are_parted_by_no_test(circle_alone: Plan)
 
 def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs() -> None:
     few, many = plan(NO_CIRCLE, ("radial",), runs=1), plan(NO_CIRCLE, ("radial",), runs=4)
-    seen = {sight.name: sight for sight in many.detectabilities}
-    for sight in few.detectabilities:
-        if np.isfinite(sight.sd):
+    seen = {one.name: one for one in many.detectabilities}
+    for one in few.detectabilities:
+        if np.isfinite(one.sd):
             # What a healthy arm shows of everything else is there in each run.
-            assert 0.99 < sight.sd / seen[sight.name].sd < 2.01, sight.name
+            assert 0.99 < one.sd / seen[one.name].sd < 2.01, one.name
     zero = seen["joint_offset 3"]
     assert zero.limit == pytest.approx(7 * zero.sd) and zero.sd < 0.02
 
@@ -147,7 +147,7 @@ def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fa
 
 
 def test_the_ball_off_the_axis_is_what_shows_axis_6(circle_alone: Plan) -> None:
-    (spike,) = (sight for sight in circle_alone.hidden if sight.name == "reversal_spike 6")
+    (spike,) = (one for one in circle_alone.hidden if one.name == "reversal_spike 6")
     assert spike.further[0].test == "circle with the ball 40 mm off axis 6"
 
 

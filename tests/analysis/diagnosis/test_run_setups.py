@@ -41,7 +41,7 @@ def test_without_a_start_the_ball_is_found_from_the_rig_file() -> None:
     assert rms(left) < 0.005
 
 
-def test_effects_are_in_the_model_that_is_settled() -> None:
+def test_effects_are_in_the_model_whose_set_up_is_fitted() -> None:
     effect = Backlash(axis=1, width_deg=0.05)
     runs = seen(circles((effect,), seed=4, count=1))
     without, within = (rms(fit_run_setups(with_effects(runs, effects))[1]) for effects in ((), (effect,)))
