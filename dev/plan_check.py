@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from analysis.diagnosis.foresight import Foresight
-from analysis.diagnosis.planned import planned
+from analysis.diagnosis.expected_posterior import ExpectedPosterior
+from analysis.diagnosis.planned_runs import planned_blocks
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from rigs.effects import healthy_size
 from rigs.load import load
@@ -69,12 +69,12 @@ def main() -> None:
     for robot, faults in FAULTS.items():
         if given.rig not in (None, robot):
             continue
-        foresight = Foresight(*planned(load(robot)[0].model_copy(update={"effects": ()}), TESTS, 3))
+        expected = ExpectedPosterior(*planned_blocks(load(robot)[0].model_copy(update={"effects": ()}), TESTS, 3))
         for fault in faults:
             if not fault.name.startswith(given.name or ""):
                 continue
-            size = max(TIMES * healthy_of(fault.effect, fault.keys), SIGMAS * foretold(foresight, fault))
-            u = foretold(foresight, fault, size)
+            size = max(TIMES * healthy_of(fault.effect, fault.keys), SIGMAS * foretold(expected, fault))
+            u = foretold(expected, fault, size)
             seeds = range(given.seed, given.seed + given.count)
             cases = [tried(robot, fault.sized(size), u, seed) for seed in seeds]
             everything += cases
@@ -82,15 +82,15 @@ def main() -> None:
     told("all", float("nan"), everything)
 
 
-def foretold(foresight: Foresight, fault: Fault, size: float | None = None) -> float:
+def foretold(expected: ExpectedPosterior, fault: Fault, size: float | None = None) -> float:
     """The plan's standard uncertainty of the size of a fault; of a gear at the nearest order that it looks at."""
-    forms = [one for one in foresight.candidates if one.name == fault.name]
+    forms = [one for one in expected.candidates if one.name == fault.name]
     order = fault.shape.get("order", 0.0)
     near = [abs(getattr(one.effect, "order", order) - order) for one in forms]
     own = [one for one, away in zip(forms, near, strict=True) if away == min(near)]
     one = own[len(own) // 2]
     healthy = healthy_size(one.effect)
-    return foresight.sd(one, size and size / healthy) * healthy
+    return expected.sd(one, size and size / healthy) * healthy
 
 
 def tried(robot: str, fault: Fault, u: float, seed: int) -> Case:

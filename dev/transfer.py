@@ -11,7 +11,7 @@ import numpy as np
 
 from analysis.fitting.calibrate import calibrate
 from analysis.fitting.observation import Observation, observe, residuals_of, rms
-from analysis.fitting.setups import settled
+from analysis.fitting.setups import fit_setups
 from analysis.model.predict import model_of
 from analysis.traces.tables import PoseTable
 from rigs.load import load
@@ -90,10 +90,10 @@ def judged(trial: Trial, name: str, seed: int) -> tuple[float, ...]:
     peer = least_squares_fit(arm.arm, train, trial.fit)
     found = calibrate(rig, [_observed(rig, train)], [_observed(rig, test)], trial.fit)
     there = replace(_observed(rig, far), setup="elsewhere")
-    ours = rms(residuals_of(found.after.model, [there], settled([(found.after.model, there)])))
+    ours = rms(residuals_of(found.after.model, [there], fit_setups([(found.after.model, there)])))
     held_out = peer.held_out_mm(arm.arm, test, again=False)
     mm = (found.before_mm[1], held_out, found.after_mm[1], peer.held_out_mm(arm.arm, far, again=True), ours)
-    return (*(1e3 * value for value in mm), found.told_apart)
+    return (*(1e3 * value for value in mm), found.identified_combinations)
 
 
 def _seen(arm: Cell, name: str, rng: np.random.Generator, half_deg: tuple[float, ...]) -> Seen:

@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from ur10 import DATA, FIT, read
 
-from analysis.diagnosis.look import Look, looked
 from analysis.diagnosis.neighbourhoods import without_a_fold
-from analysis.diagnosis.observed import Seen, see
-from analysis.diagnosis.proof import gap
-from analysis.diagnosis.verdict import names_of
+from analysis.diagnosis.observed_run import ObservedRun, observe_run
+from analysis.diagnosis.search import SearchResult, search
+from analysis.diagnosis.validation import gap
+from analysis.diagnosis.verdict import named_effects
 from analysis.diagnosis.worth import limits_um, worth
 from analysis.fitting.calibrate import calibrate
 from analysis.fitting.estimate import fit
@@ -34,18 +34,18 @@ LISTED = 12
 """Healthy shares that are printed, the most worth first."""
 
 
-def material(look: Look, seen: Seen) -> list[tuple[str, float]]:
+def material(look: SearchResult, seen: ObservedRun) -> list[tuple[str, float]]:
     """Material names, each with what it is worth in µm."""
-    found = names_of(look, [seen], [None] * len(look.state.refined.effects), limits_um(look.linear, None))
+    found = named_effects(look, [seen], [None] * len(look.state.refined.effects), limits_um(look.linear, None))
     return [(label_of(one.effect), one.worth_um) for one in found if one.material]
 
 
-def shares_of(look: Look) -> list[tuple[str, float]]:
+def shares_of(look: SearchResult) -> list[tuple[str, float]]:
     """What a healthy arm's share of each name is worth in µm, the most first."""
     columns: dict[str, list[int]] = {}
-    for form in look.naming.columns.forms:
+    for form in look.selection.columns.forms:
         columns.setdefault(form.name, []).extend(form.columns)
-    X, mean = look.naming.columns.X, look.posterior.mean
+    X, mean = look.selection.columns.X, look.posterior.mean
     own = [(name, worth(look.linear, X[:, cols] @ mean[cols]).whole_um) for name, cols in columns.items()]
     return sorted(own, key=lambda one: -one[1])
 
@@ -56,7 +56,7 @@ def told(pairs: list[tuple[str, float]]) -> str:
 
 def judged(rig: Rig, table: PoseTable, series: str, folds: int, only: int) -> None:
     """Every fold of a series, told line by line."""
-    seen = see(model_of(rig), table, f"series {series}")
+    seen = observe_run(model_of(rig), table, f"series {series}")
     print(f"series {series.upper()}: {len(table.q)} poses", flush=True)
     rows: list[tuple[int, float, float, float]] = []
     names: Counter[str] = Counter()
@@ -64,7 +64,7 @@ def judged(rig: Rig, table: PoseTable, series: str, folds: int, only: int) -> No
         begin = time.perf_counter()
         (used,), (left_out,) = without_a_fold([seen], folds, k)
         plain = calibrate(rig, [used.one], [left_out.one], FIT)
-        look = looked([used], lambda doing: None)
+        look = search([used], lambda doing: None)
         after = gap([left_out], look, [series])
         rows.append((len(left_out.one.rows), plain.before_mm[1], plain.after_mm[1], 1e-3 * after.calibrated_um))
         own = material(look, used)
@@ -84,14 +84,14 @@ def judged(rig: Rig, table: PoseTable, series: str, folds: int, only: int) -> No
 def whole(rig: Rig, table: PoseTable, series: str, others: dict[str, PoseTable]) -> None:
     """From a whole series; the frozen models on the other series, set-up fitted: months apart."""
     begin = time.perf_counter()
-    seen = see(model_of(rig), table, f"series {series}")
-    look = looked([seen], lambda doing: None)
+    seen = observe_run(model_of(rig), table, f"series {series}")
+    look = search([seen], lambda doing: None)
     print(f"  of the whole series, {time.perf_counter() - begin:.0f} s: material names {told(material(look, seen))}")
     print(f"  a healthy arm's share of everything, at {look.state.level:.2f} times its size: "
           f"{told(shares_of(look)[:LISTED])}")  # fmt: skip
     plain = calibrate(rig, [seen.one], [], FIT).after.model.effects
     for name, other in others.items():
-        there = see(model_of(rig), other, f"series {name}")
+        there = observe_run(model_of(rig), other, f"series {name}")
         figures = [fit(model_of(rig, effects), [there.one]).rms_mm for effects in ((), plain)]
         after = gap([there], look, [name])
         print(

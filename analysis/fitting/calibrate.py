@@ -1,6 +1,6 @@
-"""Calibration: known effects estimated from runs, judged on readings that had no part in it.
+"""Calibration: known effects are estimated from runs and judged on readings that were not used.
 
-choose the effects  →  fit and weigh by turns  →  what was told apart  →  before and after, seen and unseen
+choice of effects → fitting and weighting in turn → identifiability → residuals before and after, used and held out
 """
 
 from __future__ import annotations
@@ -12,16 +12,29 @@ from typing import Any
 
 import numpy as np
 
-from analysis.fitting.choice import chosen
-from analysis.fitting.covered import JointRange, beyond, joints_covered
-from analysis.fitting.estimate import Fit, Free, fit, sizes
-from analysis.fitting.identify import Together, combinations, mixed, name_of, seen
+from analysis.fitting.effect_choice import parse_effects
+from analysis.fitting.estimate import Fit, FreeParameter, fit, sizes
+from analysis.fitting.identifiability import (
+    WeakParameter,
+    identified,
+    identified_combinations,
+    parameter_label,
+    weak_parameters,
+)
+from analysis.fitting.joint_coverage import JointRange, joints_covered, outside_coverage
 from analysis.fitting.observation import Observation, residuals_of, rms
-from analysis.fitting.placements import observed, parted, with_enough
+from analysis.fitting.placements import observe_runs, split_by_frame, with_enough_readings
 from analysis.fitting.run_noise import Repeats, repeats_of
 from analysis.fitting.split import split
-from analysis.fitting.uncertainty import Scatter, covariance
-from analysis.fitting.weighing import SOUND, Weighing, apart, begun, renewed, resolution
+from analysis.fitting.uncertainty import RunScatter, covariance
+from analysis.fitting.weighting import (
+    SOUND,
+    Weighting,
+    initial_weighting,
+    relative_change,
+    resolution,
+    updated_weighting,
+)
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, model_of
 from analysis.traces.loading import Measured
@@ -29,21 +42,20 @@ from analysis.traces.tables import PoseTable
 from rigs.effects import VOCABULARY, Effect, healthy_size, size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.effect import identity, is_wave
+from rigs.schema.effect import is_wave
 
-_ANY_PHASE_DEG = 180.0 / np.sqrt(3)
-"""Standard uncertainty of a phase of which nothing is known."""
-_ROUNDS, _SETTLED = 8, 0.02
-"""Turns of fitting and weighing, and the relative change of a level or noise that matters no more."""
-_CORRELATED = 0.05
-"""Less is not kept."""
+_ROUNDS, _CONVERGED = 8, 0.02
+"""Largest number of rounds of fitting and weighting, and the relative change of a level or noise below which they end.
+Chosen: 2 % of a standard deviation changes no decision."""
 _WORSE = 1.01
-"""By so little a fit may be worse than none, where there is nothing to gain: each stops near its end only."""
+"""Factor by which a fit may be worse than none. Chosen: where nothing can be gained, both fits stop only near their
+optimum."""
 
 
 @dataclass(frozen=True)
 class SetUpNoise:
-    """sd_mm: what a reading counts with; repeats: what visits of one place differ by, None where there are none."""
+    """The noise of a set-up: `sd_mm` is the standard deviation that weights a reading, `repeats` the scatter of visits
+    of one place, None where there are none."""
 
     sd_mm: float
     repeats: Repeats | None
@@ -51,22 +63,27 @@ class SetUpNoise:
 
 @dataclass(frozen=True)
 class Calibration:
-    """known: the model begun with; covariance (p, p) of the fitted parameters in their own units, with the scatter from
-    run to run; weighing: noise and wild readings of each observation, levels of all parameters that were asked for;
-    noise by set-up; gauges: whether any run is of gauges; told_apart: how many combinations of the parameters the
-    readings tell; mixed: parameters that do not stand by themselves; covered: where the joints were in the readings
-    used; doubts in words; before_mm, after_mm: rms on the sound readings used and on those left out (nan: none)."""
+    """The result of a calibration.
+
+    `known` is the initial model. `covariance` (p, p) of the fitted parameters is in their own units and includes the
+    scatter between runs. `weighting` has the noise and wild readings of each observation and the levels of all
+    requested parameters; `noise` is listed by set-up. `gauges` states whether any run has gauges.
+    `identified_combinations` counts the combinations of parameters that the readings determine, and `weak_parameters`
+    lists parameters that they do not determine by themselves. `covered` has the range of each joint in the readings
+    used. `before_mm` and `after_mm` are the rms on the sound readings used and on those held out (NaN where there are
+    none).
+    """
 
     known: Model
     before: Fit
     after: Fit
     covariance: Array
-    scatter: Scatter
-    weighing: Weighing
+    scatter: RunScatter
+    weighting: Weighting
     noise: dict[str, SetUpNoise]
     gauges: bool
-    told_apart: int
-    mixed: list[Together]
+    identified_combinations: int
+    weak_parameters: list[WeakParameter]
     covered: tuple[JointRange, ...]
     doubts: tuple[str, ...]
     before_mm: tuple[float, float]
@@ -83,24 +100,25 @@ def calibrate_runs(
     groups: bool,
     seed: int,
 ) -> Calibration:
-    """Fit the effects that `words` choose, on top of those of the rig.
+    """Return the calibration of the effects that `words` choose, on top of those of the rig; readings are (m, k) mm.
 
-    Judged on the runs `judges` and on a share of the readings of each run. Runs that cannot be one frame have a set-up
-    each, by the model begun with and, where this was too far off to say, by the one found. Raises FileError.
+    It is judged on the runs `judges` and on a share of the readings of each run. Runs that cannot share one frame get a
+    set-up each, first by the initial model and, where that was too inaccurate, by the fitted one. Raises FileError.
     """
     names = [run.run.manifest.name for run in (*runs, *judges)]
-    whole, told = parted(model_of(rig), observed(rig, [*runs, *judges]), names)
+    whole, doubts = split_by_frame(model_of(rig), observe_runs(rig, [*runs, *judges]), names)
     found = _halved(rig, whole, len(runs), words, share=share, groups=groups, seed=seed)
-    again, more = parted(found.after.model, whole, names)
+    again, more = split_by_frame(found.after.model, whole, names)
     if more:
         found = _halved(rig, again, len(runs), words, share=share, groups=groups, seed=seed)
-    return replace(found, doubts=(*told, *more, *found.doubts))
+    return replace(found, doubts=(*doubts, *more, *found.doubts))
 
 
 def _halved(
     rig: Rig, whole: Sequence[Observation], runs: int, words: str, *, share: float, groups: bool, seed: int
 ) -> Calibration:
-    """Calibrated with the first `runs` observations, a share of their readings and the other observations left out."""
+    """Return the calibration from the first `runs` observations, with a share of their readings and all other
+    observations held out."""
     used, left_out = list(whole[:runs]), list(whole[runs:])
     if share:
         halves = [split(one, share, groups, seed) for one in used]
@@ -111,10 +129,11 @@ def _halved(
 def calibrate(
     rig: Rig, observations: Sequence[Observation], left_out: Sequence[Observation], words: str
 ) -> Calibration:
-    """Fit the chosen effects on top of those in the rig file. Raises FileError where none can be fitted."""
+    """Return the calibration of the chosen effects on top of those in the rig file, from readings (m, k) mm. Raises
+    FileError where none can be fitted."""
     known = model_of(rig)
-    wanted = chosen(words)
-    enough, too_few = with_enough(observations)
+    wanted = parse_effects(words)
+    enough, too_few = with_enough_readings(observations)
     observations = [observations[k] for k in enough]
     before = fit(known, observations)
     model = replace(known, effects=(*known.effects, *wanted))
@@ -123,17 +142,17 @@ def calibrate(
         for one in sizes(model.effects)
         if one.effect >= len(known.effects)
     ]
-    after, weighing = _converged(model, observations, free, before.setups)
-    answer = resolution(after.design, weighing.spread)
-    names = [name_of(model.effects[one.effect], one.field) for one in free]
-    kept = seen(answer)
+    after, weighting = _converged(model, observations, free, before.setups)
+    answer = resolution(after.design, weighting.spread)
+    names = [parameter_label(model.effects[one.effect], one.field) for one in free]
+    kept = identified(answer)
     if not kept:
-        raise FileError("--fit", "these runs show none of the chosen effects", "choose others, or measure another test")
+        raise FileError("--fit", "these runs do not show any of the chosen effects", "choose others or another test")
     if len(kept) < len(free):
-        after = _without_the_unseen(after, weighing, observations, kept, before.setups)
-    if _energy(after, weighing) > _WORSE * _energy(before, weighing):
+        after = _without_the_unseen(after, weighting, observations, kept, before.setups)
+    if _energy(after, weighting) > _WORSE * _energy(before, weighting):
         raise FileError("--fit", "the fit did not converge", "choose fewer effects")
-    known_to, scatter = covariance(after, observations, _of(weighing, kept), _background(wanted))
+    known_to, scatter = covariance(after, observations, _of(weighting, kept), _background(wanted))
     covered = joints_covered(observations)
     return Calibration(
         known=known,
@@ -141,24 +160,24 @@ def calibrate(
         after=after,
         covariance=known_to,
         scatter=scatter,
-        weighing=weighing,
-        noise=_noise_of(observations, weighing, after),
+        weighting=weighting,
+        noise=_noise_of(observations, weighting, after),
         gauges=any(not isinstance(one.table, PoseTable) for one in observations),
-        told_apart=combinations(answer),
-        mixed=mixed(answer, names),
+        identified_combinations=identified_combinations(answer),
+        weak_parameters=weak_parameters(answer, names),
         covered=covered,
-        doubts=(*too_few, *_doubts(observations, left_out, weighing, covered)),
-        before_mm=(_sound_rms(before, observations, weighing), _judged(before, left_out)),
-        after_mm=(_sound_rms(after, observations, weighing), _judged(after, left_out)),
+        doubts=(*too_few, *_doubts(observations, left_out, weighting, covered)),
+        before_mm=(_sound_rms(before, observations, weighting), _judged(before, left_out)),
+        after_mm=(_sound_rms(after, observations, weighting), _judged(after, left_out)),
     )
 
 
 def _background(wanted: Sequence[Effect]) -> list[Effect]:
-    """What a healthy arm has of every effect that is not among those wanted, as far as its places can be listed."""
+    """Return every effect that is not requested at its healthy size, as far as its places can be listed."""
     asked, found = {_place(one) for one in wanted}, []
     for name in VOCABULARY:
         with suppress(FileError):
-            found += [one for one in chosen(name) if _place(one) not in asked]
+            found += [one for one in parse_effects(name) if _place(one) not in asked]
     return [one.model_copy(update={size_field(one): healthy_size(one)}) for one in found]
 
 
@@ -166,21 +185,21 @@ def _place(effect: Effect) -> str:
     return repr(effect.model_copy(update={size_field(effect): 0.0}))
 
 
-def _noise_of(observations: Sequence[Observation], weighing: Weighing, after: Fit) -> dict[str, SetUpNoise]:
+def _noise_of(observations: Sequence[Observation], weighting: Weighting, after: Fit) -> dict[str, SetUpNoise]:
     repeats = repeats_of(observations, after.residuals)
-    sd_mm = {one.setup: noise for one, noise in zip(observations, weighing.noise_mm, strict=True)}
+    sd_mm = {one.setup: noise for one, noise in zip(observations, weighting.noise_mm, strict=True)}
     return {setup: SetUpNoise(noise, repeats.get(setup)) for setup, noise in sd_mm.items()}
 
 
 def _doubts(
     observations: Sequence[Observation],
     left_out: Sequence[Observation],
-    weighing: Weighing,
+    weighting: Weighting,
     covered: Sequence[JointRange],
 ) -> list[str]:
-    """What a person should know before the result is used."""
+    """Return what a person should know before the result is used."""
     wild: dict[str, tuple[int, int]] = {}
-    for one, count in zip(observations, weighing.wild, strict=True):
+    for one, count in zip(observations, weighting.wild, strict=True):
         left, whole = wild.get(one.setup, (0, 0))
         wild[one.setup] = left + count, whole + len(one.rows)
     found = [
@@ -188,119 +207,61 @@ def _doubts(
     ]
     if left_out:
         judged = np.concatenate([one.table.q[one.rows] for one in left_out])
-        found += beyond(covered, judged, "the model")
+        found += outside_coverage(covered, judged, "the model")
     return found
 
 
 def _converged(
-    model: Model, observations: Sequence[Observation], free: Sequence[Free], setups: dict[str, SetUp]
-) -> tuple[Fit, Weighing]:
-    """Fitted and weighed by turns, until neither noise nor levels nor what is wild changes."""
-    weighing = begun(observations, len(free))
-    after = fit(model, observations, free, setups, weighing)
+    model: Model, observations: Sequence[Observation], free: Sequence[FreeParameter], setups: dict[str, SetUp]
+) -> tuple[Fit, Weighting]:
+    """Return the fit and the weighting that follow from each other, found in turn until neither the noise, the levels
+    nor the wild readings change."""
+    weighting = initial_weighting(observations, len(free))
+    after = fit(model, observations, free, setups, weighting)
     for _ in range(_ROUNDS):
-        better = renewed(weighing, after, observations)
-        change, weighing = apart(weighing, better), better
-        after = fit(model, observations, free, setups, weighing, near=after)
-        if change < _SETTLED:
+        better = updated_weighting(weighting, after, observations)
+        change, weighting = relative_change(weighting, better), better
+        after = fit(model, observations, free, setups, weighting, near=after)
+        if change < _CONVERGED:
             break
-    return after, weighing
+    return after, weighting
 
 
 def _without_the_unseen(
-    after: Fit, weighing: Weighing, observations: Sequence[Observation], kept: Sequence[int], setups: dict[str, SetUp]
+    after: Fit, weighting: Weighting, observations: Sequence[Observation], kept: Sequence[int], setups: dict[str, SetUp]
 ) -> Fit:
+    """Return the fit of the identified parameters alone, with all others at zero."""
     effects: list[Any] = list(after.model.effects)
     for k, one in enumerate(after.free):
         if k not in kept:
             effects[one.effect] = effects[one.effect].model_copy(update={one.field: 0.0})
     model = replace(after.model, effects=tuple(effects))
-    return fit(model, observations, [after.free[k] for k in kept], setups, _of(weighing, kept))
+    return fit(model, observations, [after.free[k] for k in kept], setups, _of(weighting, kept))
 
 
-def _of(weighing: Weighing, kept: Sequence[int]) -> Weighing:
-    """The weighing of some of the parameters."""
-    return replace(weighing, spread=weighing.spread[list(kept)])
+def _of(weighting: Weighting, kept: Sequence[int]) -> Weighting:
+    """Return the weighting of some of the parameters."""
+    return replace(weighting, spread=weighting.spread[list(kept)])
 
 
-def _energy(found: Fit, weighing: Weighing) -> float:
-    """Of the weighed residuals, and a little: two fits that leave nothing are alike."""
-    return sum(float((part**2).sum()) for part in weighing.weighed(found.residuals)) + 1.0
+def _energy(found: Fit, weighting: Weighting) -> float:
+    """Return the energy of the weighted residuals plus one, so that two fits without residual compare as equal."""
+    return sum(float((part**2).sum()) for part in weighting.weighted(found.residuals)) + 1.0
 
 
-def _sound_rms(found: Fit, observations: Sequence[Observation], weighing: Weighing) -> float:
-    """Of the readings that are not wild."""
+def _sound_rms(found: Fit, observations: Sequence[Observation], weighting: Weighting) -> float:
+    """Return the rms in mm of the readings that are not wild."""
     return rms([
         residual[sound.min(axis=1) >= SOUND]
-        for residual, sound in zip(residuals_of(found.model, observations, found.setups), weighing.sound, strict=True)
+        for residual, sound in zip(residuals_of(found.model, observations, found.setups), weighting.sound, strict=True)
     ])  # fmt: skip
 
 
 def _judged(found: Fit, left_out: Sequence[Observation]) -> float:
-    """Of the readings left out; the set-up of a test not used is fitted, the effects are not."""
+    """Return the rms in mm of held-out readings; the set-up of a test that was not used is fitted, the effects
+    are not."""
     if not left_out:
         return float("nan")
     others = [one for one in left_out if one.setup not in found.setups]
     setups = found.setups | (fit(found.model, others).setups if others else {})
     return rms(residuals_of(found.model, left_out, setups))
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """An effect as it came out, with the standard uncertainty of each parameter, in its own unit, and the correlation
-    of its size with those of others and what looks like it, by name; of waves neither is kept."""
-
-    effect: Effect
-    sd: dict[str, float]
-    correlation: dict[str, float]
-    together: tuple[str, ...]
-
-
-def fitted_effects(calibration: Calibration) -> list[Fitted]:
-    """The effects that were fitted; the two halves of a wave as one, with amplitude and phase."""
-    after = calibration.after
-    places = {one.effect: k for k, one in enumerate(after.free)}
-    found: list[Fitted] = []
-    waves: dict[Effect, list[int]] = {}
-    for effect, k in places.items():
-        one = after.free[k]
-        if one.signed:
-            waves.setdefault(identity(after.model.effects[effect]), []).append(effect)
-        else:
-            sd = {one.field: float(np.sqrt(calibration.covariance[k, k]))}
-            name = name_of(after.model.effects[effect], one.field)
-            like = next((mix.like for mix in calibration.mixed if mix.what == name), ())
-            found.append(Fitted(after.model.effects[effect], sd, _correlation(calibration, k), like))
-    return found + [_whole(calibration, halves, places) for halves in waves.values()]
-
-
-def _correlation(calibration: Calibration, k: int) -> dict[str, float]:
-    """Of one parameter with the others, as far as it matters."""
-    after, sd = calibration.after, np.sqrt(np.diag(calibration.covariance))
-    return {
-        name_of(after.model.effects[one.effect], one.field): float(share)
-        for j, (one, share) in enumerate(zip(after.free, calibration.covariance[k] / (sd[k] * sd), strict=True))
-        if j != k and not one.signed and abs(share) > _CORRELATED
-    }
-
-
-def _whole(calibration: Calibration, halves: Sequence[int], places: dict[int, int]) -> Fitted:
-    """A sin(x) + B cos(x) as amplitude and phase, by linear propagation; one half alone keeps its phase."""
-    after = calibration.after
-    effects: list[Any] = [after.model.effects[k] for k in halves]
-    rows = [places[k] for k in halves]
-    angle = np.radians([effect.phase_deg for effect in effects])
-    field = after.free[rows[0]].field
-    part = np.array([getattr(effect, field) for effect in effects])
-    sine, cosine = float(part @ np.cos(angle)), float(part @ np.sin(angle))
-    amplitude = float(np.hypot(sine, cosine))
-    to_parts = np.stack([np.cos(angle), np.sin(angle)])
-    spread = to_parts @ calibration.covariance[np.ix_(rows, rows)] @ to_parts.T
-    along = np.array([sine, cosine]) / max(amplitude, 1e-300)
-    across = np.array([-along[1], along[0]])
-    sd = {field: float(np.sqrt(along @ spread @ along))}
-    if len(halves) == 2:
-        turned = np.degrees(np.sqrt(across @ spread @ across) / max(amplitude, 1e-300))
-        sd["phase_deg"] = float(min(turned, _ANY_PHASE_DEG))
-    phase = float(np.degrees(np.arctan2(cosine, sine)))
-    return Fitted(effects[0].model_copy(update={field: amplitude, "phase_deg": phase}), sd, {}, ())

@@ -29,7 +29,7 @@ from analysis.measures.iso_figures import RP_VISITS, rp
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.scatter_figures import of_scatter
-from analysis.noise.cell import TARGET_MM, Between
+from analysis.noise.cell import TARGET_MM, LogUniform
 from analysis.noise.spectrum import DRAWS
 from analysis.noise.target_scatter import Scatter, scatter_of
 from analysis.traces.tables import PoseTable
@@ -151,7 +151,7 @@ def _noise(
     group: NDArray[np.int64],
     again: NDArray[np.int64],
     u: float,
-    stops: Between | None = None,
+    stops: LogUniform | None = None,
 ) -> Array:
     """Draws (m, n, 3) of the noise of all rows: of their own group's scatter, of any group's where it has none; where
     no group shows any, of the instrument's u and of a robot that stops as real ones do."""

@@ -12,8 +12,9 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.fitting.calibrate import Calibration, fitted_effects
-from analysis.fitting.identify import name_of
+from analysis.fitting.calibrate import Calibration
+from analysis.fitting.fitted_effects import fitted_effects
+from analysis.fitting.identifiability import parameter_label
 from analysis.reporting.extended_rig import with_origin, write_extended
 from analysis.reporting.parameters import quantity_of
 from analysis.reporting.wide_tables import whole
@@ -26,7 +27,7 @@ def as_table(found: Calibration) -> RenderableType:
     table.add_column("value", justify="right")
     for one in fitted_effects(found):
         for field in one.sd:
-            table.add_row(name_of(one.effect, field), str(quantity_of(one.effect, field, one.sd)))
+            table.add_row(parameter_label(one.effect, field), str(quantity_of(one.effect, field, one.sd)))
     gap = Table(title="unexplained, rms in µm", title_style="dim", header_style="bold")
     for heading in ("", "before", "after"):
         gap.add_column(heading, justify="right" if heading else "left")
@@ -36,15 +37,16 @@ def as_table(found: Calibration) -> RenderableType:
         if not math.isnan(before):
             gap.add_row(name, f"{before * 1e3:.1f}", f"{after * 1e3:.1f}")
     told = Text(
-        f"{found.told_apart} combinations of {_asked(found)} parameters are told by these readings", style="dim"
+        f"{found.identified_combinations} combinations of {_asked(found)} parameters are told by these readings",
+        style="dim",
     )
-    mixed = [Text(str(one), style="yellow") for one in found.mixed]
+    weak_parameters = [Text(str(one), style="yellow") for one in found.weak_parameters]
     doubts = [Text(doubt, style="yellow") for doubt in found.doubts]
-    return Group(whole(table), whole(gap), *doubts, told, *mixed, *_of_noise(found), _of_joints(found))
+    return Group(whole(table), whole(gap), *doubts, told, *weak_parameters, *_of_noise(found), _of_joints(found))
 
 
 def _asked(found: Calibration) -> int:
-    return len(found.weighing.spread)
+    return len(found.weighting.spread)
 
 
 def _of_joints(found: Calibration) -> Text:
@@ -80,8 +82,8 @@ def as_object(found: Calibration) -> dict[str, Any]:
         "covariance": found.covariance.tolist(),
         "scatter": asdict(found.scatter),
         "noise": {setup: asdict(noise) for setup, noise in found.noise.items()},
-        "told_apart": {"asked": _asked(found), "told": found.told_apart},
-        "mixed": [{"what": one.what, "like": list(one.like), "share": one.share} for one in found.mixed],
+        "told_apart": {"asked": _asked(found), "told": found.identified_combinations},
+        "mixed": [{"what": one.what, "like": list(one.like), "share": one.share} for one in found.weak_parameters],
         "joints_deg": [list(one) for one in found.covered],
         "doubts": list(found.doubts),
         "rms_mm": {

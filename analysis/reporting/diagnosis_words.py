@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-from analysis.diagnosis.diagnosis import ODDS, Curve, Diagnosis, Gap, Leftover, Named, Place, Rival
+from analysis.diagnosis.diagnosis import ODDS, Curve, Diagnosis, Gap, Named, Place, ResidualBand, Rival
 from analysis.measures.quantity import Quantity
 from analysis.reporting.parameters import parameters_of, quantity_of
 from rigs.effects import Effect, size_field
@@ -83,7 +83,7 @@ def _alternatives(found: Diagnosis) -> str:
     return "; ".join(words)
 
 
-def runs_of(one: Place | Curve | Leftover) -> str:
+def runs_of(one: Place | Curve | ResidualBand) -> str:
     """`yaw acw`, `radial`."""
     return f"{one.test} {one.direction}" if one.direction else one.test
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from analysis.diagnosis.diagnosis import Diagnosis, Gap, Leftover, Verdict
+from analysis.diagnosis.diagnosis import Diagnosis, Gap, ResidualBand, Verdict
 from analysis.model.predict import model_of
 from analysis.reporting.diagnosis_curves import strands_of
 from analysis.reporting.diagnosis_json import as_object
@@ -131,7 +131,7 @@ def test_effects_and_rivals_of_the_object() -> None:
 def test_what_is_not_known_is_null() -> None:
     nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
     odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
-    left = (Leftover("yaw", None, "angle", None, math.nan, "?"),)
+    left = (ResidualBand("yaw", None, "angle", None, math.nan, "?"),)
     told = as_object(diagnosis(train=nothing, effects=(odd,), left=left, level=np.float64(0.2)))
     text = json.dumps(told, allow_nan=False)
     assert json.loads(text) == told
