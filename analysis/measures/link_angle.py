@@ -25,8 +25,15 @@ from rigs.errors import FileError
 
 Plain = Callable[[Array, float], Mapping[str, Array]]
 """The plain figures (...,) by name of angles (..., NODES) rad on a circle of a radius in mm."""
-RANGES = frozenset({"band_deg", "range_deg"})
-"""Figures that noise makes too large."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Figures of one kind that the angle over a circle shows. figures_at computes them; ranges names those that noise
+    makes too large, a maximum less a minimum for example, which are lowered by what noise adds on average."""
+
+    figures_at: Plain
+    ranges: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -90,11 +97,15 @@ class CircleResult:
 
 @dataclass(frozen=True)
 class AngleTest:
-    """Yaw or roll. figures_at: its plain figures; notes_of: what it says of a result, of a run named where, besides.
+    """Yaw or roll. measures: what is computed from its angle; notes_of: remarks on a result, from the run named where.
     The latter raises FileError for readings that are not of this test."""
 
-    figures_at: Plain
+    measures: tuple[Measure, ...]
     notes_of: Callable[[CircleResult, str], tuple[str, ...]]
+
+    def figures_at(self, y: Array, radius_mm: float) -> dict[str, Array]:
+        """The plain figures (...,) of all measures, from angles y (..., NODES) rad."""
+        return {name: value for one in self.measures for name, value in one.figures_at(y, radius_mm).items()}
 
     def evaluate(
         self,
@@ -124,7 +135,8 @@ class AngleTest:
         def drawn(curves: Sequence[Array]) -> list[Array]:
             return [curve.drawn(curves[0], lag_s, scale)]
 
-        found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, len(laps.phi), RANGES)
+        ranges = frozenset[str]().union(*(one.ranges for one in self.measures))
+        found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, len(laps.phi), ranges)
         sine = Sine(*(float(part) for part in sine_of(curve.y)))
         residual = at_resolution(curve.y - sine(PHI))
         distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
@@ -161,8 +173,8 @@ def eccentricities(result: CircleResult) -> tuple[Array, Array]:
     return by_angle, result.distance.ball_mm
 
 
-def sine_figures(y: Array) -> dict[str, Array]:
-    """Band, amplitude, shift and offset (...,) of curves (..., NODES): the paper's section 2.1."""
+def sine_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
+    """Band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's section 2.1."""
     A, a, b = sine_of(y)
     error = at_resolution(y - _sines(A, a, b))
     return {
@@ -171,6 +183,9 @@ def sine_figures(y: Array) -> dict[str, Array]:
         "shift_deg": np.degrees(np.arctan2(b, a)),
         "offset_deg": np.degrees(A),
     }
+
+
+SINE = Measure(sine_figures, frozenset({"band_deg"}))
 
 
 def error_of(y: Array) -> tuple[Array, Array]:

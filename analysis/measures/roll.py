@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.measures.link_angle import AngleTest, CircleResult, eccentricities, error_of, sine_figures
+from analysis.measures.link_angle import SINE, AngleTest, CircleResult, Measure, eccentricities, error_of
 from analysis.measures.reduction import PHI
 
 _CLEAR_MM = 0.2
@@ -39,11 +39,12 @@ def _like_yaw(result: CircleResult) -> tuple[str, ...]:
     return (f"this looks like a yaw run: the angle's sine is that of the {size:.2f} mm that the ball is off centre",)
 
 
-def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
-    """The plain figures (...,) of angles (..., NODES) rad."""
+def range_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
+    """The range (...,) of the whole angle and the circle angles of all extremes in degrees, from angles
+    y (..., NODES) rad."""
     error, whole = error_of(y)
     at = np.degrees(PHI)
-    return sine_figures(y) | {
+    return {
         "max_at_deg": at[np.argmax(error, axis=-1)],
         "min_at_deg": at[np.argmin(error, axis=-1)],
         "range_deg": np.degrees(np.ptp(whole, axis=-1)),
@@ -52,5 +53,9 @@ def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
     }
 
 
-_TEST = AngleTest(figures_at, _notes)
+MEASURES = (
+    SINE,
+    Measure(range_figures, frozenset({"range_deg"})),
+)
+_TEST = AngleTest(MEASURES, _notes)
 evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures

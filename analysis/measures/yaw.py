@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.measures.link_angle import AngleTest, CircleResult, eccentricities, sine_figures, sine_of
+from analysis.measures.link_angle import SINE, AngleTest, CircleResult, Measure, eccentricities, sine_of
 from rigs.errors import FileError
 
 _CLEAR_MM = 0.1
@@ -24,10 +24,10 @@ _APART = 0.5
 """Eccentricities that differ by more than both, the second a share of the larger, are hardly of one ball."""
 
 
-def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
-    """The plain figures (...,) of angles (..., NODES) rad."""
+def eccentricity_figures(y: Array, radius_mm: float) -> dict[str, Array]:
+    """The eccentricity (...,) in mm along u and v and its length, from angles y (..., NODES) rad."""
     _, a, b = sine_of(y)
-    return sine_figures(y) | {
+    return {
         "eccentricity_u_mm": -radius_mm * a,
         "eccentricity_v_mm": radius_mm * b,
         "eccentricity_mm": radius_mm * np.hypot(a, b),
@@ -63,5 +63,9 @@ def _hold_order(by_angle: Array, by_distance: Array, where: str) -> None:
         )
 
 
-_TEST = AngleTest(figures_at, _notes)
+MEASURES = (
+    SINE,
+    Measure(eccentricity_figures),
+)
+_TEST = AngleTest(MEASURES, _notes)
 evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures
