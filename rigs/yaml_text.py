@@ -48,7 +48,7 @@ def _refuse_repeats(root: yaml.Node, where: str) -> None:
             for key, value in node.value:
                 if isinstance(key, yaml.ScalarNode):
                     if key.value in known:
-                        problems.append(Problem(key.start_mark.line + 1, key.value, "this key stands here twice"))
+                        problems.append(Problem(key.start_mark.line + 1, key.value, "this key occurs twice"))
                     known.add(key.value)
                 walk(value)
         elif isinstance(node, yaml.SequenceNode):

@@ -13,7 +13,7 @@ from analysis.cli import app
 def check(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
 ) -> None:
-    """Say whether a rig file is good: every mistake with its line, and whether the robot can drive its circle."""
+    """Check a rig file: report every mistake with its line, and whether the robot can drive the circle."""
     import datetime as dt  # noqa: PLC0415
 
     from analysis.geometry.feasible import feasible_tests  # noqa: PLC0415
@@ -27,9 +27,9 @@ def check(
     typer.echo(f"{find(rig_file)}: good")
     typer.echo(f"  {rig.robot.name}; {gauges}; robot by {rig.feedback.interface}")
     if rig.effects:
-        typer.echo(f"  the model begins with {begins_with(rig.effects)}")
+        typer.echo(f"  the model starts with {begins_with(rig.effects)}")
     parts = [*(name for name, _ in rig.gauges), "ball", "link"]
     for line in (*doubts_of(rig, parts, dt.datetime.now(dt.UTC).date()), *tests):
         typer.echo(f"  {line}")
     if rig.automatic:
-        typer.echo(f"  recorded by themselves: {', '.join(rule.event for rule in rig.automatic.rules)}")
+        typer.echo(f"  recorded automatically: {', '.join(rule.event for rule in rig.automatic.rules)}")

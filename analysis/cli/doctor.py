@@ -16,12 +16,10 @@ _COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
 @app.command()
 def doctor(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
-    runs: Annotated[
-        Path | None, typer.Option(help="Where run directories go; without it, where rigd puts them.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    runs: Annotated[Path | None, typer.Option(help="Directory of the runs; default: that of rigd.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
-    """Say in plain words what is wrong with a cell: ports, line settings, rates, clocks, disk, service.
+    """Report what is wrong with a cell: ports, line settings, rates, clocks, disk, service.
 
     Talks to the instruments as rigd would, at other line settings too where they
     do not answer; where rigd runs, it is asked instead. Exit code 1 where
@@ -44,8 +42,8 @@ def doctor(
             typer.echo(f"{verdict} {finding.about}: {finding.what}" + (f"; {finding.remedy}" if finding.remedy else ""))
     wrong = sum(finding.verdict is Verdict.WRONG for finding in findings)
     if as_json:
-        told = [dataclasses.asdict(finding) for finding in findings]
-        typer.echo(json.dumps({"rig": rig.name, "wrong": wrong, "findings": told}, indent=2))
+        listed = [dataclasses.asdict(finding) for finding in findings]
+        typer.echo(json.dumps({"rig": rig.name, "wrong": wrong, "findings": listed}, indent=2))
     raise typer.Exit(1 if wrong else 0)
 
 

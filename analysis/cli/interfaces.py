@@ -11,9 +11,9 @@ from analysis.cli import app
 
 @app.command()
 def interfaces(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
-    """List every gauge and robot interface: its instruments, its line, where it is known from and what is in doubt."""
+    """List the gauge and robot interfaces: instruments, line settings, source of the protocol, and what is in doubt."""
     import json  # noqa: PLC0415
     from dataclasses import asdict  # noqa: PLC0415
 

@@ -160,7 +160,9 @@ def repeatability_program(rig: Rig) -> TargetProgram:
     unknown = [number for number in plan.targets if not 1 <= number <= len(polar)]
     if unknown:
         where = f"{rig.name}, tests.repeatability"
-        raise FileError(where, f"target {unknown[0]} is none of the {len(polar)} of the hemisphere", "correct targets")
+        raise FileError(
+            where, f"target {unknown[0]} is not one of the {len(polar)} targets of the hemisphere", "correct targets"
+        )
     target = np.array(plan.targets, dtype=np.int64)
     polar, azimuth = polar[target - 1], azimuth[target - 1]
     middle = np.full(len(target), (hemisphere.orientations + 1) // 2)

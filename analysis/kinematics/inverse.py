@@ -157,7 +157,7 @@ def _good(error: Array) -> Mask:
 
 
 def _distinct(arm: Arm, q: Array, found: Mask) -> tuple[Array, Mask]:
-    """The same without the solutions that an earlier slot has already, and nan where there is none."""
+    """The same without the solutions that an earlier slot has already; empty slots are nan."""
     found = found.copy()
     turned = q @ arm.coupling.T
     for slot in range(1, q.shape[1]):

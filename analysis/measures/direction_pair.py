@@ -41,7 +41,8 @@ joint, leaves much of itself in the higher orders."""
 
 @dataclass(frozen=True)
 class DirectionPair:
-    """What differs between the directions, by name; lag: of the gauges behind the robot, ms, told and not applied."""
+    """What differs between the directions, by name; lag: of the gauges behind the robot, ms, reported and not
+    applied."""
 
     figures: dict[str, Quantity]
     lag: Quantity
@@ -145,6 +146,7 @@ def _hold(acw: CircleResult, cw: CircleResult, where: str) -> None:
     if moved_mm := ball_moved_mm(acw, cw):
         raise FileError(
             where,
-            f"have their balls {moved_mm:.2f} mm apart: it was mounted anew, and acw - cw is no hysteresis",
-            "record acw and cw without touching ball and gauges between them",
+            f"have their balls {moved_mm:.2f} mm apart: the ball or a gauge was moved between them, so that acw - cw "
+            "does not show the hysteresis",
+            "record acw and cw without touching the ball or the gauges in between",
         )

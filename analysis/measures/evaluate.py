@@ -41,7 +41,7 @@ def evaluate(
     match table:
         case CircleTable():
             if rig.gauges.g2 is None:
-                raise FileError(where, "has one gauge, and an angle takes two", "add gauges.g2 to the rig file")
+                raise FileError(where, "has one gauge, and an angle needs two", "add gauges.g2 to the rig file")
             of_test = yaw.evaluate if table.test == "yaw" else roll.evaluate
             gauges = rig.gauges
             laps = laps_of(table, rig, where)

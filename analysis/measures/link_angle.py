@@ -156,13 +156,15 @@ def _about_noise(curve: LapCurve) -> tuple[str, ...]:
     if curve.slips:
         sizes = ", ".join(f"{np.degrees(slip):+.4f}°" for slip in curve.slips)
         return (
-            f"the level of the angle steps by {sizes} between laps, more than noise and drift do: check the clamps",
+            f"the angle steps by {sizes} between laps, which is more than noise and drift explain: check the clamps",
         )
     match curve.noise.source:
         case "borrowed":
-            return ("one lap: its slow noise is borrowed from another run of this cell, at an unknown level",)
+            return ("the run has one lap: its slow noise is taken from another run of this cell, at an unknown level",)
         case "assumed":
-            return ("one lap: its slow noise cannot be seen and is assumed as real cells have it; drive two laps",)
+            return (
+                "the run has one lap, which cannot show slow noise: the noise of real cells is assumed; drive two laps",
+            )
     return ()
 
 
@@ -202,9 +204,13 @@ def _sines(A: Array, a: Array, b: Array) -> Array:
 
 def _hold(laps: Laps, baseline_mm: float, where: str) -> None:
     if laps.g_mm.ndim != 2 or laps.g_mm.shape[1] != 2:
-        raise FileError(where, "has not two gauges, and an angle takes two", "give g1_mm and g2_mm")
+        raise FileError(where, "does not have two gauges, and an angle needs two", "give g1_mm and g2_mm")
     if baseline_mm == 0:
-        raise FileError(where, "the gauges stand at the same place", "correct offset_mm of g1 and g2 in the rig file")
+        raise FileError(
+            where,
+            "the two gauges have the same offset_mm, which measures no angle",
+            "correct offset_mm of g1 and g2 in the rig file",
+        )
     hold_radius(where, laps.frame.radius)
     hold_numbers(where, t_s=laps.t_s, q=laps.q, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
     hold_alive(where, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])

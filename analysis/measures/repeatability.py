@@ -86,7 +86,9 @@ def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tupl
     kept = [target for target, sides in cells.items() if min(len(side) for side in sides) >= 2]
     if not kept:
         raise FileError(
-            where, "no target has two readings from each side", "approach each target three times from out and from in"
+            where,
+            "no target was read twice from each side",
+            "approach each target three times from outside and from inside",
         )
     width = max(len(side) for target in kept for side in cells[target])
     x = np.full((len(kept), 2, width), np.nan)
@@ -96,7 +98,7 @@ def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tupl
     dropped = [target for target in cells if target not in kept]
     notes = [f"target {listed(dropped)} left out: fewer than two readings from a side"] if dropped else []
     without = int((table.approach == "none").sum())
-    notes += [f"{without} readings without an approach are not used"] if without else []
+    notes += [f"{without} readings do not state their approach and are not used"] if without else []
     return np.array(kept), x, tuple(notes)
 
 
@@ -118,5 +120,5 @@ def _hold(table: RepeatabilityTable, where: str) -> None:
     other = sorted({str(name) for name in table.approach} - {"none", *SIDES})
     if other:
         raise FileError(
-            where, f"approach {other[0]!r} is no side", "write out, in or none: the side the tool came from"
+            where, f"approach {other[0]!r} is not a side", "write out, in or none, the side that the tool came from"
         )

@@ -1,7 +1,7 @@
 """Roll test: orientation error about the circle's tangent, after Oh 2019, section 2.2.
 
 roll = atan2(l·x_T, l·z_T). An eccentricity in the plane gives no first-order sine, and the height h of the
-ball along n gives the constant atan(h/R), which no one can tell from a difference of the gauges' zeros. A sine
+ball along n gives the constant atan(h/R), which cannot be distinguished from a difference of the gauges' zeros. A sine
 that is there is the robot's, or the tilt of the plane really driven; the orientation error is by definition
 (docs/geometry.md) what is left without it. The paper takes no sine off its figures 10 and 11, whose extremes lie
 135° apart, so the range of the whole angle is reported beside the band.
@@ -26,12 +26,14 @@ _ALIKE = 0.3
 
 def _notes(result: CircleResult, where: str) -> tuple[str, ...]:
     height = result.laps.frame.radius * np.tan(result.sine.A)
-    note = f"the offset is the ball {height:.3f} mm along n, or the gauges' zeros, or both: roll cannot tell"
+    note = (
+        f"the offset is the ball {height:.3f} mm along n, or the gauges' zeros, or both: roll cannot distinguish them"
+    )
     return (note, *_like_yaw(result))
 
 
 def _like_yaw(result: CircleResult) -> tuple[str, ...]:
-    """Whether the angle's sine is that which a yaw run shows of the ball that the distance tells."""
+    """Whether the angle's sine is that which a yaw run shows of the ball where the distance puts it."""
     as_yaw, by_distance = eccentricities(result)
     size = float(np.linalg.norm(by_distance))
     if size < _CLEAR_MM or np.linalg.norm(as_yaw - by_distance) > _ALIKE * size:

@@ -29,7 +29,7 @@ def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array 
     """Figures of readings (t, k, n), NaN where there is none. value: as the standard has it; u: of its distance from
     its expectation, were the test made again and again with the same scatter about each cell's mean. Of each draw of
     the scatter a few such tests are made; they lie too near to their own mean, by a known factor. The expectation is
-    that of a gauge without steps, and nobody knows where between two steps a cell lies. drift_mm like the readings:
+    that of a gauge without steps, and it is unknown where between two steps a cell lies. drift_mm like the readings:
     what of them drifted, which is no scatter and happens in each of these tests.
     """
     rng = np.random.default_rng(_SEED)
@@ -68,7 +68,7 @@ def assumed(scatter: Scatter | None) -> tuple[str, ...]:
     """The note that the scatter was not measured, where it was not."""
     if scatter is None or scatter.noise != "assumed":
         return ()
-    return ("targets visited again: none or too few to show their scatter, which is assumed; visit each twice or more",)
+    return ("too few targets were visited again to show their scatter, which is assumed; visit each twice or more",)
 
 
 def coarse(scatter: Scatter | None) -> tuple[str, ...]:
@@ -76,4 +76,4 @@ def coarse(scatter: Scatter | None) -> tuple[str, ...]:
     if scatter is None or scatter.step_mm <= float(np.median(scatter.sd_mm)):
         return ()
     step = f"readings step by {1e3 * scatter.step_mm:.3g} µm, more than they scatter"
-    return (f"{step}: the figures cannot show less; use a finer gauge",)
+    return (f"{step}: smaller scatter cannot be detected; use a finer gauge",)

@@ -54,7 +54,7 @@ def free_sphere(points: Array) -> Sphere:
 
 
 def conditioned(points: Array) -> bool:
-    """Whether points (n, 3) tell centre and radius apart: not all near one circle or one place."""
+    """Whether points (n, 3) mm determine centre and radius: not all near one circle or one place."""
     return not _unknown(_design(points, np.zeros(3)))
 
 

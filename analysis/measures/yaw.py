@@ -2,7 +2,7 @@
 
 The angle between link and tool over circle angle phi is a sine, since the base-ball never sits in the
 circle's centre: yaw = atan2(-e_u sin + e_v cos, R - …), whose first harmonic is (-e_u sin + e_v cos)/R exactly.
-The distance, the mean of the gauges, tells the same eccentricity a second time. Where the two are opposite,
+The distance, the mean of the gauges, shows the same eccentricity a second time. Where the two are opposite,
 the gauges are swapped, and the run is refused; where they differ grossly, a note says so.
 
 Figures: band_deg (noise-corrected), amplitude_deg, shift_deg, offset_deg of the sine; eccentricity_u_mm and _v_mm of
@@ -18,7 +18,7 @@ from analysis.measures.link_angle import SINE, AngleTest, CircleResult, Measure,
 from rigs.errors import FileError
 
 _CLEAR_MM = 0.1
-"""An eccentricity from here on tells which gauge is which; below it the robot's own errors might."""
+"""An eccentricity from here on shows which gauge is which; a smaller one may be the robot's own errors."""
 _APART_MM = 0.2
 _APART = 0.5
 """Eccentricities that differ by more than both, the second a share of the larger, are hardly of one ball."""

@@ -121,7 +121,7 @@ def _standing(t_s: Array, q: Array, came_from: Array | None) -> Path:
 
 
 def _came_from(model: Model, table: RepeatabilityTable) -> Array:
-    """Where the tool was (m, 6) before each reading: outside, inside, or at the target where nobody knows."""
+    """Where the tool was (m, 6) before each reading: outside, inside, or at the target where this is unknown."""
     frame = hemisphere_frame(hemisphere_of(model.rig))
     polar, azimuth = target_angles(hemisphere_of(model.rig))
     radius = frame.direction(polar[table.target - 1], azimuth[table.target - 1])

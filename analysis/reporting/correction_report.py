@@ -27,7 +27,7 @@ from rigs.errors import FileError
 from rigs.schema.effect import label_of
 
 _TOLD_MM = 1e-3
-"""What an effect that is not corrected does to a target is told from here on."""
+"""What an effect that is not corrected does to a target is reported from here on."""
 _HEAD = """\
 # What the cell {name} can use of the effects in its rig file, {date}. Of three ways it takes one for each effect:
 # joint_zeros: master each axis so that it reads `add_deg` more where it stands.
@@ -83,7 +83,7 @@ def _lines(found: Corrections) -> list[str]:
             parts = ", ".join(f"{name} {_small(mm)}" for name, mm in each)
             lines.append(f"not corrected, at its worst target, rms of both sides, cold and warm: {parts}")
         lines += targets.doubts
-    return lines or ["nothing here can be corrected"]
+    return lines or ["no effect of this rig file can be corrected"]
 
 
 def _left_out(targets: Corrected) -> Array:
@@ -172,7 +172,7 @@ def write(found: Corrections, directory: Path) -> list[Path]:
     paths = [directory / name for name, wanted in files.items() if wanted]
     for path in paths:
         if path.exists():
-            raise FileError(str(path), "is there already", "give another --output, or remove it first")
+            raise FileError(str(path), "exists already", "give another --output, or remove it first")
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -21,16 +21,18 @@ class TruthComparison:
 
 
 def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthComparison]]:
-    """For each result, its figures by name beside the truth, none for a test it tells nothing of. Raises FileError."""
+    """For each result, its figures by name beside the truth, none for a test that it lacks. Raises FileError."""
     try:
         truth = json.loads(path.read_text(encoding="utf-8"))
         found = [_one(result, truth) for result in results]
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "give the truth.json that rig emulate wrote") from None
     except (ValueError, KeyError, TypeError, AttributeError):
-        raise FileError(str(path), "is no truth of these runs", "give the truth.json that rig emulate wrote") from None
+        raise FileError(
+            str(path), "is not the truth of these runs", "give the truth.json that rig emulate wrote"
+        ) from None
     if not any(found):
-        raise FileError(str(path), f"tells nothing of the {results[0].test} test", "leave --truth out")
+        raise FileError(str(path), f"does not cover the {results[0].test} test", "leave --truth out")
     return found
 
 

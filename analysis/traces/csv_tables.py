@@ -26,7 +26,7 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
     q = np.radians(_stack(columns, JOINTS))
     if test in ("yaw", "roll"):
         if direction is None:
-            raise FileError(where, "has no direction, which a circle needs", "import it with --direction cw or acw")
+            raise FileError(where, "lacks a direction, which a circle needs", "import it with --direction cw or acw")
         g_mm = _stack(columns, ("g1_mm", "g2_mm"))
         return CircleTable(_circle_test(test), direction, _floats(columns, "t_s"), q, g_mm)
     if test == "pose":

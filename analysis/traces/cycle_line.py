@@ -30,7 +30,7 @@ _SCATTERS = 60
 _LOG_LIKELY = 2.0
 """A scatter is likely whose log likelihood falls short of the best by no more: two standard deviations."""
 _SAMPLE = 2000
-"""Ticks that tell the common phase: more of them say the same."""
+"""Ticks that determine the common phase: more of them show the same."""
 
 
 def period_of(middle_ns: Array, usual_ns: float, within: float) -> float:
@@ -161,7 +161,7 @@ def _log_likelihood(low: Array, high: Array, scatter_ns: float, period_ns: float
 
 
 def _scatter(bounds: Bounds, line_ns: Array, period_ns: float) -> tuple[float, float]:
-    """How far ticks lie from the line: the least and the most that are likely, since wide bounds tell little of it."""
+    """How far ticks lie from the line: the least and the most that are likely, since wide bounds show little of it."""
     low, high = _sampled(bounds, line_ns)
     scatters = np.geomspace(1e-4, 0.5, _SCATTERS) * period_ns
     log = np.array([_log_likelihood(low, high, scatter, period_ns) for scatter in scatters])

@@ -135,7 +135,7 @@ def _in_order(found: Sequence[Hashable], wanted: Sequence[Hashable], once: int) 
     others = len(found) - len(pairs)
     if len(pairs) < _FOLLOWED * len(found):
         return list(range(len(found))), [
-            "targets were visited in another order than the rig file's: all stands are used"
+            "targets were visited in another order than in the rig file: all stands are used"
         ]
     said = f"stands outside the program's order (before it, after it, or once more than it has), not used: {others}"
     return [k for k, _ in pairs], [said] if others else []
@@ -164,18 +164,18 @@ def _longest_common(found: Sequence[Hashable], wanted: Sequence[Hashable]) -> li
 def _rows(kept: list[tuple[_Stand, int]], where: str) -> Integers:
     if not kept:
         raise FileError(
-            where, "the robot stood at none of the targets", "correct tests.hemisphere, or record its program"
+            where, "the robot did not stand at any target", "correct tests.hemisphere, or record its program"
         )
     return np.array([row for _, row in kept], dtype=np.int64)
 
 
 def _outliers(kept: list[tuple[_Stand, int]]) -> list[str]:
     count = sum(stand.outliers for stand, _ in kept)
-    return [f"readings far from the others of their stand, not used: {count}"] if count else []
+    return [f"{count} readings lie far from the others of their stand and are not used"] if count else []
 
 
 def _elsewhere(count: int) -> list[str]:
-    return [f"stands left out that are at no target: {count}"] if count else []
+    return [f"{count} stands are left out because they are not at a target"] if count else []
 
 
 def _missing(program: TargetProgram, rows: Integers) -> list[str]:

@@ -195,12 +195,12 @@ def _on_circle(t_s: Array, tool: Array, frame: CircleFrame) -> list[slice]:
 def _is_motion(where: str, table: CircleTable) -> None:
     """Raises FileError for angles that no robot runs through: none at all, or no numbers."""
     if len(table.q) < 2:
-        raise FileError(where, f"has {len(table.q)} rows, which is no circle", "record the whole circle")
+        raise FileError(where, f"has {len(table.q)} rows, too few for a circle", "record the whole circle")
     if not np.isfinite(table.q).all():
         row = int(np.argmin(np.isfinite(table.q).all(axis=1))) + 1
-        raise FileError(where, f"row {row} has a joint angle that is no number", "leave such rows out")
+        raise FileError(where, f"row {row} has a joint angle that is not a number", "remove such rows")
     if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < _STANDING_RAD:
-        raise FileError(where, "the robot stood still", "start the circle program once the recording runs")
+        raise FileError(where, "the robot stood still", "start the recording first, then the circle program")
 
 
 def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig: Rig) -> slice:
@@ -223,7 +223,7 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
             raise FileError(
                 where,
                 f"{rig.robot.axes[axis].name} jumps by {np.degrees(step):.1f}° at {t_s[row + 1]:.3f} s",
-                "see the feedback's units and wrap-around, or leave the bad rows out",
+                "check the feedback's units and wrap-around, or remove the bad rows",
             )
     return slice(rows.start + begin, rows.start + end)
 
@@ -274,5 +274,5 @@ def _is_covered(where: str, ahead: Array, sense: float, start: float) -> None:
         raise FileError(
             where,
             f"the lap has no data from {begin:.0f}° to {end:.0f}° ({np.degrees(gaps[widest]):.0f}° wide)",
-            "record the whole circle, from before the lead-in to after the lead-out, on a computer with time to spare",
+            "record the whole circle, from before the lead-in to after the lead-out, on a computer that is less busy",
         )

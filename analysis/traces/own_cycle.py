@@ -2,7 +2,7 @@
 
 Such a gauge answers with the last reading of its cycle, however old. Its value can change only at a tick, so two
 answers that differ have a tick between them. Each such change bounds one tick; a steady cycle, numbered and fitted
-through all of them, tells each far better than its own bounds (`cycle_line`). In an uneven cycle the bounds alone
+through all of them, gives each far better than its own bounds (`cycle_line`). In an uneven cycle the bounds alone
 hold. Where answers come hardly oftener than ticks nothing is seen of them, and the age of a reading is anything up to
 a cycle.
 """
@@ -29,7 +29,7 @@ _AGREE = 0.8
 _STEADY = 0.15
 """Of a cycle: ticks that scatter by more keep no time."""
 _SAMPLE = 2000
-"""Requests that tell whether they keep step with the cycle: more of them say the same."""
+"""Requests that show whether they keep step with the cycle: more of them show the same."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Tic
 
 def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> Ticks:
     """The tick of every answer at asked_ns (n,): of the change before it, or a later one at which nothing changed."""
-    # What agrees with no tick is none: a garbled reading, and the next one, which is right again.
+    # What does not agree with any tick is not one: a garbled reading, and the next one, which is right again.
     true = ~close
     true[close] = line.agreeing
     bounds, close = bounds.of(true), close[true]

@@ -1,7 +1,7 @@
 """A clock out of nothing but messages that come at a steady pace: their number, where none is missing.
 
 An instrument that speaks unasked and without a clock speaks at its own steady pace. Message n was sent at
-n periods, and arrived some delay later; with n as its clock the floor of the delays tells when. An adapter that holds
+n periods, and arrived some delay later; with n as its clock the floor of the delays shows when. An adapter that holds
 bytes for 16 ms is seen through that way.
 """
 
@@ -26,8 +26,8 @@ others may be waits. Of messages without a pace, a third."""
 _HARDLY = 8
 """A message is hardly ever earlier than the earliest of the `_AHEAD` before by such a part of their usual delay."""
 _APART = (_AHEAD, 8 * _AHEAD, 64 * _AHEAD, 64 * _AHEAD)
-"""Messages so far apart tell the period: hardly any between two of the nearest is missing, and of the others it is then
-known which; a quarter of a short run at the most."""
+"""Messages so far apart determine the period: hardly any between two of the nearest is missing, and of the others it is
+then known which; a quarter of a short run at the most."""
 _PAIRS = 100_000
 """Their median is known to a three-hundredth of how much they differ."""
 _STAYS = 0.4
@@ -50,7 +50,7 @@ def through_pace(host_ns: Array) -> FittedClock:
 
     A crystal keeps its pace whatever its computer does, so lateness that comes and goes is delay, and the floor of it
     the pace. An instrument that waits, as a program without a crystal does, never makes up for it: lateness that
-    stays is its own. Where lateness wanders the arrivals' own floor tells the times, and the shared uncertainty covers
+    stays is its own. Where lateness wanders the arrivals' own floor gives the times, and the shared uncertainty covers
     both readings.
 
     The arrivals themselves where there is no steady pace in them: where the least delays of each few messages differ
@@ -97,7 +97,9 @@ def _wandering(fitted: FittedClock, late_ns: Array, block: int) -> FittedClock:
     steps_ns = np.diff(least_ns)
     level_ns = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(least_ns, 1, mode="edge"), 3), axis=1)
     few = max(1, min(_COMES_BACK, len(level_ns) // 4))
-    stayed_ns = _floor_around(np.pad(level_ns, few, mode="edge"), few)[few:-few]  # at an end nobody sees it made up for
+    stayed_ns = _floor_around(np.pad(level_ns, few, mode="edge"), few)[
+        few:-few
+    ]  # at an end its recovery cannot be seen
     off_ns = np.abs(stayed_ns - np.median(stayed_ns)).max()
     scatter_ns = np.median(np.abs(steps_ns)) / 0.6745 / math.sqrt(2)  # 0.6745: the median of a normal one's size
     stays = np.mean(steps_ns**2) < _STAYS * 2 * np.var(least_ns) or off_ns > _WANDERS * scatter_ns

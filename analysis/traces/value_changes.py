@@ -1,4 +1,4 @@
-"""Where the value of a gauge changes from answer to answer: between two that differ it was read anew."""
+"""Where the value of a gauge changes from answer to answer: between two that differ it was read again."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from analysis.kinematics.arm import Array, Integers, Mask
 
 FEW = 16
-"""Changes from which a period, a phase and a scatter can be told."""
+"""Changes from which a period, a phase and a scatter can be determined."""
 _JUMP = 4.0
 """Steps of the resolution by which a gauge on the move changes from tick to tick: by chance it repeats itself …"""
 _REPEATS = 0.85

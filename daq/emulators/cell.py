@@ -63,7 +63,7 @@ NONE = Adversity()
 class Cell:
     """All instruments of a rig, each with its own thread, until `stop`.
 
-    devices: what makes each instrument, for every connection anew, by the name of its stream: `g1`, `g1_g2` where two
+    devices: what creates each instrument for every connection, by the name of its stream: `g1`, `g1_g2` where two
     share a port, `robot`. names: a directory where serial ports get names that outlast their ttys, as udev makes them.
     """
 

@@ -100,7 +100,7 @@ class StreamingPlayer:
         return Step(hang_up=True) if now_ns >= over_ns else Step(wake_ns=over_ns)
 
     def _knock(self, now_ns: int) -> Step:
-        """Say the first piece; where nobody has that port the link is lost, and otherwise this was its time."""
+        """Send the first piece; where no process has that port the link is lost, and otherwise this was its time."""
         if self._knocked_ns is None:
             self._knocked_ns = now_ns
             self.sent += 1

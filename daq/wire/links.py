@@ -173,7 +173,7 @@ class UdpLink(Link):
 
 
 def _address_text(address: Address | None) -> str:
-    return f"{address[0]}:{address[1]}" if address else "nobody"
+    return f"{address[0]}:{address[1]}" if address else "unknown"
 
 
 def open_link(name: str, port: str, line: Line, *, dead_s: float = DEAD_S, listens: bool = False) -> Link:
@@ -205,7 +205,9 @@ def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
             sock.bind(found)
     except OSError as error:
         sock.close()
-        remedy = "give an address of this computer, to which the controller sends, and a port nobody else has"
+        remedy = (
+            "give an address of this computer, to which the controller sends, and a port that no other program uses"
+        )
         raise CellError(where, f"cannot be bound: {error.strerror or error}", remedy) from None
     return UdpLink(name, sock, None if listens else found)
 

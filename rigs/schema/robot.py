@@ -71,7 +71,7 @@ class Robot(Part):
             left[column:] = sorted(left[column:], key=lambda row: -abs(row[column]))
             pivot, *below = left[column:]
             if abs(pivot[column]) < 1e-6:
-                raise ValueError("coupling has no inverse: some motion of the joints moves no axis; correct its rows")
+                raise ValueError("coupling cannot be inverted: some joint motion moves no axis; correct its rows")
             left[column + 1 :] = [
                 [x - row[column] / pivot[column] * y for x, y in zip(row, pivot, strict=True)] for row in below
             ]

@@ -71,7 +71,7 @@ def test_check_says_that_the_model_begins_with_effects_and_where_from(tmp_path: 
     file.write_text(TEXT + f"  - {{effect: joint_offset, axis: 2, offset_deg: 0.01, {found}}}\n")
     told = CliRunner().invoke(app, ["check", str(file)]).stdout
     said = "3 effects, written by hand: backlash 1, backlash 5; found on 2026-05-01 in mon, tue: joint_offset 2"
-    assert told.count(f"  the model begins with {said}\n") == 1
+    assert told.count(f"  the model starts with {said}\n") == 1
     assert "begins with" not in CliRunner().invoke(app, ["check", "paper-fanuc"]).stdout
 
 
@@ -122,7 +122,7 @@ def test_a_misspelt_interface_hides_no_other_mistake_of_its_gauge() -> None:
         "gauges.g1.acuracy_mm": "did you mean accuracy_mm?",
         "gauges.g1.offset_mm": "should be a valid number, unable to parse string as a number, not 'left'",
         "feedback": "did you mean line_feed?",
-        "feedback.fields": "each of q1 … q6 must stand in the line once, in _deg or _rad",
+        "feedback.fields": "each of q1 … q6 must occur once in the line, in _deg or _rad",
         "effects[1]": "did you mean backlash?",
         "effects[1].axis": "should be less than or equal to 6, not 9",
         "tests.circle.radius_mn": "did you mean radius_mm?",
@@ -270,8 +270,11 @@ def test_yaml_that_is_meant_ill_is_told_soon_and_in_short_lines(tmp_path: Path, 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("efects: [{effect: backlash, axis: 1, width_deg: 0.02}]", "effects.yaml: has no key effects; write effects:"),
-        ("", "effects.yaml: has no key effects; write effects:"),
+        (
+            "efects: [{effect: backlash, axis: 1, width_deg: 0.02}]",
+            "effects.yaml: lacks the key effects; write effects:",
+        ),
+        ("", "effects.yaml: lacks the key effects; write effects:"),
         (
             "effects:\n  - {effect: backlsh, axis: 1}",
             "line 2, effects[1]: 'backlsh' is not known; did you mean backlash",

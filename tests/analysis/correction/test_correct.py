@@ -291,7 +291,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
         assert [row["name"] for row in csv.DictReader(file)] == ["P0", "P1", "P2"]
 
     again = CliRunner().invoke(app, ["correct", str(cell), "-o", str(out)])
-    assert isinstance(again.exception, FileError) and "is there already" in str(again.exception)
+    assert isinstance(again.exception, FileError) and "exists already" in str(again.exception)
     other = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "other"), "--json"])
     found = json.loads(other.stdout)
     assert found["path"] is None and found["link_constants"][0]["corrected"] == 695.4

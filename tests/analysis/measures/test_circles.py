@@ -233,7 +233,7 @@ def test_standing_jumping_and_half_a_lap_are_refused() -> None:
             "jumps by",
         ),
         (CircleTable("yaw", "acw", table.t_s[:2000], table.q[:2000], table.g_mm[:2000]), "no data from"),
-        (CircleTable("yaw", "acw", table.t_s[:1], table.q[:1], table.g_mm[:1]), "1 rows, which is no circle"),
+        (CircleTable("yaw", "acw", table.t_s[:1], table.q[:1], table.g_mm[:1]), "1 rows, too few for a circle"),
     ):
         with pytest.raises(FileError, match=said):
             laps_of(wrong, rig, "t")

@@ -80,7 +80,7 @@ def test_one_orientation_has_no_range_over_orientations() -> None:
     result = radial.evaluate(table, 400.0, 0.0005, orientations=3)
     assert "band_mm" in result.figures
     assert not {"spread_mm", "spread_mean_mm"} & result.figures.keys()
-    assert "1 of 3 orientations measured: no range over them" in result.notes
+    assert "1 of 3 orientations measured, so their range is not reported" in result.notes
 
 
 def test_a_target_that_the_hemisphere_does_not_have_is_refused() -> None:
@@ -267,8 +267,8 @@ def test_repeatability_leaves_out_what_has_one_side_and_refuses_what_has_none() 
     assert list(result.targets) == [1, 3]
     assert "target 2 left out" in result.notes[0]
     for said, changes in (
-        ("no target has two readings from each side", {"approach": np.full(18, "out")}),
-        ("is no side", {"approach": np.full(18, "left")}),
+        ("no target was read twice from each side", {"approach": np.full(18, "out")}),
+        ("is not a side", {"approach": np.full(18, "left")}),
         ("reads 1 mm in all 18 rows", {"g_mm": np.ones(18)}),
     ):
         with pytest.raises(FileError, match=said):

@@ -23,7 +23,10 @@ def test_each_row_carries_its_own_uncertainty(tmp_path: Path) -> None:
     measured = measured_of(run)
     data = align.align(run.path, run, measured.rig)
     assert len(data.u_t_s) == len(data.t_s)
-    assert f"robot: {len(WRONG)} stamps of its clock make no sense; those rows go by their arrival" in measured.doubts
+    assert (
+        f"robot: {len(WRONG)} stamps of its clock are impossible; these rows take the time of their arrival"
+        in measured.doubts
+    )
     assert [doubt.split(";")[0] for doubt in measured.doubts if "far worse" in doubt] == [
         "g1: rows left out whose time is known far worse than the others': 1",
         "g2: rows left out whose time is known far worse than the others': 1",
