@@ -95,7 +95,7 @@ def _swapped(waves: Array, radius_mm: float, baseline_mm: float) -> Iterator[tup
 
 
 def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, str]]:
-    """A link about a ball inside the path cannot travel by more than the radius."""
+    """What is wrong, and the remedy, if a reading (n,) mm travels further than the radius: a link cannot."""
     travel = float(np.ptp(reading))
     if travel > radius_mm:
         what = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which is impossible for a link"

@@ -118,7 +118,7 @@ def curve_of(
 
 
 def at_resolution(y: Array) -> Array:
-    """Curves (..., NODES) at the stated angular resolution."""
+    """Curves (..., NODES), in any unit, at the stated angular resolution."""
     filtered: Array = np.fft.irfft(np.fft.rfft(y) * _PASSES, NODES)
     return filtered
 

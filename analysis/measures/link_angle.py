@@ -191,7 +191,8 @@ SINE = Measure(sine_figures, frozenset({"band_deg"}))
 
 
 def error_of(y: Array) -> tuple[Array, Array]:
-    """Orientation errors (..., NODES) of curves, and these with their sine, at the stated resolution."""
+    """Orientation errors (..., NODES) rad of angles y (..., NODES) rad, and these with their sine, at the stated
+    resolution."""
     sine = _sines(*sine_of(y))
     error = at_resolution(y - sine)
     return error, error + sine

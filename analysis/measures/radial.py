@@ -71,7 +71,7 @@ class Cells:
         return bool(np.median(apart) > _APART * (last.max() - first.min()))
 
     def only(self, rows: NDArray[np.bool_]) -> Cells:
-        """Without the other targets."""
+        """The cells of the targets in rows, a mask (t,), alone."""
         return Cells(self.target[rows], self.direction[rows], self.g_mm[rows], self.t_s[rows])
 
 

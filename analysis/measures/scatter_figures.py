@@ -17,18 +17,19 @@ _SHARE = 0.95
 _TESTS = 4
 """Of every other draw of the scatter: some five hundred tests in all."""
 Plain = Callable[[Array], dict[str, Array]]
-"""Figures (...,) by name, which ends in the unit, of readings (..., t, k, n), NaN where there is none."""
+"""Figures (...,) by name, which ends in the unit, of readings (..., t, k, n) mm, NaN where one is missing."""
 
 
 def half_width(off: Array) -> float:
-    """Standard uncertainty such that 2 u holds 95 % of errors (m,): for tails that are not those of a normal law."""
+    """Standard uncertainty such that 2 u holds 95 % of errors (m,), in the unit of these: for tails that are not those
+    of a normal law."""
     return float(np.quantile(np.abs(off), _SHARE)) / 2
 
 
 def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array | float = 0.0) -> dict[str, Quantity]:
-    """Figures of readings (t, k, n), NaN where there is none. value: as the standard has it; u: of its distance from
-    its expectation, were the test made again and again with the same scatter about each cell's mean. Of each draw of
-    the scatter a few such tests are made; they lie too near to their own mean, by a known factor. The expectation is
+    """Figures of readings (t, k, n) mm, NaN where one is missing. value: as the standard has it; u: of its distance
+    from its expectation, were the test made again and again with the same scatter about each cell's mean. Of each draw
+    of the scatter a few such tests are made; they lie too near to their own mean, by a known factor. The expectation is
     that of a gauge without steps, and it is unknown where between two steps a cell lies. drift_mm like the readings:
     what of them drifted, which is no scatter and happens in each of these tests.
     """
@@ -58,7 +59,7 @@ def _in_steps(readings: Array, step_mm: float) -> Array:
 
 
 def exact(plain: Plain, readings: Array) -> dict[str, Quantity]:
-    """Figures of readings without noise."""
+    """Figures of readings (t, k, n) mm without noise."""
     samples = int(np.isfinite(readings).sum())
     values = plain(readings)
     return {name: Quantity(float(value), 0.0, name.rsplit("_", 1)[1], samples) for name, value in values.items()}

@@ -135,7 +135,8 @@ def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
 
 
 def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> Array:
-    """The same from a scene that is there already: nothing that a set-up changes moves the tool."""
+    """Readings (m, k) as `predict` gives them, in mm, from a scene that was computed before: nothing that a set-up
+    changes moves the tool."""
     if isinstance(table, PoseTable):
         T = setup.T_instrument_world @ scene.T[path.rows] @ setup.T_tool_target
         return T.reshape(-1, 16)

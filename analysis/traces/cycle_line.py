@@ -89,7 +89,7 @@ class CycleLine:
 
 
 def fitted(bounds: Bounds, number: Integers, period_ns: float) -> CycleLine:
-    """The broken line through ticks that lie within bounds, and how they scatter about it."""
+    """The broken line in ns through the ticks of a number (m,) that lie within bounds, and their scatter about it."""
     each = np.linspace(0, len(number) - 1, max(2, len(number) // _KNOT + 1)).astype(int)
     knots = np.unique(np.sort(number)[each]).astype(float)
     width_ns = bounds.width_ns

@@ -27,7 +27,7 @@ _LONGEST_MESSAGE = 65_536
 
 
 def require_sound(path: Path, what: str, columns: Mapping[str, np.ndarray[Any, Any]]) -> None:
-    """Raises FileError for a stream with a stamp that `rigd` cannot have written."""
+    """Raises FileError for columns (n,), stamps in ns and sizes in bytes, that `rigd` cannot have written."""
     requested, first, last = (columns[name] for name in ("requested_ns", "first_byte_ns", "last_byte_ns"))
     rules = {
         "an impossible stamp": (first < 0) | (last > _LATEST_NS),

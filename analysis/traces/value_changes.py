@@ -30,14 +30,17 @@ class Bounds:
     jumps: Mask
 
     def of(self, chosen: Mask) -> Bounds:
+        """The changes that a mask (m,) selects."""
         return Bounds(self.low_ns[chosen], self.high_ns[chosen], self.row[chosen], self.jumps[chosen])
 
     @property
     def middle_ns(self) -> Array:
+        """The middles (m,) of the bounds."""
         return (self.low_ns + self.high_ns) / 2
 
     @property
     def width_ns(self) -> Array:
+        """The widths (m,) of the bounds."""
         return self.high_ns - self.low_ns
 
     @property
@@ -67,7 +70,7 @@ def changes(asked_ns: Array, values: Array) -> Bounds:
 
 
 def repeats(values: Array) -> bool:
-    """Whether readings (n, k) stay the same so often that a cycle of their own is worth looking for."""
+    """Whether readings (n, k) mm stay the same so often that a cycle of their own is worth looking for."""
     return bool(np.count_nonzero(_changed(values)) < _REPEATS * len(values))
 
 

@@ -38,7 +38,7 @@ class Scene(Protocol):
 
     @property
     def T(self) -> Array:  # noqa: N802 - a frame
-        """Poses (n, 4, 4) of the tool in the world."""
+        """Poses (n, 4, 4) of the tool in the world, places in mm."""
 
     @property
     def base_mm(self) -> Array:

@@ -100,7 +100,7 @@ def _line_of(text: str) -> int:
     ("row", "reason"),
     [
         ("1,2,3", r"line 4: has 3 fields, the header 12; is the line cut off\?"),
-        ("1" + ",2" * 12, r"line 4: has 13 fields, the header 12; a text with a comma needs quotes"),
+        ("1" + ",2" * 12, r"line 4: has 13 fields, the header 12; put a text with a comma in quotes"),
     ],
 )
 def test_a_wrong_number_of_fields(row: str, reason: str) -> None:
@@ -137,11 +137,11 @@ def test_the_direction_of_the_command() -> None:
     assert "the table says cw; leave --direction out" in refusal(text, "yaw", "acw")[0]
     assert parse_csv(text, "t.csv", "yaw", rig(), "cw").num_rows
     assert refusal(csv_text(plain("radial")), "radial", "cw") == [
-        "t.csv: a radial table has no direction; leave --direction out"
+        "t.csv: is of a radial test, which has no direction; leave --direction out"
     ]
     rows = plain("yaw")
     del rows["direction"]
-    assert "line 1, direction: this column is missing; add it, or say --direction" in refusal(csv_text(rows), "yaw")[0]
+    assert "line 1, direction: this column is missing; add it, or give --direction" in refusal(csv_text(rows), "yaw")[0]
 
 
 def test_joints_that_jump() -> None:
@@ -182,7 +182,7 @@ def test_columns_missing_or_misnamed() -> None:
 
 def test_a_column_twice() -> None:
     text = csv_text(plain("pose")).replace('"ry_deg"', '"x_mm"')
-    assert any("line 1, x_mm: this column stands here twice" in line for line in refusal(text, "pose"))
+    assert any("line 1, x_mm: this column occurs twice" in line for line in refusal(text, "pose"))
 
 
 def test_another_separator() -> None:
@@ -199,7 +199,7 @@ def test_another_separator() -> None:
 def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) -> None:
     foreign = tmp_path / "series.csv"
     foreign.write_text("Timestamp;Goal x;shoulder_pan_joint;elbow_joint\n2,0E+13;0,0001;-2,78E-05;-1,5\n")
-    with pytest.raises(FileError, match=r"has semicolons .* sed 'y/,;/\.,/' .*series\.csv"):
+    with pytest.raises(FileError, match=r"separates its columns by semicolons .* sed 'y/,;/\.,/' .*series\.csv"):
         read_csv(foreign, "pose", rig())
 
 
@@ -211,7 +211,7 @@ def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) 
         (csv_text(plain("pose")).encode("utf-16"), "is UTF-16; save it as UTF-8"),
         (csv_text(plain("pose")).encode() + "\nµ".encode("latin-1"), "line 27 is not UTF-8"),
         (b"PAR1....PAR1", "is a Parquet file"),
-        (csv_text(plain("pose")).encode().replace(b"deg", b"\0eg"), "holds zero bytes"),
+        (csv_text(plain("pose")).encode().replace(b"deg", b"\0eg"), "contains zero bytes"),
         (csv_text({name: [] for name in plain("pose")}).encode(), "has a header and no rows"),
         (b"\n".join(csv_text(plain("pose")).encode().replace(b'"', b"").splitlines()[1:]), "has no header line"),
     ],
@@ -307,4 +307,4 @@ def test_any_mutation_gives_a_table_or_one_of_our_errors(data: st.DataObject) ->
 @pytest.mark.parametrize("test", ["radial", "repeatability"])
 def test_a_target_that_the_hemisphere_does_not_have(test: TestName) -> None:
     (line,) = refusal(with_cell(test, "target", 5, "38"), test)
-    assert line.startswith("t.csv, line 7, target: 38 is none of the 37 targets of the rig's hemisphere")
+    assert line.startswith("t.csv, line 7, target: 38 is not one of the 37 targets of the rig's hemisphere")

@@ -79,7 +79,7 @@ def test_what_the_arm_cannot_reach_is_told(name: str) -> None:
     arm = ARMS[name]
     far = forward(arm, START[None])
     far[:, :3, 3] += [4000, 0, 0]
-    with pytest.raises(FileError, match=r"path: pose 1 of 1 .* out of reach: no posture"):
+    with pytest.raises(FileError, match=r"path: pose 1 of 1 .* out of reach of the arm in every posture"):
         follow(arm, far, START, "path")
 
 

@@ -88,7 +88,7 @@ def test_a_target_that_the_hemisphere_does_not_have_is_refused() -> None:
     for test in ("radial", "repeatability"):
         table = simulate(rig, test, None, 1)
         wrong = dataclasses.replace(table, target=np.where(np.arange(len(table.target)) == 4, 38, table.target))
-        with pytest.raises(FileError, match="target 38 of row 5 is none of the 37 of the hemisphere"):
+        with pytest.raises(FileError, match="target 38 of row 5 is not one of the 37 of the hemisphere"):
             evaluate(wrong, rig, 0.0, "t")
 
 
@@ -231,7 +231,7 @@ def test_what_is_no_radial_run_is_refused() -> None:
         ("reads 0 mm in all", {"g_mm": np.zeros_like(g)}),
         ("g1_mm of row 4 is no number", {"g_mm": np.where(np.arange(len(g)) == 3, np.nan, g)}),
         ("g1_mm has no number in any of its 111 rows", {"g_mm": np.full(len(g), np.nan)}),
-        ("no deviation from 400 mm", {"g_mm": g + 400}),
+        ("too large for a radius of 400 mm", {"g_mm": g + 400}),
         ("beyond 180°", {"polar": np.degrees(TABLE.polar)}),
         ("target 1 has two directions", {"polar": TABLE.polar + 0.1 * (np.arange(len(g)) == 1)}),
     ):

@@ -69,7 +69,7 @@ def test_a_robot_that_never_told_all_its_joints_is_refused(tmp_path: Path) -> No
     robot = run.streams["robot"]
     for axis in range(1, 7):
         robot[f"q{axis}_deg"] = np.where(np.arange(len(robot["size"])) % 6 == axis - 1, np.nan, robot[f"q{axis}_deg"])
-    with pytest.raises(FileError, match="no two readings of robot"):
+    with pytest.raises(FileError, match="fewer than two readings of robot"):
         measured_of(run)
 
 

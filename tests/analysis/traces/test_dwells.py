@@ -104,7 +104,7 @@ def test_wild_readings_of_a_stand_are_counted_and_not_averaged() -> None:
     plain, _ = radial_table(dataclasses.replace(data, g_mm=g_mm), rig, "run")
     table, doubts = radial_table(dataclasses.replace(data, g_mm=wild), rig, "run")
     assert np.abs(table.g_mm - plain.g_mm).max() < 1e-4
-    assert "readings far from the others of their stand, not used: 1" in doubts
+    assert "1 readings lie far from the others of their stand and are not used" in doubts
 
 
 def test_a_repeatability_program_with_a_stand_before_it() -> None:

@@ -326,7 +326,7 @@ def test_a_daemon_is_asked_in_place_of_the_ports(bench: Bench) -> None:
     done = bench.run("rig", "doctor", bench.rig, "--json")
     said = json.loads(done.stdout)
     assert done.returncode == 0 and said["rig"] == "bench" and said["wrong"] == 0, said
-    assert any(f["about"] == "rigd" and "asked in place of the ports" in f["what"] for f in said["findings"])
+    assert any(f["about"] == "rigd" and "queried instead of the ports" in f["what"] for f in said["findings"])
     with Client(bench.socket) as client:
         faults = {name: s["counters"].keys() - {"samples"} for name, s in client.ask("status")["streams"].items()}
     assert not any(faults.values()), "the doctor has touched nothing"
