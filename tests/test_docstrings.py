@@ -1,4 +1,4 @@
-"""Every public function on arrays says their shapes and units, in its docstring or in its names."""
+"""Every public function on arrays says their shapes and units, and a docstring names its subject first."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ UNIT = re.compile(
 )
 """A unit, or a word for what has none, as a share, a number or a mask."""
 ELSEWHERE = ("analysis/diagnosis", "analysis/fitting", "analysis/noise", "analysis/correction")
+WORDS_ELSEWHERE = (*ELSEWHERE, "daq/recording", "daq/store", "daq/acquisition", "daq/service")
+"""Folders that are still to come."""
 
 
 def _functions() -> Iterator[tuple[str, ast.FunctionDef, str]]:
@@ -54,6 +56,19 @@ def _words(one: ast.FunctionDef, of_class: str) -> str:
 
 
 FUNCTIONS = list(_functions())
+FRAGMENT = re.compile(r"(Of|By|That|In which|In the|As (for|in)|Beside|Times (the|what|a|as)) ")
+"""How a docstring begins that leaves out what it is about: `Of a cycle: …`."""
+QUAINT = re.compile(r"\b(tells?|told|nobody|whoever|anew|awaited|no doubt|mended?)\b", re.I)
+"""Words for which this project has plainer ones: report, distinguish, unknown, again, correct."""
+
+
+def _strings() -> Iterator[tuple[str, str]]:
+    """Each docstring and message of the product with its place."""
+    for path in sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
+        name = str(path.relative_to(ROOT))
+        for node in () if name.startswith(WORDS_ELSEWHERE) else ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
+                yield f"{name}:{node.lineno}", node.value
 
 
 def test_functions_on_arrays_are_found() -> None:
@@ -64,6 +79,12 @@ def test_functions_on_arrays_are_found() -> None:
 def test_shapes_and_units_are_said(place: str, one: ast.FunctionDef, words: str) -> None:
     assert SHAPE.search(words), f"{place}, line {one.lineno}: its docstring gives no shape, as (n, 6)"
     assert UNIT.search(words), f"{place}, line {one.lineno}: neither docstring nor names give a unit"
+
+
+def test_docstrings_name_their_subject_and_words_are_plain() -> None:
+    strings = list(_strings())
+    assert len(strings) > 2000
+    assert [(place, text[:60]) for place, text in strings if FRAGMENT.match(text) or QUAINT.search(text)] == []
 
 
 @pytest.mark.parametrize(

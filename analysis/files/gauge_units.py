@@ -19,7 +19,7 @@ from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle
 
 _ECCENTRIC_MM = 0.2
-"""Below it a robot's own errors could make the two eccentricities differ."""
+"""A smaller eccentricity may differ between the two by the robot's own errors."""
 _LIKE_STATED = 0.3
 """Robots of 0.1 mm make the eccentricity differ from the stated one by less than this share; units, by 25 times it."""
 FACTORS = {"inches": 1 / 25.4, "µm": 1000.0}

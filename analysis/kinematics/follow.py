@@ -62,7 +62,8 @@ def _walk(arm: Arm, poses: Array, knots: np.ndarray[tuple[int], np.dtype[np.intp
 
 
 def _nearest_branch(arm: Arm, pose: Array, q: Array) -> Array | None:
-    """Of all branches and turns for a pose (1, 4, 4) that nearest to q (6,), within the limits where any is."""
+    """The angles (6,) rad, of all branches and turns for a pose (1, 4, 4), nearest to q (6,) rad and within the limits
+    where any is."""
     solutions = inverse(arm, pose)
     found = solutions.q[solutions.found]
     allowed, _ = within_limits(arm, found)

@@ -9,7 +9,7 @@ from rigs.errors import FileError
 
 
 def hold_numbers(where: str, **columns: Array) -> None:
-    """Raises FileError where a column (n, …) has a value that is no number."""
+    """Raises FileError where a column (n, …) has a value that is not a number."""
     for name, values in columns.items():
         bad = np.asarray(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
         if bad.all() and len(bad):
@@ -32,7 +32,7 @@ def hold_alive(where: str, **readings: Array) -> None:
 
 
 def hold_radius(where: str, radius_mm: float) -> None:
-    """Raises FileError for a radius that is no positive number."""
+    """Raises FileError for a radius that is not a positive number."""
     if not (np.isfinite(radius_mm) and radius_mm > 0):
         raise FileError(where, f"a radius of {radius_mm:g} mm is impossible", "correct radius_mm in the rig file")
 

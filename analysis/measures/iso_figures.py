@@ -22,7 +22,7 @@ def rp(x: Array) -> Array:
 
 def reversal(x: Array) -> dict[str, Array]:
     """ISO 230-2 figures (...,) of readings x (..., targets, 2, n), the sides ↓ (from outside) and ↑ (from inside),
-    NaN where there is none: R↓, R↑, R, largest B without sign, mean B = mean of x̄↑ - x̄↓."""
+    NaN where one is missing: R↓, R↑, R, largest B without sign, mean B = mean of x̄↑ - x̄↓."""
     mean, s = np.nanmean(x, axis=-1), np.nanstd(x, axis=-1, ddof=1)
     B = mean[..., 1] - mean[..., 0]
     both = 2 * s.sum(axis=-1) + np.abs(B)

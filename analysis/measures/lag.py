@@ -27,12 +27,12 @@ Complex = NDArray[np.complex128]
 _HARMONICS = np.arange(1, 9)
 _ROUNDS = 10
 _MOVED_MM = float(np.hypot(BALL_MM.middle, 1000.0 * np.radians(JOINT_DEG.middle)))
-"""By how much a circle lies elsewhere in another run: its ball, and a joint at the end of an arm of a metre."""
+"""How far a circle moves between runs: its ball, and a joint at the end of an arm of a metre."""
 
 
 @dataclass(frozen=True)
 class _Evidence:
-    """Of one kind of curve: harmonics (h,) of acw - cw, and of what a lag of one second would put there; noise: the
+    """One kind of curve: harmonics (h,) of acw - cw, and of what a lag of one second would put there; noise: the
     variance (h,) of their real and of their imaginary part without any play."""
 
     between: Complex

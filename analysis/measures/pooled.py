@@ -114,7 +114,7 @@ def _between(name: str, figures: Sequence[Quantity]) -> BetweenRuns:
 
 def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, str]]]:
     """The runs that belong together, and the others, each with the reason: readings given twice, and balls mounted
-    anew."""
+    again."""
     once: dict[tuple[str, ...], Result] = {}
     copies: list[tuple[Result, str]] = []
     for run in runs:

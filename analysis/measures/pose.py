@@ -235,7 +235,7 @@ def _thrice(x: Array) -> NDArray[np.bool_]:
 
 
 def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -> Array:
-    """(groups, 3, visits), NaN where there is none."""
+    """(groups, 3, visits), NaN where one is missing."""
     visits = [values[group == number] for number in again]
     x = np.full((len(again), 3, max(map(len, visits))), np.nan)
     for row, found in enumerate(visits):

@@ -44,7 +44,7 @@ _APART = 0.2
 @dataclass(frozen=True)
 class Cells:
     """Readings by target and orientation. target (t,); direction (t, 3) unit vectors in the hemisphere's frame;
-    g_mm (t, o, r) mm of r visits and t_s of their times, NaN where there is none."""
+    g_mm (t, o, r) mm of r visits and t_s of their times, NaN where one is missing."""
 
     target: Integers
     direction: Array
@@ -53,12 +53,12 @@ class Cells:
 
     @property
     def by_orientation(self) -> Array:
-        """Mean (t, o) over visits, NaN where there is none."""
+        """Mean (t, o) over visits, NaN where one is missing."""
         return _mean(self.g_mm)
 
     @property
     def by_visit(self) -> Array:
-        """Every reading (t, o·r) of a target, NaN where there is none."""
+        """Every reading (t, o·r) of a target, NaN where one is missing."""
         return self.g_mm.reshape(len(self.g_mm), -1)
 
     @property

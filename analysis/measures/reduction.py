@@ -22,14 +22,14 @@ from analysis.traces.laps import Laps
 PHI = 2 * np.pi * np.arange(NODES) / NODES
 """The circle angles (NODES,) rad of a curve."""
 _STIFF = 1e-3
-"""Of the rows at a node: weight of second differences, which bridge nodes without rows."""
+"""Weight of second differences, a share of the rows at a node, which bridge nodes without rows."""
 _SOLVED = 1e-9
 """Relative: a picometre in a millimetre."""
 _COARSEST = 10.0
 """Steps that a gauge must move by: with fewer the curve lies between two or three values."""
 _BASE_ROWS = 20_000
 _JUMPS = 2.0
-"""Times what a line changes by within two nodes."""
+"""A wild reading is further off than so many times the change of the line within two nodes."""
 _BLOCK = 1 << 17
 """Rows at a time, so that a long run needs no memory for all of them."""
 

@@ -28,7 +28,7 @@ SIDES = ("out", "in")
 
 @dataclass(frozen=True)
 class RepeatabilityResult:
-    """targets (t,); readings_mm (t, 2, n) of the sides out and in, in order of time, NaN where there is none."""
+    """targets (t,); readings_mm (t, 2, n) of the sides out and in, in order of time, NaN where one is missing."""
 
     targets: Integers
     readings_mm: Array
@@ -54,7 +54,7 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
 
 
 def plain_figures(x: Array) -> dict[str, Array]:
-    """The figures (...,) of readings x (..., targets, 2, n) mm, sides out and in, NaN where there is none."""
+    """The figures (...,) of readings x (..., targets, 2, n) mm, sides out and in, NaN where one is missing."""
     uni, bi, repeat = _range(x), _range(_both(x)), rp(x[..., None])
     return {
         "uni_mm": uni.max(axis=(-2, -1)),

@@ -1,4 +1,4 @@
-"""From run directories to their results: the one way that every report, plot and script takes."""
+"""From run directories to their results, for every report, plot and script."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from rigs.schema.declared_tests import Circle, Hemisphere
 
 _NEAR_MM = 20.0
 _ROWS = 5000
-"""That are enough to see how fast a circle was driven."""
+"""So many rows are enough to see how fast a circle was driven."""
 _UNITS_S = {"ms": 1e-3, "µs": 1e-6, "ns": 1e-9}
 _OFF = 3.2
 """A speed within so many times of a unit's is taken as off by that unit: a circle is never driven at such a speed."""

@@ -12,10 +12,10 @@ from analysis.measures.quantity import Quantity
 from analysis.noise.target_scatter import Scatter
 
 _SEED = 1
-"""Another than the sampler's, fixed, so that the same run gives the same report."""
+"""It differs from the sampler's, and is fixed, so that the same run gives the same report."""
 _SHARE = 0.95
 _TESTS = 4
-"""Of every other draw of the scatter: some five hundred tests in all."""
+"""Tests made of every other draw of the scatter: some five hundred in all."""
 Plain = Callable[[Array], dict[str, Array]]
 """Figures (...,) by name, which ends in the unit, of readings (..., t, k, n) mm, NaN where one is missing."""
 
@@ -31,7 +31,7 @@ def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array 
     from its expectation, were the test made again and again with the same scatter about each cell's mean. Of each draw
     of the scatter a few such tests are made; they lie too near to their own mean, by a known factor. The expectation is
     that of a gauge without steps, and it is unknown where between two steps a cell lies. drift_mm like the readings:
-    what of them drifted, which is no scatter and happens in each of these tests.
+    what of them drifted, which is not scatter and happens in each of these tests.
     """
     rng = np.random.default_rng(_SEED)
     there = np.isfinite(readings)

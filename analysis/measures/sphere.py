@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from analysis.kinematics.arm import Array
 
 PARAMETERS = ("centre_x_mm", "centre_y_mm", "centre_z_mm", "radius_mm")
-"""Of a sphere, in the order of the columns of its design."""
+"""The unknowns of a sphere, in the order of the columns of its design."""
 _GROSS_MM = 2.0
 """More than the largest play that the paper reports (Oh 2019, figure 15: 1.567 mm)."""
 _SPREADS = 10.0

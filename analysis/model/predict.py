@@ -28,7 +28,7 @@ from rigs.schema.scene import STAGES
 
 _NOTHING = np.empty(0)
 _VISIT_S = 4.0
-"""From one target to the next, where a table has no time."""
+"""The time from one target to the next, where a table has no time."""
 
 
 @dataclass(frozen=True)

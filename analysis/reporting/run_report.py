@@ -100,7 +100,7 @@ def _mean_cell(figure: BetweenRuns) -> str:
 
 
 def in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
-    """acw against cw, the lag of the gauges, and which runs are no pair, a line each."""
+    """acw against cw, the lag of the gauges, and which runs are not a pair, one line each."""
     if not isinstance(group[0].found, CircleResult):
         return []
     if both is None:

@@ -55,7 +55,7 @@ def all_agree(comparisons: Sequence[dict[str, TruthComparison]]) -> bool:
 
 
 def verdict(comparisons: Sequence[dict[str, TruthComparison]]) -> str:
-    """In one line: how many figures agree with the truth within two standard uncertainties."""
+    """The number of figures that agree with the truth within two standard uncertainties, in one line."""
     every = [comparison for one in comparisons for comparison in one.values()]
     within = sum(abs(comparison.deviation_u) <= 2 for comparison in every)
     return f"{within} of {len(every)} figures agree with the truth within 2 u"

@@ -25,7 +25,7 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction
 
 _DWELL_S = 1.5
-"""At each target; a program for real gauges waits longer."""
+"""The stand at each target; a program for real gauges waits longer."""
 _STAND_S = 1.0
 """Standing at the start before it moves, as a program waits for its controller."""
 

@@ -29,7 +29,7 @@ from rigs.schema.vocabulary import Direction, TestName
 GAUGE_RATE_HZ = 50.0
 """Readings a second on a circle: what a 4800 baud line gives."""
 _DWELL_S = 4.0
-"""From one target to the next."""
+"""The time from one target to the next."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def _program(rig: Rig, test: TestName, direction: Direction | None) -> CircleTab
 
 
 def _repeatability_table(rig: Rig) -> RepeatabilityTable:
-    """At each target a reading, then rounds of one approach from outside and one from inside."""
+    """One reading at each target, then rounds of one approach from outside and one from inside."""
     at, rounds = repeatability_program(rig), repeatability_of(rig).rounds
     approach = np.array(["none", *["out", "in"] * rounds])
     number = np.array([1, *np.repeat(np.arange(1, rounds + 1), 2)])

@@ -1,7 +1,7 @@
 """From a recorded run to one table: each gauge reading beside the joint angles at the same instant.
 
 Gauge 1 sets the rows; the other gauge and the robot are interpolated to its instants. A row is left out,
-and counted, where either has a gap there: a straight line across missing data is no measurement.
+and counted, where either has a gap there: a straight line across missing data is not a measurement.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def _are_many(gaps_ns: Array, rows: int) -> bool:
 
 
 def _own_u_s(rows_ns: Array, gauges: Sequence[_Track], robot: _Track) -> Array:
-    """Of each row (n,): the less certain gauge's and the robot's together."""
+    """The uncertainty (n,) s of each row: the less certain gauge's and the robot's together."""
     own_u_s = np.zeros(len(rows_ns))
     for track, together in [*((gauge, np.maximum) for gauge in gauges), (robot, np.hypot)]:
         if track.own_u_s.any():
@@ -169,7 +169,8 @@ def _tell(name: str, instants: Instants, doubts: list[str]) -> None:
 
 
 def _track(name: str, instants: Instants, values: Array, sound: Mask, doubts: list[str]) -> _Track:
-    """In order of time, without rows that hold no reading or whose time is unknown, and second values of an instant."""
+    """The values in order of time, without rows that hold no reading or whose time is unknown, and without second
+    values of an instant."""
     if odd := int((~sound).sum()):
         doubts.append(f"{name}: rows left out that hold no reading: {odd}; check it and its connection")
     usual_s = float(np.median(instants.own_u_s[sound])) if sound.any() else 0.0

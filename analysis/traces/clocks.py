@@ -37,7 +37,7 @@ _TIMER_NS = 3e6
 """What a quicker timer hides, unevenness covers."""
 _MOST = (0.05, 0.95)
 _DRIFTING = 0.7
-"""Of how far messages lie about a pace: what one does from the last, 1.2 to 1.4 where each is late for itself."""
+"""The scatter of messages about a pace: what one does from the last, 1.2 to 1.4 where each is late for itself."""
 _IN_STEP = 0.9
 """Mean cosine of arrivals that a timer of whole milliseconds releases, as all adapters have it."""
 _SAMPLE = 20_000
@@ -48,7 +48,7 @@ _STIRRED_NS = 2e6
 be seen that an adapter holds bytes back (`daq.protocol.polled` says why)."""
 
 _LONGER = 1.2
-"""Times a stated cycle: readings that stay the same for longer contradict it."""
+"""Readings that stay the same for more than so many stated cycles contradict the cycle."""
 _SPARSE_NS = 50e6
 """Where a joint turns back, a play is crossed in some ten milliseconds: five times that shows it to one gauge long
 before the other."""
@@ -128,7 +128,7 @@ def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Tim
 
 
 def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
-    """Of answers that were given when they were asked for, with readings (n, k) of a cycle that runs by itself."""
+    """The instants of answers to requests, with readings (n, k) mm of a cycle that runs by itself."""
     cycle_ns = None if timing.cycle_ms is None else timing.cycle_ms * 1e6
     if cycle_ns is None and not repeats(values):
         return asked
@@ -220,8 +220,8 @@ def _keeps_pace(late: Array, timer_ns: float) -> bool:
 
 
 def _timer_ns(arrived_ns: Array) -> float:
-    """Of an adapter that holds back bytes which come unasked and unevenly (n,): all arrive multiples of it apart; 0
-    where none does."""
+    """The timer in ns of an adapter that holds back bytes which come unasked and unevenly at (n,) ns: all arrive
+    multiples of it apart; 0 where there is no such timer."""
     steps = np.diff(arrived_ns[:_SAMPLE])
     if len(steps) < 2 * _STIRRED:
         return 0.0

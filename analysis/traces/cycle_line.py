@@ -24,7 +24,7 @@ _KNOT = 50
 _ROUNDS = 8
 _STEPS = 5
 _WRONG = 0.01
-"""Share of the changes that may be no tick, as where a line garbles a digit."""
+"""Share of the changes that may not be a tick, as where a line garbles a digit."""
 _SHIFTS = 81
 _SCATTERS = 60
 _LOG_LIKELY = 2.0

@@ -34,7 +34,7 @@ _REPORTS_S = 0.002
 _BLOCK = 4096
 """Rows whose poses are reckoned at a time, so that a long run needs no memory for all of them."""
 _HARDLY = 0.01
-"""Of a lap: a run that ends so little before the whole lap holds it; a wider gap would be refused anyway."""
+"""A run that ends by less than this share before the whole lap holds it; a wider gap would be refused anyway."""
 _STANDING_RAD = np.radians(0.2)
 _JUMP_RAD = np.radians(1.0)
 _JUMP_SPEEDS = 3.0
@@ -159,7 +159,7 @@ def _laps_in(rows: slice, ahead: Array, lead: float) -> list[tuple[slice, Array]
 def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
     """Rows of the lap that begins at a circle angle, and its circle angles from 0.
 
-    In order of time, so that standing, or coming to the start from elsewhere, is no part of it.
+    In order of time, so that standing, or coming to the start from elsewhere, is not part of it.
     """
     own = ahead - begins
     end = int(np.argmax(own >= 2 * np.pi)) or len(own)

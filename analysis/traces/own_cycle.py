@@ -19,7 +19,7 @@ from analysis.traces.cycle_line import CycleLine, fitted, numbered, period_of
 from analysis.traces.value_changes import FEW, Bounds, changes
 
 _WIDE = 0.7
-"""Of a cycle: changes seen no closer than this bound no tick, …"""
+"""Changes that are not seen to this share of a cycle do not bound a tick, …"""
 _STATED = 0.02
 """… a stated cycle is true to this share (a crystal to far less, a maker's round figure to this), …"""
 _SOUGHT = 0.3
@@ -27,7 +27,7 @@ _SOUGHT = 0.3
 _AGREE = 0.8
 """Share of the changes that must agree with a cycle before it is believed."""
 _STEADY = 0.15
-"""Of a cycle: ticks that scatter by more keep no time."""
+"""Ticks that scatter by more than this share of a cycle cannot serve as a clock."""
 _SAMPLE = 2000
 """Requests that show whether they keep step with the cycle: more of them show the same."""
 

@@ -19,7 +19,7 @@ from analysis.traces.own_clock import FittedClock, through_clock
 _AHEAD = 32
 """Messages of which one is hardly late: some beats of a period against an adapter's timer."""
 _EARLY = 0.15
-"""Of a period: how much the least delay may fall, by the beat and by a period not yet well known."""
+"""The share of a period by which the least delay may fall, by the beat and by a period not yet well known."""
 _MOSTLY = 0.75
 """There is a pace where the least delay hardly changes in so many of the steps from each few messages to the next: the
 others may be waits. Of messages without a pace, a third."""
@@ -140,7 +140,8 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
 
 
 def _missing(least: Array, period_ns: float) -> Integers:
-    """By how many periods each least delay (n,) lies behind those of the `_AHEAD` rows before it, as these are counted.
+    """The number of periods by which each least delay (n,) lies behind those of the `_AHEAD` rows before it, as these
+    are counted.
 
     Where those rows are counted alike, the count of the next one changes by what its delay rises, whatever their count
     is: such changes are found for all rows at once. Only the rows after a change are counted one by one.
@@ -197,7 +198,7 @@ def _uneven_s(host_ns: Array) -> Array:
 
 
 def _period_ns(number: Integers, host_ns: Array, apart: int) -> float:
-    """By pairs of messages so far apart, `_PAIRS` or a few more of them."""
+    """The period by pairs of messages so far apart, `_PAIRS` or a few more of them."""
     every = max(1, len(host_ns) // _PAIRS)
     later, earlier = slice(apart, None, every), slice(None, -apart, every)
     return float(np.median((host_ns[later] - host_ns[earlier]) / (number[later] - number[earlier])))

@@ -15,7 +15,7 @@ _JUMP = 4.0
 _REPEATS = 0.85
 """… in less than the rest of this share of its answers."""
 _STAND = 4.0
-"""Times as many answers of one value as usual: the gauge stood still meanwhile."""
+"""The gauge stood still where so many times the usual number of answers have one value."""
 _NEAR = 8
 
 

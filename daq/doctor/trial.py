@@ -23,7 +23,7 @@ _LISTEN_S = 2.0
 _TALK_S, _LONGEST_WAIT_S = 1.0, 5.0
 """For the first readings, beside the waiting for a line to be quiet that a conversation may begin with."""
 _ENOUGH = 3
-"""Readings in a row that are no accident at the wrong line settings."""
+"""Readings in a row that are hardly an accident at the wrong line settings."""
 _SLOW = 0.5
 _POOR_PPM = 1000.0
 _USUAL = (

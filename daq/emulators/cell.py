@@ -85,7 +85,7 @@ class Cell:
         self._plugged: dict[str, threading.Event] = {}
         self._silenced: set[str] = set()
         self.ports: dict[str, str] = {}
-        """By what the rig file calls it: `g1`, `g2`, `feedback`."""
+        """The ports by the names of the rig file: `g1`, `g2`, `feedback`."""
         late_ms = adversity.jitter_ms
         for stream in streams_of(rig):
             name, make = stream.name, self._noted(stream.name, devices[stream.name])

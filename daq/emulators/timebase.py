@@ -18,7 +18,7 @@ _HEAD_START_NS = 100_000_000
 """How much later than in the capture the host hears everything. Its threads start some 10 ms after its ports are open,
 more on a busy computer. A request that comes too early waits for its time; one that comes too late costs a reading."""
 _SHARE = 0.5
-"""Of the standard uncertainty of the gauges' time against the robot's: an error so large moves a figure by less than
+"""Share of the standard uncertainty of the gauges' time against the robot's: such an error moves a figure by less than
 its u."""
 _HOST_NS = 200_000
 """No program is woken any more punctually than this, and all instruments of a replay are late alike."""

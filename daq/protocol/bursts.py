@@ -21,7 +21,7 @@ class Bursts:
 
     def __init__(self) -> None:
         self._open: dict[tuple[FaultKind, str], Fault] = {}
-        """By what makes two faults the same; the count is of those not reported yet."""
+        """Open faults by what makes two of them the same; the count is of those not reported yet."""
 
     def merge(self, items: Sequence[Item], now_ns: int) -> list[Item]:
         """Return the items of one message, with repeated faults held back and those that are due added."""

@@ -74,7 +74,7 @@ class _Pieces:
 
 
 class Lines:
-    """Messages that end in a delimiter; with `joined_midway` the bytes up to the first one are none."""
+    """Messages that end in a delimiter; with `joined_midway` the bytes up to the first one are not a message."""
 
     def __init__(self, delimiter: bytes, *, joined_midway: bool = False) -> None:
         self._delimiter = delimiter

@@ -29,7 +29,7 @@ class Vibration(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Vibration]]:
-        """None: its phase is new in each run, see `swinging`."""
+        """An empty list: its phase is new in each run, see `swinging`."""
         return []
 
     def plain(self, joint: str) -> str:

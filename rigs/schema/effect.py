@@ -49,7 +49,7 @@ class Found(Part):
     gap_um: tuple[float, float] | None = None
     """Root mean square of what was unexplained, before and after, in µm of the readings."""
     correlation: dict[str, float] = Field(default_factory=dict)
-    """Of the size with those of other effects that came from the same fit, by their names."""
+    """Correlation of the size with those of other effects of the same fit, by their names."""
     together: tuple[str, ...] = ()
     """Effects of the same fit that look like this one: only what they make up together is known."""
     joints_deg: tuple[tuple[float, float], ...] | None = Field(default=None, min_length=6, max_length=6)

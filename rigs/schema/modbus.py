@@ -90,7 +90,7 @@ class ModbusMap(Probe, RegisterBlock):
     interface: Literal["modbus_map"]
     line: Line = Line(baud=19200, bits=8, parity="E", stop=1)
     framing: Literal["rtu", "ascii"] = "rtu"
-    """Of a serial line; TCP has its own."""
+    """The framing of a serial line; TCP has its own."""
     value: ValueRegister
     status: StatusRegister | None = None
     clock_s: Register | None = None

@@ -32,7 +32,7 @@ class JointAxis(Part):
     limits_deg: tuple[Angle, Angle]
     speed_deg_s: float = Field(gt=0, le=1e4)
     mass_kg: float = Field(default=0.0, ge=0, le=1e4)
-    """Of the link that this joint moves; used by effects of gravity."""
+    """Mass of the link that this joint moves; effects of gravity use it."""
     centre_mm: Vector = (0.0, 0.0, 0.0)
     """Centre of that mass in the link's frame."""
 
