@@ -1,5 +1,6 @@
 """What the documents tell a person to type exists: commands, options, files."""
 
+import os
 import re
 import subprocess
 import sys
@@ -15,7 +16,7 @@ from rigs.interfaces import NO_DEFAULT, Interface, known
 from rigs.load import SHIPPED, parse
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/**/*.md"))]
 BIN = Path(sys.executable).parent
 _SOURCES = [*sorted(ROOT.glob("analysis/cli/*.py")), ROOT / "daq" / "service" / "rigd.py"]
 VALUES = {"polled", "continuous", "optorsd", "m1240", "rtu", "ascii"}
@@ -41,7 +42,7 @@ def test_every_command_line_in_the_documents_exists(line: str) -> None:
         capture_output=True,
         text=True,
         check=False,
-        env={"COLUMNS": "200"},
+        env=os.environ | {"COLUMNS": "200"},
     )
     assert done.returncode == 0, done.stderr
     for option in (word.split("=")[0] for word in words if word.startswith("--")):

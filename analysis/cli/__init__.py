@@ -13,6 +13,8 @@ import typer
 from rigs.errors import CellError, RigError
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_OF_A_CELL = ("fcntl", "grp", "termios", "tty")
+"""Modules that Windows lacks: serial lines, and the socket of a running daemon."""
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -30,18 +32,29 @@ def main() -> None:
     try:
         app()
     except RigError as error:
-        sys.stderr.writelines(f"error: {line}\n" for line in error.lines())
-        sys.exit(error.exit_code)
+        sys.exit(_refused(error))
+    except ModuleNotFoundError as error:
+        if error.name not in _OF_A_CELL:
+            raise
+        command = " ".join(["rig", *sys.argv[1:2]])
+        remedy = "run it on the computer of the cell; saved runs are analysed here"
+        sys.exit(_refused(CellError(command, f"needs Linux: this system lacks {error.name}", remedy)))
     except BrokenPipeError:
         sys.exit(0)
     except OSError as error:
         if error.errno not in _NO_ROOM or error.filename is not None:
             raise
         full = CellError("output", error.strerror or str(error), "free some space, or write it elsewhere")
-        sys.stderr.writelines(f"error: {line}\n" for line in full.lines())
+        code = _refused(full)
         # What is left in the buffer would fail once more at the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(full.exit_code)
+        sys.exit(code)
+
+
+def _refused(error: RigError) -> int:
+    """Print an error for a person, and return its exit code."""
+    sys.stderr.writelines(f"error: {line}\n" for line in error.lines())
+    return error.exit_code
 
 
 def _version(asked: bool) -> None:
@@ -71,6 +84,7 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     diagnose,  # noqa: F401
     doctor,  # noqa: F401
     emulate,  # noqa: F401
+    example,  # noqa: F401
     export,  # noqa: F401
     import_,  # noqa: F401
     interfaces,  # noqa: F401

@@ -47,6 +47,8 @@ _MARGIN = 1.2
 """By which what has no name must explain more than the best name: names in a first fit are not at their best."""
 _KEPT = 12
 """Backgrounds that are kept, of some 8 MB each: about as many as a round of a search returns to."""
+_TRIED, _CLOSE = 3, 0.5
+"""Names that are fitted before one is added, most, and the share of the best one's gain that the others must have."""
 _PLAY_STARTS = (0.5, 1.0, 1.9)
 """Widths, in those that a linear fit finds, from which the width of a play is fitted."""
 
@@ -137,12 +139,24 @@ class Naming:
         return self._backgrounds[key]
 
     def _settled(self, state: State, posterior: Posterior) -> State:
-        """Level, strengths and robust weights as likely as what is taken to be there makes them."""
+        """Strengths, robust weights and level that make what is taken to be there likelier.
+
+        Each is estimated with the others as they were, so that an estimate may go too far: then a shorter step is
+        tried, and where that does not help either, nothing changes.
+        """
         around = self._surroundings
-        return replace(
-            state, level=around.level(state, posterior), strength=around.strength(state, posterior),
-            robust=around.robust(posterior),
-        )  # fmt: skip
+        whole, robust = self.evidence(state), around.robust(posterior)
+        for estimate in (around.strength, around.nearer_strength):
+            tried = replace(state, strength=estimate(state, posterior), robust=robust)
+            if (own := self.evidence(tried)) > whole:
+                state, whole = tried, own
+                break
+        level = around.level(state, posterior)
+        for nearer in (level, float(np.sqrt(level * state.level))):
+            tried = replace(state, level=nearer)
+            if nearer != state.level and self.evidence(tried) > whole:
+                return tried
+        return state
 
     def _dropped(self, state: State, posterior: Posterior, sure: float) -> State | None:
         """Without the effect that pays least, if one does not pay; those whose cavity gains more than `sure` do."""
@@ -155,9 +169,12 @@ class Naming:
         rest = self.without(state, place)
         if whole >= self.evidence(rest):
             return None
-        effect = state.refined.effects[place]
-        own = {k for k, form in enumerate(self.columns.forms) if is_same(form, effect)} | {state.origins[place]}
-        return replace(rest, refused=state.refused | own)
+        return self._refusing(rest, state.refined.effects[place], state.origins[place])
+
+    def _refusing(self, state: State, effect: Effect, origin: int = -1) -> State:
+        """With all forms of an effect, and the one it came from, among those that did not pay."""
+        own = {k for k, form in enumerate(self.columns.forms) if is_same(form, effect)} | {origin}
+        return replace(state, refused=state.refused | own)
 
     def _freed(self, state: State) -> State | None:
         """Without what had no name, where the best name in its place, or nothing, explains as much."""
@@ -218,27 +235,42 @@ class Naming:
 
     def _grown(self, state: State, posterior: Posterior) -> tuple[State, State | None] | None:
         """With the effect that explains most, if one pays; and, where a form without a name does better, with that."""
-        if len(state.refined.effects) >= _DEPTH:
-            return None
         gain = np.maximum(*self.gains(state, posterior))
         gain[[k for k in state.refused if k >= 0]] = -np.inf
-        k = int(np.argmax(gain))
-        if not gain[k] > 0:
+        best = self._best_names(gain)
+        if not best or len(state.refined.effects) >= _DEPTH:
             return None
-        changed = self.grown(state, posterior, k)
-        if gain[k] < _MUCH:
-            return changed, None
+        # A straight line may do less, or more, than the shape that is fitted on the simulator.
+        tried = [self.grown(state, posterior, k) for k in best]
+        whole = self.evidence(state)
+        changed = max(tried, key=self.evidence)
+        most = float(gain[best[0]])
+        if most < _MUCH:
+            if self.evidence(changed) > whole:
+                return changed, None
+            for k in best:
+                state = self._refusing(state, self.columns.forms[k].effects[0])
+            return self._grown(state, posterior)
         known = state.freed | {one.form.words for one in state.strangers}
         forms = [form for form in self._free if form.words not in known]
         if not forms:
             return self._fitted_again(changed), None
         stranger = strangest(forms, posterior)
         # A fit may do worse than its straight line where it moves the set-up far; the next look begins there.
-        named = max(float(gain[k]), self.evidence(changed) - self.evidence(state))
+        named = max(most, self.evidence(changed) - whole)
         changed = self._fitted_again(changed)
         if stranger.gain < _MARGIN * named:
             return changed, None
         return changed, self._fitted_again(replace(state, strangers=(*state.strangers, stranger)))
+
+    def _best_names(self, gain: Array) -> list[int]:
+        """Forms, best first, that gain most of each of a few names, by the gain (n,) of each form."""
+        best: dict[str, int] = {}
+        for k in np.argsort(-gain).tolist():
+            if not gain[k] > max(_CLOSE * gain.max(), 0.0) or len(best) == _TRIED:
+                break
+            best.setdefault(self.columns.forms[k].name, k)
+        return list(best.values())
 
     def grown(self, state: State, posterior: Posterior, k: int) -> State:
         """With a form as an effect, fitted; the others move along the tangents that they had."""

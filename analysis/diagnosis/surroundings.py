@@ -63,18 +63,26 @@ class Surroundings:
             weight[targets] = np.minimum(1.0, (_TAIL + 1) / (_TAIL + (left / scale) ** 2))
         return weight
 
+    def strength(self, state: State, posterior: Posterior) -> Array:
+        """Of each band (b,): as much as is left, where that is more than noise by more than its price. Noise that is
+        assumed, and so wide, may be less."""
+        energy, spent = self._energy(state, posterior)
+        free: Array = np.maximum(self.columns.count - spent / state.strength, 0.25 * self.columns.count)
+        ratio: Array = np.maximum(energy / free, 1e-9)
+        gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - self._band_price
+        return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self._least, 1.0))
+
+    def nearer_strength(self, state: State, posterior: Posterior) -> Array:
+        """The same by a short step that never makes the readings less likely (expectation and maximisation: Dempster,
+        Laird and Rubin 1977)."""
+        energy, spent = self._energy(state, posterior)
+        nearer: Array = np.maximum((energy + spent) / self.columns.count, self._least)
+        return nearer
+
     def _energy(self, state: State, posterior: Posterior) -> tuple[Array, Array]:
-        """By band: energy that is left, robust, and how many readings are free to leave it."""
+        """By band (b,), in variances of the noise: energy that is left, robust, and what the coefficients' uncertainty
+        may hide of it."""
         columns = self.columns
         raw = posterior.background.weight * state.strength[columns.band] * posterior.left**2
         energy = np.asarray(np.bincount(columns.band, raw), dtype=float)
-        spent = np.einsum("bij,ji->b", columns.K, posterior.A) / state.strength
-        return energy, np.maximum(columns.count - spent, 0.25 * columns.count)
-
-    def strength(self, state: State, posterior: Posterior) -> Array:
-        """Of each band: as much as is left, where that is more than noise by more than its price. Noise that is
-        assumed, and so wide, may be less."""
-        energy, free = self._energy(state, posterior)
-        ratio = np.maximum(energy / free, 1e-9)
-        gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - self._band_price
-        return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self._least, 1.0))
+        return energy, np.einsum("bij,ji->b", columns.K, posterior.A)

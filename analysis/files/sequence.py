@@ -1,4 +1,4 @@
-"""What a cell alone does not show: time that runs back, a second direction, joints that jump, targets that do not exist."""
+"""What a cell alone does not show: time that runs back, a second direction, jumps of joints, unknown targets."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
 
 
 def columns_of(table: Table) -> pa.Table:
-    """The columns of docs/tables.md, in its order: degrees and mm. A time that is zero throughout is not a time, and is left out."""
+    """The columns of docs/tables.md, in its order: degrees and mm. A time that is zero throughout is left out."""
     joints = dict(zip(JOINTS, np.degrees(table.q).T, strict=True))
     match table:
         case CircleTable():

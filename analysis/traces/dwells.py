@@ -127,7 +127,7 @@ def _rounds(approaches: list[tuple[int, str]]) -> Integers:
 def _in_order(found: Sequence[Hashable], wanted: Sequence[Hashable], once: int) -> tuple[list[int], list[str]]:
     """Which of the places found, by number, follow the order wanted, and what is to be said of the others.
 
-    once: places of one pass of the program. A pass that ends with its first place is not counted: the robot went back there.
+    once: places of one pass of the program. A pass that ends with its first place is not counted: the robot went back.
     """
     pairs = _longest_common(found, wanted)
     if len(pairs) > 1 and pairs[-1][1] > 0 and pairs[-1][1] % once == 0:

@@ -3,25 +3,36 @@
 A file is durable when its bytes and its directory's entry for it are both synced; replacing one goes
 through a temporary name, so that every name always holds a whole file, the old or the new.
 Nothing else changes a file while a run is recorded or recovered: who wraps this module's `os` sees every
-change in order, as `scripts/powercut` does. Raises plain OSError: the callers turn it into a message for people.
+change in order, as `scripts/dev powercut` does. Raises plain OSError: the callers turn it into a message for people.
+
+On Windows runs are read, imported and simulated, and never recorded. What it lacks are locks of this kind, which only a
+daemon and its helpers need there, and directories that can be synced, which only a power cut would miss.
 """
 
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import shutil
 from contextlib import suppress
 from pathlib import Path
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
 TEMPORARY = ".tmp"
 """Ending of a file that is being written; one that is left over holds nothing that counts."""
 LOCK = ".lock"
+_BINARY = getattr(os, "O_BINARY", 0)
+"""Without it Windows writes each line feed as two characters."""
 
 
 def free_bytes(path: Path) -> int:
     """Return the bytes that this user still has free on the disk of path."""
+    if not hasattr(os, "statvfs"):
+        return shutil.disk_usage(path).free
     disk = os.statvfs(path)
     return disk.f_bavail * disk.f_frsize
 
@@ -48,6 +59,8 @@ def discard(path: Path) -> None:
 
 def sync_directory(path: Path) -> None:
     """Make the entries of a directory durable."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
     fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(fd)
@@ -77,8 +90,8 @@ def close(fd: int) -> None:
 
 
 def rename(old: Path, new: Path) -> None:
-    """Give a file another name; durable when the directory is synced."""
-    os.rename(old, new)  # noqa: PTH104
+    """Give a file another name, instead of a file that has it; durable when the directory is synced."""
+    os.replace(old, new)  # noqa: PTH105
 
 
 def remove(path: Path) -> None:
@@ -88,10 +101,16 @@ def remove(path: Path) -> None:
 
 def write_at(fd: int, data: bytes, offset: int) -> None:
     """Write all of data: a disk that fills up takes a part of it first and refuses only then."""
+    write = os.pwrite if hasattr(os, "pwrite") else _seek_and_write
     rest = memoryview(data)
     while rest:
-        written = os.pwrite(fd, rest, offset)
+        written = write(fd, rest, offset)
         rest, offset = rest[written:], offset + written
+
+
+def _seek_and_write(fd: int, data: memoryview, offset: int) -> int:
+    os.lseek(fd, offset, os.SEEK_SET)
+    return os.write(fd, data)
 
 
 def create(path: Path, data: bytes) -> int:
@@ -99,7 +118,7 @@ def create(path: Path, data: bytes) -> int:
 
     Raises FileExistsError if the name is taken.
     """
-    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY, 0o644)
     try:
         write_at(fd, data, 0)
     except OSError:
@@ -137,7 +156,7 @@ def lock(run: Path) -> int:
     Waits: on a fresh run nobody holds it for longer than a look (`is_locked`) takes.
     """
     fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
-    fcntl.flock(fd, fcntl.LOCK_EX)
+    _flock(fd, wait=True)
     return fd
 
 
@@ -145,7 +164,7 @@ def try_lock(run: Path) -> int | None:
     """Take the writer's lock of a run, None when a process is writing it."""
     fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
     try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _flock(fd)
     except BlockingIOError:
         os.close(fd)
         return None
@@ -159,9 +178,15 @@ def is_locked(run: Path) -> bool:
     except FileNotFoundError:
         return False
     try:
-        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        _flock(fd, shared=True)
     except BlockingIOError:
         return True
     finally:
         os.close(fd)
     return False
+
+
+def _flock(fd: int, *, shared: bool = False, wait: bool = False) -> None:
+    """Lock an open file; where the system lacks such locks, every one is granted. Raises BlockingIOError."""
+    if fcntl is not None:
+        fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))

@@ -12,6 +12,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 HOW_TO = ROOT / "docs" / "how-to"
 FOLDERS = ("rigs", "daq", "analysis", "docs", "tests")
+FILES = ("pyproject.toml", "README.md", "CONTRIBUTING.md")
 BIN = Path(sys.executable).parent
 
 
@@ -21,10 +22,15 @@ def blocks(page: str, language: str) -> list[str]:
     return re.findall(rf"^```{language}\n(.*?)^```", text, re.S | re.M)
 
 
-def run(tree: Path, *command: str, timeout_s: float = 100) -> str:
-    """The output of a command of the environment on the code of a tree. Fails where the command does."""
+def run(tree: Path, *command: str, timeout_s: float = 100) -> subprocess.CompletedProcess[str]:
+    """Run a command of the environment on the code of a tree."""
     env = os.environ | {"PYTHONPATH": str(tree), "XDG_RUNTIME_DIR": str(tree), "PATH": f"{BIN}:{os.environ['PATH']}"}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tree, env=env, timeout=timeout_s)
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=tree, env=env, timeout=timeout_s)
+
+
+def output(tree: Path, *command: str, timeout_s: float = 100) -> str:
+    """The output of such a command. Fails where the command does."""
+    done = run(tree, *command, timeout_s=timeout_s)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -33,11 +39,12 @@ def followed(page: str, tree: Path) -> list[str]:
     """Copy this tree to another place, with the example of a page added as the page says; the files it changes."""
     for name in FOLDERS:
         shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__", "corpus"))
-    shutil.copy(ROOT / "pyproject.toml", tree)
+    for name in FILES:
+        shutil.copy(ROOT / name, tree)
     (copy,) = (block for block in blocks(page, "sh") if block.startswith("cp "))
     example = HOW_TO / copy.split()[2].removeprefix("docs/how-to/")
     new = [str(path.relative_to(example)) for path in sorted(example.rglob("*.py"))]
-    run(tree, "bash", "-ec", copy)
+    output(tree, "bash", "-ec", copy)
     changed = []
     for block in blocks(page, "diff"):
         header, *lines = block.splitlines()
@@ -67,9 +74,9 @@ def edited(text: str, lines: list[str]) -> str:
 def checked(tree: Path, files: list[str]) -> None:
     """Check the style and the types of the Python files that a page adds or changes."""
     python = [name for name in files if name.endswith(".py")]
-    run(tree, "ruff", "check", "--no-cache", *python)
-    run(tree, "ruff", "format", "--no-cache", "--check", *python)
-    run(tree, "mypy", *(name for name in python if not name.startswith("tests/")), timeout_s=300)
+    output(tree, "ruff", "check", "--no-cache", *python)
+    output(tree, "ruff", "format", "--no-cache", "--check", *python)
+    output(tree, "mypy", *(name for name in python if not name.startswith("tests/")), timeout_s=300)
 
 
 def commands(page: str, program: str) -> str:

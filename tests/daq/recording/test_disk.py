@@ -152,8 +152,8 @@ def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
     ("number", "calls"),
     [
         (errno.EIO, ("fsync",)),
-        (errno.EIO, ("open", "pwrite", "fsync", "rename", "unlink", "ftruncate", "statvfs")),
-        (errno.EROFS, ("open", "pwrite", "rename", "unlink", "mkdir")),
+        (errno.EIO, ("open", "pwrite", "fsync", "replace", "unlink", "ftruncate", "statvfs")),
+        (errno.EROFS, ("open", "pwrite", "replace", "unlink", "mkdir")),
         (errno.ENOSPC, ("pwrite",)),
     ],
     ids=["fsync", "gone", "read-only", "quota"],

@@ -118,14 +118,14 @@ def test_crash_while_closing_a_chunk(
 def test_recovery_may_itself_be_interrupted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, nth: int) -> None:
     path = crash(record(tmp_path))
     (path / "manifest.json").write_bytes(b"{")
-    renames, rename = iter(range(1, 100)), os.rename
+    renames, rename = iter(range(1, 100)), os.replace
 
     def crashing(old: Path, new: Path) -> None:
         if next(renames) == nth:
             raise Crash
         return rename(old, new)
 
-    monkeypatch.setattr(os, "rename", crashing)
+    monkeypatch.setattr(os, "replace", crashing)
     with pytest.raises(Crash):
         recover(path)
     monkeypatch.undo()

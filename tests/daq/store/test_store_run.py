@@ -188,7 +188,7 @@ def test_chunk_that_is_no_parquet(run: Path) -> None:
 
 
 def test_text_that_is_none_is_damage(run: Path) -> None:
-    """Found by scripts/fuzz: Arrow reads it, and raises only where a row of it is asked for."""
+    """Found by scripts/dev fuzz: Arrow reads it, and raises only where a row of it is asked for."""
     file = run / "faults-0001.parquet"
     old = file.read_bytes()
     file.write_bytes(old.replace("–".encode(), b"\xff\x80\x93"))
