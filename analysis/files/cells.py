@@ -43,7 +43,7 @@ def _what_it_is(text: str) -> str:
         return "not a finite number"
     if re.fullmatch(r"[+-]?[0-9]+,[0-9]+", text):
         return f"written with a decimal comma; write {text.replace(',', '.')}"
-    return "no number"
+    return "not a number"
 
 
 def _count(text: str) -> int:

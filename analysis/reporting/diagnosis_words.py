@@ -70,7 +70,7 @@ def headline(found: Diagnosis) -> str:
             um = found.remainder.um
             return f"Most of what is missing in the model, {um:.0f} µm, is not explained by any known effect."
         case "within_tolerance":
-            return "Nothing is missing that matters: what is left is within what a healthy robot shows."
+            return "No effect that matters is missing: what remains is within what a healthy robot shows."
         case "not_testable_here":
             return "These runs cannot show whether an effect is missing."
 

@@ -124,8 +124,8 @@ def _of_lag(lag: Quantity, rate: float) -> str:
         return f"a lag of the gauges behind the robot is not detected: {lag}"
     turned = np.degrees(rate * abs(lag.value) / 1000)
     return (
-        f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {turned:.2g}° in opposite ways, and "
-        "that is not in their u; describe the gauge by `timing` in the rig file, or run rig diagnose"
+        f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {turned:.2g}° in opposite directions, "
+        "which their u does not include; describe the gauge by `timing` in the rig file, or run rig diagnose"
     )
 
 

@@ -172,13 +172,13 @@ def _track(name: str, instants: Instants, values: Array, sound: Mask, doubts: li
     """The values in order of time, without rows that hold no reading or whose time is unknown, and without second
     values of an instant."""
     if odd := int((~sound).sum()):
-        doubts.append(f"{name}: rows left out that hold no reading: {odd}; check it and its connection")
+        doubts.append(f"{name}: {odd} rows that hold no valid reading are left out; check it and its connection")
     usual_s = float(np.median(instants.own_u_s[sound])) if sound.any() else 0.0
     there = sound & (instants.own_u_s <= max(_STALLED * usual_s, _STALLED_S))
     if stalled := int((sound & ~there).sum()):
         doubts.append(
-            f"{name}: rows left out whose time is known far worse than the others': {stalled}; "
-            "a computer was held up, or a stamp was wrong"
+            f"{name}: {stalled} rows are left out because their time is too uncertain: "
+            "the computer was held up, or a stamp was wrong"
         )
     ns, own_u_s = instants.ns, instants.own_u_s
     if not there.all():

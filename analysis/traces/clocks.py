@@ -57,11 +57,11 @@ _SPARSE = (
     "other gauge shows earlier; drive the circle slower"
 )
 _FOUND = (
-    "its readings repeat as those of a cycle of its own do, of {:.2f} ms by the readings themselves; each is taken at "
-    "its tick; state the cycle as timing.cycle_ms in the rig file"
+    "its readings repeat with a cycle of its own of {:.2f} ms; each takes the time of its tick; "
+    "state the cycle as timing.cycle_ms in the rig file"
 )
 _UNEVEN = (
-    "its readings repeat while it moves, in an uneven cycle of some {:.0f} ms; each is taken where it first showed, "
+    "its readings repeat while it moves, in an uneven cycle of some {:.0f} ms; each takes the time of its first copy, "
     "which adds uncertainty; see timing in the rig file and the instrument's manual"
 )
 _NOT_SEEN = (

@@ -137,7 +137,7 @@ def _in_order(found: Sequence[Hashable], wanted: Sequence[Hashable], once: int) 
         return list(range(len(found))), [
             "targets were visited in another order than in the rig file: all stands are used"
         ]
-    said = f"stands outside the program's order (before it, after it, or once more than it has), not used: {others}"
+    said = f"{others} stands outside the order of the program (before it, after it, or once too often) are not used"
     return [k for k, _ in pairs], [said] if others else []
 
 
@@ -182,7 +182,7 @@ def _missing(program: TargetProgram, rows: Integers) -> list[str]:
     missing = sorted(set(program.target.tolist()) - set(program.target[rows].tolist()))
     if not missing:
         return []
-    return [f"no stand at target {', '.join(map(str, missing[:8]))}{' …' if len(missing) > 8 else ''}"]
+    return [f"the run has no stand at target {', '.join(map(str, missing[:8]))}{' …' if len(missing) > 8 else ''}"]
 
 
 def _stands(data: Aligned) -> list[_Stand]:

@@ -145,7 +145,7 @@ def _certificates(run: Run, rig: Rig) -> list[str]:
     try:
         return certificate_doubts(rig, parts, dt.date.fromisoformat(run.manifest.started[:10]))
     except ValueError:
-        return [f"its manifest does not say on which day it was recorded, but {run.manifest.started[:30]!r}"]
+        return [f"the start time in its manifest is not a date: {run.manifest.started[:30]!r}"]
 
 
 def _doubts(run: Run) -> list[str]:

@@ -31,9 +31,9 @@ def require_sound(path: Path, what: str, columns: Mapping[str, np.ndarray[Any, A
     requested, first, last = (columns[name] for name in ("requested_ns", "first_byte_ns", "last_byte_ns"))
     rules = {
         "an impossible stamp": (first < 0) | (last > _LATEST_NS),
-        "a first byte that came after the last": first > last,
-        "a request that went out after its answer": requested > last,
-        "a stamp earlier than the row before": np.diff(last, prepend=last[:1]) < 0,
+        "a first byte later than the last": first > last,
+        "a request later than its answer": requested > last,
+        "a stamp earlier than that of the row before": np.diff(last, prepend=last[:1]) < 0,
         "an impossible message size": (columns["size"] < 0) | (columns["size"] > _LONGEST_MESSAGE),
     }
     for words, broken in rules.items():

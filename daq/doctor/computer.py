@@ -57,7 +57,7 @@ def room(runs: Path, free_gb: float) -> Finding:
 
 def sync_time(runs: Path, slowest_s: float) -> Finding:
     """Check whether the disk keeps up with a daemon that syncs twice a second."""
-    what = f"putting 64 kB on the disk took up to {slowest_s * 1e3:.0f} ms"
+    what = f"writing 64 kB to the disk took up to {slowest_s * 1e3:.0f} ms"
     if slowest_s > _TOO_SLOW_S:
         return wrong("disk", what, f"put {runs} on a disk of its own, not on a memory card or a network drive")
     if slowest_s > _SLOW_S:
@@ -84,7 +84,7 @@ def service(unit: str, properties: Mapping[str, str]) -> Finding:
             unit, f"failed ({properties.get('Result')})", f"see why: rig logs; then: sudo systemctl restart {unit}"
         )
     if sub == "auto-restart" or active == "activating":
-        return wrong(unit, f"does not come up, {restarts} starts so far", "see why: rig logs")
+        return wrong(unit, f"does not start, {restarts} attempts so far", "see why: rig logs")
     if active != "active":
         return doubtful(unit, "stopped", f"start it: sudo systemctl enable --now {unit}")
     what = f"running, restarted {restarts} times since it was started"

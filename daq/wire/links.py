@@ -84,14 +84,14 @@ class Link:
 
     def _check_alive(self) -> None:
         if time.monotonic() - self._heard_s > self._dead_s:
-            raise LinkLost(f"nothing came for {self._dead_s:g} s, the other end may be gone")
+            raise LinkLost(f"nothing arrived for {self._dead_s:g} s, the other end may be gone")
 
     def write(self, data: bytes) -> None:
         """Send all of the data. Raises LinkLost, also if the line accepts nothing for some seconds."""
         try:
             while data:
                 if not select.select([], [self], [], _WRITE_S)[1]:
-                    raise LinkLost("the line accepts no data")
+                    raise LinkLost("the line does not accept data")
                 data = data[os.write(self._fd, data) :]
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None
@@ -147,7 +147,7 @@ class UdpLink(Link):
             return
         try:
             if not select.select([], [self], [], _WRITE_S)[1]:
-                raise LinkLost("the network accepts no datagrams")
+                raise LinkLost("the network does not accept datagrams")
             self._sock.sendto(data, self._sender)
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None

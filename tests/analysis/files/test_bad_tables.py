@@ -41,10 +41,10 @@ CELLS: list[tuple[TestName, str, str, str]] = [
     ("radial", "polar_deg", "nan", "'nan' is not a finite number"),
     ("pose", "x_mm", "-Inf", "'-Inf' is not a finite number"),
     ("pose", "x_mm", "NaN(ind)", "'NaN(ind)' is not a finite number"),
-    ("pose", "rx_deg", "1_000", "'1_000' is no number"),
-    ("pose", "rx_deg", "٣", "'٣' is no number"),
-    ("pose", "rx_deg", "12 mm", "'12 mm' is no number"),
-    ("pose", "rx_deg", "ERR0", "'ERR0' is no number"),
+    ("pose", "rx_deg", "1_000", "'1_000' is not a number"),
+    ("pose", "rx_deg", "٣", "'٣' is not a number"),
+    ("pose", "rx_deg", "12 mm", "'12 mm' is not a number"),
+    ("pose", "rx_deg", "ERR0", "'ERR0' is not a number"),
     ("pose", "x_mm", "1e300", "'1e300' is too large for a measured value; check the unit"),
     ("pose", "x_mm", "1e999", "'1e999' is too large for a measured value; check the unit"),
     ("radial", "target", "0", "'0' is not a positive integer: 1, 2, 3, …"),
@@ -87,7 +87,7 @@ def test_lines_are_those_an_editor_shows() -> None:
     rows = rows_of("pose")  # its extra columns hold line ends
     rows["x_mm"] = [*rows["x_mm"][:-1], "?"]
     text = csv_text(rows)
-    assert refusal(text, "pose") == [f"t.csv, line {_line_of(text)}, x_mm: '?' is no number; correct the file"]
+    assert refusal(text, "pose") == [f"t.csv, line {_line_of(text)}, x_mm: '?' is not a number; correct the file"]
 
 
 def _line_of(text: str) -> int:

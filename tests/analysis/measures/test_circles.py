@@ -143,7 +143,7 @@ def test_a_good_run_is_not_doubted(name: str, test: str) -> None:
         ({"g_mm": np.zeros((720, 2))}, "reads 0 mm in all 720 rows"),
         (
             {"g_mm": np.where(np.arange(1440).reshape(720, 2) == 9, np.nan, _ball("yaw", (1, 0, 0)))},
-            "row 5 is no number",
+            "row 5 is not a number",
         ),
         ({"g_mm": _ball("yaw", (1, 0, 0))[:, :1]}, "not have two gauges"),
         ({"frame": dataclasses.replace(FRAME, radius=0.0)}, "a radius of 0 mm is impossible"),

@@ -229,7 +229,7 @@ def test_what_is_no_radial_run_is_refused() -> None:
     g = planted.true_radial(TABLE)
     for said, changes in (
         ("reads 0 mm in all", {"g_mm": np.zeros_like(g)}),
-        ("g1_mm of row 4 is no number", {"g_mm": np.where(np.arange(len(g)) == 3, np.nan, g)}),
+        ("g1_mm of row 4 is not a number", {"g_mm": np.where(np.arange(len(g)) == 3, np.nan, g)}),
         ("g1_mm has no number in any of its 111 rows", {"g_mm": np.full(len(g), np.nan)}),
         ("too large for a radius of 400 mm", {"g_mm": g + 400}),
         ("beyond 180°", {"polar": np.degrees(TABLE.polar)}),

@@ -120,7 +120,7 @@ def test_what_figures_of_the_computer_mean(finding: Finding, verdict: Verdict) -
         ("LoadState=not-found ActiveState=inactive SubState=dead", DOUBTFUL, "not installed"),
         ("LoadState=loaded ActiveState=inactive SubState=dead", DOUBTFUL, "stopped"),
         ("LoadState=loaded ActiveState=failed SubState=failed Result=exit-code", WRONG, "failed (exit-code)"),
-        ("LoadState=loaded ActiveState=activating SubState=auto-restart NRestarts=7", WRONG, "7 starts so far"),
+        ("LoadState=loaded ActiveState=activating SubState=auto-restart NRestarts=7", WRONG, "7 attempts so far"),
         ("LoadState=loaded ActiveState=active SubState=running NRestarts=0 UnitFileState=enabled", OK, "running"),
         ("LoadState=loaded ActiveState=active SubState=running NRestarts=2 UnitFileState=enabled", DOUBTFUL, "2 times"),
         (

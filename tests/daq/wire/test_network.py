@@ -88,7 +88,7 @@ def test_a_connection_that_brings_something_now_and_then_is_not_dead() -> None:
                 sock.sendall(b"x")
                 assert link.read(PATIENCE_S) == b"x"
                 assert link.read(0.1) == b""
-            with pytest.raises(LinkLost, match="nothing came for"):
+            with pytest.raises(LinkLost, match="nothing arrived for"):
                 while True:
                     assert link.read(0.05) == b""
 
