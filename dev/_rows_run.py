@@ -19,6 +19,7 @@ from analysis.traces.tables import CircleTable
 from daq.protocol.conversation import NO_TIME
 from daq.store import RunWriter
 from daq.store.chunk import Salvage
+from daq.store.ledger import Entry
 from daq.store.schema import schema_of
 from daq.store.stream_writer import store_chunk
 from daq.store.writer import CHUNK_ROWS
@@ -52,15 +53,15 @@ def main(runs: Path, rows: int) -> None:
         operator="rows",
         streams=STREAMS,
     )
-    chunks = list(writer.manifest.chunks)
     for stream, columns in STREAMS.items():
         rate = ROBOT_HZ if stream == "robot" else GAUGE_HZ
         schema = writer._writers[stream].schema
         count = max(2, rows * rate // GAUGE_HZ)
         for number, batch in enumerate(_batches(table, stream, count, rate), start=1):
             stored = pa.record_batch(batch, schema=schema_of(stream, columns))
-            chunks.append(store_chunk(writer.path, stream, number, Salvage((stored,), True, 0, None), schema))
-    writer.manifest = writer.manifest.model_copy(update={"chunks": tuple(chunks)})
+            chunk = store_chunk(writer.path, stream, number, Salvage((stored,), True, 0, None), schema)
+            writer._ledger.append(Entry(chunk=chunk))
+            writer._writers[stream].rows += chunk.rows
     writer.close("complete", "written", {})
     print(writer.path)
 

@@ -72,12 +72,12 @@ def recover(path: RunPath) -> None:
 
 @app.command()
 def verify(path: RunPath) -> None:
-    """Check every chunk of a run against its manifest; the exit code is 3 if anything is wrong."""
-    from daq.store import verify as verify_run  # noqa: PLC0415
+    """Report whether a run is whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
+    from daq.store import judge  # noqa: PLC0415
 
-    problems = verify_run(path)
-    for problem in problems:
-        typer.echo(problem, err=True)
-    if problems:
+    verdict = judge(path)
+    for line in verdict.lines:
+        typer.echo(line, err=True)
+    typer.echo(verdict.summary)
+    if verdict.lines:
         raise typer.Exit(3)
-    typer.echo(f"{path}: whole")

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from analysis.kinematics.arm import Array
 from daq.store import Run
-from daq.store.manifest import first_error
+from daq.store.records import first_error
 from rigs.errors import FileError
 from rigs.schema.feedback import SIGNAL
 from rigs.schema.recording_rules import Rule

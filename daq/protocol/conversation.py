@@ -46,6 +46,8 @@ class FaultKind(StrEnum):
     """Samples lost on the host because a buffer was full."""
     OUT_OF_STEP = "out_of_step"
     """A replay was not in step with its capture; counted in seconds."""
+    STALLED = "stalled"
+    """The host, rigd or one reader stood still: what came meanwhile was read late, and its stamps are late as well."""
     CLOCK = "clock"
     """The host's wall clock was set, or the host slept; reported for the host itself and not for a stream."""
 

@@ -28,7 +28,7 @@ from daq.service.maintenance import Maintenance, RunRetention
 from daq.service.metrics import metrics_text
 from daq.service.sd_notify import notify, watchdog_s
 from daq.store import RunWriter
-from daq.store.manifest import Ending
+from daq.store.records import Ending
 from daq.store.startup_recovery import StartupRecovery
 from daq.wire.links import Link
 from rigs.errors import CellError, RigError

@@ -66,7 +66,8 @@ def _streams(streams: Mapping[str, Any], host: Mapping[str, int]) -> Iterator[Me
         for kind in FaultKind
         if kind is not FaultKind.CLOCK
     )
-    faults += (({"stream": HOST, "kind": str(FaultKind.CLOCK)}, host.get(FaultKind.CLOCK, 0)),)
+    of_host = (FaultKind.CLOCK, FaultKind.STALLED)
+    faults += tuple(({"stream": HOST, "kind": str(kind)}, host.get(kind, 0)) for kind in of_host)
     yield Metric(
         "rig_faults_total",
         "counter",

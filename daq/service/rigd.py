@@ -18,7 +18,7 @@ import typer
 from daq.service import journal
 from daq.service.control import socket_directory
 from daq.service.daemon import Daemon
-from daq.store.manifest import Ending
+from daq.store.records import Ending
 from rigs.errors import RigError
 from rigs.load import load
 

@@ -118,7 +118,7 @@ def create(path: Path, data: bytes) -> int:
 
     Raises FileExistsError if the name is taken.
     """
-    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | _BINARY, 0o644)
+    fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | _BINARY, 0o644)
     try:
         write_at(fd, data, 0)
     except OSError:
@@ -127,6 +127,28 @@ def create(path: Path, data: bytes) -> int:
             remove(path)
         raise
     return fd
+
+
+def reopen(path: Path) -> int:
+    """Open a file that is there, to read and to go on writing it."""
+    return os.open(path, os.O_RDWR)
+
+
+def read(fd: int) -> bytes:
+    """Return all bytes of an open file, also of one whose name is gone."""
+    data = b""
+    while piece := os.pread(fd, os.fstat(fd).st_size - len(data), len(data)):
+        data += piece  # a second piece only where a single read may not be as large as a chunk
+    return data
+
+
+def is_named(fd: int, path: Path) -> bool:
+    """Return whether an open file is still the one of this name."""
+    try:
+        found = os.stat(path)  # noqa: PTH116 - through os, as everything here
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return os.path.samestat(found, os.fstat(fd))
 
 
 def replace(path: Path, data: bytes) -> None:

@@ -1,6 +1,6 @@
 """A table from elsewhere as a run like any other: a manifest, and the table in one Parquet chunk.
 
-The chunk carries the opening manifest as every chunk does, and the manifest says `recording` until the
+The chunk carries the opening manifest as every chunk does, and the ledger is sealed when the
 chunk is durable, so that an import cut off is seen, and brought back or given up by `recover`.
 """
 
@@ -13,8 +13,10 @@ import pyarrow as pa
 
 from daq.store import durable
 from daq.store.chunk import to_parquet, with_opening
-from daq.store.manifest import ImportedTable, Manifest, chunk_name, hold_operator, iso_now, new_manifest
-from daq.store.schema import TABLE
+from daq.store.ledger import Entry, Ledger
+from daq.store.manifest import Manifest, hold_operator, load_manifest, new_manifest
+from daq.store.records import ImportedTable, Seal, chunk_name, iso_now
+from daq.store.schema import FAULTS, TABLE
 from daq.store.stream_writer import describe
 from rigs.errors import CellError, FileError
 from rigs.schema.vocabulary import Direction, TestName
@@ -69,23 +71,29 @@ def _fill(path: Path, manifest: Manifest, table: pa.Table) -> Manifest:
     held = durable.lock(path)
     try:
         manifest.save(path)
+        ledger = Ledger.create(path, manifest.opening())
         durable.sync_directory(path.parent)
         whole = table.cast(manifest.arrow_schema(TABLE)).combine_chunks()
         data = to_parquet(whole.cast(with_opening(manifest.arrow_schema(TABLE), manifest.opening())))
         file = path / chunk_name(TABLE, 1)
         durable.replace(file, data)
-        change = {
-            "chunks": (describe(file.name, TABLE, table, data),),
-            "counters": {TABLE: {"samples": table.num_rows}},
-            "exit_status": "complete",
-            "reason": "imported",
-            "ended": iso_now(),
-        }
-        ended = manifest.model_copy(update=change)
-        ended.save(path)
+        ledger.append(Entry(chunk=describe(file.name, TABLE, table, data)))
+        rows = table.num_rows
+        ledger.append(
+            Entry(
+                seal=Seal(
+                    exit_status="complete",
+                    reason="imported",
+                    ended=iso_now(),
+                    rows={TABLE: rows, FAULTS: 0},
+                    counters={TABLE: {"samples": rows}},
+                )
+            )
+        )
+        ledger.close()
     finally:
         durable.close(held)
-    return ended
+    return load_manifest(path)
 
 
 def _name(path: Path) -> str:

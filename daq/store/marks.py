@@ -13,7 +13,8 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from daq.store import durable
-from daq.store.manifest import Text, first_error, iso_now, load_manifest, unreadable
+from daq.store.manifest import load_manifest, unreadable
+from daq.store.records import Text, first_error, iso_now
 from rigs.errors import CellError, FileError
 
 MARKS = "marks.json"

@@ -15,7 +15,8 @@ import pyarrow as pa
 
 from daq.store.chunk import from_parquet
 from daq.store.durable import TEMPORARY, is_locked
-from daq.store.manifest import Chunk, Manifest, load_manifest, sha256, unreadable
+from daq.store.manifest import Manifest, load_manifest, unreadable
+from daq.store.records import Chunk, sha256
 from daq.store.schema import FAULTS, TABLE
 from rigs.errors import FileError
 
@@ -71,6 +72,13 @@ def is_unclosed(path: Path) -> bool:
         return left and not is_locked(path)
     except OSError as error:
         raise unreadable(path, error) from None
+
+
+def left_over(path: Path, manifest: Manifest) -> list[Path]:
+    """Return the files of a run that is not being recorded which only a crash leaves."""
+    listed = {chunk.file for chunk in manifest.chunks}
+    unlisted = {file for file in path.glob("*.parquet") if file.name not in listed}
+    return sorted(unlisted | {*path.glob("*.arrow"), *path.glob(f"*{TEMPORARY}")})
 
 
 def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:

@@ -148,9 +148,8 @@ def test_an_import_that_never_held_its_table(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text(csv_text(plain("pose")))
     imported = {"rig_file": RIG_FILE, "test": "pose", "direction": None, "operator": ""}
     import_table(tmp_path / "t.csv", tmp_path / "r", **imported)  # type: ignore[arg-type]
-    manifest = (tmp_path / "r" / "manifest.json").read_text()
-    opening = manifest[: manifest.index('"chunks"')] + '"chunks": []}'
-    (tmp_path / "r" / "manifest.json").write_text(opening)
+    ledger = tmp_path / "r" / "ledger.jsonl"
+    ledger.write_bytes(ledger.read_bytes().splitlines(keepends=True)[0])
     (tmp_path / "r" / "table-0001.parquet").unlink()
     with pytest.raises(FileError, match=r"crashed; run `rig recover"):
         read_run(tmp_path / "r")

@@ -23,7 +23,7 @@ from analysis.traces.csv_tables import columns_of
 from analysis.traces.loading import file_columns, measured_of
 from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable
 from daq.store import load_manifest, read_run, recover, verify
-from daq.store.manifest import sha256
+from daq.store.records import sha256
 from rigs.errors import CellError, FileError
 from rigs.load import load
 from rigs.schema.vocabulary import Direction, TestName
@@ -88,7 +88,12 @@ def test_an_imported_run_is_a_run(tmp_path: Path, test: TestName) -> None:
     assert (run.streams, run.faults) == ({}, [])
     assert run.table is not None
     assert run.table.num_rows == count
-    assert sorted(file.name for file in path.iterdir()) == [".lock", "manifest.json", "table-0001.parquet"]
+    assert sorted(file.name for file in path.iterdir()) == [
+        ".lock",
+        "ledger.jsonl",
+        "manifest.json",
+        "table-0001.parquet",
+    ]
 
 
 def test_tables_in_memory_are_in_rad_and_mm(tmp_path: Path) -> None:
@@ -204,6 +209,7 @@ def test_an_import_cut_off_is_seen_and_recovered(tmp_path: Path, monkeypatch: py
     run = imported(tmp_path, rows, "pose")
     whole = read_run(run).table
     (run / "manifest.json").unlink()
+    (run / "ledger.jsonl").unlink()
     assert recover(run).rows == {"table": len(rows["q1_deg"])}
     assert verify(run) == []
     assert read_run(run).table == whole

@@ -109,7 +109,7 @@ BROKEN_WRITER = """
 from daq.recording.recorder import Recorder
 take, rounds = Recorder._drain_buffers, []
 def break_down(self, *, sync):
-    rounds.append(self._active)
+    rounds.append(self._current)
     if sync and len(list(filter(None, rounds))) == 4:
         raise TypeError("no such thing")
     return take(self, sync=sync)
