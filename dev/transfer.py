@@ -64,7 +64,10 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=4, help="of each arm and trial (4); a report has 20 and more")
     parser.add_argument("--first", type=int, default=0, help="the first seed (0)")
     given = parser.parse_args()
-    print("| arms, rms in µm | nominal | least squares | rig | ratio | elsewhere: least squares | rig | ratio | determined |")
+    print(
+        "| arms, rms in µm | nominal | least squares | rig | ratio | elsewhere: least squares | rig | ratio "
+        "| determined |"
+    )
     print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
     for trial in TRIALS:
         rows = np.array([

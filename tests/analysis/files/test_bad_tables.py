@@ -199,7 +199,7 @@ def test_another_separator() -> None:
 def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) -> None:
     foreign = tmp_path / "series.csv"
     foreign.write_text("Timestamp;Goal x;shoulder_pan_joint;elbow_joint\n2,0E+13;0,0001;-2,78E-05;-1,5\n")
-    with pytest.raises(FileError, match=r"separates its columns by semicolons .* sed 'y/,;/\.,/' .*series\.csv"):
+    with pytest.raises(FileError, match=r"separates its columns by semicolons.* sed 'y/,;/\.,/' .*series\.csv"):
         read_csv(foreign, "pose", rig())
 
 
