@@ -151,6 +151,7 @@ def _started(machine: Machine) -> Iterator[str]:
     machine.run("systemd-run", *emulate, "--output=/run/cell", check=True)
     until(lambda: not machine.run("test", "-s", "/run/cell/truth.json").returncode, "the emulated cell")
     machine.run("install", "-D", "-m", "644", "/run/cell/rig.yaml", "/etc/rig/cell.yaml", check=True)
+    machine.run(SOURCE_INSIDE / "scripts" / "install", "--addresses", check=True)
     machine.run("systemctl", "start", "rigd@cell", check=True)
     assert machine.shows("rigd@cell", "ActiveState") == "active"
     yield f"systemctl start rigd@cell came back when it was ready: {machine.shows('rigd@cell', 'StatusText')[:60]}…"
@@ -202,7 +203,7 @@ def _installed_again(machine: Machine) -> str:
     pid = machine.shows("rigd@cell", "MainPID")
     said = machine.run(SOURCE_INSIDE / "scripts" / "install", check=True).stdout.splitlines()
     unchanged = [line for line in said if line.startswith("unchanged")]
-    assert len(unchanged) == 4 and "systemctl restart rigd@cell.service" in said[-1], said
+    assert len(unchanged) == 5 and "systemctl restart rigd@cell.service" in said[-1], said
     assert machine.shows("rigd@cell", "MainPID") == pid and not machine.run("rig", "status").returncode
     return "scripts/install again: the same lock and files are left as they are, the daemon goes on and is named"
 

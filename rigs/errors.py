@@ -6,6 +6,8 @@ anything else that reaches a person as a traceback is a bug.
 
 from __future__ import annotations
 
+from rigs.text import plain
+
 _LONGEST = 1000
 
 
@@ -31,7 +33,7 @@ def _in_one_line(text: str) -> str:
     """A message as a line can bear it, whatever a damaged file has put into it; its end says what to do."""
     if len(text) > _LONGEST:
         text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
-    return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
+    return plain(text)
 
 
 class FileError(RigError):

@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from rigs.effects import AnyEffect
 from rigs.errors import FileError
+from rigs.files import read_bytes
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
 from rigs.schema.part import Part, Vector
@@ -71,12 +72,9 @@ def load(name: str | Path) -> tuple[Rig, str]:
 
 def _text(path: Path) -> str:
     try:
-        with path.open("rb") as file:
-            data = file.read(_MAX_BYTES + 1)
+        data = read_bytes(path, _MAX_BYTES)
     except OSError as error:
         raise _unreadable(path, error) from None
-    if len(data) > _MAX_BYTES:
-        raise FileError(str(path), "larger than 1 MB, which is too large for a rig file", "give the rig file itself")
     try:
         return data.decode()
     except UnicodeDecodeError as error:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 
 @app.command()
@@ -33,12 +34,10 @@ def analyse(
     truths = compare(results, truth) if truth else []
     if plot:
         report = write_report(results, plot)
-        typer.echo(f"report: {report}", err=True)
+        say(f"report: {report}", err=True)
     if as_json:
-        import json  # noqa: PLC0415
-
-        typer.echo(json.dumps(as_object(results, truths), indent=2))
+        say_json(as_object(results, truths))
         return
-    from rich.console import Console  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
-    Console().print(as_tables(results, truths, each=each))
+    PlainConsole().print(as_tables(results, truths, each=each))

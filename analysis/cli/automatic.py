@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 
 
 @app.command()
@@ -31,9 +32,10 @@ def automatic(
     except ValidationError as error:
         what = error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")
         raise FileError(", ".join(map(str, paths)), what, "give one run of each program") from None
-    typer.echo("automatic:\n  rules:")
+    say("automatic:")
+    say("  rules:")
     for rule in rules:
         line = yaml.safe_dump(
             rule.model_dump(mode="json", exclude_none=True), default_flow_style=True, sort_keys=False, width=10_000
         )
-        typer.echo(f"    - {line.strip()}")
+        say(f"    - {line.strip()}")

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 
 @app.command()
@@ -39,12 +40,10 @@ def calibrate(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
     """Estimate the sizes of chosen effects by least squares on the simulator; the set-up is always fitted as well."""
-    import json  # noqa: PLC0415
-
-    from rich.console import Console  # noqa: PLC0415
 
     from analysis.fitting.calibrate import calibrate_runs  # noqa: PLC0415
     from analysis.reporting import calibration_report  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from analysis.traces.loading import load_measured  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
@@ -59,14 +58,14 @@ def calibrate(
     judges = [load_measured(path) for path in hold_out or ()]
     for run in (*measured, *judges):
         for doubt in run.doubts:
-            typer.echo(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)
+            say(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
     found = calibrate_runs(rig, measured, judges, fit, share=share, groups=groups, seed=seed)
     if output:
         calibration_report.write_rig(found, text, [path.name for path in used], output)
     if as_json:
-        typer.echo(json.dumps(calibration_report.as_object(found), indent=2))
+        say_json(calibration_report.as_object(found))
     else:
-        Console().print(calibration_report.as_table(found))
+        PlainConsole().print(calibration_report.as_table(found))
     if output:
-        typer.echo(f"wrote {output}", err=True)
+        say(f"wrote {output}", err=True)

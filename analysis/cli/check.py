@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 
 
 @app.command()
@@ -24,12 +25,12 @@ def check(
     rig, _ = load(rig_file)
     tests = feasible_tests(rig)
     gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges)
-    typer.echo(f"{find(rig_file)}: good")
-    typer.echo(f"  {rig.robot.name}; {gauges}; robot by {rig.feedback.interface}")
+    say(f"{find(rig_file)}: good")
+    say(f"  {rig.robot.name}; {gauges}; robot by {rig.feedback.interface}")
     if rig.effects:
-        typer.echo(f"  the model starts with {begins_with(rig.effects)}")
+        say(f"  the model starts with {begins_with(rig.effects)}")
     parts = [*(name for name, _ in rig.gauges), "ball", "link"]
     for line in (*doubts_of(rig, parts, dt.datetime.now(dt.UTC).date()), *tests):
-        typer.echo(f"  {line}")
+        say(f"  {line}")
     if rig.automatic:
-        typer.echo(f"  recorded automatically: {', '.join(rule.event for rule in rig.automatic.rules)}")
+        say(f"  recorded automatically: {', '.join(rule.event for rule in rig.automatic.rules)}")

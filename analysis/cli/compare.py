@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 
 @app.command()
@@ -20,12 +21,10 @@ def compare(
     plot: Annotated[Path | None, typer.Option(help="Directory for a picture of each run; default: write none.")] = None,
 ) -> None:
     """Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by side."""
-    import json  # noqa: PLC0415
-
-    from rich.console import Console  # noqa: PLC0415
 
     from analysis.fitting.compare import compare as compare_runs  # noqa: PLC0415
     from analysis.reporting import comparison_report  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from analysis.traces.loading import load_measured  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
@@ -34,8 +33,8 @@ def compare(
     found = compare_runs(measured, rig)
     if plot:
         for path in comparison_report.save_pictures(found.runs, plot):
-            typer.echo(path, err=True)
+            say(path, err=True)
     if as_json:
-        typer.echo(json.dumps(comparison_report.as_object(found), indent=2))
+        say_json(comparison_report.as_object(found))
     else:
-        Console().print(comparison_report.as_tables(found))
+        PlainConsole().print(comparison_report.as_tables(found))

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 
 @app.command()
@@ -26,20 +27,18 @@ def correct(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
     """Write joint zeros, link constants and corrected targets, each only where the effects support it."""
-    import json  # noqa: PLC0415
-
-    from rich.console import Console  # noqa: PLC0415
 
     from analysis.correction.correct import correct_rig  # noqa: PLC0415
     from analysis.reporting import correction_report  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
     found = correct_rig(rig, path)
     written = correction_report.write(found, directory)
     if as_json:
-        typer.echo(json.dumps(correction_report.as_object(found, written), indent=2))
+        say_json(correction_report.as_object(found, written))
     else:
-        Console().print(correction_report.as_table(found))
+        PlainConsole().print(correction_report.as_table(found))
     for file in written:
-        typer.echo(f"wrote {file}", err=True)
+        say(f"wrote {file}", err=True)

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 
 @app.command()
@@ -44,15 +45,13 @@ def diagnose(
     ] = None,
 ) -> None:
     """Find where simulation and measurement differ, name the missing effects, and verify that they close the gap."""
-    import json  # noqa: PLC0415
-
-    from rich.console import Console  # noqa: PLC0415
 
     from analysis.diagnosis.diagnose import diagnose as diagnose_runs  # noqa: PLC0415
     from analysis.diagnosis.prepared_runs import refuse_copies  # noqa: PLC0415
     from analysis.reporting import diagnosis_report  # noqa: PLC0415
     from analysis.reporting.diagnosis_json import as_object  # noqa: PLC0415
     from analysis.reporting.diagnosis_screen import as_screen  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from analysis.traces.loading import load_measured  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
@@ -71,20 +70,20 @@ def diagnose(
     refuse_copies([*measured, *judges, *elsewhere])
     for run in (*measured, *judges, *elsewhere):
         for doubt in run.doubts:
-            typer.echo(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)
+            say(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
     with _progress(quiet=as_json) as progress:
         found = diagnose_runs(rig, measured, judges, elsewhere, progress, tolerance_um)
     if as_json:
-        typer.echo(json.dumps(as_object(found), indent=2))
+        say_json(as_object(found))
     else:
-        Console().print(as_screen(found))
+        PlainConsole().print(as_screen(found))
     written = diagnosis_report.write(found, text, output) if output else []
     for path in written:
-        typer.echo(f"wrote {path}", err=True)
+        say(f"wrote {path}", err=True)
     if written and written[-1].suffix == ".yaml":
         model = written[-1]
-        typer.echo(f"next: rig diagnose RUN… --rig {model}, or rig correct {model} -o corrections", err=True)
+        say(f"next: rig diagnose RUN… --rig {model}, or rig correct {model} -o corrections", err=True)
 
 
 def _distinct(paths: Sequence[Path]) -> dict[Path, None]:
@@ -95,9 +94,9 @@ def _distinct(paths: Sequence[Path]) -> dict[Path, None]:
 @contextmanager
 def _progress(*, quiet: bool) -> Iterator[Callable[[str], None]]:
     """What to call with what is being done: shown on a terminal and nowhere else."""
-    from rich.console import Console  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     if quiet or not console.is_terminal:
         yield lambda doing: None
         return

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 _SERVED = Path("/etc/rig")
 _COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
@@ -26,7 +27,6 @@ def doctor(
     something is wrong.
     """
     import dataclasses  # noqa: PLC0415
-    import json  # noqa: PLC0415
 
     from daq.doctor import Verdict, examine  # noqa: PLC0415
     from rigs.load import find, load  # noqa: PLC0415
@@ -39,11 +39,12 @@ def doctor(
         findings.append(finding)
         if not as_json:
             verdict = typer.style(f"{finding.verdict:9}", fg=_COLOURS[finding.verdict])
-            typer.echo(f"{verdict} {finding.about}: {finding.what}" + (f"; {finding.remedy}" if finding.remedy else ""))
+            remedy = f"; {finding.remedy}" if finding.remedy else ""
+            say(f" {finding.about}: {finding.what}{remedy}", mark=verdict)
     wrong = sum(finding.verdict is Verdict.WRONG for finding in findings)
     if as_json:
-        listed = [dataclasses.asdict(finding) for finding in findings]
-        typer.echo(json.dumps({"rig": rig.name, "wrong": wrong, "findings": listed}, indent=2))
+        told = [dataclasses.asdict(finding) for finding in findings]
+        say_json({"rig": rig.name, "wrong": wrong, "findings": told})
     raise typer.Exit(1 if wrong else 0)
 
 

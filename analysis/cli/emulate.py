@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 
 if TYPE_CHECKING:
     from queue import SimpleQueue
@@ -65,14 +66,14 @@ def emulate(
     cell.start()
     try:
         for name, port in cell.ports.items():
-            typer.echo(f"{name}: {port}")
-        typer.echo(f"ready; next: rigd {directory / 'rig.yaml'}; then type here: {', '.join(PROGRAMS)} or quit")
+            say(f"{name}: {port}")
+        say(f"ready; next: rigd {directory / 'rig.yaml'}; then type here: {', '.join(PROGRAMS)} or quit")
         threading.Thread(target=_obey, args=(robot, ends), daemon=True).start()
         exit_code = ends.get()
     finally:
         sent = cell.stop()
     for name, count in sent.items():
-        typer.echo(f"{name}: {count} sent")
+        say(f"{name}: {count} sent")
     raise typer.Exit(exit_code)
 
 
@@ -88,11 +89,11 @@ def _obey(robot: EmulatedRobot, ends: SimpleQueue[int]) -> None:
         try:
             seconds = robot.start(program)
         except RigError as error:
-            typer.echo(str(error))
+            say(str(error))
             continue
-        typer.echo(f"{program}: driving, {seconds:.1f} s")
+        say(f"{program}: driving, {seconds:.1f} s")
         robot.finished.wait()
-        typer.echo(f"{program}: done")
+        say(f"{program}: done")
     else:
         if not sys.stdin.isatty():
             return  # started without a keyboard: serve until a signal comes

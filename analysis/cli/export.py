@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 
 Format = Literal["csv", "parquet", "mcap"]
 
@@ -33,10 +34,10 @@ def export(
     else:
         measured = measured_of(run)
         for doubt in measured.doubts:
-            typer.echo(f"note: {doubt}", err=True)
+            say(f"note: {doubt}", err=True)
         write_new(output, partial(write_csv if to == "csv" else write_parquet, file_columns(measured)))
     try:
         mark_exported(path, to, output)
     except RigError as error:
-        typer.echo(f"note: {path} could not be marked as exported, so rigd will not delete it: {error.what}", err=True)
-    typer.echo(output)
+        say(f"note: {path} could not be marked as exported, so rigd will not delete it: {error.what}", err=True)
+    say(output)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 from analysis.traces.table_layout import JointSource
 from rigs.schema.vocabulary import Direction, TestName
 
@@ -45,5 +46,5 @@ def import_(
         joints=joints,
     )
     for doubt in doubts:
-        typer.echo(f"doubt: {doubt}", err=True)
-    typer.echo(run)
+        say(f"doubt: {doubt}", err=True)
+    say(run)

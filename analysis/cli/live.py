@@ -18,13 +18,13 @@ def live(rig: RigName = None) -> None:
     """Show gauges, angle, joints, rates, faults and recording state until Ctrl-C; once if there is no terminal."""
     import time  # noqa: PLC0415
 
-    from rich.console import Console  # noqa: PLC0415
     from rich.live import Live  # noqa: PLC0415
 
     from analysis.reporting.daemon_screen import screen  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from daq.service.client import Client, find_socket  # noqa: PLC0415
 
-    console = Console()
+    console = PlainConsole()
     with (
         contextlib.suppress(KeyboardInterrupt),
         Client(find_socket(rig)) as client,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli import app
+from rigs.text import plain
 
 if TYPE_CHECKING:
     from daq.service.journal import Entry
@@ -46,8 +47,8 @@ def line(entry: Entry, *, named: bool) -> str:
         word, colour = "warning", "yellow"
     else:
         word, colour = "", None
-    who = f"{entry.rig:10} " if named else ""
-    text = f"systemd: {entry.text}" if entry.by_systemd else entry.text
+    who = f"{plain(entry.rig):10} " if named else ""
+    text = plain(f"systemd: {entry.text}" if entry.by_systemd else entry.text)
     return f"{entry.at:%Y-%m-%d %H:%M:%S} {who}" + typer.style(
         f"{word:8}{text}", fg=colour, dim=entry.severity >= INFO and entry.by_systemd
     )

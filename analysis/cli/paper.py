@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 
 @app.command()
@@ -21,12 +22,10 @@ def paper(
     ] = "paper-errors",
 ) -> None:
     """Simulate and evaluate the tests of the paper, and show its figures beside those computed here."""
-    import json  # noqa: PLC0415
-
-    from rich.console import Console  # noqa: PLC0415
 
     from analysis.paper.paper_table import as_object, as_table  # noqa: PLC0415
     from analysis.paper.rows import rows_of  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, text = load(rig_file)
@@ -35,8 +34,8 @@ def paper(
         from analysis.paper.pictures import save  # noqa: PLC0415
 
         for path in save(rig, text, plot):
-            typer.echo(path, err=True)
+            say(path, err=True)
     if as_json:
-        typer.echo(json.dumps(as_object(rig, rows), indent=2))
+        say_json(as_object(rig, rows))
     else:
-        Console().print(as_table(rig, rows))
+        PlainConsole().print(as_table(rig, rows))

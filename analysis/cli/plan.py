@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say_json
 
 _LEAST_COLUMNS = 80
 
@@ -24,19 +25,17 @@ def plan(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
     """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most."""
-    import json  # noqa: PLC0415
-
-    from rich.console import Console  # noqa: PLC0415
 
     from analysis.diagnosis.plan import plan as planned  # noqa: PLC0415
     from analysis.diagnosis.plan import tests_named  # noqa: PLC0415
     from analysis.reporting import plan_report  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
     found = planned(rig, tests_named(rig, tests), runs)
     if as_json:
-        typer.echo(json.dumps(plan_report.as_object(found), indent=2))
+        say_json(plan_report.as_object(found))
     else:
         # Narrower, sizes would be broken in two, and half of one reads like another.
-        Console(width=max(_LEAST_COLUMNS, Console().width)).print(plan_report.as_table(found))
+        PlainConsole(width=max(_LEAST_COLUMNS, PlainConsole().width)).print(plan_report.as_table(found))

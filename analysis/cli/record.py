@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 from rigs.schema.vocabulary import Direction, TestName
 
 record = typer.Typer(no_args_is_help=True, help="Start and stop a recording of the running daemon.")
@@ -43,7 +44,7 @@ def start(
             "operator": operator or getpass.getuser(),
             "placement": placement,
         }
-        typer.echo(client.ask("record_start", **fields)["run"])
+        say(client.ask("record_start", **fields)["run"])
 
 
 @record.command()
@@ -53,11 +54,11 @@ def stop(rig: RigName = None) -> None:
 
     with Client(find_socket(rig)) as client:
         ended = client.ask("record_stop")
-    typer.echo(ended["run"])
+    say(ended["run"])
     for stream, counters in ended["counters"].items():
         faults = [f"{count} {kind}" for kind, count in counters.items() if kind != "samples"]
         if faults:
-            typer.echo(f"{stream}: {', '.join(faults)} while recording", err=True)
+            say(f"{stream}: {', '.join(faults)} while recording", err=True)
 
 
 @app.command()
@@ -66,20 +67,19 @@ def status(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
     """Show what the daemon reads and records now."""
-    import json  # noqa: PLC0415
 
     from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     with Client(find_socket(rig)) as client:
         state = client.ask("status")
     if as_json:
-        typer.echo(json.dumps(state, indent=2))
+        say_json(state)
         return
-    from rich.console import Console  # noqa: PLC0415
 
     from analysis.reporting.daemon_screen import screen  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
-    Console().print(screen(state))
+    PlainConsole().print(screen(state))
 
 
 @app.command()
@@ -88,4 +88,5 @@ def metrics(rig: RigName = None) -> None:
     from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     with Client(find_socket(rig)) as client:
-        typer.echo(client.ask("metrics")["text"], nl=False)
+        for line in client.ask("metrics")["text"].splitlines():
+            say(line)

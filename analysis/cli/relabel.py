@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 from rigs.schema.vocabulary import Direction
 
 
@@ -36,4 +37,4 @@ def relabel(
         manifest = relabel_run(path, test=test, direction=direction, operator=operator, placement=placement)
         words = " ".join(filter(None, (manifest.test, manifest.direction)))
         place = f" at {manifest.placement}" if manifest.placement else ""
-        typer.echo(f"{path}: {words}{place}, measured by {manifest.operator or 'an unnamed operator'}")
+        say(f"{path}: {words}{place}, measured by {manifest.operator or 'an unnamed operator'}")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 
 if TYPE_CHECKING:
     from queue import SimpleQueue
@@ -49,21 +50,21 @@ def replay(
     played.cell.start()
     try:
         for name, port in played.cell.ports.items():
-            typer.echo(f"{name}: {port}")
+            say(f"{name}: {port}")
         if capture.cut:
-            typer.echo(f"{log}: ends in the middle of a line; that line is ignored", err=True)
-        typer.echo(f"ready; next: rigd {directory / 'rig.yaml'}")
+            say(f"{log}: ends in the middle of a line; that line is ignored", err=True)
+        say(f"ready; next: rigd {directory / 'rig.yaml'}")
         exit_code = _end(played, ends)
     finally:
         sent = played.cell.stop()
     for name, count in sent.items():
-        typer.echo(f"{name}: {count} pieces sent, {played.steps[name].words()}")
+        say(f"{name}: {count} pieces sent, {played.steps[name].words()}")
     if played.unmarked:
         raise FileError(
             str(directory), f"cannot mark the runs that are out of step: {played.unmarked}", "give another --output"
         )
     doubt = "; was it captured with another rig file?" if played.otherwise else ""
-    typer.echo(f"{played.otherwise} pieces from the host differ from the capture{doubt}")
+    say(f"{played.otherwise} pieces from the host differ from the capture{doubt}")
     raise typer.Exit(exit_code)
 
 

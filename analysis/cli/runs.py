@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
 
@@ -18,7 +19,6 @@ def runs(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON list instead of text.")] = False,
 ) -> None:
     """List runs with size and age, whether they were exported, and whether they are kept."""
-    import json  # noqa: PLC0415
     import time  # noqa: PLC0415
 
     from analysis.reporting.runs_list import listed, row  # noqa: PLC0415
@@ -26,17 +26,17 @@ def runs(
 
     found = [row(run, time.time()) for run in survey(directory)]
     if as_json:
-        typer.echo(json.dumps(found, indent=2))
+        say_json(found)
         return
     if not found:
-        typer.echo(f"{directory} holds no runs")
+        say(f"{directory} holds no runs")
         return
-    from rich.console import Console  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
     table = listed(found)
-    whole = Console(width=10_000).measure(table).maximum
+    whole = PlainConsole(width=10_000).measure(table).maximum
     # A directory in pieces cannot be copied: a line stays one, however narrow the terminal is.
-    Console(width=max(whole, Console().width)).print(table)
+    PlainConsole(width=max(whole, PlainConsole().width)).print(table)
 
 
 @app.command()
@@ -52,7 +52,7 @@ def keep(
 
     for path in paths:
         mark_kept(path, not no_more)
-        typer.echo(f"{path}: {'not kept any more' if no_more else 'kept'}")
+        say(f"{path}: {'not kept any more' if no_more else 'kept'}")
 
 
 @app.command()
@@ -62,12 +62,12 @@ def recover(path: RunPath) -> None:
 
     done = recover_run(path)
     for stream, rows in done.rows.items():
-        typer.echo(f"{stream}: {rows} rows recovered")
+        say(f"{stream}: {rows} rows recovered")
     for note in done.notes:
-        typer.echo(note)
+        say(note)
     for file, loss in done.losses.items():
-        typer.echo(f"lost: {file}: {loss}")
-    typer.echo(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {path}")
+        say(f"lost: {file}: {loss}")
+    say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {path}")
 
 
 @app.command()
@@ -77,7 +77,7 @@ def verify(path: RunPath) -> None:
 
     verdict = judge(path)
     for line in verdict.lines:
-        typer.echo(line, err=True)
-    typer.echo(verdict.summary)
+        say(line, err=True)
+    say(verdict.summary)
     if verdict.lines:
         raise typer.Exit(3)

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 from analysis.cli.emulate import HiddenEffects
 from rigs.schema.vocabulary import CIRCLES, Direction
 
@@ -35,4 +36,4 @@ def simulate(
             raise typer.BadParameter(f"the {test} test has no direction", param_hint="--direction")
         directions = (None,)
     for path in write_simulated(robot, text, test, directions, range(seed, seed + runs), None, directory, csv=csv):
-        typer.echo(path)
+        say(path)

@@ -15,11 +15,13 @@ import pyarrow as pa
 
 from analysis.correction.corrected_targets import Corrected
 from analysis.files.cells import value
+from analysis.files.read import MOST_BYTES
 from analysis.files.table_problems import TableFileError, TableProblem
 from analysis.files.write import write_csv, write_new
 from analysis.kinematics.arm import Array
 from analysis.traces.table_layout import JOINTS, PLACE, TURN
 from rigs.errors import FileError
+from rigs.files import read_bytes
 
 ADDED = ("missed_mm", "left_out_mm", "u_mm")
 """Columns that a corrected path has beside those given: how far the arm missed the target, what effects that are not
@@ -103,7 +105,7 @@ def _columns_of(T: Array) -> Array:
 
 def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise FileError(str(path), "is not UTF-8 text", "save it as CSV in UTF-8") from None
     except OSError as error:

@@ -13,6 +13,7 @@ from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.reporting.diagnosis_curves import GREY, LEFT, MEASURED, MODEL, draw_circles, strands_of
 from analysis.reporting.diagnosis_maps import draw_map
 from analysis.reporting.diagnosis_words import headline, standing
+from analysis.reporting.sheet import Sheet
 from rigs.schema.effect import name_of
 
 _WIDTH = 11.0
@@ -45,7 +46,7 @@ def picture(found: Diagnosis) -> Figure:
     parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))
     heights = [height for height, _ in parts]
     title = textwrap.wrap(headline(found), _COLUMNS)
-    figure = Figure(figsize=(_WIDTH, sum(heights) + 0.4 + 0.2 * len(title)), layout="constrained")
+    figure = Sheet(_WIDTH, sum(heights) + 0.4 + 0.2 * len(title))
     figure.suptitle("\n".join([*title, found.rig.name]), fontsize=11)
     for sheet, (_, draw) in zip(
         figure.subfigures(len(parts), 1, height_ratios=heights, squeeze=False)[:, 0], parts, strict=True

@@ -10,6 +10,9 @@ from typing import Any
 
 from analysis.measures.results import Result
 from rigs.errors import FileError
+from rigs.files import read_bytes
+
+_MOST_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -23,11 +26,11 @@ class TruthComparison:
 def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthComparison]]:
     """For each result, its figures by name beside the truth, none for a test that it lacks. Raises FileError."""
     try:
-        truth = json.loads(path.read_text(encoding="utf-8"))
+        truth = json.loads(read_bytes(path, _MOST_BYTES))
         found = [_one(result, truth) for result in results]
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "give the truth.json that rig emulate wrote") from None
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise FileError(
             str(path), "is not the truth of these runs", "give the truth.json that rig emulate wrote"
         ) from None

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from daq.acquisition.host_clock import HOST
 from daq.protocol.conversation import FaultKind
+from rigs.text import plain_lines
 
 Status = Mapping[str, Any]
 Labels = Mapping[str, str]
@@ -141,7 +142,7 @@ def _labels(labels: Labels) -> str:
 
 
 def _escaped(text: str) -> str:
-    return text.replace("\\", r"\\").replace("\n", r"\n")
+    return plain_lines(text).replace("\\", r"\\").replace("\n", r"\n")
 
 
 def _quoted(text: str) -> str:

@@ -21,6 +21,7 @@ from daq.service.daemon import Daemon
 from daq.store.records import Ending
 from rigs.errors import RigError
 from rigs.load import load
+from rigs.text import plain
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 log = logging.getLogger("rigd")
@@ -59,13 +60,13 @@ def rigd(
         daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics or _metrics())
     except RigError as error:
         for line in error.lines():
-            typer.echo(journal.with_severity(f"error: {line}", journal.ERROR), err=True)
+            typer.echo(journal.with_severity(f"error: {plain(line)}", journal.ERROR), err=True)
         raise typer.Exit(error.exit_code) from None
     end = ends.get()
     log.info("stopping: %s", end.why)
     cut_short = daemon.close(end.exit_status, end.why)
     if cut_short:
-        typer.echo(f"the recording was cut short and is safe: {cut_short}", err=True)
+        typer.echo(f"the recording was cut short and is safe: {plain(str(cut_short))}", err=True)
     raise typer.Exit(end.exit_code)
 
 

@@ -27,6 +27,8 @@ TEMPORARY = ".tmp"
 LOCK = ".lock"
 _BINARY = getattr(os, "O_BINARY", 0)
 """Without it Windows writes each line feed as two characters."""
+_AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
+"""A lock that is a link or a FIFO, in a run from elsewhere, is neither followed nor waited for."""
 
 
 def free_bytes(path: Path) -> int:
@@ -177,14 +179,14 @@ def lock(run: Path) -> int:
 
     Waits: on a fresh run nobody holds it for longer than a look (`is_locked`) takes.
     """
-    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT | _AS_IT_IS, 0o644)
     _flock(fd, wait=True)
     return fd
 
 
 def try_lock(run: Path) -> int | None:
     """Take the writer's lock of a run, None when a process is writing it."""
-    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT | _AS_IT_IS, 0o644)
     try:
         _flock(fd)
     except BlockingIOError:
@@ -196,7 +198,7 @@ def try_lock(run: Path) -> int | None:
 def is_locked(run: Path) -> bool:
     """Whether a process is writing this run. Looks only; works on a read-only disk."""
     try:
-        fd = os.open(run / LOCK, os.O_RDONLY)
+        fd = os.open(run / LOCK, os.O_RDONLY | _AS_IT_IS)
     except FileNotFoundError:
         return False
     try:

@@ -17,8 +17,11 @@ from pydantic import ValidationError
 
 from daq.store import durable
 from daq.store.records import Chunk, Clock, Record, Relabelling, Seal, sha256
+from rigs.files import read_bytes
 
 LEDGER = "ledger.jsonl"
+_MOST_BYTES = 1_000_000_000
+"""Of a ledger: some 400 bytes for each chunk, so four million chunks, or a run of years."""
 _LINE = re.compile(rb'\{"sha256":"(?P<digest>[0-9a-f]{64})",(?P<rest>.+)\}')
 
 
@@ -81,9 +84,9 @@ def lines_of(entries: Iterable[Entry]) -> bytes:
 
 
 def read_ledger(run: Path) -> Verified:
-    """Read the ledger of a run; empty if there is none. Raises OSError."""
+    """Read the ledger of a run; empty if there is none. Raises OSError, and FileError for anything but a file."""
     try:
-        return verified((run / LEDGER).read_bytes())
+        return verified(read_bytes(run / LEDGER, _MOST_BYTES))
     except FileNotFoundError:
         return Verified()
 

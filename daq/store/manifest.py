@@ -7,6 +7,7 @@ everything and was rewritten at each change.
 
 from __future__ import annotations
 
+import errno
 import platform
 import socket
 from collections.abc import Mapping, Sequence
@@ -37,11 +38,14 @@ from daq.store.records import (
 )
 from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, schema_of, storable, table_schema
 from rigs.errors import FileError
+from rigs.files import read_bytes
 from rigs.schema.vocabulary import Direction, TestName
 
 MANIFEST = "manifest.json"
 _IN_LEDGER = {"chunks", "anchors", "rows", "counters", "exit_status", "reason", "ended", "relabelled"}
 """The fields that follow from the ledger, in a run of version 2."""
+_MOST_BYTES = 100_000_000
+"""Of a manifest, whose first version had 250 bytes for each chunk: a month of recording had 10 000."""
 
 
 def in_one_line(text: str) -> str:
@@ -236,7 +240,7 @@ def load_manifest(run: Path) -> Manifest:
     try:
         if not run.is_dir():
             raise FileError(str(run), "no such run directory", "check the path")
-        data = path.read_bytes()
+        data = read_bytes(path, _MOST_BYTES)
         manifest = Manifest.model_validate_json(data)
         return manifest if manifest.version == 1 else _with_ledger(run, manifest, sha256(data))
     except FileNotFoundError:
@@ -260,7 +264,9 @@ def _with_ledger(run: Path, manifest: Manifest, digest: str) -> Manifest:
 
 def unreadable(path: Path, error: OSError) -> FileError:
     """Return the error for a file that the system does not let us read."""
-    return FileError(str(path), f"cannot be read: {error.strerror}", "check the disk and the rights")
+    short = error.errno == errno.ENOMEM
+    remedy = "close other programs, or read it on another computer" if short else "check the disk and the rights"
+    return FileError(str(path), f"cannot be read: {error.strerror}", remedy)
 
 
 def clock_now() -> Clock:

@@ -8,6 +8,7 @@ A run of version 1 gets a ledger.
 
 from __future__ import annotations
 
+import errno
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,7 +20,7 @@ import pyarrow as pa
 from pydantic import ValidationError
 
 from daq.store import durable
-from daq.store.chunk import Salvage, from_parquet, opening_in, salvage, with_opening
+from daq.store.chunk import MOST_BYTES, Salvage, from_parquet, opening_in, salvage, with_opening
 from daq.store.ledger import LEDGER, Entry, Ledger, lines_of, read_ledger
 from daq.store.manifest import MANIFEST, Manifest, load_manifest
 from daq.store.records import Chunk, Seal, chunk_name, parse_chunk, sha256
@@ -27,6 +28,7 @@ from daq.store.run import left_over, read_chunk
 from daq.store.schema import FAULTS
 from daq.store.stream_writer import describe, store_chunk
 from rigs.errors import CellError, FileError
+from rigs.files import read_bytes
 
 TORN = ".torn"
 
@@ -67,7 +69,9 @@ def recover(path: Path) -> Recovery:
         finally:
             durable.close(held)
     except (OSError, pa.ArrowException) as error:
-        remedy = "make room or repair the disk and try again; nothing was lost"
+        short = isinstance(error, OSError) and error.errno in (errno.ENOMEM, errno.EFBIG)
+        remedy = "use a computer with more memory" if short else "make room or repair the disk and try again"
+        remedy += "; nothing was lost"
         raise CellError(str(path), f"cannot be recovered: {error}", remedy) from error
 
 
@@ -87,7 +91,7 @@ def _repaired(path: Path) -> Recovery:
 
 def _manifest_of(path: Path, done: Recovery) -> Manifest:
     with suppress(FileNotFoundError):
-        (path / MANIFEST).read_bytes()  # one that the disk does not give now is neither missing nor damaged
+        read_bytes(path / MANIFEST, MOST_BYTES)  # one that the disk does not give now is neither missing nor damaged
     try:
         return load_manifest(path)
     except FileError as error:
@@ -140,7 +144,7 @@ def _entries_of(manifest: Manifest) -> list[Entry]:
 def _opening_in(path: Path) -> bytes | None:
     """Return the manifest as a chunk of the run carries it; None if no chunk does."""
     for file in sorted(path.iterdir()):
-        if parse_chunk(file.name) and (opening := opening_in(file.read_bytes())):
+        if parse_chunk(file.name) and (opening := opening_in(read_bytes(file, MOST_BYTES))):
             with suppress(ValidationError):
                 Manifest.model_validate_json(opening)
                 return opening
@@ -178,7 +182,7 @@ class _Repair:
 
     def _settle(self, file: Path, stream: str, number: int) -> None:
         schema = with_opening(self._schema(stream), self.opening)
-        found = salvage(file.read_bytes(), schema)
+        found = salvage(read_bytes(file, MOST_BYTES), schema)
         chunk = self._closed(stream, number)
         if (chunk.rows if chunk else 0) < found.rows:
             broken = self.path / chunk_name(stream, number)
@@ -206,7 +210,7 @@ class _Repair:
     def _closed(self, stream: str, number: int) -> Chunk | None:
         """The Parquet file of a chunk, if it is there and whole."""
         file = self.path / chunk_name(stream, number)
-        data = file.read_bytes() if file.exists() else b""
+        data = read_bytes(file, MOST_BYTES) if file.exists() else b""
         listed = next((c for c in self.manifest.chunks if c.file == file.name), None)
         if listed:
             return listed if sha256(data) == listed.sha256 else None

@@ -2,7 +2,9 @@
 
 import contextlib
 import datetime as dt
+import os
 import re
+import time
 from pathlib import Path
 
 import pytest
@@ -148,14 +150,24 @@ def test_a_rate_too_slow_to_record_with_is_refused() -> None:
 
 
 def test_a_number_of_thousands_of_digits_is_told_in_short() -> None:
-    digits = "0x" + "f" * 10_000
-    (_, message) = _problems(TEXT.replace("radius_mm: 70", f"radius_mm: {digits}"))["tests.circle.radius_mm"]
-    assert len(message) < 200
+    sexagesimal = "1" + ":0" * 200_000
+    for digits in ("0x" + "f" * 10_000, "9" * 10_000, sexagesimal, f"-{sexagesimal}.5", "1" + "_0" * 50):
+        begun_s = time.monotonic()
+        with pytest.raises(RigFileError, match=rf"line \d+: a number of {len(digits)} characters") as raised:
+            parse(TEXT.replace("radius_mm: 70", f"radius_mm: {digits}"), "rig.yaml")
+        assert len(str(raised.value)) < 200
+        assert time.monotonic() - begun_s < 5, "a megabyte of sexagesimal digits took half a minute"
 
 
-def test_a_file_without_end_is_not_read() -> None:
-    with pytest.raises(FileError, match="larger than 1 MB"):
-        load("/dev/zero")
+def test_what_is_no_file_or_has_no_end_is_not_read(tmp_path: Path) -> None:
+    large = tmp_path / "large.yaml"
+    large.write_bytes(b"#" * 1_000_001)
+    with pytest.raises(FileError, match="is larger than 1 MB"):
+        load(large)
+    os.mkfifo(tmp_path / "fifo")
+    for path in ("/dev/zero", tmp_path / "fifo"):
+        with pytest.raises(FileError, match="is not a regular file"):
+            load(path)
 
 
 def test_a_name_too_long_for_a_file_is_told() -> None:
@@ -245,7 +257,7 @@ MERGES = "\n".join(["b0: &b0 {x: 1}", *(f"b{k}: &b{k} {{<<: [{', '.join([f'*b{k 
         (f"{TEXT}\n{BOMB}", "write out"),
         (f"{TEXT}\n{MERGES}", "write out"),
         (f"{TEXT}\nx: &x [*x]", "write out"),
-        ("a: " + "[" * 1000, "recursion"),
+        ("a: " + "[" * 1000, "nested too deeply"),
         ("name: !!timestamp x", "not readable as YAML"),
         ("name: !!int x", "not readable as YAML"),
         ("name: 2026-99-99", "not readable as YAML"),

@@ -176,15 +176,15 @@ def test_a_manifest_that_the_disk_does_not_give_now_is_left_alone(
     path = finished(tmp_path)
     before = load_manifest(path)
 
-    read = Path.read_bytes
+    given = os.open
 
-    def refuse(self: Path) -> bytes:
-        if self.name == "manifest.json":
+    def refuse(file: Path, *flags: int) -> int:
+        if file.name == "manifest.json":
             raise OSError(errno.EIO, "Input/output error")
-        return read(self)
+        return given(file, *flags)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "read_bytes", refuse)
+        patch.setattr(os, "open", refuse)
         with pytest.raises(CellError, match="Input/output error"):
             recover(path)
     assert load_manifest(path) == before and verify(path) == []
