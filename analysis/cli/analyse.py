@@ -22,7 +22,8 @@ def analyse(
         bool, typer.Option("--each", help="Show each run beside the mean of repeated runs; default: the means.")
     ] = False,
     truth: Annotated[
-        Path | None, typer.Option(help="truth.json of an emulated cell, to show beside the figures; default: none.")
+        Path | None,
+        typer.Option(help="File truth.json of an emulated cell, to show beside the figures; default: none."),
     ] = None,
 ) -> None:
     """Evaluate runs of any test (yaw, roll, radial, repeatability, pose); every figure has its uncertainty."""

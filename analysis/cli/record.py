@@ -23,7 +23,7 @@ def start(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the run: letters, digits, . _ and -.")],
     test: Annotated[TestName, typer.Option(help="Test that the robot will drive.")],
     direction: Annotated[
-        Direction | None, typer.Option(help="Direction of the circle; required for yaw and roll.")
+        Direction | None, typer.Option(help="Direction of the circle, required for yaw and roll; default: none.")
     ] = None,
     operator: Annotated[str, typer.Option(help="Name of the person who measures; default: the user.")] = "",
     placement: Annotated[
