@@ -249,7 +249,7 @@ def _missing(cells: Cells, expected: Collection[int], orientations: int) -> tupl
         notes.append(f"target {listed(missing)} missing: {len(cells.target)} of {len(wanted)} measured")
     partial = cells.target[np.isnan(cells.by_orientation).any(axis=1)].tolist()
     if partial:
-        notes.append(f"target {listed(partial)} lacks some of its {cells.g_mm.shape[1]} orientations")
+        notes.append(f"not all {cells.g_mm.shape[1]} orientations were measured at target {listed(partial)}")
     have = cells.g_mm.shape[1]
     if have < orientations:
         notes.append(

@@ -41,7 +41,7 @@ def _distance(g_mm: np.ndarray) -> circularity.Circularity:
 
 def _said(result: CircleResult) -> tuple[str, ...]:
     """Its notes, but for that a single lap makes."""
-    return tuple(note for note in result.notes if not note.startswith("one lap"))
+    return tuple(note for note in result.notes if not note.startswith("the run has one lap"))
 
 
 def _ball(test: str, ball: tuple[float, float, float]) -> np.ndarray:

@@ -117,7 +117,7 @@ def test_missing_targets_and_orientations_are_told() -> None:
     result = _radial(planted.true_radial(TABLE)[keep], **part)
     assert result.notes == (
         "target 4 and 9 missing: 35 of 37 measured",
-        "target 7 without all 3 orientations",
+        "not all 3 orientations were measured at target 7",
     )
     assert result.samples == 104
 
@@ -230,7 +230,7 @@ def test_what_is_no_radial_run_is_refused() -> None:
     for said, changes in (
         ("reads 0 mm in all", {"g_mm": np.zeros_like(g)}),
         ("g1_mm of row 4 is not a number", {"g_mm": np.where(np.arange(len(g)) == 3, np.nan, g)}),
-        ("g1_mm has no number in any of its 111 rows", {"g_mm": np.full(len(g), np.nan)}),
+        ("g1_mm holds no valid number in any of its 111 rows", {"g_mm": np.full(len(g), np.nan)}),
         ("too large for a radius of 400 mm", {"g_mm": g + 400}),
         ("beyond 180°", {"polar": np.degrees(TABLE.polar)}),
         ("target 1 has two directions", {"polar": TABLE.polar + 0.1 * (np.arange(len(g)) == 1)}),
