@@ -54,7 +54,11 @@ def replaced(file: Path, make: Callable[[Path], object]) -> None:
     make(file)
 
 
-@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero"), Path.mkdir], ids=str)
+@pytest.mark.parametrize(
+    "make",
+    [os.mkfifo, lambda path: path.symlink_to("/dev/zero"), Path.mkdir],
+    ids=["a FIFO", "a link to a device", "a directory"],
+)
 def test_no_command_waits_for_or_swallows_what_is_no_file(
     tmp_path: Path, run: Path, make: Callable[[Path], object]
 ) -> None:
