@@ -241,7 +241,7 @@ def test_a_robot_that_stood_still_is_no_lap(bench: Bench) -> None:
             ("record", "start", "a/b", "--test", "yaw", "--direction", "cw"),
             "name 'a/b' is not valid; use up to 64 letters",
         ),
-        (("record", "start", "x", "--test", "yaw"), "needs a direction"),
+        (("record", "start", "x", "--test", "yaw"), "needs its direction"),
         (("record", "start", "x", "--test", "radial", "--direction", "cw"), "has no direction"),
         (("status", "--rig", "other"), "no daemon runs for other"),
     ],
