@@ -252,7 +252,7 @@ def main(hangs: int = 3) -> int:
     except (Missing, AssertionError, subprocess.TimeoutExpired) as error:
         print(f"error: after {seen} things seen: {error}", file=sys.stderr)
         return 1
-    print(f"{seen} of {seen} seen; killed by the watchdog and started anew {hangs} of {hangs} times")
+    print(f"{seen} of {seen} seen; killed by the watchdog and restarted {hangs} of {hangs} times")
     return 0
 
 

@@ -64,7 +64,10 @@ def main() -> int:
     parser.add_argument("--seeds", type=int, default=4, help="of each arm and trial (4); a report has 20 and more")
     parser.add_argument("--first", type=int, default=0, help="the first seed (0)")
     given = parser.parse_args()
-    print("| arms, rms in µm | nominal | least squares | rig | ratio | elsewhere: least squares | rig | ratio | told |")
+    print(
+        "| arms, rms in µm | nominal | least squares | rig | ratio | elsewhere: least squares | rig | ratio "
+        "| determined |"
+    )
     print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
     for trial in TRIALS:
         rows = np.array([
@@ -81,7 +84,7 @@ def main() -> int:
 
 
 def judged(trial: Trial, name: str, seed: int) -> tuple[float, ...]:
-    """µm rms held out before, by least squares, by rig; elsewhere by both; combinations that rig tells apart."""
+    """µm rms held out before, by least squares, by rig; elsewhere by both; combinations that the readings determine."""
     rng = np.random.default_rng(seed)
     arm = cell(name, trial.wrong(rng), rng)
     rig = load(name)[0].model_copy(update={"effects": ()})

@@ -1,4 +1,4 @@
-"""The one error tree: every expected failure is a `RigError`, told in one line with an exit code.
+"""The one error tree: every expected failure is a `RigError`, reported in one line with an exit code.
 
 A message says where, what and what to do. Programs print it and leave with `exit_code`;
 anything else that reaches a person as a traceback is a bug.
@@ -25,7 +25,7 @@ class RigError(Exception):
         self.where, self.what, self.remedy = where, what, remedy
 
     def lines(self) -> list[str]:
-        """What to tell a person: one line for each thing that is wrong."""
+        """The message: one line for each mistake."""
         return [str(self)]
 
 

@@ -1,4 +1,4 @@
-"""Reading a rig file: found by path or by name, read whole, every mistake told at once."""
+"""Reading a rig file: found by path or by name, read whole, every mistake reported at once."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _found(name: str | Path, known: dict[str, Path], what: str, short: str) -> P
         raise _unreadable(path, error) from None
     if str(name) in known:
         return known[str(name)]
-    raise FileError(str(name), f"no such {what}", f"give a path, or a shipped {short}: {', '.join(known)}")
+    raise FileError(str(name), f"no such {what}", f"give a path, or the name of a shipped {short}: {', '.join(known)}")
 
 
 def load(name: str | Path) -> tuple[Rig, str]:
@@ -118,8 +118,8 @@ def load_hidden(name: str | Path) -> Hidden:
     if isinstance(data, list):
         data = {"effects": data}
     if not isinstance(data, dict) or not {"effects", "eccentricity_mm", "robot"} & data.keys():
-        # A misspelt key would else be a robot without errors, and nobody would know.
-        raise FileError(str(path), "has no key effects", "write effects: [{effect: …}], or effects: [] for none")
+        # A misspelt key would otherwise silently be a robot without errors.
+        raise FileError(str(path), "lacks the key effects", "write effects: [{effect: …}], or effects: [] for none")
     if "robot" in data:
         data = {"effects": data.get("effects")}
     try:

@@ -54,7 +54,7 @@ def _refuse_repeats_and_long_numbers(root: yaml.Node, where: str) -> None:
                 walk(key)
                 if isinstance(key, yaml.ScalarNode):
                     if key.value in known:
-                        problems.append(Problem(key.start_mark.line + 1, key.value, "this key stands here twice"))
+                        problems.append(Problem(key.start_mark.line + 1, key.value, "this key occurs twice"))
                     known.add(key.value)
                 walk(value)
         elif isinstance(node, yaml.SequenceNode):

@@ -61,7 +61,7 @@ def main() -> None:
     except OSError as error:
         if error.errno not in _NO_ROOM or error.filename is not None:
             raise
-        full = CellError("output", error.strerror or str(error), "make room, or send it elsewhere")
+        full = CellError("output", error.strerror or str(error), "free some space, or write it elsewhere")
         # What is left in the buffer would fail once more at the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         _fail(full)

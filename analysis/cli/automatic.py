@@ -13,9 +13,11 @@ from analysis.cli.console import say
 
 @app.command()
 def automatic(
-    paths: Annotated[list[Path], typer.Argument(metavar="RUN", help="Recorded runs, one of each program.")],
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="RUN", help="Run directories as recorded, one for each program.")
+    ],
 ) -> None:
-    """Print the section `automatic` of a rig file that starts these runs by themselves, by signal or by motion."""
+    """Print the section `automatic` of a rig file, by which the robot's signal or motion starts runs like these."""
     import yaml  # noqa: PLC0415
     from pydantic import ValidationError  # noqa: PLC0415
 

@@ -17,22 +17,29 @@ def calibrate(
     fit: Annotated[
         str,
         typer.Option(
-            help="Effects with commas between, as NAME:AXIS (others: docs/simulation.md); a name alone is all axes."
+            help="Effects to fit, separated by commas: NAME for all axes, NAME:AXIS for one; see docs/simulation.md."
         ),
     ],
     rig_file: Annotated[
-        str | None, typer.Option("--rig", help="The model to begin with; without it, the first run's rig file.")
+        str | None, typer.Option("--rig", help="Rig file of the model to start from; default: that of the first run.")
     ] = None,
-    hold_out: Annotated[list[Path] | None, typer.Option(help="A run to judge by, not used in the fit.")] = None,
-    share: Annotated[float, typer.Option(min=0, max=0.9, help="Of each run's readings, left out to judge.")] = 0.0,
-    groups: Annotated[
-        bool, typer.Option(help="Leave out whole neighbourhoods of joint space, not single poses.")
-    ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of the choice of what is left out.")] = 0,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="The extended rig file to write.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    hold_out: Annotated[
+        list[Path] | None,
+        typer.Option(help="Run directory to judge the fit by, not used in it; repeatable; default: none."),
+    ] = None,
+    share: Annotated[
+        float,
+        typer.Option(min=0, max=0.9, help="Share of the readings of each run to judge the fit by, not used in it."),
+    ] = 0.0,
+    groups: Annotated[bool, typer.Option(help="Make --share leave out whole neighbourhoods of joint space.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random choice that --share makes.")] = 0,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Rig file to write, extended by the fitted effects; default: none."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
-    """Estimate known effects by least squares on the simulator, set-up terms always with them."""
+    """Estimate the sizes of chosen effects by least squares on the simulator; the set-up is always fitted as well."""
 
     from analysis.fitting.calibrate import calibrate_runs  # noqa: PLC0415
     from analysis.reporting import calibration_report  # noqa: PLC0415
@@ -42,11 +49,11 @@ def calibrate(
     from rigs.load import load  # noqa: PLC0415
 
     if output and output.exists():
-        raise FileError(str(output), "is there already", "give another --output, or remove it first")
+        raise FileError(str(output), "exists already", "give another --output, or remove it first")
     aside = {path.resolve() for path in hold_out or ()}
     used = list({path.resolve(): path for path in runs if path.resolve() not in aside}.values())
     if not used:
-        raise FileError("--hold-out", "leaves no run to fit", "hold out fewer")
+        raise FileError("--hold-out", "holds out every run, and a fit needs one", "hold out fewer")
     measured = [load_measured(path) for path in used]
     judges = [load_measured(path) for path in hold_out or ()]
     for run in (*measured, *judges):

@@ -14,7 +14,7 @@ from analysis.cli.console import say
 def check(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
 ) -> None:
-    """Say whether a rig file is good: every mistake with its line, and whether the robot can drive its circle."""
+    """Check a rig file: report every mistake with its line, and whether the robot can drive the circle."""
     import datetime as dt  # noqa: PLC0415
 
     from analysis.geometry.feasible import feasible_tests  # noqa: PLC0415
@@ -28,9 +28,9 @@ def check(
     say(f"{find(rig_file)}: good")
     say(f"  {rig.robot.name}; {gauges}; robot by {rig.feedback.interface}")
     if rig.effects:
-        say(f"  the model begins with {begins_with(rig.effects)}")
+        say(f"  the model starts with {begins_with(rig.effects)}")
     parts = [*(name for name, _ in rig.gauges), "ball", "link"]
     for line in (*doubts_of(rig, parts, dt.datetime.now(dt.UTC).date()), *tests):
         say(f"  {line}")
     if rig.automatic:
-        say(f"  recorded by themselves: {', '.join(rule.event for rule in rig.automatic.rules)}")
+        say(f"  recorded automatically: {', '.join(rule.event for rule in rig.automatic.rules)}")

@@ -15,10 +15,10 @@ from analysis.cli.console import say, say_json
 def compare(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
     rig_file: Annotated[
-        str | None, typer.Option("--rig", help="The model to compare with; without it, the first run's rig file.")
+        str | None, typer.Option("--rig", help="Rig file of the model to compare with; default: that of the first run.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-    plot: Annotated[Path | None, typer.Option(help="Write a picture of each run into this directory.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    plot: Annotated[Path | None, typer.Option(help="Directory for a picture of each run; default: write none.")] = None,
 ) -> None:
     """Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by side."""
 

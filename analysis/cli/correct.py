@@ -14,17 +14,17 @@ from analysis.cli.console import say, say_json
 @app.command()
 def correct(
     rig_file: Annotated[
-        str, typer.Argument(metavar="RIG", help="Rig file with effects of a diagnosis or calibration.")
+        str, typer.Argument(metavar="RIG", help="Rig file that holds effects found by rig diagnose or rig calibrate.")
     ],
-    directory: Annotated[Path, typer.Option("--output", "-o", help="Where the corrections go.")],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the corrections to.")],
     path: Annotated[
         Path | None,
         typer.Option(
-            help="Targets to correct, a CSV with q1_deg … q6_deg, or with x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg "
-            "(roll-pitch-yaw about fixed axes, in the world of the rig file)."
+            help="CSV of targets to correct, with q1_deg … q6_deg, or with x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg "
+            "(roll-pitch-yaw about fixed axes, in the world frame of the rig file); default: none."
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
     """Write joint zeros, link constants and corrected targets, each only where the effects support it."""
 

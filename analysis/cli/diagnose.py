@@ -17,24 +17,34 @@ from analysis.cli.console import say, say_json
 def diagnose(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
     rig_file: Annotated[
-        str | None, typer.Option("--rig", help="The model to begin with; without it, the first run's rig file.")
+        str | None, typer.Option("--rig", help="Rig file of the model to start from; default: that of the first run.")
     ] = None,
     hold_out: Annotated[
-        list[Path] | None, typer.Option(help="A run to judge by, not used to find names; as often as you like.")
+        list[Path] | None,
+        typer.Option(help="Run directory to judge by, not used to find effects; repeatable; default: none."),
     ] = None,
     unseen: Annotated[
-        list[Path] | None, typer.Option(help="A run at another place or radius, to judge by; as often as you like.")
+        list[Path] | None,
+        typer.Option(help="Run directory at another place or radius, to judge by; repeatable; default: none."),
     ] = None,
     tolerance_um: Annotated[
         float | None,
-        typer.Option(min=0.0, help="Name what moves readings by more than this; without it, the scatter of one run."),
+        typer.Option(
+            min=0.0, help="Smallest change of readings, in µm, worth a name; default: the scatter of one run."
+        ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="For the extended rig file, JSON and picture.")
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Directory for the extended rig file, JSON and picture; default: write none.",
+        ),
     ] = None,
 ) -> None:
-    """Find where simulation and measurement disagree, name the missing effect, add it, prove that the gap shrinks."""
+    """Find where simulation and measurement differ, name the missing effects, and verify that they close the gap."""
 
     from analysis.diagnosis.diagnose import diagnose as diagnose_runs  # noqa: PLC0415
     from analysis.diagnosis.prepared_runs import refuse_copies  # noqa: PLC0415
@@ -51,7 +61,9 @@ def diagnose(
     aside = _distinct(hold_out or ()) | _distinct(unseen or ())
     used = [path for path in _distinct(runs) if path not in aside]
     if not used:
-        raise FileError("RUN…", "all are held out or unseen, which leaves no run to diagnose", "hold out fewer")
+        raise FileError(
+            "RUN…", "is held out or unseen, like every other run, and a diagnosis needs at least one", "hold out fewer"
+        )
     measured, judges, elsewhere = (
         [load_measured(path) for path in _distinct(paths or ())] for paths in (used, hold_out, unseen)
     )
@@ -81,7 +93,7 @@ def _distinct(paths: Sequence[Path]) -> dict[Path, None]:
 
 @contextmanager
 def _progress(*, quiet: bool) -> Iterator[Callable[[str], None]]:
-    """What to call with what is being done: told on a terminal, to nobody elsewhere."""
+    """What to call with what is being done: shown on a terminal and nowhere else."""
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
     console = PlainConsole(stderr=True)

@@ -17,12 +17,10 @@ _COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
 @app.command()
 def doctor(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
-    runs: Annotated[
-        Path | None, typer.Option(help="Where run directories go; without it, where rigd puts them.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    runs: Annotated[Path | None, typer.Option(help="Directory of the runs; default: that of rigd.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
-    """Say in plain words what is wrong with a cell: ports, line settings, rates, clocks, disk, service.
+    """Report what is wrong with a cell: ports, line settings, rates, clocks, disk, service.
 
     Talks to the instruments as rigd would, at other line settings too where they
     do not answer; where rigd runs, it is asked instead. Exit code 1 where

@@ -20,7 +20,7 @@ HiddenEffects = Annotated[
     typer.Option(
         "--effects",
         metavar="FILE",
-        help="What the cell hides instead of the rig file's effects: a YAML file, or the name of a shipped rig.",
+        help="YAML file of hidden effects, or the name of a shipped rig; default: the effects of RIG.",
     ),
 ]
 
@@ -28,9 +28,11 @@ HiddenEffects = Annotated[
 @app.command()
 def emulate(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
-    directory: Annotated[Path, typer.Option("--output", "-o", help="Where rig.yaml and truth.json go.")] = Path("cell"),
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for rig.yaml and truth.json.")] = Path(
+        "cell"
+    ),
     effects: HiddenEffects = None,
-    seed: Annotated[int, typer.Option(help="Of the gauges' noise.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the noise of the gauges.")] = 1,
 ) -> None:
     """Start the gauges and the robot of RIG on ptys and local ports, and serve until stopped.
 

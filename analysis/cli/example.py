@@ -15,7 +15,9 @@ from analysis.cli.console import say
 
 @app.command()
 def example(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Directory for the files; it is made if need be.")],
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Directory for the files; it is created if it does not exist.")
+    ],
 ) -> None:
     """Write the shipped rig files, and what their emulated cells hide, into a directory: copies to start from."""
     from analysis.files.write import write_new  # noqa: PLC0415

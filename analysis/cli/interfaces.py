@@ -12,9 +12,9 @@ from analysis.cli.console import say_json
 
 @app.command()
 def interfaces(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
-    """List every gauge and robot interface: its instruments, its line, where it is known from and what is in doubt."""
+    """List the gauge and robot interfaces: instruments, line settings, source of the protocol, and what is in doubt."""
     from dataclasses import asdict  # noqa: PLC0415
 
     from analysis.reporting.interfaces_table import as_table  # noqa: PLC0415

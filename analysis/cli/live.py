@@ -15,7 +15,7 @@ _REFRESH_S = 0.1
 
 @app.command()
 def live(rig: RigName = None) -> None:
-    """Show gauges, angle, joints, rates, faults and recording state until Ctrl-C; once where there is no terminal."""
+    """Show gauges, angle, joints, rates, faults and recording state until Ctrl-C; once if there is no terminal."""
     import time  # noqa: PLC0415
 
     from rich.live import Live  # noqa: PLC0415

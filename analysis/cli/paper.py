@@ -13,13 +13,15 @@ from analysis.cli.console import say, say_json
 
 @app.command()
 def paper(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-    plot: Annotated[Path | None, typer.Option(help="Write pictures like the paper's into this directory.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    plot: Annotated[
+        Path | None, typer.Option(help="Directory for pictures like those of the paper; default: write none.")
+    ] = None,
     rig_file: Annotated[
-        str, typer.Option("--rig", help="Rig file, or the name of a shipped rig: whose figures.")
+        str, typer.Option("--rig", help="Rig file, or the name of a shipped rig, to simulate.")
     ] = "paper-errors",
 ) -> None:
-    """Simulate the paper's tests, evaluate them, and set its figures beside ours; all of it computed now."""
+    """Simulate and evaluate the tests of the paper, and show its figures beside those computed here."""
 
     from analysis.paper.paper_table import as_object, as_table  # noqa: PLC0415
     from analysis.paper.rows import rows_of  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""`rig plan RIG`: before any measurement, what a set of tests can and cannot tell apart."""
+"""`rig plan RIG`: before any measurement, which effects a set of tests can detect and distinguish."""
 
 from __future__ import annotations
 
@@ -17,12 +17,14 @@ def plan(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
     tests: Annotated[
         str | None,
-        typer.Option(help="Of yaw,roll,radial,repeatability. Without it yaw, roll and radial, where the rig has them."),
+        typer.Option(help="Tests, separated by commas: yaw, roll, radial, repeatability; default: the first three."),
     ] = None,
-    runs: Annotated[int, typer.Option(min=1, max=1000, help="Of each test, circles in each direction.")] = 3,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    runs: Annotated[
+        int, typer.Option(min=1, max=1000, help="Number of runs of each test, for circles in each direction.")
+    ] = 3,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
-    """Say what tests can and cannot tell apart for this robot, from which size on, and which test adds the most."""
+    """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most."""
 
     from analysis.diagnosis.plan import plan as planned  # noqa: PLC0415
     from analysis.diagnosis.plan import tests_named  # noqa: PLC0415

@@ -13,19 +13,25 @@ from rigs.schema.vocabulary import Direction, TestName
 record = typer.Typer(no_args_is_help=True, help="Start and stop a recording of the running daemon.")
 app.add_typer(record, name="record")
 
-RigName = Annotated[str | None, typer.Option("--rig", help="Which daemon, where several run.")]
+RigName = Annotated[
+    str | None, typer.Option("--rig", help="Name of the rig whose daemon is meant; default: the only one that runs.")
+]
 
 
 @record.command()
 def start(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="What to call the run: letters, digits, . _ and -.")],
-    test: Annotated[TestName, typer.Option(help="What the robot is going to do.")],
-    direction: Annotated[Direction | None, typer.Option(help="Of a circle.")] = None,
-    operator: Annotated[str, typer.Option(help="Who measures; without it, the user.")] = "",
-    placement: Annotated[str, typer.Option(help="Where instrument or ball stand, by a name of yours.")] = "",
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the run: letters, digits, . _ and -.")],
+    test: Annotated[TestName, typer.Option(help="Test that the robot will drive.")],
+    direction: Annotated[
+        Direction | None, typer.Option(help="Direction of the circle, required for yaw and roll; default: none.")
+    ] = None,
+    operator: Annotated[str, typer.Option(help="Name of the person who measures; default: the user.")] = "",
+    placement: Annotated[
+        str, typer.Option(help="Your name for where the instrument or the ball stands; default: none.")
+    ] = "",
     rig: RigName = None,
 ) -> None:
-    """Begin a recording; prints the run directory."""
+    """Start a recording and print its run directory."""
     import getpass  # noqa: PLC0415
 
     from daq.service.client import Client, find_socket  # noqa: PLC0415
@@ -43,7 +49,7 @@ def start(
 
 @record.command()
 def stop(rig: RigName = None) -> None:
-    """End the recording; prints the run directory, and on standard error what went wrong meanwhile."""
+    """Stop the recording and print its run directory; its faults are reported on standard error."""
     from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     with Client(find_socket(rig)) as client:
@@ -58,9 +64,9 @@ def stop(rig: RigName = None) -> None:
 @app.command()
 def status(
     rig: RigName = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
-    """What the daemon reads and records now."""
+    """Show what the daemon reads and records now."""
 
     from daq.service.client import Client, find_socket  # noqa: PLC0415
 
@@ -78,7 +84,7 @@ def status(
 
 @app.command()
 def metrics(rig: RigName = None) -> None:
-    """The daemon's rates, faults, queues, disk and clocks in the text format of Prometheus."""
+    """Print the daemon's rates, faults, queues, disk and clocks in the text format of Prometheus."""
     from daq.service.client import Client, find_socket  # noqa: PLC0415
 
     with Client(find_socket(rig)) as client:

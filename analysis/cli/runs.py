@@ -16,9 +16,9 @@ RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
 @app.command()
 def runs(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory that holds the runs.")] = Path("runs"),
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON list.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON list instead of text.")] = False,
 ) -> None:
-    """List runs with size and age, whether they were exported, and whether they are kept for ever."""
+    """List runs with size and age, whether they were exported, and whether they are kept."""
     import time  # noqa: PLC0415
 
     from analysis.reporting.runs_list import listed, row  # noqa: PLC0415
@@ -29,7 +29,7 @@ def runs(
         say_json(found)
         return
     if not found:
-        say(f"no runs in {directory}")
+        say(f"{directory} holds no runs")
         return
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
@@ -42,9 +42,12 @@ def runs(
 @app.command()
 def keep(
     paths: Annotated[list[Path], typer.Argument(metavar="RUN", help="Run directories.")],
-    no_more: Annotated[bool, typer.Option("--not", help="No more: retention may delete them once exported.")] = False,
+    no_more: Annotated[
+        bool,
+        typer.Option("--not", help="Remove the mark, so that retention may delete the runs once they are exported."),
+    ] = False,
 ) -> None:
-    """Mark runs as kept for ever: whatever the rig file's retention says, rigd never deletes them."""
+    """Mark runs as kept: rigd never deletes them, whatever the rig file says of retention."""
     from daq.store import mark_kept  # noqa: PLC0415
 
     for path in paths:
@@ -54,7 +57,7 @@ def keep(
 
 @app.command()
 def recover(path: RunPath) -> None:
-    """Bring a run that was cut off into order: keep every verified batch, say what is lost."""
+    """Recover a run that was cut off: keep every verified batch, and report what is lost."""
     from daq.store import recover as recover_run  # noqa: PLC0415
 
     done = recover_run(path)
@@ -69,7 +72,7 @@ def recover(path: RunPath) -> None:
 
 @app.command()
 def verify(path: RunPath) -> None:
-    """Say whether a run is whole, recovered or not whole; exit code 3 where something is wrong or missing."""
+    """Report whether a run is whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
     from daq.store import judge  # noqa: PLC0415
 
     verdict = judge(path)

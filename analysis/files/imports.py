@@ -34,7 +34,7 @@ def import_table(  # noqa: PLR0913 - one keyword for each option of the command
     Raises FileError for mistakes in either file or a directory that exists, CellError when the disk refuses.
     """
     if run.exists():
-        raise FileError(str(run), "is there already", "give the run a directory of its own")
+        raise FileError(str(run), "exists already", "give the run a directory of its own")
     rig, rig_text = load(rig_file)
     read = read_csv(source, test, rig, direction, joints)
     table = table_from(read.table, test, read.direction, str(source))
@@ -55,7 +55,7 @@ def import_table(  # noqa: PLR0913 - one keyword for each option of the command
 
 
 def _doubts(table: Table, rig: Rig, where: str) -> list[str]:
-    """What an evaluation will refuse: better told now."""
+    """What an evaluation will refuse: it is better reported now."""
     try:
         if isinstance(table, CircleTable):
             laps_of(table, rig, where)

@@ -28,7 +28,7 @@ from rigs.schema.vocabulary import Direction, TestName
 
 MOST_BYTES = 256_000_000
 _MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000
-"""Of a table, which takes some 2 GB while it is read; half an hour at 1 kHz with 9 columns has 16 million."""
+"""The largest table, which takes some 2 GB while it is read; half an hour at 1 kHz with 9 columns has 16 million."""
 Row = tuple[int, list[str]]
 """Line on which a row begins, counted from 1, and its fields."""
 
@@ -71,7 +71,7 @@ def parse_csv(
 ) -> pa.Table:
     """The table in the text of a file; `where` names it in errors. See `read_csv`."""
     if direction and "direction" not in LAYOUTS[test].required:
-        raise FileError(where, f"a {test} table has no direction", "leave --direction out")
+        raise FileError(where, f"is of a {test} test, which has no direction", "leave --direction out")
     rows = _rows(text, where)
     _, names = next(rows, (1, []))
     if not any(names):
@@ -95,8 +95,8 @@ def parse_csv(
 def _commanded(names: list[str], where: str) -> list[str]:
     """Column names with the commanded joints as the robot's, and those measured by a name that says so."""
     if missing := [name for name in COMMANDED if name not in names]:
-        what = f"has no {', '.join(missing)}, which --joints commanded takes"
-        raise FileError(where, what, "name the columns of the commanded joints so, or leave --joints out")
+        what = f"has no {', '.join(missing)}, which --joints commanded reads"
+        raise FileError(where, what, "rename the columns of the commanded joints, or leave --joints out")
     measured = tuple(name.replace("_deg", "_measured_deg") for name in JOINTS)
     other = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *measured), strict=True))
     return [other.get(name, name) for name in names]
@@ -120,7 +120,7 @@ def _text(where: str, data: bytes) -> str:
         line = data.count(b"\n", 0, error.start) + 1
         raise FileError(where, f"line {line} is not UTF-8", "save it as UTF-8") from None
     if "\0" in text:
-        raise FileError(where, "holds zero bytes, as no text does", "give the table as UTF-8 text")
+        raise FileError(where, "contains zero bytes, which a text file cannot", "give the table as UTF-8 text")
     return text
 
 
@@ -167,7 +167,7 @@ def _columns(
 
 def _why(fields: list[str], names: list[str]) -> str:
     if len(fields) > len(names):
-        return "; a text with a comma needs quotes, and decimals a point"
+        return "; put a text with a comma in quotes, and write decimals with a point"
     return "; is the line cut off?"
 
 

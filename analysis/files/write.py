@@ -22,7 +22,7 @@ def write_new(path: Path, write: Callable[[BinaryIO], None]) -> None:
     try:
         file = path.open("xb")
     except FileExistsError:
-        raise FileError(str(path), "is there already", "give another --output, or remove it first") from None
+        raise FileError(str(path), "exists already", "give another --output, or remove it first") from None
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "give another --output") from None
     try:
@@ -33,7 +33,7 @@ def write_new(path: Path, write: Callable[[BinaryIO], None]) -> None:
             path.unlink()
         if isinstance(error, OSError):
             what = f"cannot be written: {error.strerror or error}"
-            raise CellError(str(path), what, "make room or choose another disk") from error
+            raise CellError(str(path), what, "free some space or choose another disk") from error
         raise
 
 

@@ -1,4 +1,4 @@
-"""From run directories to their results: the one way that every report, plot and script takes."""
+"""From run directories to their results, for every report, plot and script."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None)
     found = evaluate(measured.table, measured.rig, measured.u_lag_s, str(measured.path), like=like)
     figures = dict(found.figures)
     if isinstance(found, CircleResult):
-        # The angle and the distance both tell where the ball is; robot errors make them differ.
+        # The angle and the distance both show where the ball is; robot errors make them differ.
         distance = found.distance.figures
         figures |= {f"distance_{name}" if name in figures else name: figure for name, figure in distance.items()}
     figures = with_certificates(figures, measured.systematic, measured.rig, measured.run.manifest.test)

@@ -36,13 +36,13 @@ def as_table(found: Calibration) -> RenderableType:
     ):
         if not math.isnan(before):
             gap.add_row(name, f"{before * 1e3:.1f}", f"{after * 1e3:.1f}")
-    told = Text(
-        f"{found.identified_combinations} combinations of {_asked(found)} parameters are told by these readings",
+    determined = Text(
+        f"{found.identified_combinations} combinations of {_asked(found)} parameters are determined by these readings",
         style="dim",
     )
     weak_parameters = [Text(str(one), style="yellow") for one in found.weak_parameters]
     doubts = [Text(doubt, style="yellow") for doubt in found.doubts]
-    return Group(whole(table), whole(gap), *doubts, told, *weak_parameters, *_of_noise(found), _of_joints(found))
+    return Group(whole(table), whole(gap), *doubts, determined, *weak_parameters, *_of_noise(found), _of_joints(found))
 
 
 def _asked(found: Calibration) -> int:
@@ -51,7 +51,7 @@ def _asked(found: Calibration) -> int:
 
 def _of_joints(found: Calibration) -> Text:
     ranges = ", ".join(f"{axis}: {low:.0f}° to {high:.0f}°" for axis, (low, high) in enumerate(found.covered, start=1))
-    return Text(f"the joints went through {ranges}: the model is known there", style="dim")
+    return Text(f"the joints covered {ranges}; the model is valid there", style="dim")
 
 
 def _of_noise(found: Calibration) -> list[Text]:
@@ -61,7 +61,7 @@ def _of_noise(found: Calibration) -> list[Text]:
         again = (
             f"visits of one place differ by {1e3 * noise.repeats.sd_mm:.2g} µm (one reading's standard deviation)"
             if noise.repeats
-            else "which is what the fit leaves"
+            else "which agrees with the residuals of the fit"
         )
         lines.append(Text(f"{setup}: readings count with {1e3 * noise.sd_mm:.2g} µm; {again}", style="dim"))
     if not found.gauges:

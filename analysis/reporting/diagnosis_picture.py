@@ -1,4 +1,4 @@
-"""The picture of a diagnosis: circles, hemispheres, how much each effect explains, what cannot be told apart."""
+"""The picture of a diagnosis: circles, hemispheres, how much each effect explains, what cannot be distinguished."""
 
 from __future__ import annotations
 
@@ -86,13 +86,13 @@ def _draw_bars(sheet: SubFigure, bars: Sequence[tuple[str, float, str]], floor_u
 
 
 def _words(found: Diagnosis, quiet: int) -> list[str]:
-    told = [f"{found.verdict}: {found.why}"]
-    told += [f"These tests cannot tell apart: {' or '.join(group)}" for group in found.groups[:_MOST_GROUPS]]
+    lines = [f"{found.verdict}: {found.why}"]
+    lines += [f"These tests cannot distinguish: {' or '.join(group)}" for group in found.groups[:_MOST_GROUPS]]
     more = len(found.groups) - _MOST_GROUPS
-    told += [f"and {more} more groups"] * (more > 0)
-    told += [f"Not shown: {quiet} more, which disagree less."] * bool(quiet)
-    told += [_KEY] * bool(found.curves)
-    return [line for one in told for line in textwrap.wrap(one, _TEXT_COLUMNS)]
+    lines += [f"and {more} more groups"] * (more > 0)
+    lines += [f"Not shown: {quiet} more, which disagree less."] * bool(quiet)
+    lines += [_KEY] * bool(found.curves)
+    return [line for one in lines for line in textwrap.wrap(one, _TEXT_COLUMNS)]
 
 
 def _draw_words(sheet: SubFigure, lines: list[str]) -> None:

@@ -26,9 +26,9 @@ from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import name_of
 
 _MOST = 3
-"""Further tests told for one pair."""
+"""Further tests that are listed for one pair."""
 _MOST_PAIRS = 6
-"""Pairs told of names that hang together, the nearest first."""
+"""Pairs that are listed of names that hang together, the nearest first."""
 
 
 def as_table(plan: Plan) -> RenderableType:
@@ -37,7 +37,7 @@ def as_table(plan: Plan) -> RenderableType:
     head = Text(f"{tests}: {plan.runs} runs each, circles in both directions", style="bold")
     unseen = len(plan.undetectable)
     small = sum(all(map(_small, forms)) for forms in plan.names.values())
-    words = f"{len(plan.names)} names: {small} show as soon as they are faults (gears at every order), "
+    words = f"{len(plan.names)} names: {small} are detected as soon as they are faults (gears at every order), "
     words += f"{len(plan.names) - small - unseen} at more, {unseen} at none; {len(plan.pairs)} pairs look alike\n"
     tables = (_axes(plan), Text(), _others(plan), _alike(plan), _hidden(plan))
     return Group(head, Text(noise_in_words()), Text(words), *tables, *_advice(plan))
@@ -118,8 +118,8 @@ def _limit(sights: Sequence[Detectability], between: str = " … ") -> Text:
 
 def _alike(plan: Plan) -> RenderableType:
     if not plan.pairs:
-        return Text("all that shows can be told apart", style="green")
-    title = f"cannot be told apart ({ODDS:g} to 1, at the size at which they show as faults)"
+        return Text("all detectable effects can be distinguished", style="green")
+    title = f"cannot be distinguished ({ODDS:g} to 1, at the size at which they show as faults)"
     table = Table(title=title, title_style="bold", title_justify="left")
     table.add_column("names")
     table.add_column("apart", justify="right")
@@ -158,12 +158,12 @@ def _parted(pair: Pair) -> Text:
         return Text("\n".join(f"{one.test}: {one.sigma:.0f} σ" for one in helps[:_MOST]))
     if pair.further and pair.further[0].sigma > 0.05:
         return Text(f"none; best {pair.further[0].test}: {pair.further[0].sigma:.1f} σ", style="yellow")
-    return Text("none: they do the same to every test", style="yellow")
+    return Text("none: their effect on every test is the same", style="yellow")
 
 
 def _hidden(plan: Plan) -> RenderableType:
     if not plan.hidden:
-        return Text("nothing is hidden", style="green")
+        return Text("every effect is detected", style="green")
     table = Table(title=f"not seen at {LARGEST_FAULT:g} healthy sizes", title_style="bold", title_justify="left")
     table.add_column("names")
     table.add_column("why", ratio=1)
@@ -175,12 +175,12 @@ def _hidden(plan: Plan) -> RenderableType:
     for (why, test), sights in together.items():
         orders = Counter(_kind(sight.name) for sight in sights)
         names = [name if count == 1 else f"{name}, {count} forms" for name, count in orders.items()]
-        told = (
+        text = (
             f"{test}, {_range([one.further[0].sigma for one in sights])} σ at a healthy size"
             if test
             else "no test here"
         )
-        table.add_row("\n".join(names), why, told)
+        table.add_row("\n".join(names), why, text)
     return whole(table)
 
 
@@ -193,10 +193,10 @@ def _advice(plan: Plan) -> list[Text]:
     lines = [Text(f"not possible here: {test}: {reason}", style="dim") for test, reason in plan.impossible]
     best = next((gain for gain in plan.gains if gain.parts + gain.shows), None)
     if best is None:
-        return [*lines, Text("no further test adds anything to these")]
-    told = f"adds the most: {best.test}: parts {best.parts} of {len(plan.pairs)} pairs"
-    told += f", shows {best.shows} of {len(plan.undetectable)} hidden names; {best.why}"
-    return [*lines, Text(told, style="bold")]
+        return [*lines, Text("no further test would add information")]
+    text = f"most useful further test: {best.test}: distinguishes {best.parts} of {len(plan.pairs)} pairs"
+    text += f", detects {best.shows} of {len(plan.undetectable)} hidden names; {best.why}"
+    return [*lines, Text(text, style="bold")]
 
 
 def as_object(plan: Plan) -> dict[str, Any]:
@@ -220,14 +220,14 @@ def as_object(plan: Plan) -> dict[str, Any]:
 
 
 def _effect(sight: Detectability) -> dict[str, Any]:
-    told: Mapping[str, Any] = {
+    text: Mapping[str, Any] = {
         "name": sight.name,
         "unit": sight.effect.unit(size_field(sight.effect)),
         "healthy": healthy_size(sight.effect),
         "sd": sight.sd if np.isfinite(sight.sd) else None,
         "limit": None if sight.hidden else sight.limit,
     }
-    return dict(told) | ({"hidden": sight.hidden, "further": _partings(sight.further)} if sight.hidden else {})
+    return dict(text) | ({"hidden": sight.hidden, "further": _partings(sight.further)} if sight.hidden else {})
 
 
 def _partings(found: Sequence[SeparatingTest]) -> list[dict[str, Any]]:

@@ -106,11 +106,11 @@ def _over(text: str, below: str, style: str = "dim") -> Text:
 
 
 def in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
-    """acw against cw, the lag of the gauges, and which runs are no pair, a line each."""
+    """acw against cw, the lag of the gauges, and which runs are not a pair, one line each."""
     if not isinstance(group[0].found, CircleResult):
         return []
     if both is None:
-        return ["a lag between gauges and robot cannot be seen in one direction: analyse acw and cw together"]
+        return ["one direction cannot show a lag between gauges and robot: analyse acw and cw together"]
     lines = list(both.refused)
     if both.lag is not None:
         figures = "; ".join(f"{label(name).strip()} {both.figures[name]}" for name in in_order(both.figures))
@@ -127,11 +127,11 @@ def _rate(both: Pairs) -> float:
 
 def _of_lag(lag: Quantity, rate: float) -> str:
     if abs(lag.value) < 2 * lag.u:
-        return f"no lag of the gauges behind the robot is seen: {lag}"
+        return f"a lag of the gauges behind the robot is not detected: {lag}"
     turned = np.degrees(rate * abs(lag.value) / 1000)
     return (
-        f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {turned:.2g}° in opposite ways, and "
-        "that is not in their u; state what the gauge does as `timing` in the rig file, or have their lag diagnosed"
+        f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {turned:.2g}° in opposite directions, "
+        "which their u does not include; describe the gauge by `timing` in the rig file, or run rig diagnose"
     )
 
 
@@ -168,7 +168,7 @@ def _cell(result: Result, name: str, truth: dict[str, TruthComparison]) -> str |
 
 
 def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = ()) -> dict[str, Any]:
-    """The same for scripts; angles in degrees, lengths in mm, u the standard uncertainty, null where nobody knows."""
+    """The same for scripts; angles in degrees, lengths in mm, u the standard uncertainty, null where it is unknown."""
     runs = [_run_object(result) for result in results]
     for run, truth in zip(runs, truths, strict=False):
         run["truth"] = {name: asdict(comparison) for name, comparison in truth.items()}

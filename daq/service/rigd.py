@@ -36,17 +36,17 @@ def main() -> None:
 def rigd(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
     runs: Annotated[
-        Path | None, typer.Option(help="Where run directories go; without it, runs, under systemd its state directory.")
+        Path | None, typer.Option(help="Directory for the runs; default: runs, under systemd its state directory.")
     ] = None,
     socket: Annotated[
-        Path | None, typer.Option(help="Control socket; without it, in the user's runtime directory.")
+        Path | None, typer.Option(help="Path of the control socket; default: in the runtime directory of the user.")
     ] = None,
     capture: Annotated[
-        Path | None, typer.Option(help="Keep the raw bytes of every link in this file, for rig replay.")
+        Path | None, typer.Option(help="File for the raw bytes of every link, for rig replay; default: none.")
     ] = None,
     metrics: Annotated[
         Path | None,
-        typer.Option(help="File for node_exporter's textfile collector; without it, none, under systemd rig.prom."),
+        typer.Option(help="File for the textfile collector of node_exporter; default: none, under systemd rig.prom."),
     ] = None,
 ) -> None:
     """Read the gauges and the robot of RIG until stopped; record when asked by `rig record`."""

@@ -291,7 +291,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
         assert [row["name"] for row in csv.DictReader(file)] == ["P0", "P1", "P2"]
 
     again = CliRunner().invoke(app, ["correct", str(cell), "-o", str(out)])
-    assert isinstance(again.exception, FileError) and "is there already" in str(again.exception)
+    assert isinstance(again.exception, FileError) and "exists already" in str(again.exception)
     other = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "other"), "--json"])
     found = json.loads(other.stdout)
     assert found["path"] is None and found["link_constants"][0]["corrected"] == 695.4
@@ -300,7 +300,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
 @pytest.mark.parametrize(
     ("head", "row", "told"),
     [
-        (HEAD, "A,0,20,ten,0,60,0", "line 2, q3_deg: 'ten' is no number"),
+        (HEAD, "A,0,20,ten,0,60,0", "line 2, q3_deg: 'ten' is not a number"),
         (HEAD, "A,0,20,10,0,60", "line 2: has 6 fields, the header 7"),
         (HEAD, "A,0,20,10,0,200,0", "line 2: axis 5 would stand at 200.000°, its limits are -140° and 140°"),
         ("x_mm,y_mm,z_mm", "900,0,0", "has no column rx_deg, ry_deg, rz_deg"),

@@ -181,14 +181,14 @@ def test_names_that_are_no_utf8_are_kept_as_far_as_they_can_be(tmp_path: Path) -
 def test_nothing_is_overwritten(tmp_path: Path) -> None:
     run = imported(tmp_path, plain("pose"), "pose")
     before = {file: file.read_bytes() for file in run.iterdir()}
-    with pytest.raises(FileError, match="is there already"):
+    with pytest.raises(FileError, match="exists already"):
         imported(tmp_path, plain("pose"), "pose")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(FileError, match="is there already"):
+    with pytest.raises(FileError, match="exists already"):
         imported(tmp_path, plain("pose"), "pose", name="empty")
     file = exported(run, "csv")
     data = file.read_bytes()
-    with pytest.raises(FileError, match="is there already"):
+    with pytest.raises(FileError, match="exists already"):
         exported(run, "csv")
     assert file.read_bytes() == data
     assert {file: file.read_bytes() for file in run.iterdir()} == before
@@ -283,5 +283,5 @@ def test_the_commands(tmp_path: Path) -> None:
     assert (refused.returncode, refused.stdout) == (3, "")
     assert refused.stderr.splitlines() == [
         "error: t.csv, line 2, direction: 'ccw' is not acw or cw; did you mean acw?",
-        "error: t.csv, line 3, direction: 'ccw' is not acw or cw; did you mean acw?; mend the file",
+        "error: t.csv, line 3, direction: 'ccw' is not acw or cw; did you mean acw?; correct the file",
     ]

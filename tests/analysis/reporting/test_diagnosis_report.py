@@ -42,7 +42,12 @@ def _printed(found: Diagnosis, width: int = 80) -> str:
 def test_the_screen_fits_80_columns_and_keeps_its_order(verdict: Verdict) -> None:
     text = _printed(diagnosis(verdict))
     assert max(map(len, text.splitlines())) <= 80
-    headings = ["Where they disagree", "What the model says", "Still unexplained", "What these tests cannot tell"]
+    headings = [
+        "Where they disagree",
+        "What the model says",
+        "Still unexplained",
+        "What these tests cannot distinguish",
+    ]
     if verdict in ("named", "ambiguous", "outside_library"):
         headings.insert(1, "What is missing")
         headings.append("What to do")

@@ -21,7 +21,7 @@ from tests.support.simulated_conversation import S, asked
 def test_a_reading_becomes_mm_and_the_next_is_asked_for(reply: bytes, units: str, value_mm: float) -> None:
     script = asked(daq.gauges.host([gauge("example_dial", units=units)]))
     step = script.receive(reply, S)
-    (sample,) = script.told()
+    (sample,) = script.taken()
     assert isinstance(sample, Sample)
     assert sample.values == pytest.approx((value_mm,))
     assert (sample.last_byte_ns, sample.size) == (S, len(reply))
@@ -42,7 +42,7 @@ def test_a_reading_becomes_mm_and_the_next_is_asked_for(reply: bytes, units: str
 def test_what_is_no_reading_is_a_fault_that_says_what_to_do(reply: bytes, kind: FaultKind, words: str) -> None:
     script = asked(daq.gauges.host([gauge("example_dial")]))
     step = script.receive(reply, S)
-    (fault,) = script.told()
+    (fault,) = script.taken()
     assert isinstance(fault, Fault)
     assert fault.kind is kind
     assert words in fault.detail

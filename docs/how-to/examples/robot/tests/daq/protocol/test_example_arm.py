@@ -23,7 +23,7 @@ DATAGRAM = bytes.fromhex(
 def test_a_datagram_becomes_a_sample_with_the_controller_s_clock_and_nothing_is_sent() -> None:
     script = Script(daq.feedback.host(ARM))
     script.receive(DATAGRAM, 5)
-    assert script.told() == [Sample(ANGLES_DEG, NO_TIME, 5, 5, len(DATAGRAM), 2.0)]
+    assert script.taken() == [Sample(ANGLES_DEG, NO_TIME, 5, 5, len(DATAGRAM), 2.0)]
     assert script.sent == b""
 
 
@@ -34,16 +34,16 @@ def test_a_datagram_becomes_a_sample_with_the_controller_s_clock_and_nothing_is_
 def test_what_is_no_position_is_garbled_and_the_next_one_is_read(datagram: bytes) -> None:
     script = Script(daq.feedback.host(ARM))
     script.receive(datagram)
-    (fault,) = script.told()
+    (fault,) = script.taken()
     assert isinstance(fault, Fault)
     assert fault.kind is FaultKind.GARBLED
     script.receive(DATAGRAM)
-    assert isinstance(script.told()[-1], Sample)
+    assert isinstance(script.taken()[-1], Sample)
 
 
 def test_datagrams_that_the_network_loses_are_counted() -> None:
     script = Script(daq.feedback.host(ARM))
     for number in (7, 8, 11):
         script.receive(DATAGRAM[:2] + struct.pack(">I", number) + DATAGRAM[6:], number)
-    (fault,) = (item for item in script.told() if isinstance(item, Fault))
+    (fault,) = (item for item in script.taken() if isinstance(item, Fault))
     assert (fault.kind, fault.count) == (FaultKind.SKIPPED, 2)
