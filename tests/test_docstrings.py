@@ -16,20 +16,15 @@ SHAPE = re.compile(r"\((?:\.\.\.|…|\d|[A-Za-z])[\w\s.+·*/…-]*,[^()]*\)|\(\d
 """`(n,)`, `(n, 6)`, `(..., NODES)`, `(6)`."""
 UNIT = re.compile(
     r"(?<!\w)(mm|rad|deg|degrees|s|ns|Hz|Nm|ppm|relative|ratio|shares?|weights?|turns?|standard deviations?|poses?"
-    r"|counts?|numbers?|index|indices|mask|whether|which|directions?|orders?|power|unit|figures)(?!\w)|°|_(mm|rad|deg|s|ns|um)\b"
+    r"|whitened|healthy sizes?|log evidence|µm|mm²|counts?|numbers?|index|indices|mask|whether|which|directions?|orders?|power|unit|figures)(?!\w)|°|_(mm|rad|deg|s|ns|um)\b"
 )
-"""A unit, or a word for what has none, as a share, a number or a mask."""
-ELSEWHERE = ("analysis/diagnosis", "analysis/fitting", "analysis/noise", "analysis/correction")
-WORDS_ELSEWHERE = (*ELSEWHERE, "daq/recording", "daq/store", "daq/acquisition", "daq/service")
-"""Folders that are still to come."""
+"""A unit, or a word for what has none, as a share, a number, a mask, or whitened values (standard deviations)."""
 
 
 def _functions() -> Iterator[tuple[str, ast.FunctionDef, str]]:
     """Each public function on arrays: its place, itself, and the words that describe it."""
     for path in sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
         name = str(path.relative_to(ROOT))
-        if name.startswith(ELSEWHERE):
-            continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             bodies = [("", node)] if isinstance(node, ast.Module) else []
             bodies += [(ast.get_docstring(node) or "", node)] if isinstance(node, ast.ClassDef) else []
@@ -66,7 +61,7 @@ def _strings() -> Iterator[tuple[str, str]]:
     """Each docstring and message of the product with its place."""
     for path in sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py")):
         name = str(path.relative_to(ROOT))
-        for node in () if name.startswith(WORDS_ELSEWHERE) else ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
                 yield f"{name}:{node.lineno}", node.value
 

@@ -46,7 +46,7 @@ class Weighed:
     half: Array
 
     def products(self, other: Weighed) -> Array:
-        """Return values' C⁻¹ other, a matrix (k, l) for values (N, k) and (N, l)."""
+        """Return values' C⁻¹ other, a matrix (k, l) for whitened values (N, k) and (N, l)."""
         found: Array = self.weighted.T @ other.values - self.half.T @ other.half
         return found
 
@@ -88,7 +88,7 @@ class Background:
         return gram
 
     def weighed(self, values: Array) -> Weighed:
-        """Return values (N, k) with the terms that their products with C⁻¹ need."""
+        """Return whitened values (N, k) with the terms that their products with C⁻¹ need."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
         weighted = self.weight[:, None] * values
@@ -105,7 +105,7 @@ class Background:
         return found
 
     def solved(self, weighed: Weighed) -> Array:
-        """Return C⁻¹ values, (N, k) for values (N, k)."""
+        """Return C⁻¹ values, (N, k) for whitened values (N, k)."""
         found: Array = weighed.weighted - self.weight[:, None] * (self.columns.X @ self.taken(weighed))
         return found
 
@@ -201,8 +201,8 @@ class Posterior:
         return fault, pick, sigma
 
     def cavity(self, columns: Array) -> tuple[Array, Array]:
-        """Return what the readings say about columns (N, q) beside everything else: the precision Λ (q, q) and the
-        vector η (q,)."""
+        """Return what the readings say about whitened columns (N, q) beside everything else: the precision Λ (q, q)
+        and the vector η (q,)."""
         own = self.background.weighed(columns)
         across = self._weighed.products(own)
         known, left = across[:-1], across[-1] - self.known @ across[:-1]
@@ -230,7 +230,7 @@ def fault_evidence(values: Array, seen: Array, level: float) -> Array:
 
 
 def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Array:
-    """Return F(V) (…) of cavities with precision eigenvalues (…, q), squares of η along the eigenvectors (…, q) and
-    prior variance V."""
+    """Return the log evidence F(V) (…) of cavities with precision eigenvalues (…, q), squares of η along the
+    eigenvectors (…, q) and prior variance V."""
     found: Array = 0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1)
     return found

@@ -91,7 +91,7 @@ class Columns:
         self.divide(np.unique(linear.band, return_inverse=True)[1])
 
     def divide(self, band: NDArray[np.int64]) -> None:
-        """Compute the products of the columns by the band (N,) of the entries."""
+        """Compute the products of the whitened columns by the band (N,) of the entries."""
         self.band = band
         self.count: NDArray[np.int64] = np.bincount(band)
         self.rows = [np.flatnonzero(band == b) for b in range(len(self.count))]

@@ -78,7 +78,7 @@ class Linearisation:
         return other
 
     def without_set_up(self, values: Array) -> Array:
-        """Return values (N, …) with the part removed that set-ups could absorb."""
+        """Return whitened values (N, …) with the part removed that set-ups could absorb."""
         basis = basis_of(self.U)
         fitted: Array = values - basis @ (basis.T @ values)
         return fitted

@@ -49,7 +49,7 @@ class Sampling:
     stand_share: Array
 
     def gridded(self, values: Array) -> Array:
-        """Return values (m, …) at the rows as values (GRID, …) at the grid, averaged over the laps."""
+        """Return values (m, …) at the rows, in any unit, as values (GRID, …) at the grid, averaged over the laps."""
         share = self.share.reshape(*self.share.shape, *[1] * (values.ndim - 1))
         found: Array = (values[self.before] * (1 - share) + values[self.after] * share).mean(axis=0)
         return found

@@ -81,8 +81,8 @@ class CircleNoise:
     measured: bool
 
     def scatter(self, setup: str, terms: int) -> Array:
-        """Return the scatter (terms,) of the six joints and then, if included, of the ball. A set-up without circles
-        gets the average of all."""
+        """Return the scatter (terms,) of the six joints in rad and then, if included, of the ball in mm. A set-up
+        without circles gets the average of all."""
         every = np.sqrt(np.mean(np.array(list(self.scattered.values())) ** 2, axis=0))
         joints, ball = self.scattered.get(setup, (float(every[0]), float(every[1])))
         return np.array([joints] * 6 + [ball] * 3)[:terms]

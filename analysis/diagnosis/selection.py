@@ -1,7 +1,7 @@
 """The selection of the effects that explain the readings: faults and the visible effects of a healthy arm compete by
 evidence.
 
-The residual of a band of orders, or of targets, has its own strength beyond the noise, estimated anew in each round;
+The residual of a band of orders, or of targets, has its own strength beyond the noise, estimated in each round;
 every effect must explain more than it does. Each round adds the form with the largest gain as an effect, and fits its
 size and shape on the simulator before the next round, because the residual of a wrong shape would support wrong names.
 The visible plays and gear errors of a healthy arm are fitted like faults, and the size of an effect decides which of

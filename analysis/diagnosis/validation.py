@@ -44,7 +44,7 @@ def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[fl
     """Return, for each name, the share of the gap's energy on held-out runs that it removes beside everything else that
     was found, or None where no run was held out.
 
-    The set-up is fitted to each run anew; a healthy arm's share of every effect is taken from the runs used. Residuals
+    The set-up is fitted again to each run; a healthy arm's share of every effect is taken from the runs used. Residuals
     are (m, k) mm.
     """
     whole, gained = 0.0, np.zeros(len(result.contributions))
@@ -72,7 +72,7 @@ class _JudgedRun:
     basis: Array
 
     def without_set_up(self, values: Array) -> Array:
-        """Return values (N,) with the part removed that the set-up could absorb."""
+        """Return whitened values (N,) with the part removed that the set-up could absorb."""
         fitted: Array = values - self.basis @ (self.basis.T @ values)
         return fitted
 

@@ -120,12 +120,14 @@ class _Problem:
         self._unexplained = self._after_one_step(self.start())
 
     def start(self) -> Array:
-        """Return the starting vector (u,): zero changes of the set-up terms, and the parameters of the model."""
+        """Return the starting vector (u,), in the units of the rig file (mm, degrees): zero changes of the set-up
+        terms, and the parameters of the model."""
         own = [getattr(self.model.effects[one.effect], one.field) / one.scale for one in self.free]
         return np.concatenate([np.zeros(len(self._owners)), np.array(own, dtype=float)])
 
     def bounds(self, start: Array) -> tuple[Array, Array]:
-        """Return the lower and upper bounds (u,) of the unknowns, and move the start inside them."""
+        """Return the lower and upper bounds (u,) of the unknowns, in the units of the rig file (mm, degrees), and move
+        the start inside them."""
         low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
         first = len(start) - len(self.free)
         for k, one in enumerate(self.free, start=first):
@@ -137,7 +139,7 @@ class _Problem:
         return low, high
 
     def at(self, x: Array) -> tuple[Model, dict[str, SetUp]]:
-        """Return the model and set-ups of a vector of unknowns (u,)."""
+        """Return the model and set-ups of a vector of unknowns (u,), mm or degrees each."""
         placed = {
             name: moved_setup(self.setups[name], self._table(name), x[columns])
             for name, columns in self._columns.items()
@@ -148,14 +150,14 @@ class _Problem:
         return replace(self.model, effects=tuple(effects)), placed
 
     def residual(self, x: Array) -> Array:
-        """Return the weighted residuals and the priors, (N + rows of the priors,), at unknowns x (u,)."""
+        """Return the residuals and the priors in standard deviations, (N + rows of the priors,), at unknowns x (u,)."""
         model, placed = self.at(x)
         parts = self.weighting.weighted(residuals_of(model, self.observations, placed))
         return np.concatenate([*(part.ravel() for part in parts), self._prior(x)])
 
     def jacobian(self, x: Array) -> Array:
-        """Return the derivatives (N + rows of the priors, u) by differences; a set-up term affects only the tables of
-        its own set-up."""
+        """Return the derivatives (N + rows of the priors, u) by differences, in standard deviations per mm or degree;
+        a set-up term affects only the tables of its own set-up."""
         model, placed = self.at(x)
         base = residuals_of(model, self.observations, placed)
         rows = np.concatenate([[0], np.cumsum([residual.size for residual in base])])

@@ -46,17 +46,19 @@ class WeakParameter:
 
 
 def identified_combinations(answer: Array) -> int:
-    """Return how many combinations of parameters the readings determine, from the response (p, p)."""
+    """Return how many combinations of parameters the readings determine, from the response (p, p), a share each."""
     return int((np.linalg.eigvals(answer).real > _HALF).sum()) if len(answer) else 0
 
 
 def identified(answer: Array) -> list[int]:
-    """Return the indices of the parameters that the readings determine well enough to fit, from the response (p, p)."""
+    """Return the indices of the parameters that the readings determine well enough to fit, from the response (p, p), a
+    share each."""
     return [k for k, share in enumerate(np.diag(answer)) if share >= UNIDENTIFIED]
 
 
 def weak_parameters(answer: Array, names: Sequence[str]) -> list[WeakParameter]:
-    """Return the parameters that the readings do not determine by themselves, from the response (p, p)."""
+    """Return the parameters that the readings do not determine by themselves, from the response (p, p), a share
+    each."""
     found = []
     for k, row in enumerate(answer):
         if row[k] < UNIDENTIFIED:

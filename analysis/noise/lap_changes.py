@@ -76,7 +76,7 @@ def _stays(between: Array, node: int, step: float) -> bool:
 
 
 def bursts(laps: Array) -> Mask:
-    """Return where (L, NODES) a lap differs both from its own neighbours and from the other laps: wild readings, too
+    """Return whether (L, NODES) a lap differs both from its own neighbours and from the other laps: wild readings, too
     many in a row for their running median. The neighbourhood is wide, because a line through wild readings oscillates.
     """
     odd = np.zeros(laps.shape, dtype=bool)
@@ -156,8 +156,8 @@ def without_drift(
 
 
 def power_of_ramp(variance: float) -> Array:
-    """Return the mean square (NODES // 2 + 1,) of the Fourier coefficients of a ramp along each lap of this
-    variance."""
+    """Return the mean square (NODES // 2 + 1,), in mm² for a variance in mm², of the Fourier coefficients of a ramp
+    along each lap of this variance."""
     power = np.zeros(len(ORDERS))
     power[1:] = variance / (2 * np.pi * ORDERS[1:]) ** 2
     return power

@@ -32,7 +32,8 @@ _BLOCK = 1 << 16
 
 
 def running_median(values: Array) -> Array:
-    """Return the median (n,) of each value and its three neighbours on either side, with the ends repeated."""
+    """Return the median (n,), in the unit of the values, of each value and its three neighbours on either side, with
+    the ends repeated."""
     padded = np.pad(values, 3, mode="edge")
     found = np.empty(len(values))
     for begin in range(0, len(values), _BLOCK):
@@ -113,8 +114,8 @@ def _grouped_median(values: Array, step: float) -> float:
 
 
 def rounding_error(curve: Array, step: float, noise: float, phase: Array) -> tuple[Array, Array]:
-    """Return the mean errors (m, n) by rounding of a closed curve (n,) of readings with noise, for m positions `phase`
-    (m,) of the steps, and the variance (n,) of a single reading about that mean.
+    """Return the mean errors (m, n) in mm by rounding of a closed curve (n,) of readings with noise, for m positions
+    `phase` (m,) of the steps, and the variance (n,) of a single reading about that mean.
 
     The sawtooth of rounding is expanded in a Fourier series (Widrow and Kollár, Quantization Noise, 2008). Noise
     smooths it, and so does the slope of the curve between two points, where each reading falls on another part of the

@@ -191,7 +191,7 @@ class _Sampler:
         self.variance = (_FIRST_D0 * self.s0_sq[:, None] + (away**2).sum(axis=(1, 2))) / chi2
 
     def sweep(self, level: Level) -> tuple[Array, Array]:
-        """Draw all unknowns once and return the cells' expected values and draws (m, t, k)."""
+        """Draw all unknowns once and return the cells' expected values and draws (m, t, k) in mm."""
         weight = self.share / self.variance[:, :, None, None]
         total = weight.sum(axis=-1)
         y = self._without_drift(weight, total)

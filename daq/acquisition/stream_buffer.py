@@ -1,4 +1,4 @@
-"""The buffer between a reader and the recorder: what one stream has delivered and nobody has written yet.
+"""The buffer between a reader and the recorder: what one stream has delivered and is not written yet.
 
 The reader only ever appends here; it waits for no disk and no other thread. Room is bounded, and items that
 find none are counted as a fault of its own kind.
@@ -57,7 +57,7 @@ class StreamBuffer:
     _counters: Counter[str] = field(default_factory=Counter)
     _last: dict[str, tuple[float, int]] = field(default_factory=dict)
     _arrivals: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_OVER))
-    """Of the last deliveries: stamp of the last sample, and number of samples until then."""
+    """The last deliveries: stamp of the last sample, and number of samples until then."""
     _last_fault: str = ""
 
     def deliver(self, items: Sequence[Item]) -> None:

@@ -117,7 +117,7 @@ class ActiveRun:
         return found
 
     def refuse(self, error: Exception) -> None:
-        """Tell those who wait for the run that there will be none. What it kept counts as missed."""
+        """Report to those who wait for the run that it does not start. What it kept counts as missed."""
         if self.gap:
             self.gap.missed.update({name: len(samples_of(items)) for name, items in self._kept.items()})
         self.begun.set_exception(error)

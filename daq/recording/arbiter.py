@@ -70,7 +70,7 @@ class Arbiter:
         return self._recorder.start_run(Recording(label)).result()
 
     def stop(self) -> EndedRun:
-        """End a recording for a person, whoever started it, and wait until it is closed. Raises CellError."""
+        """End a recording for a person, no matter who started it, and wait until it is closed. Raises CellError."""
         return self._recorder.stop_run().result()
 
     def state(self) -> dict[str, object] | None:
@@ -138,7 +138,7 @@ class Arbiter:
             log.error("%s", error)
 
     def _forget_if_ended(self) -> None:
-        """Let the next event start anew if the robot's recording is over; a person may have ended it."""
+        """Let the next event start a recording if the robot's recording is over; a person may have ended it."""
         if self._own_run is not None and not self._is_recorded():
             self._own_run = None
             self._trigger.reset()

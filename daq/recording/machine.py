@@ -150,7 +150,8 @@ class GiveUp:
 
 @dataclass(frozen=True)
 class Reject:
-    """Tell whoever asked why not: another recording runs, too many runs are being made, nothing is recorded."""
+    """Report why not to the one who asked: another recording runs, too many runs are being made, nothing is
+    recorded."""
 
     why: Literal["running", "making", "idle"]
 

@@ -1,7 +1,7 @@
 """The recorder: drains the buffer of every stream and, while a recording runs, writes what came to the disk.
 
 What is to be done is decided by `daq.recording.machine`; here it is done. One lock guards state and runs, and one
-thread does the periodic work; the readers never take that lock, and whoever holds it never waits for the disk to sync:
+thread does the periodic work; the readers never take that lock, and its holder never waits for the disk to sync:
 other threads do (`daq.recording.io_worker`), also to begin a run and to bring one back.
 """
 
@@ -316,7 +316,8 @@ class Recorder(threading.Thread):
             run.put_host(faults)
 
     def _close_run(self, run: ActiveRun, ending: Ending, why: str) -> None:
-        """Close the run; called in the disk's thread. Whoever waits for its end is told if that cannot be written."""
+        """Close the run; called in the disk's thread. Those who wait for its end receive the error if it cannot be
+        written."""
         path = run.begun.result()
         try:
             run.close(ending, why)

@@ -91,7 +91,8 @@ class Trigger:
         return self._stop(StopRun(now_ns, f"the robot was not heard for {_SILENT_NS // _S} s", in_order=False))
 
     def reset(self) -> None:
-        """Forget the run that was asked for, since it was refused or ended otherwise; the next event starts anew."""
+        """Forget the run that was asked for, since it was refused or ended otherwise; the next event starts another
+        recording."""
         self._running = None
 
     def _started(self, joints: Sequence[float], at_ns: int, changed_ns: int | None) -> StartRun | None:

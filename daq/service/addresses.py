@@ -38,7 +38,7 @@ def main(arguments: Sequence[str]) -> int:
 
 def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
     """Return the lines that allow what a rig needs. resolve: a name's addresses; resolv_conf: that file's text."""
-    lines = [f"# What {rig.name} reads, by its rig file; scripts/install writes it anew.", "[Service]"]
+    lines = [f"# What {rig.name} reads, by its rig file; scripts/install writes it again.", "[Service]"]
     return "\n".join([*lines, *(f"IPAddressAllow={one}" for one in _needed(rig, resolve, resolv_conf))]) + "\n"
 
 

@@ -3,7 +3,7 @@
 The socket belongs to the daemon's user and group only. An error crosses it as its parts, so that the client raises what
 the daemon raised. No client can exhaust it, and through it the recorder, since everything it holds is bounded:
 connections in all and of one user, the size of a request and of an answer, and the time that either may take. A new
-connection takes the place of the one that has been silent longest, so that silent ones lock nobody out.
+connection takes the place of the one that has been silent longest, so that silent ones lock no client out.
 docs/decisions/0018-one-gate-for-text.md says why, and where the numbers come from.
 """
 
@@ -50,7 +50,7 @@ _ACCEPT_S, _ASK_S = 0.001, 0.02
 _BACK_OFF_S = (0.05, 1.0)
 """First and longest pause after the system gave no connection."""
 _ROOM_S = 0.5
-"""The limit for a silent connection to end after it was told to."""
+"""The limit for a silent connection to end after it was shut down."""
 _NO_ROOM = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 

@@ -1,4 +1,4 @@
-"""One daemon for each rig: a lock beside its socket, in a directory that nobody else can write.
+"""One daemon for each rig: a lock beside its socket, in a directory that no other user can write.
 
 Somebody else's directory could hold a symbolic link by the lock's name, and opening it would spoil what it points to.
 """

@@ -1,4 +1,5 @@
-"""Whose socket it is: a client talks to a daemon of its own user or of the system, and to nobody who poses as one.
+"""Whose socket it is: a client talks to a daemon of its own user or of the system, and to no other program that poses
+as one.
 
 Where another user can write a directory on the way, that user can put a socket there and answer as rigd would. So each
 directory from the root on is looked at: who owns it, and who may put entries into it. A directory that the system

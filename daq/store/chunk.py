@@ -24,7 +24,7 @@ END = b"\xff\xff\xff\xff\x00\x00\x00\x00"
 """What closes an Arrow IPC stream."""
 _OPENING, _OPENING_CRC, _NUMBER, _CRC = b"rig.opening", b"rig.opening_crc32", b"number", b"crc32"
 MOST_BYTES = 4_000_000_000
-"""Of a chunk's file; one that is recorded has some 20 MB, an imported table at most what its CSV has."""
+"""The largest file of a chunk; one that is recorded has some 20 MB, an imported table at most what its CSV has."""
 _MOST_CELLS = 100_000_000
 """Rows times columns of a chunk, decoded 0.8 GB: one that is recorded has 200 000 rows, a table 20 million cells."""
 _NO_MEMORY = "not enough memory"

@@ -177,7 +177,7 @@ def replace(path: Path, data: bytes) -> None:
 def lock(run: Path) -> int:
     """Take the writer's lock of a run, as the descriptor that holds it.
 
-    Waits: on a fresh run nobody holds it for longer than a look (`is_locked`) takes.
+    Waits: on a fresh run no process holds it for longer than a look (`is_locked`) takes.
     """
     fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT | _AS_IT_IS, 0o644)
     _flock(fd, wait=True)

@@ -21,7 +21,7 @@ from rigs.files import read_bytes
 
 LEDGER = "ledger.jsonl"
 _MOST_BYTES = 1_000_000_000
-"""Of a ledger: some 400 bytes for each chunk, so four million chunks, or a run of years."""
+"""The largest ledger: some 400 bytes for each chunk, so four million chunks, or a run of years."""
 _LINE = re.compile(rb'\{"sha256":"(?P<digest>[0-9a-f]{64})",(?P<rest>.+)\}')
 
 

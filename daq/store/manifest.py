@@ -1,6 +1,6 @@
 """The manifest of a run, `manifest.json`: written once, when the run begins; what follows is in its ledger.
 
-`load_manifest` reads both and gives one view of them. A run without a seal while nobody holds its lock is a crash.
+`load_manifest` reads both and gives one view of them. A run without a seal while no process holds its lock is a crash.
 Chunks are named by file only, so that a run directory can be moved and copied. In runs of version 1 the manifest held
 everything and was rewritten at each change.
 """
@@ -45,7 +45,7 @@ MANIFEST = "manifest.json"
 _IN_LEDGER = {"chunks", "anchors", "rows", "counters", "exit_status", "reason", "ended", "relabelled"}
 """The fields that follow from the ledger, in a run of version 2."""
 _MOST_BYTES = 100_000_000
-"""Of a manifest, whose first version had 250 bytes for each chunk: a month of recording had 10 000."""
+"""The largest manifest; its first version had 250 bytes for each chunk: a month of recording had 10 000."""
 
 
 def in_one_line(text: str) -> str:

@@ -67,7 +67,7 @@ class ImportedTable(Record):
 
     file: Text
     sha256: str
-    """Of the file as it was read."""
+    """SHA-256 of the file as it was read."""
     columns: dict[str, ColumnType]
 
 

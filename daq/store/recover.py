@@ -187,7 +187,7 @@ class _Repair:
         if (chunk.rows if chunk else 0) < found.rows:
             broken = self.path / chunk_name(stream, number)
             if broken.exists():
-                self._set_aside(broken, "damaged, made anew from the recording chunk")
+                self._set_aside(broken, "damaged, made again from the recording chunk")
             chunk = store_chunk(self.path, stream, number, found, schema)
         if chunk:
             self._list(chunk)

@@ -1,6 +1,6 @@
 """Reading a run: all chunks of each stream as arrays, or one line saying why not.
 
-A number that nobody measured is worse than no number, so every chunk is checked against its SHA-256
+A number that was not measured is worse than no number, so every chunk is checked against its SHA-256
 and its row count before a value of it is handed on.
 """
 

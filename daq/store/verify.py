@@ -70,7 +70,7 @@ class _Stream:
     gaps: list[Gap] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     faults: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """Of the stream of faults: how many happened, by stream and kind."""
+    """How many faults the stream of faults has, by stream and kind."""
 
     def skip_to(self, row: int) -> None:
         """Go on at a row; the rows before it are missing."""
