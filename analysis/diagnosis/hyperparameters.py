@@ -3,6 +3,9 @@ robust weights."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 
 from analysis.diagnosis.background import Posterior
@@ -22,7 +25,9 @@ _TAIL = 4.0
 MOST_LEVEL = 8.0
 """Largest level of a background. Chosen: an arm that shows eight times the healthy size of every effect has faults
 instead."""
-_LEVELS = np.geomspace(0.003, MOST_LEVEL, 80)
+LEAST_LEVEL = 0.003
+"""Smallest level of a background. Chosen: a simulated arm that has named effects alone."""
+_LEVELS = np.geomspace(LEAST_LEVEL, MOST_LEVEL, 80)
 """Levels of a background that are tried; consecutive ones differ by a tenth."""
 _LEVEL_TAIL = 4.0
 """Degrees of freedom of Student's distribution of the effects of an arm, so that a fault has little weight in its
@@ -96,3 +101,46 @@ class Hyperparameters:
         raw = posterior.background.weight * state.strength[columns.band] * posterior.residual**2
         energy = np.asarray(np.bincount(columns.band, raw), dtype=float)
         return energy, np.einsum("bij,ji->b", columns.K, posterior.A)
+
+
+def updated(
+    hyper: Hyperparameters,
+    state: SelectionState,
+    posterior: Posterior,
+    evidence: Callable[[SelectionState], float],
+) -> SelectionState:
+    """Return a state with strengths, robust weights and a level that increase its evidence.
+
+    Each is estimated from the state's posterior with the others unchanged, so that an estimate may go too far; then a
+    shorter step is tried, and where that does not help either, nothing changes.
+    """
+    whole, robust = evidence(state), hyper.robust(posterior)
+    for estimate in (hyper.strength, hyper.nearer_strength):
+        tried = replace(state, strength=estimate(state, posterior), robust=robust)
+        if (own := evidence(tried)) > whole:
+            state, whole = tried, own
+            break
+    return _with_level(state, whole, hyper.level(state, posterior), evidence)
+
+
+def _with_level(
+    state: SelectionState, whole: float, estimate: float, evidence: Callable[[SelectionState], float]
+) -> SelectionState:
+    """Return a state, of evidence `whole`, with the likeliest level on the way to an estimate and beyond it.
+
+    An estimate converges slowly where the level is far off, so steps become longer while the evidence rises.
+    """
+    way = estimate / state.level
+    for shares in ((1.0, 2.0, 4.0, 8.0), (0.5,)) if way != 1.0 else ():
+        best = state
+        for share in shares:
+            level = float(np.clip(state.level * way**share, LEAST_LEVEL, state.most))
+            if level == best.level:
+                break
+            tried = replace(state, level=level)
+            if (own := evidence(tried)) <= whole:
+                break
+            best, whole = tried, own
+        if best is not state:
+            return best
+    return state

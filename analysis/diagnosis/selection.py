@@ -19,7 +19,7 @@ from analysis.diagnosis.background import Background, Posterior, cavity_evidence
 from analysis.diagnosis.background_cache import Backgrounds
 from analysis.diagnosis.columns import LARGEST_FAULT, Columns
 from analysis.diagnosis.free_forms import FREE_PRICE, best_free_form, free_forms_of
-from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
+from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters, updated
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import no_effects, refine
 from analysis.diagnosis.selection_state import SelectionState, is_same, size_of
@@ -132,24 +132,8 @@ class Selection:
         return self._backgrounds.of(state)
 
     def _with_updated_noise(self, state: SelectionState, posterior: Posterior) -> SelectionState:
-        """Return the state with strengths, robust weights and a level that increase its evidence.
-
-        Each is estimated with the others unchanged, so that an estimate may go too far; then a shorter step is tried,
-        and where that does not help either, nothing changes.
-        """
-        hyper = self._hyperparameters
-        whole, robust = self.evidence(state), hyper.robust(posterior)
-        for estimate in (hyper.strength, hyper.nearer_strength):
-            tried = replace(state, strength=estimate(state, posterior), robust=robust)
-            if (own := self.evidence(tried)) > whole:
-                state, whole = tried, own
-                break
-        level = hyper.level(state, posterior)
-        for nearer in (level, float(np.sqrt(level * state.level))):
-            tried = replace(state, level=nearer)
-            if nearer != state.level and self.evidence(tried) > whole:
-                return tried
-        return state
+        """Return the state with strengths, robust weights and a level that increase its evidence."""
+        return updated(self._hyperparameters, state, posterior, self.evidence)
 
     def _backward_step(self, state: SelectionState, posterior: Posterior, sure: float) -> SelectionState | None:
         """Return the state without the effect of least evidence, if it does not cover its price, and None otherwise.
