@@ -294,8 +294,5 @@ def _hold(table: PoseTable, where: str) -> None:
     if np.ptp(table.xyz_mm, axis=0).max() == 0:
         raise FileError(where, "the instrument reported the same place in all rows", "check that it follows the target")
     if np.abs(table.q).max() > 4 * np.pi:
-        raise FileError(
-            where,
-            f"a joint at {np.degrees(np.abs(table.q).max()):.0f}° is impossible",
-            "check the unit of q: files hold degrees",
-        )
+        angle = f"a joint at {np.degrees(np.abs(table.q).max()):.0f}° is impossible"
+        raise FileError(where, angle, "check the unit of q: files hold degrees")

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sequence
+
+from daq.protocol.conversation import Fault
 
 log = logging.getLogger("rigd")
 _INTERVAL_S = 10.0
@@ -32,6 +35,11 @@ class RateLimitedLog:
         more = f" ({suppressed} more since the last such line)" if suppressed else ""
         log.warning("%s: %s: %s%s", name, kind, detail, more)
         self._last[name, kind] = (now, 0)
+
+    def warn_faults(self, name: str, faults: Sequence[Fault]) -> None:
+        """Log faults of one stream."""
+        for fault in faults:
+            self.warn(name, fault.kind, fault.detail, fault.count)
 
     def warn_slow(self, what: str, seconds: float) -> None:
         """Log what the disk has been slow with, if it was."""

@@ -26,9 +26,10 @@ from daq.recording import machine
 from daq.recording.active_run import ActiveRun, EndedRun, Gap
 from daq.recording.io_worker import IoWorker
 from daq.recording.label import Label
-from daq.recording.machine import Close, Create, GiveUp, Recording, Reject, Running, State, Suspend, Waiting
+from daq.recording.machine import Close, Create, GiveUp, Recording, Reject, State, Suspend, Waiting
 from daq.recording.rate_limited_log import RateLimitedLog
 from daq.recording.readings import require_readings
+from daq.recording.status import rejection, status_of
 from daq.store import NearlyFull, RunWriter
 from daq.store.records import Ending
 from daq.store.startup_recovery import recover_and_log
@@ -150,26 +151,9 @@ class Recorder(threading.Thread):
 
     def state(self) -> dict[str, object]:
         """Return what is being recorded and since when, or how the last recording ended."""
-        state, run = self._state, self._current
-        if run is None or run.writer is None or not isinstance(state.phase, Running):
-            gap = run.gap if run else self._gap
-            return {
-                "recording": None,
-                "beginning": run.label.name if run else None,
-                "closing": any(other is not run and not other.ended.done() for other in list(self._runs.values())),
-                "last_end": self.last_end,
-                "waiting": state.recording.label.name if gap and state.recording else None,
-                "missed": dict(gap.missed) if gap else {},
-            }
-        return {
-            "recording": run.label.name,
-            "test": run.label.test,
-            "direction": run.label.direction,
-            "run": str(run.writer.path),
-            "seconds": round((time.monotonic_ns() - run.since_ns) / 1e9, 1),
-            "samples": {name: run.counters[name]["samples"] for name in self._buffers},
-            "synced": {name: self._io.synced.get(name, 0) for name in self._buffers},
-        }
+        run, synced = self._current, {name: self._io.synced.get(name, 0) for name in self._buffers}
+        closing = any(other is not run and not other.ended.done() for other in list(self._runs.values()))
+        return status_of(self._state, run, self._gap, self.last_end, synced, closing=closing)
 
     @property
     def _current(self) -> ActiveRun | None:
@@ -180,7 +164,7 @@ class Recorder(threading.Thread):
         """Raise CellError for an event that the machine rejects."""
         for action in machine.step(self._state, event)[1]:
             if isinstance(action, Reject):
-                self._reject(action)
+                raise rejection(action, self._state, self.last_end)
 
     def _apply(self, event: machine.Event) -> None:
         """Go to the state that an event leads to, and do what is to be done. Raises CellError if it is rejected."""
@@ -198,17 +182,7 @@ class Recorder(threading.Thread):
                     self._give_up(self._gap)
                     self._gap = None
                 case Reject():
-                    self._reject(action)
-
-    def _reject(self, rejected: Reject) -> None:
-        recording = self._state.recording
-        if rejected.why == "running" and recording:
-            raise CellError(f"recording {recording.label.name}", "already running", "stop it: rig record stop")
-        if rejected.why == "making":
-            what = f"is still creating the last {machine.MOST_LEAVING} runs, which were stopped early"
-            raise CellError("disk", what, "try again in some seconds; if it stays so, run rig doctor")
-        why = f" (the last one: {self.last_end})" if self.last_end else ""
-        raise CellError("rigd", f"nothing is being recorded{why}", "start it: rig record start NAME …")
+                    raise rejection(action, self._state, self.last_end)
 
     def _request_run(self, number: int, recording: Recording, *, resumes: bool) -> None:
         columns = {name: buffer.columns for name, buffer in self._buffers.items()}
@@ -264,7 +238,7 @@ class Recorder(threading.Thread):
             if sync and run is not None and run.is_behind(name):
                 continue  # a buffer is bounded, and counts what finds no room
             items = buffer.drain()
-            self._warn(name, faults_of(items))
+            self._warnings.warn_faults(name, faults_of(items))
             self._on_items(name, items)
             self._pretrigger.add(name, items)
             if run is not None:
@@ -298,19 +272,15 @@ class Recorder(threading.Thread):
             self._warnings.warn("recording", "former", str(error))
         return gap.dropped()
 
-    def _warn(self, name: str, faults: Sequence[Fault]) -> None:
-        for fault in faults:
-            self._warnings.warn(name, fault.kind, fault.detail, fault.count)
-
     def _report(self, name: str, faults: Sequence[Fault]) -> None:
         """Log and count faults of a stream that were found here and are in the run already."""
-        self._warn(name, faults)
+        self._warnings.warn_faults(name, faults)
         self._buffers[name].count(faults)
 
     def _check_host(self, run: ActiveRun | None) -> None:
         """Report that the wall clock was set, that the computer slept, or that rigd stood still."""
         faults = self._host_clock.check(read_clocks()) + self._stalls.take()
-        self._warn(HOST, faults)
+        self._warnings.warn_faults(HOST, faults)
         self.host_faults.update(fault.kind for fault in faults)
         if run is not None:
             run.put_host(faults)

@@ -140,8 +140,8 @@ def test_what_is_no_pose_table_is_refused() -> None:
         ("5 poses, too few", PoseTable(q[:5], xyz[:5], None)),
         ("stood still", PoseTable(np.zeros((20, 6)), xyz, None)),
         ("same place in all rows", PoseTable(q, np.zeros((20, 3)), None)),
-        ("is none", PoseTable(np.degrees(q), xyz, None)),
-        ("no number", PoseTable(q, np.where(np.arange(60).reshape(20, 3) == 4, np.nan, xyz), None)),
+        ("is impossible", PoseTable(np.degrees(q), xyz, None)),
+        ("is not a number", PoseTable(q, np.where(np.arange(60).reshape(20, 3) == 4, np.nan, xyz), None)),
     ):
         with pytest.raises(FileError, match=said):
             pose.evaluate(table, planted.ur10(), 0.01)
