@@ -29,6 +29,9 @@ LEAST_LEVEL = 0.003
 """Smallest level of a background. Chosen: a simulated arm that has named effects alone."""
 _LEVELS = np.geomspace(LEAST_LEVEL, MOST_LEVEL, 80)
 """Levels of a background that are tried; consecutive ones differ by a tenth."""
+_LEVEL_ROUNDS, _SAME_LEVEL = 12, 0.15
+"""Estimates of the level in a row, most, and the logarithm of their ratio at which they agree. An estimate moves a
+third of the way, so twelve rounds lead from a healthy arm to one that is a hundred times quieter."""
 _LEVEL_TAIL = 4.0
 """Degrees of freedom of Student's distribution of the effects of an arm, so that a fault has little weight in its
 level. Chosen."""
@@ -108,39 +111,26 @@ def updated(
     state: SelectionState,
     posterior: Posterior,
     evidence: Callable[[SelectionState], float],
+    posterior_of: Callable[[SelectionState], Posterior],
 ) -> SelectionState:
-    """Return a state with strengths, robust weights and a level that increase its evidence.
+    """Return a state with strengths and robust weights that increase its evidence, and the level that it shows.
 
-    Each is estimated from the state's posterior with the others unchanged, so that an estimate may go too far; then a
-    shorter step is tried, and where that does not help either, nothing changes.
+    Strengths are estimated from the state's posterior with all else unchanged, so that an estimate may go too far; then
+    a shorter step is tried, and where that does not help either, they do not change.
     """
     whole, robust = evidence(state), hyper.robust(posterior)
     for estimate in (hyper.strength, hyper.nearer_strength):
         tried = replace(state, strength=estimate(state, posterior), robust=robust)
-        if (own := evidence(tried)) > whole:
-            state, whole = tried, own
+        if evidence(tried) > whole:
+            state = tried
             break
-    return _with_level(state, whole, hyper.level(state, posterior), evidence)
-
-
-def _with_level(
-    state: SelectionState, whole: float, estimate: float, evidence: Callable[[SelectionState], float]
-) -> SelectionState:
-    """Return a state, of evidence `whole`, with the likeliest level on the way to an estimate and beyond it.
-
-    An estimate converges slowly where the level is far off, so steps become longer while the evidence rises.
-    """
-    way = estimate / state.level
-    for shares in ((1.0, 2.0, 4.0, 8.0), (0.5,)) if way != 1.0 else ():
-        best = state
-        for share in shares:
-            level = float(np.clip(state.level * way**share, LEAST_LEVEL, state.most))
-            if level == best.level:
-                break
-            tried = replace(state, level=level)
-            if (own := evidence(tried)) <= whole:
-                break
-            best, whole = tried, own
-        if best is not state:
-            return best
+    for _ in range(_LEVEL_ROUNDS):
+        level = hyper.level(state, posterior)
+        if abs(np.log(level / state.level)) < _SAME_LEVEL:
+            break
+        tried = replace(state, level=level)
+        # Effects that are not named yet look like an arm that shows more of everything.
+        if level > max(state.level, 1.0) and evidence(tried) <= evidence(state):
+            break
+        state, posterior = tried, posterior_of(tried)
     return state

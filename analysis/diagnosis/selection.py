@@ -132,8 +132,8 @@ class Selection:
         return self._backgrounds.of(state)
 
     def _with_updated_noise(self, state: SelectionState, posterior: Posterior) -> SelectionState:
-        """Return the state with strengths, robust weights and a level that increase its evidence."""
-        return updated(self._hyperparameters, state, posterior, self.evidence)
+        """Return the state with the strengths, robust weights and level that it shows."""
+        return updated(self._hyperparameters, state, posterior, self.evidence, self.posterior)
 
     def _backward_step(self, state: SelectionState, posterior: Posterior, sure: float) -> SelectionState | None:
         """Return the state without the effect of least evidence, if it does not cover its price, and None otherwise.
