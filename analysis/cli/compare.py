@@ -24,18 +24,14 @@ def compare(
 
     from rich.console import Console  # noqa: PLC0415
 
-    from analysis.fitting.compare import compare as compare_runs  # noqa: PLC0415
+    import analysis  # noqa: PLC0415
     from analysis.reporting import comparison_report  # noqa: PLC0415
-    from analysis.traces.loading import load_measured  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
 
-    measured = [load_measured(path) for path in runs]
-    rig = load(rig_file)[0] if rig_file else measured[0].rig
-    found = compare_runs(measured, rig)
+    found = analysis.compare([analysis.load_run(path) for path in runs], rig_file)
     if plot:
         for path in comparison_report.save_pictures(found.runs, plot):
             typer.echo(path, err=True)
     if as_json:
-        typer.echo(json.dumps(comparison_report.as_object(found), indent=2))
+        typer.echo(json.dumps(found.to_dict(), indent=2))
     else:
         Console().print(comparison_report.as_tables(found))

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from analysis.fitting.choice import chosen
 from analysis.fitting.covered import JointRange, beyond, joints_covered
 from analysis.fitting.estimate import Fit, Free, fit, sizes
+from analysis.fitting.fitted_effects import Fitted, fitted_effects
 from analysis.fitting.identify import Together, combinations, mixed, name_of, seen
 from analysis.fitting.observation import Observation, residuals_of, rms
 from analysis.fitting.placements import observed, parted, with_enough
@@ -22,21 +25,19 @@ from analysis.fitting.run_noise import Repeats, repeats_of
 from analysis.fitting.split import split
 from analysis.fitting.uncertainty import Scatter, covariance
 from analysis.fitting.weighing import SOUND, Weighing, apart, begun, renewed, resolution
+from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.kinematics.arm import Array
+from analysis.measures.parameters import quantity_of
 from analysis.model.predict import Model, SetUp, model_of
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PoseTable
 from rigs.effects import VOCABULARY, Effect, healthy_size, size_field
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.effect import identity, is_wave
+from rigs.schema.effect import is_wave
 
-_ANY_PHASE_DEG = 180.0 / np.sqrt(3)
-"""Standard uncertainty of a phase of which nothing is known."""
 _ROUNDS, _SETTLED = 8, 0.02
 """Turns of fitting and weighing, and the relative change of a level or noise that matters no more."""
-_CORRELATED = 0.05
-"""Less is not kept."""
 _WORSE = 1.01
 """By so little a fit may be worse than none, where there is nothing to gain: each stops near its end only."""
 
@@ -50,7 +51,7 @@ class SetUpNoise:
 
 
 @dataclass(frozen=True)
-class Calibration:
+class Calibration(Tabular):
     """known: the model begun with; covariance (p, p) of the fitted parameters in their own units, with the scatter from
     run to run; weighing: noise and wild readings of each observation, levels of all parameters that were asked for;
     noise by set-up; gauges: whether any run is of gauges; told_apart: how many combinations of the parameters the
@@ -71,6 +72,46 @@ class Calibration:
     doubts: tuple[str, ...]
     before_mm: tuple[float, float]
     after_mm: tuple[float, float]
+
+    @cached_property
+    def effects(self) -> tuple[Fitted, ...]:
+        """The fitted effects with the standard uncertainties of their parameters."""
+        return fitted_effects(self.after, self.covariance, self.mixed)
+
+    @property
+    def extended_rig(self) -> Rig:
+        """The rig begun with, the fitted effects added."""
+        effects = (*self.known.effects, *(one.effect for one in self.effects))
+        return self.known.rig.model_copy(update={"effects": effects})
+
+    def to_table(self) -> pa.Table:
+        """The fitted parameters, a row each: effect, value, u (standard uncertainty), unit."""
+        rows = [
+            {"effect": name_of(one.effect, field), **asdict(quantity_of(one.effect, field, one.sd))}
+            for one in self.effects
+            for field in one.sd
+        ]
+        return table_of_rows(("effect", "value", "u", "unit"), rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it in plain types, lengths in mm, angles in degrees: what `rig calibrate --json` prints."""
+        rms_mm = [{"before": one, "after": other} for one, other in zip(self.before_mm, self.after_mm, strict=True)]
+        plain: dict[str, Any] = for_json(
+            {
+                "effects": [
+                    {**one.effect.model_dump(mode="json", exclude={"found"}), "sd": one.sd} for one in self.effects
+                ],
+                "covariance": self.covariance,
+                "scatter": asdict(self.scatter),
+                "noise": {setup: asdict(noise) for setup, noise in self.noise.items()},
+                "told_apart": {"asked": len(self.weighing.spread), "told": self.told_apart},
+                "mixed": [{"what": one.what, "like": one.like, "share": one.share} for one in self.mixed],
+                "joints_deg": self.covered,
+                "doubts": self.doubts,
+                "rms_mm": {"used": rms_mm[0], "left_out": None if np.isnan(self.before_mm[1]) else rms_mm[1]},
+            }
+        )
+        return plain
 
 
 def calibrate_runs(
@@ -243,64 +284,3 @@ def _judged(found: Fit, left_out: Sequence[Observation]) -> float:
     others = [one for one in left_out if one.setup not in found.setups]
     setups = found.setups | (fit(found.model, others).setups if others else {})
     return rms(residuals_of(found.model, left_out, setups))
-
-
-@dataclass(frozen=True)
-class Fitted:
-    """An effect as it came out, with the standard uncertainty of each parameter, in its own unit, and the correlation
-    of its size with those of others and what looks like it, by name; of waves neither is kept."""
-
-    effect: Effect
-    sd: dict[str, float]
-    correlation: dict[str, float]
-    together: tuple[str, ...]
-
-
-def fitted_effects(calibration: Calibration) -> list[Fitted]:
-    """The effects that were fitted; the two halves of a wave as one, with amplitude and phase."""
-    after = calibration.after
-    places = {one.effect: k for k, one in enumerate(after.free)}
-    found: list[Fitted] = []
-    waves: dict[Effect, list[int]] = {}
-    for effect, k in places.items():
-        one = after.free[k]
-        if one.signed:
-            waves.setdefault(identity(after.model.effects[effect]), []).append(effect)
-        else:
-            sd = {one.field: float(np.sqrt(calibration.covariance[k, k]))}
-            name = name_of(after.model.effects[effect], one.field)
-            like = next((mix.like for mix in calibration.mixed if mix.what == name), ())
-            found.append(Fitted(after.model.effects[effect], sd, _correlation(calibration, k), like))
-    return found + [_whole(calibration, halves, places) for halves in waves.values()]
-
-
-def _correlation(calibration: Calibration, k: int) -> dict[str, float]:
-    """Of one parameter with the others, as far as it matters."""
-    after, sd = calibration.after, np.sqrt(np.diag(calibration.covariance))
-    return {
-        name_of(after.model.effects[one.effect], one.field): float(share)
-        for j, (one, share) in enumerate(zip(after.free, calibration.covariance[k] / (sd[k] * sd), strict=True))
-        if j != k and not one.signed and abs(share) > _CORRELATED
-    }
-
-
-def _whole(calibration: Calibration, halves: Sequence[int], places: dict[int, int]) -> Fitted:
-    """A sin(x) + B cos(x) as amplitude and phase, by linear propagation; one half alone keeps its phase."""
-    after = calibration.after
-    effects: list[Any] = [after.model.effects[k] for k in halves]
-    rows = [places[k] for k in halves]
-    angle = np.radians([effect.phase_deg for effect in effects])
-    field = after.free[rows[0]].field
-    part = np.array([getattr(effect, field) for effect in effects])
-    sine, cosine = float(part @ np.cos(angle)), float(part @ np.sin(angle))
-    amplitude = float(np.hypot(sine, cosine))
-    to_parts = np.stack([np.cos(angle), np.sin(angle)])
-    spread = to_parts @ calibration.covariance[np.ix_(rows, rows)] @ to_parts.T
-    along = np.array([sine, cosine]) / max(amplitude, 1e-300)
-    across = np.array([-along[1], along[0]])
-    sd = {field: float(np.sqrt(along @ spread @ along))}
-    if len(halves) == 2:
-        turned = np.degrees(np.sqrt(across @ spread @ across) / max(amplitude, 1e-300))
-        sd["phase_deg"] = float(min(turned, _ANY_PHASE_DEG))
-    phase = float(np.degrees(np.arctan2(cosine, sine)))
-    return Fitted(effects[0].model_copy(update={field: amplitude, "phase_deg": phase}), sd, {}, ())

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from analysis.fitting.covered import beyond_effects
 from analysis.fitting.estimate import Fit, fit
 from analysis.fitting.placements import observed, parted
+from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.kinematics.arm import Array
 from analysis.measures.evaluate import Evaluated, evaluate
 from analysis.measures.link_angle import CircleResult
@@ -27,9 +30,10 @@ from rigs.rig import Rig
 
 
 @dataclass(frozen=True)
-class Comparison:
+class Comparison(Tabular):
     """One run. result, simulated: evaluated alike; x (n,) and the curves (n,) that are laid over each other, in `unit`;
-    their correlation; rms_um of the readings that stay unexplained."""
+    residuals_mm (m, k): measured less simulated reading of each gauge; their correlation; rms_um of the readings that
+    stay unexplained."""
 
     result: Result
     simulated: Evaluated
@@ -37,17 +41,61 @@ class Comparison:
     measured_curve: Array
     simulated_curve: Array
     unit: str
+    residuals_mm: Array
     correlation: float
     rms_um: float
 
+    def to_table(self) -> pa.Table:
+        """The curves side by side: phi_deg, target or place, then measured, simulated and difference in their unit."""
+        where = {"yaw": "phi_deg", "roll": "phi_deg", "radial": "target"}.get(self.result.test, "place")
+        curves = {"measured": self.measured_curve, "simulated": self.simulated_curve}
+        curves["difference"] = self.measured_curve - self.simulated_curve
+        return pa.table({where: self.x} | {f"{name}_{self.unit}": values for name, values in curves.items()})
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures side by side in plain types; None where there is no correlation, as of a model without errors."""
+        simulated = self.simulated.figures
+        plain: dict[str, Any] = for_json(
+            {
+                "run": str(self.result.measured.path),
+                "test": self.result.test,
+                "figures": {
+                    name: {"measured": figure.value, "u": figure.u, "simulated": simulated[name].value}
+                    for name, figure in self.result.found.figures.items()
+                    if name in simulated
+                },
+                "correlation": self.correlation,
+                "rms_um": self.rms_um,
+            }
+        )
+        return plain
+
 
 @dataclass(frozen=True)
-class Compared:
+class Compared(Tabular):
     """All runs, the fit of their set-ups, and doubts in words."""
 
     runs: list[Comparison]
     fitted: Fit
     doubts: list[str]
+
+    def to_table(self) -> pa.Table:
+        """The figures of all runs, a row each: run, figure, measured, u (standard uncertainty), simulated."""
+        objects = [one.to_dict() for one in self.runs]
+        rows = [
+            {"run": one["run"], "figure": name, **figure} for one in objects for name, figure in one["figures"].items()
+        ]
+        return table_of_rows(("run", "figure", "measured", "u", "simulated"), rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Runs, fitted set-ups and doubts in plain types: what `rig compare --json` prints."""
+        setups = {
+            name: {"ball_mm": setup.ball, "zeros_mm": setup.zeros_mm} for name, setup in self.fitted.setups.items()
+        }
+        plain: dict[str, Any] = for_json(
+            {"runs": [one.to_dict() for one in self.runs], "setup": setups, "doubts": self.doubts}
+        )
+        return plain
 
 
 def compare(runs: Sequence[Measured], rig: Rig) -> Compared:
@@ -82,7 +130,7 @@ def _one(run: Measured, rig: Rig, found: Fit, setup: SetUp, residual: Array) -> 
     _, simulated_curve, _ = curve(simulated)
     correlation = float(np.corrcoef(measured_curve, simulated_curve)[0, 1]) if np.ptp(simulated_curve) else float("nan")
     rms_um = float(np.sqrt((residual**2).mean()) * 1000)
-    return Comparison(result, simulated, x, measured_curve, simulated_curve, unit, correlation, rms_um)
+    return Comparison(result, simulated, x, measured_curve, simulated_curve, unit, residual, correlation, rms_um)
 
 
 def curve(found: Evaluated) -> tuple[Array, Array, str]:
@@ -91,8 +139,7 @@ def curve(found: Evaluated) -> tuple[Array, Array, str]:
         case CircleResult():
             return np.degrees(PHI), np.degrees(found.residual), "deg"
         case RadialResult():
-            deviation = np.linalg.norm(found.points - found.free.centre, axis=1) - found.free.radius
-            return found.cells.target.astype(float), deviation, "mm"
+            return found.cells.target.astype(float), found.deviation_mm, "mm"
         case RepeatabilityResult():
             mean = np.nanmean(found.readings_mm, axis=2)
             return np.arange(mean.size, dtype=float), mean.ravel(), "mm"

@@ -10,15 +10,13 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.geometry.circle import Reversal, frame_of, reversals
-from analysis.geometry.programs import circle_of
-from analysis.kinematics.arm import arm_of
 from analysis.measures.lap_curve import at_resolution
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.pose import PoseResult
 from analysis.measures.radial import RadialResult
 from analysis.measures.reduction import PHI
 from analysis.measures.repeatability import RepeatabilityResult
+from analysis.measures.result_curves import JointReversal
 from analysis.measures.results import Result
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
@@ -70,7 +68,7 @@ def _blank(result: Result, title: str, width: float, height: float) -> Figure:
 def radial_figure(result: Result, found: RadialResult) -> Figure:
     """Deviation from the least-squares sphere over the hemisphere, and target by target (figure 13)."""
     figure = _blank(result, "Radial error about the least-squares sphere", 11, 4.6)
-    deviation = np.linalg.norm(found.points - found.free.centre, axis=1) - found.free.radius
+    deviation = found.deviation_mm
     around, axes = figure.subplots(1, 2, width_ratios=(1, 1.5), subplot_kw={})
     polar = np.degrees(np.arccos(np.clip(found.cells.direction[:, 2], -1, 1)))
     azimuth = np.arctan2(found.cells.direction[:, 1], found.cells.direction[:, 0])
@@ -176,7 +174,7 @@ def error_figure(results: Sequence[Result]) -> Figure:
         axes.set_ylabel(f"{found.laps.direction}: error / °")
         band = f"error band {found.figures['band_deg']}"
         axes.text(0.01, 0.04, band, transform=axes.transAxes, fontsize=9, va="bottom")
-        _mark_reversals(axes, result)
+        _mark_reversals(axes, result.reversals)
     return figure
 
 
@@ -209,18 +207,15 @@ def _common_range(circles: Sequence[CircleResult]) -> tuple[float, float]:
     return low - 0.28 * (high - low), high + 0.3 * (high - low)
 
 
-def _mark_reversals(axes: Axes, result: Result) -> None:
+def _mark_reversals(axes: Axes, turns: Sequence[JointReversal]) -> None:
     """A dashed line where a joint turns back; names of close neighbours take turns in height."""
-    rig = result.measured.rig
-    circle = circle_of(rig)
-    turns = reversals(frame_of(circle), arm_of(rig.robot), np.radians(circle.posture_deg), rig.name)
     previous, step = -100.0, 0
-    for turn in sorted(turns, key=lambda turn: turn.phi):
-        phi = float(np.degrees(turn.phi))
+    for turn in turns:
+        phi = turn.phi_deg
         step = (step + 1) % 3 if phi - previous < 16 else 0
         axes.axvline(phi, color=_GREY, lw=0.7, ls="--")
         axes.annotate(
-            _name(result, turn),
+            f"{turn.name} {'↓' if turn.upper else '↑'}",
             (phi, 1.0 - 0.085 * step),
             xycoords=("data", "axes fraction"),
             xytext=(-3 if phi > 345 else 2, -2),
@@ -231,7 +226,3 @@ def _mark_reversals(axes: Axes, result: Result) -> None:
             ha="right" if phi > 345 else "left",
         )
         previous = phi
-
-
-def _name(result: Result, turn: Reversal) -> str:
-    return f"{result.measured.rig.robot.axes[turn.axis - 1].name} {'↓' if turn.upper else '↑'}"

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from analysis.frames import Tabular
 from analysis.noise.certificate import NO_CERTIFICATE, Systematic, corrected_gauges, link_excess_mm, systematic
 from analysis.noise.certificate import doubts_of as certificate_doubts
 from analysis.traces.align import align
@@ -27,7 +28,7 @@ SIMULATED = "simulated, "
 
 
 @dataclass(frozen=True)
-class Measured:
+class Measured(Tabular):
     """A run, its rig and its table; u_lag_s: standard uncertainty of the gauges' time against the robot's, 0 where a
     table came with its own time; doubts in words; systematic: what calibration certificates leave uncertain. The run is
     without its streams: the table is made of them, and of a long run they take as much memory."""
@@ -45,6 +46,10 @@ class Measured:
         """`yaw acw`, say."""
         manifest = self.run.manifest
         return f"{manifest.test} {manifest.direction}" if manifest.direction else manifest.test
+
+    def to_table(self) -> pa.Table:
+        """The columns of docs/tables.md: the imported ones as they came, or those of the aligned table."""
+        return columns_of(self.table) if self.run.table is None else self.run.table
 
 
 def load_measured(path: Path) -> Measured:
@@ -74,11 +79,6 @@ def _is_in_step(run: Run) -> None:
         raise FileError(
             str(run.path), what, "replay the capture again on a computer that is less busy, and record that"
         )
-
-
-def file_columns(measured: Measured) -> pa.Table:
-    """What a file made of a run holds: the imported columns as they came, or those of the aligned table."""
-    return columns_of(measured.table) if measured.run.table is None else measured.run.table
 
 
 def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:

@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 
 from daq.store import durable
 from daq.store.chunk import to_parquet, with_opening
 from daq.store.manifest import ImportedTable, Manifest, chunk_name, hold_operator, iso_now, new_manifest
+from daq.store.run import Run
 from daq.store.schema import TABLE
 from daq.store.stream_writer import describe
 from rigs.errors import CellError, FileError
 from rigs.schema.vocabulary import Direction, TestName
 
 
-def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
+def table_run(  # noqa: PLR0913 - what a manifest needs to know
     path: Path,
     table: pa.Table,
     *,
@@ -32,15 +34,15 @@ def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
     source: str,
     source_sha256: str,
     placement: str = "",
-) -> Manifest:
-    """Make the run directory `path` of a table of double, int64 and string columns without nulls.
+) -> Run:
+    """The run of a table of double, int64 and string columns without nulls, as if it were in the directory `path`;
+    nothing is written.
 
     source, source_sha256: name and checksum of the file that the table was read from. The run's name is
-    that of its directory. Raises FileError where path exists or the operator holds control characters, CellError when
-    the disk refuses; then nothing is left of it.
+    that of its directory. Raises FileError where the operator holds control characters.
     """
     columns = {field.name: str(field.type) for field in table.schema}
-    manifest = new_manifest(
+    opening = new_manifest(
         name=_name(path),
         test=test,
         direction=direction,
@@ -51,6 +53,15 @@ def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
         streams={},
         table=ImportedTable.model_validate({"file": source, "sha256": source_sha256, "columns": columns}),
     )
+    manifest, _ = _ended(opening, table)
+    return Run(path, manifest, {}, [], table)
+
+
+def write_table_run(run: Run, path: Path) -> Manifest:
+    """Make the run directory `path` of a run of a table, which is called as the directory from now on.
+
+    Raises FileError where path exists, CellError when the disk refuses; then nothing is left of it.
+    """
     try:
         durable.make_directories(path.parent)
         durable.make_directory(path)
@@ -59,33 +70,40 @@ def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
     except OSError as error:
         raise _refused(path, error) from error
     try:
-        return _fill(path, manifest, table)
+        return _fill(run, path)
     except (OSError, pa.ArrowException) as error:
         durable.discard(path)
         raise _refused(path, error) from error
 
 
-def _fill(path: Path, manifest: Manifest, table: pa.Table) -> Manifest:
+def _fill(run: Run, path: Path) -> Manifest:
+    begun: dict[str, Any] = {"chunks": (), "counters": {}, "exit_status": "recording", "reason": "", "ended": None}
+    manifest = run.manifest.model_copy(update={"name": _name(path), **begun})
     held = durable.lock(path)
     try:
         manifest.save(path)
         durable.sync_directory(path.parent)
-        whole = table.cast(manifest.arrow_schema(TABLE)).combine_chunks()
-        data = to_parquet(whole.cast(with_opening(manifest.arrow_schema(TABLE), manifest.opening())))
-        file = path / chunk_name(TABLE, 1)
-        durable.replace(file, data)
-        change = {
-            "chunks": (describe(file.name, TABLE, table, data),),
-            "counters": {TABLE: {"samples": table.num_rows}},
-            "exit_status": "complete",
-            "reason": "imported",
-            "ended": iso_now(),
-        }
-        ended = manifest.model_copy(update=change)
+        ended, data = _ended(manifest, run.table)
+        durable.replace(path / chunk_name(TABLE, 1), data)
         ended.save(path)
     finally:
         durable.close(held)
     return ended
+
+
+def _ended(opening: Manifest, table: pa.Table) -> tuple[Manifest, bytes]:
+    """The manifest of a run whose table is complete, and the Parquet file of that table."""
+    schema = opening.arrow_schema(TABLE)
+    whole = table.cast(schema).combine_chunks()
+    data = to_parquet(whole.cast(with_opening(schema, opening.opening())))
+    change = {
+        "chunks": (describe(chunk_name(TABLE, 1), TABLE, table, data),),
+        "counters": {TABLE: {"samples": table.num_rows}},
+        "exit_status": "complete",
+        "reason": "imported",
+        "ended": iso_now(),
+    }
+    return opening.model_copy(update=change), data
 
 
 def _name(path: Path) -> str:

@@ -22,7 +22,7 @@ from analysis.diagnosis.observed import see
 from analysis.diagnosis.plan import Plan, plan
 from analysis.diagnosis.refine import refine
 from analysis.diagnosis.settle import settled
-from analysis.fitting.calibrate import calibrate, fitted_effects
+from analysis.fitting.calibrate import calibrate
 from analysis.fitting.choice import chosen
 from analysis.fitting.estimate import fit, sizes
 from analysis.fitting.observation import observe
@@ -131,7 +131,7 @@ def calibrated(name: str) -> None:
         assert label_of(fault(name)) in error.what or "show none of the chosen effects" in error.what
         return
     assert found.after_mm[0] < found.before_mm[0]
-    (one,) = fitted_effects(found)
+    (one,) = found.effects
     assert identity(one.effect) == identity(fault(name))
     near(one.effect, fault(name), one.sd[size_field(one.effect)])
 

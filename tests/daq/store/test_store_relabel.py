@@ -10,13 +10,13 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from analysis.simulation.simulated_runs import write_simulated
 from analysis.traces.loading import load_measured
-from daq.store import durable, load_manifest, read_run, recover, relabel, survey, verify, write_table_run
+from daq.store import durable, load_manifest, read_run, recover, relabel, survey, table_run, verify, write_table_run
 from daq.store.manifest import MANIFEST
 from rigs.errors import CellError, FileError
 from rigs.load import load
 from tests.support.store_cases import crash, finished, record
+from tests.support.written_runs import write_simulated
 
 
 @pytest.fixture
@@ -85,7 +85,8 @@ def test_a_run_being_recorded_or_not_closed_is_refused(tmp_path: Path) -> None:
 def test_a_table_is_relabelled_only_as_far_as_its_rows_allow(tmp_path: Path) -> None:
     columns = pa.table({"t_s": [0.0], "direction": ["cw"]})
     who = {"rig_name": "r", "rig_text": "", "operator": "", "source": "s.csv", "source_sha256": "0"}
-    write_table_run(tmp_path / "lap", columns, test="yaw", direction="cw", **who)
+    run = table_run(tmp_path / "lap", columns, test="yaw", direction="cw", **who)
+    write_table_run(run, run.path)
     assert relabel(tmp_path / "lap", test="roll").test == "roll"
     with pytest.raises(FileError, match="whose rows say cw; import it again with --direction acw"):
         relabel(tmp_path / "lap", direction="acw")
@@ -107,7 +108,7 @@ def test_a_disk_that_refuses_leaves_the_old_label(run: Path, monkeypatch: pytest
 
 def test_the_command_takes_several_runs_and_analyse_says_so_once(tmp_path: Path) -> None:
     rig, text = load("paper-fanuc")
-    runs = list(write_simulated(rig, text, "yaw", ("acw",), [1, 2], None, tmp_path, csv=False))
+    runs = list(write_simulated(rig, text, "yaw", ("acw",), [1, 2], tmp_path))
     done = CliRunner().invoke(app, ["relabel", *map(str, runs), "--operator", "bob", "--test", "roll"])
     assert done.stdout.splitlines() == [f"{run}: roll acw, measured by bob" for run in runs]
     told = [doubt for doubt in load_measured(runs[0]).doubts if "relabelled" in doubt]

@@ -106,7 +106,7 @@ def code() -> str:
 
 def import_case(case: Path) -> None:
     """The case's tables as run directories."""
-    from analysis.files.imports import import_table  # noqa: PLC0415
+    from tests.support.written_runs import import_table  # noqa: PLC0415
 
     for line, run in _listed(case):
         run.parent.mkdir(exist_ok=True)
