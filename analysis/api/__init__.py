@@ -115,6 +115,7 @@ def read_table(
 def save_run(run: Measured, directory: str | Path) -> Path:
     """Write a run of `read_table` or `simulate` as a run directory, which `load_run` and `rig` read.
 
+    run: of `read_table` or `simulate`.
     directory: to be made; the run takes its name.
 
     Returns the path of the directory.

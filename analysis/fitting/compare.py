@@ -11,9 +11,10 @@ import pyarrow as pa
 
 from analysis.fitting.covered import beyond_effects
 from analysis.fitting.estimate import Fit, fit
+from analysis.fitting.observation import Observation
 from analysis.fitting.placements import observed, parted
 from analysis.frames import Tabular, for_json, table_of_rows
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, Integers
 from analysis.measures.evaluate import Evaluated, evaluate
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.radial import RadialResult
@@ -21,7 +22,7 @@ from analysis.measures.reduction import PHI
 from analysis.measures.repeatability import RepeatabilityResult
 from analysis.measures.results import Result, result_of
 from analysis.measures.rig_agreement import hold_targets
-from analysis.model.predict import SetUp, model_of, path_of, predict
+from analysis.model.predict import model_of, path_of, predict
 from analysis.simulation.simulate import with_values
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PoseTable
@@ -32,8 +33,8 @@ from rigs.rig import Rig
 @dataclass(frozen=True)
 class Comparison(Tabular):
     """One run. result, simulated: evaluated alike; x (n,) and the curves (n,) that are laid over each other, in `unit`;
-    residuals_mm (m, k): measured less simulated reading of each gauge; their correlation; rms_um of the readings that
-    stay unexplained."""
+    rows (m,): of the run's table that were compared, on a circle those of whole laps; residuals_mm (m, k): measured
+    less simulated reading of each gauge there, and their rms_um; correlation of the curves."""
 
     result: Result
     simulated: Evaluated
@@ -41,6 +42,7 @@ class Comparison(Tabular):
     measured_curve: Array
     simulated_curve: Array
     unit: str
+    rows: Integers
     residuals_mm: Array
     correlation: float
     rms_um: float
@@ -115,22 +117,32 @@ def compare(runs: Sequence[Measured], rig: Rig) -> Compared:
         doubts += beyond_effects(rig.effects, one.table.q[one.rows], f"{name}, an effect of the rig file")
     found = fit(model, observations)
     comparisons = [
-        _one(run, rig, found, found.setups[one.setup], residual)
+        _one(run, one, rig, found, residual)
         for run, one, residual in zip(runs, observations, found.residuals, strict=True)
     ]
     return Compared(comparisons, found, doubts)
 
 
-def _one(run: Measured, rig: Rig, found: Fit, setup: SetUp, residual: Array) -> Comparison:
+def _one(run: Measured, one: Observation, rig: Rig, found: Fit, residuals_mm: Array) -> Comparison:
     run = replace(run, rig=rig)
     result = result_of(run)
-    values = predict(found.model, run.table, path_of(found.model, run.table), setup)
+    values = predict(found.model, run.table, path_of(found.model, run.table), found.setups[one.setup])
     simulated = evaluate(with_values(run.table, values), rig, run.u_lag_s, f"{run.path}, simulated", u_gauge_mm=0.0)
     x, measured_curve, unit = curve(result.found)
     _, simulated_curve, _ = curve(simulated)
     correlation = float(np.corrcoef(measured_curve, simulated_curve)[0, 1]) if np.ptp(simulated_curve) else float("nan")
-    rms_um = float(np.sqrt((residual**2).mean()) * 1000)
-    return Comparison(result, simulated, x, measured_curve, simulated_curve, unit, residual, correlation, rms_um)
+    return Comparison(
+        result=result,
+        simulated=simulated,
+        x=x,
+        measured_curve=measured_curve,
+        simulated_curve=simulated_curve,
+        unit=unit,
+        rows=one.rows,
+        residuals_mm=residuals_mm,
+        correlation=correlation,
+        rms_um=float(np.sqrt((residuals_mm**2).mean()) * 1000),
+    )
 
 
 def curve(found: Evaluated) -> tuple[Array, Array, str]:

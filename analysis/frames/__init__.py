@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,11 +30,12 @@ class Tabular(ABC):
     def to_frame(self) -> Any:
         """The same as a pandas DataFrame. Raises RigError where pandas is not installed."""
         try:
-            return self.to_table().to_pandas()
+            import_module("pandas")
         except ModuleNotFoundError as error:
             if error.name != "pandas":
                 raise
             raise RigError("to_frame()", "pandas is not installed", "install pandas, or use to_table()") from None
+        return self.to_table().to_pandas()
 
 
 def table_of_rows(columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> pa.Table:

@@ -44,7 +44,7 @@ class Result(Tabular):
 
     @property
     def title(self) -> str:
-        """`yaw acw`, say."""
+        """Test and direction, as `yaw acw`."""
         return self.measured.title
 
     @property

@@ -29,9 +29,10 @@ SIMULATED = "simulated, "
 
 @dataclass(frozen=True)
 class Measured(Tabular):
-    """A run, its rig and its table; u_lag_s: standard uncertainty of the gauges' time against the robot's, 0 where a
-    table came with its own time; doubts in words; systematic: what calibration certificates leave uncertain. The run is
-    without its streams: the table is made of them, and of a long run they take as much memory."""
+    """A run that was read, with its rig file as it was then (rig) and its readings as one table, in radians and mm;
+    u_lag_s: standard uncertainty of the gauges' time against the robot's, 0 where a table came with its own time;
+    doubts in words; systematic: what calibration certificates leave uncertain. The run is without its streams: the
+    table is made of them, and of a long run they take as much memory."""
 
     path: Path
     run: Run
@@ -43,7 +44,7 @@ class Measured(Tabular):
 
     @property
     def title(self) -> str:
-        """`yaw acw`, say."""
+        """Test and direction, as `yaw acw`."""
         manifest = self.run.manifest
         return f"{manifest.test} {manifest.direction}" if manifest.direction else manifest.test
 

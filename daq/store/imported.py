@@ -53,8 +53,9 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
         streams={},
         table=ImportedTable.model_validate({"file": source, "sha256": source_sha256, "columns": columns}),
     )
-    manifest, _ = _ended(opening, table)
-    return Run(path, manifest, {}, [], table)
+    whole = table.cast(opening.arrow_schema(TABLE)).combine_chunks()
+    manifest, _ = _ended(opening, whole)
+    return Run(path, manifest, {}, [], whole)
 
 
 def write_table_run(run: Run, path: Path) -> Manifest:
@@ -93,9 +94,7 @@ def _fill(run: Run, path: Path) -> Manifest:
 
 def _ended(opening: Manifest, table: pa.Table) -> tuple[Manifest, bytes]:
     """The manifest of a run whose table is complete, and the Parquet file of that table."""
-    schema = opening.arrow_schema(TABLE)
-    whole = table.cast(schema).combine_chunks()
-    data = to_parquet(whole.cast(with_opening(schema, opening.opening())))
+    data = to_parquet(table.cast(with_opening(opening.arrow_schema(TABLE), opening.opening())))
     change = {
         "chunks": (describe(chunk_name(TABLE, 1), TABLE, table, data),),
         "counters": {TABLE: {"samples": table.num_rows}},
