@@ -26,7 +26,7 @@ from analysis import evaluate, load_run
 
 result = evaluate(load_run("runs/monday-acw"))
 print(result.figures["band_deg"])  # value ± standard uncertainty
-result.curve.to_table()            # error over the circle angle, a pyarrow Table
+result.curve.to_table()  # error over the circle angle, a pyarrow Table
 ```
 
 Angles are in degrees and lengths in mm where the name says so; arrays without a unit in their name are in radians and

@@ -77,9 +77,9 @@ class Comparison(Tabular):
 class Compared(Tabular):
     """All runs, the fit of their set-ups, and doubts in words."""
 
-    runs: list[Comparison]
+    runs: tuple[Comparison, ...]
     fitted: Fit
-    doubts: list[str]
+    doubts: tuple[str, ...]
 
     def to_table(self) -> pa.Table:
         """The figures of all runs, a row each: run, figure, measured, u (standard uncertainty), simulated."""
@@ -120,7 +120,7 @@ def compare(runs: Sequence[Measured], rig: Rig) -> Compared:
         _one(run, one, rig, found, residual)
         for run, one, residual in zip(runs, observations, found.residuals, strict=True)
     ]
-    return Compared(comparisons, found, doubts)
+    return Compared(tuple(comparisons), found, tuple(doubts))
 
 
 def _one(run: Measured, one: Observation, rig: Rig, found: Fit, residuals_mm: Array) -> Comparison:

@@ -27,7 +27,8 @@ class CircleCurve(Tabular):
 
     phi_deg (n,): circle angle, 0 to 360. angle_deg (n,): angle between link and tool. error_deg (n,): orientation
     error, the angle less its least-squares sine, at the stated angular resolution (docs/figures.md). error_u_deg (n,):
-    standard uncertainty of the error by noise alone. deviation_mm (n,): radial deviation of the distance from its
+    standard uncertainty of the error by the noise within the run; the scatter from run to run, and the uncertainty of
+    the gauges' time and baseline, are not in it. deviation_mm (n,): radial deviation of the distance from its
     least-squares circle, positive outwards.
     """
 
