@@ -201,10 +201,10 @@ class Map(Tabular):
 
 @dataclass(frozen=True)
 class Diagnosis(Tabular):
-    """What a diagnosis found: where measurement and model disagree, which effects are missing, and how sure that is.
+    """All that was found.
 
-    verdict: on all of it, and why; rig: the model begun with; runs: names of those used; effects: those that pay, the
-    material ones first, by what they are worth; groups: names that these tests cannot part, of those named;
+    verdict: on all of it; rig: the model begun with; runs: names of those used; effects: those that pay, the material
+    ones first, by what they are worth; groups: names that these tests cannot part, of those named;
     not_testable: names that no size would show here; repeated: whether the noise is from repeats; level: of
     the healthy background, 1 in an arm that shows of everything what healthy ones show; doubts: what to know before
     trusting it.

@@ -52,15 +52,11 @@ class SetUpNoise:
 
 @dataclass(frozen=True)
 class Calibration(Tabular):
-    """Effects that were estimated from runs, how well they are known, and how far they explain the readings.
-
-    known: the model begun with; before, after: its fit without and with the effects; covariance (p, p) of the fitted
-    parameters in their own units, with the scatter from run to run; weighing: noise and wild readings of each
-    observation, levels of all parameters that were asked for; noise by set-up; gauges: whether any run is of gauges;
-    told_apart: how many combinations of the parameters the readings tell; mixed: parameters that do not stand by
-    themselves; covered: where the joints were in the readings used; doubts in words; before_mm, after_mm: rms on the
-    sound readings used and on those left out (nan: none).
-    """
+    """known: the model begun with; covariance (p, p) of the fitted parameters in their own units, with the scatter from
+    run to run; weighing: noise and wild readings of each observation, levels of all parameters that were asked for;
+    noise by set-up; gauges: whether any run is of gauges; told_apart: how many combinations of the parameters the
+    readings tell; mixed: parameters that do not stand by themselves; covered: where the joints were in the readings
+    used; doubts in words; before_mm, after_mm: rms on the sound readings used and on those left out (nan: none)."""
 
     known: Model
     before: Fit
@@ -80,7 +76,7 @@ class Calibration(Tabular):
     @cached_property
     def effects(self) -> tuple[Fitted, ...]:
         """The fitted effects with the standard uncertainties of their parameters."""
-        return fitted_effects(self.after, self.covariance, self.mixed)
+        return fitted_effects(self)
 
     @property
     def extended_rig(self) -> Rig:

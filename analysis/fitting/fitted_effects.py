@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analysis.fitting.estimate import Fit
-from analysis.fitting.identify import Together, name_of
-from analysis.kinematics.arm import Array
+from analysis.fitting.identify import name_of
 from rigs.effects import Effect
 from rigs.schema.effect import identity
+
+if TYPE_CHECKING:
+    from analysis.fitting.calibrate import Calibration
 
 _ANY_PHASE_DEG = 180.0 / np.sqrt(3)
 """Standard uncertainty of a phase of which nothing is known."""
@@ -31,11 +32,9 @@ class Fitted:
     together: tuple[str, ...]
 
 
-def fitted_effects(after: Fit, covariance: Array, mixed: Sequence[Together]) -> tuple[Fitted, ...]:
-    """The effects that were fitted; the two halves of a wave as one, with amplitude and phase.
-
-    covariance (p, p): of the fit's free parameters in their own units; mixed: those that do not stand by themselves.
-    """
+def fitted_effects(calibration: Calibration) -> tuple[Fitted, ...]:
+    """The effects that were fitted; the two halves of a wave as one, with amplitude and phase."""
+    after = calibration.after
     places = {one.effect: k for k, one in enumerate(after.free)}
     found: list[Fitted] = []
     waves: dict[Effect, list[int]] = {}
@@ -44,25 +43,26 @@ def fitted_effects(after: Fit, covariance: Array, mixed: Sequence[Together]) -> 
         if one.signed:
             waves.setdefault(identity(after.model.effects[effect]), []).append(effect)
         else:
-            sd = {one.field: float(np.sqrt(covariance[k, k]))}
+            sd = {one.field: float(np.sqrt(calibration.covariance[k, k]))}
             name = name_of(after.model.effects[effect], one.field)
-            like = next((mix.like for mix in mixed if mix.what == name), ())
-            found.append(Fitted(after.model.effects[effect], sd, _correlation(after, covariance, k), like))
-    return (*found, *(_whole(after, covariance, halves, places) for halves in waves.values()))
+            like = next((mix.like for mix in calibration.mixed if mix.what == name), ())
+            found.append(Fitted(after.model.effects[effect], sd, _correlation(calibration, k), like))
+    return (*found, *(_whole(calibration, halves, places) for halves in waves.values()))
 
 
-def _correlation(after: Fit, covariance: Array, k: int) -> dict[str, float]:
+def _correlation(calibration: Calibration, k: int) -> dict[str, float]:
     """Of one parameter with the others, as far as it matters."""
-    sd = np.sqrt(np.diag(covariance))
+    after, sd = calibration.after, np.sqrt(np.diag(calibration.covariance))
     return {
         name_of(after.model.effects[one.effect], one.field): float(share)
-        for j, (one, share) in enumerate(zip(after.free, covariance[k] / (sd[k] * sd), strict=True))
+        for j, (one, share) in enumerate(zip(after.free, calibration.covariance[k] / (sd[k] * sd), strict=True))
         if j != k and not one.signed and abs(share) > _CORRELATED
     }
 
 
-def _whole(after: Fit, covariance: Array, halves: Sequence[int], places: dict[int, int]) -> Fitted:
+def _whole(calibration: Calibration, halves: Sequence[int], places: dict[int, int]) -> Fitted:
     """A sin(x) + B cos(x) as amplitude and phase, by linear propagation; one half alone keeps its phase."""
+    after = calibration.after
     effects: list[Any] = [after.model.effects[k] for k in halves]
     rows = [places[k] for k in halves]
     angle = np.radians([effect.phase_deg for effect in effects])
@@ -71,7 +71,7 @@ def _whole(after: Fit, covariance: Array, halves: Sequence[int], places: dict[in
     sine, cosine = float(part @ np.cos(angle)), float(part @ np.sin(angle))
     amplitude = float(np.hypot(sine, cosine))
     to_parts = np.stack([np.cos(angle), np.sin(angle)])
-    spread = to_parts @ covariance[np.ix_(rows, rows)] @ to_parts.T
+    spread = to_parts @ calibration.covariance[np.ix_(rows, rows)] @ to_parts.T
     along = np.array([sine, cosine]) / max(amplitude, 1e-300)
     across = np.array([-along[1], along[0]])
     sd = {field: float(np.sqrt(along @ spread @ along))}
