@@ -23,6 +23,7 @@ from analysis import (
     RepeatabilityCurve,
     Result,
     RigError,
+    api,
     calibrate,
     compare,
     diagnose,
@@ -66,6 +67,10 @@ def test_no_module_has_the_name_of_a_public_function() -> None:
     folder = Path(analysis.__file__).parent
     names = {path.stem for path in folder.iterdir()}
     assert not names & set(analysis.__all__)
+
+
+def test_both_lists_of_public_names_are_one() -> None:
+    assert api.__all__ == analysis.__all__
 
 
 def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
