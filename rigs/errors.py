@@ -1,10 +1,12 @@
-"""The one error tree: every expected failure is a `RigError`, told in one line with an exit code.
+"""The one error tree: every expected failure is a `RigError`, reported in one line with an exit code.
 
 A message says where, what and what to do. Programs print it and leave with `exit_code`;
 anything else that reaches a person as a traceback is a bug.
 """
 
 from __future__ import annotations
+
+from rigs.text import plain
 
 _LONGEST = 1000
 
@@ -23,7 +25,7 @@ class RigError(Exception):
         self.where, self.what, self.remedy = where, what, remedy
 
     def lines(self) -> list[str]:
-        """What to tell a person: one line for each thing that is wrong."""
+        """The message: one line for each mistake."""
         return [str(self)]
 
 
@@ -31,7 +33,7 @@ def _in_one_line(text: str) -> str:
     """A message as a line can bear it, whatever a damaged file has put into it; its end says what to do."""
     if len(text) > _LONGEST:
         text = f"{text[: _LONGEST // 2]} … {text[-_LONGEST // 2 :]}"
-    return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
+    return plain(text)
 
 
 class FileError(RigError):

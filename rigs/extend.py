@@ -11,7 +11,7 @@ from rigs.load import parse
 
 
 def extended(text: str, effects: Sequence[Effect], where: str) -> str:
-    """The text of a rig file with effects added. Raises RigFileError where that would be no good rig file."""
+    """The text of a rig file with effects added. Raises RigFileError where the result would not be a valid rig file."""
     items = [_line(effect) for effect in effects]
     root = yaml.compose(text, Loader=yaml.SafeLoader)
     assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded

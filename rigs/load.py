@@ -1,4 +1,4 @@
-"""Reading a rig file: found by path or by name, read whole, every mistake told at once."""
+"""Reading a rig file: found by path or by name, read whole, every mistake reported at once."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from rigs.effects import AnyEffect
 from rigs.errors import FileError
+from rigs.files import read_bytes
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
 from rigs.schema.part import Part, Vector
@@ -59,7 +60,7 @@ def _found(name: str | Path, known: dict[str, Path], what: str, short: str) -> P
         raise _unreadable(path, error) from None
     if str(name) in known:
         return known[str(name)]
-    raise FileError(str(name), f"no such {what}", f"give a path, or a shipped {short}: {', '.join(known)}")
+    raise FileError(str(name), f"no such {what}", f"give a path, or the name of a shipped {short}: {', '.join(known)}")
 
 
 def load(name: str | Path) -> tuple[Rig, str]:
@@ -71,12 +72,9 @@ def load(name: str | Path) -> tuple[Rig, str]:
 
 def _text(path: Path) -> str:
     try:
-        with path.open("rb") as file:
-            data = file.read(_MAX_BYTES + 1)
+        data = read_bytes(path, _MAX_BYTES)
     except OSError as error:
         raise _unreadable(path, error) from None
-    if len(data) > _MAX_BYTES:
-        raise FileError(str(path), "larger than 1 MB, which no rig file is", "give the rig file itself")
     try:
         return data.decode()
     except UnicodeDecodeError as error:
@@ -120,8 +118,8 @@ def load_hidden(name: str | Path) -> Hidden:
     if isinstance(data, list):
         data = {"effects": data}
     if not isinstance(data, dict) or not {"effects", "eccentricity_mm", "robot"} & data.keys():
-        # A misspelt key would else be a robot without errors, and nobody would know.
-        raise FileError(str(path), "has no key effects", "write effects: [{effect: …}], or effects: [] for none")
+        # A misspelt key would otherwise silently be a robot without errors.
+        raise FileError(str(path), "lacks the key effects", "write effects: [{effect: …}], or effects: [] for none")
     if "robot" in data:
         data = {"effects": data.get("effects")}
     try:

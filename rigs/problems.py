@@ -1,6 +1,6 @@
 """What is wrong with a rig file, in words: each mistake with its line, its place and the nearest known name.
 
-pydantic finds the mistakes; the YAML node tree, composed from the same text, tells the line each of them stands on.
+pydantic finds the mistakes; the YAML node tree, composed from the same text, gives the line of each.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class RigFileError(FileError):
 
     def __init__(self, path: str, problems: list[Problem]) -> None:
         count = "1 mistake" if len(problems) == 1 else f"{len(problems)} mistakes"
-        super().__init__(path, f"{count}: " + " | ".join(map(str, problems)), "mend the file")
+        super().__init__(path, f"{count}: " + " | ".join(map(str, problems)), "correct the file")
         self.problems = problems
 
     def lines(self) -> list[str]:
@@ -61,7 +61,7 @@ def problems_of(
     details = _without_consequences(_with_hidden(data, error.errors(include_url=False), model))
     problems = sorted((_problem(detail, root, model) for detail in details[:_MOST_TOLD]), key=lambda p: p.line)
     if untold := len(details) - len(problems):
-        problems.append(Problem(problems[-1].line, "", f"and {untold} more mistakes; mend these first"))
+        problems.append(Problem(problems[-1].line, "", f"and {untold} more mistakes; correct these first"))
     return problems
 
 
@@ -179,7 +179,7 @@ def _says(message: str, given: str) -> bool:
 def _short(given: object) -> str:
     """What was given, as far as a message needs it."""
     if isinstance(given, int) and given.bit_length() > 1000:
-        return "a number of hundreds of digits"
+        return "a number with hundreds of digits"
     text = repr(given)
     return text if len(text) <= _BRIEF else f"{text[:_BRIEF]}…"
 

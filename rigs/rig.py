@@ -36,7 +36,7 @@ class Rig(Part):
     automatic: Automatic | None = None
     retention: Retention | None = None
     replay: str = ""
-    """Of a cell that `rig replay` serves: the file where it says what is out of step."""
+    """The file in which `rig replay` records what is out of step, for a cell that it serves."""
 
     @field_validator("tests")
     @classmethod

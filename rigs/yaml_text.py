@@ -1,4 +1,4 @@
-"""A rig file's text as YAML: by the safe loader only, no key twice, and no bomb of aliases."""
+"""A rig file's text as YAML: by the safe loader only, no key twice, no bomb of aliases, no number without end."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ from rigs.problems import Problem, RigFileError
 
 _MOST_PARTS = 500_000
 """Keys and values once every alias is followed; a megabyte written out has no more."""
-_UNREADABLE = (RecursionError, ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
-"""What PyYAML raises beside its own errors: for what stands behind an explicit tag, or is nested too deeply."""
+_LONGEST_NUMBER = 64
+"""Characters; a double has 17 digits. PyYAML takes 1:30 for 90, and a minute for a megabyte written so."""
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_UNREADABLE = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
+"""What PyYAML raises beside its own errors, for what stands behind an explicit tag."""
 
 
 def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
@@ -21,7 +24,7 @@ def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
         root = loader.get_single_node()
         if root is None:
             return None, None
-        _refuse_repeats(root, where)
+        _refuse_repeats_and_long_numbers(root, where)
         if _parts(root, {}) > _MOST_PARTS:
             what = f"aliases (*name) make more than {_MOST_PARTS} parts of it; write out what they stand for"
             raise RigFileError(where, [Problem(1, "", what)])
@@ -30,11 +33,13 @@ def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
         mark = getattr(error, "problem_mark", None)
         what = getattr(error, "problem", None) or str(error).splitlines()[0]
         raise RigFileError(where, [Problem(mark.line + 1 if mark else 1, "", f"not YAML: {what}")]) from None
+    except RecursionError:
+        raise RigFileError(where, [Problem(1, "", "not readable as YAML: nested too deeply")]) from None
     except _UNREADABLE as error:
         raise RigFileError(where, [Problem(1, "", f"not readable as YAML: {error}")]) from None
 
 
-def _refuse_repeats(root: yaml.Node, where: str) -> None:
+def _refuse_repeats_and_long_numbers(root: yaml.Node, where: str) -> None:
     """YAML's loader keeps the last of two equal keys without a word; a rig file may not lose one."""
     seen: set[int] = set()
     problems: list[Problem] = []
@@ -46,14 +51,18 @@ def _refuse_repeats(root: yaml.Node, where: str) -> None:
         if isinstance(node, yaml.MappingNode):
             known: set[str] = set()
             for key, value in node.value:
+                walk(key)
                 if isinstance(key, yaml.ScalarNode):
                     if key.value in known:
-                        problems.append(Problem(key.start_mark.line + 1, key.value, "this key stands here twice"))
+                        problems.append(Problem(key.start_mark.line + 1, key.value, "this key occurs twice"))
                     known.add(key.value)
                 walk(value)
         elif isinstance(node, yaml.SequenceNode):
             for value in node.value:
                 walk(value)
+        elif node.tag in _NUMBERS and len(node.value) > _LONGEST_NUMBER:
+            what = f"a number of {len(node.value)} characters; write it with at most {_LONGEST_NUMBER}"
+            problems.append(Problem(node.start_mark.line + 1, "", what))
 
     walk(root)
     if problems:

@@ -10,8 +10,8 @@ ROOT = Path(__file__).parents[1]
 
 
 def test_the_page_is_what_the_docstrings_say() -> None:
-    script = ROOT / "scripts" / "api_page.py"
+    script = ROOT / "dev" / "api_page.py"
     page = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True, encoding="utf-8").stdout
     written = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
-    assert written == page, "run: python scripts/api_page.py > docs/api.md"
+    assert written == page, "run: scripts/dev api_page > docs/api.md"
     assert [name for name in analysis.__all__ if f"\n### {name}\n" not in page] == []

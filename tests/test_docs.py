@@ -1,9 +1,12 @@
 """What the documents tell a person to type exists: commands, options, files."""
 
+import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -11,11 +14,12 @@ import yaml
 from typer.testing import CliRunner
 
 from analysis.cli import app
+from daq.service.rigd import app as rigd_app
 from rigs.interfaces import NO_DEFAULT, Interface, known
 from rigs.load import SHIPPED, parse
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted(ROOT.glob("docs/**/*.md"))]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/**/*.md"))]
 BIN = Path(sys.executable).parent
 _SOURCES = [*sorted(ROOT.glob("analysis/cli/*.py")), ROOT / "daq" / "service" / "rigd.py"]
 VALUES = {"polled", "continuous", "optorsd", "m1240", "rtu", "ascii"}
@@ -41,7 +45,7 @@ def test_every_command_line_in_the_documents_exists(line: str) -> None:
         capture_output=True,
         text=True,
         check=False,
-        env={"COLUMNS": "200"},
+        env=os.environ | {"COLUMNS": "200"},
     )
     assert done.returncode == 0, done.stderr
     for option in (word.split("=")[0] for word in words if word.startswith("--")):
@@ -101,3 +105,19 @@ def test_the_table_of_gauges_is_the_schema(interface: Interface) -> None:
 
 def test_the_table_of_gauges_names_no_other() -> None:
     assert list(_rows()) == [one.name for one in known() if one.kind == "gauge"]
+
+
+def _options(command: Any) -> Iterator[Any]:
+    """Every option of a command and of those below it."""
+    yield from (one for one in command.params if one.param_type_name == "option" and one.name != "help")
+    for below in getattr(command, "commands", {}).values():
+        yield from _options(below)
+
+
+def test_every_option_says_what_it_takes_and_its_default() -> None:
+    options = [*_options(typer.main.get_command(app)), *_options(typer.main.get_command(rigd_app))]
+    assert len(options) > 60
+    for one in options:
+        assert one.help and one.help[0].isupper() and one.help.endswith("."), one.name
+        shown = one.required or one.is_flag or one.default not in (None, "", ())
+        assert shown or "default: " in one.help, (one.name, one.help)

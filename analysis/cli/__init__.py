@@ -6,13 +6,18 @@ import errno
 import io
 import os
 import sys
-from typing import Annotated
+import warnings
+from typing import Annotated, NoReturn
 
 import typer
+from typer.exceptions import TyperException
 
-from rigs.errors import CellError, RigError
+from rigs.errors import CellError, FileError, RigError
+from rigs.text import plain
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_OF_A_CELL = ("fcntl", "grp", "resource", "termios", "tty")
+"""Modules that Windows lacks: serial lines, and the socket of a running daemon."""
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -25,23 +30,68 @@ app = typer.Typer(
 def main() -> None:
     """Entry point: every expected failure is one line and an exit code."""
     if isinstance(sys.stdout, io.TextIOWrapper):
-        # A file's name may be no UTF-8, and a terminal may know no φ: neither is a reason to say nothing.
-        sys.stdout.reconfigure(errors="surrogateescape" if sys.stdout.encoding == "utf-8" else "replace")
+        sys.stdout.reconfigure(errors="replace")  # a terminal that knows no φ is no reason to say nothing
+    # numpy only warns where a figure becomes nan; such a figure is no result.
+    warnings.simplefilter("error", RuntimeWarning)
     try:
-        app()
+        sys.exit(app(standalone_mode=False))
+    except TyperException as error:
+        _wrong_use(error)
+    except typer.Abort:
+        sys.exit(1)
     except RigError as error:
-        sys.stderr.writelines(f"error: {line}\n" for line in error.lines())
-        sys.exit(error.exit_code)
+        _fail(error)
+    except ModuleNotFoundError as error:
+        if error.name not in _OF_A_CELL:
+            raise
+        command = " ".join(["rig", *sys.argv[1:2]])
+        remedy = "run it on the computer of the cell; saved runs are analysed here"
+        _fail(CellError(command, f"needs Linux: this system lacks {error.name}", remedy))
     except BrokenPipeError:
         sys.exit(0)
+    except MemoryError:
+        _fail(
+            CellError("memory", "there is not enough for this", "close other programs, or give fewer or shorter runs")
+        )
+    except (ArithmeticError, ValueError, RuntimeWarning) as error:
+        if not _is_numerical(error):
+            raise
+        what = f"the computation failed: {error}"
+        _fail(FileError("numbers", what, "check those in the rig file and in the runs"))
     except OSError as error:
         if error.errno not in _NO_ROOM or error.filename is not None:
             raise
-        full = CellError("output", error.strerror or str(error), "make room, or send it elsewhere")
-        sys.stderr.writelines(f"error: {line}\n" for line in full.lines())
+        full = CellError("output", error.strerror or str(error), "free some space, or write it elsewhere")
         # What is left in the buffer would fail once more at the end.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(full.exit_code)
+        _fail(full)
+
+
+def _fail(error: RigError) -> NoReturn:
+    sys.stderr.writelines(f"error: {plain(line)}\n" for line in error.lines())
+    sys.exit(error.exit_code)
+
+
+def _wrong_use(error: TyperException) -> NoReturn:
+    """Report wrong use of a command in one line; typer would frame it, whatever a file's name puts into the frame."""
+    what = error.format_message().rstrip(".")
+    if not what:  # a group without a command: its help is printed already
+        sys.exit(2)
+    context = getattr(error, "ctx", None)
+    command = context.command_path if context is not None else "rig"
+    wrong = RigError(command, what, f"see {command} --help")
+    wrong.exit_code = 2
+    _fail(wrong)
+
+
+def _is_numerical(error: BaseException) -> bool:
+    """Whether a computation failed for its numbers: an overflow, nan, or what numpy's and scipy's solvers raise."""
+    if isinstance(error, ArithmeticError | RuntimeWarning) or type(error).__name__ == "LinAlgError":
+        return True
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace is not None and str(trace.tb_frame.f_globals.get("__name__")).startswith("scipy.")
 
 
 def _version(asked: bool) -> None:
@@ -71,6 +121,7 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     diagnose,  # noqa: F401
     doctor,  # noqa: F401
     emulate,  # noqa: F401
+    example,  # noqa: F401
     export,  # noqa: F401
     import_,  # noqa: F401
     interfaces,  # noqa: F401

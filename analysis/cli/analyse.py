@@ -8,19 +8,25 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 
 @app.command()
 def analyse(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-    plot: Annotated[Path | None, typer.Option(help="Write pictures and report.html into this directory.")] = None,
-    each: Annotated[bool, typer.Option("--each", help="Show every run beside the mean of repeated ones.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    plot: Annotated[
+        Path | None, typer.Option(help="Directory for pictures and report.html; default: write none.")
+    ] = None,
+    each: Annotated[
+        bool, typer.Option("--each", help="Show each run beside the mean of repeated runs; default: the means.")
+    ] = False,
     truth: Annotated[
-        Path | None, typer.Option(help="truth.json of an emulated cell, to set beside the figures.")
+        Path | None,
+        typer.Option(help="File truth.json of an emulated cell, to show beside the figures; default: none."),
     ] = None,
 ) -> None:
-    """Evaluate runs of every test: yaw, roll, radial, repeatability, pose; each figure with its uncertainty."""
+    """Evaluate runs of any test (yaw, roll, radial, repeatability, pose); every figure has its uncertainty."""
     from analysis import evaluate_runs, load_run  # noqa: PLC0415
     from analysis.reporting.run_report import as_object, as_tables, write_report  # noqa: PLC0415
     from analysis.reporting.truth import compare  # noqa: PLC0415
@@ -29,12 +35,10 @@ def analyse(
     truths = compare(results, truth) if truth else []
     if plot:
         report = write_report(results, plot)
-        typer.echo(f"report: {report}", err=True)
+        say(f"report: {report}", err=True)
     if as_json:
-        import json  # noqa: PLC0415
-
-        typer.echo(json.dumps(as_object(results, truths), indent=2))
+        say_json(as_object(results, truths))
         return
-    from rich.console import Console  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
-    Console().print(as_tables(results, truths, each=each))
+    PlainConsole().print(as_tables(results, truths, each=each))

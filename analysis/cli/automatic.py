@@ -8,13 +8,16 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 
 
 @app.command()
 def automatic(
-    paths: Annotated[list[Path], typer.Argument(metavar="RUN", help="Recorded runs, one of each program.")],
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="RUN", help="Run directories as recorded, one for each program.")
+    ],
 ) -> None:
-    """Print the section `automatic` of a rig file that starts these runs by themselves, by signal or by motion."""
+    """Print the section `automatic` of a rig file, by which the robot's signal or motion starts runs like these."""
     import yaml  # noqa: PLC0415
     from pydantic import ValidationError  # noqa: PLC0415
 
@@ -29,9 +32,10 @@ def automatic(
     except ValidationError as error:
         what = error.errors(include_url=False)[0]["msg"].removeprefix("Value error, ")
         raise FileError(", ".join(map(str, paths)), what, "give one run of each program") from None
-    typer.echo("automatic:\n  rules:")
+    say("automatic:")
+    say("  rules:")
     for rule in rules:
         line = yaml.safe_dump(
             rule.model_dump(mode="json", exclude_none=True), default_flow_style=True, sort_keys=False, width=10_000
         )
-        typer.echo(f"    - {line.strip()}")
+        say(f"    - {line.strip()}")

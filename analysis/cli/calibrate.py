@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 
 @app.command()
@@ -16,46 +17,51 @@ def calibrate(
     fit: Annotated[
         str,
         typer.Option(
-            help="Effects with commas between, as NAME:AXIS (others: docs/simulation.md); a name alone is all axes."
+            help="Effects to fit, separated by commas: NAME for all axes, NAME:AXIS for one; see docs/simulation.md."
         ),
     ],
     rig_file: Annotated[
-        str | None, typer.Option("--rig", help="The model to begin with; without it, the first run's rig file.")
+        str | None, typer.Option("--rig", help="Rig file of the model to start from; default: that of the first run.")
     ] = None,
-    hold_out: Annotated[list[Path] | None, typer.Option(help="A run to judge by, not used in the fit.")] = None,
-    share: Annotated[float, typer.Option(min=0, max=0.9, help="Of each run's readings, left out to judge.")] = 0.0,
-    groups: Annotated[
-        bool, typer.Option(help="Leave out whole neighbourhoods of joint space, not single poses.")
-    ] = False,
-    seed: Annotated[int, typer.Option(min=0, help="Of the choice of what is left out.")] = 0,
-    output: Annotated[Path | None, typer.Option("--output", "-o", help="The extended rig file to write.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    hold_out: Annotated[
+        list[Path] | None,
+        typer.Option(help="Run directory to judge the fit by, not used in it; repeatable; default: none."),
+    ] = None,
+    share: Annotated[
+        float,
+        typer.Option(min=0, max=0.9, help="Share of the readings of each run to judge the fit by, not used in it."),
+    ] = 0.0,
+    groups: Annotated[bool, typer.Option(help="Make --share leave out whole neighbourhoods of joint space.")] = False,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random choice that --share makes.")] = 0,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="Rig file to write, extended by the fitted effects; default: none."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
-    """Estimate known effects by least squares on the simulator, set-up terms always with them."""
-    import json  # noqa: PLC0415
-
-    from rich.console import Console  # noqa: PLC0415
+    """Estimate the sizes of chosen effects by least squares on the simulator; the set-up is always fitted as well."""
 
     import analysis  # noqa: PLC0415
     from analysis.cli.run_paths import distinct, load_runs  # noqa: PLC0415
     from analysis.reporting import calibration_report  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     if output and output.exists():
-        raise FileError(str(output), "is there already", "give another --output, or remove it first")
+        raise FileError(str(output), "exists already", "give another --output, or remove it first")
     aside = distinct(hold_out or ())
     used = [path for path in distinct(runs) if path not in aside]
     if not used:
-        raise FileError("--hold-out", "leaves no run to fit", "hold out fewer")
+        raise FileError("--hold-out", "holds out every run, and a fit needs one", "hold out fewer")
     measured, judges = load_runs(used), load_runs(aside)
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
     found = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, share=share, groups=groups, seed=seed)
     if output:
         calibration_report.write_rig(found, text, [path.name for path in used], output)
     if as_json:
-        typer.echo(json.dumps(found.to_dict(), indent=2))
+        say_json(found.to_dict())
     else:
-        Console().print(calibration_report.as_table(found))
+        PlainConsole().print(calibration_report.as_table(found))
     if output:
-        typer.echo(f"wrote {output}", err=True)
+        say(f"wrote {output}", err=True)

@@ -7,13 +7,14 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 
 
 @app.command()
 def check(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
 ) -> None:
-    """Say whether a rig file is good: every mistake with its line, and whether the robot can drive its circle."""
+    """Check a rig file: report every mistake with its line, and whether the robot can drive the circle."""
     import datetime as dt  # noqa: PLC0415
 
     from analysis.geometry.feasible import feasible_tests  # noqa: PLC0415
@@ -24,12 +25,12 @@ def check(
     rig, _ = load(rig_file)
     tests = feasible_tests(rig)
     gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges)
-    typer.echo(f"{find(rig_file)}: good")
-    typer.echo(f"  {rig.robot.name}; {gauges}; robot by {rig.feedback.interface}")
+    say(f"{find(rig_file)}: good")
+    say(f"  {rig.robot.name}; {gauges}; robot by {rig.feedback.interface}")
     if rig.effects:
-        typer.echo(f"  the model begins with {begins_with(rig.effects)}")
+        say(f"  the model starts with {begins_with(rig.effects)}")
     parts = [*(name for name, _ in rig.gauges), "ball", "link"]
     for line in (*doubts_of(rig, parts, dt.datetime.now(dt.UTC).date()), *tests):
-        typer.echo(f"  {line}")
+        say(f"  {line}")
     if rig.automatic:
-        typer.echo(f"  recorded by themselves: {', '.join(rule.event for rule in rig.automatic.rules)}")
+        say(f"  recorded automatically: {', '.join(rule.event for rule in rig.automatic.rules)}")

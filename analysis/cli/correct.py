@@ -8,38 +8,37 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 
 @app.command()
 def correct(
     rig_file: Annotated[
-        str, typer.Argument(metavar="RIG", help="Rig file with effects of a diagnosis or calibration.")
+        str, typer.Argument(metavar="RIG", help="Rig file that holds effects found by rig diagnose or rig calibrate.")
     ],
-    directory: Annotated[Path, typer.Option("--output", "-o", help="Where the corrections go.")],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the corrections to.")],
     path: Annotated[
         Path | None,
         typer.Option(
-            help="Targets to correct, a CSV with q1_deg … q6_deg, or with x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg "
-            "(roll-pitch-yaw about fixed axes, in the world of the rig file)."
+            help="CSV of targets to correct, with q1_deg … q6_deg, or with x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg "
+            "(roll-pitch-yaw about fixed axes, in the world frame of the rig file); default: none."
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
     """Write joint zeros, link constants and corrected targets, each only where the effects support it."""
-    import json  # noqa: PLC0415
-
-    from rich.console import Console  # noqa: PLC0415
 
     from analysis.correction.correct import correct_rig  # noqa: PLC0415
     from analysis.reporting import correction_report  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
     found = correct_rig(rig, path)
     written = correction_report.write(found, directory)
     if as_json:
-        typer.echo(json.dumps(correction_report.as_object(found, written), indent=2))
+        say_json(correction_report.as_object(found, written))
     else:
-        Console().print(correction_report.as_table(found))
+        PlainConsole().print(correction_report.as_table(found))
     for file in written:
-        typer.echo(f"wrote {file}", err=True)
+        say(f"wrote {file}", err=True)

@@ -10,38 +10,47 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 
 @app.command()
 def diagnose(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
     rig_file: Annotated[
-        str | None, typer.Option("--rig", help="The model to begin with; without it, the first run's rig file.")
+        str | None, typer.Option("--rig", help="Rig file of the model to start from; default: that of the first run.")
     ] = None,
     hold_out: Annotated[
-        list[Path] | None, typer.Option(help="A run to judge by, not used to find names; as often as you like.")
+        list[Path] | None,
+        typer.Option(help="Run directory to judge by, not used to find effects; repeatable; default: none."),
     ] = None,
     unseen: Annotated[
-        list[Path] | None, typer.Option(help="A run at another place or radius, to judge by; as often as you like.")
+        list[Path] | None,
+        typer.Option(help="Run directory at another place or radius, to judge by; repeatable; default: none."),
     ] = None,
     tolerance_um: Annotated[
         float | None,
-        typer.Option(min=0.0, help="Name what moves readings by more than this; without it, the scatter of one run."),
+        typer.Option(
+            min=0.0, help="Smallest change of readings, in µm, worth a name; default: the scatter of one run."
+        ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="For the extended rig file, JSON and picture.")
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Directory for the extended rig file, JSON and picture; default: write none.",
+        ),
     ] = None,
 ) -> None:
-    """Find where simulation and measurement disagree, name the missing effect, add it, prove that the gap shrinks."""
-    import json  # noqa: PLC0415
-
-    from rich.console import Console  # noqa: PLC0415
+    """Find where simulation and measurement differ, name the missing effects, and verify that they close the gap."""
 
     import analysis  # noqa: PLC0415
     from analysis.cli.run_paths import distinct, load_runs  # noqa: PLC0415
     from analysis.reporting import diagnosis_report  # noqa: PLC0415
     from analysis.reporting.diagnosis_screen import as_screen  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
@@ -50,7 +59,9 @@ def diagnose(
     held, other = distinct(hold_out or ()), distinct(unseen or ())
     used = [path for path in distinct(runs) if path not in held | other]
     if not used:
-        raise FileError("RUN…", "all are held out or unseen, which leaves no run to diagnose", "hold out fewer")
+        raise FileError(
+            "RUN…", "is held out or unseen, like every other run, and a diagnosis needs at least one", "hold out fewer"
+        )
     measured, judges, elsewhere = (load_runs(paths) for paths in (used, held, other))
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
     with _progress(quiet=as_json) as progress:
@@ -58,23 +69,23 @@ def diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
         )
     if as_json:
-        typer.echo(json.dumps(found.to_dict(), indent=2))
+        say_json(found.to_dict())
     else:
-        Console().print(as_screen(found))
+        PlainConsole().print(as_screen(found))
     written = diagnosis_report.write(found, text, output) if output else []
     for path in written:
-        typer.echo(f"wrote {path}", err=True)
+        say(f"wrote {path}", err=True)
     if written and written[-1].suffix == ".yaml":
         model = written[-1]
-        typer.echo(f"next: rig diagnose RUN… --rig {model}, or rig correct {model} -o corrections", err=True)
+        say(f"next: rig diagnose RUN… --rig {model}, or rig correct {model} -o corrections", err=True)
 
 
 @contextmanager
 def _progress(*, quiet: bool) -> Iterator[Callable[[str], None]]:
-    """What to call with what is being done: told on a terminal, to nobody elsewhere."""
-    from rich.console import Console  # noqa: PLC0415
+    """What to call with what is being done: shown on a terminal and nowhere else."""
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     if quiet or not console.is_terminal:
         yield lambda doing: None
         return

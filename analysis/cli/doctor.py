@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 _SERVED = Path("/etc/rig")
 _COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
@@ -16,19 +17,16 @@ _COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
 @app.command()
 def doctor(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
-    runs: Annotated[
-        Path | None, typer.Option(help="Where run directories go; without it, where rigd puts them.")
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    runs: Annotated[Path | None, typer.Option(help="Directory of the runs; default: that of rigd.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
-    """Say in plain words what is wrong with a cell: ports, line settings, rates, clocks, disk, service.
+    """Report what is wrong with a cell: ports, line settings, rates, clocks, disk, service.
 
     Talks to the instruments as rigd would, at other line settings too where they
     do not answer; where rigd runs, it is asked instead. Exit code 1 where
     something is wrong.
     """
     import dataclasses  # noqa: PLC0415
-    import json  # noqa: PLC0415
 
     from daq.doctor import Verdict, examine  # noqa: PLC0415
     from rigs.load import find, load  # noqa: PLC0415
@@ -41,11 +39,12 @@ def doctor(
         findings.append(finding)
         if not as_json:
             verdict = typer.style(f"{finding.verdict:9}", fg=_COLOURS[finding.verdict])
-            typer.echo(f"{verdict} {finding.about}: {finding.what}" + (f"; {finding.remedy}" if finding.remedy else ""))
+            remedy = f"; {finding.remedy}" if finding.remedy else ""
+            say(f" {finding.about}: {finding.what}{remedy}", mark=verdict)
     wrong = sum(finding.verdict is Verdict.WRONG for finding in findings)
     if as_json:
         told = [dataclasses.asdict(finding) for finding in findings]
-        typer.echo(json.dumps({"rig": rig.name, "wrong": wrong, "findings": told}, indent=2))
+        say_json({"rig": rig.name, "wrong": wrong, "findings": told})
     raise typer.Exit(1 if wrong else 0)
 
 

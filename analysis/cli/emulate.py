@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 
 if TYPE_CHECKING:
     from queue import SimpleQueue
@@ -19,7 +20,7 @@ HiddenEffects = Annotated[
     typer.Option(
         "--effects",
         metavar="FILE",
-        help="What the cell hides instead of the rig file's effects: a YAML file, or the name of a shipped rig.",
+        help="YAML file of hidden effects, or the name of a shipped rig; default: the effects of RIG.",
     ),
 ]
 
@@ -27,9 +28,11 @@ HiddenEffects = Annotated[
 @app.command()
 def emulate(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
-    directory: Annotated[Path, typer.Option("--output", "-o", help="Where rig.yaml and truth.json go.")] = Path("cell"),
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for rig.yaml and truth.json.")] = Path(
+        "cell"
+    ),
     effects: HiddenEffects = None,
-    seed: Annotated[int, typer.Option(help="Of the gauges' noise.")] = 1,
+    seed: Annotated[int, typer.Option(help="Seed of the noise of the gauges.")] = 1,
 ) -> None:
     """Start the gauges and the robot of RIG on ptys and local ports, and serve until stopped.
 
@@ -63,14 +66,14 @@ def emulate(
     cell.start()
     try:
         for name, port in cell.ports.items():
-            typer.echo(f"{name}: {port}")
-        typer.echo(f"ready; next: rigd {directory / 'rig.yaml'}; then type here: {', '.join(PROGRAMS)} or quit")
+            say(f"{name}: {port}")
+        say(f"ready; next: rigd {directory / 'rig.yaml'}; then type here: {', '.join(PROGRAMS)} or quit")
         threading.Thread(target=_obey, args=(robot, ends), daemon=True).start()
         exit_code = ends.get()
     finally:
         sent = cell.stop()
     for name, count in sent.items():
-        typer.echo(f"{name}: {count} sent")
+        say(f"{name}: {count} sent")
     raise typer.Exit(exit_code)
 
 
@@ -86,11 +89,11 @@ def _obey(robot: EmulatedRobot, ends: SimpleQueue[int]) -> None:
         try:
             seconds = robot.start(program)
         except RigError as error:
-            typer.echo(str(error))
+            say(str(error))
             continue
-        typer.echo(f"{program}: driving, {seconds:.1f} s")
+        say(f"{program}: driving, {seconds:.1f} s")
         robot.finished.wait()
-        typer.echo(f"{program}: done")
+        say(f"{program}: done")
     else:
         if not sys.stdin.isatty():
             return  # started without a keyboard: serve until a signal comes

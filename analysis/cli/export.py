@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 
 Format = Literal["csv", "parquet", "mcap"]
 
@@ -15,8 +16,8 @@ Format = Literal["csv", "parquet", "mcap"]
 @app.command()
 def export(
     path: Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")],
-    to: Annotated[Format, typer.Option(help="csv, parquet: the table. mcap: the raw streams.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="The file to make.")],
+    to: Annotated[Format, typer.Option(help="Format: csv or parquet for the table, mcap for the raw streams.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="File to write.")],
 ) -> None:
     """Write the table of a run as CSV or Parquet, or its raw streams as MCAP for Foxglove and PlotJuggler."""
     from functools import partial  # noqa: PLC0415
@@ -33,10 +34,10 @@ def export(
     else:
         measured = measured_of(run)
         for doubt in measured.doubts:
-            typer.echo(f"note: {doubt}", err=True)
+            say(f"note: {doubt}", err=True)
         write_new(output, partial(write_csv if to == "csv" else write_parquet, measured.to_table()))
     try:
         mark_exported(path, to, output)
     except RigError as error:
-        typer.echo(f"note: {path} is not marked as exported, so rigd will not delete it: {error.what}", err=True)
-    typer.echo(output)
+        say(f"note: {path} could not be marked as exported, so rigd will not delete it: {error.what}", err=True)
+    say(output)

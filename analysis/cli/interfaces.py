@@ -7,23 +7,22 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say_json
 
 
 @app.command()
 def interfaces(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
-    """List every gauge and robot interface: its instruments, its line, where it is known from and what is in doubt."""
-    import json  # noqa: PLC0415
+    """List the gauge and robot interfaces: instruments, line settings, source of the protocol, and what is in doubt."""
     from dataclasses import asdict  # noqa: PLC0415
 
-    from rich.console import Console  # noqa: PLC0415
-
     from analysis.reporting.interfaces_table import as_table  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.interfaces import known  # noqa: PLC0415
 
     found = known()
     if as_json:
-        typer.echo(json.dumps({"interfaces": [asdict(one) for one in found]}, indent=2, ensure_ascii=False))
+        say_json({"interfaces": [asdict(one) for one in found]})
     else:
-        Console().print(as_table(found))
+        PlainConsole().print(as_table(found))

@@ -15,16 +15,16 @@ _REFRESH_S = 0.1
 
 @app.command()
 def live(rig: RigName = None) -> None:
-    """Show gauges, angle, joints, rates, faults and recording state until Ctrl-C; once where there is no terminal."""
+    """Show gauges, angle, joints, rates, faults and recording state until Ctrl-C; once if there is no terminal."""
     import time  # noqa: PLC0415
 
-    from rich.console import Console  # noqa: PLC0415
     from rich.live import Live  # noqa: PLC0415
 
     from analysis.reporting.daemon_screen import screen  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from daq.service.client import Client, find_socket  # noqa: PLC0415
 
-    console = Console()
+    console = PlainConsole()
     with (
         contextlib.suppress(KeyboardInterrupt),
         Client(find_socket(rig)) as client,

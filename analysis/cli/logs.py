@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli import app
+from rigs.text import plain
 
 if TYPE_CHECKING:
     from daq.service.journal import Entry
@@ -15,12 +16,16 @@ if TYPE_CHECKING:
 @app.command()
 def logs(
     rig: Annotated[
-        str | None, typer.Argument(metavar="RIG", help="NAME of rigd@NAME, or its rig file; every one without")
+        str | None, typer.Argument(metavar="RIG", help="NAME of rigd@NAME, or its rig file; default: all services.")
     ] = None,
-    since: Annotated[str | None, typer.Option(help="From when, e.g. today, -1h or '2026-11-20 08:00'.")] = None,
-    follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on until Ctrl-C.")] = False,
+    since: Annotated[
+        str | None, typer.Option(help="Time of the first entry: today, -1h, '2026-11-20 08:00'; default: the oldest.")
+    ] = None,
+    follow: Annotated[
+        bool, typer.Option("--follow", "-f", help="Show new entries until Ctrl-C; default: stop at the last.")
+    ] = False,
 ) -> None:
-    """What the services rigd@NAME have logged, and what systemd did to them."""
+    """Show what the services rigd@NAME have logged, and when systemd started and stopped them."""
     import contextlib  # noqa: PLC0415
     from pathlib import Path  # noqa: PLC0415
 
@@ -42,8 +47,8 @@ def line(entry: Entry, *, named: bool) -> str:
         word, colour = "warning", "yellow"
     else:
         word, colour = "", None
-    who = f"{entry.rig:10} " if named else ""
-    text = f"systemd: {entry.text}" if entry.by_systemd else entry.text
+    who = f"{plain(entry.rig):10} " if named else ""
+    text = plain(f"systemd: {entry.text}" if entry.by_systemd else entry.text)
     return f"{entry.at:%Y-%m-%d %H:%M:%S} {who}" + typer.style(
         f"{word:8}{text}", fg=colour, dim=entry.severity >= INFO and entry.by_systemd
     )

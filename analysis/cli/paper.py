@@ -8,23 +8,24 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 
 @app.command()
 def paper(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
-    plot: Annotated[Path | None, typer.Option(help="Write pictures like the paper's into this directory.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    plot: Annotated[
+        Path | None, typer.Option(help="Directory for pictures like those of the paper; default: write none.")
+    ] = None,
     rig_file: Annotated[
-        str, typer.Option("--rig", help="Rig file, or the name of a shipped rig: whose figures.")
+        str, typer.Option("--rig", help="Rig file, or the name of a shipped rig, to simulate.")
     ] = "paper-errors",
 ) -> None:
-    """Simulate the paper's tests, evaluate them, and set its figures beside ours; all of it computed now."""
-    import json  # noqa: PLC0415
-
-    from rich.console import Console  # noqa: PLC0415
+    """Simulate and evaluate the tests of the paper, and show its figures beside those computed here."""
 
     from analysis.paper.paper_table import as_object, as_table  # noqa: PLC0415
     from analysis.paper.rows import rows_of  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, text = load(rig_file)
@@ -33,8 +34,8 @@ def paper(
         from analysis.paper.pictures import save  # noqa: PLC0415
 
         for path in save(rig, text, plot):
-            typer.echo(path, err=True)
+            say(path, err=True)
     if as_json:
-        typer.echo(json.dumps(as_object(rig, rows), indent=2))
+        say_json(as_object(rig, rows))
     else:
-        Console().print(as_table(rig, rows))
+        PlainConsole().print(as_table(rig, rows))

@@ -1,4 +1,4 @@
-"""`rig plan RIG`: before any measurement, what a set of tests can and cannot tell apart."""
+"""`rig plan RIG`: before any measurement, which effects a set of tests can detect and distinguish."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say_json
 
 _LEAST_COLUMNS = 80
 
@@ -16,25 +17,25 @@ def plan(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
     tests: Annotated[
         str | None,
-        typer.Option(help="Of yaw,roll,radial,repeatability. Without it yaw, roll and radial, where the rig has them."),
+        typer.Option(help="Tests, separated by commas: yaw, roll, radial, repeatability; default: the first three."),
     ] = None,
-    runs: Annotated[int, typer.Option(min=1, max=1000, help="Of each test, circles in each direction.")] = 3,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+    runs: Annotated[
+        int, typer.Option(min=1, max=1000, help="Number of runs of each test, for circles in each direction.")
+    ] = 3,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
-    """Say what tests can and cannot tell apart for this robot, from which size on, and which test adds the most."""
-    import json  # noqa: PLC0415
-
-    from rich.console import Console  # noqa: PLC0415
+    """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most."""
 
     from analysis.diagnosis.plan import plan as planned  # noqa: PLC0415
     from analysis.diagnosis.plan import tests_named  # noqa: PLC0415
     from analysis.reporting import plan_report  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
     found = planned(rig, tests_named(rig, tests), runs)
     if as_json:
-        typer.echo(json.dumps(plan_report.as_object(found), indent=2))
+        say_json(plan_report.as_object(found))
     else:
         # Narrower, sizes would be broken in two, and half of one reads like another.
-        Console(width=max(_LEAST_COLUMNS, Console().width)).print(plan_report.as_table(found))
+        PlainConsole(width=max(_LEAST_COLUMNS, PlainConsole().width)).print(plan_report.as_table(found))

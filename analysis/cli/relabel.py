@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 from rigs.schema.vocabulary import Direction
 
 
@@ -15,15 +16,19 @@ from rigs.schema.vocabulary import Direction
 def relabel(
     paths: Annotated[list[Path], typer.Argument(metavar="RUN", help="Run directories.")],
     test: Annotated[
-        Literal["yaw", "roll", "radial", "repeatability"] | None, typer.Option(help="What the robot did.")
+        Literal["yaw", "roll", "radial", "repeatability"] | None,
+        typer.Option(help="Test that the robot drove; default: unchanged."),
     ] = None,
-    direction: Annotated[Direction | None, typer.Option(help="Of a circle.")] = None,
-    operator: Annotated[str | None, typer.Option(help="Who measured.")] = None,
+    direction: Annotated[
+        Direction | None, typer.Option(help="Direction that the circle was driven in; default: unchanged.")
+    ] = None,
+    operator: Annotated[str | None, typer.Option(help="Name of the person who measured; default: unchanged.")] = None,
     placement: Annotated[
-        str | None, typer.Option(help="Where instrument or ball stood, by a name of yours; '' takes it back.")
+        str | None,
+        typer.Option(help="Your name for where the instrument or the ball stood, '' for none; default: unchanged."),
     ] = None,
 ) -> None:
-    """Correct the label of runs that were recorded under the wrong one; their manifests keep the old words."""
+    """Correct the labels of runs; their manifests keep the old labels."""
     from daq.store import relabel as relabel_run  # noqa: PLC0415
 
     if test is None and direction is None and operator is None and placement is None:
@@ -32,4 +37,4 @@ def relabel(
         manifest = relabel_run(path, test=test, direction=direction, operator=operator, placement=placement)
         words = " ".join(filter(None, (manifest.test, manifest.direction)))
         place = f" at {manifest.placement}" if manifest.placement else ""
-        typer.echo(f"{path}: {words}{place}, measured by {manifest.operator or 'nobody named'}")
+        say(f"{path}: {words}{place}, measured by {manifest.operator or 'an unnamed operator'}")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 
 if TYPE_CHECKING:
     from queue import SimpleQueue
@@ -17,11 +18,11 @@ if TYPE_CHECKING:
 
 @app.command()
 def replay(
-    log: Annotated[Path, typer.Argument(metavar="LOG", help="What `rigd --capture` wrote.")],
-    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="The rig file that it was captured with.")],
-    directory: Annotated[Path, typer.Option("--output", "-o", help="Where rig.yaml goes.")] = Path("replayed"),
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="File that `rigd --capture` wrote.")],
+    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file that the capture was made with.")],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for rig.yaml.")] = Path("replayed"),
 ) -> None:
-    """Serve a capture's instruments on ptys and local ports, each when it spoke, until all is said.
+    """Serve the instruments of a capture on ptys and local ports, at the times of the capture, until its end.
 
     Writes rig.yaml, the rig file with these ports in it, for rigd. The time
     of all of them begins with the daemon's first word. A run that is
@@ -49,19 +50,21 @@ def replay(
     played.cell.start()
     try:
         for name, port in played.cell.ports.items():
-            typer.echo(f"{name}: {port}")
+            say(f"{name}: {port}")
         if capture.cut:
-            typer.echo(f"{log}: ends in the middle of a line, which is left out", err=True)
-        typer.echo(f"ready; next: rigd {directory / 'rig.yaml'}")
+            say(f"{log}: ends in the middle of a line; that line is ignored", err=True)
+        say(f"ready; next: rigd {directory / 'rig.yaml'}")
         exit_code = _end(played, ends)
     finally:
         sent = played.cell.stop()
     for name, count in sent.items():
-        typer.echo(f"{name}: {count} pieces said, {played.steps[name].words()}")
+        say(f"{name}: {count} pieces sent, {played.steps[name].words()}")
     if played.unmarked:
-        raise FileError(str(directory), f"cannot mark what is out of step: {played.unmarked}", "give another --output")
+        raise FileError(
+            str(directory), f"cannot mark the runs that are out of step: {played.unmarked}", "give another --output"
+        )
     doubt = "; was it captured with another rig file?" if played.otherwise else ""
-    typer.echo(f"{played.otherwise} pieces of the host came otherwise than captured{doubt}")
+    say(f"{played.otherwise} pieces from the host differ from the capture{doubt}")
     raise typer.Exit(exit_code)
 
 

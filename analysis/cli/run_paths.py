@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
+from analysis.cli.console import say
 
 if TYPE_CHECKING:
     from analysis import Measured
@@ -24,5 +24,5 @@ def load_runs(paths: Iterable[Path]) -> list[Measured]:
     runs = [load_run(path) for path in paths]
     for run in runs:
         for doubt in run.doubts:
-            typer.echo(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)
+            say(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)
     return runs

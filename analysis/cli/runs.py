@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say, say_json
 
 RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
 
@@ -15,10 +16,9 @@ RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
 @app.command()
 def runs(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory that holds the runs.")] = Path("runs"),
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON list.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON list instead of text.")] = False,
 ) -> None:
-    """List runs with size and age, whether they were exported, and whether they are kept for ever."""
-    import json  # noqa: PLC0415
+    """List runs with size and age, whether they were exported, and whether they are kept."""
     import time  # noqa: PLC0415
 
     from analysis.reporting.runs_list import listed, row  # noqa: PLC0415
@@ -26,55 +26,58 @@ def runs(
 
     found = [row(run, time.time()) for run in survey(directory)]
     if as_json:
-        typer.echo(json.dumps(found, indent=2))
+        say_json(found)
         return
     if not found:
-        typer.echo(f"no runs in {directory}")
+        say(f"{directory} holds no runs")
         return
-    from rich.console import Console  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
     table = listed(found)
-    whole = Console(width=10_000).measure(table).maximum
+    whole = PlainConsole(width=10_000).measure(table).maximum
     # A directory in pieces cannot be copied: a line stays one, however narrow the terminal is.
-    Console(width=max(whole, Console().width)).print(table)
+    PlainConsole(width=max(whole, PlainConsole().width)).print(table)
 
 
 @app.command()
 def keep(
     paths: Annotated[list[Path], typer.Argument(metavar="RUN", help="Run directories.")],
-    no_more: Annotated[bool, typer.Option("--not", help="No more: retention may delete them once exported.")] = False,
+    no_more: Annotated[
+        bool,
+        typer.Option("--not", help="Remove the mark, so that retention may delete the runs once they are exported."),
+    ] = False,
 ) -> None:
-    """Mark runs as kept for ever: whatever the rig file's retention says, rigd never deletes them."""
+    """Mark runs as kept: rigd never deletes them, whatever the rig file says of retention."""
     from daq.store import mark_kept  # noqa: PLC0415
 
     for path in paths:
         mark_kept(path, not no_more)
-        typer.echo(f"{path}: {'not kept any more' if no_more else 'kept'}")
+        say(f"{path}: {'not kept any more' if no_more else 'kept'}")
 
 
 @app.command()
 def recover(path: RunPath) -> None:
-    """Bring a run that was cut off into order: keep every verified batch, say what is lost."""
+    """Recover a run that was cut off: keep every verified batch, and report what is lost."""
     from daq.store import recover as recover_run  # noqa: PLC0415
 
     done = recover_run(path)
     for stream, rows in done.rows.items():
-        typer.echo(f"{stream}: {rows} rows recovered")
+        say(f"{stream}: {rows} rows recovered")
     for note in done.notes:
-        typer.echo(note)
+        say(note)
     for file, loss in done.losses.items():
-        typer.echo(f"lost: {file}: {loss}")
-    typer.echo(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {path}")
+        say(f"lost: {file}: {loss}")
+    say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {path}")
 
 
 @app.command()
 def verify(path: RunPath) -> None:
-    """Check every chunk of a run against its manifest; exit code 3 where something is wrong."""
-    from daq.store import verify as verify_run  # noqa: PLC0415
+    """Report whether a run is whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
+    from daq.store import judge  # noqa: PLC0415
 
-    problems = verify_run(path)
-    for problem in problems:
-        typer.echo(problem, err=True)
-    if problems:
+    verdict = judge(path)
+    for line in verdict.lines:
+        say(line, err=True)
+    say(verdict.summary)
+    if verdict.lines:
         raise typer.Exit(3)
-    typer.echo(f"{path}: whole")

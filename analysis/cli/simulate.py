@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 from analysis.cli.emulate import HiddenEffects
 from rigs.schema.vocabulary import CIRCLES, Direction
 
@@ -15,13 +16,13 @@ from rigs.schema.vocabulary import CIRCLES, Direction
 @app.command()
 def simulate(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
-    test: Annotated[Literal["yaw", "roll", "radial", "repeatability"], typer.Option(help="Which test.")],
-    directory: Annotated[Path, typer.Option("--output", "-o", help="Where the runs go.")],
-    direction: Annotated[Literal["cw", "acw", "both"], typer.Option(help="Of a circle.")] = "both",
-    runs: Annotated[int, typer.Option(min=1, max=1000, help="Of each direction.")] = 1,
-    seed: Annotated[int, typer.Option(min=0, help="Of the noise; each run has its own.")] = 0,
+    test: Annotated[Literal["yaw", "roll", "radial", "repeatability"], typer.Option(help="Test to simulate.")],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the runs to.")],
+    direction: Annotated[Literal["cw", "acw", "both"], typer.Option(help="Direction of yaw and roll.")] = "both",
+    runs: Annotated[int, typer.Option(min=1, max=1000, help="Number of runs in each direction.")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise of the first run; each further run adds 1.")] = 0,
     effects: HiddenEffects = None,
-    csv: Annotated[bool, typer.Option("--csv", help="Write CSV tables instead of runs.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Write CSV tables instead of run directories.")] = False,
 ) -> None:
     """Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to run."""
     from functools import partial  # noqa: PLC0415
@@ -33,7 +34,7 @@ def simulate(
     directions: tuple[Direction | None, ...] = ("acw", "cw") if direction == "both" else (direction,)
     if test not in CIRCLES:
         if direction != "both":
-            raise typer.BadParameter(f"the {test} test has none", param_hint="--direction")
+            raise typer.BadParameter(f"the {test} test has no direction", param_hint="--direction")
         directions = (None,)
     for number, one in product(range(seed, seed + runs), directions):
         run = analysis.simulate(rig_file, test, one, seed=number, effects=effects)
@@ -44,4 +45,4 @@ def simulate(
             write_new(path, partial(write_csv, run.to_table()))
         else:
             analysis.save_run(run, path)
-        typer.echo(path)
+        say(path)

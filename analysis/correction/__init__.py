@@ -1,4 +1,4 @@
-"""Correction: what a cell can use of the effects in its rig file.
+"""The correction: how a cell can use the effects in its rig file.
 
-effects → which of them are supported, and for what → zeros and link constants, corrected targets of a path
+effects → whether each can be corrected, and how → zeros and link constants, corrected targets of a path
 """

@@ -1,6 +1,7 @@
-"""Joint zeros and link constants as they are, by the supported effects.
+"""Corrected joint zeros and link constants, from the effects that can be corrected.
 
-Several effects on one constant (a second diagnosis adds to the first) are summed, their uncertainties in quadrature.
+Several effects on one constant (a second diagnosis adds to the first) are summed, and their uncertainties are added in
+quadrature.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ CONSTANTS = ("a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg")
 
 @dataclass(frozen=True)
 class Correction:
-    """One number to change. axis from 1; key: as in the rig file, mm or deg; delta with its standard uncertainty u."""
+    """One number to change: the axis from 1, the key as in the rig file, in mm or degrees, and the change `delta` with
+    its standard uncertainty `u`."""
 
     axis: int
     key: str
@@ -29,22 +31,22 @@ class Correction:
 
     @property
     def corrected(self) -> float:
-        """What it is instead of the nominal."""
+        """The corrected value."""
         return self.nominal + self.delta
 
 
 def joint_zeros(rig: Rig, found: Sequence[Support]) -> list[Correction]:
-    """By how much the controller's angle of each joint must read more where the arm stands: its mastering."""
+    """Return the changes of the controller's angle of each joint at an unchanged posture, which is its mastering."""
     return _summed(found, "joint zero", {axis: {"q_deg": 0.0} for axis in range(1, 7)})
 
 
 def link_constants(rig: Rig, found: Sequence[Support]) -> list[Correction]:
-    """Constants of the arm that are not as the rig file says."""
+    """Return the changes of the arm's constants from those in the rig file."""
     return _summed(found, "link constant", {k: axis.model_dump() for k, axis in enumerate(rig.robot.axes, start=1)})
 
 
 def corrected_table(rig: Rig, corrections: Sequence[Correction]) -> list[dict[str, float | int | str]]:
-    """The table of constants, a row for each axis, with the corrections in it; joint zeros are not."""
+    """Return the table of constants, a row for each axis, with the corrections included; joint zeros are not."""
     changed = {(one.axis, one.key): one.corrected for one in corrections}
     rows: list[dict[str, float | int | str]] = []
     for k, axis in enumerate(rig.robot.axes, start=1):
@@ -54,7 +56,7 @@ def corrected_table(rig: Rig, corrections: Sequence[Correction]) -> list[dict[st
 
 
 def _summed(found: Sequence[Support], use: Use, nominal: dict[int, dict[str, float]]) -> list[Correction]:
-    """The corrections of one use, by axis and key."""
+    """Return the corrections of one use, by axis and key."""
     places: dict[tuple[int, str], list[Support]] = {}
     for one in found:
         if one.use == use and (place := one.effect.compensation().constant):

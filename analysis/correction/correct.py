@@ -17,8 +17,8 @@ from rigs.rig import Rig
 
 @dataclass(frozen=True)
 class Corrections:
-    """What can be corrected: effects with their use, zeros and constants; path and its corrected targets, if one was
-    given."""
+    """What can be corrected: the effects with their use, zeros and constants, and, if a path was given, the path and
+    its corrected targets."""
 
     rig: Rig
     effects: tuple[Support, ...]
@@ -28,7 +28,8 @@ class Corrections:
 
 
 def correct_rig(rig: Rig, path: Path | None) -> Corrections:
-    """Corrections of a rig. Raises FileError for one without effects, and for a path that is none or cannot be met."""
+    """Return the corrections of a rig. Raises FileError for a rig without effects, and for a path that cannot be read
+    or reached."""
     if not rig.effects:
         raise FileError(
             rig.name, "has no effects to correct", "diagnose or calibrate it, and give the rig file written"

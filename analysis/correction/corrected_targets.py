@@ -1,8 +1,8 @@
-"""Corrected targets: what the controller must be told, so that the real arm comes to where the nominal one was sent.
+"""Corrected targets: the commands with which the real arm reaches the positions that were commanded to the nominal arm.
 
-The real arm is the model with the supported effects. The command is moved by what the real arm misses, until it misses
-nothing; effects are small, so each round leaves about a thousandth of the miss. The controller is taken to compute
-with the nominal arm, so a corrected pose is where the nominal arm stands at the corrected angles.
+The real arm is the model with the effects that can be corrected. The command is moved by the error of the real arm
+until the error vanishes; effects are small, so each round leaves about a thousandth of it. The controller is assumed to
+compute with the nominal arm, so a corrected pose is the pose of the nominal arm at the corrected angles.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 
 from analysis.correction.left_out import left_out_mm
 from analysis.correction.support import Support
-from analysis.fitting.covered import beyond_effects
-from analysis.fitting.identify import name_of
+from analysis.fitting.identifiability import parameter_label
+from analysis.fitting.joint_coverage import outside_effect_coverage
 from analysis.kinematics.arm import Arm, Array, arm_of, forward, pose_error
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
@@ -28,18 +28,19 @@ from rigs.rig import Rig
 from rigs.schema.effect import label_of
 
 _ROUNDS = 20
+"""Largest number of rounds. Chosen: each reduces the error about a thousandfold, so two or three are usual."""
 _REACHED = 1e-6
-"""mm, and a radian counted as 1 m."""
+"""Error in mm, with a radian counted as 1 m, at which a target is reached: 1 nm, below any resolution."""
 
 
 @dataclass(frozen=True)
 class Corrected:
-    """Targets of a path, each with what is known of it.
+    """The targets of a path with their corrections.
 
-    q (n, 6) rad: corrected angles; T (n, 4, 4): where the nominal arm stands at them; missed_mm (n,): how far the
-    corrected effects had the real arm miss; left_out_mm (n, e): root mean square of what each effect that is not
-    corrected still does to it, by the names left_out (e,); u_mm (n,): standard uncertainty of the place, by those of
-    the effects and what is left out; doubts in words.
+    `q` (n, 6) rad are the corrected angles and `T` (n, 4, 4) the poses of the nominal arm at them. `missed_mm` (n,) is
+    the error that the corrected effects caused. `left_out_mm` (n, e) is the root mean square error of each effect that
+    is not corrected, with the names left_out (e,). `u_mm` (n,) is the standard uncertainty of the position, from the
+    uncertainties of the effects and from those that are not corrected. `doubts` are in words.
     """
 
     q: Array
@@ -52,10 +53,10 @@ class Corrected:
 
 
 def corrected(rig: Rig, found: Sequence[Support], q: Array, lines: Sequence[int], where: str) -> Corrected:
-    """Targets given as nominal angles q (n, 6) rad, corrected for the supported effects.
+    """Return targets, given as nominal angles q (n, 6) rad, corrected for the effects that can be corrected.
 
-    lines (n,): of the targets in the file `where`, for messages. Raises FileError for a target beyond limits or at a
-    singularity.
+    `lines` (n,) are those of the targets in the file `where`, for messages. Raises FileError for a target beyond limits
+    or at a singularity.
     """
     used = [one for one in found if one.use != "none"]
     model = model_of(rig, [one.effect for one in used])
@@ -83,13 +84,13 @@ def corrected(rig: Rig, found: Sequence[Support], q: Array, lines: Sequence[int]
         tuple(map(label_of, rest)),
         left_out,
         np.hypot(_uncertainty(model, used, angles), np.linalg.norm(left_out, axis=1)),
-        tuple(beyond_effects([one.effect for one in used], angles, "an effect corrected here")),
+        tuple(outside_effect_coverage([one.effect for one in used], angles, "an effect corrected here")),
     )
 
 
 def angles_for(rig: Rig, poses: Array, lines: Sequence[int], where: str) -> Array:
-    """Nominal angles (n, 6) rad of target poses (n, 4, 4): the first nearest to the posture of the rig's tests, the
-    others each nearest to the one before. Raises FileError for a pose out of reach or limits."""
+    """Return nominal angles (n, 6) rad of target poses (n, 4, 4): the first closest to the posture of the rig's tests,
+    each other closest to the one before. Raises FileError for a pose out of reach or limits."""
     arm = arm_of(rig.robot)
     solutions = inverse(arm, poses)
     near = _posture(rig, arm)
@@ -106,7 +107,8 @@ def angles_for(rig: Rig, poses: Array, lines: Sequence[int], where: str) -> Arra
 
 
 def _posture(rig: Rig, arm: Arm) -> Array:
-    """In which the arm works: that of its hemisphere or circle, else the middle of its limits."""
+    """Return the posture (6,) rad of the arm's work: that of its hemisphere or circle, or else the middle of its
+    limits."""
     for test in (rig.tests.hemisphere, rig.tests.circle):
         if test:
             return np.radians(test.posture_deg)
@@ -115,12 +117,13 @@ def _posture(rig: Rig, arm: Arm) -> Array:
 
 
 def _reached(model: Model, q: Array) -> Array:
-    """Where the real arm's tool stands, (n, 4, 4), told q (n, 6) rad; no effect here looks at what was before."""
+    """Return the poses (n, 4, 4) of the real arm's tool at commanded angles q (n, 6) rad; none of these effects depends
+    on history."""
     return moved(model, Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)))).T
 
 
 def _uncertainty(model: Model, used: Sequence[Support], q: Array) -> Array:
-    """By the uncertainties of the effects, correlated as far as the rig file says it."""
+    """Return the uncertainty (n,) mm from those of the effects, with the correlations in the rig file."""
     base = _reached(model, q)[:, :3, 3]
     names, moves = [], []
     for k, one in enumerate(used):
@@ -129,7 +132,7 @@ def _uncertainty(model: Model, used: Sequence[Support], q: Array) -> Array:
             effects = list(model.effects)
             effects[k] = effect.model_copy(update={field: getattr(effect, field) + sd})
             moves.append(_reached(replace(model, effects=tuple(effects)), q)[:, :3, 3] - base)
-            names.append((name_of(effect, field), effect.found.correlation))
+            names.append((parameter_label(effect, field), effect.found.correlation))
     squares = np.zeros(len(q))
     for j, (_, known) in enumerate(names):
         squares += (moves[j] ** 2).sum(axis=1)

@@ -1,8 +1,8 @@
-"""What a correction leaves out, at each target: effects that no target can make up for still move the arm.
+"""What a correction leaves out at each target: effects that no target can compensate still move the arm.
 
-Each target is driven to from either side and early and late in a shift, as nobody knows how a program will come there.
-What an effect does then, root mean square, is its share of the uncertainty of the place: half the play of a joint, what
-is left of a spike on arrival, growth that comes with warming up.
+Each target is approached from either side, and early and late in a shift, because the program's approach is unknown.
+The root mean square error of an effect over these is its share of the uncertainty of the position: half the play of a
+joint, the rest of a spike on arrival, growth by warming.
 """
 
 from __future__ import annotations
@@ -18,17 +18,19 @@ from rigs.effects import Effect
 from rigs.rig import Rig
 
 _SWING_RAD = np.radians(2.0)
-"""So far every joint comes from the side: further than any play."""
+"""Distance over which every joint approaches from the side. Chosen: wider than any play."""
 _SWING_S, _STEPS = 0.1, 20
-"""How long a joint takes from the turn to the target, at some 20 degrees a second, and samples of that."""
+"""Time from the reversal of a joint to the target, at some 20 degrees per second, and the number of samples in it.
+Chosen: a usual speed."""
 _REST_S = 1.0
+"""Rest before the next target in seconds. Chosen: longer than the decay of a reversal spike."""
 _LATE_S = 1e6
-"""Beyond the time constants of all that warms up."""
+"""Time of a late approach, beyond the time constants of all warming."""
 
 
 def left_out_mm(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
-    """Root mean square (n, e) mm of what each effect that is not corrected does to the places of joint angles q (n, 6)
-    rad."""
+    """Return the root mean square error (n, e) mm that each effect that is not corrected causes at joint angles q (n,
+    6) rad."""
     nothing = model_of(rig, ())
     squares = np.zeros((len(q), len(effects)))
     for path in (_driven(q, side, begin_s) for side in (1.0, -1.0) for begin_s in (0.0, _LATE_S)):
@@ -44,7 +46,8 @@ def _places(model: Model, path: Path) -> Array:
 
 
 def _driven(q: Array, side: float, begin_s: float) -> Path:
-    """From each target to a side, back to it and on, so that nothing turns at the target, a rest before the next."""
+    """Return a path that goes from each target to one side, back to it and beyond, so that no joint reverses at the
+    target, with a rest before the next."""
     along = np.concatenate([np.linspace(0, -1, _STEPS, endpoint=False), np.linspace(-1, 1, 2 * _STEPS + 1)])
     swings = q[:, None, :] + side * _SWING_RAD * along[:, None]
     one = np.arange(len(along)) * (_SWING_S / _STEPS)

@@ -1,7 +1,8 @@
 """Which effects of a rig file can be corrected, and the reason for each that cannot.
 
-A target can make up for what depends on the posture alone. What depends on where a joint came from, on time, or on the
-instruments cannot be met by any target; and an effect that may as well be zero is left alone.
+A target can compensate what depends on the posture alone. No target can compensate what depends on the direction from
+which a joint came, on time, or on the instruments. An effect that is not significantly different from zero is not
+corrected.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ _HOW: dict[Use, str] = {
 
 @dataclass(frozen=True)
 class Support:
-    """What an effect can be used for. value, u: its size and standard uncertainty, in its own unit, u nan where nobody
-    knows; reason: why so, in words."""
+    """The use of an effect for a correction: `value` and `u` are its size and standard uncertainty in its own unit,
+    with u NaN where it is unknown; `reason` explains the use in words."""
 
     effect: Effect
     value: float
@@ -32,7 +33,7 @@ class Support:
 
 
 def supports(rig: Rig) -> list[Support]:
-    """Every effect of a rig file with what it can be used for, in the file's order."""
+    """Return every effect of a rig file with its use, in the order of the file."""
     return [_support(effect) for effect in rig.effects]
 
 
@@ -51,7 +52,7 @@ def _support(effect: Effect) -> Support:
 
 
 def _why_not(effect: Effect, value: float, u: float) -> str:
-    """Why an effect is left alone; empty where it need not be."""
+    """Return why an effect is not corrected, or an empty text."""
     if effect.compensation().use == "none":
         return effect.compensation().why_not
     if effect.found is None:

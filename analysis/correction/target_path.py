@@ -1,6 +1,6 @@
 """A path: targets in a CSV table, as joint angles or as poses, in the columns of docs/tables.md.
 
-Columns that mean nothing here are kept as the text they are, in their place.
+Other columns are kept as text, at their place.
 """
 
 from __future__ import annotations
@@ -15,20 +15,23 @@ import pyarrow as pa
 
 from analysis.correction.corrected_targets import Corrected
 from analysis.files.cells import value
+from analysis.files.read import MOST_BYTES
 from analysis.files.table_problems import TableFileError, TableProblem
 from analysis.files.write import write_csv, write_new
 from analysis.kinematics.arm import Array
 from analysis.traces.table_layout import JOINTS, PLACE, TURN
 from rigs.errors import FileError
+from rigs.files import read_bytes
 
 ADDED = ("missed_mm", "left_out_mm", "u_mm")
-"""Columns that a corrected path has beside those given: how far the arm missed the target, what effects that are not
-corrected still do to it, and the uncertainty of where it stands now, with that."""
+"""Columns of a corrected path beside the given ones: the error of the uncorrected arm at the target, the error of
+effects that are not corrected, and the uncertainty of the corrected position, which includes the latter."""
 
 
 @dataclass(frozen=True)
 class TargetPath:
-    """Targets. columns: the file's, by name; lines (n,): of each row; values (n, 6): of `names`, in mm and degrees."""
+    """Targets: `columns` of the file by name, `lines` (n,) of each row, and `values` (n, 6) of `names`, in mm and
+    degrees."""
 
     columns: dict[str, list[str]]
     names: tuple[str, ...]
@@ -37,11 +40,11 @@ class TargetPath:
 
     @property
     def joints(self) -> bool:
-        """Whether targets are joint angles; else poses."""
+        """Whether the targets are joint angles; otherwise they are poses."""
         return self.names == JOINTS
 
     def poses(self) -> Array:
-        """(n, 4, 4) of targets given as poses, in the world of the rig file."""
+        """Return the poses (n, 4, 4) of targets given as poses, in the world of the rig file."""
         from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
         T = np.tile(np.eye(4), (len(self.values), 1, 1))
@@ -51,7 +54,7 @@ class TargetPath:
 
 
 def read_path(path: Path) -> TargetPath:
-    """Read targets. Raises FileError for a file that is none, TableFileError with every bad cell."""
+    """Read targets. Raises FileError for a file that is not a path, and TableFileError with every bad cell."""
     names, rows = _rows(path)
     wanted = JOINTS if set(JOINTS) <= set(names) else (*PLACE, *TURN)
     missing = [name for name in wanted if name not in names]
@@ -83,18 +86,18 @@ def read_path(path: Path) -> TargetPath:
 
 
 def write_path(path: TargetPath, found: Corrected, output: Path) -> None:
-    """The same table with corrected targets, and what was missed. Raises FileError where the file is there already."""
+    """Write the same table with corrected targets and their errors. Raises FileError where the file exists already."""
     values = np.degrees(found.q) if path.joints else _columns_of(found.T)
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
     for name, corrected in zip(path.names, values.T, strict=True):
         columns[name] = (np.round(corrected, 7) + 0.0).tolist()  # no -0.0
-    told = (found.missed_mm, np.linalg.norm(found.left_out_mm, axis=1), found.u_mm)
-    columns |= {name: np.round(mm, 6).tolist() for name, mm in zip(ADDED, told, strict=True)}
+    added = (found.missed_mm, np.linalg.norm(found.left_out_mm, axis=1), found.u_mm)
+    columns |= {name: np.round(mm, 6).tolist() for name, mm in zip(ADDED, added, strict=True)}
     write_new(output, lambda file: write_csv(pa.table(columns), file))
 
 
 def _columns_of(T: Array) -> Array:
-    """Places in mm and fixed-axis roll-pitch-yaw in degrees (n, 6) of poses (n, 4, 4)."""
+    """Return positions in mm and fixed-axis roll-pitch-yaw in degrees (n, 6) of poses (n, 4, 4)."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     turns = Rotation.from_matrix(T[:, :3, :3]).as_euler("xyz", degrees=True)
@@ -103,7 +106,7 @@ def _columns_of(T: Array) -> Array:
 
 def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_bytes(path, MOST_BYTES).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise FileError(str(path), "is not UTF-8 text", "save it as CSV in UTF-8") from None
     except OSError as error:

@@ -1,5 +1,6 @@
-"""The diagnosis: where simulation and measurement disagree, and which effect is missing.
+"""The diagnosis finds where simulation and measurement disagree, and which effect the model lacks.
 
-runs → a look at them (set-ups, blocks of whitened residuals, candidates and their responses, names by evidence,
-defended on the simulator) → verdict → proof on other runs; and before any run, the plan: what tests could tell at all
+runs → search (set-ups, blocks of whitened residuals, candidate effects and their responses, selection by evidence,
+comparison with rivals on the simulator) → verdict → validation on other runs. Before any run, the plan predicts which
+effects a set of tests can detect and distinguish.
 """

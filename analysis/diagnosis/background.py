@@ -1,11 +1,13 @@
-"""All that is not named, as one normal law: noise, set-ups, scatter from run to run, a healthy share of everything.
+"""The background: everything that is not named, as one normal distribution of noise, set-ups, scatter between runs and
+a healthy share of every effect.
 
-The covariance of the readings is C = W⁻¹ + X V X', W the noise's weights (lower in bands where more is left than noise
-gives) and V the prior variances of all columns. With M = I + √V X'WX √V,
+The covariance of the readings is C = W⁻¹ + X V X', with W the weights of the noise (lower in bands where more remains
+than noise explains) and V the prior variances of all columns. With M = I + √V X'WX √V,
 
     a'C⁻¹b = a'Wb - (√V X'Wa)' M⁻¹ (√V X'Wb),    A = √V M⁻¹ √V the posterior covariance of all coefficients.
 
-What a single form may be is seen from its cavity (Λ, η): what the readings say of it without its own prior.
+The size that a single form may have follows from its cavity (Λ, η): what the readings say about it without its own
+prior.
 """
 
 from __future__ import annotations
@@ -16,39 +18,43 @@ from functools import cached_property
 
 import numpy as np
 
-from analysis.diagnosis.columns import LARGEST, Columns, Form
+from analysis.diagnosis.columns import LARGEST_FAULT, Columns, Form
 from analysis.kinematics.arm import Array
 
-_LEAST = 6.0
-"""Of a fault, in what the arm at hand shows of everything: a fault is 5 to 100 times as large."""
-_APART = 1.85
-"""From one size that is tried to the next."""
+_SMALLEST_FAULT = 6.0
+"""Smallest size of a fault, as a multiple of what the arm shows of every effect. It comes from the definition of a
+fault as 5 to 100 healthy sizes, with a margin of one."""
+_SIZE_RATIO = 1.85
+"""Ratio between consecutive fault sizes of the grid, which gives the five sizes 6, 11, 20, 37 and 68 in a healthy arm.
+Chosen: the evidence is an average over sizes and smooth in their logarithm."""
 
 
 def fault_sizes(level: float) -> Array:
-    """Sizes (n,) that a fault may have, in healthy sizes, in an arm whose background is at some level."""
-    least = min(_LEAST * level, LARGEST / 4)
-    return np.geomspace(least, LARGEST, 1 + round(np.log(LARGEST / least) / np.log(_APART)))
+    """Return the sizes (n,), in healthy sizes, that a fault may have in an arm whose background is at the
+    given level."""
+    least = min(_SMALLEST_FAULT * level, LARGEST_FAULT / 4)
+    return np.geomspace(least, LARGEST_FAULT, 1 + round(np.log(LARGEST_FAULT / least) / np.log(_SIZE_RATIO)))
 
 
 @dataclass(frozen=True)
 class Weighed:
-    """Values (N, k) in a background: weighted (N, k) by the noise, and half (p, k), which the columns take of them."""
+    """Values (N, k) in a background: `weighted` (N, k) by the noise, and `half` (p, k), the part that the columns
+    absorb."""
 
     values: Array
     weighted: Array
     half: Array
 
     def products(self, other: Weighed) -> Array:
-        """values' C⁻¹ values of the other: (k, l) for (N, k) and (N, l)."""
+        """Return values' C⁻¹ other, a matrix (k, l) for whitened values (N, k) and (N, l)."""
         found: Array = self.weighted.T @ other.values - self.half.T @ other.half
         return found
 
 
 @dataclass(frozen=True)
-class Known:
-    """Columns T (N, q) beside the background, with their prior precision (q, q) and prior means (q,), and what the
-    model leaves r (N,) where they are all zero."""
+class FittedTerms:
+    """Terms that are fitted beside the background: columns T (N, q) with prior precision (q, q) and prior mean (q,),
+    and the residual r (N,) of the model where all of them are zero. Readings are whitened."""
 
     r: Array
     T: Array
@@ -57,7 +63,7 @@ class Known:
 
 
 class Background:
-    """Noise weights (N,) of each reading, and prior variances (p,) of all columns."""
+    """The background of one state: noise weights (N,) of the readings and prior variances (p,) of all columns."""
 
     def __init__(self, columns: Columns, weight: Array, variance: Array) -> None:
         from scipy.linalg import cholesky  # noqa: PLC0415 - slow to import
@@ -69,7 +75,7 @@ class Background:
         self._chol = np.asarray(cholesky(M, lower=True, overwrite_a=True, check_finite=False), dtype=float)
 
     def _weighted_gram(self) -> Array:
-        """X'WX (p, p), from the products of bands whose readings weigh alike."""
+        """Return X'WX (p, p), computed from the products of bands whose readings have equal weights."""
         columns, gram = self.columns, self.columns.gram.copy()
         for b, products in enumerate(columns.K):
             rows = columns.rows[b]
@@ -82,7 +88,7 @@ class Background:
         return gram
 
     def weighed(self, values: Array) -> Weighed:
-        """Values (N, k) as C⁻¹ multiplies them."""
+        """Return whitened values (N, k) with the terms that their products with C⁻¹ need."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
         weighted = self.weight[:, None] * values
@@ -91,7 +97,7 @@ class Background:
         return Weighed(values, weighted, np.asarray(half, dtype=float))
 
     def taken(self, weighed: Weighed) -> Array:
-        """Coefficients (p, k) with which the columns take what they can of values."""
+        """Return the coefficients (p, k) with which the columns absorb as much as possible of the values."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
         back = solve_triangular(self._chol, weighed.half, lower=True, trans=1, check_finite=False)
@@ -99,18 +105,18 @@ class Background:
         return found
 
     def solved(self, weighed: Weighed) -> Array:
-        """C⁻¹ values, (N, k) for values (N, k)."""
+        """Return C⁻¹ values, (N, k) for whitened values (N, k)."""
         found: Array = weighed.weighted - self.weight[:, None] * (self.columns.X @ self.taken(weighed))
         return found
 
     @property
     def logdet(self) -> float:
-        """Of the covariance of the readings."""
+        """The logarithm of the determinant of the covariance of the readings."""
         return 2 * float(np.log(np.diag(self._chol)).sum()) - float(np.log(self.weight).sum())
 
     @cached_property
     def covariance(self) -> Array:
-        """A (p, p) of all coefficients, nothing known beside them."""
+        """The posterior covariance A (p, p) of all coefficients, with no terms fitted beside them."""
         from scipy.linalg.lapack import dpotri  # noqa: PLC0415 - slow to import
 
         inverse, _ = dpotri(self._chol, lower=True)
@@ -119,12 +125,12 @@ class Background:
         found: Array = self._root[:, None] * whole * self._root
         return found
 
-    def posterior(self, known: Known) -> Posterior:
-        """Of all coefficients, beside what is known."""
+    def posterior(self, known: FittedTerms) -> Posterior:
+        """Return the posterior of all coefficients beside the fitted terms, of which T is (N, q)."""
         return Posterior(self, known)
 
-    def evidence(self, known: Known) -> float:
-        """Log density of the readings beside what is known, but for a constant."""
+    def evidence(self, known: FittedTerms) -> float:
+        """Return the log density of the readings beside the fitted terms, up to a constant; T is (N, q)."""
         q = len(known.mean)
         weighed = self.weighed(np.column_stack([known.T, known.r]))
         products = weighed.products(weighed)
@@ -136,10 +142,13 @@ class Background:
 
 
 class Posterior:
-    """Coefficients of all columns beside known ones: T's estimate (q,) and covariance (q, q), mean m (p,) and
-    covariance A (p, p); left (N,): what stays of the readings with all at their means."""
+    """The posterior of all coefficients beside fitted terms.
 
-    def __init__(self, background: Background, known: Known) -> None:
+    `known` (q,) and `known_covariance` (q, q) belong to the fitted terms, `mean` (p,) and `A` (p, p) to the columns of
+    the background. `residual` (N,) is the whitened residual with all coefficients at their means.
+    """
+
+    def __init__(self, background: Background, known: FittedTerms) -> None:
         self.background = background
         r, T, q = known.r, known.T, len(known.mean)
         weighed = self._weighed = background.weighed(np.column_stack([T, r]))
@@ -149,18 +158,19 @@ class Posterior:
         taken = background.taken(weighed)
         self.mean = taken[:, q] - taken[:, :q] @ self.known
         self.A = background.covariance + taken[:, :q] @ self.known_covariance @ taken[:, :q].T
-        self.left = r - T @ self.known - background.columns.X @ self.mean
+        self.residual = r - T @ self.known - background.columns.X @ self.mean
 
     @property
     def healthy_share(self) -> Array:
-        """What the forms of effects, at their means, add to the readings (N,)."""
+        """What the forms of effects, at their posterior means, add to the whitened readings (N,)."""
         forms = self.background.columns.set_ups.start
         share: Array = self.background.columns.X[:, :forms] @ self.mean[:forms]
         return share
 
     def gains(self, forms: Sequence[Form], level: float) -> tuple[Array, Array, Array]:
-        """Log evidence (n,) for each form as a fault, over its healthy share; the same for it as the one form that its
-        name has, at the level of all others; and its sigmas (n,) at a healthy size."""
+        """Return three arrays (n,), one entry for each form: its log evidence as a fault over its healthy share; its
+        log evidence as the single form that its name has, at the level of all others; and its size in sigmas at a
+        healthy size."""
         fault, pick, sigma = np.full((3, len(forms)), -np.inf)
         sigma[:] = 0.0
         width = np.array([len(form.columns) for form in forms])
@@ -191,7 +201,8 @@ class Posterior:
         return fault, pick, sigma
 
     def cavity(self, columns: Array) -> tuple[Array, Array]:
-        """What the readings say of columns (N, q) beside all else: Λ (q, q) and η (q,)."""
+        """Return what the readings say about whitened columns (N, q) beside everything else: the precision Λ (q, q)
+        and the vector η (q,)."""
         own = self.background.weighed(columns)
         across = self._weighed.products(own)
         known, left = across[:-1], across[-1] - self.known @ across[:-1]
@@ -199,18 +210,18 @@ class Posterior:
         return precision, left
 
     def size(self, form: Form) -> Array:
-        """The coefficients (q,) that a form would have as a fault, in healthy sizes."""
+        """Return the coefficients (q,), in healthy sizes, that a form would have as a fault."""
         cols = list(form.columns)
         inverse = np.linalg.inv(self.A[np.ix_(cols, cols)])
         eta = inverse @ self.mean[cols]
         precision = inverse - np.diag(1 / self.background.variance[cols])
-        return np.asarray(np.linalg.solve(precision + np.eye(len(cols)) / LARGEST**2, eta), dtype=float)
+        return np.asarray(np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta), dtype=float)
 
 
 def fault_evidence(values: Array, seen: Array, level: float) -> Array:
-    """Log evidence (…) of cavities for a fault of any size, over none.
+    """Return the log evidence (…) of cavities for a fault of any size over no fault.
 
-    values (…, q): the precision's eigenvalues; seen (…, q): squares of η along them.
+    `values` (…, q) are the eigenvalues of the precision, `seen` (…, q) the squares of η along its eigenvectors.
     """
     each = np.stack([cavity_evidence(values, seen, size**2 / values.shape[-1]) for size in fault_sizes(level)])
     top = each.max(axis=0)
@@ -219,6 +230,7 @@ def fault_evidence(values: Array, seen: Array, level: float) -> Array:
 
 
 def cavity_evidence(values: Array, seen: Array, variance: Array | float) -> Array:
-    """F(V) (…) of cavities: precision's eigenvalues (…, q), squares of η along them (…, q), prior variance V."""
+    """Return the log evidence F(V) (…) of cavities with precision eigenvalues (…, q), squares of η along the
+    eigenvectors (…, q) and prior variance V."""
     found: Array = 0.5 * (seen / (values + 1 / variance) - np.log1p(variance * values)).sum(axis=-1)
     return found

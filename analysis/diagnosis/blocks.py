@@ -1,7 +1,8 @@
-"""Repeated runs as one block of readings with the noise of their mean: what the search for names works on.
+"""Blocks: repeated runs combined into one set of readings with the noise of their mean.
 
-Neighbouring readings on a circle are correlated, so circles are taken apart into orders (cycles a lap) of the sum and
-of the difference of the gauges; `noise` says how noisy each is. Readings at targets are taken as they are.
+Neighbouring readings on a circle are correlated, so circles are decomposed into orders (cycles per lap) of the sum and
+of the difference of the gauges; `repeat_noise` estimates the noise of each order. Readings at targets are used as they
+are.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.diagnosis.noise import POSE_MM, CircleNoise, Repeated, circle_noise, shaken_by, target_sd
-from analysis.diagnosis.observed import ORDER_OF, ORDERS, Sampling, Seen
-from analysis.diagnosis.settle import grown
+from analysis.diagnosis.observed_run import ORDER_OF, ORDERS, ObservedRun, Sampling
+from analysis.diagnosis.repeat_noise import POSE_MM, CircleNoise, Repeated, circle_noise, scatter_response, target_sd
+from analysis.diagnosis.run_setups import with_effects
 from analysis.fitting.observation import Observation, residuals_of
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.pose import groups as visits
@@ -21,22 +22,26 @@ from analysis.model.predict import Model, SetUp
 from analysis.traces.tables import PoseTable, RadialTable, RepeatabilityTable
 from rigs.effects import Effect
 
-EDGES = (0, 3, 8, 16, 30, 60, 120, ORDERS)
-"""Edges of the bands of orders, within which what no effect explains may have a strength of its own."""
+BAND_EDGES = (0, 3, 8, 16, 30, 60, 120, ORDERS)
+"""Edges of the bands of orders; a residual that no effect explains may have its own strength in each band. Chosen:
+bands of about one octave, so that joint motion (below order 8), gears and probe noise are separate."""
 _SLOW = 8
-"""Orders below this are as slow as a robot that stands."""
+"""Orders below this are taken to be as slow as the noise of a robot at rest. Chosen: one eighth of a lap lasts several
+seconds, which is longer than the correlation times of most noise."""
 _SAME_RAD = 3e-4
-"""Joints that differ by less, each, are the same: controllers report them in steps of a third of that."""
+"""Joint angles that all differ by less than this count as the same posture. Controllers report angles in steps of about
+a third of it."""
 
 
 @dataclass(frozen=True)
 class Block:
     """Repeated runs of one test and direction.
 
-    model: of their rig file; one: the first of them, whose feedback stands for all; y_mm (N,): their weighted mean
-    residual; sd_mm (N,) of it, scatter aside; scatter_mm (N, c): what one standard deviation of the scatter of joints
-    and ball adds to it; band (N,): of which entries share a strength; count of runs; measured: whether the noise is
-    from repeats; places: what runs that repeat these share.
+    `model` comes from their rig file; `one` is the first run, whose feedback represents all of them. `y_mm` (N,) is
+    their weighted mean residual and `sd_mm` (N,) its standard deviation without scatter between runs; `scatter_mm` (N,
+    c) is what one standard deviation of the scatter of joints and ball adds. `band` (N,) numbers the entries that share
+    a strength. `measured` states whether the noise comes from repeats, and `targets_key` is equal for runs that repeat
+    the same targets.
     """
 
     name: str
@@ -49,117 +54,126 @@ class Block:
     band: Integers
     count: int
     measured: bool
-    places: bytes
+    targets_key: bytes
 
     def whitened(self, values: Array) -> Array:
-        """Readings (m, k, …) mm in standard deviations of the noise: (N, …)."""
+        """Return readings (m, k, …) mm as entries (N, …) in standard deviations of the noise."""
         return self.white(entries(values, self.sampling))
 
     def white(self, vector: Array) -> Array:
-        """Entries (N, …) mm in standard deviations."""
+        """Return entries (N, …) mm in standard deviations of the noise."""
         return vector / self.sd_mm.reshape(-1, *[1] * (vector.ndim - 1))
 
 
 def entries(values: Array, sampling: Sampling | None) -> Array:
-    """Readings (m, k, …) mm as a block has them, (N, …) mm: a circle's by orders, others as they are."""
+    """Return readings (m, k, …) mm as entries (N, …) mm of a block: a circle's by orders, other readings unchanged."""
     return sampling.vector(values) if sampling else values.reshape(-1, *values.shape[2:])
 
 
-def blocks_of(runs: Sequence[Seen], setups: Mapping[str, SetUp], known: Sequence[Effect] = ()) -> list[Block]:
-    """Blocks of all runs about fitted set-ups; their residuals have no part of known effects any more."""
-    groups: dict[tuple[str, bytes], list[Seen]] = {}
+def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], known: Sequence[Effect] = ()) -> list[Block]:
+    """Return the blocks of all runs about fitted set-ups. The effects `known` are included in the model, so that the
+    residuals (N,) do not contain them."""
+    groups: dict[tuple[str, bytes], list[ObservedRun]] = {}
     for run in runs:
-        groups.setdefault((run.name, places_of(run)), []).append(run)
-    gathered = [_gathered(name, members, setups, known) for (name, _), members in groups.items()]
-    circles = [raw for raw in gathered if raw.first.sampling]
+        groups.setdefault((run.name, targets_key(run)), []).append(run)
+    grouped = [_grouped(name, members, setups, known) for (name, _), members in groups.items()]
+    circles = [raw for raw in grouped if raw.first.sampling]
     grids = [raw.first.sampling.averaged for raw in circles if raw.first.sampling]
     orders = len(ORDER_OF)
     repeats = [
-        Repeated(raw.first.one.setup, raw.rows[:, :orders], raw.shaken[:orders], len(raw.first.sampling.share))
+        Repeated(raw.first.one.setup, raw.rows[:, :orders], raw.response[:orders], len(raw.first.sampling.share))
         for raw in circles
         if raw.first.sampling
     ]
     noise = circle_noise(repeats, float(np.mean(grids)) if grids else 1.0)
     sds = dict(zip([raw.name for raw in circles], noise.sd_mm, strict=True))  # a circle's name is its own
-    numbers = {name: k for k, name in enumerate(dict.fromkeys(raw.first.one.setup for raw in gathered))}
+    numbers = {name: k for k, name in enumerate(dict.fromkeys(raw.first.one.setup for raw in grouped))}
     return [
         _circle_block(raw, sds[raw.name], noise, numbers[raw.first.one.setup])
         if raw.first.sampling
         else _target_block(raw, noise, numbers[raw.first.one.setup])
-        for raw in gathered
+        for raw in grouped
     ]
 
 
-def places_of(run: Seen) -> bytes:
-    """What must be equal for two runs to repeat each other reading by reading; circles do by their name."""
+def targets_key(run: ObservedRun) -> bytes:
+    """Return bytes that are equal for runs that repeat each other reading by reading. The key of circles (…) is empty,
+    because their name identifies them."""
     if run.sampling:
         return b""
-    return _keys(run.one).tobytes()
+    return _visit_keys(run.one).tobytes()
 
 
 @dataclass(frozen=True)
-class _Raw:
-    """Residuals (n, N) mm of the runs of a block, and how unit scatter shows in them (N, c) mm."""
+class _RepeatedRuns:
+    """Residuals `rows` (n, N) mm of n repeated runs, and the response (N, c) mm of the readings to a unit scatter."""
 
     name: str
-    first: Seen
+    first: ObservedRun
     rows: Array
-    shaken: Array
+    response: Array
 
 
-def _gathered(name: str, members: Sequence[Seen], setups: Mapping[str, SetUp], known: Sequence[Effect]) -> _Raw:
-    # Where one run did not stand before and after, none is compared by it.
+def _grouped(
+    name: str, members: Sequence[ObservedRun], setups: Mapping[str, SetUp], known: Sequence[Effect]
+) -> _RepeatedRuns:
+    # Periods of standing are compared only if every run has them before and after its lap.
     if not all(run.sampling and run.sampling.stands for run in members):
         members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
-    vectors = [entries(residuals_of(run.model, [run.one], setups)[0], run.sampling) for run in grown(members, known)]
+    vectors = [
+        entries(residuals_of(run.model, [run.one], setups)[0], run.sampling) for run in with_effects(members, known)
+    ]
     first = members[0]
-    shaken = shaken_by(first.model, first.one, setups[first.one.setup])
-    # Only repeats of the same targets can be averaged.
+    response = scatter_response(first.model, first.one, setups[first.one.setup])
+    # Averaging needs repeats of the same targets.
     alike = [vector for vector in vectors if len(vector) == len(vectors[0])]
-    return _Raw(name, first, np.array(alike), entries(shaken, first.sampling))
+    return _RepeatedRuns(name, first, np.array(alike), entries(response, first.sampling))
 
 
-def _circle_block(raw: _Raw, sd_mm: Array, noise: CircleNoise, number: int) -> Block:
+def _circle_block(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise, number: int) -> Block:
+    """Return the block of repeated circles, given the noise sd_mm (n, N) of each run; `number` is that of
+    their set-up."""
     sampling = raw.first.sampling
     assert sampling is not None  # noqa: S101 - circles have one
-    weight = 1 / (sd_mm[:, EDGES[4] > ORDER_OF] ** 2).mean(axis=1)
+    weight = 1 / (sd_mm[:, BAND_EDGES[4] > ORDER_OF] ** 2).mean(axis=1)
     weight /= weight.sum()
     sd = np.sqrt(weight**2 @ sd_mm**2)
     sd = np.concatenate([sd, _standing_sd(sd, sampling)])
-    band = np.searchsorted(EDGES, ORDER_OF, side="right") - 1
+    band = np.searchsorted(BAND_EDGES, ORDER_OF, side="right") - 1
     band = np.concatenate([band, np.zeros(len(sd) - len(band), dtype=np.int64)])
-    scatter = raw.shaken * noise.scatter(raw.first.one.setup, raw.shaken.shape[1]) * np.linalg.norm(weight)
+    scatter = raw.response * noise.scatter(raw.first.one.setup, raw.response.shape[1]) * np.linalg.norm(weight)
     return Block(
         raw.name, raw.first.model, raw.first.one, sampling, weight @ raw.rows, sd, scatter,
-        band + number * len(EDGES), len(raw.rows), noise.measured, places_of(raw.first),
+        band + number * len(BAND_EDGES), len(raw.rows), noise.measured, targets_key(raw.first),
     )  # fmt: skip
 
 
-def _target_block(raw: _Raw, noise: CircleNoise, number: int) -> Block:
+def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
+    """Return the block of repeated runs at targets; `number` is that of their set-up."""
     table, count = raw.first.one.table, len(raw.rows)
-    sd, measured = target_sd(Repeated(raw.first.one.setup, raw.rows, raw.shaken), _alike(raw.first.one))
+    sd, measured = target_sd(Repeated(raw.first.one.setup, raw.rows, raw.response), _visit_numbers(raw.first.one))
     if isinstance(table, PoseTable) and not measured:
         sd = np.full(len(sd), POSE_MM)
-    scatter = raw.shaken * noise.scatter(raw.first.one.setup, raw.shaken.shape[1]) / np.sqrt(count)
-    band = np.full(len(sd), number * len(EDGES))
+    scatter = raw.response * noise.scatter(raw.first.one.setup, raw.response.shape[1]) / np.sqrt(count)
+    band = np.full(len(sd), number * len(BAND_EDGES))
     y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)
     return Block(
         raw.name, raw.first.model, raw.first.one, None, y, sd, scatter,
-        band, count, measured, places_of(raw.first),
+        band, count, measured, targets_key(raw.first),
     )  # fmt: skip
 
 
-def _alike(one: Observation) -> Integers:
-    """A number for each entry that readings of the same place, reached the same way, share."""
-    table, keys = one.table, _keys(one)
+def _visit_numbers(one: Observation) -> Integers:
+    """Return an integer for each entry (N,) which readings of one place, reached in the same way, share."""
+    table, keys = one.table, _visit_keys(one)
     if isinstance(table, PoseTable):
         visit = visits(table.q[one.rows], _SAME_RAD)
         keys = np.stack([np.repeat(visit, 3), np.tile(np.arange(3), len(visit))], axis=1)
     return np.asarray(np.unique(keys, axis=0, return_inverse=True)[1], dtype=np.int64).ravel()
 
 
-def _keys(one: Observation) -> Integers:
-    """Where and how each reading was taken: whole numbers (m, k)."""
+def _visit_keys(one: Observation) -> Integers:
+    """Return integers (m, k) that describe where and how each reading was taken."""
     table, rows = one.table, one.rows
     if isinstance(table, RadialTable):
         return np.stack([table.target, table.orientation], axis=1)[rows]
@@ -170,7 +184,8 @@ def _keys(one: Observation) -> Integers:
 
 
 def _standing_sd(sd_mm: Array, sampling: Sampling) -> Array:
-    """Of the means over stands, sum and difference of each: slow noise averages like white noise of its strength."""
+    """Return the standard deviation (2 s,) mm of the means over s periods of standing, for the sum and the difference
+    of the gauges. Slow noise averages like white noise of the same strength."""
     half = len(ORDER_OF) // 2
     slow = (ORDER_OF[:half] > 0) & (ORDER_OF[:half] < _SLOW)
     power = np.array([np.mean(sd_mm[:half][slow] ** 2), np.mean(sd_mm[half:][slow] ** 2)])

@@ -1,7 +1,9 @@
-"""All that may move the readings, as columns: every form of every effect, the set-ups, the scatter from run to run.
+"""The columns: everything that may change the readings, namely every form of every effect, the set-ups, and the scatter
+between runs.
 
-A form is one way in which a name may show: a gear of one order (two columns, for its phase is free), a play of one
-width and crossing. A healthy arm has a little of everything, so each name's healthy size is spread over its forms.
+A form is one way in which a name may appear: a gear error of one order (two columns, because its phase is free), or a
+play of one width and crossing. A healthy arm has a little of every effect, so the healthy size of each name is
+distributed over its forms.
 """
 
 from __future__ import annotations
@@ -14,25 +16,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.diagnosis.candidates import Candidate
-from analysis.diagnosis.forms import begin_columns
-from analysis.diagnosis.linear import Linear
+from analysis.diagnosis.departures import initial_play_columns
+from analysis.diagnosis.linearisation import Linearisation
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, one_sided
 from rigs.schema.effect import healthy, is_play, name_of
 
 _SET_UP_MM = 10.0
-"""How far a set-up may be off from where it was first fitted: decides only what readings hardly show, such as a ball's
-height above a circle's plane."""
-_SHOWS = 3.0
-"""Sigmas, were the set-up known, that the largest fault must have to be worth a column."""
-LARGEST = 68.0
-"""Of a fault, in healthy sizes."""
+"""Prior standard deviation of a set-up term about its first fit. It affects only what readings hardly determine, such
+as a ball's height above the plane of a circle. Chosen: larger than any error of a fitted set-up."""
+_DETECTABLE_SIGMA = 3.0
+"""Smallest size in sigmas that the largest fault must have, were the set-up known, for its form to get a column.
+Chosen: below the 7 sigma at which an effect is detected."""
+LARGEST_FAULT = 68.0
+"""Largest size of a fault, in healthy sizes: the last of the sizes 6, 11, 20, 37 and 68, since faults are 5 to 100
+healthy sizes."""
 
 
 @dataclass(frozen=True)
 class Form:
-    """One way in which a name may show. effects: of each column; size: that they have, in healthy sizes; columns:
-    their numbers; among: how many forms the name has."""
+    """One way in which a name may appear. `effects` has the effect of each column, `size` is their size in healthy
+    sizes, `columns` has their indices, and `among` is the number of forms of the name."""
 
     name: str
     effects: tuple[Effect, ...]
@@ -47,26 +51,27 @@ class Form:
 
 
 class Columns:
-    """Of one linearisation.
+    """The columns of one linearisation.
 
-    forms; among: how many of them each name has; X (N, p): columns at a healthy size, then those of set-ups by mm, then
-    those of the scatter; rows: of each band; K (b, p, p): products of the columns by band, gram (p, p) over all.
+    `X` (N, p) has the columns of forms per healthy size, then those of set-ups per mm, then those of the scatter.
+    `among` counts the forms of each name. `rows` lists the entries of each band, `K` (b, p, p) has the products of the
+    columns by band and `gram` (p, p) their sum.
     """
 
-    def __init__(self, linear: Linear, candidates: Sequence[Candidate]) -> None:
+    def __init__(self, linear: Linearisation, candidates: Sequence[Candidate]) -> None:
         every = [form for one in candidates for form in _in_each_shape(one)]
         sizes = np.repeat([one.size for one in every], [len(one.effects) for one in every])
         columns = linear.columns([effect for one in every for effect in one.effects]) / sizes
-        self.not_seen, kept, columns = _seen(every, columns)
+        self.not_seen, kept, columns = _detectable(every, columns)
         self.among = Counter(one.name for one in kept)
         ends = np.cumsum([len(one.effects) for one in kept]).tolist()
         self.forms = tuple(
             Form(one.name, one.effects, one.size, tuple(range(end - len(one.effects), end)), self.among[one.name])
             for one, end in zip(kept, ends, strict=True)
         )
-        # Every joint of a healthy arm has some play, and where in it a run began nobody knows.
+        # Every joint of a healthy arm has some play, and its position in the play at the start of a run is unknown.
         plays = [healthy(one.effect) for one in candidates if is_play(one.effect)]
-        begins = begin_columns(linear, list({name_of(play): play for play in plays}.values()))
+        begins = initial_play_columns(linear, list({name_of(play): play for play in plays}.values()))
         self.X = np.concatenate([columns, linear.U, linear.Z, begins], axis=1)
         numbers = {name: k for k, name in enumerate(self.among)}
         own = np.concatenate([np.full(len(form.columns), numbers[form.name]) for form in self.forms])
@@ -86,7 +91,7 @@ class Columns:
         self.divide(np.unique(linear.band, return_inverse=True)[1])
 
     def divide(self, band: NDArray[np.int64]) -> None:
-        """Products of the columns by the band (N,) of their readings."""
+        """Compute the products of the whitened columns by the band (N,) of the entries."""
         self.band = band
         self.count: NDArray[np.int64] = np.bincount(band)
         self.rows = [np.flatnonzero(band == b) for b in range(len(self.count))]
@@ -94,16 +99,18 @@ class Columns:
         self.gram: Array = self.K.sum(axis=0)
 
     def variance(self, level: float) -> Array:
-        """Prior variance (p,) of each column's coefficient, in an arm with `level` times a healthy one's everything."""
+        """Return the prior variance (p,) of the coefficients in an arm that has `level` times the healthy size of every
+        effect."""
         variance: Array = level**2 * self.healthy + self.fixed
         return variance
 
 
-def _seen(every: Sequence[Candidate], columns: Array) -> tuple[tuple[str, ...], list[Candidate], Array]:
-    """Names that no size would show, the forms that would show, and their columns."""
+def _detectable(every: Sequence[Candidate], columns: Array) -> tuple[tuple[str, ...], list[Candidate], Array]:
+    """Return the names that no fault size makes visible, the forms that are visible, and the columns (N, p) of these
+    forms."""
     widths = [len(one.effects) for one in every]
-    sigma = LARGEST * np.linalg.norm(columns, axis=0)
-    shows = [bool(own.max() > _SHOWS) for own in np.split(sigma, np.cumsum(widths)[:-1])]
+    sigma = LARGEST_FAULT * np.linalg.norm(columns, axis=0)
+    shows = [bool(own.max() > _DETECTABLE_SIGMA) for own in np.split(sigma, np.cumsum(widths)[:-1])]
     kept = [one for one, there in zip(every, shows, strict=True) if there]
     names = {one.name for one in kept}
     hidden = tuple(dict.fromkeys(one.name for one in every if one.name not in names))
@@ -111,4 +118,5 @@ def _seen(every: Sequence[Candidate], columns: Array) -> tuple[tuple[str, ...], 
 
 
 def _in_each_shape(one: Candidate) -> list[Candidate]:
+    """Return a candidate and its variants in other shapes."""
     return [one, *(replace(one, effects=(effect,)) for effect in one.shaped)]

@@ -1,31 +1,34 @@
-"""From runs to a diagnosis: find the disagreement, name the missing effect, add it, prove that the gap shrinks.
+"""The diagnosis of runs: find the disagreement, name the missing effect, add it, and validate that the gap shrinks.
 
-runs → blocks with their noise → names by evidence, refined on the simulator → what each is worth → verdict and proof
+runs → blocks with their noise → effects selected by evidence and refined on the simulator → worth of each → verdict and
+validation
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
-from analysis.diagnosis.arrivals import early_readings
-from analysis.diagnosis.curves import curves_of, maps_of
-from analysis.diagnosis.diagnosis import Diagnosis, Named, NextTest
+from analysis.diagnosis.diagnosis import Diagnosis, Gap, Named, NextTest
 from analysis.diagnosis.doubts import doubts_of_rig, doubts_of_runs
-from analysis.diagnosis.foresight import parts
-from analysis.diagnosis.leftover import leftovers
-from analysis.diagnosis.locate import places
-from analysis.diagnosis.look import Look, looked
+from analysis.diagnosis.early_readings import early_readings
+from analysis.diagnosis.expected_posterior import is_separable
 from analysis.diagnosis.neighbourhoods import without_a_fold
-from analysis.diagnosis.observed import Seen
-from analysis.diagnosis.parting import parting
-from analysis.diagnosis.prepared_runs import about
-from analysis.diagnosis.proof import gain_of_each, gap
-from analysis.diagnosis.settle import grown
-from analysis.diagnosis.swing import swing
-from analysis.diagnosis.verdict import doubtful, names_of, remainder_of, swinging, verdict_of
+from analysis.diagnosis.observed_run import ObservedRun
+from analysis.diagnosis.prepared_runs import prepare_runs
+from analysis.diagnosis.residual_bands import bands_above_noise
+from analysis.diagnosis.residual_curves import curves_of, maps_of
+from analysis.diagnosis.residual_places import places
+from analysis.diagnosis.run_setups import with_effects
+from analysis.diagnosis.search import SearchResult, search
+from analysis.diagnosis.separating_tests import separating_tests
+from analysis.diagnosis.validation import gap, held_out_gains
+from analysis.diagnosis.verdict import ambiguous_names, named_effects, named_vibration, remainder_of, verdict_of
+from analysis.diagnosis.vibration import find_vibration
 from analysis.diagnosis.worth import limits_um
 from analysis.fitting.setups import terms_of
+from analysis.kinematics.arm import Array
 from analysis.traces.loading import Measured
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -40,68 +43,88 @@ def diagnose(
     progress: Callable[[str], None],
     tolerance_um: float | None = None,
 ) -> Diagnosis:
-    """Diagnose runs of one robot beside the model of a rig; judge on runs left out and at an unseen place.
+    """Return the diagnosis of runs of one robot about the model of a rig, judged on held-out runs and unseen places.
 
-    tolerance_um: from which on a name is material; the scatter of one run where None. Of poses, where no run is held
-    out, a fifth of their neighbourhoods in joint space is. Raises FileError for runs of
-    another robot, or that cannot be read as what they say.
+    `tolerance_um` is the change of the readings (m, k) from which a name is material; None stands for the scatter of
+    one run. Where no run is held out, a fifth of the neighbourhoods of poses in joint space is. Raises FileError for
+    runs of another robot, or that cannot be read as the test that they state.
     """
     begin_s = time.perf_counter()
     progress("reading the runs")
-    (runs, judges, elsewhere), placed = about(rig, used, held_out, unseen)
+    (runs, judges, elsewhere), placed = prepare_runs(rig, used, held_out, unseen)
     if not judges:
         runs, judges = without_a_fold(runs)
     _hold_enough(runs)
-    look = looked(runs, progress)
-    progress("proving it on runs left out")
-    train = gap(runs, look, _names(used))
-    outside = [
-        gap(them, look, names) if them else None
-        for them, names in ((judges, _names(held_out or used)), (elsewhere, _names(unseen)))
-    ]
-    limits = limits_um(look.linear, tolerance_um)
-    named = names_of(look, runs, gain_of_each(look, judges), limits)
-    circles = [block.sampling is not None for block in look.linear.blocks]
-    found = swing(grown(runs, look.state.refined.effects), look.linear.setups)
-    named += swinging(found, limits[circles], train.after_um)
+    result = search(runs, progress)
+    progress("validating on held-out runs")
+    gaps = _Gaps(
+        gap(runs, result, _names(used)),
+        gap(judges, result, _names(held_out or used)) if judges else None,
+        gap(elsewhere, result, _names(unseen)) if elsewhere else None,
+    )
+    limits = limits_um(result.linear, tolerance_um)
+    named = named_effects(result, runs, held_out_gains(result, judges), limits)
+    named += _vibrations(result, runs, limits, gaps.train)
     named.sort(key=lambda one: (not one.material, -one.worth_um))
-    remainder, is_material = remainder_of(look, limits)
-    verdict, why = verdict_of(look, named, remainder, is_material=is_material)
-    doubts = [*placed, *early_readings(look), *doubts_of_runs(look.linear.blocks), *doubts_of_rig(rig, runs)]
-    next_test = None
-    if verdict == "ambiguous":
-        progress("which test would part the rivals")
-        next_test, doubt = _next_test(rig, named, used, look)
-        doubts += doubt
-    linear, before = look.linear, look.linear.in_mm(look.first)
-    after = linear.in_mm(look.left)
+    found = _diagnosis_of(rig, result, gaps, named, limits)
+    doubts = [*placed, *early_readings(result), *doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, runs)]
+    if found.verdict == "ambiguous":
+        progress("choosing a test that separates the rivals")
+        next_test, doubt = _next_test(rig, named, used, result)
+        found, doubts = replace(found, next_test=next_test), doubts + doubt
+    return replace(found, doubts=tuple(doubts), seconds=time.perf_counter() - begin_s)
+
+
+@dataclass(frozen=True)
+class _Gaps:
+    """The gap on the runs used, on held-out runs and at an unseen place."""
+
+    train: Gap
+    held_out: Gap | None
+    unseen: Gap | None
+
+
+def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], limits: Array, train: Gap) -> list[Named]:
+    """Return the vibration of the link as a name, if its worth exceeds a limit (b,) µm of a circle."""
+    circles = [block.sampling is not None for block in result.linear.blocks]
+    found = find_vibration(with_effects(runs, result.state.refined.effects), result.linear.setups)
+    return named_vibration(found, limits[circles], train.after_um)
+
+
+def _diagnosis_of(rig: Rig, result: SearchResult, gaps: _Gaps, named: Sequence[Named], limits: Array) -> Diagnosis:
+    """Return the diagnosis without next test and doubts; `limits` (b,) µm are the changes from which names are
+    material."""
+    remainder, is_material = remainder_of(result, limits)
+    verdict, why = verdict_of(result, named, remainder, is_material=is_material)
+    linear, before = result.linear, result.linear.in_mm(result.initial_residual)
+    after = linear.in_mm(result.residual)
     return Diagnosis(
         verdict=verdict,
         why=why,
         rig=rig,
-        runs=train.runs,
+        runs=gaps.train.runs,
         where=places(linear.blocks, before),
         effects=() if verdict == "not_testable_here" else tuple(named),
         remainder=remainder,
-        train=train,
-        held_out=outside[0],
-        unseen=outside[1],
-        left=leftovers(linear.blocks, look.posterior.left),
+        train=gaps.train,
+        held_out=gaps.held_out,
+        unseen=gaps.unseen,
+        left=bands_above_noise(linear.blocks, result.posterior.residual),
         setups=linear.setups,
-        groups=tuple(_group(one) for one in doubtful(named) if one.rivals),
-        not_testable=look.naming.not_testable(look.state, look.posterior),
-        next_test=next_test,
+        groups=tuple(_group(one) for one in ambiguous_names(named) if one.rivals),
+        not_testable=result.selection.not_testable(result.state, result.posterior),
+        next_test=None,
         repeated=all(block.measured for block in linear.blocks),
-        level=look.state.level,
-        doubts=tuple(doubts),
+        level=result.state.level,
+        doubts=(),
         curves=curves_of(linear.blocks, before, after),
         maps=maps_of(linear.blocks, before, after),
-        seconds=time.perf_counter() - begin_s,
+        seconds=0.0,
     )
 
 
-def _hold_enough(runs: Sequence[Seen]) -> None:
-    """Raises FileError where there are fewer readings than terms of the set-ups."""
+def _hold_enough(runs: Sequence[ObservedRun]) -> None:
+    """Raise FileError where there are fewer readings than terms of the set-ups."""
     terms = sum({run.one.setup: terms_of(run.one.table) for run in runs}.values())
     if (count := sum(run.one.values.size for run in runs)) < terms:
         raise FileError("RUN…", f"{count} readings are fewer than the {terms} terms of the set-up", "give more runs")
@@ -112,24 +135,26 @@ def _names(runs: Sequence[Measured]) -> list[str]:
 
 
 def _next_test(
-    rig: Rig, named: Sequence[Named], used: Sequence[Measured], look: Look
+    rig: Rig, named: Sequence[Named], used: Sequence[Measured], result: SearchResult
 ) -> tuple[NextTest | None, list[str]]:
-    """The test that, beside the runs there are, parts the first doubtful name from its nearest rival best; a doubt
-    where there is none."""
-    one = next((one for one in doubtful(named) if one.rivals), None)
+    """Return the test that, beside the existing runs, best separates the first ambiguous name from its closest rival;
+    otherwise a doubt."""
+    one = next((one for one in ambiguous_names(named) if one.rivals), None)
     if one is None:
         return None, []
     tests = tuple(dict.fromkeys(run.run.manifest.test for run in used))
-    rivals, linear = (one.effect, one.rivals[0].effect), look.linear
+    rivals, linear = (one.effect, one.rivals[0].effect), result.linear
     try:
-        further = parting(rig, rivals, tests, linear.blocks, linear.setups, look.state.level)
+        candidates = separating_tests(rig, rivals, tests, linear.blocks, linear.setups, result.state.level)
     except FileError as error:
-        return None, [f"no further test could be tried on this rig file: {error}"]
-    if not further:
-        return None, ["no further test could be tried on this rig file"]
-    if not parts(further[0].sigma):
-        return None, [f"no other test parts {name_of(one.effect)} from its rivals: their corrections do the same"]
-    return NextTest(further[0].test, further[0].why, further[0].sigma), []
+        return None, [f"no further test is possible with this rig file: {error}"]
+    if not candidates:
+        return None, ["no further test is possible with this rig file"]
+    if not is_separable(candidates[0].sigma):
+        return None, [
+            f"no other test separates {name_of(one.effect)} from its rivals: their corrections have the same effect"
+        ]
+    return NextTest(candidates[0].test, candidates[0].why, candidates[0].sigma), []
 
 
 def _group(one: Named) -> tuple[str, ...]:

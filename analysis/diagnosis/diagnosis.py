@@ -1,7 +1,7 @@
-"""What a diagnosis finds, in the order in which a person thinks.
+"""The result of a diagnosis, in the order in which a person reads it.
 
-where they disagree → what is missing → what the model says with it → what is left → what these tests cannot tell →
-what to do → which test next
+where model and measurement disagree → which effect is missing → what the model says with it → what remains → what these
+tests cannot distinguish → what to do → which test to run next
 """
 
 from __future__ import annotations
@@ -22,18 +22,20 @@ from rigs.schema.effect import SEATS, name_of
 from rigs.schema.vocabulary import Direction, TestName
 
 ODDS = 20.0
-"""Against a rival, from which on it is dismissed; nearer ones leave a name ambiguous, and two names alike."""
+"""Odds against a rival at and above which it is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is
+ambiguous."""
 
 Verdict = Literal["named", "ambiguous", "outside_library", "within_tolerance", "not_testable_here"]
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where measurement and simulation disagree beyond the noise.
+    """A place where measurement and simulation disagree by more than the noise.
 
-    part: `distance` (mean of the gauges) or `angle` (their difference over the baseline); from_deg, to_deg: circle
-    angles, or numbers of targets (first, last) where test has targets; joint: that turns back there, if one does;
-    why: in a few words; rms_um: of the residual there; sigma: that over its noise.
+    `part` is `distance` (mean of the gauges) or `angle` (their difference over the baseline). `from_deg` and `to_deg`
+    are circle angles, or the numbers of the first and last target for tests at targets. `joint` is the joint that
+    reverses there, if one does. `rms_um` is the rms of the residual there and `sigma` the ratio of its largest value to
+    the noise.
     """
 
     test: TestName
@@ -49,7 +51,8 @@ class Place:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another effect in the place of a name: its parameters, what is known of them, its share of the evidence."""
+    """Another effect that could replace a name, with the standard uncertainties of its parameters and its share of the
+    evidence."""
 
     effect: Effect
     sd: dict[str, float]
@@ -62,12 +65,12 @@ class Rival:
 
 @dataclass(frozen=True)
 class Named:
-    """A missing effect: with fitted parameters, their standard uncertainties, its odds among its rivals, the gap on
-    the runs used if it alone is taken out again, and what a person should do about it.
+    """An effect that the model lacks, with its fitted parameters, their standard uncertainties, its share of the
+    evidence among its rivals, the gap on the runs used if it alone is removed, and the remedy.
 
-    worth_um: by how much it moves readings, rms, what a set-up could take up left out; material: by more than the
-    scatter of one run, or a person's tolerance; held_out_gain: share of the gap's energy on runs left out that it
-    removes, None where none were left out.
+    `worth_um` is the rms change of the readings that it causes beyond what a set-up could absorb. `material` states
+    whether this exceeds the scatter of one run or the tolerance given. `held_out_gain` is the share of the gap's energy
+    on held-out runs that it removes, None where no run was held out.
     """
 
     effect: Effect
@@ -106,8 +109,9 @@ def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dic
 
 @dataclass(frozen=True)
 class Remainder:
-    """What names, and a healthy arm's share of everything, leave beyond the noise: rms in µm, its share of the gap's
-    energy, and what it looks like; healthy_um: what the healthy share is worth, which a calibration could gain."""
+    """What remains beyond the noise after the names and a healthy arm's share of every effect: its rms in µm, its share
+    of the gap's energy, and a description. `healthy_um` is the rms of the healthy share, which a calibration could
+    remove."""
 
     um: float
     share: float
@@ -117,11 +121,11 @@ class Remainder:
 
 @dataclass(frozen=True)
 class Gap:
-    """Root mean square in µm of what a model leaves of readings, set-up fitted, before and after the effects are in it.
+    """Root mean square in µm of the residual, with set-ups fitted, before and after the effects are added to the model.
 
-    runs: their names; noise_floor_um: what noise and scatter of a run give by themselves, of which a set-up fitted to
-    it may take up a part; calibrated_um: with a healthy arm's share of everything taken out as well, as far as the runs
-    used show it.
+    `noise_floor_um` is the rms of the noise and of the scatter between runs, of which a fitted set-up may absorb a
+    part. `calibrated_um` is the rms when a healthy arm's share of every effect is removed as well, as far as the runs
+    used determine it.
     """
 
     runs: tuple[str, ...]
@@ -142,9 +146,9 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Leftover:
-    """What is still unexplained in one band of orders (cycles a lap), or at targets: chi-square over what noise gives,
-    and in words."""
+class ResidualBand:
+    """The unexplained residual in one band of orders (cycles per lap), or at targets: the ratio of chi-square to its
+    expectation from noise, and a description."""
 
     test: TestName
     direction: Direction | None
@@ -156,7 +160,7 @@ class Leftover:
 
 @dataclass(frozen=True)
 class NextTest:
-    """The test that would part the rivals best, and by how many sigma."""
+    """The test that would distinguish the rivals best, and the sigma to expect."""
 
     test: str
     why: str
@@ -165,8 +169,8 @@ class NextTest:
 
 @dataclass(frozen=True)
 class Curve(Tabular):
-    """A circle's residuals (n, 2) µm of the two gauges at circle angles phi_deg (n,): mean of its runs, set-up fitted;
-    turns: (circle angle in degrees, joint) where joints turn back."""
+    """The residuals (n, 2) µm of the two gauges of a circle at the circle angles phi_deg (n,), averaged over its runs
+    with the set-up fitted. `turns` lists (circle angle in degrees, joint) where joints reverse."""
 
     test: TestName
     direction: Direction
@@ -184,8 +188,8 @@ class Curve(Tabular):
 
 @dataclass(frozen=True)
 class Map(Tabular):
-    """Residuals (n,) µm at targets: number, polar and azimuth (n,) in degrees. For poses the distance left (n,), and
-    numbers of rows."""
+    """Residuals (n,) µm at targets, with the number, polar angle and azimuth (n,) in degrees of each. For poses the
+    residual is the remaining distance (n,), and the numbers are those of rows."""
 
     test: TestName
     target: Array
@@ -201,13 +205,13 @@ class Map(Tabular):
 
 @dataclass(frozen=True)
 class Diagnosis(Tabular):
-    """All that was found.
+    """The complete result.
 
-    verdict: on all of it; rig: the model begun with; runs: names of those used; effects: those that pay, the material
-    ones first, by what they are worth; groups: names that these tests cannot part, of those named;
-    not_testable: names that no size would show here; repeated: whether the noise is from repeats; level: of
-    the healthy background, 1 in an arm that shows of everything what healthy ones show; doubts: what to know before
-    trusting it.
+    `rig` is the initial model and `runs` names the runs used. `effects` lists the effects that are supported by
+    evidence, the material ones first, ordered by worth. `groups` lists named effects that these tests cannot
+    distinguish, and `not_testable` the names that no size makes visible here. `repeated` states whether the noise comes
+    from repeats. `level` is that of the healthy background, 1 in a typical healthy arm. `doubts` lists what limits the
+    trust in the result.
     """
 
     verdict: Verdict
@@ -220,7 +224,7 @@ class Diagnosis(Tabular):
     train: Gap
     held_out: Gap | None
     unseen: Gap | None
-    left: tuple[Leftover, ...]
+    left: tuple[ResidualBand, ...]
     setups: dict[str, SetUp]
     groups: tuple[tuple[str, ...], ...]
     not_testable: tuple[str, ...]

@@ -1,8 +1,9 @@
-"""Sizes and shapes of named effects on the simulator, by Gauss-Newton, all else there as the background has it.
+"""Refinement of named effects: their sizes and shapes fitted on the simulator by Gauss-Newton, beside the background.
 
-A right name in a wrong form would draw other names to mend it: so each effect's shape (how gradual a play is crossed, a
-third harmonic, the order of a gear, a decay) is fitted with its size, held by what is plausible; and what stands beside
-an effect because no gear, ball or brake is ideal (`forms`) is allowed for in proportion to it.
+The residual of a right name with a wrong shape would support other names. So the shape of each effect (the gradual
+crossing of a play, a third harmonic, the order of a gear, a decay) is fitted together with its size, restricted to
+plausible values, and the departures of a real gear, ball or brake from the ideal effect (`departures`) are allowed for
+in proportion to it.
 """
 
 from __future__ import annotations
@@ -13,21 +14,28 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from analysis.diagnosis.background import Background, Known, Weighed
-from analysis.diagnosis.columns import LARGEST
-from analysis.diagnosis.forms import form_columns
-from analysis.diagnosis.linear import Linear
+from analysis.diagnosis.background import Background, FittedTerms, Weighed
+from analysis.diagnosis.columns import LARGEST_FAULT
+from analysis.diagnosis.departures import departure_columns
+from analysis.diagnosis.linearisation import Linearisation
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, bounds, healthy_size, size_field
 from rigs.schema.effect import PHASE, is_wave
 
 _ROUNDS = 8
+"""Largest number of Gauss-Newton rounds. Chosen: more than a fit near its optimum needs, since it stops by `_ENOUGH`.
+"""
 _TRIES = 5
+"""Largest number of damping increases in a round. Chosen: five factors of 8 raise the damping by more than 10⁴."""
 _FURTHEST = 4.0
+"""Largest distance of a shape from its expected value, in prior standard deviations. Chosen: beyond it the shape is
+implausible."""
 _MOST = 120.0
-"""Healthy sizes that no fault exceeds: beyond, a model is used where nothing of it was tried."""
+"""Largest size of a fault in healthy sizes. Faults are at most 100 healthy sizes, and the simulator was not tested far
+beyond."""
 _ENOUGH = 0.02
-"""Half a chi-square that a round must gain to go on."""
+"""Half a chi-square that a round must gain for the fit to continue. Chosen: far below the log evidence that any
+decision depends on."""
 
 
 _One = TypeVar("_One")
@@ -35,7 +43,8 @@ _One = TypeVar("_One")
 
 @dataclass(frozen=True)
 class Unknown:
-    """One number to be found: which effect, which field; expected value and prior spread; how low it may be."""
+    """One unknown parameter: the index of its effect, its field, its expected value and prior standard deviation, and
+    its lower bound."""
 
     effect: int
     field: str
@@ -46,71 +55,75 @@ class Unknown:
 
 @dataclass(frozen=True)
 class Refined:
-    """Effects with fitted sizes and shapes. unknowns, their values (q,) and covariance (q, q); left (N,): what they
-    leave of the readings, in standard deviations, set-ups and all else as they were; tangents (N, q): what a little
-    more of each unknown would add; beside, of each effect (N, f): what may stand beside it, one standard deviation
-    each; free (N, f): what has no name, likewise."""
+    """Effects with fitted sizes and shapes.
+
+    `values` (q,) and `covariance` (q, q) belong to the unknowns. `residual` (N,) is the whitened residual with the
+    effects, with set-ups and background unchanged; `tangents` (N, q) are its derivatives by the unknowns.
+    `departures` has an array (N, f) for each effect, and `free` (N, f) the columns of free forms, one standard
+    deviation each.
+    """
 
     effects: tuple[Effect, ...]
     unknowns: tuple[Unknown, ...]
     values: Array
     covariance: Array
-    left: Array
+    residual: Array
     tangents: Array
-    beside: tuple[Array, ...]
+    departures: tuple[Array, ...]
     free: Array
 
     def sd(self, effect: int) -> dict[str, float]:
-        """Standard uncertainty of each fitted parameter of one effect."""
+        """Return the standard uncertainty of each fitted parameter of one effect."""
         sds = np.sqrt(np.diag(self.covariance))
         return {u.field: float(sd) for u, sd in zip(self.unknowns, sds, strict=True) if u.effect == effect}
 
     @property
-    def known(self) -> Known:
-        """What is known beside the background, about these values."""
-        T = np.concatenate([self.tangents, *self.beside, self.free], axis=1)
+    def known(self) -> FittedTerms:
+        """The fitted terms for the background, with columns (N, t), expanded about the fitted values."""
+        T = np.concatenate([self.tangents, *self.departures, self.free], axis=1)
         allowed = T.shape[1] - len(self.values)
         precision = [unknown.spread**-2 for unknown in self.unknowns] + [1.0] * allowed
         away = np.array([unknown.expected for unknown in self.unknowns]) - self.values
-        return Known(self.left, T, np.diag(precision), np.concatenate([away, np.zeros(allowed)]))
+        return FittedTerms(self.residual, T, np.diag(precision), np.concatenate([away, np.zeros(allowed)]))
 
     def without(self, place: int) -> Refined:
-        """The same without one effect, the others as they were; what is then left is still to be found."""
+        """Return the fit without one effect, the others unchanged; its residual (N,) is not updated."""
         kept = [k for k, unknown in enumerate(self.unknowns) if unknown.effect != place]
         unknowns = [replace(self.unknowns[k], effect=_before(self.unknowns[k].effect, place)) for k in kept]
         return replace(
             self, effects=_all_but(self.effects, place), unknowns=tuple(unknowns), values=self.values[kept],
             covariance=self.covariance[np.ix_(kept, kept)], tangents=self.tangents[:, kept],
-            beside=_all_but(self.beside, place),
+            departures=_all_but(self.departures, place),
         )  # fmt: skip
 
 
 def refine(
-    linear: Linear,
+    linear: Linearisation,
     background: Background,
     effects: Sequence[Effect],
     fitted: Refined | None = None,
     free: Array | None = None,
 ) -> Refined:
-    """Fit sizes and shapes of effects, from where they are. None leaves the residual as it is.
+    """Return sizes and shapes of effects fitted from their current values; no effects leave the residual (N,)
+    unchanged.
 
-    fitted: an earlier fit of the first of these effects. They move with the others along the tangents that they had
-    there, which costs a fraction and is off by how far they move; fit all once more where no more effects follow.
-    free: columns (N, f), one standard deviation each, of what has no name and may take its part.
+    `fitted` is an earlier fit of the first of these effects. They move with the others along their earlier tangents,
+    which costs a fraction of a full fit and has an error that grows with their movement; a final fit of all effects
+    together removes it. `free` (N, f) has the columns of free forms, one standard deviation each.
     """
-    before = fitted or nothing(linear)
+    before = fitted or no_effects(linear)
     return _Problem(linear, background, effects, before, before.free if free is None else free).solved(effects)
 
 
-def nothing(linear: Linear) -> Refined:
-    """A fit of no effects."""
+def no_effects(linear: Linearisation) -> Refined:
+    """Return a fit of no effects, with the residual (N,) of the linearisation."""
     none = np.empty((len(linear.y), 0))
     return Refined((), (), np.empty(0), np.empty((0, 0)), linear.y, none, (), none)
 
 
 @dataclass(frozen=True)
-class _Against:
-    """Values in the background, and across (f, k): with what may stand beside the effects."""
+class _Projected:
+    """Values in the background, and `across` (f, k), their products with the departures and free forms."""
 
     weighed: Weighed
     across: Array
@@ -118,27 +131,27 @@ class _Against:
 
 class _Problem:
     def __init__(
-        self, linear: Linear, background: Background, effects: Sequence[Effect], fitted: Refined, free: Array
+        self, linear: Linearisation, background: Background, effects: Sequence[Effect], fitted: Refined, free: Array
     ) -> None:
         self.linear, self.background, self.free = linear, background, free
         self.old = len(fitted.effects)
         self.unknowns = [*fitted.unknowns, *_unknowns(effects, self.old)]
         self.tangents = fitted.tangents
-        self.beside = (*fitted.beside, *(form_columns(linear, one) for one in effects[self.old :]))
+        self.departures = (*fitted.departures, *(departure_columns(linear, one) for one in effects[self.old :]))
         self.expected = np.array([u.expected for u in self.unknowns])
         self.spread = np.array([u.spread for u in self.unknowns])
-        beside = np.concatenate([*self.beside, free], axis=1)
-        self._weighted_beside = background.solved(background.weighed(beside))
-        own = beside.T @ self._weighted_beside
+        departures = np.concatenate([*self.departures, free], axis=1)
+        self._weighted_departures = background.solved(background.weighed(departures))
+        own = departures.T @ self._weighted_departures
         own[np.diag_indices_from(own)] += 1.0
         self._inverse = np.linalg.inv(own)
-        self._before = self._against(self.tangents)
+        self._before = self._projected(self.tangents)
 
     def solved(self, effects: Sequence[Effect]) -> Refined:
-        """Levenberg's damping, within the bounds of what the parameters may be."""
+        """Return the solution of the Levenberg-Marquardt iteration within the bounds of the parameters."""
         now: list[Any] = list(effects)
         x = np.array([float(getattr(now[u.effect], u.field)) for u in self.unknowns])
-        r = self._against(self.linear.left(now)[:, None])
+        r = self._projected(self.linear.residual(now)[:, None])
         cost, damping = self._cost(r, x), 1e-4
         J = self._slopes(now)
         H, fall = self._normal(J, r)
@@ -148,7 +161,7 @@ class _Problem:
                 step = np.linalg.solve(H + damping * np.diag(np.diag(H)), gradient)
                 tried = self._bounded(now, x + step)
                 there = self._with(now, tried)
-                there_r = self._against(self.linear.left(there)[:, None])
+                there_r = self._projected(self.linear.residual(there)[:, None])
                 there_cost = self._cost(there_r, tried)
                 if there_cost < cost:
                     break
@@ -163,31 +176,32 @@ class _Problem:
                 break
         tangents = np.concatenate([self.tangents, J.weighed.values], axis=1)
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
+        residual = r.weighed.values[:, 0]
         return Refined(
-            tuple(now), tuple(self.unknowns), x, covariance, r.weighed.values[:, 0], tangents, self.beside, self.free
+            tuple(now), tuple(self.unknowns), x, covariance, residual, tangents, self.departures, self.free
         )  # fmt: skip
 
-    def _against(self, values: Array) -> _Against:
-        """Values (N, k) against the background and what may stand beside the effects."""
-        return _Against(self.background.weighed(values), self._weighted_beside.T @ values)
+    def _projected(self, values: Array) -> _Projected:
+        """Return values (N, k) with their products with the background, the departures and the free forms."""
+        return _Projected(self.background.weighed(values), self._weighted_departures.T @ values)
 
-    def _product(self, one: _Against, other: _Against) -> Array:
-        """one' (C + FF')⁻¹ other, F what may stand beside the effects: (k, l) for values (N, k) and (N, l)."""
+    def _product(self, one: _Projected, other: _Projected) -> Array:
+        """Return one' (C + FF')⁻¹ other, with F the departures and free forms: (k, l) for values (N, k) and (N, l)."""
         return one.weighed.products(other.weighed) - one.across.T @ self._inverse @ other.across
 
-    def _normal(self, J: _Against, r: _Against) -> tuple[Array, Array]:
-        """Of Gauss-Newton, for what is fitted before and slopes J of what is new: the normal matrix (q, q) and how fast
-        the residual's cost falls with each unknown (q,)."""
+    def _normal(self, J: _Projected, r: _Projected) -> tuple[Array, Array]:
+        """Return the normal matrix (q, q) of Gauss-Newton for the earlier unknowns and the slopes J of the new ones,
+        and the negative gradient (q,) of half the residual's cost."""
         cross = self._product(self._before, J)
         H = np.block([[self._product(self._before, self._before), cross], [cross.T, self._product(J, J)]])
         fall = np.concatenate([self._product(self._before, r), self._product(J, r)])[:, 0]
         return H + np.diag(1 / self.spread**2), fall
 
-    def _cost(self, r: _Against, x: Array) -> float:
+    def _cost(self, r: _Projected, x: Array) -> float:
         return float(self._product(r, r)[0, 0]) + float((((x - self.expected) / self.spread) ** 2).sum())
 
-    def _slopes(self, effects: Sequence[Any]) -> _Against:
-        """Derivatives (N, q) of what the effects that are new add: one effect at a time, since they add."""
+    def _slopes(self, effects: Sequence[Any]) -> _Projected:
+        """Return the derivatives (N, q) by the new unknowns, computed for one effect at a time because effects add."""
         unknowns = self.unknowns[self.tangents.shape[1] :]
         steps = np.array([_step(effects[unknown.effect], unknown) for unknown in unknowns])
         changed = [
@@ -195,7 +209,7 @@ class _Problem:
             for u, step in zip(unknowns, steps, strict=True)
         ]
         base = self.linear.columns(effects[self.old :])[:, [u.effect - self.old for u in unknowns]]
-        return self._against((self.linear.columns(changed) - base) / steps)
+        return self._projected((self.linear.columns(changed) - base) / steps)
 
     def _bounded(self, effects: Sequence[Any], x: Array) -> Array:
         held = x.copy()
@@ -207,14 +221,14 @@ class _Problem:
         return held
 
     def _limits(self, effects: Sequence[Any], unknown: Unknown) -> tuple[float, float]:
-        """What an unknown may be; a phase anything."""
+        """Return the bounds of an unknown; a phase has none."""
         if unknown.field == PHASE:
             return -np.inf, np.inf
         low, high = bounds(effects[unknown.effect], unknown.field)
         if unknown.field == size_field(effects[unknown.effect]):
             most = _MOST * healthy_size(effects[unknown.effect])
             return max(low, -most), min(high, most)
-        # A shape stays near what is plausible, wherever a first step would throw it.
+        # A shape stays near its plausible values, however long the first step is.
         reach = _FURTHEST * unknown.spread
         return max(low, unknown.low, unknown.expected - reach), min(high, unknown.expected + reach)
 
@@ -226,10 +240,10 @@ class _Problem:
 
 
 def _unknowns(effects: Sequence[Effect], first: int) -> list[Unknown]:
-    """What is to be found of effects from the first to be fitted on."""
+    """Return the unknowns of the effects from index `first` on."""
     found = []
     for k, effect in enumerate(effects[first:], start=first):
-        found.append(Unknown(k, size_field(effect), 0.0, LARGEST * healthy_size(effect)))
+        found.append(Unknown(k, size_field(effect), 0.0, LARGEST_FAULT * healthy_size(effect)))
         if is_wave(effect):
             found.append(Unknown(k, PHASE, float(getattr(effect, PHASE)), 360.0))
         for stretched in effect.STRETCHED:
@@ -242,7 +256,7 @@ def _unknowns(effects: Sequence[Effect], first: int) -> list[Unknown]:
 
 
 def _step(effect: Any, unknown: Unknown) -> float:
-    """A small change into the inside of the bounds."""
+    """Return a small step of the derivative that stays within the bounds."""
     size = 1e-3 * unknown.spread if unknown.field != size_field(effect) else 0.05 * healthy_size(effect)
     _, high = bounds(effect, unknown.field)
     return -size if getattr(effect, unknown.field) + size > high else size
@@ -253,5 +267,5 @@ def _all_but(items: tuple[_One, ...], place: int) -> tuple[_One, ...]:
 
 
 def _before(number: int, place: int) -> int:
-    """A number, once the one at a place is gone."""
+    """Return an index after the item at `place` is removed."""
     return number - (number > place)

@@ -1,4 +1,4 @@
-"""What a name is worth in µm: by how much it moves readings, what a set-up could take up left out."""
+"""The worth of a name in µm: the change of the readings that it causes beyond what a set-up could absorb."""
 
 from __future__ import annotations
 
@@ -7,52 +7,53 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.diagnosis.blocks import Block
-from analysis.diagnosis.linear import Linear
-from analysis.diagnosis.observed import GRID, ORDER_OF
+from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.observed_run import GRID, ORDER_OF
 from analysis.kinematics.arm import Array
 from analysis.traces.tables import PoseTable
 
-LEAST_UM = 3.0
-"""Less is not material anywhere: the best gauges of such a link read to that."""
+LEAST_MATERIAL_UM = 3.0
+"""Smallest change that is material anywhere, which is the resolution of the best gauges of such a link."""
 
 
 @dataclass(frozen=True)
 class Worth:
-    """Root mean square in µm, by block, of some change of the readings."""
+    """Root mean square in µm, by block (b,), of a change of the readings."""
 
     um: Array
 
     @property
     def whole_um(self) -> float:
-        """Over all blocks, each counted alike."""
+        """The root mean square over all blocks, each with the same weight."""
         return float(np.sqrt(np.mean(self.um**2)))
 
     def is_material(self, limits_um: Array) -> bool:
-        """Whether readings of any block move by more than its limit."""
+        """Return whether the readings of any block change by more than its limit (b,) µm."""
         return bool((self.um > limits_um).any())
 
 
-def worth(linear: Linear, change: Array) -> Worth:
-    """Of a change (N,) of readings in standard deviations, set-ups fitted to it."""
-    return plain_worth(linear, linear.set_up(change))
+def worth(linear: Linearisation, change: Array) -> Worth:
+    """Return the worth of a change (N,) of whitened readings, with set-ups fitted to it."""
+    return plain_worth(linear, linear.without_set_up(change))
 
 
-def plain_worth(linear: Linear, change: Array) -> Worth:
-    """Of a change (N,) as it is."""
+def plain_worth(linear: Linearisation, change: Array) -> Worth:
+    """Return the worth of a change (N,) of whitened readings, without fitting set-ups."""
     return Worth(np.array([rms_um(*one) for one in zip(linear.blocks, linear.in_mm(change), strict=True)]))
 
 
-def limits_um(linear: Linear, tolerance_um: float | None) -> Array:
-    """From which change on (b,) a name is material: a person's tolerance, else the scatter of one run."""
+def limits_um(linear: Linearisation, tolerance_um: float | None) -> Array:
+    """Return the changes (b,) µm from which a name is material: the tolerance if given, or else the scatter of
+    one run."""
     if tolerance_um is not None:
         return np.full(len(linear.blocks), tolerance_um)
-    return np.maximum(scatter_um(linear), LEAST_UM)
+    return np.maximum(scatter_um(linear), LEAST_MATERIAL_UM)
 
 
-def scatter_um(linear: Linear) -> Array:
-    """How far one run is from the mean of many (b,), rms of its readings, the set-up fitted to it; at targets that of
-    a typical one, for a few scatter by many times as much."""
-    moved = linear.set_up(linear.Z)
+def scatter_um(linear: Linearisation) -> Array:
+    """Return the rms difference (b,) µm of one run from the mean of many, with the set-up fitted to it; at targets that
+    of a median target, because a few scatter many times as much."""
+    moved = linear.without_set_up(linear.Z)
     whole = linear.in_mm(np.sqrt(1 + (moved**2).sum(axis=1)))
     return np.array([
         rms_um(block, np.sqrt(block.count) * (one if block.sampling else np.full(len(one), np.median(one))))
@@ -61,7 +62,8 @@ def scatter_um(linear: Linear) -> Array:
 
 
 def rms_um(block: Block, entries_mm: Array) -> float:
-    """Root mean square in µm of a block's entries (N,) mm: per reading of a gauge; of poses the distance."""
+    """Return the root mean square in µm of a block's entries (N,) mm: per reading of a gauge, and per distance of
+    poses."""
     if block.sampling:
         energy, count = float((entries_mm[: len(ORDER_OF)] ** 2).sum()), 2 * GRID
     else:

@@ -23,7 +23,7 @@ def value(column: str, text: str) -> Value:
     """The value of a cell of a known column. Raises ValueError with the reason in words."""
     text = text.strip(" \t")
     if not text:
-        raise ValueError("no value; fill it in or remove the row")
+        raise ValueError("has no value; fill it in or remove the row")
     if column in WORDS:
         return _word(text, WORDS[column])
     return _count(text) if column in COUNTS else _number(text)
@@ -34,7 +34,7 @@ def _number(text: str) -> float:
         raise ValueError(f"{quoted(text)} is {_what_it_is(text)}")
     number = float(text)
     if abs(number) > _LARGEST:
-        raise ValueError(f"{quoted(text)} is larger than any measured number; check the unit")
+        raise ValueError(f"{quoted(text)} is too large for a measured value; check the unit")
     return number
 
 
@@ -43,12 +43,12 @@ def _what_it_is(text: str) -> str:
         return "not a finite number"
     if re.fullmatch(r"[+-]?[0-9]+,[0-9]+", text):
         return f"written with a decimal comma; write {text.replace(',', '.')}"
-    return "no number"
+    return "not a number"
 
 
 def _count(text: str) -> int:
     if not _COUNT.fullmatch(text) or float(text) < 1:
-        raise ValueError(f"{quoted(text)} is no number to count from 1: 1, 2, 3, …")
+        raise ValueError(f"{quoted(text)} is not a positive integer: 1, 2, 3, …")
     return int(float(text))
 
 

@@ -1,4 +1,4 @@
-"""Gauges in another unit or exchanged: what the two readings on a circle tell of one another.
+"""Gauges in another unit or exchanged: what the two readings on a circle show of one another.
 
 At circle angle phi the mean of the gauges is R - e_u cos(phi) - e_v sin(phi) for an eccentricity e, and the
 angle between them has the same e in its sine. So one ball is seen twice in a yaw test, by the mean and by the
@@ -19,9 +19,9 @@ from rigs.rig import Rig
 from rigs.schema.declared_tests import Circle
 
 _ECCENTRIC_MM = 0.2
-"""Below it a robot's own errors could make the two eccentricities differ."""
-_LIKE_TOLD = 0.3
-"""Robots of 0.1 mm make the eccentricity differ from the told one by less than this share; units, by 25 times it."""
+"""A smaller eccentricity may differ between the two by the robot's own errors."""
+_LIKE_STATED = 0.3
+"""Robots of 0.1 mm make the eccentricity differ from the stated one by less than this share; units, by 25 times it."""
 FACTORS = {"inches": 1 / 25.4, "µm": 1000.0}
 """What a length in mm reads in another unit."""
 
@@ -71,13 +71,13 @@ def _one_other_unit(waves: Array) -> Iterator[tuple[str, str]]:
 
 
 def _both_other_units(wave: Array, circle: Circle) -> Iterator[tuple[str, str]]:
-    """Where the rig file tells the eccentricity: the data show the same one, in another unit."""
+    """Where the rig file states the eccentricity: the data show the same one, in another unit."""
     frame = frame_of(circle)
-    told = np.array([np.dot(circle.eccentricity_mm, frame.u), np.dot(circle.eccentricity_mm, frame.v)])
-    if np.linalg.norm(told) < _ECCENTRIC_MM:
+    stated_mm = np.array([np.dot(circle.eccentricity_mm, frame.u), np.dot(circle.eccentricity_mm, frame.v)])
+    if np.linalg.norm(stated_mm) < _ECCENTRIC_MM:
         return
     for unit, factor in FACTORS.items():
-        if np.linalg.norm(wave / factor - told) < _LIKE_TOLD * np.linalg.norm(told):
+        if np.linalg.norm(wave / factor - stated_mm) < _LIKE_STATED * np.linalg.norm(stated_mm):
             what = f"g1_mm and g2_mm are in {unit}: their wave is the rig file's eccentricity times {factor:.3g}"
             yield what, "convert them to mm"
 
@@ -95,8 +95,8 @@ def _swapped(waves: Array, radius_mm: float, baseline_mm: float) -> Iterator[tup
 
 
 def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, str]]:
-    """A link about a ball inside the path cannot travel by more than the radius."""
+    """What is wrong, and the remedy, if a reading (n,) mm travels further than the radius: a link cannot."""
     travel = float(np.ptp(reading))
     if travel > radius_mm:
-        what = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which no link can"
+        what = f"{name} travels {travel:.4g} mm on a radius of {radius_mm:g} mm, which is impossible for a link"
         yield what, "convert it to mm: it looks like µm" if travel > 3 * radius_mm else "check its unit"

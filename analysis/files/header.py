@@ -27,13 +27,13 @@ def check_header(where: str, names: list[str], test: TestName, direction_given: 
     _separator(where, names)
     layout = LAYOUTS[test]
     problems = [
-        TableProblem(1, name, "this column stands here twice; remove or rename one")
+        TableProblem(1, name, "this column occurs twice; remove or rename one")
         for name, count in Counter(names).items()
         if count > 1
     ]
     missing = [name for name in layout.required if name not in names and not (direction_given and name == "direction")]
     if len(missing) == len(layout.required) and all(re.fullmatch(_CELL, name) for name in names):
-        raise FileError(where, "has no header line", f"begin it with: {','.join(layout.required)}")
+        raise FileError(where, "has no header line", f"make this its first line: {','.join(layout.required)}")
     problems += [TableProblem(1, name, _missing(name, names, layout, test)) for name in missing]
     turns = [name for name in TURN if name in names]
     if test == "pose" and 0 < len(turns) < len(TURN):
@@ -48,10 +48,10 @@ def _separator(where: str, names: list[str]) -> None:
     line = ",".join(names)
     if line.count(";") > 2:
         remedy = f"save it with commas and decimal points: sed 'y/,;/.,/' {where} > TABLE.csv"
-        raise FileError(where, "has semicolons between its columns", remedy)
+        raise FileError(where, "separates its columns by semicolons", remedy)
     if line.count("\t") > 2:
         remedy = f"save it with commas between columns: tr '\\t' ',' < {where} > TABLE.csv"
-        raise FileError(where, "has tabs between its columns", remedy)
+        raise FileError(where, "separates its columns by tabs", remedy)
 
 
 def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str:
@@ -61,7 +61,7 @@ def _missing(name: str, names: list[str], layout: Layout, test: TestName) -> str
         wanted = f", in {_UNITS[unit]}" if stem and unit in _UNITS and not near.endswith(unit) else ""
         return f"this column is missing; is it {quoted(near)}? Then name it {name}{wanted}"
     if name == "direction":
-        return "this column is missing; add it, or say --direction cw or acw"
+        return "this column is missing; add it, or give --direction cw or acw"
     if test in ("yaw", "roll") and name == "g2_mm":
         return "this column is missing; an angle takes two gauges"
     return "this column is missing; add it"

@@ -53,7 +53,7 @@ def read_table(
 
 
 def _doubts(table: Table, rig: Rig, where: str) -> list[str]:
-    """What an evaluation will refuse: better told now."""
+    """What an evaluation will refuse: it is better reported now."""
     try:
         if isinstance(table, CircleTable):
             laps_of(table, rig, where)

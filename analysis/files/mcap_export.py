@@ -60,7 +60,9 @@ def _tables(run: Run) -> dict[str, pa.Table]:
     if run.table is not None:
         if "t_s" in run.table.column_names and pa.types.is_floating(run.table.schema.field("t_s").type):
             return {TABLE: run.table}
-        raise FileError(str(run.path), "has no t_s, and MCAP orders by time", "export it as csv or parquet")
+        raise FileError(
+            str(run.path), "has no column t_s, and MCAP needs the time of each row", "export it as CSV or Parquet"
+        )
     fault_schema = pa.schema(list(FAULT_COLUMNS.items()))
     streams = {name: pa.table(columns) for name, columns in run.streams.items()}
     return {**streams, FAULTS: pa.Table.from_pylist(run.faults, schema=fault_schema)}
@@ -93,7 +95,7 @@ def _log_ns(name: str, values: dict[str, Any], run: Run, begin_s: float) -> int:
     if name == TABLE:
         since_ns = round((float(values["t_s"]) - begin_s) * 1e9)
         if since_ns >= _END_NS:
-            what = f"t_s of {values['t_s']:g} s lies beyond the year 2554, where MCAP's time ends"
+            what = f"t_s of {values['t_s']:g} s lies beyond the year 2554, the last that MCAP can store"
             raise FileError(str(run.path), what, "import it with t_s in seconds, or export it as csv or parquet")
         return since_ns
     return max(0, run.manifest.wall_ns(int(values["at_ns" if name == FAULTS else "first_byte_ns"])))

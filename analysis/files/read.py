@@ -22,9 +22,13 @@ from analysis.files.table_problems import TableFileError, TableProblem
 from analysis.traces.table_layout import COMMANDED, COUNTS, JOINTS, LAYOUTS, WORDS, JointSource
 from daq.store.schema import ColumnType, table_schema
 from rigs.errors import FileError
+from rigs.files import read_bytes
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName
 
+MOST_BYTES = 256_000_000
+_MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000
+"""The largest table, which takes some 2 GB while it is read; half an hour at 1 kHz with 9 columns has 16 million."""
 Row = tuple[int, list[str]]
 """Line on which a row begins, counted from 1, and its fields."""
 
@@ -67,15 +71,17 @@ def parse_csv(
 ) -> pa.Table:
     """The table in the text of a file; `where` names it in errors. See `read_csv`."""
     if direction and "direction" not in LAYOUTS[test].required:
-        raise FileError(where, f"a {test} table has no direction", "leave --direction out")
+        raise FileError(where, f"is of a {test} test, which has no direction", "leave --direction out")
     rows = _rows(text, where)
     _, names = next(rows, (1, []))
     if not any(names):
         raise FileError(where, "is empty", "give a table with a header line")
+    if len(names) > _MOST_COLUMNS:
+        raise FileError(where, f"has {len(names)} columns, more than {_MOST_COLUMNS}", "leave out those not needed")
     if joints == "commanded":
         names = _commanded(names, where)
     check_header(where, names, test, direction is not None)
-    columns, lines, problems = _columns(rows, names, test)
+    columns, lines, problems = _columns(rows, names, test, where)
     if not lines and not problems:
         raise FileError(where, "has a header and no rows", "give the measured rows")
     if direction and "direction" not in columns:
@@ -89,8 +95,8 @@ def parse_csv(
 def _commanded(names: list[str], where: str) -> list[str]:
     """Column names with the commanded joints as the robot's, and those measured by a name that says so."""
     if missing := [name for name in COMMANDED if name not in names]:
-        what = f"has no {', '.join(missing)}, which --joints commanded takes"
-        raise FileError(where, what, "name the columns of the commanded joints so, or leave --joints out")
+        what = f"has no {', '.join(missing)}, which --joints commanded reads"
+        raise FileError(where, what, "rename the columns of the commanded joints, or leave --joints out")
     measured = tuple(name.replace("_deg", "_measured_deg") for name in JOINTS)
     other = dict(zip((*COMMANDED, *JOINTS), (*JOINTS, *measured), strict=True))
     return [other.get(name, name) for name in names]
@@ -98,11 +104,9 @@ def _commanded(names: list[str], where: str) -> list[str]:
 
 def _bytes(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_bytes(path, MOST_BYTES)
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
-    except ValueError as error:
-        raise FileError(str(path), str(error), "check the path") from None
 
 
 def _text(where: str, data: bytes) -> str:
@@ -116,7 +120,7 @@ def _text(where: str, data: bytes) -> str:
         line = data.count(b"\n", 0, error.start) + 1
         raise FileError(where, f"line {line} is not UTF-8", "save it as UTF-8") from None
     if "\0" in text:
-        raise FileError(where, "holds zero bytes, as no text does", "give the table as UTF-8 text")
+        raise FileError(where, "contains zero bytes, which a text file cannot", "give the table as UTF-8 text")
     return text
 
 
@@ -135,13 +139,17 @@ def _rows(text: str, where: str) -> Iterator[Row]:
 
 
 def _columns(
-    rows: Iterator[Row], names: list[str], test: TestName
+    rows: Iterator[Row], names: list[str], test: TestName, where: str
 ) -> tuple[dict[str, list[Value | None]], list[int], list[TableProblem]]:
     """Columns by name, None where a cell is bad; the line of each row; what is bad."""
     columns: dict[str, list[Value | None]] = {name: [] for name in names}
     known = set(LAYOUTS[test].known)
-    lines, problems = [], []
+    lines: list[int] = []
+    problems: list[TableProblem] = []
     for line, fields in rows:
+        if len(lines) * len(names) > _MOST_CELLS:
+            what = f"has more than {_MOST_CELLS} cells, the first {line} lines alone"
+            raise FileError(where, what, "import it in several runs")
         if len(fields) != len(names):
             problems.append(
                 TableProblem(line, "", f"has {len(fields)} fields, the header {len(names)}{_why(fields, names)}")
@@ -159,7 +167,7 @@ def _columns(
 
 def _why(fields: list[str], names: list[str]) -> str:
     if len(fields) > len(names):
-        return "; a text with a comma needs quotes, and decimals a point"
+        return "; put a text with a comma in quotes, and write decimals with a point"
     return "; is the line cut off?"
 
 

@@ -1,4 +1,4 @@
-"""What a cell alone does not show: time that runs back, a second direction, joints that jump, targets that are none."""
+"""What a cell alone does not show: time that runs back, a second direction, jumps of joints, unknown targets."""
 
 from __future__ import annotations
 
@@ -50,14 +50,16 @@ def _time(t_s: Array, lines: list[int]) -> list[TableProblem]:
     there = np.flatnonzero(np.isfinite(t_s))
     back = np.flatnonzero(np.diff(t_s[there]) <= 0)
     return [
-        TableProblem(lines[there[k + 1]], "t_s", f"time does not grow: {t_s[there[k + 1]]:g} after {t_s[there[k]]:g}")
+        TableProblem(
+            lines[there[k + 1]], "t_s", f"time does not increase: {t_s[there[k + 1]]:g} after {t_s[there[k]]:g}"
+        )
         for k in back
     ]
 
 
 def _targets(values: Sequence[Value | None], lines: list[int], count: int) -> list[TableProblem]:
     return [
-        TableProblem(line, "target", f"{value} is none of the {count} targets of the rig's hemisphere")
+        TableProblem(line, "target", f"{value} is not one of the {count} targets of the rig's hemisphere")
         for line, value in zip(lines, values, strict=True)
         if isinstance(value, int) and value > count
     ]
@@ -73,7 +75,7 @@ def _one_direction(values: Sequence[Value | None], lines: list[int], direction: 
     other = [k for k, value in enumerate(values) if value not in (first, None)]
     if not other:
         return []
-    message = f"{values[other[0]]} after {first}: one file holds one direction; split it here"
+    message = f"{values[other[0]]} after {first}: a file may hold one direction only; split it here"
     return [TableProblem(lines[other[0]], "direction", message)]
 
 
@@ -94,5 +96,5 @@ def _jumps(name: str, t_s: Array, q_deg: Array, lines: list[int], speed_deg_s: f
 
 
 def _jump(step: float, gap_s: float) -> str:
-    told = f"jumps by {step:.4g}° in {gap_s:.3g} s"
-    return f"{told}: a turn is missing, unwrap it" if abs(abs(step) - 360) < 20 else told
+    jump = f"jumps by {step:.4g}° in {gap_s:.3g} s"
+    return f"{jump}: a full turn is missing; unwrap the angle" if abs(abs(step) - 360) < 20 else jump

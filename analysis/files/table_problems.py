@@ -1,4 +1,4 @@
-"""What is wrong with a table file: every mistake with its line and column, the first twenty of them told."""
+"""The mistakes of a table file, each with its line and column; the first twenty are reported."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class TableProblem:
 class TableFileError(FileError):
     """A table with mistakes, all of them in `problems`, in order of lines."""
 
-    def __init__(self, path: str, problems: list[TableProblem], remedy: str = "mend the file") -> None:
+    def __init__(self, path: str, problems: list[TableProblem], remedy: str = "correct the file") -> None:
         self.problems = sorted(problems)
         shown = [str(problem) for problem in self.problems[:_SHOWN]]
         if len(self.problems) > _SHOWN:

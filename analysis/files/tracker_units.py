@@ -44,9 +44,9 @@ def _tracker_angles(rpy: Array, R: Array) -> Iterator[tuple[str, str]]:
         return
     right = min(_SAME_TURN_RAD, as_read / _FARTHER)
     if off("xyz", np.degrees(rpy)) < right:
-        yield "rx_deg, ry_deg, rz_deg are radians: only so do they fit the robot's motion", "convert them to degrees"
+        yield "rx_deg, ry_deg, rz_deg are radians: only then do they fit the robot's motion", "convert them to degrees"
     if off("XYZ", rpy) < right:
-        what = "rx_deg, ry_deg, rz_deg are turns about moving axes: only so do they fit the robot's motion"
+        what = "rx_deg, ry_deg, rz_deg are turns about moving axes: only then do they fit the robot's motion"
         yield what, "convert them to roll-pitch-yaw about fixed axes, R = Rz Ry Rx"
 
 

@@ -1,7 +1,7 @@
 """Units and labels taken by mistake, where the rig and the data together prove it.
 
 Nothing here is a matter of taste: a claim needs data that are impossible as labelled and right as claimed.
-What is only unlikely is a doubt; what cannot be told is let through.
+What is only unlikely is a doubt; what cannot be detected is accepted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _TURN_RAD = 2 * np.pi + 0.1
 _CLEARLY = 3.0
 """One way to read the joints is right and the other wrong where it is off the path by this factor more."""
 _UNLIKELY = 0.1
-"""A robot that stops on a sphere of this share of its travel has told its gauge more than its errors."""
+"""A robot that stops on a sphere of this share of its travel has shown its gauge more than its errors."""
 
 
 def check_units(table: Table, rig: Rig, where: str) -> list[str]:
@@ -31,7 +31,7 @@ def check_units(table: Table, rig: Rig, where: str) -> list[str]:
     arm = arm_of(rig.robot)
     places = forward(arm, table.q)
     if _radians(table, rig, places, forward(arm, np.degrees(table.q))):
-        what = "q1_deg … q6_deg are radians: only so does the robot of the rig file do this"
+        what = "q1_deg … q6_deg are radians: only then does the robot of the rig file follow the program"
         raise FileError(where, what, "convert them to degrees")
     for what, remedy in _mistakes(table, rig, places):
         raise FileError(where, what, remedy)
@@ -64,4 +64,4 @@ def _doubts(table: Table, rig: Rig) -> list[str]:
     travel, radius = float(np.ptp(table.g_mm)), rig.tests.hemisphere.radius_mm
     if travel < _UNLIKELY * radius:
         return []
-    return [f"g1_mm travels {travel:.4g} mm on a radius of {radius:g} mm, more than robots err; check its unit"]
+    return [f"g1_mm travels {travel:.4g} mm on a radius of {radius:g} mm, more than any robot error; check its unit"]

@@ -11,6 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from rigs.errors import CellError, FileError
+from rigs.text import plain_lines
 
 
 def write_new(path: Path, write: Callable[[BinaryIO], None]) -> None:
@@ -21,7 +22,7 @@ def write_new(path: Path, write: Callable[[BinaryIO], None]) -> None:
     try:
         file = path.open("xb")
     except FileExistsError:
-        raise FileError(str(path), "is there already", "give another --output, or remove it first") from None
+        raise FileError(str(path), "exists already", "give another --output, or remove it first") from None
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "give another --output") from None
     try:
@@ -32,7 +33,7 @@ def write_new(path: Path, write: Callable[[BinaryIO], None]) -> None:
             path.unlink()
         if isinstance(error, OSError):
             what = f"cannot be written: {error.strerror or error}"
-            raise CellError(str(path), what, "make room or choose another disk") from error
+            raise CellError(str(path), what, "free some space or choose another disk") from error
         raise
 
 
@@ -42,7 +43,10 @@ def write_parquet(table: pa.Table, file: BinaryIO) -> None:
 
 
 def write_csv(table: pa.Table, file: BinaryIO) -> None:
-    """The table as UTF-8 with a header and commas; every number in the fewest digits that give it back."""
+    """The table as UTF-8 with a header and commas; every number in the fewest digits that give it back.
+
+    Text is plain (`rigs.text`), line feeds in it stay; Parquet keeps it as it was.
+    """
     columns = [[_cell(value) for value in column.to_pylist()] for column in table.columns]
     file.write((",".join(map(_quoted, table.column_names)) + "\n").encode())
     for row in zip(*columns, strict=True):
@@ -54,7 +58,7 @@ def _cell(value: Any) -> str:
 
 
 def _quoted(text: str) -> str:
-    # A mark at the very beginning of a file would be taken for the file's own byte order mark.
-    if any(mark in text for mark in ',"\r\n\ufeff'):
+    text = plain_lines(text)
+    if any(mark in text for mark in ',"\n'):
         return '"' + text.replace('"', '""') + '"'
     return text

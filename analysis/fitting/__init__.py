@@ -1,1 +1,1 @@
-"""Fitting the forward model to tables, and what the fits are used for."""
+"""Fitting of the forward model to runs: set-ups, effects, noise and weights, and the uncertainty of what was fitted."""

@@ -1,6 +1,6 @@
-"""Calibration: known effects estimated from runs, judged on readings that had no part in it.
+"""Calibration: known effects are estimated from runs and judged on readings that were not used.
 
-choose the effects  →  fit and weigh by turns  →  what was told apart  →  before and after, seen and unseen
+choice of effects → fitting and weighting in turn → identifiability → residuals before and after, used and held out
 """
 
 from __future__ import annotations
@@ -14,17 +14,30 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from analysis.fitting.choice import chosen
-from analysis.fitting.covered import JointRange, beyond, joints_covered
-from analysis.fitting.estimate import Fit, Free, fit, sizes
+from analysis.fitting.effect_choice import parse_effects
+from analysis.fitting.estimate import Fit, FreeParameter, fit, sizes
 from analysis.fitting.fitted_effects import Fitted, fitted_effects
-from analysis.fitting.identify import Together, combinations, mixed, name_of, seen
+from analysis.fitting.identifiability import (
+    WeakParameter,
+    identified,
+    identified_combinations,
+    parameter_label,
+    weak_parameters,
+)
+from analysis.fitting.joint_coverage import JointRange, joints_covered, outside_coverage
 from analysis.fitting.observation import Observation, residuals_of, rms
-from analysis.fitting.placements import observed, parted, with_enough
+from analysis.fitting.placements import observe_runs, split_by_frame, with_enough_readings
 from analysis.fitting.run_noise import Repeats, repeats_of
 from analysis.fitting.split import split
-from analysis.fitting.uncertainty import Scatter, covariance
-from analysis.fitting.weighing import SOUND, Weighing, apart, begun, renewed, resolution
+from analysis.fitting.uncertainty import RunScatter, covariance
+from analysis.fitting.weighting import (
+    SOUND,
+    Weighting,
+    initial_weighting,
+    relative_change,
+    resolution,
+    updated_weighting,
+)
 from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.kinematics.arm import Array
 from analysis.measures.parameters import quantity_of
@@ -36,15 +49,18 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import is_wave
 
-_ROUNDS, _SETTLED = 8, 0.02
-"""Turns of fitting and weighing, and the relative change of a level or noise that matters no more."""
+_ROUNDS, _CONVERGED = 8, 0.02
+"""Largest number of rounds of fitting and weighting, and the relative change of a level or noise below which they end.
+Chosen: 2 % of a standard deviation changes no decision."""
 _WORSE = 1.01
-"""By so little a fit may be worse than none, where there is nothing to gain: each stops near its end only."""
+"""Factor by which a fit may be worse than none. Chosen: where nothing can be gained, both fits stop only near their
+optimum."""
 
 
 @dataclass(frozen=True)
 class SetUpNoise:
-    """sd_mm: what a reading counts with; repeats: what visits of one place differ by, None where there are none."""
+    """The noise of a set-up: `sd_mm` is the standard deviation that weights a reading, `repeats` the scatter of visits
+    of one place, None where there are none."""
 
     sd_mm: float
     repeats: Repeats | None
@@ -52,22 +68,27 @@ class SetUpNoise:
 
 @dataclass(frozen=True)
 class Calibration(Tabular):
-    """known: the model begun with; covariance (p, p) of the fitted parameters in their own units, with the scatter from
-    run to run; weighing: noise and wild readings of each observation, levels of all parameters that were asked for;
-    noise by set-up; gauges: whether any run is of gauges; told_apart: how many combinations of the parameters the
-    readings tell; mixed: parameters that do not stand by themselves; covered: where the joints were in the readings
-    used; doubts in words; before_mm, after_mm: rms on the sound readings used and on those left out (nan: none)."""
+    """The result of a calibration.
+
+    `known` is the initial model. `covariance` (p, p) of the fitted parameters is in their own units and includes the
+    scatter between runs. `weighting` has the noise and wild readings of each observation and the levels of all
+    requested parameters; `noise` is listed by set-up. `gauges` states whether any run has gauges.
+    `identified_combinations` counts the combinations of parameters that the readings determine, and `weak_parameters`
+    lists parameters that they do not determine by themselves. `covered` has the range of each joint in the readings
+    used. `before_mm` and `after_mm` are the rms on the sound readings used and on those held out (NaN where there are
+    none).
+    """
 
     known: Model
     before: Fit
     after: Fit
     covariance: Array
-    scatter: Scatter
-    weighing: Weighing
+    scatter: RunScatter
+    weighting: Weighting
     noise: dict[str, SetUpNoise]
     gauges: bool
-    told_apart: int
-    mixed: list[Together]
+    identified_combinations: int
+    weak_parameters: list[WeakParameter]
     covered: tuple[JointRange, ...]
     doubts: tuple[str, ...]
     before_mm: tuple[float, float]
@@ -87,7 +108,7 @@ class Calibration(Tabular):
     def to_table(self) -> pa.Table:
         """The fitted parameters, a row each: effect, value, u (standard uncertainty), unit."""
         rows = [
-            {"effect": name_of(one.effect, field), **asdict(quantity_of(one.effect, field, one.sd))}
+            {"effect": parameter_label(one.effect, field), **asdict(quantity_of(one.effect, field, one.sd))}
             for one in self.effects
             for field in one.sd
         ]
@@ -104,8 +125,8 @@ class Calibration(Tabular):
                 "covariance": self.covariance,
                 "scatter": asdict(self.scatter),
                 "noise": {setup: asdict(noise) for setup, noise in self.noise.items()},
-                "told_apart": {"asked": len(self.weighing.spread), "told": self.told_apart},
-                "mixed": [{"what": one.what, "like": one.like, "share": one.share} for one in self.mixed],
+                "told_apart": {"asked": len(self.weighting.spread), "told": self.identified_combinations},
+                "mixed": [{"what": one.what, "like": one.like, "share": one.share} for one in self.weak_parameters],
                 "joints_deg": self.covered,
                 "doubts": self.doubts,
                 "rms_mm": {"used": rms_mm[0], "left_out": None if np.isnan(self.before_mm[1]) else rms_mm[1]},
@@ -124,24 +145,25 @@ def calibrate_runs(
     groups: bool,
     seed: int,
 ) -> Calibration:
-    """Fit the effects that `words` choose, on top of those of the rig.
+    """Return the calibration of the effects that `words` choose, on top of those of the rig; readings are (m, k) mm.
 
-    Judged on the runs `judges` and on a share of the readings of each run. Runs that cannot be one frame have a set-up
-    each, by the model begun with and, where this was too far off to say, by the one found. Raises FileError.
+    It is judged on the runs `judges` and on a share of the readings of each run. Runs that cannot share one frame get a
+    set-up each, first by the initial model and, where that was too inaccurate, by the fitted one. Raises FileError.
     """
     names = [run.run.manifest.name for run in (*runs, *judges)]
-    whole, told = parted(model_of(rig), observed(rig, [*runs, *judges]), names)
+    whole, doubts = split_by_frame(model_of(rig), observe_runs(rig, [*runs, *judges]), names)
     found = _halved(rig, whole, len(runs), words, share=share, groups=groups, seed=seed)
-    again, more = parted(found.after.model, whole, names)
+    again, more = split_by_frame(found.after.model, whole, names)
     if more:
         found = _halved(rig, again, len(runs), words, share=share, groups=groups, seed=seed)
-    return replace(found, doubts=(*told, *more, *found.doubts))
+    return replace(found, doubts=(*doubts, *more, *found.doubts))
 
 
 def _halved(
     rig: Rig, whole: Sequence[Observation], runs: int, words: str, *, share: float, groups: bool, seed: int
 ) -> Calibration:
-    """Calibrated with the first `runs` observations, a share of their readings and the other observations left out."""
+    """Return the calibration from the first `runs` observations, with a share of their readings and all other
+    observations held out."""
     used, left_out = list(whole[:runs]), list(whole[runs:])
     if share:
         halves = [split(one, share, groups, seed) for one in used]
@@ -152,10 +174,11 @@ def _halved(
 def calibrate(
     rig: Rig, observations: Sequence[Observation], left_out: Sequence[Observation], words: str
 ) -> Calibration:
-    """Fit the chosen effects on top of those in the rig file. Raises FileError where none can be fitted."""
+    """Return the calibration of the chosen effects on top of those in the rig file, from readings (m, k) mm. Raises
+    FileError where none can be fitted."""
     known = model_of(rig)
-    wanted = chosen(words)
-    enough, too_few = with_enough(observations)
+    wanted = parse_effects(words)
+    enough, too_few = with_enough_readings(observations)
     observations = [observations[k] for k in enough]
     before = fit(known, observations)
     model = replace(known, effects=(*known.effects, *wanted))
@@ -164,17 +187,17 @@ def calibrate(
         for one in sizes(model.effects)
         if one.effect >= len(known.effects)
     ]
-    after, weighing = _converged(model, observations, free, before.setups)
-    answer = resolution(after.design, weighing.spread)
-    names = [name_of(model.effects[one.effect], one.field) for one in free]
-    kept = seen(answer)
+    after, weighting = _converged(model, observations, free, before.setups)
+    answer = resolution(after.design, weighting.spread)
+    names = [parameter_label(model.effects[one.effect], one.field) for one in free]
+    kept = identified(answer)
     if not kept:
-        raise FileError("--fit", "these runs show none of the chosen effects", "choose others, or measure another test")
+        raise FileError("--fit", "these runs do not show any of the chosen effects", "choose others or another test")
     if len(kept) < len(free):
-        after = _without_the_unseen(after, weighing, observations, kept, before.setups)
-    if _energy(after, weighing) > _WORSE * _energy(before, weighing):
+        after = _without_the_unseen(after, weighting, observations, kept, before.setups)
+    if _energy(after, weighting) > _WORSE * _energy(before, weighting):
         raise FileError("--fit", "the fit did not converge", "choose fewer effects")
-    known_to, scatter = covariance(after, observations, _of(weighing, kept), _background(wanted))
+    known_to, scatter = covariance(after, observations, _of(weighting, kept), _background(wanted))
     covered = joints_covered(observations)
     return Calibration(
         known=known,
@@ -182,24 +205,24 @@ def calibrate(
         after=after,
         covariance=known_to,
         scatter=scatter,
-        weighing=weighing,
-        noise=_noise_of(observations, weighing, after),
+        weighting=weighting,
+        noise=_noise_of(observations, weighting, after),
         gauges=any(not isinstance(one.table, PoseTable) for one in observations),
-        told_apart=combinations(answer),
-        mixed=mixed(answer, names),
+        identified_combinations=identified_combinations(answer),
+        weak_parameters=weak_parameters(answer, names),
         covered=covered,
-        doubts=(*too_few, *_doubts(observations, left_out, weighing, covered)),
-        before_mm=(_sound_rms(before, observations, weighing), _judged(before, left_out)),
-        after_mm=(_sound_rms(after, observations, weighing), _judged(after, left_out)),
+        doubts=(*too_few, *_doubts(observations, left_out, weighting, covered)),
+        before_mm=(_sound_rms(before, observations, weighting), _judged(before, left_out)),
+        after_mm=(_sound_rms(after, observations, weighting), _judged(after, left_out)),
     )
 
 
 def _background(wanted: Sequence[Effect]) -> list[Effect]:
-    """What a healthy arm has of every effect that is not among those wanted, as far as its places can be listed."""
+    """Return every effect that is not requested at its healthy size, as far as its places can be listed."""
     asked, found = {_place(one) for one in wanted}, []
     for name in VOCABULARY:
         with suppress(FileError):
-            found += [one for one in chosen(name) if _place(one) not in asked]
+            found += [one for one in parse_effects(name) if _place(one) not in asked]
     return [one.model_copy(update={size_field(one): healthy_size(one)}) for one in found]
 
 
@@ -207,21 +230,21 @@ def _place(effect: Effect) -> str:
     return repr(effect.model_copy(update={size_field(effect): 0.0}))
 
 
-def _noise_of(observations: Sequence[Observation], weighing: Weighing, after: Fit) -> dict[str, SetUpNoise]:
+def _noise_of(observations: Sequence[Observation], weighting: Weighting, after: Fit) -> dict[str, SetUpNoise]:
     repeats = repeats_of(observations, after.residuals)
-    sd_mm = {one.setup: noise for one, noise in zip(observations, weighing.noise_mm, strict=True)}
+    sd_mm = {one.setup: noise for one, noise in zip(observations, weighting.noise_mm, strict=True)}
     return {setup: SetUpNoise(noise, repeats.get(setup)) for setup, noise in sd_mm.items()}
 
 
 def _doubts(
     observations: Sequence[Observation],
     left_out: Sequence[Observation],
-    weighing: Weighing,
+    weighting: Weighting,
     covered: Sequence[JointRange],
 ) -> list[str]:
-    """What a person should know before the result is used."""
+    """Return what a person should know before the result is used."""
     wild: dict[str, tuple[int, int]] = {}
-    for one, count in zip(observations, weighing.wild, strict=True):
+    for one, count in zip(observations, weighting.wild, strict=True):
         left, whole = wild.get(one.setup, (0, 0))
         wild[one.setup] = left + count, whole + len(one.rows)
     found = [
@@ -229,56 +252,59 @@ def _doubts(
     ]
     if left_out:
         judged = np.concatenate([one.table.q[one.rows] for one in left_out])
-        found += beyond(covered, judged, "the model")
+        found += outside_coverage(covered, judged, "the model")
     return found
 
 
 def _converged(
-    model: Model, observations: Sequence[Observation], free: Sequence[Free], setups: dict[str, SetUp]
-) -> tuple[Fit, Weighing]:
-    """Fitted and weighed by turns, until neither noise nor levels nor what is wild changes."""
-    weighing = begun(observations, len(free))
-    after = fit(model, observations, free, setups, weighing)
+    model: Model, observations: Sequence[Observation], free: Sequence[FreeParameter], setups: dict[str, SetUp]
+) -> tuple[Fit, Weighting]:
+    """Return the fit and the weighting that follow from each other, found in turn until neither the noise, the levels
+    nor the wild readings change."""
+    weighting = initial_weighting(observations, len(free))
+    after = fit(model, observations, free, setups, weighting)
     for _ in range(_ROUNDS):
-        better = renewed(weighing, after, observations)
-        change, weighing = apart(weighing, better), better
-        after = fit(model, observations, free, setups, weighing, near=after)
-        if change < _SETTLED:
+        better = updated_weighting(weighting, after, observations)
+        change, weighting = relative_change(weighting, better), better
+        after = fit(model, observations, free, setups, weighting, near=after)
+        if change < _CONVERGED:
             break
-    return after, weighing
+    return after, weighting
 
 
 def _without_the_unseen(
-    after: Fit, weighing: Weighing, observations: Sequence[Observation], kept: Sequence[int], setups: dict[str, SetUp]
+    after: Fit, weighting: Weighting, observations: Sequence[Observation], kept: Sequence[int], setups: dict[str, SetUp]
 ) -> Fit:
+    """Return the fit of the identified parameters alone, with all others at zero."""
     effects: list[Any] = list(after.model.effects)
     for k, one in enumerate(after.free):
         if k not in kept:
             effects[one.effect] = effects[one.effect].model_copy(update={one.field: 0.0})
     model = replace(after.model, effects=tuple(effects))
-    return fit(model, observations, [after.free[k] for k in kept], setups, _of(weighing, kept))
+    return fit(model, observations, [after.free[k] for k in kept], setups, _of(weighting, kept))
 
 
-def _of(weighing: Weighing, kept: Sequence[int]) -> Weighing:
-    """The weighing of some of the parameters."""
-    return replace(weighing, spread=weighing.spread[list(kept)])
+def _of(weighting: Weighting, kept: Sequence[int]) -> Weighting:
+    """Return the weighting of some of the parameters."""
+    return replace(weighting, spread=weighting.spread[list(kept)])
 
 
-def _energy(found: Fit, weighing: Weighing) -> float:
-    """Of the weighed residuals, and a little: two fits that leave nothing are alike."""
-    return sum(float((part**2).sum()) for part in weighing.weighed(found.residuals)) + 1.0
+def _energy(found: Fit, weighting: Weighting) -> float:
+    """Return the energy of the weighted residuals plus one, so that two fits without residual compare as equal."""
+    return sum(float((part**2).sum()) for part in weighting.weighted(found.residuals)) + 1.0
 
 
-def _sound_rms(found: Fit, observations: Sequence[Observation], weighing: Weighing) -> float:
-    """Of the readings that are not wild."""
+def _sound_rms(found: Fit, observations: Sequence[Observation], weighting: Weighting) -> float:
+    """Return the rms in mm of the readings that are not wild."""
     return rms([
         residual[sound.min(axis=1) >= SOUND]
-        for residual, sound in zip(residuals_of(found.model, observations, found.setups), weighing.sound, strict=True)
+        for residual, sound in zip(residuals_of(found.model, observations, found.setups), weighting.sound, strict=True)
     ])  # fmt: skip
 
 
 def _judged(found: Fit, left_out: Sequence[Observation]) -> float:
-    """Of the readings left out; the set-up of a test not used is fitted, the effects are not."""
+    """Return the rms in mm of held-out readings; the set-up of a test that was not used is fitted, the effects
+    are not."""
     if not left_out:
         return float("nan")
     others = [one for one in left_out if one.setup not in found.setups]

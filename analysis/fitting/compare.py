@@ -1,4 +1,4 @@
-"""Simulation and measurement laid over each other: from the run's own feedback, the set-up fitted."""
+"""Comparison of simulation and measurement: simulated from the run's own feedback, with the set-up fitted."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from analysis.fitting.covered import beyond_effects
 from analysis.fitting.estimate import Fit, fit
+from analysis.fitting.joint_coverage import outside_effect_coverage
 from analysis.fitting.observation import Observation
-from analysis.fitting.placements import observed, parted
+from analysis.fitting.placements import observe_runs, split_by_frame
 from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.kinematics.arm import Array, Integers
 from analysis.measures.evaluate import Evaluated, evaluate
@@ -32,9 +32,9 @@ from rigs.rig import Rig
 
 @dataclass(frozen=True)
 class Comparison(Tabular):
-    """One run. result, simulated: evaluated alike; x (n,) and the curves (n,) that are laid over each other, in `unit`;
-    rows (m,): of the run's table that were compared, on a circle those of whole laps; residuals_mm (m, k): measured
-    less simulated reading of each gauge there, and their rms_um; correlation of the curves."""
+    """One run. `result` and `simulated` are evaluated in the same way; the curves (n,) at x (n,) are in `unit`. `rows`
+    (m,) of the run's table were compared, on a circle those of whole laps; `residuals_mm` (m, k) are the measured less
+    the simulated readings of each gauge there, and `rms_um` is their rms. `correlation` is that of the curves."""
 
     result: Result
     simulated: Evaluated
@@ -101,7 +101,8 @@ class Compared(Tabular):
 
 
 def compare(runs: Sequence[Measured], rig: Rig) -> Compared:
-    """Each run against the model of a rig. Runs of one test and placement share one set-up. Raises FileError."""
+    """Return each run compared with the model of a rig; readings are (m, k) mm. Runs of one test and placement share
+    one set-up. Raises FileError."""
     model = model_of(rig)
     poses = [run for run in runs if isinstance(run.table, PoseTable)]
     runs = [run for run in runs if not isinstance(run.table, PoseTable)]
@@ -111,10 +112,10 @@ def compare(runs: Sequence[Measured], rig: Rig) -> Compared:
     for run in runs:
         hold_targets(run.table, rig, str(run.path))
     names = [run.run.manifest.name for run in runs]
-    observations, doubts = parted(model, observed(rig, runs), names)
+    observations, doubts = split_by_frame(model, observe_runs(rig, runs), names)
     doubts += [f"{run.run.manifest.name} is left out: poses have no gauges to compare" for run in poses]
     for name, one in zip(names, observations, strict=True):
-        doubts += beyond_effects(rig.effects, one.table.q[one.rows], f"{name}, an effect of the rig file")
+        doubts += outside_effect_coverage(rig.effects, one.table.q[one.rows], f"{name}, an effect of the rig file")
     found = fit(model, observations)
     comparisons = [
         _one(run, one, rig, found, residual)
@@ -146,7 +147,7 @@ def _one(run: Measured, one: Observation, rig: Rig, found: Fit, residuals_mm: Ar
 
 
 def curve(found: Evaluated) -> tuple[Array, Array, str]:
-    """What is compared of a result: where (n,), values (n,), and their unit."""
+    """Return the curve of a result that is compared: positions (n,), values (n,), and their unit."""
     match found:
         case CircleResult():
             return np.degrees(PHI), np.degrees(found.residual), "deg"

@@ -1,4 +1,4 @@
-"""The effects of a calibration as people know them, with uncertainties and what they are mixed with."""
+"""Fitted effects with their uncertainties and correlations, as a rig file stores them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analysis.fitting.identify import name_of
+from analysis.fitting.identifiability import parameter_label
 from rigs.effects import Effect
 from rigs.schema.effect import identity
 
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from analysis.fitting.calibrate import Calibration
 
 _ANY_PHASE_DEG = 180.0 / np.sqrt(3)
-"""Standard uncertainty of a phase of which nothing is known."""
+"""Standard uncertainty of an unknown phase: a uniform distribution over a turn."""
 _CORRELATED = 0.05
-"""Less is not kept."""
+"""Smallest correlation that is stored. Chosen: a smaller one changes the uncertainty of a sum by less than 5 %."""
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """An effect as it came out, with the standard uncertainty of each parameter, in its own unit, and the correlation
-    of its size with those of others and what looks like it, by name; of waves neither is kept."""
+    """A fitted effect, with the standard uncertainty of each parameter in its own unit, the correlation of its size
+    with those of others, and the parameters with the same response, by name. Correlations of waves are not stored."""
 
     effect: Effect
     sd: dict[str, float]
@@ -33,7 +33,8 @@ class Fitted:
 
 
 def fitted_effects(calibration: Calibration) -> tuple[Fitted, ...]:
-    """The effects that were fitted; the two halves of a wave as one, with amplitude and phase."""
+    """Return the fitted effects of a calibration, with the two halves of a wave combined as amplitude and phase. The
+    covariance of the calibration is (p, p)."""
     after = calibration.after
     places = {one.effect: k for k, one in enumerate(after.free)}
     found: list[Fitted] = []
@@ -44,24 +45,24 @@ def fitted_effects(calibration: Calibration) -> tuple[Fitted, ...]:
             waves.setdefault(identity(after.model.effects[effect]), []).append(effect)
         else:
             sd = {one.field: float(np.sqrt(calibration.covariance[k, k]))}
-            name = name_of(after.model.effects[effect], one.field)
-            like = next((mix.like for mix in calibration.mixed if mix.what == name), ())
+            name = parameter_label(after.model.effects[effect], one.field)
+            like = next((mix.like for mix in calibration.weak_parameters if mix.what == name), ())
             found.append(Fitted(after.model.effects[effect], sd, _correlation(calibration, k), like))
     return (*found, *(_whole(calibration, halves, places) for halves in waves.values()))
 
 
 def _correlation(calibration: Calibration, k: int) -> dict[str, float]:
-    """Of one parameter with the others, as far as it matters."""
+    """Return the correlations of one parameter with the others that are large enough to store."""
     after, sd = calibration.after, np.sqrt(np.diag(calibration.covariance))
     return {
-        name_of(after.model.effects[one.effect], one.field): float(share)
+        parameter_label(after.model.effects[one.effect], one.field): float(share)
         for j, (one, share) in enumerate(zip(after.free, calibration.covariance[k] / (sd[k] * sd), strict=True))
         if j != k and not one.signed and abs(share) > _CORRELATED
     }
 
 
 def _whole(calibration: Calibration, halves: Sequence[int], places: dict[int, int]) -> Fitted:
-    """A sin(x) + B cos(x) as amplitude and phase, by linear propagation; one half alone keeps its phase."""
+    """Return A sin(x) + B cos(x) as amplitude and phase, by linear propagation; a single half keeps its phase."""
     after = calibration.after
     effects: list[Any] = [after.model.effects[k] for k in halves]
     rows = [places[k] for k in halves]

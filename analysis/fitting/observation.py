@@ -1,4 +1,4 @@
-"""Tables as a fit sees them: which readings are to be explained, and what a model leaves of them."""
+"""Observations: tables in the form that a fit uses, with the readings to explain and the residuals of a model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ from analysis.traces.tables import CircleTable, PoseTable, RadialTable, Repeatab
 
 @dataclass(frozen=True)
 class Observation:
-    """One table to explain. rows (m,): which readings count; values (m, k) mm; a set-up is shared by its name."""
+    """One table to explain. `rows` (m,) are those of the readings used, `values` (m, k) mm the readings. Observations
+    with equal names of their set-up share it."""
 
     table: Table
     path: Path
@@ -27,7 +28,8 @@ class Observation:
 
 
 def observe(model: Model, table: Table, where: str) -> Observation:
-    """A table with its path, and its lap where it is a circle. Raises FileError for a circle that is none."""
+    """Return a table with its path and, for a circle, its lap; values are (m, k) mm. Raises FileError for a table that
+    is not a circle of the rig."""
     if isinstance(table, CircleTable):
         rows = np.searchsorted(table.t_s, laps_of(table, model.rig, where).t_s)
         return Observation(table, path_of(model, table), rows, table.g_mm[rows], test_of(table))
@@ -39,17 +41,18 @@ def observe(model: Model, table: Table, where: str) -> Observation:
 
 
 def with_placement(one: Observation, placement: str) -> Observation:
-    """The same with the set-up of a placement that a person named; without a name, of the test alone."""
+    """Return the observation with the set-up of a placement that the user named; without a name, that of the test
+    alone."""
     return replace(one, setup=f"{one.setup} at {placement}") if placement else one
 
 
 def predicted(model: Model, one: Observation, setup: SetUp) -> Array:
-    """What a model says the observed readings are, (m, k) mm; of poses the places."""
-    return seen(model, one, moved(model, one.path), setup)
+    """Return the readings (m, k) mm that a model predicts; for poses the positions."""
+    return predicted_in_scene(model, one, moved(model, one.path), setup)
 
 
-def seen(model: Model, one: Observation, scene: Scene, setup: SetUp) -> Array:
-    """The same from a scene that is there already: one for all set-ups."""
+def predicted_in_scene(model: Model, one: Observation, scene: Scene, setup: SetUp) -> Array:
+    """Return the predicted readings (m, k) mm from an existing scene, which is the same for all set-ups."""
     values = read(model, one.table, one.path, scene, setup)
     if isinstance(one.table, PoseTable):
         values = values[:, [3, 7, 11]]
@@ -57,11 +60,12 @@ def seen(model: Model, one: Observation, scene: Scene, setup: SetUp) -> Array:
 
 
 def residuals_of(model: Model, observations: Sequence[Observation], setups: Mapping[str, SetUp]) -> list[Array]:
-    """Measured less predicted, (m, k) mm for each observation."""
+    """Return measured minus predicted readings, (m, k) mm for each observation."""
     return [one.values - predicted(model, one, setups[one.setup]) for one in observations]
 
 
 def rms(residuals: Sequence[Array]) -> float:
-    """Root mean square of residuals (m, k) mm: per reading of a gauge, per distance of a place."""
+    """Return the root mean square in mm of residuals (m, k) mm: per reading of a gauge, and per distance of a
+    position."""
     squares = np.concatenate([(r**2).sum(axis=1) if r.shape[1] == 3 else (r**2).ravel() for r in residuals])
     return float(np.sqrt(squares.mean()))

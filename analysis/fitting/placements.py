@@ -1,11 +1,11 @@
-"""Which runs share a set-up: those of one test and placement, unless they show that something stands elsewhere.
+"""Placements: runs of one test and placement share a set-up unless their readings show that something was moved.
 
-A placement is what a person calls it when a run is recorded or imported. Where nobody said, runs show it. Circles of
-one direction repeat each other, so whatever the model lacks moves their balls alike: two balls further apart than a
-real cell scatters were mounted anew. A play moves the ball of one direction against that of the other, so frames of
-both directions are only matched. Runs at targets, and poses, that cannot be one rigid frame leave far more together
-than each by itself. Poses of all placements share the tool, so that a placement of few poses takes no more than its
-frame from them.
+A placement has a name if the user gave one when the run was recorded or imported; otherwise the readings decide.
+Circles of one direction repeat each other, so model errors displace their balls equally, and two balls further apart
+than the scatter of a real cell were mounted separately. A play moves the ball of one direction relative to that of the
+other, so frames of both directions are only matched. Runs at targets, and poses, that cannot share one rigid frame have
+far larger residuals together than each alone. Poses of all placements share the tool, so that a placement of few poses
+needs only its frame from them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from analysis.fitting.observation import Observation, observe, predicted, residuals_of, rms, with_placement
-from analysis.fitting.setups import FRAME_TERMS, settled, terms_of
+from analysis.fitting.setups import FRAME_TERMS, fit_setups, terms_of
 from analysis.kinematics.arm import Arm, Array, arm_of
 from analysis.model.predict import Model, model_of
 from analysis.noise.cell import BALL_MM, JOINT_DEG
@@ -26,18 +26,21 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 _APART = 3.0
-"""Together two runs leave as many times what each leaves alone: a wrong model makes up for less in either way."""
+"""Ratio of the residual of two runs together to that of each alone, above which they have separate frames. Chosen: a
+wrong model increases both."""
 _APART_MM = 5 * BALL_MM.high
-"""And so much more than what real cells scatter from run to run."""
+"""Smallest difference between these residuals: five times the largest scatter of a ball between runs in real cells."""
 _ELSEWHERE_MM = 3 * float(np.hypot(BALL_MM.high, 1000 * np.radians(JOINT_DEG.high)))
-"""Readings that move by more from a circle to its repeat: three times what ball and joints of real cells do, at the end
-of an arm of a metre."""
+"""Change of the readings from a circle to its repeat above which the ball was moved: three times the largest scatter of
+ball and joints of real cells, at the end of an arm of one metre."""
 _TO_SPARE = 9
-"""Readings beyond the terms of a set-up, from which on what a run leaves alone says how good it is."""
+"""Number of readings beyond the terms of a set-up from which on the residual of a run alone is meaningful. Chosen:
+three poses, of three coordinates each."""
 
 
-def observed(rig: Rig, runs: Sequence[Measured]) -> list[Observation]:
-    """Runs as a fit sees them, each with the set-up of its placement. Raises FileError for one of another robot."""
+def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[Observation]:
+    """Return runs as observations of (m, k) mm, each with the set-up of its placement. Raises FileError for a run of
+    another robot."""
     model = model_of(rig)
     for run in runs:
         if not _same_arm(arm_of(run.rig.robot), model.arm):
@@ -48,11 +51,11 @@ def observed(rig: Rig, runs: Sequence[Measured]) -> list[Observation]:
     return [with_placement(observe(model, run.table, str(run.path)), run.run.manifest.placement) for run in runs]
 
 
-def parted(
+def split_by_frame(
     model: Model, observations: Sequence[Observation], names: Sequence[str]
 ) -> tuple[list[Observation], list[str]]:
-    """The same observations with a set-up of its own for each frame that they show, and what was found, in words."""
-    found, told = list(observations), []
+    """Return the observations, of (m, k) mm, with a set-up for each frame that they show, and messages about them."""
+    found, messages = list(observations), []
     for setup in dict.fromkeys(one.setup for one in observations):
         places = [k for k, one in enumerate(observations) if one.setup == setup]
         split = _circle_frames if isinstance(observations[places[0]].table, CircleTable) else _target_frames
@@ -62,27 +65,27 @@ def parted(
                 found[k] = replace(found[k], setup=f"{setup}, frame {number}")
         if len(frames) > 1:
             runs = "; ".join(", ".join(names[k] for k in frame) for frame in frames)
-            what = f"runs of {setup} do not stand in one frame: fitted as {len(frames)} placements ({runs})"
-            told.append(f"{what}, which rig relabel --placement can name")
-    return found, told
+            what = f"runs of {setup} do not share one frame: fitted as {len(frames)} placements ({runs})"
+            messages.append(f"{what}, which rig relabel --placement can name")
+    return found, messages
 
 
-def with_enough(observations: Sequence[Observation]) -> tuple[list[int], list[str]]:
-    """Which observations belong to set-ups that their readings can tell, and why others do not, in words. Raises
-    FileError where none does."""
+def with_enough_readings(observations: Sequence[Observation]) -> tuple[list[int], list[str]]:
+    """Return the indices of observations whose readings (m, k) determine their set-ups, and messages about the others.
+    Raises FileError if there are none."""
     tool_known = any(isinstance(one.table, PoseTable) and _spare(observations, one.setup) > 0 for one in observations)
-    told: dict[str, str] = {}
+    reasons: dict[str, str] = {}
     for one in observations:
         shares = tool_known and isinstance(one.table, PoseTable)
         terms = FRAME_TERMS if shares else terms_of(one.table)
         readings = _readings(observations, one.setup)
         if readings <= terms:
-            told[one.setup] = f"its {readings} readings are too few for the {terms} terms of the set-up alone"
-    kept = [k for k, one in enumerate(observations) if one.setup not in told]
+            reasons[one.setup] = f"its {readings} readings are too few for the {terms} terms of the set-up alone"
+    kept = [k for k, one in enumerate(observations) if one.setup not in reasons]
     if not kept:
-        setup, why = next(iter(told.items()))
+        setup, why = next(iter(reasons.items()))
         raise FileError(f"set-up {setup}", why, "give more runs of it, or leave out less")
-    return kept, [f"{setup} is left out: {why}" for setup, why in told.items()]
+    return kept, [f"{setup} is left out: {why}" for setup, why in reasons.items()]
 
 
 def _same_arm(one: Arm, other: Arm) -> bool:
@@ -102,10 +105,10 @@ def _spare(observations: Sequence[Observation], setup: str) -> int:
 
 
 def _circle_frames(model: Model, observations: Sequence[Observation], places: Sequence[int]) -> list[list[int]]:
-    """Circles by the frames that they stand in: those of each direction by themselves, then matched."""
+    """Return circles grouped by frame: first those of each direction, which are then matched."""
     from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - slow to import, needed here only
 
-    alone = {k: settled([(model, observations[k])])[observations[k].setup] for k in places}
+    alone = {k: fit_setups([(model, observations[k])])[observations[k].setup] for k in places}
 
     def moved_mm(one: int, other: int) -> float:
         here, there = (predicted(model, observations[other], alone[k]) for k in (one, other))
@@ -130,9 +133,9 @@ def _circle_frames(model: Model, observations: Sequence[Observation], places: Se
 
 
 def _target_frames(model: Model, observations: Sequence[Observation], places: Sequence[int]) -> list[list[int]]:
-    """Runs at targets, or of poses, by the frames that they stand in."""
+    """Return runs at targets, or of poses, grouped by frame."""
     frames: list[list[int]] = []
-    # The runs that say most come first: a run of few readings can only join one.
+    # Runs with most readings come first, because a run of few readings can only join a frame.
     for k in sorted(places, key=lambda k: -observations[k].values.size):
         home = next((frame for frame in frames if _one_frame(model, [observations[j] for j in (*frame, k)])), None)
         if home is None:
@@ -143,7 +146,7 @@ def _target_frames(model: Model, observations: Sequence[Observation], places: Se
 
 
 def _one_frame(model: Model, runs: Sequence[Observation]) -> bool:
-    """Whether the last run may stand in the frame of the others."""
+    """Return whether the last run can be in the frame of the others."""
     *others, last = runs
     together = _left(model, runs)
     if last.values.size < terms_of(last.table) + _TO_SPARE:
@@ -155,5 +158,5 @@ def _one_frame(model: Model, runs: Sequence[Observation]) -> bool:
 
 
 def _left(model: Model, runs: Sequence[Observation]) -> list[Array]:
-    """What a model leaves of runs, (m, k) mm each, their set-ups fitted."""
-    return residuals_of(model, runs, settled([(model, one) for one in runs]))
+    """Return the residuals (m, k) mm of runs with their set-ups fitted."""
+    return residuals_of(model, runs, fit_setups([(model, one) for one in runs]))

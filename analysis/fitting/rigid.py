@@ -1,4 +1,4 @@
-"""Rigid motions: the one that fits two sets of points best, and small changes of a frame."""
+"""Rigid motions: the best fit between two sets of points, and small changes of a frame."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from analysis.kinematics.arm import Array
 
 
 def best_rigid(points: Array, targets: Array) -> Array:
-    """T (4, 4) that takes points (n, 3) to targets (n, 3) with least squares (Kabsch 1976)."""
+    """Return T (4, 4) that maps points (n, 3) mm to targets (n, 3) mm with least squares (Kabsch 1976)."""
     middle, goal = points.mean(axis=0), targets.mean(axis=0)
     u, _, vt = np.linalg.svd((points - middle).T @ (targets - goal))
     flip = np.diag([1.0, 1.0, np.linalg.det(vt.T @ u.T)])
@@ -19,7 +19,7 @@ def best_rigid(points: Array, targets: Array) -> Array:
 
 
 def moved_by(T: Array, shift: Array, turn: Array) -> Array:
-    """A frame T (4, 4) shifted by (3,) mm and turned by a rotation vector (3,) rad about its own origin."""
+    """Return a frame T (4, 4) shifted by (3,) mm and rotated by a rotation vector (3,) rad about its own origin."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
     moved = T.copy()

@@ -1,8 +1,9 @@
-"""The noise of runs as a fit leaves it, at as many degrees of freedom as the fit leaves, and which readings are wild.
+"""The noise of runs from the residuals of a fit, at the fit's degrees of freedom, and the classification of wild
+readings.
 
-The runs of a set-up share one level: what they differ by is smooth along a lap and can be fitted, so that with a noise
-of its own any run would draw the fit to itself. A reading is sound or wild by the odds of two normal laws (Tukey's
-contaminated normal), wild ones many times wider.
+The runs of a set-up share one level. Their differences are smooth along a lap and can be fitted, so a run with a noise
+of its own would draw the fit to itself. A reading is sound or wild by the odds of two normal distributions (Tukey's
+contaminated normal), of which the wild one is many times wider.
 """
 
 from __future__ import annotations
@@ -19,31 +20,35 @@ from analysis.noise.cell import TARGET_MM, WHITE_MM
 from analysis.traces.tables import CircleTable, RepeatabilityTable
 
 _WILD_SHARE, _WILDER = 0.01, 30.0
-"""How many readings are wild beforehand, and how much wider they scatter: 10 to 100 standard deviations."""
+"""Prior share of wild readings, and the ratio of their scatter to that of the others: outliers of real cells are 10 to
+100 standard deviations, with a geometric mean of about 30."""
 _TAILS = 1.5
-"""How much wider sound readings count than their median says: stops of real robots, and what no effect explains, leave
-more far readings than a normal law."""
+"""Factor by which sound readings are taken to be wider than their median implies. Chosen: stops of real robots, and
+unmodelled effects, have heavier tails than a normal distribution."""
 _KNOWN_FREEDOM = 3.0
-"""So many degrees of freedom the noise of repeats, or the one assumed, counts beside what a fit leaves, which has what
-no effect explains in it as well."""
+"""Degrees of freedom of the noise of repeats, or of the assumed noise, beside that of the residual, which also contains
+unmodelled effects. Chosen: one pose."""
 _FEWEST_REPEATS = 3
-"""Below so many degrees of freedom repeats say nothing."""
+"""Degrees of freedom below which repeats are not used. Chosen: one repeated pose."""
 LAG_S = 2.5
-"""Residuals further apart in time have forgotten each other."""
+"""Separation in time beyond which residuals are taken to be uncorrelated. Chosen: slow noise of real cells has
+correlation times of 0.1 to 5 s."""
 _MEDIAN_CHI2 = {1: 0.4549, 2: 1.3863, 3: 2.3660}
-"""Of chi square with so many degrees of freedom."""
+"""The median of chi-square for one, two and three degrees of freedom."""
 
 
 @dataclass(frozen=True)
 class Repeats:
-    """sd_mm: standard deviation of one coordinate of one visit; freedom: degrees of freedom that it is known by."""
+    """The scatter of repeats: `sd_mm` is the standard deviation of one coordinate of one visit, with `freedom` degrees
+    of freedom."""
 
     sd_mm: float
     freedom: int
 
 
 def soundness(residual: Array, leverage: Array) -> Array:
-    """How sound each reading is, all coordinates (m, k) of a pose alike, by its distance in the noise of the others."""
+    """Return how sound each reading is, between 0 and 1, with the same value for all coordinates (m, k) of a pose, by
+    its distance relative to the noise of the others."""
     coordinates = residual.shape[1]
     distance = (residual**2 / (1 - leverage)).sum(axis=1)
     variance = max(float(np.median(distance)) / _MEDIAN_CHI2[coordinates], WHITE_MM.low**2)
@@ -55,30 +60,35 @@ def soundness(residual: Array, leverage: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class RunShare:
-    """A run's share of a set-up's noise: residual, leverage and sound (m, k), memory in readings."""
+class RunResiduals:
+    """A run's contribution to the noise of a set-up: residual (m, k) mm, leverage (m, k), soundness (m, k), and the
+    number of neighbouring readings that carry the information of one."""
 
     residual: Array
     leverage: Array
     sound: Array
-    memory: float
+    correlation_length: float
 
 
-def noise_of(parts: Sequence[RunShare], repeats: Repeats | None, usual_mm: float = TARGET_MM.middle) -> float:
-    """Of the runs of a set-up, with what repeats show, else with what is usual, where readings are few: so large that
-    readings count for what they tell together."""
-    freedom = sum(float((part.sound - part.leverage).clip(min=0).sum()) / part.memory for part in parts)
-    squares = sum(float((part.sound * part.residual**2).sum()) / part.memory for part in parts)
+def setup_noise_mm(parts: Sequence[RunResiduals], repeats: Repeats | None, usual_mm: float = TARGET_MM.middle) -> float:
+    """Return the noise of the runs of a set-up from their residuals (m, k) mm, combined with the scatter of repeats, or
+    with a usual value where readings are few. It is scaled so that correlated readings have the weight of the
+    information that they contain."""
+    freedom = sum(float((part.sound - part.leverage).clip(min=0).sum()) / part.correlation_length for part in parts)
+    squares = sum(float((part.sound * part.residual**2).sum()) / part.correlation_length for part in parts)
     known_mm = repeats.sd_mm if repeats else usual_mm
     level = float(np.sqrt((squares + _KNOWN_FREEDOM * known_mm**2) / (freedom + _KNOWN_FREEDOM)))
     if repeats:
         level = max(level, repeats.sd_mm)
-    memory = float(np.average([part.memory for part in parts], weights=[part.residual.size for part in parts]))
-    return max(level, WHITE_MM.low) * float(np.sqrt(memory))
+    correlation_length = float(
+        np.average([part.correlation_length for part in parts], weights=[part.residual.size for part in parts])
+    )
+    return max(level, WHITE_MM.low) * float(np.sqrt(correlation_length))
 
 
-def memory_of(one: Observation, residual: Array) -> float:
-    """Of how many neighbours on a lap one reading is worth: the variance of a mean over that of white noise."""
+def correlation_length(one: Observation, residual: Array) -> float:
+    """Return how many neighbouring readings of a lap carry the information of one, from the residual (m, k) mm: the
+    ratio of the variance of a mean to that of white noise."""
     if not isinstance(one.table, CircleTable):
         return 1.0
     step_s = float(np.median(np.diff(one.table.t_s[one.rows])))
@@ -90,7 +100,8 @@ def memory_of(one: Observation, residual: Array) -> float:
 
 
 def repeats_of(observations: Sequence[Observation], residuals: Sequence[Array]) -> dict[str, Repeats]:
-    """What visits of the same place from the same side differ by, of each set-up that has any."""
+    """Return the scatter of visits of the same place from the same side, for each set-up that has any, from residuals
+    (m, k) mm."""
     parts: dict[str, list[tuple[float, int]]] = {}
     for one, residual in zip(observations, residuals, strict=True):
         if isinstance(one.table, CircleTable):
@@ -107,7 +118,7 @@ def repeats_of(observations: Sequence[Observation], residuals: Sequence[Array]) 
 
 
 def _pooled(parts: Sequence[tuple[float, int]]) -> Repeats:
-    """By the median over the places, so that a wild visit does not count."""
+    """Return the scatter from the median over the places, so that a wild visit has no influence."""
     squares, freedom = np.array(parts).T
     median = (1 - 2 / (9 * freedom)) ** 3  # of chi square over its degrees of freedom (Wilson and Hilferty 1931)
     typical = float(np.median(squares / freedom / median))

@@ -1,7 +1,7 @@
-"""Set-ups: what they consist of, how they are changed, and how they are fitted while a model is frozen.
+"""Set-ups: their terms, how they are changed, and how they are fitted while a model is frozen.
 
-A set-up's terms are numbers in mm: ball and zeros; for poses where the instrument stands, how it is turned (mm at
-100 mm's distance) and where its target sits.
+The terms of a set-up are numbers in mm: the ball's position and the zeros of the gauges; for poses the position of the
+instrument, its rotation (in mm at a distance of 100 mm) and the position of its target.
 """
 
 from __future__ import annotations
@@ -11,42 +11,47 @@ from dataclasses import replace
 
 import numpy as np
 
-from analysis.fitting.observation import Observation, predicted, seen
+from analysis.fitting.observation import Observation, predicted, predicted_in_scene
 from analysis.fitting.rigid import best_rigid, moved_by
 from analysis.kinematics.arm import Array
 from analysis.model.predict import Model, SetUp, moved, nominal_setup
 from analysis.traces.tables import CircleTable, PoseTable, Table
 
 _REACH_MM = 100.0
-"""At which a turn of an instrument is told in mm."""
+"""Distance at which the rotation of an instrument is expressed in mm. It scales the unknowns and has no effect on the
+result."""
 _STEP_MM = 0.01
+"""Step of the derivatives by a set-up term. Readings are linear over such a step."""
 _ROUNDS = 12
+"""Largest number of Gauss-Newton steps. Chosen: a set-up 10 mm off needs ten steps of 1 mm."""
 _ENOUGH_MM = 1e-4
+"""Change below which a set-up has converged: a tenth of a micrometre, below the resolution of any gauge."""
 _FURTHEST_MM = 1.0
-"""No step of a ball goes further: at the centre of a circle its height does nothing, and the derivatives know no bound
-for it. An instrument begins far off, and has nothing of the kind."""
+"""Longest step of a ball. Its height at the centre of a circle has no effect, so the derivatives do not bound it.
+Instruments start far off and have no such term."""
 BALL_MM = 5.0
-"""How far a ball may be off its place: a weak prior that decides only what readings do not, such as its height above a
-circle's plane, where a wrong model would push it far away."""
+"""Prior standard deviation of a ball's position: a weak prior that decides only what the readings do not determine,
+such as the height above the plane of a circle, where a wrong model would move it far."""
 _STRAIGHT_MM = 0.2
-"""A step larger than this changes the derivatives."""
+"""Step above which the derivatives are computed again. Chosen: a change of 0.2 mm turns the link by 0.2° at most."""
 
 
 FRAME_TERMS = 6
-"""The first terms of a pose set-up, the instrument's; the others are the tool's, which all placements share."""
+"""Number of the first terms of a pose set-up, those of the instrument; the others are those of the tool, which all
+placements share."""
 
 Parts = Sequence[tuple[Model, Observation]]
 
 
 def terms_of(table: Table) -> int:
-    """How many terms a set-up has in a table's test."""
+    """Return the number of terms that a set-up of a table's test has."""
     if isinstance(table, PoseTable):
         return 9
     return 5 if isinstance(table, CircleTable) else 4
 
 
 def moved_setup(setup: SetUp, table: Table, change: Array) -> SetUp:
-    """A set-up with its terms changed by (terms,) mm."""
+    """Return a set-up with its terms changed by (terms,) mm."""
     if isinstance(table, PoseTable):
         target = setup.T_tool_target.copy()
         target[:3, 3] += change[6:9]
@@ -56,7 +61,8 @@ def moved_setup(setup: SetUp, table: Table, change: Array) -> SetUp:
 
 
 def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
-    """Which unknowns are the terms of each set-up; all placements of poses share the tool's."""
+    """Return the indices of the unknowns that are the terms of each set-up; all placements of poses share those of the
+    tool."""
     columns: dict[str, list[int]] = {}
     tool: list[int] = []
     count = 0
@@ -71,36 +77,37 @@ def columns_of(tables: Mapping[str, Table]) -> dict[str, list[int]]:
     return columns
 
 
-def settled(parts: Parts, setups: Mapping[str, SetUp] | None = None) -> dict[str, SetUp]:
-    """Set-ups fitted to observations, each with its model as it is. `setups`: where to begin.
+def fit_setups(parts: Parts, setups: Mapping[str, SetUp] | None = None) -> dict[str, SetUp]:
+    """Return set-ups fitted to observations of (m, k) mm, each with its model unchanged, starting from `setups` where
+    given.
 
-    Gauss-Newton in short steps: a set-up is off by a millimetre or so, and readings are nearly straight in that.
-    Placements of poses are fitted together, with one tool.
+    The method is Gauss-Newton in short steps, because a set-up is off by about a millimetre and readings are nearly
+    linear in that. Placements of poses are fitted together, with one tool.
     """
     named: dict[str, list[tuple[Model, Observation]]] = {}
     for model, one in parts:
         named.setdefault(one.setup, []).append((model, one))
-    begun = {name: setups[name] for name in named if setups and name in setups}
+    starting = {name: setups[name] for name in named if setups and name in setups}
     poses = [name for name, own in named.items() if isinstance(own[0][1].table, PoseTable)]
-    begun |= _poses_begun({name: named[name] for name in poses}, begun)
+    starting |= _starting_pose_setups({name: named[name] for name in poses}, starting)
     groups = [[name] for name in named if name not in poses] + [poses] * bool(poses)
     found: dict[str, SetUp] = {}
     for group in groups:
         starts = {
-            name: begun.get(name) or nominal_setup(named[name][0][0].rig, named[name][0][1].table) for name in group
+            name: starting.get(name) or nominal_setup(named[name][0][0].rig, named[name][0][1].table) for name in group
         }
         found |= _placed([part for name in group for part in named[name]], starts)
     return {name: found[name] for name in named}
 
 
-def _poses_begun(named: Mapping[str, Parts], begun: Mapping[str, SetUp]) -> dict[str, SetUp]:
-    """Placements of poses that nobody has placed yet: with the tool of one that is, or else of that with most poses;
-    instruments where their readings have them."""
-    new = [name for name in named if name not in begun]
+def _starting_pose_setups(named: Mapping[str, Parts], starting: Mapping[str, SetUp]) -> dict[str, SetUp]:
+    """Return starting set-ups for placements of poses without one: with the tool of a placement that has one, or else
+    of that with most poses, and instruments where their readings place them."""
+    new = [name for name in named if name not in starting]
     if not new:
         return {}
     found: dict[str, SetUp] = {}
-    known = next((begun[name] for name in named if name in begun), None)
+    known = next((starting[name] for name in named if name in starting), None)
     if known is None:
         most = max(new, key=lambda name: sum(one.values.size for _, one in named[name]))
         model, one = named[most][0]
@@ -111,7 +118,7 @@ def _poses_begun(named: Mapping[str, Parts], begun: Mapping[str, SetUp]) -> dict
 
 
 def _at_instrument(setup: SetUp, parts: Parts) -> SetUp:
-    """A set-up with its instrument where poses were seen from."""
+    """Return a set-up with its instrument at the place from which the poses were measured."""
     bare = replace(setup, T_instrument_world=np.eye(4))
     places = np.concatenate([predicted(model, one, bare) for model, one in parts])
     seen_there = np.concatenate([one.values for _, one in parts])
@@ -119,7 +126,7 @@ def _at_instrument(setup: SetUp, parts: Parts) -> SetUp:
 
 
 def _placed(parts: Parts, starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
-    """Set-ups that share terms, fitted together from where they start."""
+    """Return set-ups that share terms, fitted together from their starting values."""
     tables = {one.setup: one.table for _, one in parts}
     columns = columns_of(tables)
     poses, count = isinstance(parts[0][1].table, PoseTable), 1 + max(map(max, columns.values()))
@@ -131,7 +138,7 @@ def _placed(parts: Parts, starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
     def left(change: Array) -> Array:
         placed = at(change)
         return np.concatenate([
-            (one.values - seen(model, one, scene, placed[one.setup])).ravel()
+            (one.values - predicted_in_scene(model, one, scene, placed[one.setup])).ravel()
             for (model, one), scene in zip(parts, scenes, strict=True)
         ])  # fmt: skip
 
@@ -141,7 +148,7 @@ def _placed(parts: Parts, starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
         r = left(so_far)
         if turn < 2 or np.abs(change).max() > _STRAIGHT_MM:
             J = np.stack([(r - left(step)) / _STEP_MM for step in so_far + _STEP_MM * np.eye(count)], axis=1)
-        # A ball as far off as it may be costs as much as what is left now: far from the end it is held the firmer.
+        # A ball at the limit of its prior costs as much as the current residual, so the prior is strong at first.
         held = np.where(ball, (r @ r) / BALL_MM**2, 1e-12)
         change = np.linalg.solve(J.T @ J + np.diag(held), J.T @ r - held * so_far)
         if not poses:

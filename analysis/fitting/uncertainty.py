@@ -1,8 +1,8 @@
-"""How well fitted parameters are known, when the residuals are not white and no two runs are quite alike.
+"""The uncertainty of fitted parameters when residuals are correlated and runs differ.
 
-Readings of one lap are correlated over some time: the covariance of the least-squares solution is the sandwich of
-Newey and West (1987), lag by lag within each run. And from run to run every joint and the ball sit a little elsewhere:
-that scatter, as repeated runs show it or as real cells have it, goes through the same solution.
+Readings of one lap are correlated over some time, so the covariance of the least-squares solution is the sandwich
+estimator of Newey and West (1987), lag by lag within each run. Between runs every joint and the ball change a little;
+this scatter, from repeated runs or as in real cells, is propagated through the same solution.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from analysis.fitting.observation import Observation, residuals_of
 from analysis.fitting.run_noise import LAG_S
-from analysis.fitting.weighing import Weighing
+from analysis.fitting.weighting import Weighting
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_of
 from analysis.kinematics.arm import Array, forward
@@ -28,16 +28,19 @@ if TYPE_CHECKING:
     from analysis.fitting.estimate import Fit
 
 _STEP_DEG, _STEP_MM = 1e-3, 5e-3
-"""Steps of the derivatives by a joint and by the ball: readings are straight in so little."""
+"""Steps of the derivatives by a joint and by the ball. Readings are linear over such steps."""
 _BINS = 180
-"""Places of a lap, 2° apart, at which repeated runs are laid over each other."""
+"""Places of a lap, 2° apart, at which repeated runs are compared. Chosen: the scatter of joints and ball is smoother.
+"""
 _JOINTS_DEG = np.array([0.0, *np.geomspace(0.1 * JOINT_DEG.low, 2 * JOINT_DEG.high, 16)])
+"""Scatter of a joint that is tried: none, and a tenth of the smallest to twice the largest of real cells."""
 _BALLS_MM = np.array([0.0, *np.geomspace(0.1 * BALL_MM.low, 2 * BALL_MM.high, 16)])
+"""Scatter of the ball that is tried: none, and a tenth of the smallest to twice the largest of real cells."""
 
 
 @dataclass(frozen=True)
-class Scatter:
-    """How far each joint and the ball lie elsewhere from run to run, standard deviations, and where that is from."""
+class RunScatter:
+    """The scatter of each joint and of the ball between runs, as standard deviations, and its source."""
 
     joint_deg: float
     ball_mm: float
@@ -45,16 +48,17 @@ class Scatter:
 
 
 def covariance(
-    found: Fit, observations: Sequence[Observation], weighing: Weighing, background: Sequence[Effect]
-) -> tuple[Array, Scatter]:
-    """Covariance (p, p) of the free parameters of a fit, in their own units, and the scatter from run to run in it.
+    found: Fit, observations: Sequence[Observation], weighting: Weighting, background: Sequence[Effect]
+) -> tuple[Array, RunScatter]:
+    """Return the covariance (p, p) of the free parameters of a fit, in their own units, and the scatter between runs
+    that it includes.
 
-    What the priors of a fit say counts as one more thing that is known no better than they say. background: effects
-    that are not fitted, each as large as a healthy arm has it, or smaller: a fit takes a part of each for its own.
+    The priors of a fit enter with their own uncertainty. `background` lists effects that are not fitted, each at most
+    at its healthy size, because a fit attributes a part of each to its parameters.
     """
     J, model, setups = found.design, found.model, found.setups
-    scatter = scatter_between(model, observations, setups)
-    residuals = weighing.weighed(found.residuals)
+    scatter = scatter_between_runs(model, observations, setups)
+    residuals = weighting.weighted(found.residuals)
     inverse: Array = np.asarray(np.linalg.pinv(J.T @ J, rcond=1e-14))
     count = sum(residual.size for residual in residuals)
     used = float(np.einsum("ij,jk,ik->", J[:count], inverse, J[:count]))
@@ -65,11 +69,11 @@ def covariance(
         rows = slice(begin, begin + residual.size)
         begin += residual.size
         meat += shrink * _newey_west(J[rows] * residual.ravel()[:, None], one, residual.shape[1])
-        for shaken in _shaken(model, one, setups, scatter):
-            score = J[rows].T @ (weighing.weights[k] * shaken).ravel()
+        for response in _scatter_response(model, one, setups, scatter):
+            score = J[rows].T @ (weighting.weights[k] * response).ravel()
             meat += np.outer(score, score)
     meat += J[begin:].T @ J[begin:]
-    meat += _of_background(found, observations, weighing, background, J[:begin], inverse)
+    meat += _of_background(found, observations, weighting, background, J[:begin], inverse)
     scale = np.array([one.scale for one in found.free])
     own = (inverse @ meat @ inverse)[-len(scale) :, -len(scale) :]
     return own * np.outer(scale, scale), scatter
@@ -78,14 +82,15 @@ def covariance(
 def _of_background(
     found: Fit,
     observations: Sequence[Observation],
-    weighing: Weighing,
+    weighting: Weighting,
     background: Sequence[Effect],
     J: Array,
     inverse: Array,
 ) -> Array:
-    """What effects that are not fitted add to the scores (p, p) of poses: at their healthy size, or at the level at
-    which they would leave as much as is left. Poses are few and far apart: each of those effects has its own value at
-    each of them, which looks like noise. On a lap it is smooth, and what is smooth counts as memory and scatter."""
+    """Return the contribution of effects that are not fitted to the covariance of the scores (p, p) of poses, at their
+    healthy size or at the smaller level that explains the residual. Poses are few and far apart, so each of those
+    effects has a different value at each pose, which resembles noise. On a lap it is smooth, and is included as
+    correlation and scatter."""
     added = np.zeros((len(J), len(background)))
     begin = 0
     for place, (one, residual) in enumerate(zip(observations, found.residuals, strict=True)):
@@ -95,34 +100,36 @@ def _of_background(
             for k, effect in enumerate(background):
                 healthy = replace(found.model, effects=(*found.model.effects, effect))
                 (there,) = residuals_of(healthy, [one], found.setups)
-                added[rows, k] = (weighing.weights[place] * (there - residual)).ravel()
+                added[rows, k] = (weighting.weights[place] * (there - residual)).ravel()
     scores = J.T @ added
     own = added.any(axis=1)
     left = (added - J @ (inverse @ scores))[own]
-    residuals = np.concatenate([part.ravel() for part in weighing.weighed(found.residuals)])[own]
+    residuals = np.concatenate([part.ravel() for part in weighting.weighted(found.residuals)])[own]
     level = min(1.0, float((residuals**2).sum()) / max(float((left**2).sum()), 1e-300))
     spread: Array = level * scores @ scores.T
     return spread
 
 
-def scatter_between(model: Model, observations: Sequence[Observation], setups: Mapping[str, SetUp]) -> Scatter:
-    """The most likely scatter of joints and ball, from what repeated runs of one set-up and direction differ by.
+def scatter_between_runs(model: Model, observations: Sequence[Observation], setups: Mapping[str, SetUp]) -> RunScatter:
+    """Return the most likely scatter of joints and ball, from the differences between repeated runs, of (m, k) mm, of
+    one set-up and direction.
 
-    What no scatter can have done (outside the span of its derivatives) is the noise that it is weighed against.
+    The part of the differences that no scatter can explain (outside the span of its derivatives) is the noise against
+    which it is weighted.
     """
     groups: dict[tuple[object, ...], list[Observation]] = {}
     for one in observations:
         if not isinstance(one.table, PoseTable):
             way = one.table.direction if isinstance(one.table, CircleTable) else len(one.rows)
             groups.setdefault((one.setup, type(one.table), way), []).append(one)
-    unit = Scatter(1.0, 1.0, "assumed")
+    unit = RunScatter(1.0, 1.0, "assumed")
     seen = []
     for repeats in groups.values():
         if len(repeats) < 2:
             continue
-        left = [_laid_over(model, one, *residuals_of(model, [one], setups)) for one in repeats]
-        shaken = _shaken(model, repeats[0], setups, unit)
-        columns = np.array([_laid_over(model, repeats[0], column) for column in shaken]).T
+        left = [_at_common_places(model, one, *residuals_of(model, [one], setups)) for one in repeats]
+        response = _scatter_response(model, repeats[0], setups, unit)
+        columns = np.array([_at_common_places(model, repeats[0], column) for column in response]).T
         span, size, _ = np.linalg.svd(columns, full_matrices=False)
         span = span[:, size > 1e-3 * size[0]]
         apart = np.array(left) - np.mean(left, axis=0)
@@ -132,7 +139,7 @@ def scatter_between(model: Model, observations: Sequence[Observation], setups: M
         by = span.T @ columns
         seen.append((len(left) - 1, inside, noise, by[:, :6] @ by[:, :6].T, by[:, 6:] @ by[:, 6:].T))
     if not seen:
-        return Scatter(JOINT_DEG.rms, BALL_MM.rms, "assumed")
+        return RunScatter(JOINT_DEG.rms, BALL_MM.rms, "assumed")
 
     def likelihood(joint: float, ball: float) -> float:
         total = 0.0
@@ -142,12 +149,12 @@ def scatter_between(model: Model, observations: Sequence[Observation], setups: M
         return total
 
     joint, ball = max(((joint, ball) for joint in _JOINTS_DEG for ball in _BALLS_MM), key=lambda two: likelihood(*two))
-    return Scatter(float(joint), float(ball), "measured")
+    return RunScatter(float(joint), float(ball), "measured")
 
 
-def _laid_over(model: Model, one: Observation, values: Array) -> Array:
-    """Values (m, k) of a run where repeats have theirs too: (BINS · k,) means around the circle; at targets as they
-    are."""
+def _at_common_places(model: Model, one: Observation, values: Array) -> Array:
+    """Return values (m, k) of a run at places that its repeats share: (BINS · k,) means around a circle; unchanged at
+    targets."""
     if not isinstance(one.table, CircleTable):
         return values.ravel()
     phi = frame_of(circle_of(model.rig)).angle(forward(model.arm, one.table.q[one.rows])[:, :3, 3])
@@ -157,7 +164,8 @@ def _laid_over(model: Model, one: Observation, values: Array) -> Array:
 
 
 def _newey_west(scores: Array, one: Observation, channels: int) -> Array:
-    """Sum of the scores' (n, p) autocovariances over lags, with Bartlett's weights; white at targets."""
+    """Return the sum (p, p) of the scores' (n, p) autocovariances over lags, with Bartlett's weights; at targets the
+    scores are white."""
     total: Array = scores.T @ scores
     if not isinstance(one.table, CircleTable):
         return total
@@ -171,8 +179,9 @@ def _newey_west(scores: Array, one: Observation, channels: int) -> Array:
     return total
 
 
-def _shaken(model: Model, one: Observation, setups: Mapping[str, SetUp], scatter: Scatter) -> list[Array]:
-    """What the scatter of each joint and of the ball along each axis adds to the readings (m, k) of one run."""
+def _scatter_response(model: Model, one: Observation, setups: Mapping[str, SetUp], scatter: RunScatter) -> list[Array]:
+    """Return the change of the readings (m, k) mm of one run for the scatter of each joint and of the ball along each
+    axis."""
     if isinstance(one.table, PoseTable):
         return []
     (base,) = residuals_of(model, [one], setups)

@@ -71,8 +71,8 @@ class Reversal:
 def reversals(frame: CircleFrame, arm: Arm, posture: Array, where: str) -> list[Reversal]:
     """Where the joints turn back on the nominal circle, by axis and phi (Table 1 of the paper).
 
-    A joint that swings by less than 0.05° about the point is taken as standing. Raises FileError where
-    the circle cannot be driven.
+    posture (6,) rad: near the start of the circle. A joint that swings by less than 0.05° about the point is taken as
+    standing. Raises FileError where the circle cannot be driven.
     """
     from scipy.signal import find_peaks  # noqa: PLC0415 - slow to import, needed here only
 

@@ -14,7 +14,7 @@ def feasible_tests(rig: Rig) -> list[str]:
     """A line for each test. Raises FileError for a circle that the robot cannot drive."""
     circle = rig.tests.circle
     if circle is None:
-        return ["no circle test"]
+        return ["no circle is declared"]
     seconds = circle_program(rig, "acw").t_s[-1]
     laps = "1 lap" if circle.laps == 1 else f"{circle.laps} laps and the ways back"
     posture = np.radians(circle.posture_deg)

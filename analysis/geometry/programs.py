@@ -22,10 +22,10 @@ from rigs.schema.declared_tests import Circle, Hemisphere, Repeatability
 from rigs.schema.vocabulary import Direction
 
 _ACCELERATION_MM_S2 = 200.0
-"""Of a controller that moves a calibration circle: gentle."""
+"""Acceleration of a controller on a calibration circle, a gentle one."""
 _CONTROL_PERIOD_S = 0.004
 _BACK = 2.0
-"""Times the speed of a lap at which a program drives back to the start of the next."""
+"""A program drives back to the start of the next lap at so many times the speed of a lap."""
 _PAUSE_S = 0.5
 """Standing where a program turns back."""
 _JOINT_SPEED = np.radians(30.0)
@@ -160,7 +160,9 @@ def repeatability_program(rig: Rig) -> TargetProgram:
     unknown = [number for number in plan.targets if not 1 <= number <= len(polar)]
     if unknown:
         where = f"{rig.name}, tests.repeatability"
-        raise FileError(where, f"target {unknown[0]} is none of the {len(polar)} of the hemisphere", "correct targets")
+        raise FileError(
+            where, f"target {unknown[0]} is not one of the {len(polar)} targets of the hemisphere", "correct targets"
+        )
     target = np.array(plan.targets, dtype=np.int64)
     polar, azimuth = polar[target - 1], azimuth[target - 1]
     middle = np.full(len(target), (hemisphere.orientations + 1) // 2)

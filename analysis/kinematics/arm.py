@@ -76,7 +76,7 @@ def link_frames(arm: Arm, q: Array) -> Array:
 
 
 def forward(arm: Arm, q: Array) -> Array:
-    """T_world_tool for joint angles q (n, 6): (n, 4, 4)."""
+    """T_world_tool (n, 4, 4), places in mm, for joint angles q (n, 6) rad."""
     return _frames(_at(_link_columns(arm, q)[5], arm.T_flange_tool))
 
 

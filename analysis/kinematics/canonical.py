@@ -24,7 +24,7 @@ _ALPHA: dict[Kind, Array] = {
     "spherical wrist": np.radians([90.0, 0.0, 90.0, 90.0, 90.0]),
     "parallel axes": np.radians([90.0, 0.0, 0.0, 90.0, 90.0]),
 }
-"""Of links 1 … 5; what lies before axis 1 is free."""
+"""The alphas of links 1 … 5; what lies before axis 1 is free."""
 _NEAR = 0.05
 """A calibrated arm is this near its kind: rad, and lengths over the arm's size."""
 _EXACT = 1e-12

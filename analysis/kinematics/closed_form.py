@@ -35,7 +35,7 @@ def branches(form: Canonical, poses: Array, spread: float = 0.0) -> Array:
     """theta (n, 8, 6) rad of the arm for tool poses (n, 4, 4) in the world, not wrapped.
 
     Slot = 4 · shoulder + 2 · elbow + wrist. A branch out of reach is not marked: its angles come as near as
-    the arm does, and forward kinematics tells. With `spread` > 0 (rad) the two sides of a singularity are
+    the arm does, and forward kinematics decides. With `spread` > 0 (rad) the two sides of a singularity are
     held that far apart: seeds for an arm that is only near its kind.
 
     Singular poses: a wrist centre on axis 1 has t1 = 0 and 180°; t5 = 0 has t4 = 0 (spherical wrist), or the

@@ -4,7 +4,7 @@ Strategy: walk a coarse subset of the poses one after the other, each solved by 
 one before, so that the arm stays in the posture it began in; interpolate; then refine all poses at once
 with the same Newton, vectorised. Works for any six-axis arm that the file describes. Where Newton does
 not reach the first pose from the posture, the walk begins at the branch nearest to the posture; where it
-fails later, all branches of that pose tell whether it is out of reach or behind a singularity.
+fails later, all branches of that pose show whether it is out of reach or behind a singularity.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def _walk(arm: Arm, poses: Array, knots: np.ndarray[tuple[int], np.dtype[np.intp
         if branch is None:
             raise FileError(
                 where,
-                f"{_named(poses, index)} is out of reach: no posture puts the tool there",
+                f"{_named(poses, index)} is out of reach of the arm in every posture",
                 "move the centre",
             )
         if row > 0:
@@ -62,7 +62,8 @@ def _walk(arm: Arm, poses: Array, knots: np.ndarray[tuple[int], np.dtype[np.intp
 
 
 def _nearest_branch(arm: Arm, pose: Array, q: Array) -> Array | None:
-    """Of all branches and turns for a pose (1, 4, 4) that nearest to q (6,), within the limits where any is."""
+    """The angles (6,) rad, of all branches and turns for a pose (1, 4, 4), nearest to q (6,) rad and within the limits
+    where any is."""
     solutions = inverse(arm, pose)
     found = solutions.q[solutions.found]
     allowed, _ = within_limits(arm, found)
@@ -77,7 +78,7 @@ def _flips(arm: Arm, poses: Array, index: int, q: Array, where: str) -> FileErro
     axes = " and ".join(str(axis) for axis in cancelling_axes(arm, q))
     return FileError(
         where,
-        f"the arm flips near {_named(poses, index)}: a singularity, where axes {axes} cancel each other "
+        f"the arm changes its posture near {_named(poses, index)}: a singularity, where axes {axes} cancel each other "
         f"(conditioning {conditioning(arm, q[None])[0]:.1g} at {np.degrees(q).round(1).tolist()}°)",
         "move the circle or choose another posture_deg",
     )

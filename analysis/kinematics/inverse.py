@@ -21,7 +21,7 @@ from analysis.kinematics.singularity import null_motion
 
 TOLERANCE_MM, TOLERANCE_RAD = 1e-8, 1e-10
 _POLISHED_MM = 1e-3
-"""Of a closed form: below it rounding is to blame, and a Newton step mends it; above it, reach."""
+"""An error of a closed form below this comes from rounding, and a Newton step removes it; above it, from reach."""
 _SAME_RAD = 1e-6
 _SEEDS, _MOST = 96, 16
 """Seeds of the search, and how many solutions a general six-axis arm has at most (Raghavan and Roth 1993)."""
@@ -138,7 +138,7 @@ def _joints(arm: Arm, theta: Array) -> Array:
 
 
 def _wrapped(angle: Array) -> Array:
-    """In (-180°, 180°]."""
+    """The same angles in (-180°, 180°]."""
     wrapped: Array = angle - 2 * np.pi * np.ceil(angle / (2 * np.pi) - 0.5)
     return wrapped
 
@@ -157,7 +157,7 @@ def _good(error: Array) -> Mask:
 
 
 def _distinct(arm: Arm, q: Array, found: Mask) -> tuple[Array, Mask]:
-    """The same without the solutions that an earlier slot has already, and nan where there is none."""
+    """The same without the solutions that an earlier slot has already; empty slots are nan."""
     found = found.copy()
     turned = q @ arm.coupling.T
     for slot in range(1, q.shape[1]):

@@ -8,7 +8,7 @@ from analysis.kinematics.arm import Arm, Array, forward_and_jacobian
 from analysis.kinematics.newton import LENGTH_MM
 
 _TAKES_PART = 0.1
-"""Of a unit joint motion that leaves the tool still."""
+"""An axis takes part in a singularity with at least this share of a unit joint motion that leaves the tool still."""
 
 
 def conditioning(arm: Arm, q: Array) -> Array:

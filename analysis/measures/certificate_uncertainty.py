@@ -40,7 +40,7 @@ def _of_circle(figures: Figures, systematic: Systematic, rig: Rig, test: TestNam
 
     def u(name: str, figure: Quantity) -> float:
         if name.endswith("_at_deg"):
-            return 0.0  # a place on the circle, which the shape of the curve tells and not its size
+            return 0.0  # a place on the circle, which follows from the shape of the curve and not its size
         if name == "shift_deg":
             amplitude_rad = math.radians(abs(figures["amplitude_deg"].value))
             return math.degrees(angle_rad / amplitude_rad) if amplitude_rad else 0.0

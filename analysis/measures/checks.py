@@ -9,15 +9,15 @@ from rigs.errors import FileError
 
 
 def hold_numbers(where: str, **columns: Array) -> None:
-    """Raises FileError where a column (n, …) has a value that is no number."""
+    """Raises FileError where a column (n, …) has a value that is not a number."""
     for name, values in columns.items():
         bad = np.asarray(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
         if bad.all() and len(bad):
-            what = f"{name} has no number in any of its {len(bad)} rows"
-            raise FileError(where, what, "see that its instrument measures and sends, and measure again")
+            what = f"{name} holds no valid number in any of its {len(bad)} rows"
+            raise FileError(where, what, "check that its instrument measures and sends, and measure again")
         if bad.any():
             row = int(np.argmax(bad)) + 1
-            raise FileError(where, f"{name} of row {row} is no number ({bad.sum()} such rows)", "leave such rows out")
+            raise FileError(where, f"{name} of row {row} is not a number ({bad.sum()} such rows)", "remove such rows")
 
 
 def hold_alive(where: str, **readings: Array) -> None:
@@ -27,14 +27,14 @@ def hold_alive(where: str, **readings: Array) -> None:
             raise FileError(
                 where,
                 f"{name} reads {values[0]:g} mm in all {len(values)} rows",
-                "see that the gauge touches and sends (a simulation needs noise), and measure again",
+                "check that the gauge touches and sends (a simulation needs noise), and measure again",
             )
 
 
 def hold_radius(where: str, radius_mm: float) -> None:
-    """Raises FileError for a radius that is no positive number."""
+    """Raises FileError for a radius that is not a positive number."""
     if not (np.isfinite(radius_mm) and radius_mm > 0):
-        raise FileError(where, f"a radius of {radius_mm:g} mm cannot be", "correct radius_mm in the rig file")
+        raise FileError(where, f"a radius of {radius_mm:g} mm is impossible", "correct radius_mm in the rig file")
 
 
 def listed(numbers: list[int]) -> str:

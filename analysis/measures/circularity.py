@@ -5,7 +5,7 @@ least-squares circle. The link has no absolute length here (the gauges' zeros ar
 radial deviation F and mean radius D are not reported.
 
 The distance of P = C + R r(phi) from B = C + e is |R r(phi) - e|, and it is that curve, not its first harmonic
-alone, that is fitted: e²/4R of second harmonic is no error of the robot (2 µm for 0.7 mm at 70 mm). The
+alone, that is fitted: e²/4R of second harmonic is not an error of the robot (2 µm for 0.7 mm at 70 mm). The
 factor 1/(l·z_T) in a reading is left alone: it is below 1 µm where the angle is below 1° and the gauges stand
 within 5 mm of their zero.
 """
@@ -27,7 +27,7 @@ from analysis.traces.laps import Laps
 
 RANGES = frozenset({"circular_deviation_mm"})
 _ROUNDS = 4
-"""Of Gauss-Newton; an eccentricity of a tenth of the radius takes three to 1 nm."""
+"""Rounds of Gauss-Newton; an eccentricity of a tenth of the radius takes three to 1 nm."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ distance, ISO 230-4:2005, clause 3: bidirectional circular deviation G(b) about 
 of both paths together, and circular hysteresis H, the largest radial difference of the two.
 
 Ball and zeros of the gauges must not be touched between the runs. A ball that sits elsewhere makes a difference of
-order one and nothing else, in the distance and, of a yaw, in the angle alike: such runs are no pair. A lag between
+order one and nothing else, in the distance and, of a yaw, in the angle alike: such runs are not a pair. A lag between
 gauges and robot belongs to the set-up: it is drawn once for both runs, from what the less certain of them knows of it,
 and moves them apart, which is the worst it can do."""
 
@@ -33,7 +33,7 @@ RANGES = frozenset({"circular_deviation_mm"})
 _ELSEWHERE_MM = 0.06
 """A ball that moved by more than this was touched: three times what clamping and temperature do in a cell."""
 _ALIKE = 0.5
-"""Of a move by the angle: how far that by the distance may be from it, which a play moves too."""
+"""The share of a move by the angle by which the move by the distance, which a play changes too, may differ."""
 _ALONE, _MOSTLY = 0.9, 0.5
 """Share of acw - cw, as energy, that a ball elsewhere explains; a play, which changes its side at each reversal of a
 joint, leaves much of itself in the higher orders."""
@@ -41,7 +41,8 @@ joint, leaves much of itself in the higher orders."""
 
 @dataclass(frozen=True)
 class DirectionPair:
-    """What differs between the directions, by name; lag: of the gauges behind the robot, ms, told and not applied."""
+    """What differs between the directions, by name; lag: of the gauges behind the robot, ms, reported and not
+    applied."""
 
     figures: dict[str, Quantity]
     lag: Quantity
@@ -50,7 +51,7 @@ class DirectionPair:
 def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> DirectionPair:
     """figures of acw - cw at the same phi: hysteresis_mean_deg with its sign, hysteresis_max_deg without and
     hysteresis_max_at_deg where; of the distance hysteresis_mean_mm, hysteresis_max_mm (H) and
-    circular_deviation_mm (G(b)). Maxima are noise-corrected. Raises FileError where it is no pair."""
+    circular_deviation_mm (G(b)). Maxima are noise-corrected. Raises FileError where they are not a pair."""
     _hold(acw, cw, where)
     curves = [acw.curve, cw.curve, acw.distance.curve, cw.distance.curve]
     radius = acw.laps.frame.radius
@@ -117,7 +118,7 @@ def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
 
 
 def ball_moved_mm(acw: CircleResult, cw: CircleResult) -> float:
-    """By how much the ball sits elsewhere in the second run, mm; 0 where a robot may have done what differs.
+    """How far the ball moved between the runs, mm; 0 where the robot may explain the difference.
 
     A play moves the distance by the way that a joint turns, and with it the first order too; of a yaw the angle shows
     the ball a second time, and a play hardly shows the same there.
@@ -145,6 +146,7 @@ def _hold(acw: CircleResult, cw: CircleResult, where: str) -> None:
     if moved_mm := ball_moved_mm(acw, cw):
         raise FileError(
             where,
-            f"have their balls {moved_mm:.2f} mm apart: it was mounted anew, and acw - cw is no hysteresis",
-            "record acw and cw without touching ball and gauges between them",
+            f"have their balls {moved_mm:.2f} mm apart: the ball or a gauge was moved between them, so that acw - cw "
+            "does not show the hysteresis",
+            "record acw and cw without touching the ball or the gauges in between",
         )

@@ -1,4 +1,4 @@
-"""From a table to the figures of its test: one door for measured and simulated tables alike."""
+"""From a table to the figures of its test: one function for measured and simulated tables alike."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def evaluate(
     """The figures of a table. u_gauge_mm: standard uncertainty of one reading, the rig file's where not given; like:
     noise of the angle and of the distance in another run, for a circle of a single lap.
 
-    Raises FileError where it is no good measurement of its test.
+    Raises FileError where it is not a valid measurement of its test.
     """
     u_mm = rig.gauges.g1.accuracy_mm if u_gauge_mm is None else u_gauge_mm
     hold_targets(table, rig, where)
     match table:
         case CircleTable():
             if rig.gauges.g2 is None:
-                raise FileError(where, "has one gauge, and an angle takes two", "add gauges.g2 to the rig file")
+                raise FileError(where, "has one gauge, and an angle needs two", "add gauges.g2 to the rig file")
             of_test = yaw.evaluate if table.test == "yaw" else roll.evaluate
             gauges = rig.gauges
             laps = laps_of(table, rig, where)

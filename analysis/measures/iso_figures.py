@@ -13,7 +13,7 @@ RANGE_VISITS = 5
 
 
 def rp(x: Array) -> Array:
-    """ISO 9283, 7.2.2, position repeatability (...,) of attained points x (..., n, d), NaN where there is none:
+    """ISO 9283, 7.2.2, position repeatability (...,) mm of attained points x (..., n, d) mm, NaN where one is missing:
     mean + 3 S of their distances from their barycentre, S with n - 1."""
     away = np.linalg.norm(x - np.nanmean(x, axis=-2, keepdims=True), axis=-1)
     value: Array = np.nanmean(away, axis=-1) + 3.0 * np.nanstd(away, axis=-1, ddof=1)
@@ -22,7 +22,7 @@ def rp(x: Array) -> Array:
 
 def reversal(x: Array) -> dict[str, Array]:
     """ISO 230-2 figures (...,) of readings x (..., targets, 2, n), the sides ↓ (from outside) and ↑ (from inside),
-    NaN where there is none: R↓, R↑, R, largest B without sign, mean B = mean of x̄↑ - x̄↓."""
+    NaN where one is missing: R↓, R↑, R, largest B without sign, mean B = mean of x̄↑ - x̄↓."""
     mean, s = np.nanmean(x, axis=-1), np.nanstd(x, axis=-1, ddof=1)
     B = mean[..., 1] - mean[..., 0]
     both = 2 * s.sum(axis=-1) + np.abs(B)

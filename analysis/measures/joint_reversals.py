@@ -1,7 +1,7 @@
 """Where the joints turn back along a lap, by the table's own feedback: beside the paper's Table 1.
 
 A turn counts where the joint comes back by more than its noise (and 0.05°) on both sides, so that encoder noise
-makes none; its place is the vertex of a cubic through the neighbourhood. `analysis.geometry.circle.reversals` tells the
+makes none; its place is the vertex of a cubic through the neighbourhood. `analysis.geometry.circle.reversals` gives the
 same of the nominal path.
 """
 

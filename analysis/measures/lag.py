@@ -2,11 +2,11 @@
 
 Gauges stamped late show at each moment what was true a lag before: the curve is dragged along with the motion, forwards
 in one direction and backwards in the other, so acw - cw holds twice the lag times the speed times the curve's
-slope. Plays and friction reverse with the direction too, and their first harmonic cannot be told from a lag. What
-they leave in the others tells how large it may be: it is taken for a random part that falls with the
+slope. Plays and friction reverse with the direction too, and their first harmonic cannot be distinguished from a
+lag. What they leave in the others shows how large it may be: it is taken for a random part that falls with the
 harmonic's number, as that of a step does, and it makes the uncertainty. So does the robot, which is never at quite the
-same places in two runs. One direction alone tells nothing: there a lag turns the curve as another place of the ball
-would.
+same places in two runs. One direction alone shows nothing of it: there a lag turns the curve as another
+place of the ball would.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ Complex = NDArray[np.complex128]
 _HARMONICS = np.arange(1, 9)
 _ROUNDS = 10
 _MOVED_MM = float(np.hypot(BALL_MM.middle, 1000.0 * np.radians(JOINT_DEG.middle)))
-"""By how much a circle lies elsewhere in another run: its ball, and a joint at the end of an arm of a metre."""
+"""How far a circle moves between runs: its ball, and a joint at the end of an arm of a metre."""
 
 
 @dataclass(frozen=True)
 class _Evidence:
-    """Of one kind of curve: harmonics (h,) of acw - cw, and of what a lag of one second would put there; noise: the
+    """One kind of curve: harmonics (h,) of acw - cw, and of what a lag of one second would put there; noise: the
     variance (h,) of their real and of their imaginary part without any play."""
 
     between: Complex
@@ -41,7 +41,7 @@ class _Evidence:
 
 
 def lag_of(pairs: Sequence[tuple[LapCurve, LapCurve]], radii_mm: Sequence[float], samples: int) -> Quantity:
-    """The lag in ms, from curves of an acw and a cw run; several kinds (angle, distance) together tell more.
+    """The lag in ms, from curves of an acw and a cw run; several kinds (angle, distance) together determine it better.
 
     radii_mm: of each kind, what turns a move of the ball into its unit: 1 for a distance, the circle's for an angle.
     """

@@ -88,7 +88,7 @@ def curve_of(
     level = float(levels.mean())
     laps, drift, variance = without_drift(laps, level, (run.lap_s, run.apart_s), per_mm)
     power = noise.power(len(laps), run.rows, run.lap_s) + power_of_ramp(variance)
-    # Nobody knows which of two levels is the right one.
+    # It is unknown which of two levels is the right one.
     power[:, 0] += float(np.square(slips).sum()) / 4
     # The level is that of the run's middle; when it began, with the gauges at zero, it was half the drift away.
     power[:, 0] += (drift**2 + variance) * (len(laps) * run.apart_s / run.lap_s) ** 2 / 4
@@ -118,7 +118,7 @@ def curve_of(
 
 
 def at_resolution(y: Array) -> Array:
-    """Curves (..., NODES) at the stated angular resolution."""
+    """Curves (..., NODES), in any unit, at the stated angular resolution."""
     filtered: Array = np.fft.irfft(np.fft.rfft(y) * _PASSES, NODES)
     return filtered
 

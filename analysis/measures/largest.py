@@ -17,11 +17,11 @@ from analysis.measures.quantity import Quantity, figures_of, from_draws
 from analysis.measures.reduction import PHI
 
 _SURE = 0.9545
-"""Of draws that 2 u covers."""
+"""Share of the draws that 2 u covers."""
 _ROUNDS = 2
-"""In which a plateau is found: the wider it is, the further below its maximum one of its places may be read."""
+"""Rounds in which a plateau is found: the wider it is, the further below its maximum one of its places may be read."""
 _HALVINGS = 10
-"""Of what lies between the bounds of the level: to a thousandth of what noise adds."""
+"""Halvings of the interval between the bounds of the level: to a thousandth of what noise adds."""
 
 
 def largest(curve: Array, errors: Array, blur: float, unit: str, samples: int) -> tuple[Quantity, Quantity]:

@@ -25,8 +25,15 @@ from rigs.errors import FileError
 
 Plain = Callable[[Array, float], Mapping[str, Array]]
 """The plain figures (...,) by name of angles (..., NODES) rad on a circle of a radius in mm."""
-RANGES = frozenset({"band_deg", "range_deg"})
-"""Figures that noise makes too large."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Figures of one kind that the angle over a circle shows. figures_at computes them; ranges names those that noise
+    makes too large, a maximum less a minimum for example, which are lowered by what noise adds on average."""
+
+    figures_at: Plain
+    ranges: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -90,11 +97,15 @@ class CircleResult:
 
 @dataclass(frozen=True)
 class AngleTest:
-    """Yaw or roll. figures_at: its plain figures; notes_of: what it says of a result, of a run named where, besides.
+    """Yaw or roll. measures: what is computed from its angle; notes_of: remarks on a result, from the run named where.
     The latter raises FileError for readings that are not of this test."""
 
-    figures_at: Plain
+    measures: tuple[Measure, ...]
     notes_of: Callable[[CircleResult, str], tuple[str, ...]]
+
+    def figures_at(self, y: Array, radius_mm: float) -> dict[str, Array]:
+        """The plain figures (...,) of all measures, from angles y (..., NODES) rad."""
+        return {name: value for one in self.measures for name, value in one.figures_at(y, radius_mm).items()}
 
     def evaluate(
         self,
@@ -124,7 +135,8 @@ class AngleTest:
         def drawn(curves: Sequence[Array]) -> list[Array]:
             return [curve.drawn(curves[0], lag_s, scale)]
 
-        found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, len(laps.phi), RANGES)
+        ranges = frozenset[str]().union(*(one.ranges for one in self.measures))
+        found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, len(laps.phi), ranges)
         sine = Sine(*(float(part) for part in sine_of(curve.y)))
         residual = at_resolution(curve.y - sine(PHI))
         distance = evaluate_distance(run, laps, u_lag_s, where, like and like[1])
@@ -144,13 +156,15 @@ def _about_noise(curve: LapCurve) -> tuple[str, ...]:
     if curve.slips:
         sizes = ", ".join(f"{np.degrees(slip):+.4f}°" for slip in curve.slips)
         return (
-            f"the level of the angle steps by {sizes} between laps, more than noise and drift do: check the clamps",
+            f"the angle steps by {sizes} between laps, which is more than noise and drift explain: check the clamps",
         )
     match curve.noise.source:
         case "borrowed":
-            return ("one lap: its slow noise is borrowed from another run of this cell, at an unknown level",)
+            return ("the run has one lap: its slow noise is taken from another run of this cell, at an unknown level",)
         case "assumed":
-            return ("one lap: its slow noise cannot be seen and is assumed as real cells have it; drive two laps",)
+            return (
+                "the run has one lap, which cannot show slow noise: the noise of real cells is assumed; drive two laps",
+            )
     return ()
 
 
@@ -161,8 +175,8 @@ def eccentricities(result: CircleResult) -> tuple[Array, Array]:
     return by_angle, result.distance.ball_mm
 
 
-def sine_figures(y: Array) -> dict[str, Array]:
-    """Band, amplitude, shift and offset (...,) of curves (..., NODES): the paper's section 2.1."""
+def sine_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
+    """Band, amplitude, shift and offset (...,) in degrees of angles y (..., NODES) rad: the paper's section 2.1."""
     A, a, b = sine_of(y)
     error = at_resolution(y - _sines(A, a, b))
     return {
@@ -173,8 +187,12 @@ def sine_figures(y: Array) -> dict[str, Array]:
     }
 
 
+SINE = Measure(sine_figures, frozenset({"band_deg"}))
+
+
 def error_of(y: Array) -> tuple[Array, Array]:
-    """Orientation errors (..., NODES) of curves, and these with their sine, at the stated resolution."""
+    """Orientation errors (..., NODES) rad of angles y (..., NODES) rad, and these with their sine, at the stated
+    resolution."""
     sine = _sines(*sine_of(y))
     error = at_resolution(y - sine)
     return error, error + sine
@@ -187,9 +205,13 @@ def _sines(A: Array, a: Array, b: Array) -> Array:
 
 def _hold(laps: Laps, baseline_mm: float, where: str) -> None:
     if laps.g_mm.ndim != 2 or laps.g_mm.shape[1] != 2:
-        raise FileError(where, "has not two gauges, and an angle takes two", "give g1_mm and g2_mm")
+        raise FileError(where, "does not have two gauges, and an angle needs two", "give g1_mm and g2_mm")
     if baseline_mm == 0:
-        raise FileError(where, "the gauges stand at the same place", "correct offset_mm of g1 and g2 in the rig file")
+        raise FileError(
+            where,
+            "the two gauges have the same offset_mm, which measures no angle",
+            "correct offset_mm of g1 and g2 in the rig file",
+        )
     hold_radius(where, laps.frame.radius)
     hold_numbers(where, t_s=laps.t_s, q=laps.q, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])
     hold_alive(where, g1_mm=laps.g_mm[:, 0], g2_mm=laps.g_mm[:, 1])

@@ -10,7 +10,7 @@ from rigs.schema.effect import SEATS
 
 
 def quantity_of(effect: Effect, field: str, sd: Mapping[str, float]) -> Quantity:
-    """A parameter of an effect; its standard uncertainty is 0 where nobody knows it."""
+    """A parameter of an effect; its standard uncertainty is 0 where it is unknown."""
     return Quantity(float(getattr(effect, field)), sd.get(field, 0.0), effect.unit(field))
 
 

@@ -30,7 +30,7 @@ _STUDENT = (6.985, 2.266, 1.653, 1.434, 1.324, 1.259, 1.215, 1.184, 1.160)
 """Half of what reaches 95.45 % of Student's law to either side, for 1, 2, … degrees of freedom; below, by 1 +
 1.25/ν."""
 _ELSEWHERE_MM = 0.06
-"""A ball so far from the others' was mounted anew: three times what clamping and temperature do in a cell, …"""
+"""A ball so far from the others' was mounted again: three times what clamping and temperature do in a cell, …"""
 _SPREADS = 5.0
 """… and so many times the usual distance of these runs, which the scatter of joints makes too; …"""
 _TWO_MM = 0.35
@@ -114,7 +114,7 @@ def _between(name: str, figures: Sequence[Quantity]) -> BetweenRuns:
 
 def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, str]]]:
     """The runs that belong together, and the others, each with the reason: readings given twice, and balls mounted
-    anew."""
+    again."""
     once: dict[tuple[str, ...], Result] = {}
     copies: list[tuple[Result, str]] = []
     for run in runs:
@@ -129,7 +129,7 @@ def _of_one_setup(runs: list[Result]) -> tuple[list[Result], list[tuple[Result, 
     if len(single) == 2:
         if 2 * away.max() <= _TWO_MM:
             return single, copies
-        why = f"the balls of the two runs lie {2 * away.max():.2f} mm apart: no mean of two set-ups"
+        why = f"the balls of the two runs lie {2 * away.max():.2f} mm apart: two set-ups have no common mean"
         return [], [*copies, *((run, why) for run in single)]
     limit = max(_ELSEWHERE_MM, _SPREADS * float(np.median(away)))
     near = [run for run, far in zip(single, away, strict=True) if far <= limit]
@@ -161,7 +161,7 @@ def pairs_of(group: Sequence[Result]) -> Pairs | None:
     if not both:
         return None
     runs, found = [], []
-    refused = [f"{one.name}: no run of the other direction is left to pair it with" for one in alone]
+    refused = [f"{one.name}: there is no run of the other direction to pair it with" for one in alone]
     for acw, cw in both:
         assert isinstance(acw.found, CircleResult) and isinstance(cw.found, CircleResult)  # noqa: S101 - as chosen above
         try:

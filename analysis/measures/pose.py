@@ -29,7 +29,7 @@ from analysis.measures.iso_figures import RP_VISITS, rp
 from analysis.measures.lap_curve import SEED
 from analysis.measures.quantity import Quantity, figures_of
 from analysis.measures.scatter_figures import of_scatter
-from analysis.noise.cell import TARGET_MM, Between
+from analysis.noise.cell import TARGET_MM, LogUniform
 from analysis.noise.spectrum import DRAWS
 from analysis.noise.target_scatter import Scatter, scatter_of
 from analysis.traces.tables import PoseTable
@@ -39,7 +39,8 @@ SAME_RAD = float(np.radians(0.1))
 """Poses whose joints all lie within this are visits of one pose; what they still differ by is taken off."""
 _FEWEST = 6
 _BLIND = 1e-3
-"""A singular value below this share of the largest (lengths and turns scaled alike): not told by these poses."""
+"""These poses do not determine a direction whose singular value is a smaller share of the largest (lengths and turns
+scaled alike)."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,10 @@ def evaluate(
         setup, rotation = _orientation(T, table.rpy, setup)
     group = groups(table.q, same_rad)
     again = np.flatnonzero(np.bincount(group) >= 2)
-    figures, notes = {}, ["no pose was visited twice: no repeatability; the noise of instrument and robot is assumed"]
+    figures, notes = (
+        {},
+        ["no pose was visited twice: repeatability is not reported, and the noise of instrument and robot is assumed"],
+    )
     place = turn = None
     if len(again):
         seen = _padded(position, group, again)
@@ -151,7 +155,7 @@ def _noise(
     group: NDArray[np.int64],
     again: NDArray[np.int64],
     u: float,
-    stops: Between | None = None,
+    stops: LogUniform | None = None,
 ) -> Array:
     """Draws (m, n, 3) of the noise of all rows: of their own group's scatter, of any group's where it has none; where
     no group shows any, of the instrument's u and of a robot that stops as real ones do."""
@@ -231,7 +235,7 @@ def _thrice(x: Array) -> NDArray[np.bool_]:
 
 
 def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -> Array:
-    """(groups, 3, visits), NaN where there is none."""
+    """(groups, 3, visits), NaN where one is missing."""
     visits = [values[group == number] for number in again]
     x = np.full((len(again), 3, max(map(len, visits))), np.nan)
     for row, found in enumerate(visits):
@@ -276,7 +280,7 @@ def _blind(setup: PoseSetUp) -> tuple[str, ...]:
     s = np.linalg.svd(setup.design / np.linalg.norm(setup.design, axis=0), compute_uv=False)
     if s[-1] > _BLIND * s[0]:
         return ()
-    return ("the tool turned too little to tell base from tool: their places are not to be used, the errors are",)
+    return ("the tool turned too little to distinguish base from tool: do not use their places; the errors are valid",)
 
 
 def _hold(table: PoseTable, where: str) -> None:
@@ -286,12 +290,12 @@ def _hold(table: PoseTable, where: str) -> None:
     if table.rpy is not None:
         hold_numbers(where, rpy=table.rpy)
     if np.ptp(table.q, axis=0).max() < 1e-6:
-        raise FileError(where, "the robot stood still in all rows", "give poses from over the working space")
+        raise FileError(where, "the robot stood still in all rows", "give poses from the whole working space")
     if np.ptp(table.xyz_mm, axis=0).max() == 0:
-        raise FileError(where, "the instrument saw the same place in all rows", "see that it follows the target")
+        raise FileError(where, "the instrument reported the same place in all rows", "check that it follows the target")
     if np.abs(table.q).max() > 4 * np.pi:
         raise FileError(
             where,
-            f"a joint at {np.degrees(np.abs(table.q).max()):.0f}° is none",
-            "see the units of q: degrees in files",
+            f"a joint at {np.degrees(np.abs(table.q).max()):.0f}° is impossible",
+            "check the unit of q: files hold degrees",
         )

@@ -18,7 +18,7 @@ _SIGNS = {"deg": "°", "deg/Nm": "°/Nm", "hz": "Hz"}
 class Quantity:
     """value ± u, u the standard uncertainty (JCGM 100); unit as in the names of files and flags: mm, deg.
 
-    samples: how many readings are behind it, 0 where nobody counted; noise: where the noise in u comes from.
+    samples: how many readings are behind it, 0 where they were not counted; noise: where the noise in u comes from.
     """
 
     value: float

@@ -44,7 +44,7 @@ _APART = 0.2
 @dataclass(frozen=True)
 class Cells:
     """Readings by target and orientation. target (t,); direction (t, 3) unit vectors in the hemisphere's frame;
-    g_mm (t, o, r) mm of r visits and t_s of their times, NaN where there is none."""
+    g_mm (t, o, r) mm of r visits and t_s of their times, NaN where one is missing."""
 
     target: Integers
     direction: Array
@@ -53,12 +53,12 @@ class Cells:
 
     @property
     def by_orientation(self) -> Array:
-        """Mean (t, o) over visits, NaN where there is none."""
+        """Mean (t, o) over visits, NaN where one is missing."""
         return _mean(self.g_mm)
 
     @property
     def by_visit(self) -> Array:
-        """Every reading (t, o·r) of a target, NaN where there is none."""
+        """Every reading (t, o·r) of a target, NaN where one is missing."""
         return self.g_mm.reshape(len(self.g_mm), -1)
 
     @property
@@ -71,7 +71,7 @@ class Cells:
         return bool(np.median(apart) > _APART * (last.max() - first.min()))
 
     def only(self, rows: NDArray[np.bool_]) -> Cells:
-        """Without the other targets."""
+        """The cells of the targets in rows, a mask (t,), alone."""
         return Cells(self.target[rows], self.direction[rows], self.g_mm[rows], self.t_s[rows])
 
 
@@ -211,7 +211,9 @@ def _cells(table: RadialTable, where: str) -> Cells:
     moved = np.linalg.norm(direction - first[row], axis=1) > 1e-3
     if moved.any():
         target = int(table.target[np.argmax(moved)])
-        raise FileError(where, f"target {target} has two directions", "give each target one polar and one azimuth")
+        raise FileError(
+            where, f"target {target} has two directions", "give each target one polar angle and one azimuth"
+        )
     visits: dict[tuple[int, int], list[int]] = {}
     for k, place in enumerate(zip(row.tolist(), column.tolist(), strict=True)):
         visits.setdefault(place, []).append(k)
@@ -253,10 +255,12 @@ def _missing(cells: Cells, expected: Collection[int], orientations: int) -> tupl
         notes.append(f"target {listed(missing)} missing: {len(cells.target)} of {len(wanted)} measured")
     partial = cells.target[np.isnan(cells.by_orientation).any(axis=1)].tolist()
     if partial:
-        notes.append(f"target {listed(partial)} without all {cells.g_mm.shape[1]} orientations")
+        notes.append(f"not all {cells.g_mm.shape[1]} orientations were measured at target {listed(partial)}")
     have = cells.g_mm.shape[1]
     if have < orientations:
-        notes.append(f"{have} of {orientations} orientations measured{': no range over them' if have == 1 else ''}")
+        notes.append(
+            f"{have} of {orientations} orientations measured{', so their range is not reported' if have == 1 else ''}"
+        )
     return tuple(notes)
 
 
@@ -284,10 +288,12 @@ def _hold(table: RadialTable, radius_mm: float, where: str) -> None:
     hold_numbers(where, g1_mm=table.g_mm, polar=table.polar, azimuth=table.azimuth)
     hold_alive(where, g1_mm=table.g_mm)
     if np.abs(table.polar).max() > np.pi + 1e-6 or np.abs(table.azimuth).max() > 2 * np.pi + 1e-6:
-        raise FileError(where, "has targets beyond 180° polar or 360° azimuth", "see the units of polar and azimuth")
+        raise FileError(
+            where, "has targets beyond 180° polar or 360° azimuth", "check the units of polar_deg and azimuth_deg"
+        )
     if np.abs(table.g_mm).max() > 0.5 * radius_mm:
         raise FileError(
             where,
-            f"a reading of {table.g_mm[np.argmax(np.abs(table.g_mm))]:g} mm is no deviation from {radius_mm:g} mm",
+            f"a reading of {np.abs(table.g_mm).max():g} mm is too large for a radius of {radius_mm:g} mm",
             "give g1_mm as the distance less the link's set length",
         )

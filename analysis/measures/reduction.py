@@ -22,14 +22,14 @@ from analysis.traces.laps import Laps
 PHI = 2 * np.pi * np.arange(NODES) / NODES
 """The circle angles (NODES,) rad of a curve."""
 _STIFF = 1e-3
-"""Of the rows at a node: weight of second differences, which bridge nodes without rows."""
+"""Weight of second differences, a share of the rows at a node, which bridge nodes without rows."""
 _SOLVED = 1e-9
 """Relative: a picometre in a millimetre."""
 _COARSEST = 10.0
 """Steps that a gauge must move by: with fewer the curve lies between two or three values."""
 _BASE_ROWS = 20_000
 _JUMPS = 2.0
-"""Times what a line changes by within two nodes."""
+"""A wild reading is further off than so many times the change of the line within two nodes."""
 _BLOCK = 1 << 17
 """Rows at a time, so that a long run needs no memory for all of them."""
 
@@ -78,14 +78,14 @@ def reduced(laps: Laps) -> Reduced:
     nodes, notes = _steady(nodes[:, order])
     if odd.any():
         notes = (
-            f"{int(burst.sum())} readings beside bursts of wild ones left out: there a lap follows the others",
+            f"{int(burst.sum())} readings beside bursts of wild readings are left out: the other laps replace them",
             *notes,
         )
     steps = tuple(step_of(g_mm) for g_mm in laps.g_mm.T)
     beneath = tuple(noise_beneath(g_mm, step) for g_mm, step in zip(laps.g_mm.T, steps, strict=True))
     notes = (*_coarse(laps.g_mm, steps), *notes)
     if wild.any():
-        notes = (f"wild readings left out: {', '.join(map(str, wild.sum(axis=1)))} of {len(keep)} (g1, g2)", *notes)
+        notes = (f"wild readings are left out: {', '.join(map(str, wild.sum(axis=1)))} of {len(keep)} (g1, g2)", *notes)
     rate = SENSE[laps.direction] * 2 * np.pi / laps.lap_s
     rows = float(keep.sum()) / laps.count
     readings = min(np.count_nonzero(g_mm[1:] != g_mm[:-1]) for g_mm in laps.g_mm.T) / laps.count
@@ -111,8 +111,8 @@ def _off_the_line(phi: Array, rough: Array, lap: Integers, lines: Array) -> Mask
 def _coarse(g_mm: Array, steps: Sequence[float]) -> tuple[str, ...]:
     """Which gauges (n, k) mm read in steps too coarse for how far they move, in words."""
     return tuple(
-        f"g{k} reads in steps of {1e3 * step:.3g} µm and moves by {1e3 * np.ptp(column):.3g} µm only, too coarse to "
-        "show the curve: use a finer gauge or set its resolution"
+        f"g{k} reads in steps of {1e3 * step:.3g} µm and moves by {1e3 * np.ptp(column):.3g} µm only, which is too "
+        "coarse to show the curve: use a finer gauge or set its resolution"
         for k, (column, step) in enumerate(zip(g_mm.T, steps, strict=True), start=1)
         if np.ptp(column) < _COARSEST * step
     )
@@ -211,11 +211,11 @@ def _driven(laps: Laps) -> Integers:
 
 def _steady(nodes: Array) -> tuple[Array, tuple[str, ...]]:
     """Laps (L, NODES, k) mm of the gauges without slips, and what was found, in words."""
-    mended, notes = [], []
+    steady, notes = [], []
     for name, laps in zip(("g1", "g2"), np.moveaxis(nodes, 2, 0), strict=False):
         whole, slips = without_slips(laps)
-        mended.append(whole)
+        steady.append(whole)
         if slips:
             sizes = ", ".join(f"{1e3 * slip:+.1f}" for slip in slips)
             notes.append(f"{name} slipped between its laps by {sizes} µm, which was taken out: check its clamp")
-    return np.stack(mended, axis=2), tuple(notes)
+    return np.stack(steady, axis=2), tuple(notes)

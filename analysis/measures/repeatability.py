@@ -28,7 +28,7 @@ SIDES = ("out", "in")
 
 @dataclass(frozen=True)
 class RepeatabilityResult:
-    """targets (t,); readings_mm (t, 2, n) of the sides out and in, in order of time, NaN where there is none."""
+    """targets (t,); readings_mm (t, 2, n) of the sides out and in, in order of time, NaN where one is missing."""
 
     targets: Integers
     readings_mm: Array
@@ -54,7 +54,7 @@ def evaluate(table: RepeatabilityTable, u_mm: float, where: str = "the repeatabi
 
 
 def plain_figures(x: Array) -> dict[str, Array]:
-    """The figures (...,) of readings x (..., targets, 2, n) mm, sides out and in, NaN where there is none."""
+    """The figures (...,) of readings x (..., targets, 2, n) mm, sides out and in, NaN where one is missing."""
     uni, bi, repeat = _range(x), _range(_both(x)), rp(x[..., None])
     return {
         "uni_mm": uni.max(axis=(-2, -1)),
@@ -86,7 +86,9 @@ def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tupl
     kept = [target for target, sides in cells.items() if min(len(side) for side in sides) >= 2]
     if not kept:
         raise FileError(
-            where, "no target has two readings from each side", "approach each target three times from out and from in"
+            where,
+            "no target was read twice from each side",
+            "approach each target three times from outside and from inside",
         )
     width = max(len(side) for target in kept for side in cells[target])
     x = np.full((len(kept), 2, width), np.nan)
@@ -96,7 +98,7 @@ def _sides(table: RepeatabilityTable, where: str) -> tuple[Integers, Array, tupl
     dropped = [target for target in cells if target not in kept]
     notes = [f"target {listed(dropped)} left out: fewer than two readings from a side"] if dropped else []
     without = int((table.approach == "none").sum())
-    notes += [f"{without} readings without an approach are not used"] if without else []
+    notes += [f"{without} readings do not state their approach and are not used"] if without else []
     return np.array(kept), x, tuple(notes)
 
 
@@ -118,5 +120,5 @@ def _hold(table: RepeatabilityTable, where: str) -> None:
     other = sorted({str(name) for name in table.approach} - {"none", *SIDES})
     if other:
         raise FileError(
-            where, f"approach {other[0]!r} is no side", "write out, in or none: the side the tool came from"
+            where, f"approach {other[0]!r} is not a side", "write out, in or none, the side that the tool came from"
         )

@@ -1,4 +1,4 @@
-"""From runs to their results: the one way that every report, plot and script takes."""
+"""From runs to their results, for every report, plot and script."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None)
     found = evaluate(measured.table, measured.rig, measured.u_lag_s, str(measured.path), like=like)
     figures = dict(found.figures)
     if isinstance(found, CircleResult):
-        # The angle and the distance both tell where the ball is; robot errors make them differ.
+        # The angle and the distance both show where the ball is; robot errors make them differ.
         distance = found.distance.figures
         figures |= {f"distance_{name}" if name in figures else name: figure for name, figure in distance.items()}
     figures = with_certificates(figures, measured.systematic, measured.rig, measured.run.manifest.test)

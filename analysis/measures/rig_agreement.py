@@ -17,10 +17,10 @@ from rigs.schema.declared_tests import Circle, Hemisphere
 
 _NEAR_MM = 20.0
 _ROWS = 5000
-"""That are enough to see how fast a circle was driven."""
+"""So many rows are enough to see how fast a circle was driven."""
 _UNITS_S = {"ms": 1e-3, "µs": 1e-6, "ns": 1e-9}
 _OFF = 3.2
-"""A speed within so many times of a unit's is taken as off by that unit: nobody drives a circle so."""
+"""A speed within so many times of a unit's is taken as off by that unit: a circle is never driven at such a speed."""
 
 
 def hold_targets(table: Table, rig: Rig, where: str) -> None:
@@ -31,7 +31,7 @@ def hold_targets(table: Table, rig: Rig, where: str) -> None:
     unknown = (table.target < 1) | (table.target > count)
     if unknown.any():
         row = int(np.argmax(unknown))
-        what = f"target {table.target[row]} of row {row + 1} is none of the {count} of the hemisphere"
+        what = f"target {table.target[row]} of row {row + 1} is not one of the {count} of the hemisphere"
         raise FileError(where, what, "correct target, or tests.hemisphere in the rig file")
 
 
@@ -60,12 +60,12 @@ def _speed(table: CircleTable, rig: Rig, circle: Circle) -> tuple[str, ...]:
         return ()
     driven_rad = float(np.abs(np.diff(np.unwrap(phi))).sum())  # laps and the ways back between them
     share = driven_rad * circle.radius_mm / seconds / circle.speed_mm_s
-    told = f"the circle was driven at {share:.2g} times the speed_mm_s of the rig file"
+    fact = f"the circle was driven at {share:.2g} times the speed_mm_s of the rig file"
     for unit, unit_s in _UNITS_S.items():
         if 1 / _OFF < share / unit_s < _OFF:
-            return (f"{told}: t_s may be in {unit}",)
+            return (f"{fact}: t_s may be in {unit}",)
         if 1 / _OFF < share * unit_s < _OFF:
-            return (f"{told}: check the units of t_s and speed_mm_s",)
+            return (f"{fact}: check the units of t_s and speed_mm_s",)
     return ()
 
 
@@ -78,14 +78,14 @@ def _away(table: RadialTable | RepeatabilityTable, rig: Rig, hemisphere: Hemisph
     if not far.any():
         return ()
     row = int(np.argmax(far))
-    told = f"by the nominal arm the tool was {away[row]:.0f} mm from target {table.target[row]} in row {row + 1}"
+    fact = f"by the nominal arm the tool was {away[row]:.0f} mm from target {table.target[row]} in row {row + 1}"
     return (
-        f"{told}, and further than {_NEAR_MM:g} mm in {far.sum()} of {len(far)} rows; check target, angles, joints",
+        f"{fact}, and further than {_NEAR_MM:g} mm in {far.sum()} of {len(far)} rows; check target, angles, joints",
     )
 
 
 def _angles(table: RadialTable | RepeatabilityTable, hemisphere: Hemisphere) -> tuple[Array, Array]:
-    """Polar angle and azimuth (n,) rad of each row: as the table tells them, or those of its target's number."""
+    """Polar angle and azimuth (n,) rad of each row: as the table gives them, or those of its target's number."""
     if isinstance(table, RadialTable):
         return table.polar, table.azimuth
     polar, azimuth = target_angles(hemisphere)

@@ -1,7 +1,7 @@
 """Roll test: orientation error about the circle's tangent, after Oh 2019, section 2.2.
 
 roll = atan2(l·x_T, l·z_T). An eccentricity in the plane gives no first-order sine, and the height h of the
-ball along n gives the constant atan(h/R), which no one can tell from a difference of the gauges' zeros. A sine
+ball along n gives the constant atan(h/R), which cannot be distinguished from a difference of the gauges' zeros. A sine
 that is there is the robot's, or the tilt of the plane really driven; the orientation error is by definition
 (docs/geometry.md) what is left without it. The paper takes no sine off its figures 10 and 11, whose extremes lie
 135° apart, so the range of the whole angle is reported beside the band.
@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.measures.link_angle import AngleTest, CircleResult, eccentricities, error_of, sine_figures
+from analysis.measures.link_angle import SINE, AngleTest, CircleResult, Measure, eccentricities, error_of
 from analysis.measures.reduction import PHI
 
 _CLEAR_MM = 0.2
@@ -26,12 +26,14 @@ _ALIKE = 0.3
 
 def _notes(result: CircleResult, where: str) -> tuple[str, ...]:
     height = result.laps.frame.radius * np.tan(result.sine.A)
-    note = f"the offset is the ball {height:.3f} mm along n, or the gauges' zeros, or both: roll cannot tell"
+    note = (
+        f"the offset is the ball {height:.3f} mm along n, or the gauges' zeros, or both: roll cannot distinguish them"
+    )
     return (note, *_like_yaw(result))
 
 
 def _like_yaw(result: CircleResult) -> tuple[str, ...]:
-    """Whether the angle's sine is that which a yaw run shows of the ball that the distance tells."""
+    """Whether the angle's sine is that which a yaw run shows of the ball where the distance puts it."""
     as_yaw, by_distance = eccentricities(result)
     size = float(np.linalg.norm(by_distance))
     if size < _CLEAR_MM or np.linalg.norm(as_yaw - by_distance) > _ALIKE * size:
@@ -39,11 +41,12 @@ def _like_yaw(result: CircleResult) -> tuple[str, ...]:
     return (f"this looks like a yaw run: the angle's sine is that of the {size:.2f} mm that the ball is off centre",)
 
 
-def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
-    """The plain figures (...,) of angles (..., NODES) rad."""
+def range_figures(y: Array, _radius_mm: float) -> dict[str, Array]:
+    """The range (...,) of the whole angle and the circle angles of all extremes in degrees, from angles
+    y (..., NODES) rad."""
     error, whole = error_of(y)
     at = np.degrees(PHI)
-    return sine_figures(y) | {
+    return {
         "max_at_deg": at[np.argmax(error, axis=-1)],
         "min_at_deg": at[np.argmin(error, axis=-1)],
         "range_deg": np.degrees(np.ptp(whole, axis=-1)),
@@ -52,5 +55,9 @@ def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
     }
 
 
-_TEST = AngleTest(figures_at, _notes)
+MEASURES = (
+    SINE,
+    Measure(range_figures, frozenset({"range_deg"})),
+)
+_TEST = AngleTest(MEASURES, _notes)
 evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures

@@ -12,25 +12,26 @@ from analysis.measures.quantity import Quantity
 from analysis.noise.target_scatter import Scatter
 
 _SEED = 1
-"""Another than the sampler's, fixed, so that the same run gives the same report."""
+"""It differs from the sampler's, and is fixed, so that the same run gives the same report."""
 _SHARE = 0.95
 _TESTS = 4
-"""Of every other draw of the scatter: some five hundred tests in all."""
+"""Tests made of every other draw of the scatter: some five hundred in all."""
 Plain = Callable[[Array], dict[str, Array]]
-"""Figures (...,) by name, which ends in the unit, of readings (..., t, k, n), NaN where there is none."""
+"""Figures (...,) by name, which ends in the unit, of readings (..., t, k, n) mm, NaN where one is missing."""
 
 
 def half_width(off: Array) -> float:
-    """Standard uncertainty such that 2 u holds 95 % of errors (m,): for tails that are not those of a normal law."""
+    """Standard uncertainty such that 2 u holds 95 % of errors (m,), in the unit of these: for tails that are not those
+    of a normal law."""
     return float(np.quantile(np.abs(off), _SHARE)) / 2
 
 
 def of_scatter(plain: Plain, readings: Array, scatter: Scatter, drift_mm: Array | float = 0.0) -> dict[str, Quantity]:
-    """Figures of readings (t, k, n), NaN where there is none. value: as the standard has it; u: of its distance from
-    its expectation, were the test made again and again with the same scatter about each cell's mean. Of each draw of
-    the scatter a few such tests are made; they lie too near to their own mean, by a known factor. The expectation is
-    that of a gauge without steps, and nobody knows where between two steps a cell lies. drift_mm like the readings:
-    what of them drifted, which is no scatter and happens in each of these tests.
+    """Figures of readings (t, k, n) mm, NaN where one is missing. value: as the standard has it; u: of its distance
+    from its expectation, were the test made again and again with the same scatter about each cell's mean. Of each draw
+    of the scatter a few such tests are made; they lie too near to their own mean, by a known factor. The expectation is
+    that of a gauge without steps, and it is unknown where between two steps a cell lies. drift_mm like the readings:
+    what of them drifted, which is not scatter and happens in each of these tests.
     """
     rng = np.random.default_rng(_SEED)
     there = np.isfinite(readings)
@@ -58,7 +59,7 @@ def _in_steps(readings: Array, step_mm: float) -> Array:
 
 
 def exact(plain: Plain, readings: Array) -> dict[str, Quantity]:
-    """Figures of readings without noise."""
+    """Figures of readings (t, k, n) mm without noise."""
     samples = int(np.isfinite(readings).sum())
     values = plain(readings)
     return {name: Quantity(float(value), 0.0, name.rsplit("_", 1)[1], samples) for name, value in values.items()}
@@ -68,7 +69,7 @@ def assumed(scatter: Scatter | None) -> tuple[str, ...]:
     """The note that the scatter was not measured, where it was not."""
     if scatter is None or scatter.noise != "assumed":
         return ()
-    return ("targets visited again: none or too few to show their scatter, which is assumed; visit each twice or more",)
+    return ("too few targets were visited again to show their scatter, which is assumed; visit each twice or more",)
 
 
 def coarse(scatter: Scatter | None) -> tuple[str, ...]:
@@ -76,4 +77,4 @@ def coarse(scatter: Scatter | None) -> tuple[str, ...]:
     if scatter is None or scatter.step_mm <= float(np.median(scatter.sd_mm)):
         return ()
     step = f"readings step by {1e3 * scatter.step_mm:.3g} µm, more than they scatter"
-    return (f"{step}: the figures cannot show less; use a finer gauge",)
+    return (f"{step}: smaller scatter cannot be detected; use a finer gauge",)

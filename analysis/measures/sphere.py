@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from analysis.kinematics.arm import Array
 
 PARAMETERS = ("centre_x_mm", "centre_y_mm", "centre_z_mm", "radius_mm")
-"""Of a sphere, in the order of the columns of its design."""
+"""The unknowns of a sphere, in the order of the columns of its design."""
 _GROSS_MM = 2.0
 """More than the largest play that the paper reports (Oh 2019, figure 15: 1.567 mm)."""
 _SPREADS = 10.0
@@ -54,7 +54,7 @@ def free_sphere(points: Array) -> Sphere:
 
 
 def conditioned(points: Array) -> bool:
-    """Whether points (n, 3) tell centre and radius apart: not all near one circle or one place."""
+    """Whether points (n, 3) mm determine centre and radius: not all near one circle or one place."""
     return not _unknown(_design(points, np.zeros(3)))
 
 

@@ -2,7 +2,7 @@
 
 The angle between link and tool over circle angle phi is a sine, since the base-ball never sits in the
 circle's centre: yaw = atan2(-e_u sin + e_v cos, R - …), whose first harmonic is (-e_u sin + e_v cos)/R exactly.
-The distance, the mean of the gauges, tells the same eccentricity a second time. Where the two are opposite,
+The distance, the mean of the gauges, shows the same eccentricity a second time. Where the two are opposite,
 the gauges are swapped, and the run is refused; where they differ grossly, a note says so.
 
 Figures: band_deg (noise-corrected), amplitude_deg, shift_deg, offset_deg of the sine; eccentricity_u_mm and _v_mm of
@@ -14,20 +14,20 @@ from __future__ import annotations
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.measures.link_angle import AngleTest, CircleResult, eccentricities, sine_figures, sine_of
+from analysis.measures.link_angle import SINE, AngleTest, CircleResult, Measure, eccentricities, sine_of
 from rigs.errors import FileError
 
 _CLEAR_MM = 0.1
-"""An eccentricity from here on tells which gauge is which; below it the robot's own errors might."""
+"""An eccentricity from here on shows which gauge is which; a smaller one may be the robot's own errors."""
 _APART_MM = 0.2
 _APART = 0.5
 """Eccentricities that differ by more than both, the second a share of the larger, are hardly of one ball."""
 
 
-def figures_at(y: Array, radius_mm: float) -> dict[str, Array]:
-    """The plain figures (...,) of angles (..., NODES) rad."""
+def eccentricity_figures(y: Array, radius_mm: float) -> dict[str, Array]:
+    """The eccentricity (...,) in mm along u and v and its length, from angles y (..., NODES) rad."""
     _, a, b = sine_of(y)
-    return sine_figures(y) | {
+    return {
         "eccentricity_u_mm": -radius_mm * a,
         "eccentricity_v_mm": radius_mm * b,
         "eccentricity_mm": radius_mm * np.hypot(a, b),
@@ -63,5 +63,9 @@ def _hold_order(by_angle: Array, by_distance: Array, where: str) -> None:
         )
 
 
-_TEST = AngleTest(figures_at, _notes)
+MEASURES = (
+    SINE,
+    Measure(eccentricity_figures),
+)
+_TEST = AngleTest(MEASURES, _notes)
 evaluate, plain_figures = _TEST.evaluate, _TEST.plain_figures

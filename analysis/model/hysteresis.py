@@ -17,7 +17,7 @@ _LEAST = 5
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Reported angles q (n, 6) rad at t_s (n,). Where its joints turn back is found once, whoever asks for it."""
+    """Reported angles q (n, 6) rad at t_s (n,). Where its joints turn back is computed once and shared."""
 
     t_s: Array
     q: Array

@@ -28,7 +28,7 @@ from rigs.schema.scene import STAGES
 
 _NOTHING = np.empty(0)
 _VISIT_S = 4.0
-"""From one target to the next, where a table has no time."""
+"""The time from one target to the next, where a table has no time."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def _standing(t_s: Array, q: Array, came_from: Array | None) -> Path:
 
 
 def _came_from(model: Model, table: RepeatabilityTable) -> Array:
-    """Where the tool was (m, 6) before each reading: outside, inside, or at the target where nobody knows."""
+    """Where the tool was (m, 6) before each reading: outside, inside, or at the target where this is unknown."""
     frame = hemisphere_frame(hemisphere_of(model.rig))
     polar, azimuth = target_angles(hemisphere_of(model.rig))
     radius = frame.direction(polar[table.target - 1], azimuth[table.target - 1])
@@ -135,7 +135,8 @@ def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
 
 
 def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> Array:
-    """The same from a scene that is there already: nothing that a set-up changes moves the tool."""
+    """Readings (m, k) as `predict` gives them, in mm, from a scene that was computed before: nothing that a set-up
+    changes moves the tool."""
     if isinstance(table, PoseTable):
         T = setup.T_instrument_world @ scene.T[path.rows] @ setup.T_tool_target
         return T.reshape(-1, 16)

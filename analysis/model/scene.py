@@ -81,7 +81,7 @@ class Scene:
         return joint[:, :3, 3], joint[:, :3, 2], end
 
     def taken_at(self, t_s: Array) -> Scene:
-        """As reported at other instants t_s (n,)."""
+        """The scene as reported at other instants t_s (n,) s."""
         q = self.reported_at(t_s)
         return replace(self, motion=Motion(self.t_s, q), link_q=q)
 

@@ -1,7 +1,8 @@
-"""What calibration certificates make of readings: corrected ones, and an uncertainty that a run does not average out.
+"""Corrections of readings by calibration certificates, and the uncertainty that a run does not average out.
 
 A gauge at temperature T shows r for the length (r + correction(r)) (1 + coefficient (T - reference)). Where the rig
-file does not say how warm the cell is, 20 ± 5 °C is assumed, rectangular, as halls without air conditioning have it.
+file does not define the temperature of the cell, 20 ± 5 °C with a rectangular distribution is assumed, as in halls
+without air conditioning.
 """
 
 from __future__ import annotations
@@ -18,14 +19,16 @@ from rigs.rig import Rig
 from rigs.schema.certificate import Certificate, GaugeCertificate, Temperature
 
 _ASSUMED = Temperature(mean_c=20.0, u_c=5.0 / math.sqrt(3))
+"""The temperature of a cell that is assumed where the rig file does not define one: 20 ± 5 °C, rectangular, hence
+divided by √3."""
 
 
 @dataclass(frozen=True)
 class Systematic:
-    """Standard uncertainties, mm, that no number of readings makes smaller.
+    """Standard uncertainties, in mm, that no number of readings reduces.
 
-    gauge_mm: of each gauge in order, an error of its own that varies slowly over its range; ball_mm: of the ball's
-    radius in the direction in which the link touches it; link_mm: of the link's length, common to all targets.
+    `gauge_mm` is an error of each gauge in order that varies slowly over its range; `ball_mm` is that of the ball's
+    radius in the direction in which the link touches it; `link_mm` is that of the link's length, common to all targets.
     """
 
     gauge_mm: tuple[float, ...] = ()
@@ -34,10 +37,11 @@ class Systematic:
 
 
 NO_CERTIFICATE = Systematic()
+"""The systematic uncertainty of parts without a certificate."""
 
 
 def correction_mm(certificate: GaugeCertificate, reading_mm: Array) -> Array:
-    """What is to be added to readings (...,); beyond the range of the certificate that at its end."""
+    """Return the correction to add to readings (...,) mm; beyond the range of the certificate it is that at its end."""
     if certificate.valid_mm is None:
         return np.zeros_like(reading_mm)
     within = np.clip(reading_mm, *certificate.valid_mm)
@@ -50,12 +54,13 @@ def correction_mm(certificate: GaugeCertificate, reading_mm: Array) -> Array:
 
 
 def corrected(certificate: GaugeCertificate, reading_mm: Array, temperature: Temperature | None) -> Array:
-    """Lengths (...,) that a gauge with this certificate showed as readings (...,)."""
+    """Return the lengths (...,) mm that a gauge with this certificate showed as readings (...,) mm."""
     return (reading_mm + correction_mm(certificate, reading_mm)) * _growth(certificate, temperature)
 
 
 def as_shown(certificate: GaugeCertificate, length_mm: Array, temperature: Temperature | None) -> Array:
-    """Readings (...,) by which a gauge with this certificate shows lengths (...,): the other way round."""
+    """Return the readings (...,) mm by which a gauge with this certificate shows lengths (...,) mm, the inverse of
+    `corrected`."""
     at_reference = length_mm / _growth(certificate, temperature)
     if certificate.valid_mm is None:
         return at_reference
@@ -67,7 +72,7 @@ def as_shown(certificate: GaugeCertificate, length_mm: Array, temperature: Tempe
 
 
 def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array, list[str]]:
-    """Readings (n, k) of the gauges `names`, corrected, and what a person should know of it."""
+    """Return the corrected readings (n, k) mm of the gauges `names`, and doubts about them."""
     gauges, doubts = dict(rig.gauges), []
     certified = [(column, name, one) for column, name in enumerate(names) if (one := gauges[name].certificate)]
     if certified:
@@ -86,16 +91,17 @@ def corrected_gauges(rig: Rig, names: Sequence[str], g_mm: Array) -> tuple[Array
 
 
 def link_excess_mm(rig: Rig) -> float:
-    """Length of the link by its certificate, as warm as the cell is, less the hemisphere's radius."""
+    """Return the length of the link by its certificate, at the temperature of the cell, minus the hemisphere's
+    radius."""
     if rig.link is None or rig.tests.hemisphere is None:
         return 0.0
     return rig.link.length_mm * _growth(rig.link, rig.temperature) - rig.tests.hemisphere.radius_mm
 
 
 def systematic(rig: Rig, g_mm: Array) -> Systematic:
-    """What certificates leave uncertain in a run with readings (n, k) mm of the first k gauges."""
+    """Return the uncertainty that certificates leave in a run with readings (n, k) mm of the first k gauges."""
     gauges = [gauge.certificate for _, gauge in rig.gauges][: g_mm.shape[1]]
-    # Peak to valley of a wave that nobody knows the place of: its standard deviation is 1 / (2 √2) of that.
+    # A wave at an unknown place has a standard deviation of 1 / (2 √2) of its peak-to-valley height.
     form_mm = rig.ball.form_mm / (2 * math.sqrt(2)) if rig.ball else 0.0
     return Systematic(
         tuple(
@@ -107,7 +113,7 @@ def systematic(rig: Rig, g_mm: Array) -> Systematic:
 
 
 def doubts_of(rig: Rig, names: Sequence[str], on: dt.date) -> list[str]:
-    """What is to be doubted about the certificates of the parts `names` on the day of a measurement."""
+    """Return doubts about the certificates of the parts `names` on the day of a measurement."""
     held = [(name, one) for name, one in _certificates(rig) if name in names]
     overdue = [
         f"{name}: certificate {one.number} was valid until {one.due}, and this is of {on}; have it calibrated"
@@ -134,7 +140,7 @@ def _growth(certificate: Certificate, temperature: Temperature | None) -> float:
 
 
 def _u_mm(certificate: Certificate | None, length_mm: float, rig: Rig) -> float:
-    """Standard uncertainty of a length by its certificate and by temperature."""
+    """Return the standard uncertainty of a length by its certificate and by temperature."""
     if certificate is None:
         return 0.0
     by_warmth = certificate.coefficient_per_c * length_mm * (rig.temperature or _ASSUMED).u_c

@@ -1,7 +1,8 @@
-"""What happens between laps of one run: a slow drift, which makes a ramp along each lap, and a slip of the clamp.
+"""Changes between the laps of one run: a slow drift, which makes a ramp along each lap, and slips of a clamp.
 
-A drift goes on all the time and a slip happens once: the difference of two laps is the same all around after the one,
-and steps after the other. Both are taken out, as far as the laps show them."""
+A drift continues all the time and a slip happens once. The difference of two laps is constant around the circle for a
+drift, and has a step for a slip. Both are removed as far as the laps show them.
+"""
 
 from __future__ import annotations
 
@@ -13,20 +14,24 @@ from analysis.noise.readings import Mask, beyond_neighbours
 from analysis.noise.spectrum import NODES, ORDERS
 
 _WIDE = (24, 8)
-"""Nodes on either side of a step by which it is seen: 12°, and 4° near the ends of a lap."""
+"""Nodes on either side of a step over which it is detected: 12°, and 4° near the ends of a lap. Chosen."""
 _CLEAR = 8.0
-"""A step of so many robust standard deviations of all such differences is a slip: 700 places are tried."""
+"""Robust standard deviations of all such differences at which a step is a slip. Chosen: 700 places are tested, and the
+differences have heavy tails."""
 _SLIPPED = 4.0
-"""Standard deviations of the difference of two laps' levels."""
+"""Standard deviations of the difference of two laps' levels at which it is a slip. Chosen: noise alone exceeds 4 sigma
+once in 16 000."""
 _RINGS = 6
-"""Nodes on either side of wild readings that the broken line through them moves by more than a thousandth."""
+"""Nodes on either side of wild readings that change by more than a thousandth through the fitted broken line."""
 _LEVEL = 120
+"""Nodes on either side of a step over which its level is averaged: 60°. Chosen: several correlation lengths of slow
+noise."""
 _NEAR = 41
-"""Nodes about one node among which a burst of wild readings stands out."""
+"""Nodes about a node among which a burst of wild readings stands out: 20°. Chosen: longer than a burst."""
 
 
 def without_slips(laps: Array) -> tuple[Array, list[float]]:
-    """Laps (L, NODES) of one gauge, in order of time, without the steps that its clamp made; and those steps."""
+    """Return laps (L, NODES) of one gauge, in order of time, without the steps of its clamp; and those steps."""
     slips: list[float] = []
     while len(slips) < len(laps) and (found := _clearest(laps)):
         lap, node, step = found
@@ -45,14 +50,14 @@ def without_slips(laps: Array) -> tuple[Array, list[float]]:
 
 
 def _clearest(laps: Array) -> tuple[int, int, float] | None:
-    """Lap, node and size of the clearest step between a lap and the next; None where none is clear."""
+    """Return lap, node and size of the clearest step between a lap and the next, or None where none is clear."""
     best: tuple[float, tuple[int, int, float]] | None = None
     for lap, between in enumerate(np.diff(laps, axis=0)):
         for width in _WIDE:
             level = np.median(np.lib.stride_tricks.sliding_window_view(between, width), axis=1)
             steps = level[width:] - level[:-width]
             away = np.abs(steps - np.median(steps))
-            # Of coarse readings most differences are nought; the tenth largest is not.
+            # Most differences of coarse readings are zero; the ninetieth percentile is not.
             spread = max(1.4826 * float(np.median(away)), float(np.quantile(away, 0.9)) / 1.645, 1e-12)
             if width < _WIDE[0]:
                 steps[_WIDE[0] - width : width - _WIDE[0]] = 0.0
@@ -65,20 +70,21 @@ def _clearest(laps: Array) -> tuple[int, int, float] | None:
 
 
 def _stays(between: Array, node: int, step: float) -> bool:
-    """Whether a difference of two laps (NODES,) keeps a step at a node, as far as it goes on."""
+    """Return whether a difference of two laps (NODES,) keeps a step at a node."""
     before, after = between[max(0, node - _LEVEL) : node], between[node : node + _LEVEL]
     return 0.5 < (float(np.median(after)) - float(np.median(before))) / step < 2.0
 
 
 def bursts(laps: Array) -> Mask:
-    """Where (L, NODES) a lap leaves its own neighbours and the other laps: wild readings, too many in a row to leave
-    their own running median. A wide neighbourhood, for the line through wild readings rings."""
+    """Return whether (L, NODES) a lap differs both from its own neighbours and from the other laps: wild readings, too
+    many in a row for their running median. The neighbourhood is wide, because a line through wild readings oscillates.
+    """
     odd = np.zeros(laps.shape, dtype=bool)
     for lap in range(len(laps) if len(laps) > 1 else 0):
         others = np.delete(laps, lap, axis=0).mean(axis=0)
         apart = laps[lap] - others
         leaves = np.abs(apart - _around(apart))
-        # Where the curve jumps, rows that fall a little elsewhere make laps differ, too.
+        # Where the curve jumps, laps also differ because their rows are at slightly different angles.
         bad = beyond_neighbours(leaves) & (leaves > changes(others))
         bad &= np.abs(laps[lap] - _around(laps[lap])) > np.abs(others - _around(others))
         if bad.any():
@@ -88,8 +94,8 @@ def bursts(laps: Array) -> Mask:
 
 
 def following(laps: Array, odd: Mask) -> Array:
-    """Laps (L, NODES) that follow the others where they are odd (L, NODES), at the distance that they have beside
-    it."""
+    """Return laps (L, NODES) in which the values at `odd` (L, NODES) follow the other laps, at the distance that the
+    lap has from them nearby."""
     mended = laps.copy()
     for lap in np.flatnonzero(odd.any(axis=1)):
         others = np.delete(laps, lap, axis=0).mean(axis=0)
@@ -100,10 +106,10 @@ def following(laps: Array, odd: Mask) -> Array:
 
 
 def without_level_steps(laps: Array, level_sd: float, apart_s: float, per_mm: float) -> tuple[Array, list[float]]:
-    """Laps (L, NODES) at the level of the first, where levels step by more than noise (level_sd, of a lap's) and drift
-    do between two of them, as where a clamp slips on the way back; and those steps."""
+    """Return laps (L, NODES) at the level of the first, and the steps removed, where the levels of two laps differ by
+    more than noise (`level_sd`, of a lap's level) and drift explain, as after a slip on the way back."""
     steps = np.diff(laps.mean(axis=1))
-    # Two gauges may drift oppositely, each by as much as cells drift at the most.
+    # Two gauges may drift in opposite directions, each by the largest drift of real cells.
     limit = np.sqrt(2) * DRIFT_MM_PER_S * per_mm * apart_s + _SLIPPED * np.sqrt(2) * level_sd
     slips = np.where(np.abs(steps) > limit, steps, 0.0)
     level: Array = laps - np.concatenate([[0.0], np.cumsum(slips)])[:, None]
@@ -111,7 +117,7 @@ def without_level_steps(laps: Array, level_sd: float, apart_s: float, per_mm: fl
 
 
 def changes(lap: Array) -> Array:
-    """How far (NODES,) a lap goes within two nodes, its sine and second order left away."""
+    """Return the change (NODES,) of a lap within two nodes, without its sine and second order."""
     spectrum = np.fft.rfft(lap)
     spectrum[:3] = 0.0
     rough = np.fft.irfft(spectrum, NODES)
@@ -120,7 +126,7 @@ def changes(lap: Array) -> Array:
 
 
 def _around(values: Array) -> Array:
-    """Median (NODES,) of the nodes about each, around the lap."""
+    """Return the median (NODES,) of the nodes about each, around the lap."""
     half = _NEAR // 2
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(values, half, mode="wrap"), _NEAR)
     median: Array = np.median(windows, axis=1)
@@ -130,10 +136,11 @@ def _around(values: Array) -> Array:
 def without_drift(
     laps: Array, level_variance: float, times_s: tuple[float, float], per_mm: float
 ) -> tuple[Array, float, float]:
-    """Laps (L, NODES) without the ramp that their means show; the drift in a lap, and its variance.
+    """Return laps (L, NODES) without the ramp that their means show; the drift in a lap, and its variance.
 
-    times_s: of a lap, and from one to the next. The ramp is shrunk to what cells drift at the most: with noisy levels
-    (`level_variance`, of a lap's mean) and with one lap it is not to be seen, and all of it is uncertainty.
+    `times_s` has the duration of a lap and the time from one to the next. The ramp is shrunk towards the largest drift
+    of real cells. With noisy levels (`level_variance`, of a lap's mean) and with one lap it cannot be detected, and all
+    of it is uncertainty.
     """
     lap_s, apart_s = times_s
     plausible = (DRIFT_MM_PER_S * lap_s * per_mm) ** 2 / 3
@@ -149,7 +156,8 @@ def without_drift(
 
 
 def power_of_ramp(variance: float) -> Array:
-    """Mean square (NODES // 2 + 1,) of the Fourier coefficients of a ramp along each lap, of this variance a lap."""
+    """Return the mean square (NODES // 2 + 1,), in mm² for a variance in mm², of the Fourier coefficients of a ramp
+    along each lap of this variance."""
     power = np.zeros(len(ORDERS))
     power[1:] = variance / (2 * np.pi * ORDERS[1:]) ** 2
     return power

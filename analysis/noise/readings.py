@@ -1,4 +1,5 @@
-"""What single readings show of their gauge: the step they are rounded to, the noise beneath it, and wild values."""
+"""Properties of a gauge that single readings show: the step to which they are rounded, the noise beneath it, and wild
+values."""
 
 from __future__ import annotations
 
@@ -10,24 +11,29 @@ from analysis.kinematics.arm import Array
 Mask = NDArray[np.bool_]
 
 _SAMPLE = 20_000
-"""Readings that are enough to see steps and spreads by."""
+"""Number of readings that is sufficient to estimate steps and spreads. Chosen: a standard deviation is then known to
+0.5 %."""
 _SPREADS, _TAIL = 6.0, 2.5
-"""A wild reading leaves the running median by 6 robust standard deviations and by 2.5 times what 98 % of all readings
-do: by the first alone steps and slow noise at a high rate would have 44 % of sound readings called wild."""
+"""A wild reading differs from the running median by 6 robust standard deviations and by 2.5 times the limit of 98 % of
+all readings. With the first limit alone, steps and slow noise at a high rate would classify 44 % of sound readings as
+wild."""
 _JUMPS = 2.0
-"""Times what the curve changes by within some rows."""
+"""Factor by which a wild reading must exceed the change of the curve within some rows. Chosen."""
 _SORTING = ((0, 5), (0, 3), (1, 6), (2, 4), (0, 1), (3, 5), (2, 6), (2, 3), (3, 6), (4, 5), (1, 4), (1, 3), (3, 4))
-"""Compare and exchange, after which the fourth of seven is their median (Devillard, Fast median search, 1998)."""
+"""Pairs to compare and exchange, after which the fourth of seven values is their median (Devillard, Fast median search,
+1998)."""
 _SEEN = 0.35
-"""Of a step: readings without noise may show as much, where the curve goes on by about a step from one to the next."""
+"""Share of a step below which noise cannot be detected: readings without noise show as much where the curve changes by
+about a step from one to the next."""
 _HARMONICS = 5
-"""Of a sawtooth, which hold nine tenths of its energy."""
+"""Harmonics of a sawtooth that are used; five contain nine tenths of its energy."""
 _BLOCK = 1 << 16
-"""Rows at a time, so that they stay in the processor's cache."""
+"""Rows that are processed at a time, so that they fit in the processor's cache."""
 
 
 def running_median(values: Array) -> Array:
-    """Median (n,) of each value and its three neighbours on either side, the ends repeated."""
+    """Return the median (n,), in the unit of the values, of each value and its three neighbours on either side, with
+    the ends repeated."""
     padded = np.pad(values, 3, mode="edge")
     found = np.empty(len(values))
     for begin in range(0, len(values), _BLOCK):
@@ -40,9 +46,9 @@ def running_median(values: Array) -> Array:
 
 
 def is_wild(values: Array) -> Mask:
-    """Which readings (n,), in order of time, leave what their neighbours read: chips, oil, a knock.
+    """Return which readings (n,), in order of time, differ from their neighbours, as from chips, oil or a knock.
 
-    Where the curve itself jumps, as where a play is crossed, a reading must leave it by more than that.
+    Where the curve itself jumps, as where a play is crossed, a reading must differ by more than the jump.
     """
     if len(values) < 7:
         return np.zeros(len(values), dtype=bool)
@@ -52,7 +58,7 @@ def is_wild(values: Array) -> Mask:
 
 
 def _change(values: Array, reach: int) -> Array:
-    """How far (n,) a curve goes within `reach` rows, before or after each; the ends repeated."""
+    """Return the change (n,) of a curve within `reach` rows, before or after each; the ends are repeated."""
     padded = np.pad(values, reach, mode="edge")
     before = np.abs(values - padded[: -2 * reach])
     change: Array = np.maximum(before, np.abs(padded[2 * reach :] - values))
@@ -60,17 +66,17 @@ def _change(values: Array, reach: int) -> Array:
 
 
 def beyond_neighbours(away: Array) -> Mask:
-    """Which distances (n,) are too large to belong to the rest, by two robust limits at once."""
+    """Return which distances (n,) are too large to belong to the rest, by two robust limits together."""
     seen = away[:: max(1, len(away) // _SAMPLE)]
     limit = max(_SPREADS * 1.4826 * float(np.median(seen)), _TAIL * float(np.quantile(seen, 0.98)))
     return away > limit if limit > 0 else np.zeros(len(away), dtype=bool)
 
 
 def step_of(values: Array) -> float:
-    """The step that readings (n,) are rounded to, in their unit; 0 where they show none.
+    """Return the step to which readings (n,) are rounded, in their unit, or 0 where they show none.
 
-    All distances between neighbouring distinct values are multiples of it. Where hardly any value comes twice they are
-    multiples of something by the writing of numbers only.
+    All distances between neighbouring distinct values are multiples of the step. Where few values repeat, the distances
+    are multiples of the last written digit only.
     """
     seen = values[:_SAMPLE]
     distinct = np.unique(seen)
@@ -84,12 +90,12 @@ def step_of(values: Array) -> float:
 
 
 def noise_beneath(values: Array, step: float) -> float:
-    """Standard deviation of the white noise of readings (n,) before they were rounded to `step`.
+    """Return the standard deviation of the white noise of readings (n,) before they were rounded to `step`.
 
-    By third differences, which a smooth curve barely passes (Gasser, Sroka and Jennen-Steinmetz 1986), and by their
-    median, so that jumps do not count; the variance of rounding, step²/12, is taken off. Differences of rounded
-    readings are whole steps: their median is that of grouped data. Noise of less than a third of a step is taken for
-    none.
+    It uses third differences, to which a smooth curve contributes little (Gasser, Sroka and Jennen-Steinmetz 1986), and
+    their median, so that jumps have no influence; the variance of rounding, step²/12, is subtracted. Differences of
+    rounded readings are whole steps, so the median is that of grouped data. Noise below a third of a step is returned
+    as zero.
     """
     third = np.abs(np.diff(values[:_SAMPLE], 3))
     if len(third) == 0:
@@ -100,18 +106,20 @@ def noise_beneath(values: Array, step: float) -> float:
 
 
 def _grouped_median(values: Array, step: float) -> float:
-    """Median of sizes (n,) that were rounded to `step`, as if those of one group lay evenly in it."""
+    """Return the median of sizes (n,) that were rounded to `step`, as if those of one group were evenly distributed in
+    it."""
     counts = np.bincount(np.rint(values / step).astype(np.int64))
     bounds = np.concatenate([[0.0], (np.arange(len(counts)) + 0.5) * step])
     return float(np.interp(len(values) / 2, np.concatenate([[0], np.cumsum(counts)]), bounds))
 
 
 def rounding_error(curve: Array, step: float, noise: float, phase: Array) -> tuple[Array, Array]:
-    """Mean errors (m, n) by rounding a closed curve (n,) of readings with noise, for m places `phase` (m,) of the
-    steps; and the variance (n,) of a reading's own about that mean.
+    """Return the mean errors (m, n) in mm by rounding of a closed curve (n,) of readings with noise, for m positions
+    `phase` (m,) of the steps, and the variance (n,) of a single reading about that mean.
 
-    The sawtooth of rounding as a Fourier series (Widrow and Kollár, Quantization Noise, 2008): noise smooths it, and so
-    does the curve's own slope between two points, where each reading falls on another part of the sawtooth.
+    The sawtooth of rounding is expanded in a Fourier series (Widrow and Kollár, Quantization Noise, 2008). Noise
+    smooths it, and so does the slope of the curve between two points, where each reading falls on another part of the
+    sawtooth.
     """
     k = np.arange(1, _HARMONICS + 1)[:, None]
     slope = (np.roll(curve, -1) - np.roll(curve, 1)) / 2

@@ -1,4 +1,4 @@
-"""The step of a gauge as readings at stops show it, and what of it visiting a target again does not average out."""
+"""The resolution of a gauge from readings at stops, and the rounding error that repeated visits do not average out."""
 
 from __future__ import annotations
 
@@ -8,23 +8,26 @@ from analysis.kinematics.arm import Array
 from analysis.noise.readings import step_of
 
 _COARSEST_MM = 0.03
-"""Of gauges in use: those of 0.001 inch."""
+"""The coarsest resolution of gauges in use: a little more than 0.001 inch."""
 _USUAL_MM = np.array([0.010, 0.005, 0.001, 0.0005, 0.0001])
 """Resolutions of data sheets."""
 _FEWEST_GAPS = 6
-"""Distances between distinct readings, each within 0.05 of a whole number of steps by chance in one case of ten."""
+"""Smallest number of distances between distinct readings: six are all within 0.05 of a whole number of steps by chance
+in one case of ten."""
 _NOT_WHOLE = 0.05
+"""Deviation from a whole number of steps that is accepted. Chosen: the rounding of written numbers stays below it."""
 _STEPS_APART = np.arange(1, 11)
-"""Steps by which the two nearest of a few readings may differ."""
+"""Numbers of steps by which the two closest of a few readings may differ. Chosen."""
 _HARMONICS = np.arange(1, 21)[:, None, None]
+"""Harmonics of the sawtooth of rounding that are used; the omitted ones have less than 3 % of its variance."""
 
 
 def step_of_stops(readings_mm: Array) -> float:
-    """The step that readings (n,) mm of stops are rounded to; 0 where they show none.
+    """Return the step in mm to which readings (n,) mm of stops are rounded, or 0 where they show none.
 
-    Few stops repeat a value, and the nearest two need not be one step apart: then the largest step of which all
-    distances between distinct readings are multiples. Where that is coarser than any gauge, as where nearly all read
-    the same, the largest usual resolution of which it is a multiple.
+    Few stops repeat a value, and the closest two may be several steps apart. Then the step is the largest of which all
+    distances between distinct readings are multiples. Where that is coarser than any gauge, as where nearly all
+    readings are equal, it is the largest usual resolution of which it is a multiple.
     """
     step = step_of(readings_mm) or _common_step(np.diff(np.unique(readings_mm)))
     if step <= _COARSEST_MM:
@@ -35,6 +38,7 @@ def step_of_stops(readings_mm: Array) -> float:
 
 
 def _common_step(gaps: Array) -> float:
+    """Return the largest step of which all distances (n,) mm are multiples, or 0 if there is none."""
     gaps = gaps[gaps > 1e-6 * gaps.max(initial=0.0)]
     if len(gaps) < _FEWEST_GAPS:
         return 0.0
@@ -45,11 +49,11 @@ def _common_step(gaps: Array) -> float:
 
 
 def shared_rounding(step_mm: float, noise_sq: Array) -> Array:
-    """Variance (m, t) mm² of the rounding error that all readings of one place share, of the variance noise_sq (m, t)
-    mm² that they have before they are rounded.
+    """Return the variance (m, t) mm² of the rounding error that all readings of one place share, given the variance
+    noise_sq (m, t) mm² of the readings before rounding.
 
-    Without noise it is that of one reading, step²/12; noise of half a step leaves nothing of it (Widrow and Kollár,
-    Quantization Noise, 2008).
+    Without noise it is that of one reading, step²/12; noise of half a step removes it (Widrow and Kollár, Quantization
+    Noise, 2008).
     """
     if step_mm == 0:
         return np.zeros_like(noise_sq)

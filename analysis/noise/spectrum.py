@@ -1,10 +1,11 @@
-"""The spectrum of a lap's noise: a white part and a slow one, as likely as the laps make them.
+"""The spectrum of a lap's noise: a white part and a slow part at their most likely sizes.
 
-A robot's error and the noise meet at every whole order of a lap, so one lap says nothing about its own slow noise: only
-laps that were driven again do. What differs between laps of one run is compared with the spectra of white noise and of
-slow noise (an Ornstein-Uhlenbeck process of some correlation time, or 1/f), over a grid of their sizes, by Whittle's
-likelihood (1953); the sizes of real cells are the prior. Of one lap, robust differences at several scales bound the
-noise from above, and the prior does the rest."""
+A robot's error and the noise share every whole order of a lap, so a single lap contains no information about its own
+slow noise; only repeated laps do. The differences between the laps of one run are compared with the spectra of white
+noise and of slow noise (an Ornstein-Uhlenbeck process of some correlation time, or 1/f), over a grid of their sizes, by
+Whittle's likelihood (1953), with the sizes of real cells as prior. For a single lap, robust differences at several
+scales bound the noise from above, and the prior determines the rest.
+"""
 
 from __future__ import annotations
 
@@ -18,34 +19,41 @@ from analysis.kinematics.arm import Array
 from analysis.noise.cell import DRIFT_MM_PER_S, LEVELS_APART, SLOW_MM, WHITE_MM, NoiseSource
 
 NODES = 720
-"""Circle angles that a lap is reduced to, half a degree apart."""
+"""Circle angles to which a lap is reduced, half a degree apart. Chosen: finer than the stated resolution of 80
+undulations per revolution."""
 ORDERS = np.arange(NODES // 2 + 1)
+"""The orders of a lap, from 0 to NODES // 2."""
 DRAWS = 400
-"""Monte Carlo draws (JCGM 101): their spread is known to 4 %."""
+"""Monte Carlo draws (JCGM 101): 400 determine a standard deviation to 4 %."""
 _TIMES_S = (0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2, 6.4, 12.8)
-"""Correlation times of slow noise: real cells have 0.1 to 5 s."""
+"""Correlation times of slow noise that are tried: real cells have 0.1 to 5 s."""
 _PINK_S = np.geomspace(0.005, 100.0, 40)
-"""Equal parts of processes of these correlation times have a spectrum of 1/f."""
+"""Correlation times of the processes whose equal parts have a spectrum of 1/f."""
 _WHITES_MM = np.geomspace(2e-5, 0.012, 30)
+"""White noise that is tried: ten times below to four times above the range of real cells."""
 _SLOWS_MM = np.concatenate([[1e-6], np.geomspace(3e-5, 0.05, 40)])
+"""Slow noise that is tried: none, and far below to 2.5 times above the range of real cells."""
 _TOP = 240
-"""Orders up to here are compared; above, the reduction to nodes begins to show."""
+"""Highest order that is compared; the reduction to nodes changes higher ones."""
 _SINGLE = 16
-"""Orders up to here are compared one by one, those above in bands that widen by a fifth."""
+"""Orders up to this are compared singly, those above in bands that widen by a fifth. Chosen: slow noise falls steeply
+at low orders."""
 _SCALES = (1, 2, 4, 8, 16, 32)
+"""Distances in nodes of the differences of a single lap. Chosen: an octave apart, from half a degree to 16°."""
 _CURVED = (0.15, 0.25, 0.4, 0.6, 0.8, 0.9)
-"""At differences of so many nodes the curve itself is likely to show with this probability: robots' curves hold some
-0.7 µm at orders 16 to 32, and reversals have transits of up to some degrees."""
+"""Probability that the curve itself contributes at each of these distances: curves of robots have some 0.7 µm at orders
+16 to 32, and reversals have transits of up to some degrees."""
 _LARGER = 3.0
-"""By what factor, on a logarithmic scale, a curve then makes a difference's variance too large."""
+"""Scale, in the logarithm of the variance, of the factor by which a curve increases a difference. Chosen: a curve may
+exceed the noise many times."""
 
 Integers = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class LapNoise:
-    """Likely sizes of the noise in a curve, DRAWS of them: white (m,), of one reading, and slow (m,), standard
-    deviations in the curve's unit; shape (m,): which correlation time the slow part has; source: where they come
+    """Likely sizes of the noise in a curve, m draws: `white` (m,) of one reading and `slow` (m,), standard deviations
+    in the curve's unit; `shape` (m,) is the index of the slow part's correlation time; `source` states where they come
     from."""
 
     white: Array
@@ -54,14 +62,14 @@ class LapNoise:
     source: NoiseSource
 
     def power(self, laps: int, rows: float, lap_s: float) -> Array:
-        """Mean square (m, NODES // 2 + 1) of each complex Fourier coefficient of the mean of some laps of so many
-        rows."""
+        """Return the mean square (m, NODES // 2 + 1) of each complex Fourier coefficient of the mean of some laps with
+        `rows` rows each."""
         slow = _shapes(lap_s, laps)[1][self.shape]
         power: Array = self.white[:, None] ** 2 * _white(rows) / laps + self.slow[:, None] ** 2 * slow
         return power
 
     def elsewhere(self, rng: np.random.Generator) -> LapNoise:
-        """The noise of another run of the same cell: of some other level."""
+        """Return the noise (m,) of another run of the same cell, whose level differs."""
         level = LEVELS_APART ** rng.uniform(-1.0, 1.0, len(self.white))
         return LapNoise(self.white * level, self.slow * level, self.shape, "borrowed")
 
@@ -69,9 +77,10 @@ class LapNoise:
 def noise_of(
     laps: Array, rows: float, times_s: tuple[float, float], per_mm: float, rng: np.random.Generator
 ) -> LapNoise:
-    """The noise of a curve driven in laps (L, NODES), in order of time, of so many rows each.
+    """Return the noise of a curve driven in laps (L, NODES), in order of time, of `rows` rows each.
 
-    times_s: of a lap, and from one to the next; per_mm: the curve's unit by mm of a gauge's noise.
+    `times_s` has the duration of a lap and the time from one to the next; `per_mm` is the curve's unit per mm of a
+    gauge's noise.
     """
     lap_s, apart_s = times_s
     if len(laps) > 1:
@@ -87,8 +96,8 @@ def noise_of(
 
 
 def _of_differences(laps: Array, rows: float, lap_s: float, drift_mm: float) -> Array:
-    """Log likelihood (whites, slows, shapes) of what laps (L, NODES) mm differ by; drift_mm: at the most from one lap
-    to the next, which is no noise of their levels."""
+    """Return the log likelihood (whites, slows, shapes) of the differences between laps (L, NODES) mm; `drift_mm` is
+    the largest drift from one lap to the next, which does not count as noise of their levels."""
     freedom = len(laps) - 1
     drifted = drift_mm**2 / 3 * len(laps) * (len(laps) + 1) / 12
     spectra = np.fft.rfft(laps - laps.mean(axis=0), axis=1) / NODES
@@ -104,9 +113,10 @@ def _of_differences(laps: Array, rows: float, lap_s: float, drift_mm: float) -> 
 
 
 def _of_scales(lap: Array, rows: float, lap_s: float) -> Array:
-    """Log likelihood (whites, slows, shapes) of the third differences of one lap (NODES,) mm at several scales.
+    """Return the log likelihood (whites, slows, shapes) of the third differences of one lap (NODES,) mm at several
+    scales.
 
-    Each is a mixture: noise alone, or noise and curve, which is larger by some factor.
+    Each is a mixture of noise alone, and of noise and curve, which is larger by some factor.
     """
     slow = _shapes(lap_s, 1)[0]
     evidence = np.zeros((len(_WHITES_MM), len(_SLOWS_MM), len(slow)))
@@ -115,7 +125,7 @@ def _of_scales(lap: Array, rows: float, lap_s: float) -> Array:
         variance = _WHITES_MM[:, None, None] ** 2 * (_white(rows) @ passed)
         variance = variance + _SLOWS_MM[None, :, None] ** 2 * (slow @ passed)
         seen = (1.4826 * float(np.median(np.abs(_third_difference(lap, scale))))) ** 2
-        # A median of NODES / scale differences, neighbours of which overlap, knows a variance with a quarter as many
+        # A median of NODES / scale overlapping differences determines a variance with a quarter as many
         # degrees of freedom.
         spread = np.sqrt(8.0 * scale / NODES)
         off = np.log(max(seen, 1e-18) / variance)
@@ -126,7 +136,7 @@ def _of_scales(lap: Array, rows: float, lap_s: float) -> Array:
 
 
 def _third_difference(lap: Array, scale: int) -> Array:
-    """Third differences (NODES,) of means of `scale` nodes, as far apart, around a closed lap."""
+    """Return the third differences (NODES,) of means of `scale` nodes, equally far apart, around a closed lap."""
     summed = np.cumsum(np.concatenate([[0.0], lap, lap[:scale]]))
     means = (summed[scale:] - summed[:-scale])[:NODES] / scale
     third: Array = means - 3 * np.roll(means, -scale) + 3 * np.roll(means, -2 * scale) - np.roll(means, -3 * scale)
@@ -135,7 +145,8 @@ def _third_difference(lap: Array, scale: int) -> Array:
 
 @lru_cache(maxsize=16)
 def _third_difference_passes(scale: int) -> Array:
-    """What of the mean square of each order (NODES // 2 + 1,) a third difference passes, both halves of a spectrum."""
+    """Return the share of the mean square of each order (NODES // 2 + 1,) that a third difference passes, for both
+    halves of a spectrum."""
     half = np.pi * ORDERS / NODES
     mean = np.ones(len(ORDERS))
     mean[1:] = np.sin(scale * half[1:]) / (scale * np.sin(half[1:]))
@@ -146,7 +157,8 @@ def _third_difference_passes(scale: int) -> Array:
 
 @lru_cache(maxsize=4)
 def _prior() -> Array:
-    """Log prior (whites, slows, 1): even on a logarithmic scale over the table of real cells, falling beyond."""
+    """Return the log prior (whites, slows, 1): uniform on a logarithmic scale over the range of real cells, falling
+    beyond."""
     white = -2.0 * (_beyond(0.5 * WHITE_MM.low / _WHITES_MM) + _beyond(_WHITES_MM / (2 * WHITE_MM.high)))
     slow = -1.0 * _beyond(0.6 * SLOW_MM.low / _SLOWS_MM) - 2.0 * _beyond(_SLOWS_MM / (1.5 * SLOW_MM.high))
     prior: Array = (white[:, None] + slow[None, :])[:, :, None]
@@ -158,16 +170,18 @@ def _beyond(ratio: Array) -> Array:
 
 
 def _white(rows: float) -> Array:
-    """Mean square (NODES // 2 + 1,) of the coefficients of unit white noise in `rows` rows, reduced to nodes."""
+    """Return the mean square (NODES // 2 + 1,) of the coefficients of unit white noise in `rows` rows, reduced to
+    nodes."""
     turn = 2 * np.pi * ORDERS / NODES
     return 3 / (2 + np.cos(turn)) / node_response() ** 2 / rows
 
 
 @lru_cache(maxsize=1)
 def node_response() -> Array:
-    """What the least-squares broken line through NODES makes of each order (NODES // 2 + 1,) of a smooth curve.
+    """Return the response (NODES // 2 + 1,) of the least-squares broken line through NODES to each order of a smooth
+    curve.
 
-    A broken line swings beyond a curve at its nodes (Unser, Splines: a perfect fit, 1999): 2 % at order 60.
+    A broken line overshoots a curve at its nodes (Unser, Splines: a perfect fit, 1999), by 2 % at order 60.
     """
     turn = 2 * np.pi * ORDERS / NODES
     response: Array = np.sinc(ORDERS / NODES) ** 2 * 3 / (2 + np.cos(turn))
@@ -176,8 +190,8 @@ def node_response() -> Array:
 
 @lru_cache(maxsize=8)
 def _shapes(lap_s: float, laps: int) -> tuple[Array, Array]:
-    """For each kind of slow noise of unit variance the mean squares (shapes, orders) of the coefficients of a lap about
-    the mean of some laps (of one lap itself), and of that mean."""
+    """Return, for each kind of slow noise of unit variance, the mean squares (shapes, orders) of the coefficients of a
+    lap about the mean of some laps (or of a single lap itself), and of that mean."""
     turn_s = np.asarray(2 * np.pi * ORDERS / lap_s, dtype=np.float64)
     of_lap = np.array([_coefficients(tau, lap_s, turn_s) for tau in (*_TIMES_S, *_PINK_S)])
     of_mean = np.array([_coefficients(tau, laps * lap_s, turn_s) for tau in (*_TIMES_S, *_PINK_S)])
@@ -191,8 +205,9 @@ def _with_pink(power: Array) -> Array:
 
 
 def _coefficients(tau_s: float, window_s: float, turn_s: Array) -> Array:
-    """Mean squares (k,) of Fourier coefficients, at angular frequencies turn_s (k,) of which the window holds whole
-    turns, of an Ornstein-Uhlenbeck process of unit variance: the double integral of its covariance over the window."""
+    """Return the mean squares (k,) of Fourier coefficients of an Ornstein-Uhlenbeck process of unit variance at the
+    angular frequencies turn_s (k,), of which the window contains whole turns: the double integral of its covariance
+    over the window."""
     rate = 1 / tau_s + 1j * turn_s
     inside = window_s / rate - (1 - np.exp(-window_s / tau_s)) / rate**2
     power: Array = np.maximum(2 / window_s**2 * inside.real, 1e-15)
@@ -208,14 +223,14 @@ def _edges() -> Integers:
 
 
 def _banded(power: Array) -> Array:
-    """Means (..., bands) of power (..., orders) over bands of orders."""
+    """Return means (..., bands) of power (..., orders) over bands of orders."""
     edges = _edges()
     means: Array = np.add.reduceat(power[..., : edges[-1]], edges[:-1], axis=-1) / np.diff(edges)
     return means
 
 
 def _weights() -> Array:
-    """Orders (bands,) in each band; order 0 is a single real number, and half one."""
+    """Return the number of orders (bands,) in each band; order 0 is one real number and counts half."""
     weights = np.diff(_edges()).astype(float)
     weights[0] = 0.5
     return weights

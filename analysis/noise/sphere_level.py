@@ -1,9 +1,9 @@
-"""How the readings of a hemisphere hang together: sphere + tilt + error of the target + error of the orientation.
+"""The model of the readings of a hemisphere: sphere + tilt + error of the target + error of the orientation.
 
-A tilt of the tool shifts all targets alike (a wrong TCP does); errors of targets and of single orientations are the
-robot's and have widths of their own, found with everything else. What a cell (target, orientation) is worth is then
-drawn from its readings and from its neighbours in the model, which is what keeps ranges over noisy cells from being too
-large: a `Level` of `analysis.noise.target_scatter`.
+A tilt of the tool shifts all targets equally, as a wrong TCP does. The errors of targets and of single orientations are
+the robot's, and their widths are estimated with everything else. The value of a cell (target, orientation) is then
+drawn from its readings and from its neighbours in the model, which keeps ranges over noisy cells from being too large.
+It is a `Level` of `analysis.noise.target_scatter`.
 """
 
 from __future__ import annotations
@@ -13,14 +13,15 @@ import numpy as np
 from analysis.kinematics.arm import Array
 
 _LEAST_MM2 = 1e-12
-"""Variance of errors that are as good as nothing: (1 nm)²."""
+"""Smallest variance of errors, (1 nm)², which avoids a division by zero."""
 
 
 class SphereLevel:
-    """Per chain: tilt (m, o), target (m, t) less the sphere and tilt, variances of both kinds of error (m,)."""
+    """For each of m chains: the tilt (m, o), the target error (m, t) without the sphere and the tilt, and the variances
+    (m,) of both kinds of error."""
 
     def __init__(self, direction: Array, orientations: int) -> None:
-        """direction (t, 3): unit vectors to the targets; orientations: how many there are of each."""
+        """direction (t, 3): unit vectors to the targets; orientations: the number of orientations of each."""
         design = np.column_stack([direction, np.ones(len(direction))])
         basis, s, _ = np.linalg.svd(design, full_matrices=False)
         self._basis = basis[:, s > 1e-6 * s[0]] * np.sqrt(len(direction))
@@ -32,7 +33,7 @@ class SphereLevel:
         self._orientation_mm2: Array
 
     def __call__(self, rng: np.random.Generator, weight: Array, mean: Array) -> tuple[Array, Array]:
-        """Expected values and draws (m, t, o) of the cells, from their weights and weighted means (m, t, o)."""
+        """Return expected values and draws (m, t, o) of the cells, from their weights and weighted means (m, t, o)."""
         if not self._begun:
             self._begin(weight, mean)
         across, along = self._orientation_mm2[:, None, None], self._target_mm2[:, None]
@@ -56,7 +57,7 @@ class SphereLevel:
         return best, cell
 
     def _begin(self, weight: Array, mean: Array) -> None:
-        """From plain means, the noise that is in them taken off as far as it is known yet."""
+        """Initialise from plain means, with the noise known so far subtracted."""
         there = weight > 0
         self._target = (weight * mean).sum(axis=2) / weight.sum(axis=2)
         self._tilt = np.zeros((len(weight), weight.shape[2]))
@@ -70,7 +71,7 @@ class SphereLevel:
         self._begun = True
 
     def _tilt_from(self, rng: np.random.Generator, precision: Array, mean: Array) -> None:
-        """Zero in the mean over the orientations; what they share is the targets'."""
+        """Draw the tilt, which has mean zero over the orientations because their common part belongs to the targets."""
         if self._alone:
             return
         total = precision.sum(axis=1)
@@ -79,7 +80,7 @@ class SphereLevel:
         self._tilt = tilt - tilt.mean(axis=1, keepdims=True)
 
     def _sphere(self, rng: np.random.Generator, precision: Array, seen: Array) -> tuple[Array, Array]:
-        """The sphere's distance (m, t) at the targets, and by how much a draw of it differs."""
+        """Return the sphere's distance (m, t) at the targets, and the difference of a draw of it."""
         size = self._basis.shape[1]
         pairs = (self._basis[:, :, None] * self._basis[:, None, :]).reshape(-1, size * size)
         normal = (precision @ pairs).reshape(-1, size, size)
@@ -88,7 +89,7 @@ class SphereLevel:
         return best[..., 0] @ self._basis.T, kick[..., 0] @ self._basis.T
 
     def _widths(self, rng: np.random.Generator, target: Array, orientation: Array, weight: Array) -> None:
-        """Variances from errors (m, t) and (m, t, o), their roots equally likely anywhere beforehand."""
+        """Draw the variances from errors (m, t) and (m, t, o), with a uniform prior of the standard deviations."""
         count = target.shape[1]
         chi2 = rng.chisquare(max(count - 1, 1), len(target))
         self._target_mm2 = np.maximum((target**2).sum(axis=1) / chi2, _LEAST_MM2)

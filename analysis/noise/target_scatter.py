@@ -1,4 +1,4 @@
-"""Scatter at targets: what readings of the same targets say of their noise, each target its own, with tails.
+"""The scatter at targets: the noise of readings of the same targets, with an own size for each target and heavy tails.
 
 The model. Reading r of cell c (an orientation, a side of approach, a coordinate) of target t is
 
@@ -6,12 +6,12 @@ The model. Reading r of cell c (an orientation, a side of approach, a coordinate
     sigma_t² ~ d0 s0² / χ²(d0).
 
 The last line moderates the variances (Smyth, Stat. Appl. Genet. Mol. Biol. 3, 2004): a target read twice borrows from
-the others as much as those agree (d0). nu lets heavy tails and outliers be what they are. All of it is drawn together
-by Gibbs sampling, many short chains side by side, so that what is not known of the noise is in every uncertainty.
-How the cells of a target are related is the test's: a test gives a `Level`, which draws them. Where the gauge reads in
-steps, all readings of a cell share a part of their rounding error, the larger the less they scatter.
+the others to the degree to which those agree (d0). nu accounts for heavy tails and outliers. All unknowns are drawn
+together by Gibbs sampling, in many short parallel chains, so that the uncertainty of the noise is part of every
+uncertainty. Each test defines how the cells of a target are related by a `Level`, which draws them. Where the gauge
+reads in steps, all readings of a cell share a part of their rounding error, which is larger for smaller scatter.
 
-Where nothing is read twice, s0 stays in the range of real cells (`cell.TARGET_MM`): the scatter is assumed.
+Where nothing is read twice, s0 is restricted to the range of real cells (`cell.TARGET_MM`): the scatter is assumed.
 """
 
 from __future__ import annotations
@@ -27,33 +27,41 @@ from analysis.noise.cell import DRIFT_MM_PER_S, TARGET_MM, NoiseSource
 from analysis.noise.resolution import shared_rounding
 
 _SEED = 0
-"""Fixed, so that the same run gives the same report."""
+"""The seed of the sampler, fixed so that a run always gives the same report."""
 _CHAINS, _FEWEST_CHAINS = 64, 16
+"""Number of parallel chains, and the smallest number for long tables. Chosen: with the states kept they give 256 and 64
+draws."""
 _ELEMENTS = 2_000_000
-"""Readings times chains: tables of many thousand readings take fewer chains, and need fewer."""
+"""Readings times chains: tables of many thousand readings use fewer chains, and need fewer. Chosen: it limits the
+memory to some 16 MB per array."""
 _SWEEPS, _KEPT, _EVERY = 16, 4, 2
-"""Sweeps of every chain, and how many of its last states are kept, so many sweeps apart."""
+"""Number of sweeps of every chain, the number of its last states that are kept, and the sweeps between them. Chosen."""
 _TAILS = np.array([2.2, 3.0, 5.0, 10.0, 50.0])
-"""Degrees of freedom of Student's t that are possible, equally likely beforehand; 50 is a normal law."""
+"""Degrees of freedom of Student's t that are tried, with equal prior probability; 50 is close to a normal distribution.
+"""
 _AGREEMENT = np.array([1.0, 1.5, 2.5, 4.0, 8.0, 16.0, 64.0])
-"""Possible d0. 1.5 is a log-uniform spread of factor 20, as in `TARGET_MM`; 64 is the same scatter at all targets."""
+"""Values of d0 that are tried. 1.5 is a log-uniform spread of factor 20, as in `TARGET_MM`; 64 is nearly the same
+scatter at all targets."""
 _MEASURED_FREEDOM = 3
-"""Below so many degrees of freedom a scatter is as good as not measured."""
+"""Degrees of freedom below which a scatter counts as not measured. Chosen."""
 _LEAST_MM = 1e-6
+"""Smallest uncertainty of a reading, 1 nm, which avoids a division by zero."""
 _FIRST_D0 = 2.0
-"""For the variances at which the chains start."""
+"""The value of d0 for the variances at which the chains start. It has no effect once the chains have mixed."""
 _DRIFT_DEGREE = 3
+"""Degree of the polynomial of the drift. Chosen: a cubic follows warming and one reversal."""
 
 Level = Callable[[np.random.Generator, Array, Array], tuple[Array, Array]]
-"""From weights and weighted means (m, t, k) of the cells: their expected values and a draw of them, (m, t, k) both."""
+"""A function that returns, from weights and weighted means (m, t, k) of the cells, their expected values and a draw of
+them, both (m, t, k)."""
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """m draws. sd_mm (m, t) of the scatter of one reading; tail (m,) its degrees of freedom; best_mm (t, k): expected
-    values of the cells, cell_mm (m, t, k): draws of them, at the middle of the run; drift_mm (t, k, n): expected drift
-    of each reading since then; drifted_mm: root mean square of the drift between the start and then; step_mm that the
-    gauge reads in, whose rounding is part of sd_mm."""
+    """m draws of the scatter. `sd_mm` (m, t) is that of one reading and `tail` (m,) its degrees of freedom. `best_mm`
+    (t, k) are expected values and `cell_mm` (m, t, k) draws of the cells at the middle of the run. `drift_mm` (t, k, n)
+    is the expected drift of each reading since then, and `drifted_mm` the root mean square of the drift between the
+    start and then. `step_mm` is the step of the gauge, whose rounding is part of sd_mm."""
 
     sd_mm: Array
     tail: Array
@@ -65,7 +73,8 @@ class Scatter:
     step_mm: float = 0.0
 
     def beneath(self, rng: np.random.Generator) -> Scatter:
-        """The scatter before readings are rounded: as far as steps hide it, anything between none and what it seems."""
+        """Return the scatter (m, t) before readings are rounded; where steps hide it, it is uniform between zero and
+        its apparent size."""
         if self.step_mm == 0:
             return self
         noise_sq = np.maximum(self.sd_mm**2 - self.step_mm**2 / 12, 0.0)
@@ -73,7 +82,7 @@ class Scatter:
         return replace(self, sd_mm=np.sqrt(noise_sq) * (1 - hidden * rng.uniform(size=(len(noise_sq), 1))), step_mm=0.0)
 
     def again(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-        """Scatter (m, t, *shape) mm of further readings of the same targets."""
+        """Return the scatter (m, t, *shape) mm of further readings of the same targets."""
         wide = (len(self.tail), 1) + (1,) * len(shape)
         size = self.sd_mm.shape + shape
         chi2 = 2.0 * rng.standard_gamma(np.broadcast_to(self.tail.reshape(wide) / 2, size))
@@ -84,22 +93,22 @@ class Scatter:
 
 
 def separate(rng: np.random.Generator, weight: Array, mean: Array) -> tuple[Array, Array]:
-    """A `Level` for cells that have nothing to do with each other."""
+    """Return expected values and draws (m, t, k) of cells that are independent: a `Level`."""
     return mean, mean + rng.standard_normal(mean.shape) / np.sqrt(np.maximum(weight, 1e-12))
 
 
 def freedom_of(readings_mm: Array) -> int:
-    """Degrees of freedom within the cells of readings (t, k, n), NaN where there is none."""
+    """Return the degrees of freedom within the cells of readings (t, k, n), NaN where there is none."""
     return int((np.isfinite(readings_mm).sum(axis=-1) - 1).clip(min=0).sum())
 
 
 def scatter_of(
     readings_mm: Array, u_mm: float, t_s: Array | None = None, level: Level = separate, step_mm: float = 0.0
 ) -> Scatter:
-    """Scatter of readings (t, k, n) mm of k cells at each of t targets, NaN where there is none.
+    """Return the scatter of readings (t, k, n) mm of k cells at each of t targets, NaN where there is none.
 
-    u_mm: standard uncertainty of one gauge reading beside its rounding to step_mm (variance step²/12): no scatter
-    below both is believed; t_s like the readings: their times, where drift is to be told from scatter.
+    `u_mm` is the standard uncertainty of one gauge reading beside its rounding to step_mm (variance step²/12), a lower
+    limit of the scatter. `t_s` has the times of the readings, where drift is to be separated from scatter.
     """
     measured = freedom_of(readings_mm) >= _MEASURED_FREEDOM
     sampler = _Sampler(readings_mm, max(math.hypot(u_mm, step_mm / math.sqrt(12)), _LEAST_MM), measured, t_s, step_mm)
@@ -116,13 +125,13 @@ def scatter_of(
 
 
 def _typical(away_mm: Array, least_mm: float) -> float:
-    """Standard deviation of readings by their median distance from the mean of two or three."""
+    """Return the standard deviation of readings (n,) mm from their median distance from the mean of two or three."""
     return max(2.0 * float(np.median(np.abs(away_mm))), least_mm) if len(away_mm) else least_mm
 
 
 def _drift_shapes(t_s: Array) -> Array:
-    """Polynomials (t, k, n, d) of the time of each reading, zero in the mean, of -1 to 1 over the run, in mm of the
-    drift that a real cell may have over it."""
+    """Return polynomials (t, k, n, d) of the time of each reading, with mean zero over the run, in mm of the drift that
+    a real cell may have over it."""
     there = np.isfinite(t_s)
     begin, end = float(t_s[there].min()), float(t_s[there].max())
     x = np.where(there, 2 * (t_s - begin) / max(end - begin, 1e-9) - 1, 0.0)
@@ -160,14 +169,14 @@ class _Sampler:
         self._begin(self._within(self.y[..., None])[..., 0])
 
     def _within(self, values: Array) -> Array:
-        """Values (t, k, n, d) less their mean over the readings of a cell."""
+        """Return values (t, k, n, d) minus their mean over the readings of a cell."""
         there = self.there[..., None]
         mean = np.where(there, values, 0.0).sum(axis=2, keepdims=True) / np.maximum(there.sum(axis=2, keepdims=True), 1)
         away: Array = np.where(there, values - mean, 0.0)
         return away
 
     def _begin(self, away: Array) -> None:
-        """Where the chains start: s0² and the variances, from what repeats differ by (t, k, n) without their drift."""
+        """Initialise s0² and the variances from the differences of repeats (t, k, n) without their drift."""
         shapes = self._within(self.shapes).reshape(-1, _DRIFT_DEGREE)
         again = np.broadcast_to(self.there.sum(axis=-1, keepdims=True) > 1, away.shape) & self.there
         typical = _typical(away[again], self.least_mm)
@@ -182,7 +191,7 @@ class _Sampler:
         self.variance = (_FIRST_D0 * self.s0_sq[:, None] + (away**2).sum(axis=(1, 2))) / chi2
 
     def sweep(self, level: Level) -> tuple[Array, Array]:
-        """One round over everything that is unknown; the cells' expected values and draws (m, t, k)."""
+        """Draw all unknowns once and return the cells' expected values and draws (m, t, k) in mm."""
         weight = self.share / self.variance[:, :, None, None]
         total = weight.sum(axis=-1)
         y = self._without_drift(weight, total)
@@ -193,7 +202,8 @@ class _Sampler:
         return best, cell
 
     def _read(self, cell: Array, shared: Array, total: Array, mean: Array) -> Array:
-        """What the gauge reads on average at the cells (m, t, k): those and a draw of their shared rounding error."""
+        """Return the average readings of the gauge at the cells (m, t, k), with a draw of their shared
+        rounding error."""
         if self.step_mm == 0:
             return cell
         held = shared / (1 + shared * total)
@@ -201,7 +211,8 @@ class _Sampler:
         return drawn
 
     def _without_drift(self, weight: Array, total: Array) -> Array:
-        """The readings less a drift drawn from what repeats of the same cell differ by, never from their values."""
+        """Return the readings minus a drift drawn from the differences of repeats of the same cell, never from their
+        values."""
         if self.t_s is None:
             return np.broadcast_to(self.y, weight.shape)
         d = self.shapes.shape[-1]
@@ -219,7 +230,7 @@ class _Sampler:
         return np.asarray(self.y - (self.drift @ flat.T).reshape(weight.shape))
 
     def _noise_from(self, error: Array) -> None:
-        """Tail, shares, variances, s0 and d0, in this order, from errors (m, t, k, n)."""
+        """Draw tail, shares, variances, s0 and d0, in this order, from errors (m, t, k, n)."""
         squares = error**2 / self.variance[:, :, None, None]
         fit = [self._tail_fit(squares, nu) for nu in _TAILS]
         self.tail = self._chosen(_TAILS, np.stack(fit, axis=1))
@@ -233,13 +244,13 @@ class _Sampler:
         self._common()
 
     def _tail_fit(self, squares: Array, nu: float) -> Array:
-        """Log-likelihood (m,) of Student's t with nu."""
+        """Return the log-likelihood (m,) of Student's t with nu degrees of freedom."""
         each = math.lgamma((nu + 1) / 2) - math.lgamma(nu / 2) - 0.5 * math.log(nu)
         logs: Array = np.log1p(squares / nu).sum(axis=(1, 2, 3))
         return float(self.counts.sum()) * each - (nu + 1) / 2 * logs
 
     def _common(self) -> None:
-        """s0², log-uniform beforehand, and d0, from the variances."""
+        """Draw s0², with a log-uniform prior, and d0, from the variances."""
         count, inverse, logs = len(self.y), (1 / self.variance).sum(axis=1), np.log(self.variance).sum(axis=1)
         self.s0_sq = self.rng.standard_gamma(count * self.d0 / 2) * 2 / (self.d0 * inverse)
         if not self.measured:
@@ -251,6 +262,7 @@ class _Sampler:
         self.d0 = self._chosen(_AGREEMENT, fit)
 
     def _chosen(self, values: Array, fit: Array) -> Array:
-        """One of the values for each chain, as likely as fit (m, values) has it (Gumbel)."""
+        """Return one of the values for each chain, with the probabilities of the log-likelihoods fit (m, values)
+        (Gumbel's method)."""
         chosen: Array = values[np.argmax(fit + self.rng.gumbel(size=fit.shape), axis=1)]
         return chosen

@@ -37,12 +37,14 @@ def as_table(rig: Rig, rows: Sequence[Row]) -> RenderableType:
         if previous and section != previous:
             table.add_section()
         previous = section
-        table.add_row(row.where, row.figure, told(row, row.paper), told(row, row.ours), _difference(row), row.note)
+        table.add_row(
+            row.where, row.figure, written(row, row.paper), written(row, row.ours), _difference(row), row.note
+        )
     effects = "Effects: " + "; ".join(in_words(rig, effect) for effect in rig.effects) + "."
     return Group(whole(table), *(Text(line, style="dim") for line in (effects, SLIPS, CAVEAT)))
 
 
-def told(row: Row, value: float | str) -> str:
+def written(row: Row, value: float | str) -> str:
     """A value of a row with its unit."""
     if isinstance(value, str):
         return value

@@ -89,8 +89,8 @@ def reversal_rows(rig: Rig) -> Iterator[Row]:
         turns = [turn for turn in found if turn.axis == axis]
         theirs = paper.REVERSALS_DEG.get(name, ())
         if not theirs:
-            told = ", ".join(f"{np.degrees(turn.phi):.1f}°" for turn in turns) or "none"
-            yield Row("Table 1", f"{name} turns back", "none", told)
+            text = ", ".join(f"{np.degrees(turn.phi):.1f}°" for turn in turns) or "none"
+            yield Row("Table 1", f"{name} turns back", "none", text)
         for side, place in zip(("upper", "lower"), theirs, strict=False):
             ours = [float(np.degrees(turn.phi)) for turn in turns if turn.upper == (side == "upper")]
             near = min(ours, key=lambda phi: abs((phi - place + 180) % 360 - 180), default="none")
@@ -191,11 +191,11 @@ def sphere_rows(rig: Rig) -> Iterator[Row]:
 
 
 def _towards(ball: FittedSphere, other: FittedSphere | None = None) -> str:
-    told = "by ({:+.2f}, {:+.2f}, {:+.2f}) mm".format(*ball.centre_mm)
+    text = "by ({:+.2f}, {:+.2f}, {:+.2f}) mm".format(*ball.centre_mm)
     if other is None:
-        return told
+        return text
     cosine = ball.centre_mm @ other.centre_mm / (ball.shift_mm * other.shift_mm)
-    return f"{told}, {np.degrees(np.arccos(np.clip(cosine, -1, 1))):.0f}° from the measured"
+    return f"{text}, {np.degrees(np.arccos(np.clip(cosine, -1, 1))):.0f}° from the measured"
 
 
 def repeatability_rows(rig: Rig) -> Iterator[Row]:

@@ -91,7 +91,7 @@ def sphere(rig: Rig, effects: Sequence[Effect]) -> FittedSphere:
 
 
 def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str, Array]:
-    """uni_mm and bi_mm (seeds,) of as many repeatability tests."""
+    """uni_mm and bi_mm, (seeds,) each, of as many simulated repeatability tests."""
     readings = []
     for seed in range(seeds):
         table = simulate(rig, "repeatability", None, seed, effects, SCATTER)
@@ -102,7 +102,7 @@ def repeats(rig: Rig, effects: Sequence[Effect], seeds: int = SEEDS) -> dict[str
 
 
 def typical_seed(found: dict[str, Array]) -> int:
-    """Which of these tests lies nearest to the mean of all, each figure by its spread: the one to be shown."""
+    """The number of the test, of figures (seeds,) in mm, that lies nearest to the mean of all, each by its spread."""
     off = [(values - values.mean()) / (values.std() or 1.0) for values in found.values()]
     return int(np.argmin(np.sum(np.square(off), axis=0)))
 

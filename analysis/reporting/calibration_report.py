@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.fitting.calibrate import Calibration
-from analysis.fitting.identify import name_of
+from analysis.fitting.identifiability import parameter_label
 from analysis.measures.parameters import quantity_of
 from analysis.reporting.extended_rig import with_origin, write_extended
 from analysis.reporting.wide_tables import whole
@@ -24,7 +24,7 @@ def as_table(found: Calibration) -> RenderableType:
     table.add_column("value", justify="right")
     for one in found.effects:
         for field in one.sd:
-            table.add_row(name_of(one.effect, field), str(quantity_of(one.effect, field, one.sd)))
+            table.add_row(parameter_label(one.effect, field), str(quantity_of(one.effect, field, one.sd)))
     gap = Table(title="unexplained, rms in µm", title_style="dim", header_style="bold")
     for heading in ("", "before", "after"):
         gap.add_column(heading, justify="right" if heading else "left")
@@ -33,21 +33,22 @@ def as_table(found: Calibration) -> RenderableType:
     ):
         if not math.isnan(before):
             gap.add_row(name, f"{before * 1e3:.1f}", f"{after * 1e3:.1f}")
-    told = Text(
-        f"{found.told_apart} combinations of {_asked(found)} parameters are told by these readings", style="dim"
+    determined = Text(
+        f"{found.identified_combinations} combinations of {_asked(found)} parameters are determined by these readings",
+        style="dim",
     )
-    mixed = [Text(str(one), style="yellow") for one in found.mixed]
+    weak_parameters = [Text(str(one), style="yellow") for one in found.weak_parameters]
     doubts = [Text(doubt, style="yellow") for doubt in found.doubts]
-    return Group(whole(table), whole(gap), *doubts, told, *mixed, *_of_noise(found), _of_joints(found))
+    return Group(whole(table), whole(gap), *doubts, determined, *weak_parameters, *_of_noise(found), _of_joints(found))
 
 
 def _asked(found: Calibration) -> int:
-    return len(found.weighing.spread)
+    return len(found.weighting.spread)
 
 
 def _of_joints(found: Calibration) -> Text:
     ranges = ", ".join(f"{axis}: {low:.0f}° to {high:.0f}°" for axis, (low, high) in enumerate(found.covered, start=1))
-    return Text(f"the joints went through {ranges}: the model is known there", style="dim")
+    return Text(f"the joints covered {ranges}; the model is valid there", style="dim")
 
 
 def _of_noise(found: Calibration) -> list[Text]:
@@ -57,7 +58,7 @@ def _of_noise(found: Calibration) -> list[Text]:
         again = (
             f"visits of one place differ by {1e3 * noise.repeats.sd_mm:.2g} µm (one reading's standard deviation)"
             if noise.repeats
-            else "which is what the fit leaves"
+            else "which agrees with the residuals of the fit"
         )
         lines.append(Text(f"{setup}: readings count with {1e3 * noise.sd_mm:.2g} µm; {again}", style="dim"))
     if not found.gauges:

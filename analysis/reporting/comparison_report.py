@@ -15,6 +15,7 @@ from analysis.fitting.compare import Compared, Comparison
 from analysis.fitting.estimate import Fit
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.plots import distinctly_named
+from analysis.reporting.sheet import Sheet
 from analysis.reporting.wide_tables import whole
 from rigs.errors import FileError
 
@@ -63,7 +64,7 @@ def save_pictures(comparisons: Sequence[Comparison], directory: Path) -> list[Pa
 
 
 def _figure(one: Comparison) -> Figure:
-    figure = Figure(figsize=(9, 5.4), layout="constrained")
+    figure = Sheet(9, 5.4)
     figure.suptitle(f"{one.result.title} · {one.result.name}: measured and simulated", fontsize=11)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     circle = one.unit == "deg"

@@ -26,13 +26,13 @@ from rigs.effects import size_field
 from rigs.errors import FileError
 from rigs.schema.effect import label_of
 
-_TOLD_MM = 1e-3
-"""What an effect that is not corrected does to a target is told from here on."""
+_REPORTED_MM = 1e-3
+"""An effect that is not corrected is reported if it moves a target by at least this."""
 _HEAD = """\
-# What the cell {name} can use of the effects in its rig file, {date}. Of three ways it takes one for each effect:
+# Corrections for the cell {name} from the effects of its rig file, {date}. Use one of three ways for each effect:
 # joint_zeros: master each axis so that it reads `add_deg` more where it stands.
-# link_constants: give the controller these, where it takes any; dh.csv is the whole table.
-# The corrected path: for a controller that keeps its zeros and constants. It holds all that is corrected here.
+# link_constants: enter these into the controller if it accepts them; dh.csv is the whole table.
+# The corrected path: for a controller that keeps its zeros and constants. It contains all of these corrections.
 # u: standard uncertainty.
 """
 
@@ -78,12 +78,12 @@ def _lines(found: Corrections) -> list[str]:
             f"reached to ± {targets.u_mm.max():.3f} mm after (standard uncertainty at the worst target), "
             f"{_small(_left_out(targets).max())} of it by effects that are not corrected"
         )
-        each = [(name, mm) for name, mm in _budget(targets).items() if mm >= _TOLD_MM]
+        each = [(name, mm) for name, mm in _budget(targets).items() if mm >= _REPORTED_MM]
         if each:
             parts = ", ".join(f"{name} {_small(mm)}" for name, mm in each)
             lines.append(f"not corrected, at its worst target, rms of both sides, cold and warm: {parts}")
         lines += targets.doubts
-    return lines or ["nothing here can be corrected"]
+    return lines or ["no effect of this rig file can be corrected"]
 
 
 def _left_out(targets: Corrected) -> Array:
@@ -103,7 +103,7 @@ def _count(targets: int) -> str:
 
 
 def _small(mm: float) -> str:
-    return "less than 0.001 mm" if mm < _TOLD_MM else f"{mm:.3f} mm"
+    return "less than 0.001 mm" if mm < _REPORTED_MM else f"{mm:.3f} mm"
 
 
 def as_object(found: Corrections, written: Sequence[Path]) -> dict[str, Any]:
@@ -172,7 +172,7 @@ def write(found: Corrections, directory: Path) -> list[Path]:
     paths = [directory / name for name, wanted in files.items() if wanted]
     for path in paths:
         if path.exists():
-            raise FileError(str(path), "is there already", "give another --output, or remove it first")
+            raise FileError(str(path), "exists already", "give another --output, or remove it first")
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -80,11 +80,11 @@ def _links(state: dict[str, Any]) -> Table:
         table.add_column(heading, justify="right" if right else "left", no_wrap=not last, overflow="fold")
     for name, stream in state["streams"].items():
         faults = {kind: count for kind, count in stream["counters"].items() if kind != "samples"}
-        told = ", ".join(f"{count} {kind}" for kind, count in faults.items())
-        told += f"; last: {stream['last_fault']}" if told else ""
+        text = ", ".join(f"{count} {kind}" for kind, count in faults.items())
+        text += f"; last: {stream['last_fault']}" if text else ""
         connected = Text("connected", "green") if stream["connected"] else Text("lost", "bold red")
         samples = str(stream["counters"].get("samples", 0))
         table.add_row(
-            name, connected, f"{stream['rate_hz']:.1f} Hz", samples, Text(told or "none", "yellow" if told else "dim")
+            name, connected, f"{stream['rate_hz']:.1f} Hz", samples, Text(text or "none", "yellow" if text else "dim")
         )
     return table

@@ -1,4 +1,4 @@
-"""The picture of a diagnosis: circles, hemispheres, how much each effect explains, what cannot be told apart."""
+"""The picture of a diagnosis: circles, hemispheres, how much each effect explains, what cannot be distinguished."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.reporting.diagnosis_curves import GREY, LEFT, MEASURED, MODEL, draw_circles, strands_of
 from analysis.reporting.diagnosis_maps import draw_map
 from analysis.reporting.diagnosis_words import headline
+from analysis.reporting.sheet import Sheet
 from rigs.schema.effect import name_of
 
 _WIDTH = 11.0
@@ -45,7 +46,7 @@ def picture(found: Diagnosis) -> Figure:
     parts.append((0.2 + 0.17 * len(words), lambda sheet: _draw_words(sheet, words)))
     heights = [height for height, _ in parts]
     title = textwrap.wrap(headline(found), _COLUMNS)
-    figure = Figure(figsize=(_WIDTH, sum(heights) + 0.4 + 0.2 * len(title)), layout="constrained")
+    figure = Sheet(_WIDTH, sum(heights) + 0.4 + 0.2 * len(title))
     figure.suptitle("\n".join([*title, found.rig.name]), fontsize=11)
     for sheet, (_, draw) in zip(
         figure.subfigures(len(parts), 1, height_ratios=heights, squeeze=False)[:, 0], parts, strict=True
@@ -85,13 +86,13 @@ def _draw_bars(sheet: SubFigure, bars: Sequence[tuple[str, float, str]], floor_u
 
 
 def _words(found: Diagnosis, quiet: int) -> list[str]:
-    told = [f"{found.verdict}: {found.why}"]
-    told += [f"These tests cannot tell apart: {' or '.join(group)}" for group in found.groups[:_MOST_GROUPS]]
+    lines = [f"{found.verdict}: {found.why}"]
+    lines += [f"These tests cannot distinguish: {' or '.join(group)}" for group in found.groups[:_MOST_GROUPS]]
     more = len(found.groups) - _MOST_GROUPS
-    told += [f"and {more} more groups"] * (more > 0)
-    told += [f"Not shown: {quiet} more, which disagree less."] * bool(quiet)
-    told += [_KEY] * bool(found.curves)
-    return [line for one in told for line in textwrap.wrap(one, _TEXT_COLUMNS)]
+    lines += [f"and {more} more groups"] * (more > 0)
+    lines += [f"Not shown: {quiet} more, which disagree less."] * bool(quiet)
+    lines += [_KEY] * bool(found.curves)
+    return [line for one in lines for line in textwrap.wrap(one, _TEXT_COLUMNS)]
 
 
 def _draw_words(sheet: SubFigure, lines: list[str]) -> None:

@@ -20,7 +20,7 @@ from analysis.reporting.diagnosis_words import (
     size,
     stretch,
     sure,
-    told,
+    with_uncertainty,
 )
 from analysis.reporting.wide_tables import whole
 from rigs.schema.effect import name_of
@@ -39,7 +39,7 @@ _MOST_NAMES = 40
 
 
 def as_screen(found: Diagnosis) -> RenderableType:
-    """Verdict, where, what, what it gains, what is left, what cannot be told, what to do, which test next."""
+    """Verdict, places, effects, their gain, the remainder, what cannot be distinguished, remedies, next test."""
     parts = [Text(headline(found), style=_COLOUR[found.verdict])]
     parts += [Text(found.why, style="dim")] if found.why else []
     tolerable = ", within what a healthy robot shows" if found.verdict == "within_tolerance" and found.where else ""
@@ -48,10 +48,10 @@ def as_screen(found: Diagnosis) -> RenderableType:
         ("What is missing", _missing(found)),
         ("What the model says with it" if found.standing else "What the model says", _gaps(found)),
         ("Still unexplained", _left(found)),
-        ("What these tests cannot tell", _cannot(found)),
+        ("What these tests cannot distinguish", _cannot(found)),
         ("What to do", _remedies(found)),
         ("Which test next", _next(found)),
-        ("What to know before trusting it", _doubts(found)),
+        ("Remarks on the data", _doubts(found)),
     )
     shown: list[RenderableType] = [*parts]
     for heading, body in sections:
@@ -70,13 +70,13 @@ def _plain_table(*headings: str, right: Iterable[str] = ()) -> Table:
 
 def _where(found: Diagnosis) -> list[RenderableType]:
     if not found.where:
-        return [Text("nowhere beyond the noise")]
+        return [Text("nowhere by more than the noise")]
     table = _plain_table("test", "part", "where", "joint", "why", "µm", "sigma", right=("joint", "µm", "sigma"))
     for place in sorted(found.where, key=lambda one: -one.sigma)[:_MOST_PLACES]:
         row = (runs_of(place), place.part, stretch(place), f"{place.joint or ''}", place.why)
         table.add_row(*row, f"{place.rms_um:.1f}", f"{place.sigma:.0f}")
     more = len(found.where) - _MOST_PLACES
-    return [table, *([Text(f"and {more} more (--json has all)", style="dim")] if more > 0 else [])]
+    return [table, *([Text(f"and {more} more (all with --json)", style="dim")] if more > 0 else [])]
 
 
 def _missing(found: Diagnosis) -> list[RenderableType]:
@@ -91,7 +91,7 @@ def _missing(found: Diagnosis) -> list[RenderableType]:
             Text(name_of(one.effect), style="bold"), size(one, times), f"{one.worth_um:.1f}", sure(one.posterior)
         )
         for field in beside_size(one):
-            table.add_row(f"  {field}", told(one.effect, field, one.sd, times), "", "")
+            table.add_row(f"  {field}", with_uncertainty(one.effect, field, one.sd, times), "", "")
         for rival in one.rivals:
             table.add_row(f"  or {name_of(rival.effect)}", size(rival, times), "", sure(rival.posterior), style="dim")
     likeliest = Text("the first of each is the likeliest, and the one that -o adds to the rig file", style="dim")
@@ -137,12 +137,12 @@ def _left(found: Diagnosis) -> list[RenderableType]:
 def _cannot(found: Diagnosis) -> list[RenderableType]:
     lines = [Text(f"{' or '.join(group)}: alike here") for group in found.groups[:_MOST_GROUPS]]
     more = len(found.groups) - _MOST_GROUPS
-    lines += [Text(f"and {more} more groups (--json has all)", style="dim")] if more > 0 else []
+    lines += [Text(f"and {more} more groups (all with --json)", style="dim")] if more > 0 else []
     names = found.not_testable
     if names:
         rest = len(names) - _MOST_NAMES
         told_all = shortened(names[:_MOST_NAMES]) + (f", and {rest} more" if rest > 0 else "")
-        lines.append(Text(f"not to be seen here at any size: {told_all}", style="dim"))
+        lines.append(Text(f"not detectable by these tests at any size: {told_all}", style="dim"))
     return list(lines)
 
 

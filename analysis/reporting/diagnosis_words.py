@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-from analysis.diagnosis.diagnosis import ODDS, Curve, Diagnosis, Gap, Leftover, Named, Place, Rival
+from analysis.diagnosis.diagnosis import ODDS, Curve, Diagnosis, Gap, Named, Place, ResidualBand, Rival
 from analysis.measures.parameters import parameters_of, quantity_of
 from analysis.measures.quantity import Quantity
 from rigs.effects import Effect, size_field
@@ -25,7 +25,7 @@ def joint(rig: Rig, axis: int) -> str:
     return f"axis {axis} ({rig.robot.axes[axis - 1].name})"
 
 
-def told(effect: Effect, field: str, sd: Mapping[str, float], times: float = 1.0) -> str:
+def with_uncertainty(effect: Effect, field: str, sd: Mapping[str, float], times: float = 1.0) -> str:
     """A parameter ± `times` its standard uncertainty, to sensible digits; alone where no uncertainty is known."""
     one = quantity_of(effect, field, sd)
     if not 0 < one.u < math.inf:
@@ -35,7 +35,7 @@ def told(effect: Effect, field: str, sd: Mapping[str, float], times: float = 1.0
 
 def size(one: Named | Rival, times: float = 1.0) -> str:
     """The size of a named effect or of a rival, ± `times` its standard uncertainty."""
-    return told(one.effect, size_field(one.effect), one.sd, times)
+    return with_uncertainty(one.effect, size_field(one.effect), one.sd, times)
 
 
 def beside_size(one: Named) -> list[str]:
@@ -65,13 +65,14 @@ def headline(found: Diagnosis) -> str:
             several = f"{len(what)} effects are" if len(what) > 1 else "One effect is"
             return f"{several} missing in the model: {'; '.join(what)}."
         case "ambiguous":
-            return f"Something is missing in the model, and these tests leave open what: {_alternatives(found)}."
+            return f"An effect is missing in the model, and these tests cannot determine which: {_alternatives(found)}."
         case "outside_library":
-            return f"Most of what is missing in the model, {found.remainder.um:.0f} µm, no known effect explains."
+            um = found.remainder.um
+            return f"Most of what is missing in the model, {um:.0f} µm, is not explained by any known effect."
         case "within_tolerance":
-            return "Nothing is missing that matters: what is left is within what a healthy robot shows."
+            return "No effect that matters is missing: what remains is within what a healthy robot shows."
         case "not_testable_here":
-            return "These runs cannot tell whether something is missing."
+            return "These runs cannot show whether an effect is missing."
 
 
 def _alternatives(found: Diagnosis) -> str:
@@ -83,7 +84,7 @@ def _alternatives(found: Diagnosis) -> str:
     return "; ".join(words)
 
 
-def runs_of(one: Place | Curve | Leftover) -> str:
+def runs_of(one: Place | Curve | ResidualBand) -> str:
     """`yaw acw`, `radial`."""
     return f"{one.test} {one.direction}" if one.direction else one.test
 

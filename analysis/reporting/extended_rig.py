@@ -51,6 +51,6 @@ def write_extended(text: str, effects: Sequence[Effect], output: Path) -> None:
         with output.open("x", encoding="utf-8") as file:
             file.write(grown)
     except FileExistsError:
-        raise FileError(str(output), "is there already", "give another --output, or remove it first") from None
+        raise FileError(str(output), "exists already", "give another --output, or remove it first") from None
     except OSError as error:
         raise FileError(str(output), error.strerror or str(error), "give another --output") from None

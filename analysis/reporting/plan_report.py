@@ -12,32 +12,32 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.diagnosis.columns import LARGEST
+from analysis.diagnosis.columns import LARGEST_FAULT
+from analysis.diagnosis.detectability import Detectability
 from analysis.diagnosis.diagnosis import ODDS
-from analysis.diagnosis.foresight import ALIKE, DETECTABLE, parts, shows
-from analysis.diagnosis.parting import Parting
+from analysis.diagnosis.expected_posterior import DETECTABLE, SEPARABLE, is_detectable, is_separable
 from analysis.diagnosis.plan import Pair, Plan
-from analysis.diagnosis.planned import ASSUMED_JOINT_DEG, ASSUMED_UM
-from analysis.diagnosis.sights import Sight
-from analysis.diagnosis.state import FAULT
+from analysis.diagnosis.planned_runs import ASSUMED_JOINT_DEG, ASSUMED_UM
+from analysis.diagnosis.selection_state import FAULT
+from analysis.diagnosis.separating_tests import SeparatingTest
 from analysis.measures.parameters import quantity_of
 from analysis.reporting.wide_tables import whole
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import name_of
 
 _MOST = 3
-"""Further tests told for one pair."""
+"""Further tests that are listed for one pair."""
 _MOST_PAIRS = 6
-"""Pairs told of names that hang together, the nearest first."""
+"""Pairs that are listed of names that hang together, the nearest first."""
 
 
 def as_table(plan: Plan) -> RenderableType:
     """What a person asks first: what shows, what looks alike, what does not show, which test to add."""
     tests = ", ".join(plan.tests)
     head = Text(f"{tests}: {plan.runs} runs each, circles in both directions", style="bold")
-    unseen = len(plan.unseen)
+    unseen = len(plan.undetectable)
     small = sum(all(map(_small, forms)) for forms in plan.names.values())
-    words = f"{len(plan.names)} names: {small} show as soon as they are faults (gears at every order), "
+    words = f"{len(plan.names)} names: {small} are detected as soon as they are faults (gears at every order), "
     words += f"{len(plan.names) - small - unseen} at more, {unseen} at none; {len(plan.pairs)} pairs look alike\n"
     tables = (_axes(plan), Text(), _others(plan), _alike(plan), _hidden(plan))
     return Group(head, Text(noise_in_words()), Text(words), *tables, *_advice(plan))
@@ -49,7 +49,7 @@ def noise_in_words() -> str:
     return f"noise assumed, rms of one run: {um}, each joint, from run to run {ASSUMED_JOINT_DEG:.4f}°"
 
 
-def _small(sight: Sight) -> bool:
+def _small(sight: Detectability) -> bool:
     """Whether it shows from the size on at which it is a fault."""
     return not sight.hidden and sight.limit <= FAULT * healthy_size(sight.effect)
 
@@ -96,10 +96,10 @@ def _title(of: str) -> str:
     return f"{of}: smallest size that shows at {DETECTABLE:g} σ"
 
 
-def _by_seat(plan: Plan, *, joints: bool) -> dict[str, dict[str, list[Sight]]]:
+def _by_seat(plan: Plan, *, joints: bool) -> dict[str, dict[str, list[Detectability]]]:
     """Sights by effect (link constants by field too) and by axis, gauge or none; orders of one gear together."""
-    found: dict[str, dict[str, list[Sight]]] = {}
-    for sight in plan.sights:
+    found: dict[str, dict[str, list[Detectability]]] = {}
+    for sight in plan.detectabilities:
         kind, _, seat = name_of(sight.effect).partition(" ")
         axis, _, field = seat.partition(".")
         if axis.isdigit() == joints:
@@ -107,7 +107,7 @@ def _by_seat(plan: Plan, *, joints: bool) -> dict[str, dict[str, list[Sight]]]:
     return found
 
 
-def _limit(sights: Sequence[Sight], between: str = " … ") -> Text:
+def _limit(sights: Sequence[Detectability], between: str = " … ") -> Text:
     seen = [sight.limit for sight in sights if not sight.hidden]
     if not seen:
         return Text("–" if sights else "", style="red")
@@ -118,8 +118,8 @@ def _limit(sights: Sequence[Sight], between: str = " … ") -> Text:
 
 def _alike(plan: Plan) -> RenderableType:
     if not plan.pairs:
-        return Text("all that shows can be told apart", style="green")
-    title = f"cannot be told apart ({ODDS:g} to 1, at the size at which they show as faults)"
+        return Text("all detectable effects can be distinguished", style="green")
+    title = f"cannot be distinguished ({ODDS:g} to 1, at the size at which they show as faults)"
     table = Table(title=title, title_style="bold", title_justify="left")
     table.add_column("names")
     table.add_column("apart", justify="right")
@@ -145,7 +145,7 @@ def _kind(name: str) -> str:
 
 def _symbols(plan: Plan) -> dict[str, str]:
     """What the field calls the number that a name changes, by name, where it calls it anything."""
-    return {sight.name: sight.effect.symbol for sight in plan.sights if sight.effect.symbol}
+    return {sight.name: sight.effect.symbol for sight in plan.detectabilities if sight.effect.symbol}
 
 
 def _with_symbol(name: str, symbols: Mapping[str, str]) -> str:
@@ -153,34 +153,34 @@ def _with_symbol(name: str, symbols: Mapping[str, str]) -> str:
 
 
 def _parted(pair: Pair) -> Text:
-    helps = [one for one in pair.further if parts(one.sigma)]
+    helps = [one for one in pair.further if is_separable(one.sigma)]
     if helps:
         return Text("\n".join(f"{one.test}: {one.sigma:.0f} σ" for one in helps[:_MOST]))
     if pair.further and pair.further[0].sigma > 0.05:
         return Text(f"none; best {pair.further[0].test}: {pair.further[0].sigma:.1f} σ", style="yellow")
-    return Text("none: they do the same to every test", style="yellow")
+    return Text("none: their effect on every test is the same", style="yellow")
 
 
 def _hidden(plan: Plan) -> RenderableType:
     if not plan.hidden:
-        return Text("nothing is hidden", style="green")
-    table = Table(title=f"not seen at {LARGEST:g} healthy sizes", title_style="bold", title_justify="left")
+        return Text("every effect is detected", style="green")
+    table = Table(title=f"not seen at {LARGEST_FAULT:g} healthy sizes", title_style="bold", title_justify="left")
     table.add_column("names")
     table.add_column("why", ratio=1)
     table.add_column("shown by", ratio=1)
-    together: dict[tuple[str, str], list[Sight]] = {}
+    together: dict[tuple[str, str], list[Detectability]] = {}
     for sight in plan.hidden:
-        helps = [one.test for one in sight.further if one.sigma and shows(1 / one.sigma)]
+        helps = [one.test for one in sight.further if one.sigma and is_detectable(1 / one.sigma)]
         together.setdefault((sight.hidden, helps[0] if helps else ""), []).append(sight)
     for (why, test), sights in together.items():
         orders = Counter(_kind(sight.name) for sight in sights)
         names = [name if count == 1 else f"{name}, {count} forms" for name, count in orders.items()]
-        told = (
+        text = (
             f"{test}, {_range([one.further[0].sigma for one in sights])} σ at a healthy size"
             if test
             else "no test here"
         )
-        table.add_row("\n".join(names), why, told)
+        table.add_row("\n".join(names), why, text)
     return whole(table)
 
 
@@ -193,10 +193,10 @@ def _advice(plan: Plan) -> list[Text]:
     lines = [Text(f"not possible here: {test}: {reason}", style="dim") for test, reason in plan.impossible]
     best = next((gain for gain in plan.gains if gain.parts + gain.shows), None)
     if best is None:
-        return [*lines, Text("no further test adds anything to these")]
-    told = f"adds the most: {best.test}: parts {best.parts} of {len(plan.pairs)} pairs"
-    told += f", shows {best.shows} of {len(plan.unseen)} hidden names; {best.why}"
-    return [*lines, Text(told, style="bold")]
+        return [*lines, Text("no further test would add information")]
+    text = f"most useful further test: {best.test}: distinguishes {best.parts} of {len(plan.pairs)} pairs"
+    text += f", detects {best.shows} of {len(plan.undetectable)} hidden names; {best.why}"
+    return [*lines, Text(text, style="bold")]
 
 
 def as_object(plan: Plan) -> dict[str, Any]:
@@ -205,8 +205,8 @@ def as_object(plan: Plan) -> dict[str, Any]:
         "tests": list(plan.tests),
         "runs": plan.runs,
         "noise": {"source": "assumed", "um": ASSUMED_UM, "joint_deg": ASSUMED_JOINT_DEG},
-        "alike_below_sigma": ALIKE,
-        "effects": [_effect(sight) for sight in plan.sights],
+        "alike_below_sigma": SEPARABLE,
+        "effects": [_effect(sight) for sight in plan.detectabilities],
         "groups": [list(group) for group in plan.groups],
         "pairs": [
             {"names": list(pair.names), "sigma": pair.sigma, "others": pair.others, "further": _partings(pair.further)}
@@ -219,16 +219,16 @@ def as_object(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _effect(sight: Sight) -> dict[str, Any]:
-    told: Mapping[str, Any] = {
+def _effect(sight: Detectability) -> dict[str, Any]:
+    text: Mapping[str, Any] = {
         "name": sight.name,
         "unit": sight.effect.unit(size_field(sight.effect)),
         "healthy": healthy_size(sight.effect),
         "sd": sight.sd if np.isfinite(sight.sd) else None,
         "limit": None if sight.hidden else sight.limit,
     }
-    return dict(told) | ({"hidden": sight.hidden, "further": _partings(sight.further)} if sight.hidden else {})
+    return dict(text) | ({"hidden": sight.hidden, "further": _partings(sight.further)} if sight.hidden else {})
 
 
-def _partings(found: Sequence[Parting]) -> list[dict[str, Any]]:
+def _partings(found: Sequence[SeparatingTest]) -> list[dict[str, Any]]:
     return [{"test": one.test, "sigma": one.sigma} for one in found]

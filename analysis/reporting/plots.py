@@ -15,6 +15,7 @@ from analysis.measures.link_angle import CircleResult
 from analysis.measures.reduction import PHI
 from analysis.measures.result_curves import JointReversal, PoseCurve, RadialCurve, RepeatabilityCurve
 from analysis.measures.results import Result
+from analysis.reporting.sheet import Sheet
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"
@@ -57,7 +58,7 @@ def _other_figure(result: Result) -> Figure:
 
 
 def _blank(result: Result, title: str, width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), layout="constrained")
+    figure = Sheet(width, height)
     figure.suptitle(f"{title} · {result.measured.rig.name} · {result.name}", fontsize=11)
     return figure
 
@@ -180,7 +181,7 @@ def _laps(found: CircleResult) -> str:
 
 
 def _panels(results: Sequence[Result], title: str) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(9, 1.2 + 2.6 * len(results)), layout="constrained")
+    figure = Sheet(9, 1.2 + 2.6 * len(results))
     panels: list[Axes] = list(figure.subplots(len(results), 1, sharex=True, squeeze=False)[:, 0])
     figure.suptitle(f"{title} · {results[0].measured.rig.name}", fontsize=11)
     for result, axes in zip(results, panels, strict=True):

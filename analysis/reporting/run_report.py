@@ -22,6 +22,7 @@ from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.truth import TruthComparison, all_agree, verdict
 from analysis.reporting.wide_tables import whole
 from rigs.errors import FileError
+from rigs.text import plain_lines
 
 
 @dataclass(frozen=True)
@@ -88,23 +89,28 @@ def _means(repeated: Sequence[Pooled]) -> Table:
     )
     table.add_column("")
     for one in repeated:
-        table.add_column(f"{one.title}\n[dim]{len(one.runs)} runs[/dim]", justify="right")
+        table.add_column(_over(one.title, f"{len(one.runs)} runs"), justify="right")
     for name in in_order(name for one in repeated for name in one.figures):
         cells = [_mean_cell(one.figures[name]) if name in one.figures else "" for one in repeated]
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
     return whole(table)
 
 
-def _mean_cell(figure: BetweenRuns) -> str:
-    return f"{figure.mean}\n[dim]sd {figure.in_sd} {figure.mean.sign}[/dim]"
+def _mean_cell(figure: BetweenRuns) -> Text:
+    return _over(str(figure.mean), f"sd {figure.in_sd} {figure.mean.sign}")
+
+
+def _over(text: str, below: str, style: str = "dim") -> Text:
+    """Return a text with another in its own style below it."""
+    return Text.assemble(text, "\n", (below, style))
 
 
 def in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
-    """acw against cw, the lag of the gauges, and which runs are no pair, a line each."""
+    """acw against cw, the lag of the gauges, and which runs are not a pair, one line each."""
     if not isinstance(group[0].found, CircleResult):
         return []
     if both is None:
-        return ["a lag between gauges and robot cannot be seen in one direction: analyse acw and cw together"]
+        return ["one direction cannot show a lag between gauges and robot: analyse acw and cw together"]
     lines = list(both.refused)
     if both.lag is not None:
         figures = "; ".join(f"{label(name).strip()} {both.figures[name]}" for name in in_order(both.figures))
@@ -121,11 +127,11 @@ def _rate(both: Pairs) -> float:
 
 def _of_lag(lag: Quantity, rate: float) -> str:
     if abs(lag.value) < 2 * lag.u:
-        return f"no lag of the gauges behind the robot is seen: {lag}"
+        return f"a lag of the gauges behind the robot is not detected: {lag}"
     turned = np.degrees(rate * abs(lag.value) / 1000)
     return (
-        f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {turned:.2g}° in opposite ways, and "
-        "that is not in their u; state what the gauge does as `timing` in the rig file, or have their lag diagnosed"
+        f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {turned:.2g}° in opposite directions, "
+        "which their u does not include; describe the gauge by `timing` in the rig file, or run rig diagnose"
     )
 
 
@@ -134,7 +140,7 @@ def _table(group: Sequence[Result], known: dict[int, dict[str, TruthComparison]]
     table = Table(title=title, title_style="dim", header_style="bold")
     table.add_column("")
     for result in group:
-        table.add_column(f"{result.title}\n[dim]{result.name}[/dim]", justify="right")
+        table.add_column(_over(result.title, result.name), justify="right")
     for name in in_order(name for result in group for name in result.figures):
         cells = [_cell(result, name, known.get(id(result), {})) for result in group]
         table.add_row(label(name), *cells, style="bold" if name in LEADING else "")
@@ -150,7 +156,7 @@ def _lags(group: Sequence[Result]) -> list[str]:
     return [f"± {result.measured.u_lag_s * 1e3:.1f} ms" for result in group] if known else []
 
 
-def _cell(result: Result, name: str, truth: dict[str, TruthComparison]) -> str:
+def _cell(result: Result, name: str, truth: dict[str, TruthComparison]) -> str | Text:
     figure = result.figures.get(name)
     if figure is None:
         return ""
@@ -158,11 +164,11 @@ def _cell(result: Result, name: str, truth: dict[str, TruthComparison]) -> str:
         return str(figure)
     known = truth[name]
     colour = "green" if abs(known.deviation_u) <= 2 else "red"
-    return f"{figure}\n[{colour}]truth {figure.rounded(known.truth)} ({known.deviation_u:+.1f}u)[/{colour}]"
+    return _over(str(figure), f"truth {figure.rounded(known.truth)} ({known.deviation_u:+.1f}u)", colour)
 
 
 def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = ()) -> dict[str, Any]:
-    """The same for scripts; angles in degrees, lengths in mm, u the standard uncertainty, null where nobody knows."""
+    """The same for scripts; angles in degrees, lengths in mm, u the standard uncertainty, null where it is unknown."""
     runs = [result.to_dict() for result in results]
     for run, truth in zip(runs, truths, strict=False):
         run["truth"] = {name: asdict(comparison) for name, comparison in truth.items()}
@@ -214,7 +220,9 @@ def write_report(results: Sequence[Result], directory: Path) -> Path:
 
     from analysis.reporting.plots import save_pictures  # noqa: PLC0415
 
-    environment = Environment(loader=PackageLoader("analysis"), autoescape=True, undefined=StrictUndefined)
+    environment = Environment(
+        loader=PackageLoader("analysis"), autoescape=True, undefined=StrictUndefined, finalize=_shown
+    )
     environment.filters["label"] = label
     report = directory / "report.html"
     try:
@@ -238,3 +246,8 @@ def write_report(results: Sequence[Result], directory: Path) -> Path:
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --plot") from None
     return report
+
+
+def _shown(value: object) -> object:
+    """Return what a template shows of a value: text is plain before it is escaped for HTML."""
+    return plain_lines(value) if isinstance(value, str) else value

@@ -10,6 +10,9 @@ from typing import Any
 
 from analysis.measures.results import Result
 from rigs.errors import FileError
+from rigs.files import read_bytes
+
+_MOST_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -21,16 +24,18 @@ class TruthComparison:
 
 
 def compare(results: Sequence[Result], path: Path) -> list[dict[str, TruthComparison]]:
-    """For each result, its figures by name beside the truth, none for a test it tells nothing of. Raises FileError."""
+    """For each result, its figures by name beside the truth, none for a test that it lacks. Raises FileError."""
     try:
-        truth = json.loads(path.read_text(encoding="utf-8"))
+        truth = json.loads(read_bytes(path, _MOST_BYTES))
         found = [_one(result, truth) for result in results]
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "give the truth.json that rig emulate wrote") from None
-    except (ValueError, KeyError, TypeError, AttributeError):
-        raise FileError(str(path), "is no truth of these runs", "give the truth.json that rig emulate wrote") from None
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        raise FileError(
+            str(path), "is not the truth of these runs", "give the truth.json that rig emulate wrote"
+        ) from None
     if not any(found):
-        raise FileError(str(path), f"tells nothing of the {results[0].test} test", "leave --truth out")
+        raise FileError(str(path), f"does not cover the {results[0].test} test", "leave --truth out")
     return found
 
 
@@ -53,7 +58,7 @@ def all_agree(comparisons: Sequence[dict[str, TruthComparison]]) -> bool:
 
 
 def verdict(comparisons: Sequence[dict[str, TruthComparison]]) -> str:
-    """In one line: how many figures agree with the truth within two standard uncertainties."""
+    """The number of figures that agree with the truth within two standard uncertainties, in one line."""
     every = [comparison for one in comparisons for comparison in one.values()]
     within = sum(abs(comparison.deviation_u) <= 2 for comparison in every)
     return f"{within} of {len(every)} figures agree with the truth within 2 u"

@@ -1,4 +1,4 @@
-"""The robot of an emulated cell: stands, and drives its circle program when told to.
+"""The robot of an emulated cell: stands, and drives its circle program on command.
 
 Between programs it is set to the start of the next at once; a person would take the link off for that.
 """
@@ -25,7 +25,7 @@ from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction
 
 _DWELL_S = 1.5
-"""At each target; a program for real gauges waits longer."""
+"""The stand at each target; a program for real gauges waits longer."""
 _STAND_S = 1.0
 """Standing at the start before it moves, as a program waits for its controller."""
 
@@ -98,7 +98,7 @@ class EmulatedRobot:
     def start(self, program: str) -> float:
         """Begin a program of `PROGRAMS` now; returns how many seconds it takes.
 
-        Raises FileError for a name that is none, or a program that this rig cannot do.
+        Raises FileError for an unknown name, or a program that this rig cannot drive.
         """
         driven = self._driven(program)
         seconds = float(_STAND_S + driven.t_s[-1])
@@ -120,7 +120,7 @@ class EmulatedRobot:
                 return trace(self._rig, "acw" if program.endswith(" acw") else "cw", "roll")
             case "radial" | "repeatability":
                 return target_trace(self._rig, program)
-        raise FileError(repr(program), "is no program", f"type {', '.join(PROGRAMS)} or quit")
+        raise FileError(repr(program), "is not a program", f"type {', '.join(PROGRAMS)} or quit")
 
     def _at(self, now_ns: int, values: Array) -> Any:
         since_s = -1.0 if self._start_ns is None else (now_ns - self._start_ns) / 1e9

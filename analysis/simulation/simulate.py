@@ -29,7 +29,7 @@ from rigs.schema.vocabulary import Direction, TestName
 GAUGE_RATE_HZ = 50.0
 """Readings a second on a circle: what a 4800 baud line gives."""
 _DWELL_S = 4.0
-"""From one target to the next."""
+"""The time from one target to the next."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ def _program(rig: Rig, test: TestName, direction: Direction | None) -> CircleTab
     """The test's table, its readings still missing."""
     if test in ("yaw", "roll"):
         if direction is None:
-            raise FileError(f"{test} test", "needs its direction", "give --direction cw, acw or both")
+            raise FileError(f"{test} test", "needs a direction", "give --direction cw, acw or both")
         program = circle_program(rig, direction)
         t_s = np.arange(0.0, program.t_s[-1], 1.0 / GAUGE_RATE_HZ)
         q = np.stack([np.interp(t_s, program.t_s, joint) for joint in program.q.T], axis=1)
@@ -114,11 +114,11 @@ def _program(rig: Rig, test: TestName, direction: Direction | None) -> CircleTab
         return RadialTable(at.target, at.polar, at.azimuth, at.orientation, _visits(len(at.q)), at.q, np.empty(0))
     if test == "repeatability":
         return _repeatability_table(rig)
-    raise FileError("pose test", "has no program of its own to simulate", "give yaw, roll, radial or repeatability")
+    raise FileError("pose test", "has no program that could be simulated", "give yaw, roll, radial or repeatability")
 
 
 def _repeatability_table(rig: Rig) -> RepeatabilityTable:
-    """At each target a reading, then rounds of one approach from outside and one from inside."""
+    """One reading at each target, then rounds of one approach from outside and one from inside."""
     at, rounds = repeatability_program(rig), repeatability_of(rig).rounds
     approach = np.array(["none", *["out", "in"] * rounds])
     number = np.array([1, *np.repeat(np.arange(1, rounds + 1), 2)])
@@ -139,7 +139,7 @@ def _visits(count: int) -> Array:
 
 
 def _scattered(model: Model, setup: SetUp, noise: Noise, rng: np.random.Generator) -> tuple[Model, SetUp]:
-    """Joints and ball a little off, anew in each run."""
+    """Joints and ball a little off, differently in each run."""
     off = rng.normal(0.0, noise.scatter_deg, 6)
     scatter = tuple(turned(axis, float(deg)) for axis, deg in enumerate(off, start=1))
     ball = setup.ball + rng.normal(0.0, noise.scatter_mm, 3)

@@ -1,7 +1,7 @@
 """From a recorded run to one table: each gauge reading beside the joint angles at the same instant.
 
 Gauge 1 sets the rows; the other gauge and the robot are interpolated to its instants. A row is left out,
-and counted, where either has a gap there: a straight line across missing data is no measurement.
+and counted, where either has a gap there: a straight line across missing data is not a measurement.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ _MOVES_NS = 25e6
 _JUMPS_NS = 5e6
 """… of a gauge's longer than this: where a joint turns back, a play is crossed in some ten milliseconds."""
 _OFTEN = 0.05
-"""Rows left out for gaps of a gauge are told where they are a larger share than this, or a gap is as long as a robot's:
-rigd itself makes each polled gauge wait now and then (daq.protocol.polled), for less."""
+"""Rows left out for gaps of a gauge are reported where they are a larger share than this, or a gap is as long as a
+robot's: rigd itself makes each polled gauge wait now and then (daq.protocol.polled), for less."""
 _STALLED = 5.0
 """A row's time is doubtful where its own uncertainty is so many times the usual, …"""
 _STALLED_S = 1e-3
 """… and more than this: a shorter doubt is borne by the figures' uncertainty."""
 
 _WANDERS_S = 1e-3
-"""What a pace is left by and not told: the figures' uncertainty bears it."""
+"""Deviations from the pace up to this size are not reported: the uncertainty of the figures includes them."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,9 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
     for name, track in zip([*names, "robot"], [*gauges, robot], strict=True):
         if len(track.ns) < 2:
             raise FileError(
-                str(path), f"holds no two readings of {name} at known times", "record again: rig status tells"
+                str(path),
+                f"holds fewer than two readings of {name} at known times",
+                "record again, and check the rates with rig status",
             )
     rows_ns = gauges[0].ns
     keep = np.ones(len(rows_ns), dtype=bool)
@@ -89,9 +91,11 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
         keep &= spanned & (gaps_ns == 0)
         gaps_ns = gaps_ns[spanned & (gaps_ns > 0)]
         if _are_many(gaps_ns, len(rows_ns)):
-            doubts.append(f"{name}: rows left out for gaps: {len(gaps_ns)}")
+            doubts.append(f"{name}: {len(gaps_ns)} rows are left out at gaps")
     if keep.sum() < 2:
-        raise FileError(str(path), "gauges and robot share no stretch of time", "record both through the whole test")
+        raise FileError(
+            str(path), "gauges and robot were never recorded at the same time", "record both through the whole test"
+        )
     rows_ns = rows_ns[keep]
     u_lag_s = float(np.hypot(max(gauge.u_s for gauge in gauges), robot.u_s))
     own_u_s = _own_u_s(rows_ns, gauges, robot)
@@ -114,7 +118,7 @@ def _are_many(gaps_ns: Array, rows: int) -> bool:
 
 
 def _own_u_s(rows_ns: Array, gauges: Sequence[_Track], robot: _Track) -> Array:
-    """Of each row (n,): the less certain gauge's and the robot's together."""
+    """The uncertainty (n,) s of each row: the less certain gauge's and the robot's together."""
     own_u_s = np.zeros(len(rows_ns))
     for track, together in [*((gauge, np.maximum) for gauge in gauges), (robot, np.hypot)]:
         if track.own_u_s.any():
@@ -128,7 +132,7 @@ def _gauge(path: Path, run: Run, rig: Rig, name: str, doubts: list[str]) -> _Tra
     instants = gauge_instants(stream, dict(rig.gauges)[name])
     _tell(name, instants, doubts)
     if doubtful := int(np.count_nonzero(stream["status"])):
-        doubts.append(f"{name}: {doubtful} readings that the gauge itself calls doubtful")
+        doubts.append(f"{name}: {doubtful} readings are marked doubtful by the gauge itself")
     values = stream[f"{name}_mm"][:, None]
     sound = is_reading(values, LONGEST_MM)
     if run.manifest.test in CIRCLES and rig.tests.circle:
@@ -149,29 +153,32 @@ def _robot(path: Path, run: Run, doubts: list[str]) -> _Track:
 
 def _tell(name: str, instants: Instants, doubts: list[str]) -> None:
     if instants.restarts:
-        doubts.append(f"{name}: its clock began anew {instants.restarts} times; fitted in pieces")
+        doubts.append(f"{name}: its clock restarted {instants.restarts} times and is fitted in pieces")
     if instants.wrong:
-        doubts.append(f"{name}: {instants.wrong} stamps of its clock make no sense; those rows go by their arrival")
+        doubts.append(
+            f"{name}: {instants.wrong} stamps of its clock are impossible; these rows take the time of their arrival"
+        )
     if instants.wanders_s > _WANDERS_S:
         doubts.append(
-            f"{name}: its messages leave their steady pace by {1e3 * instants.wanders_s:.1f} ms: it waited, or they "
-            "came later for good; the uncertainty covers both; record again with a computer that has time to spare"
+            f"{name}: its messages deviate from their steady pace by {1e3 * instants.wanders_s:.1f} ms: it waited, or "
+            "they came later for good; the uncertainty covers both; record again on a computer that is less busy"
         )
     if instants.held:
-        doubts.append(f"{name}: its adapter holds bytes back, which costs certainty; set its latency_timer to 1 ms")
+        doubts.append(f"{name}: its adapter holds bytes back, which adds uncertainty; set its latency_timer to 1 ms")
     doubts.extend(f"{name}: {words}" for words in instants.doubts)
 
 
 def _track(name: str, instants: Instants, values: Array, sound: Mask, doubts: list[str]) -> _Track:
-    """In order of time, without what holds no reading, whose time nobody knows, and second values of an instant."""
+    """The values in order of time, without rows that hold no reading or whose time is unknown, and without second
+    values of an instant."""
     if odd := int((~sound).sum()):
-        doubts.append(f"{name}: rows left out that hold no reading: {odd}; check it and its connection")
+        doubts.append(f"{name}: {odd} rows that hold no valid reading are left out; check it and its connection")
     usual_s = float(np.median(instants.own_u_s[sound])) if sound.any() else 0.0
     there = sound & (instants.own_u_s <= max(_STALLED * usual_s, _STALLED_S))
     if stalled := int((sound & ~there).sum()):
         doubts.append(
-            f"{name}: rows left out whose time is known far worse than the others': {stalled}; "
-            "a computer was held up, or a stamp was wrong"
+            f"{name}: {stalled} rows are left out because their time is too uncertain: "
+            "the computer was held up, or a stamp was wrong"
         )
     ns, own_u_s = instants.ns, instants.own_u_s
     if not there.all():
@@ -187,7 +194,7 @@ def _stream(path: Path, run: Run, columns: Sequence[str], what: str, largest: fl
         if all(column in stream and is_reading(stream[column][:, None], largest).sum() > 1 for column in columns):
             require_sound(path, what, stream)
             return stream
-    raise FileError(str(path), f"holds no readings of {what}", "record again with it connected: rig status tells")
+    raise FileError(str(path), f"holds no readings of {what}", "connect it, check it with rig status, and record again")
 
 
 def _gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:

@@ -32,12 +32,12 @@ _HOLDS_NS = 25e6
 _HOLDS = 1.5
 """… or for so many times what nine of ten answers took; what takes longer, a computer held up."""
 _HOST_S = 30e-6
-"""No host tells when a byte came any better."""
+"""A host cannot stamp a byte any better."""
 _TIMER_NS = 3e6
 """What a quicker timer hides, unevenness covers."""
 _MOST = (0.05, 0.95)
 _DRIFTING = 0.7
-"""Of how far messages lie about a pace: what one does from the last, 1.2 to 1.4 where each is late for itself."""
+"""The scatter of messages about a pace: what one does from the last, 1.2 to 1.4 where each is late for itself."""
 _IN_STEP = 0.9
 """Mean cosine of arrivals that a timer of whole milliseconds releases, as all adapters have it."""
 _SAMPLE = 20_000
@@ -48,21 +48,21 @@ _STIRRED_NS = 2e6
 be seen that an adapter holds bytes back (`daq.protocol.polled` says why)."""
 
 _LONGER = 1.2
-"""Times a stated cycle: readings that stay the same for longer contradict it."""
+"""Readings that stay the same for more than so many stated cycles contradict the cycle."""
 _SPARSE_NS = 50e6
-"""Where a joint turns back, a play is crossed in some ten milliseconds: five times that tells one gauge of it long
+"""Where a joint turns back, a play is crossed in some ten milliseconds: five times that shows it to one gauge long
 before the other."""
 _SPARSE = (
     "its readings are {:.0f} ms apart, too far to follow a joint that turns back: a band may be too large by what the "
     "other gauge shows earlier; drive the circle slower"
 )
 _FOUND = (
-    "its readings repeat as those of a cycle of its own do, of {:.2f} ms by the readings themselves; each is taken at "
-    "its tick; state the cycle as timing.cycle_ms in the rig file"
+    "its readings repeat with a cycle of its own of {:.2f} ms; each takes the time of its tick; "
+    "state the cycle as timing.cycle_ms in the rig file"
 )
 _UNEVEN = (
-    "its readings repeat while it moves, in an uneven cycle of some {:.0f} ms; each is taken where it first showed, "
-    "which costs certainty; see timing in the rig file and the instrument's manual"
+    "its readings repeat while it moves, in an uneven cycle of some {:.0f} ms; each takes the time of its first copy, "
+    "which adds uncertainty; see timing in the rig file and the instrument's manual"
 )
 _NOT_SEEN = (
     "its readings repeat while it moves, so they may be up to {:.0f} ms old, which is in u; state the cycle as "
@@ -77,7 +77,7 @@ class Instants:
     """When each sample was taken: ns (n,) on the host's clock.
 
     u_s: the standard uncertainty that all share; own_u_s (n,): what each has beside it. restarts: how often the
-    instrument's own clock began anew; wrong: how many of its stamps were left out. held: an adapter holds bytes back.
+    instrument's own clock restarted; wrong: how many of its stamps were left out. held: an adapter holds bytes back.
     wanders_s: by how much the lateness of its pace changed for good.
     doubts: what else a person should know of these times, in words.
     """
@@ -128,7 +128,7 @@ def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Tim
 
 
 def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
-    """Of answers that were given when they were asked for, with readings (n, k) of a cycle that runs by itself."""
+    """The instants of answers to requests, with readings (n, k) mm of a cycle that runs by itself."""
     cycle_ns = None if timing.cycle_ms is None else timing.cycle_ms * 1e6
     if cycle_ns is None and not repeats(values):
         return asked
@@ -185,12 +185,12 @@ def robot_instants(stream: Columns) -> Instants:
 
 
 def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:
-    """A reading that nobody asked for was latched as its answer set out, or up to a character before."""
+    """A reading sent without a request was latched as its answer set out, or up to a character before."""
     fitted = _by_any_clock(device_s, set_out)
     late, timer_ns = set_out - fitted.ns, _timer_ns(set_out)
     if np.isfinite(device_s).all() or _keeps_pace(late, timer_ns):
         return _listened(fitted, character_ns)
-    # Nothing tells when in the timer's run it came, or how much of the unevenness is the way's.
+    # It is unknown when in the timer's run it came, and how much of the unevenness is the way's.
     open_ns = timer_ns or float(np.ptp(np.quantile(np.diff(set_out), _MOST)))
     own_u_s = np.full(len(set_out), _anywhere_in(open_ns))
     u_s = math.hypot(character_ns / math.sqrt(3) / 1e9, _HOST_S)
@@ -220,8 +220,8 @@ def _keeps_pace(late: Array, timer_ns: float) -> bool:
 
 
 def _timer_ns(arrived_ns: Array) -> float:
-    """Of an adapter that holds back bytes which come unasked and unevenly (n,): all arrive multiples of it apart; 0
-    where none does."""
+    """The timer in ns of an adapter that holds back bytes which come unasked and unevenly at (n,) ns: all arrive
+    multiples of it apart; 0 where there is no such timer."""
     steps = np.diff(arrived_ns[:_SAMPLE])
     if len(steps) < 2 * _STIRRED:
         return 0.0
@@ -238,12 +238,12 @@ def _by_any_clock(device_s: Array, host_ns: Array) -> FittedClock:
 def _asked(went_through: Array, window: Array, held: bool) -> Instants:
     """Between the request and the answer, as the clocks of two computers are compared (NTP): in the middle.
 
-    Behind an adapter that holds bytes back only the quickest answer of the run tells how long the instrument takes: the
+    Behind an adapter that holds bytes back only the quickest answer of the run shows how long the instrument takes: the
     time that another takes beyond that is the adapter's.
     """
     shortest = float(np.partition(window, 1)[:2].max())  # the very shortest may be a stamp that is wrong
     if held:
-        # A computer that was held up, and nobody knows before or after the reading.
+        # The computer was held up, before or after the reading.
         holds_ns = max(_HOLDS_NS, _HOLDS * (float(np.quantile(window, 0.9)) - shortest))
         own_u_s = _anywhere_in(np.maximum(window - shortest - holds_ns, 0.0))
         window = np.minimum(window, shortest)

@@ -26,7 +26,7 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
     q = np.radians(_stack(columns, JOINTS))
     if test in ("yaw", "roll"):
         if direction is None:
-            raise FileError(where, "has no direction, which a circle needs", "import it with --direction cw or acw")
+            raise FileError(where, "lacks a direction, which a circle needs", "import it with --direction cw or acw")
         g_mm = _stack(columns, ("g1_mm", "g2_mm"))
         return CircleTable(_circle_test(test), direction, _floats(columns, "t_s"), q, g_mm)
     if test == "pose":
@@ -43,7 +43,7 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
 
 
 def columns_of(table: Table) -> pa.Table:
-    """The columns of docs/tables.md, in its order: degrees and mm. A time of zeros only is no time, and left out."""
+    """The columns of docs/tables.md, in its order: degrees and mm. A time that is zero throughout is left out."""
     joints = dict(zip(JOINTS, np.degrees(table.q).T, strict=True))
     match table:
         case CircleTable():

@@ -24,13 +24,13 @@ _KNOT = 50
 _ROUNDS = 8
 _STEPS = 5
 _WRONG = 0.01
-"""Share of the changes that may be no tick, as where a line garbles a digit."""
+"""Share of the changes that may not be a tick, as where a line garbles a digit."""
 _SHIFTS = 81
 _SCATTERS = 60
 _LOG_LIKELY = 2.0
 """A scatter is likely whose log likelihood falls short of the best by no more: two standard deviations."""
 _SAMPLE = 2000
-"""Ticks that tell the common phase: more of them say the same."""
+"""Ticks that determine the common phase: more of them show the same."""
 
 
 def period_of(middle_ns: Array, usual_ns: float, within: float) -> float:
@@ -89,7 +89,7 @@ class CycleLine:
 
 
 def fitted(bounds: Bounds, number: Integers, period_ns: float) -> CycleLine:
-    """The broken line through ticks that lie within bounds, and how they scatter about it."""
+    """The broken line in ns through the ticks of a number (m,) that lie within bounds, and their scatter about it."""
     each = np.linspace(0, len(number) - 1, max(2, len(number) // _KNOT + 1)).astype(int)
     knots = np.unique(np.sort(number)[each]).astype(float)
     width_ns = bounds.width_ns
@@ -161,7 +161,7 @@ def _log_likelihood(low: Array, high: Array, scatter_ns: float, period_ns: float
 
 
 def _scatter(bounds: Bounds, line_ns: Array, period_ns: float) -> tuple[float, float]:
-    """How far ticks lie from the line: the least and the most that are likely, since wide bounds tell little of it."""
+    """How far ticks lie from the line: the least and the most that are likely, since wide bounds show little of it."""
     low, high = _sampled(bounds, line_ns)
     scatters = np.geomspace(1e-4, 0.5, _SCATTERS) * period_ns
     log = np.array([_log_likelihood(low, high, scatter, period_ns) for scatter in scatters])

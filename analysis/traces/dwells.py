@@ -2,7 +2,7 @@
 
 A radial or repeatability program stops at each target. While all joints stand, the gauge is averaged; the target is the
 nearest of the rig file's; the side of approach is where the tool was, along the radius, since it last stood there.
-Stands that do not belong to the program's order are no visits: where the robot stood before it began or after its end,
+Stands that do not belong to the program's order are not visits: where the robot stood before it began or after its end,
 or waited at a target for something else. They are counted, not used.
 """
 
@@ -35,13 +35,13 @@ _SETTLED = 0.5
 """Share of a stand, at its end, that is averaged: the arm has stopped swinging by then."""
 _NEAR_MM = 20.0
 _TURNED_RAD = np.radians(8.0)
-"""Further from a target than this, a stand is at none of them."""
+"""A stand further from every target than this is not at a target."""
 _FOLLOWED = 0.5
 """A run follows the program's order where at least this share of its stands at targets fits it."""
 _OUTLYING = 6.0
 """Scaled median deviations beyond which a sample of a stand is an outlier: Hampel's usual three, twice as wary."""
 _MOST_OUTLYING = 0.1
-"""More of a stand than this share is no outlier: the arm or the gauge really moved."""
+"""More of a stand than this share is not an outlier: the arm or the gauge really moved."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def _rounds(approaches: list[tuple[int, str]]) -> Integers:
 def _in_order(found: Sequence[Hashable], wanted: Sequence[Hashable], once: int) -> tuple[list[int], list[str]]:
     """Which of the places found, by number, follow the order wanted, and what is to be said of the others.
 
-    once: places of one pass of the program. A pass that ends with its first place was none: the robot went back there.
+    once: places of one pass of the program. A pass that ends with its first place is not counted: the robot went back.
     """
     pairs = _longest_common(found, wanted)
     if len(pairs) > 1 and pairs[-1][1] > 0 and pairs[-1][1] % once == 0:
@@ -135,9 +135,9 @@ def _in_order(found: Sequence[Hashable], wanted: Sequence[Hashable], once: int) 
     others = len(found) - len(pairs)
     if len(pairs) < _FOLLOWED * len(found):
         return list(range(len(found))), [
-            "targets were visited in another order than the rig file's: all stands are used"
+            "targets were visited in another order than in the rig file: all stands are used"
         ]
-    said = f"stands outside the program's order (before it, after it, or once more than it has), not used: {others}"
+    said = f"{others} stands outside the order of the program (before it, after it, or once too often) are not used"
     return [k for k, _ in pairs], [said] if others else []
 
 
@@ -164,25 +164,25 @@ def _longest_common(found: Sequence[Hashable], wanted: Sequence[Hashable]) -> li
 def _rows(kept: list[tuple[_Stand, int]], where: str) -> Integers:
     if not kept:
         raise FileError(
-            where, "the robot stood at none of the targets", "correct tests.hemisphere, or record its program"
+            where, "the robot did not stand at any target", "correct tests.hemisphere, or record its program"
         )
     return np.array([row for _, row in kept], dtype=np.int64)
 
 
 def _outliers(kept: list[tuple[_Stand, int]]) -> list[str]:
     count = sum(stand.outliers for stand, _ in kept)
-    return [f"readings far from the others of their stand, not used: {count}"] if count else []
+    return [f"{count} readings lie far from the others of their stand and are not used"] if count else []
 
 
 def _elsewhere(count: int) -> list[str]:
-    return [f"stands left out that are at no target: {count}"] if count else []
+    return [f"{count} stands are left out because they are not at a target"] if count else []
 
 
 def _missing(program: TargetProgram, rows: Integers) -> list[str]:
     missing = sorted(set(program.target.tolist()) - set(program.target[rows].tolist()))
     if not missing:
         return []
-    return [f"no stand at target {', '.join(map(str, missing[:8]))}{' …' if len(missing) > 8 else ''}"]
+    return [f"the run has no stand at target {', '.join(map(str, missing[:8]))}{' …' if len(missing) > 8 else ''}"]
 
 
 def _stands(data: Aligned) -> list[_Stand]:

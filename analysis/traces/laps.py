@@ -34,7 +34,7 @@ _REPORTS_S = 0.002
 _BLOCK = 4096
 """Rows whose poses are reckoned at a time, so that a long run needs no memory for all of them."""
 _HARDLY = 0.01
-"""Of a lap: a run that ends so little before the whole lap holds it; a wider gap would be refused anyway."""
+"""A run that ends by less than this share before the whole lap holds it; a wider gap would be refused anyway."""
 _STANDING_RAD = np.radians(0.2)
 _JUMP_RAD = np.radians(1.0)
 _JUMP_SPEEDS = 3.0
@@ -159,7 +159,7 @@ def _laps_in(rows: slice, ahead: Array, lead: float) -> list[tuple[slice, Array]
 def _lap_from(rows: slice, ahead: Array, begins: float) -> tuple[slice, Array]:
     """Rows of the lap that begins at a circle angle, and its circle angles from 0.
 
-    In order of time, so that standing, or coming to the start from elsewhere, is no part of it.
+    In order of time, so that standing, or coming to the start from elsewhere, is not part of it.
     """
     own = ahead - begins
     end = int(np.argmax(own >= 2 * np.pi)) or len(own)
@@ -195,12 +195,12 @@ def _on_circle(t_s: Array, tool: Array, frame: CircleFrame) -> list[slice]:
 def _is_motion(where: str, table: CircleTable) -> None:
     """Raises FileError for angles that no robot runs through: none at all, or no numbers."""
     if len(table.q) < 2:
-        raise FileError(where, f"has {len(table.q)} rows, which is no circle", "record the whole circle")
+        raise FileError(where, f"has {len(table.q)} rows, too few for a circle", "record the whole circle")
     if not np.isfinite(table.q).all():
         row = int(np.argmin(np.isfinite(table.q).all(axis=1))) + 1
-        raise FileError(where, f"row {row} has a joint angle that is no number", "leave such rows out")
+        raise FileError(where, f"row {row} has a joint angle that is not a number", "remove such rows")
     if np.ptp(table.q[:: max(1, len(table.q) // _SEEN)], axis=0).max() < _STANDING_RAD:
-        raise FileError(where, "the robot stood still", "start the circle program once the recording runs")
+        raise FileError(where, "the robot stood still", "start the recording first, then the circle program")
 
 
 def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig: Rig) -> slice:
@@ -223,7 +223,7 @@ def _without_leaps(where: str, table: CircleTable, phi: Array, rows: slice, rig:
             raise FileError(
                 where,
                 f"{rig.robot.axes[axis].name} jumps by {np.degrees(step):.1f}° at {t_s[row + 1]:.3f} s",
-                "see the feedback's units and wrap-around, or leave the bad rows out",
+                "check the feedback's units and wrap-around, or remove the bad rows",
             )
     return slice(rows.start + begin, rows.start + end)
 
@@ -274,5 +274,5 @@ def _is_covered(where: str, ahead: Array, sense: float, start: float) -> None:
         raise FileError(
             where,
             f"the lap has no data from {begin:.0f}° to {end:.0f}° ({np.degrees(gaps[widest]):.0f}° wide)",
-            "record the whole circle, from before the lead-in to after the lead-out, on a computer with time to spare",
+            "record the whole circle, from before the lead-in to after the lead-out, on a computer that is less busy",
         )

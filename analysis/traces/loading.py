@@ -75,8 +75,8 @@ def measured_of(run: Run) -> Measured:
 def _is_in_step(run: Run) -> None:
     """Raises FileError for a run that was made from a replay whose instruments were out of step with one another."""
     seconds = {stream: counted.get("out_of_step", 0) for stream, counted in run.manifest.counters.items()}
-    if told := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
-        what = f"was made from a replay out of step ({told}), and has no figures of the cell"
+    if listed := ", ".join(f"{stream} for {count} s" for stream, count in seconds.items() if count):
+        what = f"was made from a replay out of step ({listed}), so its figures would be wrong"
         raise FileError(
             str(run.path), what, "replay the capture again on a computer that is less busy, and record that"
         )
@@ -94,7 +94,7 @@ def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:
             if direction is None:
                 raise FileError(
                     str(path),
-                    "has no direction, which a circle needs",
+                    "lacks a direction, which a circle needs",
                     "give it one: rig relabel RUN --direction acw or cw",
                 )
             circle = CircleTable(test, direction, data.t_s, data.q, data.g_mm, data.u_t_s)
@@ -146,7 +146,7 @@ def _certificates(run: Run, rig: Rig) -> list[str]:
     try:
         return certificate_doubts(rig, parts, dt.date.fromisoformat(run.manifest.started[:10]))
     except ValueError:
-        return [f"its manifest does not say on which day it was recorded, but {run.manifest.started[:30]!r}"]
+        return [f"the start time in its manifest is not a date: {run.manifest.started[:30]!r}"]
 
 
 def _doubts(run: Run) -> list[str]:

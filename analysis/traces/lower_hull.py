@@ -40,7 +40,8 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
 
 
 def low_outliers(x: Array, y: Array) -> Mask:
-    """Which of y (n,) at increasing x (n,) lie alone below their neighbours' least: wrong stamps, not short delays.
+    """Which of y (n,) at increasing x (n,), both in ns, lie alone below their neighbours' least: wrong
+    stamps, not short delays.
 
     The least of each block of rows is compared with those around it. No more than one in 500 (or three) is ever
     taken for wrong: what recurs is a short delay.
@@ -80,7 +81,7 @@ def lower_line(x: Array, y: Array) -> tuple[float, float]:
 
 
 def lower_hull(x: Array, y: Array) -> tuple[Array, Array]:
-    """The corners (m,) of the lower convex hull of points (n,), x increasing."""
+    """The corners (m,) of the lower convex hull of points x, y (n,) in any unit, x increasing."""
     if not (np.diff(x) > 0).all():
         order = np.lexsort((y, x))
         x, y = x[order], y[order]

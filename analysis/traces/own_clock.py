@@ -2,7 +2,7 @@
 
 (host - instrument) is the clock's offset plus a delay, and a delay can only be too long: the floor of it is the clock.
 Before that the stamps are put in order: a counter that has wrapped goes on, a stamp that is wrong by itself is left
-out, a clock that began anew is fitted anew.
+out, a clock that restarted is fitted in pieces.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ _AROUND = 8
 
 @dataclass(frozen=True)
 class FittedClock:
-    """Host times (n,) ns of an instrument's stamps; u_s (n,): of those alone that its clock does not tell.
+    """Host times (n,) ns of an instrument's stamps; u_s (n,): of those alone that its clock does not give.
 
-    restarts: how often the clock began anew; wrong: how many stamps were left out. wanders_s: by how much the lateness
+    restarts: how often the clock restarted; wrong: how many stamps were left out. wanders_s: by how much the lateness
     of an instrument's pace changed for good, and shared_u_s, what that makes uncertain in all of them.
     """
 
@@ -72,7 +72,7 @@ def _among(wrong: Mask, kept: NDArray[Any], filler: float) -> NDArray[Any]:
 
 
 def _starts(device_s: Array, host_ns: Array) -> Integers:
-    """Rows at which the clock began anew: it fell, or its offset from the host's clock is another from then on.
+    """Rows at which the clock restarted: it fell, or its offset from the host's clock is another from then on.
 
     A host that was held up reads at once what came meanwhile: offsets leap and come back, so the least of them stays.
     """
@@ -106,7 +106,7 @@ def unwrapped(device_s: Array, host_ns: Array) -> Array:
 def out_of_order(device_s: Array) -> Mask:
     """Which stamps (n,) are wrong by themselves: the fewest without which those around them are in order.
 
-    Where that would be many, the clock began anew, and none is wrong.
+    Where that would be many, the clock restarted, and none is wrong.
     """
     wrong = np.zeros(len(device_s), dtype=bool)
     for fell in (np.flatnonzero(np.diff(device_s) < 0) + 1).tolist():

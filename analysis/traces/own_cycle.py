@@ -2,7 +2,7 @@
 
 Such a gauge answers with the last reading of its cycle, however old. Its value can change only at a tick, so two
 answers that differ have a tick between them. Each such change bounds one tick; a steady cycle, numbered and fitted
-through all of them, tells each far better than its own bounds (`cycle_line`). In an uneven cycle the bounds alone
+through all of them, gives each far better than its own bounds (`cycle_line`). In an uneven cycle the bounds alone
 hold. Where answers come hardly oftener than ticks nothing is seen of them, and the age of a reading is anything up to
 a cycle.
 """
@@ -19,7 +19,7 @@ from analysis.traces.cycle_line import CycleLine, fitted, numbered, period_of
 from analysis.traces.value_changes import FEW, Bounds, changes
 
 _WIDE = 0.7
-"""Of a cycle: changes seen no closer than this bound no tick, …"""
+"""Changes that are not seen to this share of a cycle do not bound a tick, …"""
 _STATED = 0.02
 """… a stated cycle is true to this share (a crystal to far less, a maker's round figure to this), …"""
 _SOUGHT = 0.3
@@ -27,9 +27,9 @@ _SOUGHT = 0.3
 _AGREE = 0.8
 """Share of the changes that must agree with a cycle before it is believed."""
 _STEADY = 0.15
-"""Of a cycle: ticks that scatter by more keep no time."""
+"""Ticks that scatter by more than this share of a cycle cannot serve as a clock."""
 _SAMPLE = 2000
-"""Requests that tell whether they keep step with the cycle: more of them say the same."""
+"""Requests that show whether they keep step with the cycle: more of them show the same."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ def through_cycle(asked_ns: Array, values: Array, cycle_ns: float | None) -> Tic
 
 def _at_ticks(asked_ns: Array, bounds: Bounds, close: Mask, line: CycleLine) -> Ticks:
     """The tick of every answer at asked_ns (n,): of the change before it, or a later one at which nothing changed."""
-    # What agrees with no tick is none: a garbled reading, and the next one, which is right again.
+    # What does not agree with any tick is not one: a garbled reading, and the next one, which is right again.
     true = ~close
     true[close] = line.agreeing
     bounds, close = bounds.of(true), close[true]

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from analysis.kinematics.arm import Array
 from daq.store import Run
-from daq.store.manifest import first_error
+from daq.store.records import first_error
 from rigs.errors import FileError
 from rigs.schema.feedback import SIGNAL
 from rigs.schema.recording_rules import Rule
@@ -33,18 +33,20 @@ def rule_of(run: Run) -> Rule:
     if "robot" not in run.streams:
         raise FileError(where, "was imported and has no robot to follow", "give a recorded run")
     if manifest.test == "pose":
-        raise FileError(where, "is a pose test, which no daemon records", "give a recorded run of another test")
+        raise FileError(where, "is a pose test, which rigd cannot record", "give a recorded run of another test")
     robot = run.streams["robot"]
     t_s = (robot["last_byte_ns"] - robot["last_byte_ns"][:1]) / 1e9
     q_deg = np.column_stack([robot[f"q{axis}_deg"] for axis in range(1, 7)])
     t_s, q_deg = _thinned(t_s, q_deg)
     when = _signal(robot) or _departure(t_s, q_deg, where)
-    direction = manifest.direction if manifest.test in CIRCLES else None  # told of another test it means nothing
+    direction = manifest.direction if manifest.test in CIRCLES else None  # of another test it means nothing
     still_s = _patience_s(t_s, q_deg, when)
     try:
         return Rule.model_validate({"when": when, "test": manifest.test, "direction": direction, "still_s": still_s})
     except ValidationError as error:
-        raise FileError(where, f"makes no rule: {first_error(error)}", "record its program again") from None
+        raise FileError(
+            where, f"cannot be turned into a rule: {first_error(error)}", "record its program again"
+        ) from None
 
 
 def _signal(robot: dict[str, np.ndarray[Any, Any]]) -> dict[str, Any]:

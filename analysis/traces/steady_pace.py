@@ -1,7 +1,7 @@
 """A clock out of nothing but messages that come at a steady pace: their number, where none is missing.
 
 An instrument that speaks unasked and without a clock speaks at its own steady pace. Message n was sent at
-n periods, and arrived some delay later; with n as its clock the floor of the delays tells when. An adapter that holds
+n periods, and arrived some delay later; with n as its clock the floor of the delays shows when. An adapter that holds
 bytes for 16 ms is seen through that way.
 """
 
@@ -19,15 +19,15 @@ from analysis.traces.own_clock import FittedClock, through_clock
 _AHEAD = 32
 """Messages of which one is hardly late: some beats of a period against an adapter's timer."""
 _EARLY = 0.15
-"""Of a period: how much the least delay may fall, by the beat and by a period not yet well known."""
+"""The share of a period by which the least delay may fall, by the beat and by a period not yet well known."""
 _MOSTLY = 0.75
 """There is a pace where the least delay hardly changes in so many of the steps from each few messages to the next: the
 others may be waits. Of messages without a pace, a third."""
 _HARDLY = 8
 """A message is hardly ever earlier than the earliest of the `_AHEAD` before by such a part of their usual delay."""
 _APART = (_AHEAD, 8 * _AHEAD, 64 * _AHEAD, 64 * _AHEAD)
-"""Messages so far apart tell the period: hardly any between two of the nearest is missing, and of the others it is then
-known which; a quarter of a short run at the most."""
+"""Messages so far apart determine the period: hardly any between two of the nearest is missing, and of the others it is
+then known which; a quarter of a short run at the most."""
 _PAIRS = 100_000
 """Their median is known to a three-hundredth of how much they differ."""
 _STAYS = 0.4
@@ -50,7 +50,7 @@ def through_pace(host_ns: Array) -> FittedClock:
 
     A crystal keeps its pace whatever its computer does, so lateness that comes and goes is delay, and the floor of it
     the pace. An instrument that waits, as a program without a crystal does, never makes up for it: lateness that
-    stays is its own. Where lateness wanders the arrivals' own floor tells the times, and the shared uncertainty covers
+    stays is its own. Where lateness wanders the arrivals' own floor gives the times, and the shared uncertainty covers
     both readings.
 
     The arrivals themselves where there is no steady pace in them: where the least delays of each few messages differ
@@ -97,7 +97,9 @@ def _wandering(fitted: FittedClock, late_ns: Array, block: int) -> FittedClock:
     steps_ns = np.diff(least_ns)
     level_ns = np.median(np.lib.stride_tricks.sliding_window_view(np.pad(least_ns, 1, mode="edge"), 3), axis=1)
     few = max(1, min(_COMES_BACK, len(level_ns) // 4))
-    stayed_ns = _floor_around(np.pad(level_ns, few, mode="edge"), few)[few:-few]  # at an end nobody sees it made up for
+    stayed_ns = _floor_around(np.pad(level_ns, few, mode="edge"), few)[
+        few:-few
+    ]  # at an end its recovery cannot be seen
     off_ns = np.abs(stayed_ns - np.median(stayed_ns)).max()
     scatter_ns = np.median(np.abs(steps_ns)) / 0.6745 / math.sqrt(2)  # 0.6745: the median of a normal one's size
     stays = np.mean(steps_ns**2) < _STAYS * 2 * np.var(least_ns) or off_ns > _WANDERS * scatter_ns
@@ -138,7 +140,8 @@ def numbered(host_ns: Array, period_ns: float) -> Integers:
 
 
 def _missing(least: Array, period_ns: float) -> Integers:
-    """By how many periods each least delay (n,) lies behind those of the `_AHEAD` rows before it, as these are counted.
+    """The number of periods by which each least delay (n,) lies behind those of the `_AHEAD` rows before it, as these
+    are counted.
 
     Where those rows are counted alike, the count of the next one changes by what its delay rises, whatever their count
     is: such changes are found for all rows at once. Only the rows after a change are counted one by one.
@@ -195,7 +198,7 @@ def _uneven_s(host_ns: Array) -> Array:
 
 
 def _period_ns(number: Integers, host_ns: Array, apart: int) -> float:
-    """By pairs of messages so far apart, `_PAIRS` or a few more of them."""
+    """The period by pairs of messages so far apart, `_PAIRS` or a few more of them."""
     every = max(1, len(host_ns) // _PAIRS)
     later, earlier = slice(apart, None, every), slice(None, -apart, every)
     return float(np.median((host_ns[later] - host_ns[earlier]) / (number[later] - number[earlier])))

@@ -27,14 +27,14 @@ _LONGEST_MESSAGE = 65_536
 
 
 def require_sound(path: Path, what: str, columns: Mapping[str, np.ndarray[Any, Any]]) -> None:
-    """Raises FileError for a stream with a stamp that `rigd` cannot have written."""
+    """Raises FileError for columns (n,), stamps in ns and sizes in bytes, that `rigd` cannot have written."""
     requested, first, last = (columns[name] for name in ("requested_ns", "first_byte_ns", "last_byte_ns"))
     rules = {
-        "a stamp that no clock shows": (first < 0) | (last > _LATEST_NS),
-        "a first byte that came after the last": first > last,
-        "a request that went out after its answer": requested > last,
-        "a stamp earlier than the row before": np.diff(last, prepend=last[:1]) < 0,
-        "a size that no message has": (columns["size"] < 0) | (columns["size"] > _LONGEST_MESSAGE),
+        "an impossible stamp": (first < 0) | (last > _LATEST_NS),
+        "a first byte later than the last": first > last,
+        "a request later than its answer": requested > last,
+        "a stamp earlier than that of the row before": np.diff(last, prepend=last[:1]) < 0,
+        "an impossible message size": (columns["size"] < 0) | (columns["size"] > _LONGEST_MESSAGE),
     }
     for words, broken in rules.items():
         if broken.any():

@@ -1,4 +1,4 @@
-"""Where the value of a gauge changes from answer to answer: between two that differ it was read anew."""
+"""Where the value of a gauge changes from answer to answer: between two that differ it was read again."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 from analysis.kinematics.arm import Array, Integers, Mask
 
 FEW = 16
-"""Changes from which a period, a phase and a scatter can be told."""
+"""Changes from which a period, a phase and a scatter can be determined."""
 _JUMP = 4.0
 """Steps of the resolution by which a gauge on the move changes from tick to tick: by chance it repeats itself …"""
 _REPEATS = 0.85
 """… in less than the rest of this share of its answers."""
 _STAND = 4.0
-"""Times as many answers of one value as usual: the gauge stood still meanwhile."""
+"""The gauge stood still where so many times the usual number of answers have one value."""
 _NEAR = 8
 
 
@@ -30,14 +30,17 @@ class Bounds:
     jumps: Mask
 
     def of(self, chosen: Mask) -> Bounds:
+        """The changes that a mask (m,) selects."""
         return Bounds(self.low_ns[chosen], self.high_ns[chosen], self.row[chosen], self.jumps[chosen])
 
     @property
     def middle_ns(self) -> Array:
+        """The middles (m,) of the bounds."""
         return (self.low_ns + self.high_ns) / 2
 
     @property
     def width_ns(self) -> Array:
+        """The widths (m,) of the bounds."""
         return self.high_ns - self.low_ns
 
     @property
@@ -67,7 +70,7 @@ def changes(asked_ns: Array, values: Array) -> Bounds:
 
 
 def repeats(values: Array) -> bool:
-    """Whether readings (n, k) stay the same so often that a cycle of their own is worth looking for."""
+    """Whether readings (n, k) mm stay the same so often that a cycle of their own is worth looking for."""
     return bool(np.count_nonzero(_changed(values)) < _REPEATS * len(values))
 
 

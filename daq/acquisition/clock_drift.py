@@ -1,7 +1,7 @@
 """How an instrument's own clock runs against the host's, watched while samples come: for metrics only.
 
 A message can only come late, so the least (host - device) difference of each ten seconds is close to the clocks' true
-one, and a line through these minima shows the drift. Runs keep raw stamps and are fitted anew at analysis.
+one, and a line through these minima shows the drift. Runs keep raw stamps and are fitted again at analysis.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from daq.protocol.conversation import Sample
 _WINDOW_S = 10.0
 _WINDOWS = 60
 _LEAP_S = 1.0
-"""A difference that leaps by more is a clock that was set or began anew."""
+"""A difference that leaps by more is a clock that was set or started again."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The buffer between a reader and the recorder: what one stream has delivered and nobody has written yet.
+"""The buffer between a reader and the recorder: what one stream has delivered and is not written yet.
 
 The reader only ever appends here; it waits for no disk and no other thread. Room is bounded, and items that
 find none are counted as a fault of its own kind.
@@ -19,6 +19,9 @@ from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 _ROOM = 200_000
 """Items held for a stalled disk: minutes at 500 Hz, some 100 MB at the worst."""
 _RATE_OVER = 200
+"""Deliveries over which the rate is taken."""
+STALL_NS = 500_000_000
+"""A reader goes round in 0.2 s at most (`daq.wire.session`); a busy computer adds some tenths."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,8 @@ class StreamBuffer:
     _dropped: int = 0
     _counters: Counter[str] = field(default_factory=Counter)
     _last: dict[str, tuple[float, int]] = field(default_factory=dict)
-    _arrivals: deque[int] = field(default_factory=lambda: deque(maxlen=_RATE_OVER))
+    _arrivals: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_OVER))
+    """The last deliveries: stamp of the last sample, and number of samples until then."""
     _last_fault: str = ""
 
     def deliver(self, items: Sequence[Item]) -> None:
@@ -66,6 +70,8 @@ class StreamBuffer:
                 else:
                     self._dropped += 1
                     self._counters[FaultKind.DROPPED] += 1
+            if items and isinstance(items[-1], Sample):
+                self._arrivals.append((items[-1].last_byte_ns, self._counters["samples"]))
 
     def count(self, faults: Sequence[Fault]) -> None:
         """Count faults that the recorder found itself and has written into the run; they are not delivered again."""
@@ -85,8 +91,12 @@ class StreamBuffer:
         return items
 
     def beat(self) -> None:
-        """Note that the reader is still running."""
-        self.heartbeat_ns = time.monotonic_ns()
+        """Note that the reader is still running, and report how long it stood still if it did."""
+        now_ns, before_ns = time.monotonic_ns(), self.heartbeat_ns
+        self.heartbeat_ns = now_ns
+        if before_ns and now_ns - before_ns > STALL_NS and not self._opening:
+            what = f"its reader stood still for {(now_ns - before_ns) / 1e9:.1f} s; what came meanwhile is stamped late"
+            self.deliver([Fault(FaultKind.STALLED, now_ns, what)])
 
     @contextmanager
     def opening(self) -> Iterator[None]:
@@ -122,16 +132,15 @@ class StreamBuffer:
             self._last_fault = item.detail
             return
         self._counters["samples"] += 1
-        self._arrivals.append(item.last_byte_ns)
         for name, value in zip(self.columns, item.values, strict=True):
             if not math.isnan(value):
                 self._last[name] = (value, item.last_byte_ns)
 
     def _rate_hz(self, now: int) -> float:
-        if len(self._arrivals) < 2 or now - self._arrivals[-1] > 2_000_000_000:
+        if len(self._arrivals) < 2 or now - self._arrivals[-1][0] > 2_000_000_000:
             return 0.0
-        span = self._arrivals[-1] - self._arrivals[0]
-        return (len(self._arrivals) - 1) * 1e9 / span if span > 0 else 0.0
+        (first_ns, before), (last_ns, until) = self._arrivals[0], self._arrivals[-1]
+        return (until - before) * 1e9 / (last_ns - first_ns) if last_ns > first_ns else 0.0
 
 
 def samples_of(items: Sequence[Item]) -> list[Sample]:

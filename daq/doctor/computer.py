@@ -39,7 +39,7 @@ def examine_computer(runs: Path, unit: str | None) -> Iterator[Finding]:
             "disk", f"{runs}: this user may not write there", "run it as the owner: sudo -u rig rig doctor …"
         )
     except OSError as error:
-        yield wrong("disk", f"{runs}: {error.strerror or error}", "mend the disk, or give another --runs")
+        yield wrong("disk", f"{runs}: {error.strerror or error}", "repair the disk, or give another --runs")
     yield wall_clock(clock_state())
     if unit and (properties := unit_properties(unit)):
         yield service(unit, properties)
@@ -57,21 +57,19 @@ def room(runs: Path, free_gb: float) -> Finding:
 
 def sync_time(runs: Path, slowest_s: float) -> Finding:
     """Check whether the disk keeps up with a daemon that syncs twice a second."""
-    what = f"putting 64 kB on the disk took up to {slowest_s * 1e3:.0f} ms"
+    what = f"writing 64 kB to the disk took up to {slowest_s * 1e3:.0f} ms"
     if slowest_s > _TOO_SLOW_S:
-        return wrong("disk", what, f"have {runs} on a disk of its own, no memory card and no network drive")
+        return wrong("disk", what, f"put {runs} on a disk of its own, not on a memory card or a network drive")
     if slowest_s > _SLOW_S:
-        return doubtful("disk", what, "see what else writes to it: iostat -x 1")
+        return doubtful("disk", what, "find out what else writes to it: iostat -x 1")
     return ok("disk", what)
 
 
 def wall_clock(state: int) -> Finding:
     """Check whether NTP controls the clock; `state` is what adjtimex returns."""
     if state != _TIME_ERROR:
-        return ok("clock", "kept by NTP")
-    what = (
-        "not kept by NTP: the hour that a run is said to be of may be wrong (its readings are not timed by this clock)"
-    )
+        return ok("clock", "synchronised by NTP")
+    what = "not synchronised by NTP: the start time of a run may be wrong (its readings are not timed by this clock)"
     return doubtful("clock", what, "run: sudo timedatectl set-ntp true")
 
 
@@ -86,10 +84,10 @@ def service(unit: str, properties: Mapping[str, str]) -> Finding:
             unit, f"failed ({properties.get('Result')})", f"see why: rig logs; then: sudo systemctl restart {unit}"
         )
     if sub == "auto-restart" or active == "activating":
-        return wrong(unit, f"does not come up, {restarts} starts so far", "see why: rig logs")
+        return wrong(unit, f"does not start, {restarts} attempts so far", "see why: rig logs")
     if active != "active":
         return doubtful(unit, "stopped", f"start it: sudo systemctl enable --now {unit}")
-    what = f"running, started anew {restarts} times since it was started"
+    what = f"running, restarted {restarts} times since it was started"
     if properties.get("UnitFileState") != "enabled":
         return doubtful(unit, f"{what}; not started at boot", f"run: sudo systemctl enable {unit}")
     return doubtful(unit, what, "see why: rig logs") if restarts else ok(unit, what)

@@ -28,7 +28,7 @@ def examine(rig: Rig, runs: Path, unit: str | None = None, root: Path = Path("/"
         yield wrong("rigd", f"{error.where}: {error.what}", error.remedy)
         return
     if status is not None:
-        yield from told(status, streams_of(rig))
+        yield from of_daemon(status, streams_of(rig))
     for stream in streams_of(rig):
         findings = []
         if stream.port.startswith("/"):
@@ -51,20 +51,20 @@ def ask(rig: str) -> dict[str, Any] | None:
         closed = [folder for folder in Path("/run").glob("rigd-*") if not os.access(folder, os.X_OK)]
         if closed:
             raise CellError(
-                str(closed[0]), "this user may not ask the daemon", "join the group rig, or use sudo"
+                str(closed[0]), "this user is not allowed to query the daemon", "join the group rig, or use sudo"
             ) from None
         return None
     with Client(path) as client:
         return client.ask("status")
 
 
-def told(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Finding]:
+def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Finding]:
     """Yield findings from a daemon's status, since the daemon holds the ports. streams: those of the rig file."""
     recording = f"records {status['recording']}" if status["recording"] else "records nothing"
-    yield ok("rigd", f"serves {status['rig']} and {recording}; asked in place of the ports")
+    yield ok("rigd", f"serves {status['rig']} and {recording}; queried instead of the ports")
     served = {name: stream.get("port") for name, stream in status["streams"].items()}
     if None in served.values():
-        yield doubtful("rigd", "is of a version before this one", "start it again, between two recordings")
+        yield doubtful("rigd", "is older than this rig", "restart it between two recordings")
     elif served != {stream.name: stream.port for stream in streams}:
         ports = ", ".join(f"{name} on {port}" for name, port in served.items())
         yield wrong("rigd", f"reads {ports}: not what the rig file says", "start rigd again, or give its own file")

@@ -36,7 +36,7 @@ def examine_port(about: str, port: str, root: Path, *, served: bool) -> Iterator
 def present(about: str, port: str, root: Path) -> Finding:
     """Check whether the port exists."""
     if _at(port, root).exists():
-        return ok(about, f"{port} is there")
+        return ok(about, f"{port} exists")
     here = ", ".join(_ports(root)) or "none"
     return wrong(
         about, f"{port}: no such port", f"plug it in and switch it on, or correct the port; ports here: {here}"
@@ -49,7 +49,7 @@ def lasting(about: str, port: str, root: Path) -> Finding | None:
         return None
     names = [name for name in _ports(root) if _at(name, root).resolve() == _at(port, root).resolve() and name != port]
     remedy = f"write port: {names[0]}" if names else "write its name in /dev/serial/by-id, or install the udev rules"
-    return doubtful(about, f"{port} names whichever adapter was plugged in at this turn", remedy)
+    return doubtful(about, f"{port} is given to adapters in the order in which they are plugged in", remedy)
 
 
 def allowed(about: str, port: str, root: Path) -> Finding | None:
@@ -68,7 +68,7 @@ def allowed(about: str, port: str, root: Path) -> Finding | None:
 def free(about: str, port: str, root: Path) -> Finding | None:
     """Check whether another process that this user can inspect holds the port; None if none does.
 
-    A pty is held by whoever made it.
+    A pty is held by the process that created it.
     """
     device = f"/dev/{_below_dev(port, root)}"
     if device.startswith("/dev/pts/"):

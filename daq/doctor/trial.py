@@ -23,7 +23,7 @@ _LISTEN_S = 2.0
 _TALK_S, _LONGEST_WAIT_S = 1.0, 5.0
 """For the first readings, beside the waiting for a line to be quiet that a conversation may begin with."""
 _ENOUGH = 3
-"""Readings in a row that are no accident at the wrong line settings."""
+"""Readings in a row that are hardly an accident at the wrong line settings."""
 _SLOW = 0.5
 _POOR_PPM = 1000.0
 _USUAL = (
@@ -149,11 +149,11 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
     if other := search():
         return wrong(stream.name, f"does not answer at {stream.line}, but does at {other}", f"write line: {other}")
     if trial.received:
-        what = f"{how}: {trial.received} bytes came, and no reading among them"
+        what = f"{how}: {trial.received} bytes arrived, but no reading among them"
         return wrong(
-            stream.name, what, trial.last_fault or "check `interface` and the port: something else speaks there"
+            stream.name, what, trial.last_fault or "check `interface` and the port: another kind of device is connected"
         )
-    return wrong(stream.name, f"{how}: nothing came", trial.last_fault or "check that it is on, and its cable")
+    return wrong(stream.name, f"{how}: nothing arrived", trial.last_fault or "check that it is on, and its cable")
 
 
 def pace(stream: Stream, trial: Trial) -> Finding | None:
@@ -167,7 +167,7 @@ def pace(stream: Stream, trial: Trial) -> Finding | None:
     if reached_hz >= _SLOW * possible_hz:
         return ok(stream.name, what)
     return doubtful(
-        stream.name, what, "shorten the adapter's latency timer; else the instrument takes that long itself"
+        stream.name, what, "shorten the adapter's latency timer; otherwise the instrument itself needs that time"
     )
 
 

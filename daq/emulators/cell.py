@@ -63,7 +63,7 @@ NONE = Adversity()
 class Cell:
     """All instruments of a rig, each with its own thread, until `stop`.
 
-    devices: what makes each instrument, for every connection anew, by the name of its stream: `g1`, `g1_g2` where two
+    devices: what creates each instrument for every connection, by the name of its stream: `g1`, `g1_g2` where two
     share a port, `robot`. names: a directory where serial ports get names that outlast their ttys, as udev makes them.
     """
 
@@ -85,7 +85,7 @@ class Cell:
         self._plugged: dict[str, threading.Event] = {}
         self._silenced: set[str] = set()
         self.ports: dict[str, str] = {}
-        """By what the rig file calls it: `g1`, `g2`, `feedback`."""
+        """The ports by the names of the rig file: `g1`, `g2`, `feedback`."""
         late_ms = adversity.jitter_ms
         for stream in streams_of(rig):
             name, make = stream.name, self._noted(stream.name, devices[stream.name])

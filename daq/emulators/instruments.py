@@ -56,7 +56,7 @@ def emulated(
 
 
 def gauge_device(rig: Rig, motion: Motion, group: Sequence[str], unsteady: Unsteady = STEADY) -> Callable[[], Device]:
-    """Return a function that makes the instrument which these gauges share, anew for each connection.
+    """Return a function that makes the instrument which these gauges share, newly for each connection.
 
     It latches as the rig file's `timing` says; a cycle of its own begins at a phase that is its name's alone.
     """

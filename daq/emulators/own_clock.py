@@ -11,7 +11,7 @@ Read = Callable[[int], Sequence[float]]
 
 
 class OwnClock:
-    """A device's side on a clock that runs `ppm` fast against the one of whoever runs it, from 0 on."""
+    """A device's side on a clock that runs `ppm` fast against the clock of its caller, from 0 on."""
 
     def __init__(self, make: Callable[[Read], Device], read: Read, ppm: float) -> None:
         """`make` makes the device from what it reads; `read` is asked in the host's time."""

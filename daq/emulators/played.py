@@ -100,7 +100,7 @@ class StreamingPlayer:
         return Step(hang_up=True) if now_ns >= over_ns else Step(wake_ns=over_ns)
 
     def _knock(self, now_ns: int) -> Step:
-        """Say the first piece; where nobody has that port the link is lost, and otherwise this was its time."""
+        """Send the first piece; where no process has that port the link is lost, and otherwise this was its time."""
         if self._knocked_ns is None:
             self._knocked_ns = now_ns
             self.sent += 1
@@ -152,7 +152,7 @@ class Exchanges:
 
     @classmethod
     def of(cls, pieces: Sequence[Piece]) -> Exchanges:
-        """Return the exchanges in the pieces; what came before the first request is no answer."""
+        """Return the exchanges in the pieces; what came before the first request is not an answer."""
         questions = [number for number, piece in enumerate(pieces) if piece.mark is Mark.SENT]
         found = [
             Exchange(
@@ -206,7 +206,7 @@ class AnsweringPlayer:
         self._saying: deque[Piece] = deque()
         """What is still to be said, at the times of the capture."""
         self._middle_ns: float | None = None
-        """Of the exchange that is being answered, until its answer begins."""
+        """The shift of the exchange that is being answered, until its answer begins."""
         self._question_ns = 0
 
     def _play(self, now_ns: int, *, asked: bool = False) -> Step:

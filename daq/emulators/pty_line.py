@@ -82,7 +82,7 @@ class PtyLine:
         self._set_out_ns = at_ns
 
     def write(self, data: bytes) -> None:
-        """Send character by character; return when the line is free again. What nobody reads is lost."""
+        """Send character by character; return when the line is free again. What is not read is lost."""
         if far := self._far_line():
             data = heard(data, self._line, far)
         begin_ns, self._set_out_ns = self._set_out_ns, None
@@ -104,7 +104,7 @@ class PtyLine:
             sent += due
 
     def _set_baud(self) -> None:
-        """For whoever opens the far end without setting any; a baud that has no name stays unset."""
+        """For a program that opens the far end without settings; a baud that has no name stays unset."""
         speed = next((speed for speed, baud in _SPEEDS.items() if baud == self._line.baud), None)
         if speed is not None:
             settings = termios.tcgetattr(self._slave)

@@ -28,7 +28,7 @@ from rigs.rig import Rig
 from rigs.schema.links import tcp_address, udp_address
 
 _OVER_NS = 5_000_000_000
-"""So long after the end nobody comes any more for what is left."""
+"""So long after the end, what is left is not fetched any more."""
 
 Player = StreamingPlayer | AnsweringPlayer
 
@@ -61,7 +61,7 @@ class Replay:
         }
         self.cell = Cell(rig, self._replayed, paced=False)
         self.unmarked = ""
-        """Why a mark could not be written: the replay is then over, since nobody would know what is out of step."""
+        """Why a mark could not be written: the replay then ends, since what is out of step could not be recorded."""
         if self._marks:
             self._marks.write_text("", encoding="utf-8")
         # A long capture is a million objects that stay: looking for garbage among them would stop every instrument for
@@ -99,7 +99,7 @@ class Replay:
 class ReplayedStream:
     """What one stream sent in the capture, one connection after the other; called for the device of the next one.
 
-    When the host leaves a connection before its end, everything begins anew for all streams: else this one would be
+    When the host leaves a connection before its end, everything restarts for all streams: else this one would be
     out of step with them.
     """
 

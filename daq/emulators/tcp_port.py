@@ -19,7 +19,7 @@ _ACCEPT_S = 0.2
 
 
 class TcpPort:
-    """Listens on loopback at a free port and serves whoever connects."""
+    """Listens on loopback at a free port and serves each client that connects."""
 
     def __init__(self, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> None:
         self._device = device

@@ -18,7 +18,7 @@ _HEAD_START_NS = 100_000_000
 """How much later than in the capture the host hears everything. Its threads start some 10 ms after its ports are open,
 more on a busy computer. A request that comes too early waits for its time; one that comes too late costs a reading."""
 _SHARE = 0.5
-"""Of the standard uncertainty of the gauges' time against the robot's: an error so large moves a figure by less than
+"""Share of the standard uncertainty of the gauges' time against the robot's: such an error moves a figure by less than
 its u."""
 _HOST_NS = 200_000
 """No program is woken any more punctually than this, and all instruments of a replay are late alike."""
@@ -30,7 +30,7 @@ class Timebase:
     """The host's time of each instant of a capture; thread-safe.
 
     It begins with the first word of the host on any link. When the host goes away before the end it is set back, and
-    everything begins anew with the next word: `turn` counts that.
+    everything restarts with the next message: `turn` counts that.
     """
 
     def __init__(self) -> None:
@@ -50,7 +50,7 @@ class Timebase:
         return self.shift_ns is not None and now_ns > self.shift_ns + at_ns
 
     def restart(self, turn: int) -> None:
-        """Begin anew, since the host has left in this turn."""
+        """Restart, since the host has left in this turn."""
         with self._lock:
             if turn == self.turn:
                 self.turn += 1
@@ -79,7 +79,7 @@ class Steps:
         self.otherwise = 0
         """Pieces that the host sent otherwise than it was captured, or not at all."""
         self.skipped = 0
-        """Answers of the capture that nobody asked for in time."""
+        """Answers of the capture that were not requested in time."""
         self.repeated = 0
         """Answers that were given again, because the host asked more often than it was captured."""
 

@@ -1,7 +1,7 @@
 """A controller's end of a UDP port.
 
 One that calls (RSI, EGM) sends unasked to the port that the rig file names as ours; one that is called (Stream
-Motion) waits at its own port for the first datagram. Either speaks to one peer. When the system says that nobody
+Motion) waits at its own port for the first datagram. Either speaks to one peer. When the system says that no process
 has that peer's port any more, the controller's program ends and is started again, as an operator would: by a new
 conversation, and where it calls from a new port.
 """
@@ -72,7 +72,7 @@ class UdpPort:
         try:
             run_conversation(late, self._device(), lambda _: None, ended)
         except LinkLost:
-            return  # nobody has the peer's port: the daemon has not started, or has ended
+            return  # no process has the peer's port: the daemon has not started, or has ended
 
 
 def _bound(number: int) -> socket.socket:

@@ -40,10 +40,10 @@ def _decode(data: bytes) -> Position | Refused:
     joints = None if feedback is None else message_in(feedback, 1)
     clock = None if feedback is None else message_in(feedback, 4)
     if header is None or joints is None or clock is None or number_in(header, 3) != _DATA:
-        return Refused(FaultKind.GARBLED, f"{data[:16].hex(' ')} is no EgmRobot message")
+        return Refused(FaultKind.GARBLED, f"{data[:16].hex(' ')} is not an EgmRobot message")
     angles_deg = doubles_in(joints, 1)
     if len(angles_deg) < 6:
-        return Refused(FaultKind.MISSING, f"{len(angles_deg)} joints where 6 are wanted; check the mechanical unit")
+        return Refused(FaultKind.MISSING, f"{len(angles_deg)} joints where 6 are expected; check the mechanical unit")
     seconds = number_in(clock, 1) + number_in(clock, 2) * 1e-6 if clock else number_in(header, 2) / 1000
     return Position(angles_deg[:6], seconds, number_in(header, 1) % 2**32)
 

@@ -3,7 +3,7 @@
 The controller opens by sending: `<Rob Type="KUKA"> … <AIPos A1= … A6=/> … <IPOC>n</IPOC></Rob>` each cycle, to the
 address that its Ethernet configuration names, from a port that is another each time its program starts. It wants
 an answer in the same cycle, with the same IPOC, and stops its program after some that are late or missing. The
-answer here holds no correction, which is one of zero; where the configuration says ONLYSEND there is none.
+answer here holds no correction, which is one of zero; where the configuration says ONLYSEND, it is left out.
 A datagram whose IPOC can be read is answered, whatever else is wrong with it: the robot shall not stop for it.
 
 Which other elements come is configuration. So only the two that are needed are looked for, by expressions that
@@ -50,14 +50,16 @@ def _answer(sentype: str, ipoc: str) -> bytes:
 def _decode(data: bytes) -> Position | Refused:
     ipoc, joints = _IPOC.findall(data), _JOINTS.findall(data)
     if not _ROB.fullmatch(data) or len(ipoc) != 1:
-        return Refused(FaultKind.GARBLED, f"{data[:80]!r} is no <Rob> with one <IPOC>")
+        return Refused(FaultKind.GARBLED, f"{data[:80]!r} is not a <Rob> with one <IPOC>")
     if not joints:
         return Refused(FaultKind.MISSING, "it has no <AIPos>; add DEF_AIPos to SEND in the Ethernet configuration")
     found = sorted(_JOINT.findall(joints[0]))
     read = [number(value.decode("ascii", "replace")) for _, value in found]
     angles_deg = tuple(value for value in read if value is not None)
     if b"".join(axis for axis, _ in found) != b"123456" or len(angles_deg) != 6 or len(joints) != 1:
-        return Refused(FaultKind.GARBLED, f"<AIPos{joints[0][:200].decode('ascii', 'replace')}> has not six numbers")
+        return Refused(
+            FaultKind.GARBLED, f"<AIPos{joints[0][:200].decode('ascii', 'replace')}> does not hold six numbers"
+        )
     return Position(angles_deg, int(ipoc[0]) / 1000, int(ipoc[0]))
 
 

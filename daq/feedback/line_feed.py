@@ -72,7 +72,7 @@ class _LineFeedDialect:
             read[name] = value
         sample = _sample(read, message)
         if not are_angles(sample.values[:6]):
-            return _garbled(message, "has an angle that no axis turns to")
+            return _garbled(message, "has an impossible angle")
         return Reaction((sample,))
 
 

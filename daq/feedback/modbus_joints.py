@@ -1,7 +1,7 @@
 """Joint angles in Modbus registers: the block is read over TCP as often as `rate_hz` allows.
 
-Which registers hold what is configuration; no controller's map is known here. There is no clock: the instant is that
-of the answer, as good as the network and no better.
+Which registers hold what is configuration; the map of a controller is not known here. It has no clock: the instant is
+that of the answer, as good as the network and no better.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ _VERSION = 2
 _LONGEST = 520
 """No packet of this recipe is longer; a text is 516 at most."""
 _MAX_CLOCK_S = 1e9
-"""No controller has been on for 30 years: a stamp beyond is no stamp."""
+"""No controller has been on for 30 years: a later stamp is invalid."""
 
 
 def host(feedback: URRTDE) -> Host:

@@ -3,7 +3,7 @@
 Sign, number with leading blanks (10 characters), blank, unit (blank mm, `"` inch, `?` fault), sorting (`<` `=` `>`
 `?`), series of measurements (S minimum, A actual, G maximum, D difference), CR LF (maker's manual p. 39-42,
 confirmed; that the sign comes on top of the 10 is read from its figure). The length is held to, so that no lost
-digit passes. Only the actual value is taken: in a series the display may show another, which is no position. ENQ,
+digit passes. Only the actual value is taken: in a series the display may show another, which is not a position. ENQ,
 answered by the error text, is not used: STX reports a fault at once.
 """
 

@@ -70,7 +70,7 @@ def _read(data: bytes, gauge: KeyenceDLRS1A) -> Reading:
     if name == b"ER" and len(fields) == 2:
         return Trouble(f"{shown(data)}: {_ERRORS.get(fields[1], 'unknown error number; see the DL-RS1A manual')}")
     if name != b"M0":
-        detail = f"{shown(data)} answers no M0; check the line's settings"
+        detail = f"{shown(data)} is not an answer to M0; check the line's settings"
         return Trouble(detail, FaultKind.GARBLED, Then.DRAIN)
     field = fields[gauge.channel - 1] if gauge.channel <= len(fields) else b""
     if not field:

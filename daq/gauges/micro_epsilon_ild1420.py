@@ -6,7 +6,7 @@ d = (102/65520 x - 1)/100 range, and is within it for x of 643 … 64877 (p. 65)
 is believed, not confirmed. `OUTPUT RS422` sets it going (p. 108), and its answer, ASCII, falls among the values.
 
 So a stream is picked up behind a high byte, and a byte out of place costs all up to the next one: ASCII has none,
-and can neither be taken for a value nor complete one. Where blocks hold more than the distance there is no telling
+and can neither be taken for a value nor complete one. Where blocks hold more than the distance it is unknown
 which value that is, so a value is taken only if the one before it stood alone. Mastering (its zero) shifts the formula
 and must be off.
 """

@@ -1,6 +1,6 @@
 """Mitutoyo gauges on a USB virtual COM port (0fe7:4001): `1` is answered by `01A`, a sign and a number.
 
-A reply that begins with `9` is an error (public code, confirmed; what its numbers mean is not). Nothing tells the
+A reply that begins with `9` is an error (public code, confirmed; what its numbers mean is not). Nothing shows the
 unit, so `units` must be that of the gauge's display. `V` asks who it is.
 """
 

@@ -54,7 +54,7 @@ def _read(data: bytes, gauge: SylvacOptoRS) -> Reading:
     if data in _ERRORS:
         return Trouble(f"{data.decode()}: {_ERRORS[data]}")
     if data.startswith(b"SY"):
-        return Trouble("the gauge was switched on anew; check its supply and its zero", then=polled.Then.DRAIN)
+        return Trouble("the gauge was switched on again; check its supply and its zero", then=polled.Then.DRAIN)
     return garbled(data)
 
 

@@ -1,6 +1,6 @@
 """TESA TT80 and TT90: a reading for each `?`, `±xxxx.xx` in mm and `±xxx.xxx` in µm (maker's manual p. 94).
 
-Nothing else tells the unit, so a reading written as the other unit's is refused. `ERR23` is confirmed, what it
+Nothing else shows the unit, so a reading written as the other unit's is refused. `ERR23` is confirmed, what it
 means is not. The host uses `?` alone; what `ID?`, `UNI?`, `RNG?` and `VER?` answer is believed only.
 """
 

@@ -21,21 +21,21 @@ class Bursts:
 
     def __init__(self) -> None:
         self._open: dict[tuple[FaultKind, str], Fault] = {}
-        """By what makes two faults the same; the count is of those not told yet."""
+        """Open faults by what makes two of them the same; the count is of those not reported yet."""
 
     def merge(self, items: Sequence[Item], now_ns: int) -> list[Item]:
         """Return the items of one message, with repeated faults held back and those that are due added."""
         coming = {_sameness(item) for item in items if isinstance(item, Fault)}
-        told = [fault for key in list(self._open) if key not in coming for fault in self._close(key)]
+        merged = [fault for key in list(self._open) if key not in coming for fault in self._close(key)]
         for item in items:
             if not isinstance(item, Fault) or item.kind not in _REPEATING:
-                told.append(item)
+                merged.append(item)
             elif (key := _sameness(item)) not in self._open:
-                told.append(item)
+                merged.append(item)
                 self._open[key] = replace(item, at_ns=now_ns, count=0)
             else:
-                told += self._again(key, item.count, now_ns)
-        return told
+                merged += self._again(key, item.count, now_ns)
+        return merged
 
     def end(self) -> list[Item]:
         """Return the faults that are still held back."""

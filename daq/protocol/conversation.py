@@ -1,6 +1,6 @@
 """What every protocol is: bytes and time in, bytes to send, samples and faults out.
 
-A conversation touches no operating system: no port, no socket, no clock. Whoever runs it owns the
+A conversation touches no operating system: no port, no socket, no clock. Its caller owns the
 link and the clock, and calls `connected` once, then `received` for bytes as they come or `tick` when
 `wake_ns` has passed without any. The host's side and the device's side of a protocol are both
 conversations; a device's side sends and emits no items.
@@ -46,6 +46,8 @@ class FaultKind(StrEnum):
     """Samples lost on the host because a buffer was full."""
     OUT_OF_STEP = "out_of_step"
     """A replay was not in step with its capture; counted in seconds."""
+    STALLED = "stalled"
+    """The host, rigd or one reader stood still: what came meanwhile was read late, and its stamps are late as well."""
     CLOCK = "clock"
     """The host's wall clock was set, or the host slept; reported for the host itself and not for a stream."""
 

@@ -74,7 +74,7 @@ class _Pieces:
 
 
 class Lines:
-    """Messages that end in a delimiter; with `joined_midway` the bytes up to the first one are none."""
+    """Messages that end in a delimiter; with `joined_midway` the bytes up to the first one are not a message."""
 
     def __init__(self, delimiter: bytes, *, joined_midway: bool = False) -> None:
         self._delimiter = delimiter
@@ -143,7 +143,7 @@ class Sized:
             if length is None:
                 self._pieces.clear()
                 self._lost = True
-                return [*found, Fault(FaultKind.GARBLED, now_ns, f"no message begins with {head.hex(' ')}")]
+                return [*found, Fault(FaultKind.GARBLED, now_ns, f"a message cannot begin with {head.hex(' ')}")]
             if len(self._pieces.data) < length:
                 break
             found.append(self._pieces.take(length))

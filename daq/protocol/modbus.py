@@ -29,7 +29,7 @@ _RTU_REQUEST = 8
 _ASCII_END = b"\r\n"
 _ASCII = re.compile(rb":(?:[0-9A-Fa-f]{2}){3,}")
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
-"""It logs each frame that it cannot decode; here that is a fault, told as often as a person can bear."""
+"""It logs each frame that it cannot decode; here that is a fault, reported at a limited rate."""
 _DATATYPE = {datatype.name.lower(): datatype for datatype in ModbusClientMixin.DATATYPE}
 
 

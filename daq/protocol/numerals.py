@@ -1,4 +1,4 @@
-"""Numbers as devices print them, and what an angle can be; whatever else came is none and never an exception."""
+"""Numbers as devices print them, and possible angles; anything else gives None and never an exception."""
 
 from __future__ import annotations
 

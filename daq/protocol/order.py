@@ -10,9 +10,9 @@ from __future__ import annotations
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 
 _BEHIND = 20
-"""Messages that a network may hold one back by. Further back, the counter began anew."""
+"""Messages that a network may hold one back by. Further back, the counter restarted."""
 _AHEAD = 1_000_000
-"""Messages that can be lost in a row: an hour. Further ahead, the counter began anew."""
+"""Messages that can be lost in a row: an hour. Further ahead, the counter restarted."""
 
 
 class Order:
@@ -41,7 +41,7 @@ class Order:
         if passed == 1:
             return (sample,)
         if not 0 < passed <= _AHEAD:
-            detail = f"the controller's counter goes from {last} to {number}: it began anew, the loss is not known"
+            detail = f"the controller's counter goes from {last} to {number}: it restarted, and the loss is unknown"
             return Fault(FaultKind.SKIPPED, at_ns, detail), sample
         detail = f"the controller's counter goes from {last} to {number}; check the network and the host's load"
         return Fault(FaultKind.SKIPPED, at_ns, detail, passed - 1), sample

@@ -16,8 +16,8 @@ timer, 16 ms) falls into step with requests that follow each answer at once; the
 quickly as the instrument gives it, and it is unknown when it was latched.
 
 An answer later than twice `timeout_s` can still slip through where the protocol has neither a number nor a length
-to tell by (`daq.protocol.resync`): make `timeout_s` at least half the slowest answer of the instrument. After an
-error answer the line rests for `PAUSE_NS`, for an instrument that refuses does so at once.
+to distinguish them by (`daq.protocol.resync`): make `timeout_s` at least half the slowest answer of the instrument.
+After an error answer the line rests for `PAUSE_NS`, for an instrument that refuses does so at once.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ class Polled:
         self._wake_ns = 0
         self._quiet_ns = self._timeout_ns
         self._discarded = 0
-        self._telling = False
+        self._reporting = False
         self._babble_ns = 0
 
     def connected(self, now_ns: int) -> Step:
@@ -146,12 +146,12 @@ class Polled:
         if then is Then.DRAIN:
             return self._drain(items, now_ns)
         if surplus or self._dialect.frames.pending:
-            return self._drain(items, now_ns, discarded=surplus, telling=True)
+            return self._drain(items, now_ns, discarded=surplus, reporting=True)
         if then is Then.PAUSE:
-            return self._drain(items, now_ns, quiet_ns=PAUSE_NS, telling=True)
+            return self._drain(items, now_ns, quiet_ns=PAUSE_NS, reporting=True)
         early_ns = max(self._requested_ns + self._period_ns - now_ns, self._stirring_ns(now_ns))
         if early_ns > 0:
-            return self._drain(items, now_ns, quiet_ns=early_ns, telling=True)
+            return self._drain(items, now_ns, quiet_ns=early_ns, reporting=True)
         return self._ask(items, now_ns)
 
     def _stirring_ns(self, now_ns: int) -> int:
@@ -170,7 +170,7 @@ class Polled:
     def _give_up(self, items: list[Item], now_ns: int) -> Step:
         detail = f"no answer within {self._timeout_s:g} s; {self._dialect.check}"
         silent = Fault(FaultKind.SILENT, now_ns, detail)
-        return self._drain([*items, *self._bursts.end(), silent], now_ns, telling=True)
+        return self._drain([*items, *self._bursts.end(), silent], now_ns, reporting=True)
 
     def _drain(
         self,
@@ -180,15 +180,15 @@ class Polled:
         send: bytes = b"",
         quiet_ns: int | None = None,
         discarded: int = 0,
-        telling: bool = False,
+        reporting: bool = False,
     ) -> Step:
-        """Request nothing until the line has been quiet; `telling`: what comes meanwhile is reported."""
+        """Request nothing until the line has been quiet; `reporting`: what comes meanwhile is reported."""
         self._requested_ns = NO_TIME
         self._quiet_ns = self._timeout_ns if quiet_ns is None else quiet_ns
         self._wake_ns = now_ns + self._quiet_ns
         self._babble_ns = now_ns + _BABBLE * self._timeout_ns
         self._discarded = discarded
-        self._telling = telling
+        self._reporting = reporting
         return Step(send, tuple(items), self._wake_ns)
 
     def _discard(self, messages: int, now_ns: int) -> Step:
@@ -204,7 +204,7 @@ class Polled:
     def _late(self, now_ns: int) -> list[Item]:
         """Return the fault for what the drain discarded, including an incomplete message."""
         count = self._discarded + self._dialect.frames.pending
-        if not (self._telling and count):
+        if not (self._reporting and count):
             return []
         detail = "a message came while no answer was expected and was ignored; if this recurs, increase timeout_s"
         return [Fault(FaultKind.LATE, now_ns, detail, count)]

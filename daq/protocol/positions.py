@@ -16,7 +16,7 @@ from daq.protocol.order import Order
 from daq.protocol.streamed import Reaction
 
 _MAX_CLOCK_S = 1e11
-"""A stamp beyond is none: three thousand years, whether since 1970 or since the controller was switched on."""
+"""A later stamp is invalid: three thousand years, whether since 1970 or since the controller was switched on."""
 
 
 @dataclass(frozen=True, slots=True)

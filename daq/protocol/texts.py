@@ -41,7 +41,7 @@ class Trouble:
 
 
 Reading = float | Trouble
-"""mm, or why there is none."""
+"""A reading in mm, or the reason why it is missing."""
 
 
 def garbled(data: bytes) -> Trouble:
@@ -61,11 +61,11 @@ def mm(number: bytes, gauge: Probe) -> float:
 
 def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
     """Convert a number whose unit the instrument sends to mm; Trouble if that is not the gauge's unit."""
-    told = _UNITS.get(unit.lower())
-    if told == gauge.units:
+    sent = _UNITS.get(unit.lower())
+    if sent == gauge.units:
         return mm(number, gauge)
     return Trouble(
-        f"the gauge reads in {told or shown(unit)}, the rig file says {gauge.units}; "
+        f"the gauge reads in {sent or shown(unit)}, the rig file says {gauge.units}; "
         "switch the gauge over, or correct `units`"
     )
 
@@ -115,7 +115,7 @@ class TextDialect(Generic[ProbeT]):
 class TextDevice:
     """The side of an instrument that answers requests.
 
-    `answer` gives what it says to a command, and empty bytes for nothing; a command that nobody can cut is empty.
+    `answer` gives what it says to a command, and empty bytes for nothing; a command that is incomplete is empty.
     """
 
     def __init__(

@@ -1,9 +1,17 @@
-"""A run that is being written: its label, what was put into it, and what is doubtful about that."""
+"""A run from its request until it is closed: its label, what was put into it, and what is doubtful about that.
+
+A slow disk takes seconds to make its directory. What comes meanwhile is kept, and written as soon as there is one.
+"""
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
 
 from daq.acquisition.host_clock import HOST
 from daq.acquisition.plausibility import PlausibilityCheck
@@ -11,16 +19,82 @@ from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.recording.label import Label
 from daq.store import RunWriter
+from daq.store.manifest import load_manifest
+from daq.store.records import Ending
+from daq.store.writer import MOST_PENDING
+from rigs.errors import CellError, FileError
+
+
+@dataclass(frozen=True)
+class EndedRun:
+    """A run that was ended. counters: stream → samples, and faults of each kind."""
+
+    path: Path
+    counters: dict[str, dict[str, int]]
+
+
+@dataclass(frozen=True)
+class Gap:
+    """The time between a run that the disk ended and the one that follows.
+
+    previous: that run; device: of its disk. taken: samples of each stream that were put into it; missed: those that
+    came since and are in no run.
+    """
+
+    previous: Path
+    device: int
+    why: str
+    taken: Counter[str]
+    missed: Counter[str] = field(default_factory=Counter)
+
+    def require_disk(self) -> None:
+        """Raise CellError if the disk is not mounted, so that nothing is written below its mount point.
+
+        It is there if it shows the previous run, or is the same disk without it: somebody deleted or moved that run.
+        """
+        with suppress(OSError):
+            if self.previous.is_dir() or self.previous.parent.stat().st_dev == self.device:
+                return
+        raise CellError(str(self.previous), "is gone", "mount the disk that holds it again")
+
+    def missed_text(self) -> str:
+        """Return how many samples of each stream are missed so far."""
+        return ", ".join(f"{count} of {name}" for name, count in self.missed.items() if count) or "none"
+
+    def dropped(self) -> dict[str, Fault]:
+        """Return a fault for each stream whose samples are in no run: missed since, or taken and not held by that run.
+
+        Where the manifest of that run cannot be read, all that were taken count.
+        """
+        held: Counter[str] = Counter()
+        with suppress(FileError):
+            for chunk in load_manifest(self.previous).chunks:
+                held[chunk.stream] += chunk.rows
+        after, now_ns = f"samples not recorded after {self.previous.name}: {self.why}", time.monotonic_ns()
+        lost = +self.missed + (self.taken - held)
+        return {name: Fault(FaultKind.DROPPED, now_ns, f"{count} {after}", count) for name, count in lost.items()}
 
 
 class ActiveRun:
-    """Writes the items of all streams into one run. counters: stream → samples, and faults of each kind."""
+    """Takes the items of all streams, and writes them once it has a writer.
 
-    def __init__(self, label: Label, writer: RunWriter, since_ns: int, columns: Mapping[str, Sequence[str]]) -> None:
-        """columns: of each stream."""
-        self.label, self.writer, self.since_ns = label, writer, since_ns
+    begun: its directory, or the error that refused it; ended: what it came to. counters: stream → samples, and faults
+    of each kind. gap: what lies between the run before and this one, if it goes on from one.
+    """
+
+    def __init__(
+        self, label: Label, columns: Mapping[str, Sequence[str]], kept: Mapping[str, Sequence[Item]], since_ns: int
+    ) -> None:
+        """columns: of each stream. kept: what came before its request and belongs to it, from since_ns on."""
+        self.label, self.since_ns = label, since_ns
+        self.gap: Gap | None = None
+        self.writer: RunWriter | None = None
+        self.begun: Future[Path] = Future()
+        self.ended: Future[EndedRun] = Future()
         self.counters: dict[str, Counter[str]] = {name: Counter() for name in columns}
         self._columns = columns
+        self._kept: dict[str, list[Item]] = {name: list(kept.get(name, ())) for name in columns}
+        self._host_faults: list[Fault] = []
         self._plausibility = PlausibilityCheck(touching=label.test in ("yaw", "roll"))
 
     @property
@@ -28,25 +102,60 @@ class ActiveRun:
         """The number of samples of each stream that were put into it."""
         return Counter({name: counter["samples"] for name, counter in self.counters.items()})
 
+    def is_behind(self, stream: str) -> bool:
+        """Return whether so much of a stream is in memory that no more of it should be drained."""
+        return self.writer.is_behind(stream) if self.writer else len(self._kept[stream]) >= MOST_PENDING
+
+    def begin(self, writer: RunWriter, dropped: Mapping[str, Fault]) -> dict[str, list[Fault]]:
+        """Write what was kept, and what is in no run since the one before. Returns the faults that were found here."""
+        self.writer = writer
+        found = {name: self.put(name, items) for name, items in self._kept.items()}
+        self._kept.clear()
+        self.put_host(self._host_faults)
+        for name, fault in dropped.items():
+            found[name] += [fault, *self.put(name, [fault])]
+        return found
+
+    def refuse(self, error: Exception) -> None:
+        """Report to those who wait for the run that it does not start. What it kept counts as missed."""
+        if self.gap:
+            self.gap.missed.update({name: len(samples_of(items)) for name, items in self._kept.items()})
+        self.begun.set_exception(error)
+        self.ended.set_exception(error)
+
+    def close(self, ending: Ending, why: str) -> None:
+        """End the run, where there is one. Raises CellError."""
+        if self.writer is not None:
+            self.writer.close(ending, why, self.counters)
+
     def put(self, stream: str, items: Sequence[Item]) -> list[Fault]:
         """Write items into the run, then the faults that say what is doubtful about them, which are returned."""
-        self._write(stream, items)
+        if self.writer is None:
+            self._kept[stream].extend(items)
+            return []
+        self._write(self.writer, stream, items)
         doubts = self._plausibility.check(stream, self._columns[stream], items)
-        self._write(stream, doubts)
+        self._write(self.writer, stream, doubts)
         return doubts
 
-    def _write(self, stream: str, items: Sequence[Item]) -> None:
+    def _write(self, writer: RunWriter, stream: str, items: Sequence[Item]) -> None:
         samples, faults = samples_of(items), faults_of(items)
         self.counters[stream]["samples"] += len(samples)
+        self._count(stream, faults)
+        writer.append(stream, samples)
+        writer.append_faults(stream, faults)
+
+    def put_host(self, faults: Sequence[Fault]) -> None:
+        """Write faults of the computer itself, and after a step of the wall clock an anchor for the time since then."""
+        if self.writer is None:
+            self._host_faults += faults
+            return
+        self._count(HOST, faults)
+        self.writer.append_faults(HOST, faults)
+        if any(fault.kind is FaultKind.CLOCK for fault in faults):
+            self.writer.anchor()
+
+    def _count(self, stream: str, faults: Sequence[Fault]) -> None:
         for fault in faults:
             if fault.count:
-                self.counters[stream][fault.kind] += fault.count
-        self.writer.append(stream, samples)
-        self.writer.append_faults(stream, faults)
-
-    def put_clock(self, faults: Sequence[Fault]) -> None:
-        """Write steps of the wall clock, and an anchor for the time since then."""
-        if faults:
-            self.counters.setdefault(HOST, Counter())[FaultKind.CLOCK] += len(faults)
-            self.writer.append_faults(HOST, faults)
-            self.writer.anchor()
+                self.counters.setdefault(stream, Counter())[fault.kind] += fault.count

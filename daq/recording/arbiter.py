@@ -1,15 +1,13 @@
-"""Who starts and ends recordings: people, and the trigger of the rig file. People take precedence.
+"""Who starts and ends recordings: people, and the trigger of the rig file.
 
 The recorder passes on what came on the robot's stream; after each of its rounds the trigger is fed with it here, and
-its commands are carried out. One lock covers a decision and its execution, so that the trigger never ends a recording
-that a person started.
+asks for what it commands as the robot. That people take precedence is a matter of the recorder's states.
 """
 
 from __future__ import annotations
 
 import logging
 import math
-import threading
 import time
 from collections import deque
 from collections.abc import Sequence
@@ -19,11 +17,12 @@ from pathlib import Path
 
 from daq.acquisition.stream_buffer import samples_of
 from daq.protocol.conversation import Item, Sample
+from daq.recording.active_run import EndedRun
 from daq.recording.label import Label
-from daq.recording.pending_run import EndedRun
+from daq.recording.machine import Recording
 from daq.recording.recorder import Recorder
 from daq.recording.trigger import Command, StartRun, StopRun, Trigger
-from daq.store.manifest import Ending
+from daq.store.records import Ending
 from rigs.errors import RigError
 from rigs.schema.recording_rules import Automatic, Rule
 
@@ -41,7 +40,6 @@ class Arbiter:
         self._recorder = recorder
         self._rules = automatic.rules if automatic else ()
         self._trigger = Trigger(self._rules)
-        self._deciding = threading.Lock()
         self._samples: deque[Sample] = deque()
         self._own_run: str | None = None
         """Name of the run that the trigger started and that is still being recorded."""
@@ -61,29 +59,19 @@ class Arbiter:
         """Feed the trigger with what came, and execute its commands; the recorder calls this after each round."""
         if not self._rules:
             return
-        with self._deciding:
-            self._collect_starts()
-            self._own_run_continues()
-            while self._samples:
-                self._execute(self._trigger.feed(self._samples.popleft()))
-            self._execute(self._trigger.tick(time.monotonic_ns()))
+        self._collect_starts()
+        self._forget_if_ended()
+        while self._samples:
+            self._execute(self._trigger.feed(self._samples.popleft()))
+        self._execute(self._trigger.tick(time.monotonic_ns()))
 
     def start(self, label: Label) -> Path:
-        """Start a recording for a person; one that the trigger started is ended for it. Raises CellError."""
-        with self._deciding:
-            if self._own_run_continues():
-                self._recorder.require_readings(label)
-                self._end_run("interrupted", f"{label.operator or 'a person'} started {label.name}")
-                self._trigger.reset()
-            beginning = self._recorder.start_run(label)
-        return beginning.result()
+        """Start a recording for a person; one that the robot started is ended for it. Raises CellError."""
+        return self._recorder.start_run(Recording(label)).result()
 
     def stop(self) -> EndedRun:
-        """End a recording for a person, whoever started it, and wait until it is closed. Raises CellError."""
-        with self._deciding:
-            closing = self._recorder.stop_run()
-            self._own_run_continues()
-        return closing.result()
+        """End a recording for a person, no matter who started it, and wait until it is closed. Raises CellError."""
+        return self._recorder.stop_run().result()
 
     def state(self) -> dict[str, object] | None:
         """Return what the trigger waits for, whether it records, and why it did not; None if it has no rules."""
@@ -92,7 +80,7 @@ class Arbiter:
         return {
             "waits_for": [rule.event for rule in self._rules],
             "signal": None if math.isnan(self._trigger.signal) else self._trigger.signal,
-            "recording": self._own_run,
+            "recording": self._own_run if self._is_recorded() else None,
             "started": self._started,
             "refused": self._refused,
             "why_not": self._why_not,
@@ -106,17 +94,13 @@ class Arbiter:
                 self._stop_run(command)
 
     def _start_run(self, start: StartRun) -> None:
-        rule, current = start.rule, self._current_recording()
-        if current:
-            self._trigger.reset()
-            self._refuse(rule.title, f"{current} is being recorded by hand")
-            return
+        rule, current = start.rule, self._recorder.recording
         label = Label(name=_name(rule), test=rule.test, direction=rule.direction, operator=OPERATOR)
         try:
-            begun = self._recorder.start_run(label, start.at_ns - _BEFORE_NS)
+            begun = self._recorder.start_run(Recording(label, "robot", start.at_ns - _BEFORE_NS))
         except RigError as error:
             self._trigger.reset()
-            self._refuse(rule.title, str(error))
+            self._refuse(rule.title, f"{current.label.name} is being recorded by hand" if current else str(error))
             return
         self._starting.append((rule.title, label.name, begun))
         self._own_run, self._started_ns = label.name, start.at_ns
@@ -146,24 +130,23 @@ class Arbiter:
         else:
             self._end_run("complete" if stop.in_order else "interrupted", stop.why)
 
-    def _end_run(self, exit_status: Ending, why: str) -> None:
+    def _end_run(self, ending: Ending, why: str) -> None:
         self._own_run = None
         try:
-            self._recorder.stop_run(exit_status, why)
+            self._recorder.stop_run(ending, why, "robot")
         except RigError as error:
             log.error("%s", error)
 
-    def _current_recording(self) -> object:
-        """Return the name of the present recording, also while it begins or waits for the disk; None without one."""
-        state = self._recorder.state()
-        return state["recording"] or state["beginning"] or state["waiting"]
-
-    def _own_run_continues(self) -> bool:
-        """Return whether the trigger's run is still being recorded; a full disk or a person may have ended it."""
-        if self._own_run is not None and self._current_recording() != self._own_run:
+    def _forget_if_ended(self) -> None:
+        """Let the next event start a recording if the robot's recording is over; a person may have ended it."""
+        if self._own_run is not None and not self._is_recorded():
             self._own_run = None
             self._trigger.reset()
-        return self._own_run is not None
+
+    def _is_recorded(self) -> bool:
+        """Return whether the robot's recording goes on, also while its run begins or it waits for the disk."""
+        current = self._recorder.recording
+        return current is not None and current.label.name == self._own_run
 
 
 def _name(rule: Rule) -> str:

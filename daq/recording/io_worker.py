@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, TypeVar
 
 from daq.recording.rate_limited_log import RateLimitedLog
 from daq.store import RunWriter
@@ -19,7 +18,6 @@ from daq.store.memory import keep_large_blocks_apart
 from daq.store.writer import Work
 
 _SYNC_S = 0.5
-_Result = TypeVar("_Result")
 
 
 class IoWorker:
@@ -31,7 +29,6 @@ class IoWorker:
         self._thread = ThreadPoolExecutor(1, "disk")
         self._creator = ThreadPoolExecutor(1, "begin")
         self._under_way: tuple[Work, Future[None]] | None = None
-        self._closing: Future[Any] | None = None
         self._begun_s = self._synced_s = 0.0
         self.synced: Mapping[str, int] = {}
         """Rows of each sample stream of the run that are known to be on the disk."""
@@ -58,24 +55,18 @@ class IoWorker:
         if work is not None:
             self._begun_s, self._under_way = now, (work, self._thread.submit(work.wait))
 
-    def submit_close(self, close: Callable[[], _Result]) -> Future[_Result]:
+    def submit_close(self, close: Callable[[], None]) -> None:
         """Close the run, after the work that is under way.
 
         What that comes to matters no more: closing does all of it again that was not done, and proves it.
         """
         self._under_way, self.synced = None, {}
-        self._closing = closed = self._thread.submit(close)
-        return closed
+        self._thread.submit(close).add_done_callback(_fail)
 
     def submit_create(self, create: Callable[[], None]) -> None:
         """Create a run; closing the one before does not delay it. What it raises is an error in the program
         and ends that, as in any thread."""
         self._creator.submit(create).add_done_callback(_fail)
-
-    @property
-    def is_closing(self) -> bool:
-        """Whether a run that was ended is still being closed."""
-        return self._closing is not None and not self._closing.done()
 
     def shut_down(self) -> None:
         """Wait until all work is done."""

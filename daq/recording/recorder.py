@@ -1,10 +1,8 @@
 """The recorder: drains the buffer of every stream and, while a recording runs, writes what came to the disk.
 
-One lock guards the recording, and one thread does the periodic work; the readers never take that lock, and whoever
-holds it never waits for the disk to sync: other threads do (`daq.recording.io_worker`), also to begin a run and to
-bring one back.
-A disk that is nearly full or fails ends the run, but neither the daemon nor the recording: what was synced
-stays, what comes meanwhile is counted, and another run that names the previous one follows when the disk allows it.
+What is to be done is decided by `daq.recording.machine`; here it is done. One lock guards state and runs, and one
+thread does the periodic work; the readers never take that lock, and its holder never waits for the disk to sync:
+other threads do (`daq.recording.io_worker`), also to begin a run and to bring one back.
 """
 
 from __future__ import annotations
@@ -17,26 +15,27 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 from daq.acquisition.host_clock import HOST, HostClockMonitor, read_clocks
 from daq.acquisition.pretrigger import PretriggerBuffer
+from daq.acquisition.stall_watch import StallWatch
 from daq.acquisition.stream_buffer import StreamBuffer, faults_of, samples_of
-from daq.protocol.conversation import Fault, FaultKind, Item
-from daq.recording.active_run import ActiveRun
+from daq.protocol.conversation import Fault, Item
+from daq.recording import machine
+from daq.recording.active_run import ActiveRun, EndedRun, Gap
 from daq.recording.io_worker import IoWorker
 from daq.recording.label import Label
-from daq.recording.pending_run import EndedRun, PendingRun, forward_result, require_readings
+from daq.recording.machine import Close, Create, GiveUp, Recording, Reject, Running, State, Suspend, Waiting
 from daq.recording.rate_limited_log import RateLimitedLog
-from daq.recording.suspended import SuspendedRecording
+from daq.recording.readings import require_readings
 from daq.store import NearlyFull, RunWriter
-from daq.store.manifest import Ending
+from daq.store.records import Ending
 from daq.store.startup_recovery import recover_and_log
 from rigs.errors import CellError, RigError
 
 log = logging.getLogger("rigd")
 _ROUND_S = 0.25
-_MOST_STOPPED_EARLY = 2
-"""The most runs that may be stopped before they exist on the disk: what each of them keeps is in memory."""
 _LEAST_PAUSE_S = 0.1
 """The shortest pause: others wait for the lock to start or stop a recording on a slow disk."""
 
@@ -61,25 +60,27 @@ class Recorder(threading.Thread):
         self._pretrigger = PretriggerBuffer(buffers)
         self._lock = threading.Lock()
         self._stop_asked = threading.Event()
-        self._active: ActiveRun | None = None
-        self._suspended: SuspendedRecording | None = None
-        self._pending: PendingRun | None = None
-        self._stopped_early: list[PendingRun] = []
-        """Runs that were stopped before they existed on the disk."""
+        self._state = State()
+        self._runs: dict[int, ActiveRun] = {}
+        """Every run that is not closed yet, by its number in the state."""
+        self._gap: Gap | None = None
+        """What is missed while a recording waits for the disk."""
         self._warnings = RateLimitedLog()
         self._io = IoWorker(self._warnings)
-        self._host_clock = HostClockMonitor(read_clocks())
+        self._host_clock, self._stalls = HostClockMonitor(read_clocks()), StallWatch()
         self.host_faults: Counter[str] = Counter()
         """Faults of the computer itself, by kind, since the daemon started."""
         self.last_end = ""
 
     def run(self) -> None:
         """Do a round every quarter of a second, later only if one takes longer: the body of the thread."""
+        self._stalls.start()
         pause_s = _ROUND_S
         while not self._stop_asked.wait(pause_s):
             begun = time.monotonic()
             self._round()
             pause_s = max(_LEAST_PAUSE_S, _ROUND_S - (time.monotonic() - begun))
+        self._stalls.stop()
         self._round()
 
     def _round(self) -> None:
@@ -89,44 +90,34 @@ class Recorder(threading.Thread):
             try:
                 self._drain_buffers(sync=True)
             except NearlyFull as error:
-                self._suspend("interrupted", error.what)
+                self._apply(machine.Failed("interrupted", error.what, time.monotonic()))
             except CellError as error:
-                self._suspend("failed", str(error))
-            if self._active is not None and self._active.writer.is_long:
-                self._suspend("complete", "long enough: another run follows")
-            self._resume()
+                self._apply(machine.Failed("failed", str(error), time.monotonic()))
+            for number in [number for number, run in self._runs.items() if run.ended.done()]:
+                del self._runs[number]
+                self._apply(machine.Closed(number))
+            self._apply(machine.Tick(time.monotonic()))
             self._warnings.warn_slow("write", time.monotonic() - begun)
         self._after_round()
 
-    def require_readings(self, label: Label) -> None:
-        """Raise CellError if a recording of this label could not start because a gauge is silent."""
-        require_readings(self._buffers, label.test)
-
-    def start_run(self, label: Label, since_ns: int | None = None) -> Future[Path]:
-        """Begin a recording, with the readings since `since_ns` that are still in memory.
+    def start_run(self, recording: Recording) -> Future[Path]:
+        """Begin a recording.
 
         The future has its directory as soon as it exists, and raises CellError if the disk refuses.
-        Raises CellError if a recording runs already or a gauge is silent.
+        Raises CellError if it cannot begin now, or if a gauge is silent.
         """
         with self._lock:
-            runs = self._active or self._pending
-            if runs is not None and not (isinstance(runs, PendingRun) and runs.is_after_failure):
-                raise CellError(f"recording {runs.label.name}", "already running", "stop it: rig record stop")
-            if len(self._stopped_early) >= _MOST_STOPPED_EARLY:
-                what = f"is still creating the last {_MOST_STOPPED_EARLY} runs, which were stopped early"
-                raise CellError("disk", what, "try again in some seconds; if it stays so, run rig doctor")
-            self.require_readings(label)
+            self._check(machine.Start(recording))
+            require_readings(self._buffers, recording.label.test)
             self._drain_buffers(sync=False)
-            if self._pending is not None:
-                self._stop_early(self._pending, "interrupted", f"{label.name} was started")
-            self._abandon()
-            kept = {name: [] if since_ns is None else self._pretrigger.since(name, since_ns) for name in self._buffers}
-            pending = PendingRun(label, None, kept)
-            pending.since_ns = since_ns or pending.since_ns
-            return self._request_run(pending)
+            self._apply(machine.Start(recording))
+            return self._runs[self._state.next - 1].begun
 
     def stop_run(
-        self, exit_status: Ending = "complete", reason: str = "stopped by rig record stop"
+        self,
+        ending: Ending = "complete",
+        why: str = "stopped by rig record stop",
+        by: Literal["person", "robot"] = "person",
     ) -> Future[EndedRun]:
         """End the recording; the future has the run when it is closed, and raises CellError if it cannot be closed.
 
@@ -134,173 +125,178 @@ class Recorder(threading.Thread):
         """
         with self._lock:
             self._drain_buffers(sync=False)
-            if self._pending is not None:
-                return self._stop_early(self._pending, exit_status, reason)
-            if self._active is None:
-                why = f" (the last one: {self.last_end}{self._abandon()})" if self.last_end else ""
-                raise CellError("rigd", f"nothing is being recorded{why}", "start it: rig record start NAME …")
-            return self._close(self._active, exit_status, reason)
+            number = self._state.run or 0
+            self._apply(machine.Stop(ending, why, by))
+            return self._runs[number].ended
 
-    def shut_down(self, exit_status: Ending, why: str) -> Path | None:
+    def shut_down(self, ending: Ending, why: str) -> Path | None:
         """End the thread and the recording; return the directory of a recording that was cut short."""
         self._stop_asked.set()
         self.join()
-        with self._lock:
-            runs = self._active is not None or self._pending is not None
-            if not runs:
-                self._abandon()
+        in_a_run = self._state.run is not None
         try:
-            return self.stop_run(exit_status, why).result().path if runs else None
+            return self.stop_run(ending, why).result().path
         except RigError as error:
-            log.error("%s", error)
+            if in_a_run:
+                log.error("%s", error)
             return None
         finally:
             self._io.shut_down()
 
+    @property
+    def recording(self) -> Recording | None:
+        """What is being recorded, also while its run begins or it waits for the disk."""
+        return self._state.recording
+
     def state(self) -> dict[str, object]:
         """Return what is being recorded and since when, or how the last recording ended."""
-        pending, suspended = self._pending, self._suspended  # first: what has begun since is then seen as recording
-        active = self._active
-        if active is None:
-            waits = suspended if suspended is not None and not suspended.at_once else None
+        state, run = self._state, self._current
+        if run is None or run.writer is None or not isinstance(state.phase, Running):
+            gap = run.gap if run else self._gap
             return {
                 "recording": None,
-                "beginning": pending.label.name if pending else None,
-                "closing": self._io.is_closing or bool(self._stopped_early),
+                "beginning": run.label.name if run else None,
+                "closing": any(other is not run and not other.ended.done() for other in list(self._runs.values())),
                 "last_end": self.last_end,
-                "waiting": waits.label.name if waits else None,
-                "missed": dict(waits.missed) if waits else {},
+                "waiting": state.recording.label.name if gap and state.recording else None,
+                "missed": dict(gap.missed) if gap else {},
             }
         return {
-            "recording": active.label.name,
-            "test": active.label.test,
-            "direction": active.label.direction,
-            "run": str(active.writer.path),
-            "seconds": round((time.monotonic_ns() - active.since_ns) / 1e9, 1),
-            "samples": {name: active.counters[name]["samples"] for name in self._buffers},
+            "recording": run.label.name,
+            "test": run.label.test,
+            "direction": run.label.direction,
+            "run": str(run.writer.path),
+            "seconds": round((time.monotonic_ns() - run.since_ns) / 1e9, 1),
+            "samples": {name: run.counters[name]["samples"] for name in self._buffers},
             "synced": {name: self._io.synced.get(name, 0) for name in self._buffers},
         }
 
-    def _request_run(self, pending: PendingRun) -> Future[Path]:
-        self._pending = pending
-        self._io.submit_create(partial(self._create_run, pending))
-        return pending.begun
+    @property
+    def _current(self) -> ActiveRun | None:
+        """The run that takes what comes."""
+        return self._runs.get(self._state.run or 0)
 
-    def _create_run(self, pending: PendingRun) -> None:
+    def _check(self, event: machine.Event) -> None:
+        """Raise CellError for an event that the machine rejects."""
+        for action in machine.step(self._state, event)[1]:
+            if isinstance(action, Reject):
+                self._reject(action)
+
+    def _apply(self, event: machine.Event) -> None:
+        """Go to the state that an event leads to, and do what is to be done. Raises CellError if it is rejected."""
+        self._state, actions = machine.step(self._state, event)
+        for action in actions:
+            match action:
+                case Create(number, recording, resumes):
+                    self._request_run(number, recording, resumes=resumes)
+                case Close(number, ending, why):
+                    self.last_end = f"{ending}: {why}"
+                    self._io.submit_close(partial(self._close_run, self._runs[number], ending, why))
+                case Suspend(number, why):
+                    self._suspend(self._runs[number], why)
+                case GiveUp():
+                    self._give_up(self._gap)
+                    self._gap = None
+                case Reject():
+                    self._reject(action)
+
+    def _reject(self, rejected: Reject) -> None:
+        recording = self._state.recording
+        if rejected.why == "running" and recording:
+            raise CellError(f"recording {recording.label.name}", "already running", "stop it: rig record stop")
+        if rejected.why == "making":
+            what = f"is still creating the last {machine.MOST_LEAVING} runs, which were stopped early"
+            raise CellError("disk", what, "try again in some seconds; if it stays so, run rig doctor")
+        why = f" (the last one: {self.last_end})" if self.last_end else ""
+        raise CellError("rigd", f"nothing is being recorded{why}", "start it: rig record start NAME …")
+
+    def _request_run(self, number: int, recording: Recording, *, resumes: bool) -> None:
+        columns = {name: buffer.columns for name, buffer in self._buffers.items()}
+        kept, since_ns = {}, None if resumes else recording.since_ns
+        if since_ns is not None:
+            kept = {name: self._pretrigger.since(name, since_ns) for name in self._buffers}
+        run = self._runs[number] = ActiveRun(recording.label, columns, kept, since_ns or time.monotonic_ns())
+        if resumes:
+            run.gap, self._gap = self._gap, None
+        self._io.submit_create(partial(self._create_run, number, run))
+
+    def _create_run(self, number: int, run: ActiveRun) -> None:
         """Create the run and begin to use it; called in a thread of the disk's."""
         try:
-            lost_samples = self._not_recorded(pending.resumes) if pending.resumes else {}
-            writer = self._create(pending.label, pending.follows)
+            dropped = self._not_recorded(run.gap) if run.gap else {}
+            writer = self._create(run.label, run.gap.previous.name if run.gap else "")
         except Exception as error:  # noqa: BLE001 - whoever waits for the run is told
             with self._lock:
-                self._refuse(pending, error)
+                self._refused(number, run, error)
             return
         with self._lock:
             try:
-                self._created(pending, writer, lost_samples)
+                self._created(number, run, writer, dropped)
             except Exception as error:
-                self._forget(pending)
-                pending.fail(error)
+                self._refused(number, run, error)
                 raise
 
-    def _refuse(self, pending: PendingRun, error: Exception) -> None:
-        self._forget(pending)
-        pending.reject(error)
-        if not isinstance(error, RigError):
-            log.error("recording %s: not started because of an internal error", pending.label.name, exc_info=error)
-        if pending.stop is not None:
-            _abandoned(pending.resumes)
-        elif pending.resumes is not None and isinstance(error, RigError):
-            self._warnings.warn("recording", "waits", f"{error} (samples missed: {pending.resumes.missed_text()})")
-
-    def _forget(self, pending: PendingRun) -> None:
-        if pending.stop is None:
-            self._pending = None
-        elif pending in self._stopped_early:
-            self._stopped_early.remove(pending)
-
-    def _created(self, pending: PendingRun, writer: RunWriter, lost_samples: Mapping[str, int]) -> None:
-        label = pending.label
-        columns = {name: buffer.columns for name, buffer in self._buffers.items()}
-        active = ActiveRun(label, writer, pending.since_ns, columns)
-        after = f", after {pending.follows}" if pending.follows else ""
+    def _created(self, number: int, run: ActiveRun, writer: RunWriter, dropped: Mapping[str, Fault]) -> None:
+        label = run.label
+        after = f", after {run.gap.previous.name}" if run.gap else ""
         what = f"{label.test} {label.direction}" if label.direction else label.test
         log.info("recording %s (%s) to %s%s", label.name, what, writer.path, after)
-        for name, items in pending.kept.items():
-            self._report(name, active.put(name, items))
-        active.put_clock(pending.clock)
-        for name, count in lost_samples.items():
-            why = f": {pending.resumes.why}" if pending.resumes else ""
-            detail = f"{count} samples not recorded after {pending.follows}{why}"
-            dropped = [Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, count)]
-            active.put(name, dropped)
-            self._report(name, dropped)
-        if pending.stop is None:
-            self._active, self._suspended = active, None
-        else:
-            forward_result(self._close(active, *pending.stop), pending.ended)
-        self._forget(pending)  # only now: `state` sees no moment with neither
-        pending.begun.set_result(writer.path)
+        for name, faults in run.begin(writer, dropped).items():
+            self._report(name, faults)
+        self._apply(machine.Created(number))  # first, so that `state` sees no moment with neither
+        run.begun.set_result(writer.path)
 
-    def _stop_early(self, pending: PendingRun, exit_status: Ending, reason: str) -> Future[EndedRun]:
-        """Let the pending run end as soon as it exists: what comes from now on does not belong to it."""
-        self._pending = self._suspended = None
-        self._stopped_early.append(pending)
-        self.last_end = f"{exit_status}: {reason}"
-        return pending.end(exit_status, reason)
+    def _refused(self, number: int, run: ActiveRun, error: Exception) -> None:
+        run.refuse(error)
+        self._apply(machine.Refused(number, time.monotonic()))
+        if not isinstance(error, RigError):
+            log.error("recording %s: not started because of an internal error", run.label.name, exc_info=error)
+        if run.gap and isinstance(self._state.phase, Waiting):
+            self._gap = run.gap
+            self._warnings.warn("recording", "waits", f"{error} (samples missed: {run.gap.missed_text()})")
+        elif run.gap:
+            self._give_up(run.gap)
 
     def _drain_buffers(self, *, sync: bool) -> None:
         """Drain every buffer into the run, if there is one; at its end also those of streams that are behind."""
+        run = self._current
         for name, buffer in self._buffers.items():
-            to = self._pending or (self._active.writer if self._active is not None else None)
-            if sync and to is not None and to.is_behind(name):
+            if sync and run is not None and run.is_behind(name):
                 continue  # a buffer is bounded, and counts what finds no room
             items = buffer.drain()
             self._warn(name, faults_of(items))
             self._on_items(name, items)
             self._pretrigger.add(name, items)
-            if self._pending is not None:
-                self._pending.keep(name, items)
-            elif self._suspended is not None:
-                self._suspended.missed[name] += len(samples_of(items))
-            if self._active is not None:
-                self._report(name, self._active.put(name, items))
-        self._check_clocks()
-        if sync and self._active is not None:
-            self._active.writer.write()
-            self._io.advance(self._active.writer)
+            if run is not None:
+                self._report(name, run.put(name, items))
+            elif self._gap is not None:
+                self._gap.missed[name] += len(samples_of(items))
+        self._check_host(run)
+        if sync and run is not None and run.writer is not None:
+            run.writer.write()
+            self._io.advance(run.writer)
 
-    def _suspend(self, exit_status: Ending, why: str) -> None:
-        """End the run but not the recording; what was taken and is not stored counts as missed."""
-        active = self._active
-        if active is None:
-            return
-        path, at_once = active.writer.path, exit_status == "complete"
-        closing = self._close(active, exit_status, why)
-        self._suspended = SuspendedRecording(active.label, path, why, closing, active.taken, at_once=at_once)
-        if not at_once:
-            log.error("%s: run ended, %s: %s; another run follows when the disk allows it", path, exit_status, why)
+    def _suspend(self, run: ActiveRun, why: str) -> None:
+        """Count what comes from now on as missed, and later what was taken and is not stored."""
+        if run.writer is not None:
+            self._gap = Gap(run.writer.path, run.writer.device, why, run.taken)
+            told = "%s: run ended, %s; another run follows when the disk allows it"
+            log.error(told, run.writer.path, self.last_end)
 
-    def _resume(self) -> None:
-        """Continue a suspended recording in another run, if it is due."""
-        if self._suspended is not None and self._pending is None and self._suspended.is_due():
-            self._request_run(PendingRun(self._suspended.label, self._suspended, {name: [] for name in self._buffers}))
+    def _give_up(self, gap: Gap | None) -> None:
+        if gap:
+            told = f"the recording was waiting for the disk and is given up, samples missed: {gap.missed_text()}"
+            log.warning("%s: %s", gap.previous, told)
+            self.last_end += f"; {told}"
 
-    def _not_recorded(self, suspended: SuspendedRecording) -> Mapping[str, int]:
-        """Return what is in no run, after recovering the previous one. Raises CellError if that is gone."""
-        suspended.require_previous_run()
-        if suspended.at_once:
-            return {}
+    def _not_recorded(self, gap: Gap) -> Mapping[str, Fault]:
+        """Return what is in no run, after recovering the previous one. Raises CellError if its disk is away."""
+        gap.require_disk()
         try:
-            recover_and_log(suspended.previous)
+            recover_and_log(gap.previous)
         except RigError as error:
             self._warnings.warn("recording", "former", str(error))
-        return suspended.lost_samples()
-
-    def _abandon(self) -> str:
-        """Stop waiting for the disk; return what that means in words, empty if nothing was waiting."""
-        suspended, self._suspended = self._suspended, None
-        return _abandoned(suspended)
+        return gap.dropped()
 
     def _warn(self, name: str, faults: Sequence[Fault]) -> None:
         for fault in faults:
@@ -311,43 +307,28 @@ class Recorder(threading.Thread):
         self._warn(name, faults)
         self._buffers[name].count(faults)
 
-    def _check_clocks(self) -> None:
-        """Report that the wall clock was set or the computer slept, and record the time since then."""
-        faults = self._host_clock.check(read_clocks())
+    def _check_host(self, run: ActiveRun | None) -> None:
+        """Report that the wall clock was set, that the computer slept, or that rigd stood still."""
+        faults = self._host_clock.check(read_clocks()) + self._stalls.take()
         self._warn(HOST, faults)
-        self.host_faults[FaultKind.CLOCK] += len(faults)
-        if self._pending is not None:
-            self._pending.clock += faults
-        elif self._active is not None:
-            self._active.put_clock(faults)
+        self.host_faults.update(fault.kind for fault in faults)
+        if run is not None:
+            run.put_host(faults)
 
-    def _close(self, active: ActiveRun, exit_status: Ending, reason: str) -> Future[EndedRun]:
-        """Hand the run to the disk's thread, which closes it."""
-        self._active = None
-        self.last_end = f"{exit_status}: {reason}"
-        return self._io.submit_close(partial(self._close_run, active, exit_status, reason))
-
-    def _close_run(self, active: ActiveRun, exit_status: Ending, reason: str) -> EndedRun:
-        """Close the run; called in the disk's thread. Raises CellError if the end cannot be written."""
-        path, counters = active.writer.path, active.counters
+    def _close_run(self, run: ActiveRun, ending: Ending, why: str) -> None:
+        """Close the run; called in the disk's thread. Those who wait for its end receive the error if it cannot be
+        written."""
+        path = run.begun.result()
         try:
-            active.writer.close(exit_status, reason, counters)
+            run.close(ending, why)
         except CellError as error:
             self.last_end = f"failed: {error}"
             log.error("recording ended, %s", self.last_end)
-            raise CellError(str(path), self.last_end, f"make room, then: rig recover {path}") from error
-        except Exception:  # nobody may ask what became of the run, as of one that the robot ended
+            run.ended.set_exception(CellError(str(path), self.last_end, f"make room, then: rig recover {path}"))
+        except Exception as error:
             self.last_end = "failed: not closed because of an internal error"
             log.exception("%s: not closed because of an internal error; run: rig recover %s", path, path)
-            raise
-        log.info("recording ended, %s", self.last_end)
-        return EndedRun(path, {name: dict(counter) for name, counter in counters.items()})
-
-
-def _abandoned(suspended: SuspendedRecording | None) -> str:
-    """Return what it means that a recording is given up, in words; empty if nothing was suspended."""
-    if suspended is None:
-        return ""
-    told = f"; it was waiting for the disk and is given up, samples missed: {suspended.missed_text()}"
-    log.warning("recording %s: ended%s", suspended.label.name, told)
-    return told
+            run.ended.set_exception(error)
+        else:
+            log.info("recording ended, %s: %s", ending, why)
+            run.ended.set_result(EndedRun(path, {name: dict(counter) for name, counter in run.counters.items()}))

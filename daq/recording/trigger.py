@@ -3,8 +3,8 @@
 It owns no clock, recorder or thread, so an hour of a cell is tested in milliseconds. It knows the rules of a rig file,
 the robot's six angles and its signal, and nothing of arms.
 
-A signal starts a recording by changing to a rule's value: one that is on when it is first received began at a time
-that nobody knows. It must stay for 0.1 s, since outputs that together make a number do not switch together. A motion
+A signal starts a recording by changing to a rule's value: one that is on when it is first received began at an
+unknown time. It must stay for 0.1 s, since outputs that together make a number do not switch together. A motion
 starts one by leaving a posture in which the robot stood, towards another. Either ends the run before it: a run for each
 program that is driven.
 A run ends when the robot stands still once the signal is over; where it drives on, soon after. The readings that lie
@@ -91,7 +91,8 @@ class Trigger:
         return self._stop(StopRun(now_ns, f"the robot was not heard for {_SILENT_NS // _S} s", in_order=False))
 
     def reset(self) -> None:
-        """Forget the run that was asked for, since it was refused or ended otherwise; the next event starts anew."""
+        """Forget the run that was asked for, since it was refused or ended otherwise; the next event starts another
+        recording."""
         self._running = None
 
     def _started(self, joints: Sequence[float], at_ns: int, changed_ns: int | None) -> StartRun | None:

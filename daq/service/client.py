@@ -1,53 +1,123 @@
-"""The client of a running daemon's control socket, as `rig record`, `rig status` and `rig live` use it."""
+"""The client of a running daemon's control socket, as `rig record`, `rig status` and `rig live` use it.
+
+What answers need not be rigd: whose socket it is, is looked at before a word is sent, and an answer has a longest size,
+a latest time and a shape.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import json
 import socket
+import struct
+import time
 from pathlib import Path
 from typing import Any
 
-from daq.service.control import ANSWERS_S, connect, socket_directory
+from daq.service.answers import read_answer
+from daq.service.control import LONGEST_ANSWER, socket_directory
+from daq.service.trust import hold_trusted, peer_user
 from rigs.errors import CellError, RigError
 
+ANSWERS_S = 30.0
+"""A client waits this long for an answer: as long as a recording may take to close (TimeoutStopSec of the unit)."""
+_CONNECT_S = 3.0
+"""The limit for a connection while others are waiting for theirs as well."""
+_TIMEVAL = struct.Struct("ll")
 _KNOCK_S = 1.0
+_RESTART = "see its log, then start it again: rigd RIG"
 
 
 class Client:
     """A connection to one daemon; use it in a `with` statement."""
 
     def __init__(self, path: Path) -> None:
+        """Connect. Raises CellError where no daemon answers, or one that this user has no reason to trust."""
         self._path = path
-        self._sock = connect(path)
-        self._file = self._sock.makefile("rwb")
+        self._sock = _connect(path)
+        self._unread = b""
 
     def __enter__(self) -> Client:
         return self
 
     def __exit__(self, *_: object) -> None:
-        with contextlib.suppress(OSError):
-            self._file.close()  # sends what is left, where the daemon is gone
         self._sock.close()
 
     def ask(self, command: str, **fields: Any) -> dict[str, Any]:
         """Return the daemon's answer. Raises the daemon's own RigError, or CellError if the daemon is gone."""
+        until_s = time.monotonic() + ANSWERS_S
         try:
-            self._file.write(json.dumps({"command": command, **fields}).encode() + b"\n")
-            self._file.flush()
-            answer = json.loads(self._file.readline() or b"null")
+            self._sock.settimeout(ANSWERS_S)
+            # What rigd has said before it closed the connection can still be read.
+            with contextlib.suppress(BrokenPipeError):
+                self._sock.sendall(json.dumps({"command": command, **fields}).encode() + b"\n")
+            line = self._line(until_s)
         except TimeoutError:
             what = f"rigd has not answered for {ANSWERS_S:.0f} s"
             raise CellError(str(self._path), what, "its disk may be slow: see rig status, and its log") from None
-        except (OSError, ValueError):
-            answer = None
-        if not isinstance(answer, dict):
-            raise CellError(str(self._path), "rigd closed the connection", "see its log, then start it again: rigd RIG")
+        except OSError:
+            line = b""
+        if not line:
+            raise CellError(str(self._path), "rigd closed the connection", _RESTART)
+        try:
+            answer = read_answer(command, line)
+        except ValueError as error:
+            what = f"what answers here does not answer as rigd does: {error}"
+            raise CellError(str(self._path), what, "start the rigd of this version again: rigd RIG") from None
         if not answer.pop("ok"):
-            error = RigError(answer["where"], answer["what"], answer["remedy"])
-            error.exit_code = answer["exit_code"]
-            raise error
+            refusal = RigError(answer["where"], answer["what"], answer["remedy"])
+            refusal.exit_code = answer["exit_code"]
+            raise refusal
         return answer
+
+    def _line(self, until_s: float) -> bytes:
+        """Return the next line without its end, an empty one if the daemon has gone. Raises OSError."""
+        while b"\n" not in self._unread:
+            if len(self._unread) > LONGEST_ANSWER:
+                what = f"what answers here sends more than {LONGEST_ANSWER} bytes in a line, which rigd never does"
+                raise CellError(str(self._path), what, _RESTART)
+            self._sock.settimeout(max(0.001, until_s - time.monotonic()))
+            received = self._sock.recv(65536)
+            if not received:
+                return b""
+            self._unread += received
+            if time.monotonic() > until_s:
+                raise TimeoutError
+        line, _, self._unread = self._unread.partition(b"\n")
+        return line
+
+
+def _connect(path: Path) -> socket.socket:
+    """Connect to a daemon's socket. Raises CellError."""
+    try:
+        owners = hold_trusted(path)
+    except PermissionError:
+        raise _forbidden(path) from None
+    except OSError:
+        raise CellError(str(path), "no rigd answers here", "start it: rigd RIG") from None
+    sock = socket.socket(socket.AF_UNIX)
+    try:
+        # A connect that waits in the system's queue gets its turn; one that tries again and again may never.
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_SNDTIMEO, _TIMEVAL.pack(*divmod(int(_CONNECT_S * 1e6), 10**6)))
+        sock.connect(str(path))
+        if (user := peer_user(sock)) not in owners:
+            what = f"a program of another user (number {user}) answers here"
+            raise CellError(str(path), what, "stop it, then start rigd again: rigd RIG")
+    except BaseException as error:
+        sock.close()
+        if isinstance(error, BlockingIOError):
+            what = "rigd does not answer: other clients are waiting already"
+            raise CellError(str(path), what, _RESTART) from None
+        if isinstance(error, PermissionError):
+            raise _forbidden(path) from None
+        if isinstance(error, OSError):
+            raise CellError(str(path), "no rigd answers here", "start it: rigd RIG") from None
+        raise
+    return sock
+
+
+def _forbidden(path: Path) -> CellError:
+    return CellError(str(path), "permission denied", "join the group of rigd, or use sudo")
 
 
 def find_socket(rig: str | None = None) -> Path:

@@ -1,33 +1,57 @@
 """The local control socket: one line of JSON asks, one line answers. Nothing listens on the network.
 
-The socket belongs to the daemon's user and group only. An error crosses it as its parts, so that the
-client raises what the daemon raised.
+The socket belongs to the daemon's user and group only. An error crosses it as its parts, so that the client raises what
+the daemon raised. No client can exhaust it, and through it the recorder, since everything it holds is bounded:
+connections in all and of one user, the size of a request and of an answer, and the time that either may take. A new
+connection takes the place of the one that has been silent longest, so that silent ones lock no client out.
+docs/decisions/0018-one-gate-for-text.md says why, and where the numbers come from.
 """
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
+import errno
 import json
 import logging
 import os
+import resource
+import select
 import socket
-import socketserver
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from daq.recording.rate_limited_log import RateLimitedLog
+from daq.service.trust import peer_user
 from rigs.errors import CellError, RigError
 
 log = logging.getLogger("rigd")
 Answer = Callable[[dict[str, Any]], dict[str, Any]]
-_LONGEST_REQUEST = 65536
-ANSWERS_S = 30.0
-"""A client waits this long for an answer."""
+LONGEST_REQUEST = 65536
+"""Bytes of a line; a label with every field full has 2 kB."""
+LONGEST_ANSWER = 1 << 20
+"""Bytes of a line; the status of a cell with three streams has 3 kB."""
 _LAST_ANSWERS_S = 15.0
 """The limit for answers that are under way when the daemon ends: a long recording takes seconds to close."""
+_MOST, _MOST_OF_A_USER = 64, 16
+"""Connections. A person has a few: rig live, and one for each command while it runs."""
+_RESERVED = 256
+"""Descriptors that stay for ports and files of runs; a cell of three streams has 25 open while it records."""
+_IDLE_S = 30.0
+"""A connection that asks nothing for so long is closed; rig live asks ten times a second."""
+_LINE_S = 5.0
+"""From a request's first byte to its end, and for an answer to be taken; on a local socket it takes microseconds."""
+_ACCEPT_S, _ASK_S = 0.001, 0.02
+"""Pauses after a connection and after an answer, so that a flood of either leaves the readers their time."""
+_BACK_OFF_S = (0.05, 1.0)
+"""First and longest pause after the system gave no connection."""
+_ROOM_S = 0.5
+"""The limit for a silent connection to end after it was shut down."""
+_NO_ROOM = (errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM)
 
 
 def socket_directory() -> Path:
@@ -39,144 +63,217 @@ def socket_directory() -> Path:
     return Path(f"/tmp/rigd-{os.getuid()}")  # noqa: S108 - made with mode 0700, and refused if another's
 
 
-class InstanceLock:
-    """Ensures one daemon for each rig, by an flock that the system releases whatever happens to the daemon."""
+def most_connections() -> int:
+    """Return how many connections may be open, so that the recorder never lacks a descriptor for them."""
+    limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+    return max(1, min(_MOST, limit - _RESERVED)) if limit != resource.RLIM_INFINITY else _MOST
 
-    def __init__(self, rig: str, path: Path) -> None:
-        try:
-            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            if path.parent.stat().st_uid not in (os.getuid(), 0):
-                raise CellError(str(path.parent), "belongs to another user", "set XDG_RUNTIME_DIR")
-            self._file = path.open("a+")
-        except OSError as error:
-            raise CellError(str(path), error.strerror or str(error), "give another --socket") from None
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            self._file.seek(0)
-            holder = self._file.read().strip() or "unknown"
-            self._file.close()
-            raise CellError(
-                rig,
-                f"another rigd (process {holder}) serves this rig",
-                "stop that one, or talk to it with rig status",
-            ) from None
-        with contextlib.suppress(OSError):  # for people only: a full disk does not prevent a start
-            os.ftruncate(self._file.fileno(), 0)
-            os.write(self._file.fileno(), str(os.getpid()).encode())
 
-    def release(self) -> None:
-        """Release the lock, so that another daemon can start."""
-        self._file.close()
+@dataclass(eq=False)
+class _Connection:
+    """A client. silent_since_s: monotonic time of its last answer; busy: it waits for one; ended: by the server."""
+
+    sock: socket.socket
+    user: int
+    silent_since_s: float = field(default_factory=time.monotonic)
+    busy: bool = False
+    ended: bool = False
+
+    def hang_up(self, how: int = socket.SHUT_RDWR) -> None:
+        with contextlib.suppress(OSError):
+            self.sock.shutdown(how)
 
 
 class ControlServer:
-    """Serves the socket in threads of its own until it is closed."""
+    """Serves the socket in threads of its own, one for each connection, until it is closed."""
 
     def __init__(self, path: Path, answer: Answer) -> None:
-        self._path = path
-        _clear(path)
-
-        class Handler(socketserver.StreamRequestHandler):
-            def handle(self) -> None:
-                with contextlib.suppress(OSError):
-                    while line := self.rfile.readline(_LONGEST_REQUEST):
-                        self.wfile.write(json.dumps(reply(line, answer)).encode() + b"\n")
-
-        before = os.umask(0o117)
-        try:
-            self._server = _Server(str(path), Handler)
-        except OSError as error:
-            raise CellError(str(path), error.strerror or str(error), "give another --socket") from None
-        finally:
-            os.umask(before)
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.1,), name="control", daemon=True)
+        self._path, self._answer = path, answer
+        self._most = most_connections()
+        self._open: set[_Connection] = set()
+        self._changed = threading.Condition()
+        self._closing = threading.Event()
+        self._warnings = RateLimitedLog()
+        self._listener = _listen(path)
+        self._thread = threading.Thread(target=self._accept_all, name="control", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         """Accept no more requests, finish the answers that are under way, and remove the socket."""
-        self._server.shutdown()
-        self._server.server_close()
+        self._closing.set()
+        with contextlib.suppress(OSError):
+            self._listener.shutdown(socket.SHUT_RDWR)  # ends the wait for the next
+        self._thread.join(_LAST_ANSWERS_S)
+        self._listener.close()
         with contextlib.suppress(FileNotFoundError):
             self._path.unlink()
-        self._server.hang_up(_LAST_ANSWERS_S)
+        with self._changed:
+            for connection in self._open:
+                connection.hang_up(socket.SHUT_RD)
+            self._changed.wait_for(lambda: not self._open, _LAST_ANSWERS_S)
+
+    def _accept_all(self) -> None:
+        pause_s = _BACK_OFF_S[0]
+        waiting = select.poll()
+        waiting.register(self._listener, select.POLLIN)
+        while not self._closing.is_set():
+            waiting.poll()  # accept itself takes a descriptor before it waits, and fails at once where there is none
+            try:
+                sock, _ = self._listener.accept()
+            except OSError as error:
+                if self._closing.is_set():
+                    return
+                self._warn(f"no connection can be accepted: {error.strerror or error}")
+                if error.errno in _NO_ROOM:
+                    with self._changed:
+                        self._make_room(self._open)
+                self._closing.wait(pause_s)
+                pause_s = min(2 * pause_s, _BACK_OFF_S[1])
+            else:
+                self._admit(_Connection(sock, peer_user(sock)))
+                pause_s = _BACK_OFF_S[0]
+                self._closing.wait(_ACCEPT_S)
+
+    def _warn(self, what: str) -> None:
+        self._warnings.warn("control socket", "limit", what)
+
+    def _admit(self, new: _Connection) -> None:
+        """Serve a connection, in the place of another where there are too many; refuse it where all are busy."""
+        with self._changed:
+            mine = {connection for connection in self._open if connection.user == new.user}
+            limited = None if len(mine) < _MOST_OF_A_USER else mine
+            if limited is None and len(self._open) >= self._most:
+                (user, _), *_ = Counter(connection.user for connection in self._open).most_common(1)
+                limited = {connection for connection in self._open if connection.user == user}
+            if limited is not None and not self._make_room(limited):
+                _refuse(new)
+                return
+            self._open.add(new)
+        try:
+            threading.Thread(target=self._serve, args=(new,), name="control connection", daemon=True).start()
+        except RuntimeError as error:  # the system gives no more threads
+            self._warn(f"a connection cannot be served: {error}")
+            self._forget(new)
+
+    def _make_room(self, among: set[_Connection]) -> bool:
+        """End the connection that has been silent longest; return whether there is one, and it has gone."""
+        silent = [connection for connection in among if not connection.busy]
+        if not silent:
+            return False
+        oldest = min(silent, key=lambda connection: connection.silent_since_s)
+        oldest.ended = True
+        oldest.hang_up()
+        return self._changed.wait_for(lambda: oldest not in self._open, _ROOM_S)
+
+    def _serve(self, connection: _Connection) -> None:
+        try:
+            with contextlib.suppress(OSError):  # gone, or too slow
+                unread = b""
+                while not self._closing.is_set():
+                    line, unread = _next_line(connection.sock, unread)
+                    if not line:
+                        return
+                    self._reply(connection, line)
+        except Exception:
+            log.exception("a request could not be answered")
+        finally:
+            self._forget(connection)
+
+    def _reply(self, connection: _Connection, line: bytes) -> None:
+        with self._changed:
+            if connection.ended:  # nothing is done for who will not hear of it
+                return
+            connection.busy = True
+        answered = _encoded(reply(line, self._answer))
+        connection.sock.settimeout(_LINE_S)
+        connection.sock.sendall(answered)
+        connection.busy, connection.silent_since_s = False, time.monotonic()
+        self._closing.wait(_ASK_S)
+
+    def _forget(self, connection: _Connection) -> None:
+        with self._changed:
+            connection.sock.close()
+            self._open.discard(connection)
+            self._changed.notify_all()
 
 
-def _clear(path: Path) -> None:
-    """Remove the socket of a daemon that died, as the lock shows. Raises CellError for anything but a socket."""
+def _listen(path: Path) -> socket.socket:
+    """Return the listening socket, in the place of one that a dead daemon left, as the lock shows."""
+    listener = socket.socket(socket.AF_UNIX)
+    before = os.umask(0o117)
     try:
-        if path.exists() and not path.is_socket():
+        if (path.exists() or path.is_symlink()) and (path.is_symlink() or not path.is_socket()):
             raise CellError(str(path), "exists already and is not a socket", "give another --socket")
         path.unlink(missing_ok=True)
-    except OSError as error:
+        listener.bind(str(path))
+        listener.listen(_MOST)
+    except (OSError, CellError) as error:
+        listener.close()
+        if isinstance(error, CellError):
+            raise
         raise CellError(str(path), error.strerror or str(error), "give another --socket") from None
+    finally:
+        os.umask(before)
+    return listener
 
 
-class _Server(socketserver.ThreadingUnixStreamServer):
-    """Serves each connection in a thread, and keeps a list of those that are open."""
+def _refuse(connection: _Connection) -> None:
+    error = CellError("rigd", "all its connections are busy with other requests", "try again when they are answered")
+    with contextlib.suppress(OSError):
+        connection.sock.setblocking(False)
+        connection.sock.sendall(_encoded(_as_answer(error)))
+    connection.sock.close()
 
-    daemon_threads = True
 
-    def __init__(self, path: str, handler: type[socketserver.BaseRequestHandler]) -> None:
-        super().__init__(path, handler)
-        self._open: set[Any] = set()
+def _next_line(sock: socket.socket, unread: bytes) -> tuple[bytes, bytes]:
+    """Return the next line and what came after it; an empty line at the end. Raises OSError, TimeoutError too.
 
-    def process_request(self, request: Any, client_address: Any) -> None:
-        self._open.add(request)
-        super().process_request(request, client_address)
-
-    def shutdown_request(self, request: Any) -> None:
-        super().shutdown_request(request)
-        self._open.discard(request)
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        log.exception("a request could not be answered")
-
-    def hang_up(self, patience_s: float) -> None:
-        """Read nothing more from any client, and wait until each connection has had its last answer."""
-        for connection in list(self._open):
-            with contextlib.suppress(OSError):
-                connection.shutdown(socket.SHUT_RD)
-        until = time.monotonic() + patience_s
-        while self._open and time.monotonic() < until:
-            time.sleep(0.01)
+    A line that is too long comes back cut, which no JSON survives.
+    """
+    until_s = None if not unread else time.monotonic() + _LINE_S
+    while b"\n" not in unread and len(unread) <= LONGEST_REQUEST:
+        left_s = _IDLE_S if until_s is None else until_s - time.monotonic()
+        if left_s <= 0:
+            raise TimeoutError
+        sock.settimeout(left_s)
+        received = sock.recv(LONGEST_REQUEST)
+        if not received:
+            return unread, b""
+        until_s = until_s or time.monotonic() + _LINE_S
+        unread += received
+    line, _, rest = unread.partition(b"\n")
+    return line + b"\n", rest
 
 
 def reply(line: bytes, answer: Answer) -> dict[str, Any]:
-    """Return the answer to one request line; an error is an answer too."""
+    """Return the answer to a request line; an error is an answer too."""
     try:
         return {"ok": True, **answer(_request(line))}
     except RigError as error:
-        parts = {"where": error.where, "what": error.what, "remedy": error.remedy}
-        return {"ok": False, "exit_code": error.exit_code, **parts}
+        return _as_answer(error)
+
+
+def _as_answer(error: RigError) -> dict[str, Any]:
+    parts = {"where": error.where, "what": error.what, "remedy": error.remedy}
+    return {"ok": False, "exit_code": error.exit_code, **parts}
+
+
+def _encoded(answer: dict[str, Any]) -> bytes:
+    """Return an answer as its line; one that no client would take as an error that says so."""
+    line = json.dumps(answer).encode() + b"\n"
+    if len(line) <= LONGEST_ANSWER:
+        return line
+    error = CellError("rigd", f"its answer has {len(line)} bytes, more than a client takes", "see its log")
+    return _encoded(_as_answer(error))
 
 
 def _request(line: bytes) -> dict[str, Any]:
-    try:
-        request = json.loads(line)
-    except (ValueError, RecursionError):
-        request, what = None, "not JSON"
-    else:
-        what = "a request is a JSON object"
+    request, what = None, f"a request is one line of at most {LONGEST_REQUEST} bytes"
+    if len(line) <= LONGEST_REQUEST:
+        try:
+            request, what = json.loads(line), "a request is a JSON object"
+        except (ValueError, RecursionError):
+            what = "not JSON"
     if isinstance(request, dict):
         return request
     raise CellError("control socket", what, 'send {"command": "status"}')
-
-
-def connect(path: Path) -> socket.socket:
-    """Connect to a daemon's socket. Raises CellError."""
-    sock = socket.socket(socket.AF_UNIX)
-    sock.settimeout(ANSWERS_S)
-    try:
-        sock.connect(str(path))
-    except PermissionError:
-        sock.close()
-        raise CellError(str(path), "permission denied", "join the group of rigd, or use sudo") from None
-    except BlockingIOError:
-        sock.close()
-        what = "rigd does not answer: other clients are waiting already"
-        raise CellError(str(path), what, "see its log, then start it again: rigd RIG") from None
-    except OSError:
-        sock.close()
-        raise CellError(str(path), "no rigd answers here", "start it: rigd RIG") from None
-    return sock

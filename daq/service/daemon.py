@@ -23,17 +23,19 @@ from daq.protocol.conversation import Item
 from daq.recording.arbiter import Arbiter
 from daq.recording.label import NAME_RULE, Label
 from daq.recording.recorder import Recorder
-from daq.service.control import ControlServer, InstanceLock
+from daq.service.control import ControlServer
+from daq.service.instance_lock import InstanceLock
 from daq.service.maintenance import Maintenance, RunRetention
 from daq.service.metrics import metrics_text
 from daq.service.sd_notify import notify, watchdog_s
 from daq.store import RunWriter
-from daq.store.manifest import Ending
+from daq.store.records import Ending
 from daq.store.startup_recovery import StartupRecovery
 from daq.wire.links import Link
 from rigs.errors import CellError, RigError
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES
+from rigs.text import plain
 
 log = logging.getLogger("rigd")
 _BRIEF = 80
@@ -85,7 +87,7 @@ class Daemon:
             thread.start()
         ports = ", ".join(f"{stream.name} on {stream.port}" for stream in self._streams)
         log.info("serving %s: %s; control socket %s", rig.name, ports, socket_path)
-        notify(f"READY=1\nSTATUS=reading {ports}")
+        notify(f"READY=1\nSTATUS=reading {plain(ports)}")
 
     def close(self, exit_status: Ending, why: str) -> Path | None:
         """Stop everything in order; return the directory of a recording that was cut short.

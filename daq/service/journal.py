@@ -18,6 +18,7 @@ from datetime import datetime
 from typing import Any
 
 from rigs.errors import CellError
+from rigs.text import plain, plain_lines
 
 ERROR, WARNING, NOTICE, INFO, DEBUG = 3, 4, 5, 6, 7
 """Severities of syslog; smaller is worse."""
@@ -44,10 +45,21 @@ def with_severity(text: str, severity: int) -> str:
 
 def formatter() -> logging.Formatter:
     """Return the formatter of the log: severities for the journal, which stamps lines itself, or words and times."""
-    return _JournalFormatter() if is_journal() else logging.Formatter(_READABLE)
+    return _JournalFormatter() if is_journal() else _PlainFormatter(_READABLE)
 
 
-class _JournalFormatter(logging.Formatter):
+class _PlainFormatter(logging.Formatter):
+    """Makes the text of a log plain: no message can forge a second line, only a traceback has several."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
+        record.message = plain(record.message)
+        return super().formatMessage(record)
+
+    def formatException(self, ei: Any) -> str:  # noqa: N802
+        return plain_lines(super().formatException(ei))
+
+
+class _JournalFormatter(_PlainFormatter):
     def format(self, record: logging.LogRecord) -> str:
         severity = next((severity for level, severity in _OF_LEVEL if record.levelno >= level), DEBUG)
         return with_severity(super().format(record), severity)

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 from daq.acquisition.host_clock import HOST
 from daq.protocol.conversation import FaultKind
+from rigs.text import plain_lines
 
 Status = Mapping[str, Any]
 Labels = Mapping[str, str]
@@ -66,7 +67,8 @@ def _streams(streams: Mapping[str, Any], host: Mapping[str, int]) -> Iterator[Me
         for kind in FaultKind
         if kind is not FaultKind.CLOCK
     )
-    faults += (({"stream": HOST, "kind": str(FaultKind.CLOCK)}, host.get(FaultKind.CLOCK, 0)),)
+    of_host = (FaultKind.CLOCK, FaultKind.STALLED)
+    faults += tuple(({"stream": HOST, "kind": str(kind)}, host.get(kind, 0)) for kind in of_host)
     yield Metric(
         "rig_faults_total",
         "counter",
@@ -140,7 +142,7 @@ def _labels(labels: Labels) -> str:
 
 
 def _escaped(text: str) -> str:
-    return text.replace("\\", r"\\").replace("\n", r"\n")
+    return plain_lines(text).replace("\\", r"\\").replace("\n", r"\n")
 
 
 def _quoted(text: str) -> str:

@@ -18,9 +18,10 @@ import typer
 from daq.service import journal
 from daq.service.control import socket_directory
 from daq.service.daemon import Daemon
-from daq.store.manifest import Ending
+from daq.store.records import Ending
 from rigs.errors import RigError
 from rigs.load import load
+from rigs.text import plain
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 log = logging.getLogger("rigd")
@@ -35,17 +36,17 @@ def main() -> None:
 def rigd(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
     runs: Annotated[
-        Path | None, typer.Option(help="Where run directories go; without it, runs, under systemd its state directory.")
+        Path | None, typer.Option(help="Directory for the runs; default: runs, under systemd its state directory.")
     ] = None,
     socket: Annotated[
-        Path | None, typer.Option(help="Control socket; without it, in the user's runtime directory.")
+        Path | None, typer.Option(help="Path of the control socket; default: in the runtime directory of the user.")
     ] = None,
     capture: Annotated[
-        Path | None, typer.Option(help="Keep the raw bytes of every link in this file, for rig replay.")
+        Path | None, typer.Option(help="File for the raw bytes of every link, for rig replay; default: none.")
     ] = None,
     metrics: Annotated[
         Path | None,
-        typer.Option(help="File for node_exporter's textfile collector; without it, none, under systemd rig.prom."),
+        typer.Option(help="File for the textfile collector of node_exporter; default: none, under systemd rig.prom."),
     ] = None,
 ) -> None:
     """Read the gauges and the robot of RIG until stopped; record when asked by `rig record`."""
@@ -59,13 +60,13 @@ def rigd(
         daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics or _metrics())
     except RigError as error:
         for line in error.lines():
-            typer.echo(journal.with_severity(f"error: {line}", journal.ERROR), err=True)
+            typer.echo(journal.with_severity(f"error: {plain(line)}", journal.ERROR), err=True)
         raise typer.Exit(error.exit_code) from None
     end = ends.get()
     log.info("stopping: %s", end.why)
     cut_short = daemon.close(end.exit_status, end.why)
     if cut_short:
-        typer.echo(f"the recording was cut short and is safe: {cut_short}", err=True)
+        typer.echo(f"the recording was cut short and is safe: {plain(str(cut_short))}", err=True)
     raise typer.Exit(end.exit_code)
 
 

@@ -6,16 +6,18 @@ import contextlib
 import os
 import socket
 
+from rigs.text import plain_lines
+
 
 def notify(message: str) -> None:
-    """Send a message to the service manager, e.g. `READY=1` or `WATCHDOG=1`."""
+    """Send a message to the service manager, e.g. `READY=1` or `WATCHDOG=1`, a line for each variable."""
     address = os.environ.get("NOTIFY_SOCKET")
     if not address:
         return
     if address.startswith("@"):
         address = "\0" + address[1:]
     with contextlib.suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
-        sock.sendto(message.encode(), address)
+        sock.sendto(plain_lines(message).encode(), address)
 
 
 def watchdog_s() -> float | None:

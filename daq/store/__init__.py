@@ -1,20 +1,21 @@
 """The store: runs that survive. `RunWriter` records, `write_table_run` takes in a table from elsewhere,
 `read_run` reads, `recover` and `verify` look after.
 
-A run is a directory: `manifest.json`, and for each stream chunks `<stream>-0001.parquet`, …; the chunk
+A run is a directory: `manifest.json`, `ledger.jsonl`, and for each stream chunks `<stream>-0001.parquet`, …; the chunk
 being recorded is `<stream>-0001.arrow`. See `daq.store.chunk` for why these two formats. An imported run
 has one chunk, `table-0001.parquet`. `marks.json` says whether the run was exported and whether it is kept.
 """
 
 from daq.store.imported import table_run, write_table_run
-from daq.store.manifest import Chunk, Manifest, Relabelling, load_manifest
+from daq.store.manifest import Manifest, load_manifest
 from daq.store.marks import mark_exported, mark_kept
+from daq.store.records import Chunk, Relabelling
 from daq.store.recover import Recovery, recover
 from daq.store.relabel import relabel
 from daq.store.retention import RunInfo, survey
 from daq.store.room import NearlyFull
 from daq.store.run import Run, is_unclosed, read_run
-from daq.store.verify import verify
+from daq.store.verify import Verdict, judge, verify
 from daq.store.writer import RunWriter
 
 __all__ = [
@@ -26,7 +27,9 @@ __all__ = [
     "Run",
     "RunInfo",
     "RunWriter",
+    "Verdict",
     "is_unclosed",
+    "judge",
     "load_manifest",
     "mark_exported",
     "mark_kept",

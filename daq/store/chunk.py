@@ -3,7 +3,7 @@
 Arrow's stream has no checksum, and zeros at a batch boundary read as its clean end. So each batch
 carries its number and a CRC-32 over its columns, and reading counts bytes: whatever follows the last
 verified batch and is not exactly the end mark is damage. Bytes in, batches out; nothing here touches
-a file, and reading never raises: a damaged chunk is an expected thing.
+a file, and no damage raises: a damaged chunk is an expected thing.
 
 The schema of each file also holds the run's opening manifest, so that any one surviving chunk says
 which run, rig and clock it belongs to.
@@ -11,6 +11,7 @@ which run, rig and clock it belongs to.
 
 from __future__ import annotations
 
+import errno
 import zlib
 from dataclasses import dataclass, replace
 
@@ -22,6 +23,11 @@ from daq.store.schema import checksum
 END = b"\xff\xff\xff\xff\x00\x00\x00\x00"
 """What closes an Arrow IPC stream."""
 _OPENING, _OPENING_CRC, _NUMBER, _CRC = b"rig.opening", b"rig.opening_crc32", b"number", b"crc32"
+MOST_BYTES = 4_000_000_000
+"""The largest file of a chunk; one that is recorded has some 20 MB, an imported table at most what its CSV has."""
+_MOST_CELLS = 100_000_000
+"""Rows times columns of a chunk, decoded 0.8 GB: one that is recorded has 200 000 rows, a table 20 million cells."""
+_NO_MEMORY = "not enough memory"
 # Everything Arrow has been seen to raise on damaged bytes; StopIteration is its answer to zeros.
 _DAMAGE = (pa.ArrowException, OSError, MemoryError, ValueError, LookupError, TypeError, StopIteration)
 
@@ -78,7 +84,7 @@ def frame(batch: pa.RecordBatch, number: int) -> bytes:
 
 
 def salvage(data: bytes, schema: pa.Schema) -> Salvage:
-    """Read a recording chunk of a known schema as far as it is sound. Never raises."""
+    """Read a recording chunk of a known schema as far as it is sound. Raises OSError only where the memory is short."""
     found, known = _read(data, schema), head(schema)
     if data.startswith(known):
         return found
@@ -104,6 +110,7 @@ def _read(data: bytes, schema: pa.Schema) -> Salvage:
                 batches.append(_next(reader, len(batches), schema))
                 end = source.tell()
     except _DAMAGE as error:
+        _hold_memory(error, len(data))
         damage = f"damaged after {len(batches)} batches ({_reason(error)})"
     unread = 0 if closed else len(data) - end
     return Salvage(tuple(batches), closed, unread, damage)
@@ -151,14 +158,33 @@ def from_parquet(data: bytes) -> pa.Table | None:
     """Return the table in a Parquet file; None if the bytes are not one, or hold text that is not UTF-8.
 
     On the calling thread alone: Arrow's own threads, still at work when Python ends, abort the program
-    after its answer is printed (apache/arrow issue 34314).
+    after its answer is printed (apache/arrow issue 34314). Raises OSError where the memory is short, or the file
+    declares more than a chunk has: a few MB can stand for any number of equal rows.
     """
     try:
-        table = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False).read(use_threads=False)
-        table.validate(full=True)
-        return table
+        file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False)
+        rows, columns = file.metadata.num_rows, file.metadata.num_columns
+        if rows * columns <= _MOST_CELLS:
+            table = file.read(use_threads=False)
+            table.validate(full=True)
+            return table
+    except MemoryError:
+        raise OSError(errno.ENOMEM, _NO_MEMORY) from None
     except _DAMAGE:
         return None
+    raise OSError(errno.EFBIG, f"it declares {rows} rows of {columns} columns, more than any chunk has")
+
+
+def _hold_memory(error: BaseException, size: int) -> None:
+    """Raise OSError if not the file failed but the memory: if there is none for as many bytes again.
+
+    A damaged length asks for more than any computer has; that is damage.
+    """
+    if isinstance(error, MemoryError):
+        try:
+            bytearray(size)
+        except MemoryError:
+            raise OSError(errno.ENOMEM, _NO_MEMORY) from None
 
 
 def _digest(table: pa.Table) -> list[int]:

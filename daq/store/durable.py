@@ -3,25 +3,38 @@
 A file is durable when its bytes and its directory's entry for it are both synced; replacing one goes
 through a temporary name, so that every name always holds a whole file, the old or the new.
 Nothing else changes a file while a run is recorded or recovered: who wraps this module's `os` sees every
-change in order, as `scripts/powercut` does. Raises plain OSError: the callers turn it into a message for people.
+change in order, as `scripts/dev powercut` does. Raises plain OSError: the callers turn it into a message for people.
+
+On Windows runs are read, imported and simulated, and never recorded. What it lacks are locks of this kind, which only a
+daemon and its helpers need there, and directories that can be synced, which only a power cut would miss.
 """
 
 from __future__ import annotations
 
 import errno
-import fcntl
 import os
 import shutil
 from contextlib import suppress
 from pathlib import Path
 
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
 TEMPORARY = ".tmp"
 """Ending of a file that is being written; one that is left over holds nothing that counts."""
 LOCK = ".lock"
+_BINARY = getattr(os, "O_BINARY", 0)
+"""Without it Windows writes each line feed as two characters."""
+_AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
+"""A lock that is a link or a FIFO, in a run from elsewhere, is neither followed nor waited for."""
 
 
 def free_bytes(path: Path) -> int:
     """Return the bytes that this user still has free on the disk of path."""
+    if not hasattr(os, "statvfs"):
+        return shutil.disk_usage(path).free
     disk = os.statvfs(path)
     return disk.f_bavail * disk.f_frsize
 
@@ -48,6 +61,8 @@ def discard(path: Path) -> None:
 
 def sync_directory(path: Path) -> None:
     """Make the entries of a directory durable."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
     fd = os.open(path, os.O_RDONLY | os.O_DIRECTORY)
     try:
         os.fsync(fd)
@@ -77,8 +92,8 @@ def close(fd: int) -> None:
 
 
 def rename(old: Path, new: Path) -> None:
-    """Give a file another name; durable when the directory is synced."""
-    os.rename(old, new)  # noqa: PTH104
+    """Give a file another name, instead of a file that has it; durable when the directory is synced."""
+    os.replace(old, new)  # noqa: PTH105
 
 
 def remove(path: Path) -> None:
@@ -88,10 +103,16 @@ def remove(path: Path) -> None:
 
 def write_at(fd: int, data: bytes, offset: int) -> None:
     """Write all of data: a disk that fills up takes a part of it first and refuses only then."""
+    write = os.pwrite if hasattr(os, "pwrite") else _seek_and_write
     rest = memoryview(data)
     while rest:
-        written = os.pwrite(fd, rest, offset)
+        written = write(fd, rest, offset)
         rest, offset = rest[written:], offset + written
+
+
+def _seek_and_write(fd: int, data: memoryview, offset: int) -> int:
+    os.lseek(fd, offset, os.SEEK_SET)
+    return os.write(fd, data)
 
 
 def create(path: Path, data: bytes) -> int:
@@ -99,7 +120,7 @@ def create(path: Path, data: bytes) -> int:
 
     Raises FileExistsError if the name is taken.
     """
-    fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
+    fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | _BINARY, 0o644)
     try:
         write_at(fd, data, 0)
     except OSError:
@@ -108,6 +129,28 @@ def create(path: Path, data: bytes) -> int:
             remove(path)
         raise
     return fd
+
+
+def reopen(path: Path) -> int:
+    """Open a file that is there, to read and to go on writing it."""
+    return os.open(path, os.O_RDWR)
+
+
+def read(fd: int) -> bytes:
+    """Return all bytes of an open file, also of one whose name is gone."""
+    data = b""
+    while piece := os.pread(fd, os.fstat(fd).st_size - len(data), len(data)):
+        data += piece  # a second piece only where a single read may not be as large as a chunk
+    return data
+
+
+def is_named(fd: int, path: Path) -> bool:
+    """Return whether an open file is still the one of this name."""
+    try:
+        found = os.stat(path)  # noqa: PTH116 - through os, as everything here
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    return os.path.samestat(found, os.fstat(fd))
 
 
 def replace(path: Path, data: bytes) -> None:
@@ -134,18 +177,18 @@ def replace(path: Path, data: bytes) -> None:
 def lock(run: Path) -> int:
     """Take the writer's lock of a run, as the descriptor that holds it.
 
-    Waits: on a fresh run nobody holds it for longer than a look (`is_locked`) takes.
+    Waits: on a fresh run no process holds it for longer than a look (`is_locked`) takes.
     """
-    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
-    fcntl.flock(fd, fcntl.LOCK_EX)
+    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT | _AS_IT_IS, 0o644)
+    _flock(fd, wait=True)
     return fd
 
 
 def try_lock(run: Path) -> int | None:
     """Take the writer's lock of a run, None when a process is writing it."""
-    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+    fd = os.open(run / LOCK, os.O_RDWR | os.O_CREAT | _AS_IT_IS, 0o644)
     try:
-        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _flock(fd)
     except BlockingIOError:
         os.close(fd)
         return None
@@ -155,13 +198,19 @@ def try_lock(run: Path) -> int | None:
 def is_locked(run: Path) -> bool:
     """Whether a process is writing this run. Looks only; works on a read-only disk."""
     try:
-        fd = os.open(run / LOCK, os.O_RDONLY)
+        fd = os.open(run / LOCK, os.O_RDONLY | _AS_IT_IS)
     except FileNotFoundError:
         return False
     try:
-        fcntl.flock(fd, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        _flock(fd, shared=True)
     except BlockingIOError:
         return True
     finally:
         os.close(fd)
     return False
+
+
+def _flock(fd: int, *, shared: bool = False, wait: bool = False) -> None:
+    """Lock an open file; where the system lacks such locks, every one is granted. Raises BlockingIOError."""
+    if fcntl is not None:
+        fcntl.flock(fd, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | (0 if wait else fcntl.LOCK_NB))

@@ -1,6 +1,6 @@
 """A table from elsewhere as a run like any other: a manifest, and the table in one Parquet chunk.
 
-The chunk carries the opening manifest as every chunk does, and the manifest says `recording` until the
+The chunk carries the opening manifest as every chunk does, and the ledger is sealed when the
 chunk is durable, so that an import cut off is seen, and brought back or given up by `recover`.
 """
 
@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 
 from daq.store import durable
 from daq.store.chunk import to_parquet, with_opening
-from daq.store.manifest import ImportedTable, Manifest, chunk_name, hold_operator, iso_now, new_manifest
+from daq.store.ledger import Entry, Ledger
+from daq.store.manifest import Manifest, hold_operator, load_manifest, new_manifest
+from daq.store.records import ImportedTable, Relabelling, Seal, chunk_name, iso_now
 from daq.store.run import Run
-from daq.store.schema import TABLE
+from daq.store.schema import FAULTS, TABLE
 from daq.store.stream_writer import describe
 from rigs.errors import CellError, FileError
 from rigs.schema.vocabulary import Direction, TestName
@@ -54,7 +55,7 @@ def table_run(  # noqa: PLR0913 - what a manifest needs to know
         table=ImportedTable.model_validate({"file": source, "sha256": source_sha256, "columns": columns}),
     )
     whole = table.cast(opening.arrow_schema(TABLE)).combine_chunks()
-    manifest, _ = _ended(opening, whole)
+    manifest = opening.with_entries(_entries(whole, _parquet(opening, whole)))
     return Run(path, manifest, {}, [], whole)
 
 
@@ -78,31 +79,39 @@ def write_table_run(run: Run, path: Path) -> Manifest:
 
 
 def _fill(run: Run, path: Path) -> Manifest:
-    begun: dict[str, Any] = {"chunks": (), "counters": {}, "exit_status": "recording", "reason": "", "ended": None}
-    manifest = run.manifest.model_copy(update={"name": _name(path), **begun})
+    manifest = run.manifest.model_copy(update={"version": 2, "name": _name(path)})
     held = durable.lock(path)
     try:
         manifest.save(path)
+        ledger = Ledger.create(path, manifest.opening())
         durable.sync_directory(path.parent)
-        ended, data = _ended(manifest, run.table)
+        data = _parquet(manifest, run.table)
         durable.replace(path / chunk_name(TABLE, 1), data)
-        ended.save(path)
+        for entry in _entries(run.table, data, run.manifest.relabelled):
+            ledger.append(entry)
+        ledger.close()
     finally:
         durable.close(held)
-    return ended
+    return load_manifest(path)
 
 
-def _ended(opening: Manifest, table: pa.Table) -> tuple[Manifest, bytes]:
-    """The manifest of a run whose table is complete, and the Parquet file of that table."""
-    data = to_parquet(table.cast(with_opening(opening.arrow_schema(TABLE), opening.opening())))
-    change = {
-        "chunks": (describe(chunk_name(TABLE, 1), TABLE, table, data),),
-        "counters": {TABLE: {"samples": table.num_rows}},
-        "exit_status": "complete",
-        "reason": "imported",
-        "ended": iso_now(),
-    }
-    return opening.model_copy(update=change), data
+def _parquet(opening: Manifest, table: pa.Table) -> bytes:
+    """Return the Parquet file of a table, with the opening manifest in it."""
+    return to_parquet(table.cast(with_opening(opening.arrow_schema(TABLE), opening.opening())))
+
+
+def _entries(table: pa.Table, data: bytes, relabelled: tuple[Relabelling, ...] = ()) -> list[Entry]:
+    """Return the ledger of a table run after its first line: chunk, seal, and the history of the label."""
+    rows = table.num_rows
+    seal = Seal(
+        exit_status="complete",
+        reason="imported",
+        ended=iso_now(),
+        rows={TABLE: rows, FAULTS: 0},
+        counters={TABLE: {"samples": rows}},
+    )
+    history = [Entry(relabelled=relabelled)] if relabelled else []
+    return [Entry(chunk=describe(chunk_name(TABLE, 1), TABLE, table, data)), Entry(seal=seal), *history]
 
 
 def _name(path: Path) -> str:

@@ -1,37 +1,51 @@
-"""The manifest of a run, `manifest.json`: written as a whole at each change.
+"""The manifest of a run, `manifest.json`: written once, when the run begins; what follows is in its ledger.
 
-A start record and a stop record in one file: a manifest that says `recording` while nobody holds the
-run's lock is a crash. Chunks are named by file only, so that a run directory can be moved and copied.
+`load_manifest` reads both and gives one view of them. A run without a seal while no process holds its lock is a crash.
+Chunks are named by file only, so that a run directory can be moved and copied. In runs of version 1 the manifest held
+everything and was rewritten at each change.
 """
 
 from __future__ import annotations
 
-import hashlib
+import errno
 import platform
-import re
 import socket
-from collections.abc import Mapping
-from datetime import UTC, datetime
+from collections.abc import Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import pyarrow as pa
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from daq.acquisition.host_clock import read_clocks
 from daq.store.durable import replace
-from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, ColumnType, schema_of, storable, table_schema
+from daq.store.ledger import LEDGER, Entry, read_ledger
+from daq.store.records import (
+    Chunk,
+    Clock,
+    Count,
+    ExitStatus,
+    ImportedTable,
+    Name,
+    Record,
+    Relabelling,
+    Text,
+    first_error,
+    iso_now,
+    parse_chunk,
+    sha256,
+)
+from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, schema_of, storable, table_schema
 from rigs.errors import FileError
+from rigs.files import read_bytes
 from rigs.schema.vocabulary import Direction, TestName
 
 MANIFEST = "manifest.json"
-Ending = Literal["complete", "interrupted", "failed"]
-ExitStatus = Literal["recording", "complete", "interrupted", "failed", "recovered"]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}$")]
-Text = Annotated[str, AfterValidator(storable)]
-Count = Annotated[int, Field(ge=0)]
-_CHUNK = re.compile(r"(?P<stream>.+)-(?P<number>[0-9]{4,})\.(?P<kind>parquet|arrow)")
+_IN_LEDGER = {"chunks", "anchors", "rows", "counters", "exit_status", "reason", "ended", "relabelled"}
+"""The fields that follow from the ledger, in a run of version 2."""
+_MOST_BYTES = 100_000_000
+"""The largest manifest; its first version had 250 bytes for each chunk: a month of recording had 10 000."""
 
 
 def in_one_line(text: str) -> str:
@@ -57,62 +71,11 @@ Placement = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{0,64}$")]
 PLACEMENT_RULE = "name a placement with up to 64 letters, digits, . _ and -"
 
 
-def chunk_name(stream: str, number: int) -> str:
-    """Return the name of a chunk's Parquet file; chunks count from 1."""
-    return f"{stream}-{number:04d}.parquet"
-
-
-def parse_chunk(name: str) -> tuple[str, int, str] | None:
-    """Return stream, number and kind (parquet, arrow) of a chunk's file name; None for any other file."""
-    match = _CHUNK.fullmatch(name)
-    return (match["stream"], int(match["number"]), match["kind"]) if match else None
-
-
-class _Record(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Clock(_Record):
-    """The monotonic and the wall clock read together: true to within bracket_ns."""
-
-    monotonic_ns: int
-    unix_ns: int
-    bracket_ns: Count
-
-
-class Chunk(_Record):
-    """One closed chunk; first_ns and last_ns are its first first-byte and last last-byte stamp, 0 in a table."""
-
-    file: str
-    stream: Name
-    rows: Count
-    sha256: str
-    first_ns: int
-    last_ns: int
-
-
-class ImportedTable(_Record):
-    """The table that a run was imported from: its file, and its columns in order."""
-
-    file: Text
-    sha256: str
-    """Of the file as it was read."""
-    columns: dict[str, ColumnType]
-
-
-class Relabelling(_Record):
-    """One field of a run's label that a person corrected after its end, and when."""
-
-    at: str
-    field: Literal["test", "direction", "operator", "placement"]
-    old: Text | None
-    new: Text | None
-
-
-class Manifest(_Record):
+class Manifest(Record):
     """Everything that is known about a run beside its rows."""
 
-    version: Literal[1] = 1
+    version: Literal[1, 2] = 2
+    """1: a run without a ledger."""
     name: Name
     test: TestName
     direction: Direction | None
@@ -136,7 +99,9 @@ class Manifest(_Record):
     table: ImportedTable | None = None
     """What was imported; None in a recorded run."""
     chunks: tuple[Chunk, ...] = ()
-    counters: dict[str, dict[str, Count]] = {}
+    rows: dict[Name, Count] = Field(default={}, exclude_if=lambda rows: not rows)
+    """Rows of each stream that were handed to the disk, as the seal says; empty without one."""
+    counters: dict[str, dict[str, Count]] = Field(default={})
     """For each stream its samples and its faults of each kind."""
     exit_status: ExitStatus = "recording"
     reason: str = ""
@@ -175,7 +140,7 @@ class Manifest(_Record):
     def chunks_of(self, stream: str) -> tuple[Chunk, ...]:
         """Return the chunks of one stream in order of recording."""
         mine = (chunk for chunk in self.chunks if chunk.stream == stream)
-        return tuple(sorted(mine, key=lambda chunk: (parse_chunk(chunk.file) or ("", 0, ""))[1]))
+        return tuple(sorted(mine, key=lambda chunk: chunk.number))
 
     def wall_ns(self, monotonic_ns: int) -> int:
         """Return what the wall clock showed at a stamp, in ns since 1970."""
@@ -183,12 +148,35 @@ class Manifest(_Record):
         anchor = after[-1] if after else self.clock
         return anchor.unix_ns + monotonic_ns - anchor.monotonic_ns
 
+    @property
+    def is_sealed(self) -> bool:
+        """Whether a ledger proves that nothing was taken from the run since it ended."""
+        return self.version > 1 and self.exit_status != "recording"
+
+    def updated(self, **changes: Any) -> Manifest:
+        """Return the manifest with other values, checked as if it were read. Raises ValidationError."""
+        return Manifest.model_validate(self.model_dump() | changes)
+
+    def with_entries(self, entries: Sequence[Entry]) -> Manifest:
+        """Return the manifest with what follows from these entries of its ledger. Raises ValidationError."""
+        history = [one for entry in entries for one in entry.relabelled]
+        seal = next((entry.seal for entry in reversed(entries) if entry.seal), None)
+        return self.updated(
+            chunks=tuple({entry.chunk.file: entry.chunk for entry in entries if entry.chunk}.values()),
+            anchors=tuple(entry.anchor for entry in entries if entry.anchor),
+            relabelled=tuple(history),
+            **{one.field: one.new for one in history},
+            **(dict(seal) if seal else {}),
+        )
+
     def save(self, run: Path) -> None:
         """Write the manifest into the run directory, durably and in one step. Raises OSError."""
-        replace(run / MANIFEST, self.to_json())
+        replace(run / MANIFEST, self.to_json() if self.version == 1 else self.opening())
 
     def opening(self) -> bytes:
-        """Return the manifest as it was when the run started."""
+        """Return the manifest as it was stored when the run started."""
+        if self.version > 1:
+            return self.model_dump_json(indent=1, exclude=_IN_LEDGER).encode()
         fresh: dict[str, object] = {
             "chunks": (),
             "anchors": (),
@@ -200,7 +188,7 @@ class Manifest(_Record):
         return self.model_copy(update=fresh).to_json()
 
     def to_json(self) -> bytes:
-        """Return the manifest as it is stored."""
+        """Return all that is known of the run, from manifest and ledger."""
         return self.model_dump_json(indent=1).encode()
 
 
@@ -252,7 +240,9 @@ def load_manifest(run: Path) -> Manifest:
     try:
         if not run.is_dir():
             raise FileError(str(run), "no such run directory", "check the path")
-        return Manifest.model_validate_json(path.read_bytes())
+        data = read_bytes(path, _MOST_BYTES)
+        manifest = Manifest.model_validate_json(data)
+        return manifest if manifest.version == 1 else _with_ledger(run, manifest, sha256(data))
     except FileNotFoundError:
         if any(run.glob(f"*/{MANIFEST}")):
             raise FileError(str(run), "is not a run but holds runs", f"give one of them, as {run}/NAME") from None
@@ -264,26 +254,19 @@ def load_manifest(run: Path) -> Manifest:
         raise unreadable(path, error) from None
 
 
+def _with_ledger(run: Path, manifest: Manifest, digest: str) -> Manifest:
+    entries = read_ledger(run).entries
+    if entries and entries[0].opening != digest:
+        what = f"has changed since the run began: {LEDGER} names another SHA-256"
+        raise FileError(str(run / MANIFEST), what, f"run `rig recover {run}` or restore the file")
+    return manifest.with_entries(entries)
+
+
 def unreadable(path: Path, error: OSError) -> FileError:
     """Return the error for a file that the system does not let us read."""
-    return FileError(str(path), f"cannot be read: {error.strerror}", "check the disk and the rights")
-
-
-def first_error(error: ValidationError) -> str:
-    """Return the first error that pydantic reports, in one line."""
-    details = error.errors(include_url=False, include_context=False, include_input=False)[0]
-    place = ".".join(str(part) for part in details["loc"])
-    return " ".join(f"{place} {details['msg']}".split())
-
-
-def sha256(data: bytes) -> str:
-    """Return the SHA-256 of data in hexadecimal."""
-    return hashlib.sha256(data).hexdigest()
-
-
-def iso_now() -> str:
-    """Return the present time in UTC as ISO 8601."""
-    return datetime.now(UTC).isoformat(timespec="milliseconds")
+    short = error.errno == errno.ENOMEM
+    remedy = "close other programs, or read it on another computer" if short else "check the disk and the rights"
+    return FileError(str(path), f"cannot be read: {error.strerror}", remedy)
 
 
 def clock_now() -> Clock:

@@ -13,10 +13,13 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from daq.store import durable
-from daq.store.manifest import Text, first_error, iso_now, load_manifest, unreadable
+from daq.store.manifest import load_manifest, unreadable
+from daq.store.records import Text, first_error, iso_now
 from rigs.errors import CellError, FileError
+from rigs.files import read_bytes
 
 MARKS = "marks.json"
+_MOST_BYTES = 1_000_000
 
 
 class Export(BaseModel):
@@ -43,7 +46,7 @@ def load_marks(run: Path) -> Marks:
     """Return the marks of a run, empty if it was never marked. Raises FileError if they cannot be read."""
     path = run / MARKS
     try:
-        return Marks.model_validate_json(path.read_bytes())
+        return Marks.model_validate_json(read_bytes(path, _MOST_BYTES))
     except FileNotFoundError:
         return Marks()
     except ValidationError as error:

@@ -1,12 +1,14 @@
 """Bringing a run back that was not closed: a crash, a kill, a full disk, a power cut.
 
 Whatever was recorded stays: a recording chunk goes only when all of its bytes are in a Parquet file
-that the manifest lists; one with damage is kept beside it as `<file>.torn`. Every step leaves a state
+that the ledger lists; one with damage is kept beside it as `<file>.torn`. Every step leaves a state
 that the next `recover` can start from, so it may itself be interrupted; done twice it does nothing.
+A run of version 1 gets a ledger.
 """
 
 from __future__ import annotations
 
+import errno
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
@@ -18,12 +20,15 @@ import pyarrow as pa
 from pydantic import ValidationError
 
 from daq.store import durable
-from daq.store.chunk import Salvage, from_parquet, opening_in, salvage, with_opening
-from daq.store.manifest import MANIFEST, Chunk, Manifest, chunk_name, load_manifest, parse_chunk, sha256
-from daq.store.run import read_chunk
+from daq.store.chunk import MOST_BYTES, Salvage, from_parquet, opening_in, salvage, with_opening
+from daq.store.ledger import LEDGER, Entry, Ledger, lines_of, read_ledger
+from daq.store.manifest import MANIFEST, Manifest, load_manifest
+from daq.store.records import Chunk, Seal, chunk_name, parse_chunk, sha256
+from daq.store.run import left_over, read_chunk
 from daq.store.schema import FAULTS
 from daq.store.stream_writer import describe, store_chunk
 from rigs.errors import CellError, FileError
+from rigs.files import read_bytes
 
 TORN = ".torn"
 
@@ -60,44 +65,100 @@ def recover(path: Path) -> Recovery:
         if held is None:
             raise FileError(str(path), "is still being recorded", "wait for its end or stop it")
         try:
-            return _Repair(path, *_manifest_of(path)).run()
+            return _repaired(path)
         finally:
             durable.close(held)
     except (OSError, pa.ArrowException) as error:
-        remedy = "make room or repair the disk and try again; nothing was lost"
+        short = isinstance(error, OSError) and error.errno in (errno.ENOMEM, errno.EFBIG)
+        remedy = "use a computer with more memory" if short else "make room or repair the disk and try again"
+        remedy += "; nothing was lost"
         raise CellError(str(path), f"cannot be recovered: {error}", remedy) from error
 
 
-def _manifest_of(path: Path) -> tuple[Manifest, Recovery]:
+def _repaired(path: Path) -> Recovery:
     done = Recovery(path)
-    with suppress(FileNotFoundError):
-        (path / MANIFEST).read_bytes()  # one that the disk does not give now is neither missing nor damaged
+    manifest = _manifest_of(path, done)
+    opening = manifest.opening()
+    manifest = _with_sound_ledger(path, manifest, done)
+    if done.nothing_to_do and manifest.exit_status != "recording" and not left_over(path, manifest):
+        return done
+    ledger = Ledger.resume(path)
     try:
-        return load_manifest(path), done
+        return _Repair(path, manifest, opening, ledger, done).run()
+    finally:
+        ledger.close()
+
+
+def _manifest_of(path: Path, done: Recovery) -> Manifest:
+    with suppress(FileNotFoundError):
+        read_bytes(path / MANIFEST, MOST_BYTES)  # one that the disk does not give now is neither missing nor damaged
+    try:
+        return load_manifest(path)
     except FileError as error:
-        manifest = _rebuilt(path)
-        if manifest is None:
+        opening = _opening_in(path)
+        if opening is None:
             what = f"{error.what}; and no chunk is left that says what the run was"
             raise FileError(error.where, what, "restore manifest.json from a copy") from None
-    if (path / MANIFEST).exists():
-        durable.rename(path / MANIFEST, _torn_name(path / MANIFEST))
-    manifest.save(path)
+    for file, spoilt in ((MANIFEST, True), (LEDGER, _is_of_another(path, opening))):
+        if spoilt and (path / file).exists():
+            durable.rename(path / file, _torn_name(path / file))
+    durable.replace(path / MANIFEST, opening)
     done.notes.append("manifest.json was missing or damaged: rebuilt from a chunk")
-    return manifest, done
+    return load_manifest(path)
 
 
-def _rebuilt(path: Path) -> Manifest | None:
+def _is_of_another(path: Path, opening: bytes) -> bool:
+    """Return whether the run's ledger begins with another manifest than this."""
+    entries = read_ledger(path).entries
+    return bool(entries) and entries[0].opening != sha256(opening)
+
+
+def _with_sound_ledger(path: Path, manifest: Manifest, done: Recovery) -> Manifest:
+    """Return the manifest of a run whose ledger can be appended to; where there is none, it is made."""
+    found = read_ledger(path)
+    if manifest.version > 1 and found.entries:
+        if found.unread:
+            torn, data = _torn_name(path / LEDGER), (path / LEDGER).read_bytes()
+            durable.replace(torn, data)
+            durable.replace(path / LEDGER, data[: found.size])
+            done.notes.append(f"{LEDGER}: {found.unread} bytes at its end cannot be verified; kept as {torn.name}")
+        return manifest
+    if manifest.version == 1 and manifest.exit_status != "recording" and not left_over(path, manifest):
+        return manifest
+    if manifest.version > 1 and (path / LEDGER).exists():
+        durable.rename(path / LEDGER, _torn_name(path / LEDGER))
+    upgraded = manifest.updated(version=2)
+    durable.replace(path / LEDGER, lines_of(_entries_of(upgraded)))
+    upgraded.save(path)
+    done.notes.append(f"{LEDGER}: made, since there was none that could be read")
+    return upgraded
+
+
+def _entries_of(manifest: Manifest) -> list[Entry]:
+    history = [Entry(relabelled=manifest.relabelled)] if manifest.relabelled else []
+    chunks = [Entry(chunk=chunk) for chunk in manifest.chunks]
+    anchors = [Entry(anchor=anchor) for anchor in manifest.anchors]
+    return [Entry(opening=sha256(manifest.opening())), *history, *chunks, *anchors]
+
+
+def _opening_in(path: Path) -> bytes | None:
+    """Return the manifest as a chunk of the run carries it; None if no chunk does."""
     for file in sorted(path.iterdir()):
-        if parse_chunk(file.name) and (opening := opening_in(file.read_bytes())):
+        if parse_chunk(file.name) and (opening := opening_in(read_bytes(file, MOST_BYTES))):
             with suppress(ValidationError):
-                return Manifest.model_validate_json(opening)
+                Manifest.model_validate_json(opening)
+                return opening
     return None
 
 
 @dataclass
 class _Repair:
+    """opening: the manifest as the chunks of this run carry it."""
+
     path: Path
     manifest: Manifest
+    opening: bytes
+    ledger: Ledger
     done: Recovery
 
     def run(self) -> Recovery:
@@ -108,7 +169,7 @@ class _Repair:
         self._each("arrow", self._settle)
         self._each("parquet", self._adopt)
         if self.manifest.exit_status == "recording" or not self.done.nothing_to_do:
-            self._end()
+            self._seal()
         return self.done
 
     def _each(self, kind: str, treat: Callable[[Path, str, int], None]) -> None:
@@ -120,13 +181,13 @@ class _Repair:
                 self._set_aside(file, "belongs to no stream of this run")
 
     def _settle(self, file: Path, stream: str, number: int) -> None:
-        schema = with_opening(self._schema(stream), self.manifest.opening())
-        found = salvage(file.read_bytes(), schema)
+        schema = with_opening(self._schema(stream), self.opening)
+        found = salvage(read_bytes(file, MOST_BYTES), schema)
         chunk = self._closed(stream, number)
         if (chunk.rows if chunk else 0) < found.rows:
             broken = self.path / chunk_name(stream, number)
             if broken.exists():
-                self._set_aside(broken, "damaged, made anew from the recording chunk")
+                self._set_aside(broken, "damaged, made again from the recording chunk")
             chunk = store_chunk(self.path, stream, number, found, schema)
         if chunk:
             self._list(chunk)
@@ -149,7 +210,7 @@ class _Repair:
     def _closed(self, stream: str, number: int) -> Chunk | None:
         """The Parquet file of a chunk, if it is there and whole."""
         file = self.path / chunk_name(stream, number)
-        data = file.read_bytes() if file.exists() else b""
+        data = read_bytes(file, MOST_BYTES) if file.exists() else b""
         listed = next((c for c in self.manifest.chunks if c.file == file.name), None)
         if listed:
             return listed if sha256(data) == listed.sha256 else None
@@ -165,8 +226,8 @@ class _Repair:
         others = tuple(c for c in self.manifest.chunks if c.file != chunk.file)
         if chunk not in self.manifest.chunks:
             self.done.rows[chunk.stream] = self.done.rows.get(chunk.stream, 0) + chunk.rows
+            self.ledger.append(Entry(chunk=chunk))
             self.manifest = self.manifest.model_copy(update={"chunks": (*others, chunk)})
-            self.manifest.save(self.path)
 
     def _set_aside(self, file: Path, why: str) -> None:
         torn = _torn_name(file)
@@ -174,14 +235,27 @@ class _Repair:
         durable.sync_directory(self.path)
         self.done.losses[file.name] = f"{why}; kept as {torn.name}"
 
-    def _end(self) -> None:
-        was = self.manifest
-        reason = "the recording crashed" if was.exit_status == "recording" else was.reason
-        counters = was.counters or self._count()
-        update = {"exit_status": "recovered", "reason": reason, "counters": counters}
-        self.manifest = was.model_copy(update=update)
-        self.manifest.save(self.path)
-        self.done.notes.append("manifest.json: exit status set to recovered")
+    def _seal(self) -> None:
+        was, held = self.manifest, {stream: self._rows(stream) for stream in self.manifest.all_streams}
+        counters = {stream: dict(counts) for stream, counts in (was.counters or self._count()).items()}
+        for stream in held.keys() & counters.keys():
+            counters[stream]["samples"] = sum(chunk.rows for chunk in was.chunks_of(stream))
+        seal = Seal(
+            exit_status="recovered",
+            reason="the recording crashed" if was.exit_status == "recording" else was.reason,
+            ended=was.ended,
+            rows={stream: max(rows, was.rows.get(stream, 0)) for stream, rows in held.items()},
+            counters=counters,
+        )
+        self.ledger.append(Entry(seal=seal))
+        self.done.notes.append(f"{LEDGER}: sealed as recovered")
+
+    def _rows(self, stream: str) -> int:
+        """Return one more than the number of the last row of a stream."""
+        end = 0
+        for chunk in self.manifest.chunks_of(stream):
+            end = chunk.rows + (end if chunk.first_row is None else chunk.first_row)
+        return end
 
     def _count(self) -> dict[str, dict[str, int]]:
         counts = {

@@ -1,7 +1,7 @@
 """Correcting the label of a run that has ended: test, direction, operator, placement.
 
-The old words stay in its manifest. Nothing else of the run changes: chunks and their checksums, stamps, the rig file
-and the name are as they were.
+The old words are kept in its ledger, or in the manifest of a run of version 1. Nothing else of the run changes: chunks
+and their checksums, stamps, the rig file and the name are as they were.
 """
 
 from __future__ import annotations
@@ -11,7 +11,9 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from daq.store import durable
-from daq.store.manifest import PLACEMENT_RULE, Manifest, first_error, hold_operator, iso_now, load_manifest
+from daq.store.ledger import Entry, Ledger
+from daq.store.manifest import PLACEMENT_RULE, Manifest, hold_operator, load_manifest
+from daq.store.records import Relabelling, first_error, iso_now
 from rigs.errors import CellError, FileError
 from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
@@ -43,13 +45,24 @@ def relabel(
                 raise FileError(str(run), "was not closed: the recording crashed", f"run `rig recover {run}`")
             changed = _relabelled(run, manifest, test, direction, operator, placement)
             if changed != manifest:
-                changed.save(run)
+                _save(run, changed, changed.relabelled[len(manifest.relabelled) :])
         finally:
             durable.close(held)
     except OSError as error:
         what = f"cannot be relabelled: {error.strerror or error}"
         raise CellError(str(run), what, "do it as the owner of the run, where there is room") from None
     return changed
+
+
+def _save(run: Path, changed: Manifest, changes: tuple[Relabelling, ...]) -> None:
+    if changed.version == 1:
+        changed.save(run)
+        return
+    ledger = Ledger.resume(run)
+    try:
+        ledger.append(Entry(relabelled=changes))
+    finally:
+        ledger.close()
 
 
 def _relabelled(
@@ -77,7 +90,7 @@ def _relabelled(
     if not changes:
         return manifest
     try:
-        return Manifest.model_validate(manifest.model_dump() | words | {"relabelled": [*history, *changes]})
+        return manifest.updated(**words, relabelled=[*history, *changes])
     except ValidationError as error:
         raise FileError(str(run), first_error(error), PLACEMENT_RULE) from None
 

@@ -1,7 +1,7 @@
 """How much room a recording needs on its disk, so that it ends cleanly while there still is some.
 
-Closing a run puts the Parquet file of each open chunk beside it before the chunk goes, and the new
-manifest beside the old: `RunWriter.room_to_close` adds that up from what is open now. The margin is for
+Closing a run puts the Parquet file of each open chunk beside it before the chunk goes, and some lines in the
+ledger: `RunWriter.room_to_close` adds up the files from what is open now. The margin is for the lines, and for
 what cannot be added up: what others write to the disk between two looks half a second apart. To begin
 takes more than to go on, so that a disk on the edge is not filled with runs of a second each.
 """

@@ -1,6 +1,6 @@
 """Reading a run: all chunks of each stream as arrays, or one line saying why not.
 
-A number that nobody measured is worse than no number, so every chunk is checked against its SHA-256
+A number that was not measured is worse than no number, so every chunk is checked against its SHA-256
 and its row count before a value of it is handed on.
 """
 
@@ -13,11 +13,13 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from daq.store.chunk import from_parquet
+from daq.store.chunk import MOST_BYTES, from_parquet
 from daq.store.durable import TEMPORARY, is_locked
-from daq.store.manifest import Chunk, Manifest, load_manifest, sha256, unreadable
+from daq.store.manifest import Manifest, load_manifest, unreadable
+from daq.store.records import Chunk, sha256
 from daq.store.schema import FAULTS, TABLE
 from rigs.errors import FileError
+from rigs.files import read_bytes
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,13 @@ def is_unclosed(path: Path) -> bool:
         raise unreadable(path, error) from None
 
 
+def left_over(path: Path, manifest: Manifest) -> list[Path]:
+    """Return the files of a run that is not being recorded which only a crash leaves."""
+    listed = {chunk.file for chunk in manifest.chunks}
+    unlisted = {file for file in path.glob("*.parquet") if file.name not in listed}
+    return sorted(unlisted | {*path.glob("*.arrow"), *path.glob(f"*{TEMPORARY}")})
+
+
 def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
     """Return all rows of one stream, in the order of its chunks.
 
@@ -88,14 +97,17 @@ def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema) -> pa.Table:
     file = path / chunk.file
     remedy = "restore the file from a copy of the run"
     try:
-        data = file.read_bytes()
+        data = read_bytes(file, MOST_BYTES)
     except FileNotFoundError:
         raise FileError(str(file), "the manifest lists this chunk and it is missing", remedy) from None
     except OSError as error:
         raise unreadable(file, error) from None
     if sha256(data) != chunk.sha256:
         raise FileError(str(file), "has changed since it was recorded (SHA-256)", remedy)
-    table = from_parquet(data)
+    try:
+        table = from_parquet(data)
+    except OSError as error:
+        raise unreadable(file, error) from None
     if table is None:
         raise FileError(str(file), "is not a Parquet file", remedy)
     if not table.schema.equals(schema):

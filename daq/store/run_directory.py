@@ -1,4 +1,4 @@
-"""The directory of a new run: its name, the writer's lock on it, and its first manifest."""
+"""The directory of a new run: its name, the writer's lock on it, its manifest, and its ledger."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from itertools import count
 from pathlib import Path
 
 from daq.store import durable
+from daq.store.ledger import Ledger
 from daq.store.manifest import Manifest
 from daq.store.room import TO_BEGIN_BYTES, require_room
 
@@ -16,8 +17,8 @@ _TIMED = re.compile(r"[0-9]{8}T[0-9]{6}[.0-9]*Z")
 """The UTC time that some names begin with; their directories are named after them alone."""
 
 
-def create_run_directory(runs: Path, manifest: Manifest) -> tuple[Path, int]:
-    """Create a fresh directory `<UTC time>_<name>` under runs; return it with the writer's lock of the run.
+def create_run_directory(runs: Path, manifest: Manifest) -> tuple[Path, int, Ledger]:
+    """Create a fresh directory `<UTC time>_<name>` under runs; return it with the run's lock and its ledger.
 
     Raises NearlyFull if there is too little room to begin, OSError if the disk refuses.
     """
@@ -28,11 +29,12 @@ def create_run_directory(runs: Path, manifest: Manifest) -> tuple[Path, int]:
     try:
         manifest.save(path)
         durable.sync_directory(runs)
+        ledger = Ledger.create(path, manifest.opening())
     except OSError:
         durable.close(held)
         durable.discard(path)
         raise
-    return path, held
+    return path, held, ledger
 
 
 def _fresh_directory(runs: Path, name: str) -> Path:

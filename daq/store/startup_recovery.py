@@ -12,7 +12,8 @@ import threading
 from pathlib import Path
 
 from daq.store import is_unclosed, recover
-from daq.store.manifest import MANIFEST, parse_chunk
+from daq.store.manifest import MANIFEST
+from daq.store.records import parse_chunk
 from rigs.errors import RigError
 
 log = logging.getLogger("rigd")

@@ -1,7 +1,7 @@
 """One stream being recorded: rows in, frames on the disk, a Parquet chunk when it is full.
 
 The recording chunk is only ever appended to, and deleted only when the Parquet file made from it is
-durable and in the manifest. After a failed write its length is put back to the last whole frame.
+durable and in the ledger. After a failed write its length is put back to the last whole frame.
 One that is full is ended, and the next begins when the disk has all of it: so a crash leaves no hole between
 the two, and another thread makes the Parquet file while this one writes on. Until then rows stay pending,
 for as long as one sync takes. Raises plain OSError; the run's writer says it to a person.
@@ -20,7 +20,7 @@ import pyarrow as pa
 
 from daq.store import durable
 from daq.store.chunk import END, Salvage, frame, head, salvage, table_of, to_parquet
-from daq.store.manifest import Chunk, chunk_name, sha256
+from daq.store.records import Chunk, chunk_name, sha256
 from daq.store.schema import FAULTS, TABLE, Row, batch_of
 
 
@@ -146,15 +146,16 @@ class StreamWriter:
         chunk.end()
         if not chunk.is_synced:
             Sync(chunk, durable.again(chunk.fd), chunk.size).wait()
-        found = salvage(chunk.path.read_bytes(), self.schema)
+        found = salvage(durable.read(chunk.fd), self.schema)  # also where its name has vanished
         if found.damage or found.rows != chunk.rows:
             raise OSError(errno.EIO, f"{chunk.path.name} reads back {found.damage or 'short'}")
         return store_chunk(self.run, self.stream, chunk.number, found, self.schema)
 
     def forget(self, chunk: OpenChunk) -> None:
-        """Delete a chunk whose rows the manifest now lists elsewhere."""
+        """Delete a chunk whose rows are in a Parquet file that the ledger lists."""
         self._release(chunk)
-        durable.remove(chunk.path)
+        with suppress(FileNotFoundError):
+            durable.remove(chunk.path)
 
     def release(self) -> None:
         """Close the open files and leave them where they are."""
@@ -179,9 +180,10 @@ def store_chunk(run: Path, stream: str, number: int, found: Salvage, schema: pa.
 
 
 def describe(file: str, stream: str, table: pa.Table, data: bytes) -> Chunk:
-    """Return the manifest's entry for a chunk of at least one row."""
+    """Return the ledger's record of a chunk of at least one row."""
+    about = {"file": file, "stream": stream, "rows": table.num_rows, "sha256": sha256(data)}
     if stream == TABLE:
-        return Chunk(file=file, stream=stream, rows=table.num_rows, sha256=sha256(data), first_ns=0, last_ns=0)
-    stamps = ("at_ns", "at_ns") if stream == FAULTS else ("first_byte_ns", "last_byte_ns")
-    first, last = int(table[stamps[0]][0].as_py()), int(table[stamps[1]][-1].as_py())
-    return Chunk(file=file, stream=stream, rows=table.num_rows, sha256=sha256(data), first_ns=first, last_ns=last)
+        return Chunk(**about, first_ns=0, last_ns=0, first_row=0)
+    begin, end = ("at_ns", "at_ns") if stream == FAULTS else ("first_byte_ns", "last_byte_ns")
+    first_ns, last_ns, first_row = table[begin][0], table[end][-1], table["sequence"][0]
+    return Chunk(**about, first_ns=first_ns.as_py(), last_ns=last_ns.as_py(), first_row=first_row.as_py())

@@ -1,38 +1,127 @@
-"""Is a run whole? Everything that its manifest promises, held against the files."""
+"""Is a run whole? Everything that its manifest and its ledger promise, compared with the files."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 
-from daq.store.durable import TEMPORARY
-from daq.store.manifest import Manifest, load_manifest, sha256
+from daq.store.ledger import LEDGER, read_ledger
+from daq.store.manifest import Manifest, load_manifest, unreadable
 from daq.store.marks import load_marks
-from daq.store.run import read_chunk
-from daq.store.schema import TABLE
+from daq.store.records import sha256
+from daq.store.run import left_over, read_chunk
+from daq.store.schema import FAULTS, TABLE
 from rigs.errors import FileError
 
 
-def verify(path: Path) -> list[str]:
-    """Return what is wrong with a run, one line each; empty if nothing is.
+@dataclass(frozen=True)
+class Gap:
+    """Rows of a stream that are in no chunk: how many, and the number of the first."""
 
-    Reads every byte: that each chunk is there, unchanged and as declared, that no row is missing in
-    between, that no file is left over, and that the run was ended.
+    stream: str
+    first: int
+    rows: int
+
+    def __str__(self) -> str:
+        if self.rows == 1:
+            return f"row {self.first} of {self.stream} is missing"
+        return f"rows {self.first} to {self.first + self.rows - 1} of {self.stream} are missing"
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a run was found to be. problems: what is wrong with it, one line each, beside the rows that are missing."""
+
+    path: Path
+    is_sealed: bool = False
+    is_recovered: bool = False
+    gaps: tuple[Gap, ...] = ()
+    problems: tuple[str, ...] = ()
+
+    @property
+    def lines(self) -> list[str]:
+        """Everything that is wrong, a line each; empty if nothing is."""
+        return [*self.problems, *(f"{self.path}: {gap}" for gap in self.gaps)]
+
+    @property
+    def summary(self) -> str:
+        """The verdict in one line: whole, recovered, or not whole."""
+        missing = sum(gap.rows for gap in self.gaps)
+        if self.problems or (missing and not self.is_recovered):
+            return f"{self.path}: not whole"
+        sealed = "" if self.is_sealed else "; sealed: no, the run was recorded by an older version"
+        if self.is_recovered:
+            return f"{self.path}: recovered: {missing or 'no'} rows are known to be missing{sealed}"
+        return f"{self.path}: whole{sealed}"
+
+
+@dataclass
+class _Stream:
+    """What was read of one stream. end: one more than the number of its last row; doubled rows count twice in held."""
+
+    name: str
+    held: int = 0
+    end: int = 0
+    gaps: list[Gap] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+    faults: Counter[tuple[str, str]] = field(default_factory=Counter)
+    """How many faults the stream of faults has, by stream and kind."""
+
+    def skip_to(self, row: int) -> None:
+        """Go on at a row; the rows before it are missing."""
+        if row > self.end:
+            self.gaps.append(Gap(self.name, self.end, row - self.end))
+        self.end = row
+
+
+def verify(path: Path) -> list[str]:
+    """Return what is wrong with a run, one line each; empty if nothing is. See `judge`."""
+    return judge(path).lines
+
+
+def judge(path: Path) -> Verdict:
+    """Return whether a run is whole.
+
+    Reads every byte: that each chunk is there, unchanged and as declared, that no chunk and no row is missing or
+    doubled, that there are as many rows and faults as were counted when the run ended, that no file is left over,
+    and that the ledger is sealed.
     """
     try:
         manifest = load_manifest(path)
+        ledger = _ledger(path, manifest)
     except FileError as error:
-        return [str(error)]
-    problems = [problem for stream in manifest.all_streams for problem in _stream(path, manifest, stream)]
-    return _manifest(path, manifest) + _marks(path) + _left_over(path, manifest) + problems
+        return Verdict(path, problems=(str(error),))
+    streams = [_read(path, manifest, stream) for stream in manifest.all_streams]
+    problems = [problem for stream in streams for problem in stream.problems]
+    recovered = manifest.exit_status == "recovered"
+    if not problems:  # a chunk that cannot be read explains every number that does not fit
+        problems = _counters(path, manifest, {stream.name: stream for stream in streams})
+    return Verdict(
+        path,
+        manifest.is_sealed,
+        recovered,
+        tuple(gap for stream in streams for gap in stream.gaps),
+        (*ledger, *_manifest(path, manifest), *_marks(path), *_left_over(path, manifest), *problems),
+    )
 
 
-def _marks(path: Path) -> list[str]:
+def _ledger(path: Path, manifest: Manifest) -> list[str]:
+    if manifest.version == 1:
+        return []
     try:
-        load_marks(path)
-    except FileError as error:
-        return [str(error)]
+        found = read_ledger(path)
+    except OSError as error:
+        raise unreadable(path / LEDGER, error) from None
+    if not found.entries:
+        return [f"{path / LEDGER}: is missing or damaged from its first line on; run `rig recover {path}`"]
+    if found.unread and manifest.exit_status != "recording":
+        line = len(found.entries) + 1
+        return [f"{path / LEDGER}: line {line} and what follows cannot be verified; run `rig recover {path}`"]
     return []
 
 
@@ -47,26 +136,74 @@ def _manifest(path: Path, manifest: Manifest) -> list[str]:
     return problems
 
 
+def _marks(path: Path) -> list[str]:
+    try:
+        load_marks(path)
+    except FileError as error:
+        return [str(error)]
+    return []
+
+
 def _left_over(path: Path, manifest: Manifest) -> list[str]:
-    listed = {chunk.file for chunk in manifest.chunks}
-    unlisted = {file for file in path.glob("*.parquet") if file.name not in listed}
-    files = sorted(unlisted | {*path.glob("*.arrow"), *path.glob(f"*{TEMPORARY}")})
-    return [f"{file}: is not in the manifest; run `rig recover {path}`" for file in files]
+    where = "manifest" if manifest.version == 1 else "ledger"
+    return [f"{file}: is not in the {where}; run `rig recover {path}`" for file in left_over(path, manifest)]
 
 
-def _stream(path: Path, manifest: Manifest, stream: str) -> list[str]:
-    schema = manifest.arrow_schema(stream)
-    problems, row = [], 0
-    for chunk in manifest.chunks_of(stream):
+def _read(path: Path, manifest: Manifest, stream: str) -> _Stream:
+    """Read all chunks of a stream."""
+    schema, found = manifest.arrow_schema(stream), _Stream(stream)
+    for number, chunk in enumerate(manifest.chunks_of(stream), start=1):
+        if chunk.number != number and manifest.exit_status != "recovered" and not found.problems:
+            found.problems.append(f"{path}: chunk {number} of {stream} is missing, and nothing says what it held")
         try:
             rows = read_chunk(path, chunk, schema)
         except FileError as error:
-            problems.append(str(error))
-            row += chunk.rows
+            found.problems.append(str(error))
+            found.skip_to(found.end if chunk.first_row is None else chunk.first_row)
+            found.end += chunk.rows
             continue
-        if stream != TABLE:
-            sequence = rows["sequence"].to_numpy()
-            wrong = np.flatnonzero(np.diff(sequence, prepend=row - 1) != 1)
-            problems += [f"{path / chunk.file}: rows are missing or doubled before row {i}" for i in wrong]
-            row = int(sequence[-1]) + 1 if len(sequence) else row
+        found.held += chunk.rows
+        if stream == TABLE:
+            found.end += chunk.rows
+        else:
+            _follow(found, path / chunk.file, rows)
+    found.skip_to(max(found.end, manifest.rows.get(stream, 0)))
+    return found
+
+
+def _follow(found: _Stream, file: Path, rows: pa.Table) -> None:
+    """Go through the row numbers of a chunk: each should be one more than the one before."""
+    sequence = rows["sequence"].to_numpy()
+    for i in np.flatnonzero(np.diff(sequence, prepend=found.end - 1) != 1):
+        expected = found.end if i == 0 else int(sequence[i - 1]) + 1
+        found.end = expected
+        if sequence[i] < expected:
+            found.problems.append(f"{file}: rows are doubled before row {i}")
+        else:
+            found.skip_to(int(sequence[i]))
+    found.end = int(sequence[-1]) + 1 if len(sequence) else found.end
+    if found.name == FAULTS:
+        for stream, kind, count in zip(*(rows[name].to_pylist() for name in ("stream", "kind", "count")), strict=True):
+            found.faults[stream, kind] += count
+
+
+def _counters(path: Path, manifest: Manifest, streams: Mapping[str, _Stream]) -> list[str]:
+    """Compare what was counted during the recording with what was read.
+
+    Only a run that ended in order has all its faults on the disk.
+    """
+    problems = []
+    for stream, counts in manifest.counters.items():
+        held = streams[stream].held if stream in streams else 0
+        if "samples" in counts and stream in streams and counts["samples"] != held:
+            problems.append(f"{path}: {stream} holds {held} rows, and {counts['samples']} samples were counted")
+    if manifest.exit_status not in ("complete", "interrupted"):
+        return problems
+    counted = {
+        (s, kind): n for s, counts in manifest.counters.items() for kind, n in counts.items() if kind != "samples"
+    }
+    found = streams[FAULTS].faults
+    for stream, kind in sorted({key for key in counted if counted[key] != found[key]}):
+        n = counted[stream, kind]
+        problems.append(f"{path}: {n} {kind} of {stream} were counted, the faults hold {found[stream, kind]}")
     return problems

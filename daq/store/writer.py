@@ -10,10 +10,12 @@ condemns nothing, and the run can be closed whole.
 
 from __future__ import annotations
 
+import os
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -22,8 +24,10 @@ import pyarrow as pa
 from daq.protocol.conversation import Fault, Sample
 from daq.store import durable
 from daq.store.chunk import with_opening
-from daq.store.manifest import Clock, Ending, Manifest, clock_now, iso_now, new_manifest
+from daq.store.ledger import Entry, Ledger
+from daq.store.manifest import Manifest, clock_now, new_manifest
 from daq.store.memory import give_back
+from daq.store.records import Clock, Ending, Seal, iso_now
 from daq.store.room import MARGIN_BYTES, require_room
 from daq.store.run_directory import create_run_directory
 from daq.store.schema import FAULTS, schema_of
@@ -35,8 +39,6 @@ CHUNK_ROWS = 200_000
 """Closing a chunk of this size takes about 0.2 s (7 columns and 6 joints)."""
 CHUNK_AGE_NS = 600 * 10**9
 """A slow gauge's rows become Parquet within ten minutes."""
-MOST_CHUNKS = 1000
-"""The manifest is rewritten and held in memory whole: at four streams this is a run of 40 hours or more."""
 MOST_PENDING = 100_000
 """Rows of a stream in memory while the disk does not take the chunk before them: minutes at 500 Hz."""
 
@@ -63,10 +65,14 @@ class RunWriter:
     manifest: Manifest
     _writers: dict[str, StreamWriter]
     _lock: int
+    _ledger: Ledger
+    """Only `Work` and `close` append to it."""
+    device: int
+    """Number of the disk that holds the run."""
     _chunk_rows: int
     _failure: CellError | None = None
-    _anchors: tuple[Clock, ...] = ()
-    """Anchors for the manifest, which only `Work` and `close` renew and save."""
+    _anchors: deque[Clock] = field(default_factory=deque)
+    """Anchors that are not in the ledger yet."""
 
     @classmethod
     def create(  # noqa: PLR0913 - what a manifest needs to know
@@ -84,7 +90,7 @@ class RunWriter:
         follows: str = "",
         chunk_rows: int = CHUNK_ROWS,
     ) -> RunWriter:
-        """Start a run in a fresh directory `<UTC time>_<name>` under runs, its manifest on the disk.
+        """Start a run in a fresh directory `<UTC time>_<name>` under runs, its manifest and ledger on the disk.
 
         A name that begins with a UTC time of its own is the directory's as it is.
 
@@ -104,7 +110,7 @@ class RunWriter:
             follows=follows,
         )
         try:
-            path, held = create_run_directory(runs, manifest)
+            path, held, ledger = create_run_directory(runs, manifest)
         except OSError as error:
             remedy = "make room or choose another directory"
             raise CellError(str(runs), f"cannot be written: {_words(error)}", remedy) from error
@@ -112,7 +118,7 @@ class RunWriter:
             stream: StreamWriter(path, stream, with_opening(schema_of(stream, columns), manifest.opening()))
             for stream, columns in manifest.all_streams.items()
         }
-        return cls(path, manifest, writers, held, chunk_rows)
+        return cls(path, manifest, writers, held, ledger, os.fstat(held).st_dev, chunk_rows)
 
     def append(self, stream: str, samples: Iterable[Sample]) -> None:
         """Take samples of one stream; they are kept in memory until `write` or `sync`."""
@@ -121,11 +127,6 @@ class RunWriter:
     def append_faults(self, stream: str, faults: Iterable[Fault]) -> None:
         """Take faults that happened on one stream."""
         self._writers[FAULTS].append((stream, fault) for fault in faults)
-
-    @property
-    def is_long(self) -> bool:
-        """Whether the manifest has grown so long that another run should follow."""
-        return len(self.manifest.chunks) >= MOST_CHUNKS
 
     def is_behind(self, stream: str) -> bool:
         """Return whether so much of a stream, or of faults, waits for the disk that no more should be appended."""
@@ -141,20 +142,29 @@ class RunWriter:
         The opening manifest is in the head of a chunk once and in its Parquet file three times.
         """
         chunks = sum(writer.bytes_to_close() for writer in self._writers.values())
-        return chunks + (2 + 4 * len(self._writers)) * len(self.manifest.to_json())
+        return chunks + 4 * len(self._writers) * len(self.manifest.opening())
 
     def anchor(self) -> None:
-        """Keep the present time for the manifest, since the wall clock has been set; the next sync saves it."""
-        self._anchors = (*self._anchors, clock_now())
+        """Keep the present time for the ledger, since the wall clock has been set; the next sync saves it."""
+        self._anchors.append(clock_now())
 
     def write(self) -> None:
         """Hand everything taken so far to the operating system: that survives a kill.
 
-        Raises NearlyFull, with nothing written, while there is still the room to close; else CellError.
+        Raises NearlyFull, with nothing written, while there is still the room to close; else CellError, also for a
+        file that has vanished, after which everything can still be closed.
         """
         with self._guarded():
+            self._require_files()
             require_room(self.path, self.room_to_close() + MARGIN_BYTES)
             self._write()
+
+    def _require_files(self) -> None:
+        """Raise CellError for an open file that is not there under its name any more."""
+        chunks = {chunk.path: chunk.fd for writer in self._writers.values() if (chunk := writer.open)}
+        for path, fd in {self._ledger.path: self._ledger.fd, **chunks}.items():
+            if not durable.is_named(fd, path):
+                raise CellError(str(path), "has vanished during the recording", "find out what deletes or moves runs")
 
     def sync(self) -> None:
         """Write, and return when everything written so far is on the disk. Raises the errors of `write`."""
@@ -169,7 +179,7 @@ class RunWriter:
                     writer.open.end()
             syncs = [sync for writer in self._writers.values() if (sync := writer.begin_sync())]
             syncs.sort(key=lambda sync: not sync.chunk.ended)  # whose next rows are held back
-            anchored = [self._save_anchors] if self._anchors != self.manifest.anchors else []
+            anchored = [self._save_anchors] if self._anchors else []
             return Work([*(sync.wait for sync in syncs), *anchored], self.stored())
 
     def roll(self) -> bool:
@@ -198,28 +208,28 @@ class RunWriter:
         self.end_work(_attempt(work.wait))
 
     def close(self, exit_status: Ending, reason: str, counters: Mapping[str, Mapping[str, int]]) -> None:
-        """End the run: close every chunk and note in the manifest how and why it ended. Any thread, no work pending.
+        """End the run: close every chunk and seal the ledger with how and why it ended. Any thread, no work pending.
 
         counters: faults by stream and kind; samples are set to what was stored. Does all it can, lets go
         of the run, and only then raises CellError for what it could not do.
         """
         steps = [] if self._failure else [self._write]
         steps += [partial(self._end, writer) for writer in self._writers.values()]
-        problems = [problem for step in [*steps, give_back] if (problem := _attempt(step))]
+        steps += [self._save_anchors, partial(durable.sync_directory, self.path), give_back]
+        problems = [problem for step in steps if (problem := _attempt(step))]
         if problems and exit_status != "failed":
             exit_status, reason = "failed", f"{reason}; {_words(problems[0])}".lstrip("; ")
-        self.manifest = self.manifest.model_copy(
-            update={
-                "exit_status": exit_status,
-                "reason": reason,
-                "ended": iso_now(),
-                "counters": {stream: self._counted(stream, counts) for stream, counts in counters.items()},
-                "anchors": self._anchors,
-            }
+        seal = Seal(
+            exit_status=exit_status,
+            reason=reason,
+            ended=iso_now(),
+            rows={stream: writer.rows for stream, writer in self._writers.items()},
+            counters={stream: self._counted(stream, counts) for stream, counts in counters.items()},
         )
-        problems += [problem] if (problem := _attempt(partial(self.manifest.save, self.path))) else []
+        problems += [problem] if (problem := _attempt(partial(self._ledger.append, Entry(seal=seal)))) else []
         for writer in self._writers.values():
             writer.release()
+        self._ledger.close()
         durable.close(self._lock)
         if problems:
             raise _refused(self.path, problems[0]) from problems[0]
@@ -245,17 +255,13 @@ class RunWriter:
     def _roll(self, writer: StreamWriter) -> None:
         chunk = writer.unclosed()[0]
         if chunk.rows:  # none when the disk refused the first frame
-            listed = writer.finish(chunk)
-            self._save(chunks=(*self.manifest.chunks, listed))
+            self._ledger.append(Entry(chunk=writer.finish(chunk)))
         writer.forget(chunk)
 
     def _save_anchors(self) -> None:
-        self._save(anchors=self._anchors)
-
-    def _save(self, **changed: object) -> None:
-        manifest = self.manifest.model_copy(update=changed)
-        manifest.save(self.path)
-        self.manifest = manifest
+        while self._anchors:
+            self._ledger.append(Entry(anchor=self._anchors[0]))
+            self._anchors.popleft()
 
     @contextmanager
     def _guarded(self) -> Iterator[None]:

@@ -84,14 +84,14 @@ class Link:
 
     def _check_alive(self) -> None:
         if time.monotonic() - self._heard_s > self._dead_s:
-            raise LinkLost(f"nothing came for {self._dead_s:g} s, the other end may be gone")
+            raise LinkLost(f"nothing arrived for {self._dead_s:g} s, the other end may be gone")
 
     def write(self, data: bytes) -> None:
         """Send all of the data. Raises LinkLost, also if the line accepts nothing for some seconds."""
         try:
             while data:
                 if not select.select([], [self], [], _WRITE_S)[1]:
-                    raise LinkLost("the line accepts no data")
+                    raise LinkLost("the line does not accept data")
                 data = data[os.write(self._fd, data) :]
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None
@@ -147,7 +147,7 @@ class UdpLink(Link):
             return
         try:
             if not select.select([], [self], [], _WRITE_S)[1]:
-                raise LinkLost("the network accepts no datagrams")
+                raise LinkLost("the network does not accept datagrams")
             self._sock.sendto(data, self._sender)
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None
@@ -173,7 +173,7 @@ class UdpLink(Link):
 
 
 def _address_text(address: Address | None) -> str:
-    return f"{address[0]}:{address[1]}" if address else "nobody"
+    return f"{address[0]}:{address[1]}" if address else "unknown"
 
 
 def open_link(name: str, port: str, line: Line, *, dead_s: float = DEAD_S, listens: bool = False) -> Link:
@@ -205,7 +205,9 @@ def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
             sock.bind(found)
     except OSError as error:
         sock.close()
-        remedy = "give an address of this computer, to which the controller sends, and a port nobody else has"
+        remedy = (
+            "give an address of this computer, to which the controller sends, and a port that no other program uses"
+        )
         raise CellError(where, f"cannot be bound: {error.strerror or error}", remedy) from None
     return UdpLink(name, sock, None if listens else found)
 

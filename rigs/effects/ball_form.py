@@ -39,10 +39,10 @@ class BallForm(Effect):
         return f"form of the ball, {self.lobes} lobes"
 
     def remedy(self) -> str:
-        return "the ball is out of round: turn it by a quarter and measure again; replace it if this turns with it"
+        return "the ball is out of round: turn it by a quarter and measure again; replace it if the error turns with it"
 
     def compensation(self) -> Compensation:
-        return Compensation("none", "is the ball's, the arm has no part in it")
+        return Compensation("none", "belongs to the ball, which the robot's controller cannot correct")
 
     def departures(self) -> Departures:
         """Lobes are not all alike: one more and one fewer."""

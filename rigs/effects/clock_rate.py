@@ -29,7 +29,7 @@ class ClockRate(Effect):
         return "rate of the gauges' clock against the robot's"
 
     def remedy(self) -> str:
-        return f"the clocks run apart by {self.ppm:+.3g} ppm: synchronise them"
+        return f"the clocks differ by {self.ppm:+.3g} ppm: synchronise them"
 
     def compensation(self) -> Compensation:
         return OF_THE_CLOCKS

@@ -11,7 +11,7 @@ from rigs.schema.part import Axis
 from rigs.schema.scene import S
 
 _HANGS_KG = 5.0
-"""Nobody knows what hung at the flange: what is taken first, …"""
+"""The payload during a test is often unknown: what is taken first, …"""
 _HEAVY_KG = 15.0
 """… and the other end of what is tried."""
 
@@ -41,7 +41,7 @@ class Compliance(Effect):
         return f"twist of {joint} under gravity"
 
     def remedy(self) -> str:
-        return f"joint {self.axis} gives way under load: enter the payload as it is, or let the controller compensate"
+        return f"joint {self.axis} yields under load: enter the payload as it is, or let the controller compensate"
 
     def compensation(self) -> Compensation:
         """It depends on the posture alone."""

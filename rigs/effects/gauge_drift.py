@@ -31,7 +31,7 @@ class GaugeDrift(Effect):
         return f"drift of gauge {self.gauge}"
 
     def remedy(self) -> str:
-        return f"{self.gauge} drifts by {1e3 * self.mm_per_min:+.2g} µm a minute: let it warm up, look at its holder"
+        return f"{self.gauge} drifts by {1e3 * self.mm_per_min:+.2g} µm a minute: let it warm up, and check its holder"
 
     def compensation(self) -> Compensation:
         return OF_THE_GAUGES

@@ -14,7 +14,7 @@ Constant = Literal["a", "alpha", "d", "beta"]
 _CONSTANTS: tuple[Constant, ...] = ("a", "alpha", "d", "beta")
 _IN_WORDS: dict[Constant, str] = {"a": "length a", "d": "offset d", "alpha": "twist alpha", "beta": "twist beta"}
 _KEYS: dict[Constant, str] = {"a": "a_mm", "alpha": "alpha_deg", "beta": "beta_deg", "d": "d_mm"}
-"""In the rig file."""
+"""The keys of the fields in a rig file."""
 _PARALLEL = 1e-3
 """Sine of the angle between two axes below which they are parallel."""
 

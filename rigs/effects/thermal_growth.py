@@ -36,7 +36,7 @@ class ThermalGrowth(Effect):
         return "growth of all lengths with time"
 
     def remedy(self) -> str:
-        return "the arm grows as it warms up: run it warm before measuring, or measure quicker"
+        return "the arm grows as it warms up: warm it up before measuring, or measure faster"
 
     def compensation(self) -> Compensation:
         """A target has no time."""

@@ -66,7 +66,7 @@ class TransmissionError(Effect):
 
     def remedy(self) -> str:
         return (
-            f"look at the gear stage of joint {self.axis} that turns {self.order:.4g} times a turn of the joint:"
+            f"inspect the gear stage of joint {self.axis} that turns {self.order:.4g} times a turn of the joint:"
             f" ± {self.amplitude_deg:.4f}°"
         )
 

@@ -29,7 +29,7 @@ class Vibration(Effect):
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[Vibration]]:
-        """None: its phase is new in each run, see `swinging`."""
+        """An empty list: its phase is new in each run, see `swinging`."""
         return []
 
     def plain(self, joint: str) -> str:
@@ -37,12 +37,12 @@ class Vibration(Effect):
 
     def remedy(self) -> str:
         return (
-            f"the link swings at {self.frequency_hz:.3g} Hz: look for what shakes it, drive slower, stiffen the stand"
+            f"the link swings at {self.frequency_hz:.3g} Hz: find what excites it, drive slower, or stiffen the stand"
         )
 
     def compensation(self) -> Compensation:
         """It swings about every target."""
-        return Compensation("none", "swings about the target: only its cause can be mended")
+        return Compensation("none", "swings about the target: only its cause can be removed")
 
     @classmethod
     def swinging(cls, frequency_hz: float, amplitude_mm: float) -> Vibration:

@@ -43,5 +43,5 @@ class WristCoupling(Effect):
 
     @property
     def seat(self) -> str:
-        """From one axis to the other."""
+        """The axis that moves and the axis that follows, `4>5`."""
         return f"{self.from_axis}>{self.to_axis}"

@@ -17,11 +17,11 @@ Celsius = Annotated[float, Field(ge=-50, le=100)]
 _TIME_ZONES = dt.timedelta(days=1)
 """A certificate written today further east may bear tomorrow's date."""
 _STEPS = 200
-"""In which a polynomial's range is looked through."""
+"""Steps in which the range of a polynomial is checked."""
 
 
 class Temperature(Part):
-    """Of gauges, link and ball while the cell is measured."""
+    """Temperature of gauges, link and ball while the cell is measured."""
 
     mean_c: Celsius
     u_c: float = Field(ge=0, le=50)
@@ -70,7 +70,7 @@ class Certificate(Part):
 
 
 class GaugeCertificate(Certificate):
-    """Of a gauge: what is to be added to its readings, as a table or as a polynomial of the reading, or neither."""
+    """Certificate of a gauge: what is to be added to its readings, as a table or a polynomial, or neither."""
 
     correction_mm: tuple[tuple[Length, Correction], ...] = Field(default=(), max_length=10_000)
     """Pairs of a reading and its correction; straight lines between them."""
@@ -112,25 +112,25 @@ class GaugeCertificate(Certificate):
 
     @property
     def valid_mm(self) -> tuple[float, float] | None:
-        """The readings that the correction is known for; None where there is none."""
+        """The readings that the correction is known for; None without a correction."""
         return (self.correction_mm[0][0], self.correction_mm[-1][0]) if self.correction_mm else self.range_mm
 
 
 class Ball(Certificate):
-    """Of the base-ball: how round it is."""
+    """Certificate of the base-ball: how round it is."""
 
     form_mm: float = Field(ge=0, le=1)
     """Deviation from round, peak to valley, of the part that the link touches."""
 
 
 class Link(Certificate):
-    """Of the link that is set for the hemisphere: from ball to ball where its gauge shows 0."""
+    """Certificate of the link that is set for the hemisphere: its length from ball to ball where its gauge shows 0."""
 
     length_mm: float = Field(ge=1, le=10_000)
 
 
 def _hold_rising(table: tuple[tuple[float, float], ...] | list[tuple[float, float]], remedy: str) -> None:
-    """Two readings corrected to one length, or in another order, are no correction. Raises ValueError."""
+    """Two readings corrected to one length, or in another order, are not a correction. Raises ValueError."""
     for (before, least), (reading, correction) in pairwise(table):
         if reading + correction <= before + least:
             raise ValueError(f"corrected readings fall between {before:g} and {reading:g} mm; {remedy}")

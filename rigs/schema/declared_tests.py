@@ -28,7 +28,7 @@ class _AboutTheBall(Part):
     @classmethod
     def _has_length(cls, value: Vector) -> Vector:
         if math.hypot(*value) < 1e-9:
-            raise ValueError("a direction of length zero points nowhere")
+            raise ValueError("a direction needs a length above zero")
         return value
 
     @model_validator(mode="after")

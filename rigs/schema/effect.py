@@ -30,7 +30,7 @@ SEATS = ("axis", "field", "gauge", "from_axis", "to_axis")
 
 
 def size(bound: float, healthy: float, *, least: float | None = None) -> Any:
-    """A size: between -bound (or least) and bound, zero is none; `healthy` is its spread over good arms."""
+    """A size: between -bound (or least) and bound, zero has no effect; `healthy` is its spread over good arms."""
     return Field(default=0.0, ge=-bound if least is None else least, le=bound, json_schema_extra={"healthy": healthy})
 
 
@@ -49,7 +49,7 @@ class Found(Part):
     gap_um: tuple[float, float] | None = None
     """Root mean square of what was unexplained, before and after, in µm of the readings."""
     correlation: dict[str, float] = Field(default_factory=dict)
-    """Of the size with those of other effects that came from the same fit, by their names."""
+    """Correlation of the size with those of other effects of the same fit, by their names."""
     together: tuple[str, ...] = ()
     """Effects of the same fit that look like this one: only what they make up together is known."""
     joints_deg: tuple[tuple[float, float], ...] | None = Field(default=None, min_length=6, max_length=6)
@@ -93,9 +93,9 @@ class StretchedShape:
 class Departures:
     """How nature departs from the page: what may stand beside an effect, because no gear, ball or brake is ideal.
 
-    beside: effects, each at one standard deviation; begin: a joint and by how many degrees it may stand off, for nobody
-    knows where a run began; jolt: a joint and by how many degrees it may be off about each of its turns; stick: a gauge
-    and by how many mm it may be off at a target, for nobody knows how the plunger came there.
+    beside: effects, each at one standard deviation; begin: a joint and by how many degrees it may stand off, since
+    it is unknown where a run began; jolt: a joint and by how many degrees it may be off about each of its turns; stick:
+    a gauge and by how many mm it may be off at a target, since it is unknown how the plunger came there.
     """
 
     beside: tuple[Effect, ...] = ()
@@ -114,8 +114,8 @@ class Compensation:
     constant: tuple[int, str] | None = None
 
 
-OF_THE_GAUGES = Compensation("none", "is the gauges', the arm has no part in it")
-OF_THE_CLOCKS = Compensation("none", "is the clocks', the arm has no part in it")
+OF_THE_GAUGES = Compensation("none", "belongs to the gauges, which the robot's controller cannot correct")
+OF_THE_CLOCKS = Compensation("none", "belongs to the clocks, which the robot's controller cannot correct")
 BY_TARGETS = Compensation("targets only")
 
 

@@ -29,7 +29,7 @@ class RTDESignal(Part):
         if bool(self.outputs) == (self.int_register is not None):
             raise ValueError("give either outputs: [0, …], or int_register")
         if len(set(self.outputs)) < len(self.outputs):
-            raise ValueError("an output stands here twice")
+            raise ValueError("an output occurs twice")
         return self
 
 
@@ -82,11 +82,11 @@ class LineFeed(_Feedback):
             )
         axes = [name[:2] for name in fields if name in JOINT_FIELDS]
         if sorted(axes) != [f"q{axis}" for axis in range(1, 7)]:
-            raise ValueError("each of q1 … q6 must stand in the line once, in _deg or _rad")
+            raise ValueError("each of q1 … q6 must occur once in the line, in _deg or _rad")
         if len(CLOCK_FIELDS & set(fields)) > 1:
             raise ValueError("only one of t_s, t_ms, t_us can be the controller's clock")
         if fields.count(SIGNAL) > 1:
-            raise ValueError("signal can stand in the line once")
+            raise ValueError("signal can occur only once in the line")
         return fields
 
 
@@ -104,13 +104,13 @@ class KUKARSI(_Feedback):
     interface: Literal["kuka_rsi"]
     port: UDPPort
     cycle_ms: Literal[4, 12] = 4
-    """Of the controller: 4 for IPO_FAST, 12 for IPO. A longer step of IPOC means that datagrams are missing."""
+    """Cycle of the controller: 4 for IPO_FAST, 12 for IPO. A longer step of IPOC means that datagrams are missing."""
     onlysend: bool = False
-    """As in the controller's Ethernet configuration: it expects no answers, and gets none."""
+    """ONLYSEND of the controller's Ethernet configuration: it does not expect answers, and does not get any."""
     timeout_s: float = Field(default=1.0, ge=0.01, le=60)
-    """A program started anew sends from another port, and is heard once the old one has been silent for so long."""
+    """A program that is restarted sends from another port, and is read once the old one has been silent for so long."""
     sentype: str = Field(default="ImFree", pattern=r"^[A-Za-z0-9_.-]{1,64}$")
-    """As SENTYPE there; the controller passes over answers of another name."""
+    """SENTYPE of that configuration; the controller ignores answers of another name."""
 
 
 class ABBEGM(_Feedback):
@@ -127,7 +127,7 @@ class ABBEGM(_Feedback):
     interface: Literal["abb_egm"]
     port: UDPPort
     timeout_s: float = Field(default=1.0, ge=0.01, le=60)
-    """As for KUKA."""
+    """The timeout after which another sender is accepted, as for KUKA."""
 
 
 class FANUCStreamMotion(_Feedback):
@@ -155,13 +155,13 @@ class ModbusJoints(_Feedback, RegisterBlock):
         doubts="no controller's own map: which registers, and whether the angles of one read are of one instant",
     )
     framing: ClassVar[Literal["rtu"]] = "rtu"
-    """Of a serial line, which it has not."""
+    """The framing of a serial line, which TCP does not have."""
     interface: Literal["modbus_joints"]
     port: Port
     function: Literal[3, 4] = 3
     rate_hz: float = Field(default=100.0, ge=SLOWEST_HZ)
     joints: tuple[ValueRegister, ValueRegister, ValueRegister, ValueRegister, ValueRegister, ValueRegister]
-    """Of q1 … q6, each `raw * scale + offset` in `units`."""
+    """The registers of q1 … q6, each `raw * scale + offset` in `units`."""
     units: Literal["deg", "rad"] = "deg"
     status: StatusRegister | None = None
     """The state of controller or program; any value that is not listed is an error."""
@@ -169,7 +169,7 @@ class ModbusJoints(_Feedback, RegisterBlock):
     @model_validator(mode="after")
     def _readable(self) -> ModbusJoints:
         if tcp_address(self.port) is None:
-            raise ValueError(f"{self.port!r} is no TCP port; write 'tcp://host:502'")
+            raise ValueError(f"{self.port!r} is not a TCP port; write 'tcp://host:502'")
         joints = {f"joints[{axis}]": register for axis, register in enumerate(self.joints)}
         self.check_inside(**joints, status=self.status)
         return self

@@ -63,8 +63,10 @@ class Gauges(Part):
             return self
         places = f"g1 at {self.g1.offset_mm:g} mm and g2 at {self.g2.offset_mm:g} mm"
         if self.baseline_mm == 0:
-            raise ValueError(f"{places} stand at one place, which measures no angle; correct offset_mm")
-        raise ValueError(f"{places} are exchanged: g1 stands on the side of +; swap their offset_mm, or their ports")
+            raise ValueError(f"{places} are at the same place, which measures no angle; correct offset_mm")
+        raise ValueError(
+            f"{places} are exchanged: g1 belongs on the positive side; swap their offset_mm, or their ports"
+        )
 
     @model_validator(mode="after")
     def _sharing(self) -> Gauges:

@@ -28,7 +28,7 @@ class Line(Part):
             return value
         match = _LINE.fullmatch(str(value))
         if not match or not 50 <= int(match[1]) <= 4_000_000:
-            raise ValueError(f"{value!r} is no line setting; write it as '9600 8N1'")
+            raise ValueError(f"{value!r} is not a line setting; write it as '9600 8N1'")
         return {"baud": int(match[1]), "bits": int(match[2]), "parity": match[3], "stop": int(match[4])}
 
     @model_serializer
@@ -65,14 +65,14 @@ def _port(value: str) -> str:
         return value
     address = tcp_address(value)
     if address is None or not 0 < address[1] < 65536:
-        raise ValueError(f"{value!r} is no port; write '/dev/serial/by-id/…' or 'tcp://host:number'")
+        raise ValueError(f"{value!r} is not a port; write '/dev/serial/by-id/…' or 'tcp://host:number'")
     return value
 
 
 def _udp_port(value: str) -> str:
     address = udp_address(value)
     if address is None or not 0 < address[1] < 65536:
-        raise ValueError(f"{value!r} is no UDP port; write 'udp://host:number'")
+        raise ValueError(f"{value!r} is not a UDP port; write 'udp://host:number'")
     return value
 
 

@@ -12,7 +12,7 @@ from rigs.schema.part import Part
 from rigs.schema.probe import Probe
 
 SLOWEST_HZ = 0.5
-"""A reading older than 3 s is none to begin a recording with, and a connection of 10 s without one is lost."""
+"""A recording cannot start with a reading older than 3 s, and a connection of 10 s without one is lost."""
 Number = Literal["int16", "uint16", "int32", "uint32", "float32"]
 
 
@@ -90,7 +90,7 @@ class ModbusMap(Probe, RegisterBlock):
     interface: Literal["modbus_map"]
     line: Line = Line(baud=19200, bits=8, parity="E", stop=1)
     framing: Literal["rtu", "ascii"] = "rtu"
-    """Of a serial line; TCP has its own."""
+    """The framing of a serial line; TCP has its own."""
     value: ValueRegister
     status: StatusRegister | None = None
     clock_s: Register | None = None
@@ -110,7 +110,7 @@ class SolartronOrbit(Probe):
         source="Orbit ACS manual (503110) p. 32, 48-54",
         standing="weak",
         doubts="function 3, word order, status as float32, line settings; the parameter numbers are in the maker's "
-        "parameter map; the unit is not told: `units` must be the one set there",
+        "parameter map; the unit is not sent: `units` must be the one set there",
     )
 
     request_bytes = 8

@@ -22,7 +22,7 @@ class Probe(Part):
 
     origin: ClassVar[Origin]
     shares: ClassVar[bool] = False
-    """Whether several gauges on one port come in one answer, told apart by `channel`."""
+    """Whether several gauges on one port come in one answer, distinguished by `channel`."""
     request_bytes: ClassVar[int] = 1
     """Characters of a request on a serial line, from which its wire time follows: at the least."""
     timing_source: ClassVar[str] = "no public source says when a reading is latched"

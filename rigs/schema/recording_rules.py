@@ -31,7 +31,7 @@ class When(Part):
     from_deg: Posture | None = None
     """Where the robot stands before it moves."""
     to_deg: Posture | None = None
-    """Where it then goes: some degrees on, which tells cw from acw."""
+    """Where it then goes: some degrees on, which distinguishes cw from acw."""
 
     @model_validator(mode="after")
     def _one_kind(self) -> When:
@@ -90,9 +90,7 @@ class Automatic(Part):
         numbered = combinations(enumerate(self.rules, 1), 2)
         same = [f"{i} and {j}" for (i, one), (j, other) in numbered if one.when.overlaps(other.when)]
         if same:
-            raise ValueError(
-                f"rules {', '.join(same)} wait for the same event; only a signal of its own tells them apart"
-            )
+            raise ValueError(f"rules {', '.join(same)} wait for the same event; give each a signal of its own")
         return self
 
     def lacking(self, *, signal: bool, gauges: int) -> list[str]:

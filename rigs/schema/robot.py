@@ -32,7 +32,7 @@ class JointAxis(Part):
     limits_deg: tuple[Angle, Angle]
     speed_deg_s: float = Field(gt=0, le=1e4)
     mass_kg: float = Field(default=0.0, ge=0, le=1e4)
-    """Of the link that this joint moves; used by effects of gravity."""
+    """Mass of the link that this joint moves; effects of gravity use it."""
     centre_mm: Vector = (0.0, 0.0, 0.0)
     """Centre of that mass in the link's frame."""
 
@@ -71,7 +71,7 @@ class Robot(Part):
             left[column:] = sorted(left[column:], key=lambda row: -abs(row[column]))
             pivot, *below = left[column:]
             if abs(pivot[column]) < 1e-6:
-                raise ValueError("coupling has no inverse: some motion of the joints moves no axis; correct its rows")
+                raise ValueError("coupling cannot be inverted: some joint motion moves no axis; correct its rows")
             left[column + 1 :] = [
                 [x - row[column] / pivot[column] * y for x, y in zip(row, pivot, strict=True)] for row in below
             ]

@@ -38,7 +38,7 @@ class Scene(Protocol):
 
     @property
     def T(self) -> Array:  # noqa: N802 - a frame
-        """Poses (n, 4, 4) of the tool in the world."""
+        """Poses (n, 4, 4) of the tool in the world, places in mm."""
 
     @property
     def base_mm(self) -> Array:
@@ -65,7 +65,7 @@ class Scene(Protocol):
         """Place (n, 3) mm of a joint (1 … 6), direction (n, 3) of its axis, and place (n, 3) mm of its link's end."""
 
     def taken_at(self, t_s: Array) -> Self:
-        """As reported at other instants t_s (n,)."""
+        """The scene as reported at other instants t_s (n,) s."""
 
     def with_constant(self, field: str, axis: int, delta: float) -> Self:
         """A constant of the arm (a, d in mm; alpha, beta in rad) of an axis (1 … 6) changed by delta."""

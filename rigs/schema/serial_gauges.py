@@ -1,6 +1,6 @@
 """Gauges on a serial line, one class an interface: what of them is set, and why they are believed to speak so.
 
-A line without a default is one that nobody could confirm: the rig file must give it.
+A line without a default could not be confirmed: the rig file must give it.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class MahrC1208(Probe):
         instruments="Mahr Millimar C1208, C1216, C1240",
         source="maker's manual p. 67-70",
         standing="confirmed",
-        doubts="line settings; M1240 tells no unit: `units` must be that of its display",
+        doubts="line settings; M1240 does not send its unit: `units` must be that of its display",
     )
 
     request_bytes = 2
@@ -110,7 +110,7 @@ class HeidenhainND287(Probe):
         instruments="Heidenhain ND 287",
         source="maker's manual p. 102-108",
         standing="confirmed",
-        doubts="baud; the unit is not told: `units` must be that of its display; how a positive sign shows",
+        doubts="baud; the unit is not sent: `units` must be that of its display; how a positive sign shows",
     )
 
     request_bytes = 7
@@ -150,7 +150,7 @@ class MagnescaleLT(Probe):
         source="replies: LT20A/LT30 manual p. 100-101; request: LT10A/LT11A manual p. 43",
         standing="weak",
         doubts="line settings; the request `R` and CR LF are those of the sister series LT10A; its normal output "
-        "tells no unit: `units` must be that of its display",
+        "does not send its unit: `units` must be that of its display",
     )
     shares: ClassVar[bool] = True
 
@@ -186,7 +186,7 @@ class MitutoyoUSB(Probe):
         instruments="Mitutoyo USB virtual COM port (0fe7:4001)",
         source="public code",
         standing="confirmed",
-        doubts="8N1; what the error numbers mean; the unit is not told: `units` must be that of its display",
+        doubts="8N1; what the error numbers mean; the unit is not sent: `units` must be that of its display",
     )
 
     request_bytes = 2

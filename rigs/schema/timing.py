@@ -21,7 +21,7 @@ class Timing(Part):
 
     latch: Latch = "unknown"
     cycle_ms: float | None = Field(default=None, gt=0, le=10_000)
-    """Of an own cycle, or of the pace of a streamed gauge."""
+    """Length of an own cycle, or the pace of a streamed gauge."""
     filter_ms: float = Field(default=0.0, ge=0, le=10_000)
     """Group delay of the averaging filter: of a moving average over n cycles, (n - 1)/2 cycles."""
     filter_u_ms: float | None = Field(default=None, ge=0, le=10_000)
@@ -40,7 +40,7 @@ class Timing(Part):
         return self
 
     def require_unasked(self) -> None:
-        """For a gauge that sends unasked. Raises ValueError where it is timed by a request."""
+        """Check the timing of a gauge that sends unasked. Raises ValueError where it is timed by a request."""
         if self.latch == "on_request" or self.answer_delay_ms:
             raise ValueError(
                 "timing is that of an answer to a request, but this gauge sends unasked; state `latch: streamed` or "

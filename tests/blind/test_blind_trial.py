@@ -1,4 +1,4 @@
-"""A small fixed sample of the blind trial (scripts/blind runs the whole one): of each kind a verdict and its names."""
+"""A small fixed sample of the blind trial (`scripts/dev blind` is the whole): of each kind a verdict and its names."""
 
 from __future__ import annotations
 

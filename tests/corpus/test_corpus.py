@@ -78,6 +78,6 @@ def test_the_command_serves_a_capture_until_all_is_said(tmp_path: Path) -> None:
         bench.rig = tmp_path / "replayed" / "rig.yaml"
         bench.start().until(lambda state: state["streams"]["robot"]["counters"].get("samples", 0) > 50)
         end = said()
-    assert "0 pieces of the host came otherwise than captured" in end
+    assert "0 pieces from the host differ from the capture" in end
     bad = bench.fails("rig", "replay", CORPUS / name / "rig.yaml", CORPUS / name / "rig.yaml", code=3)
     assert "is not a capture written by rigd" in bad

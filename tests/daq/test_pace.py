@@ -1,4 +1,4 @@
-"""The count at both ends, for some seconds here; `scripts/pace` does it for a minute."""
+"""The count at both ends, for some seconds here; `scripts/dev pace` does it for a minute."""
 
 import os
 import subprocess
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tests.support.bench import BIN
 
-SCRIPT = Path(__file__).parents[2] / "scripts" / "pace.py"
+SCRIPT = Path(__file__).parents[2] / "dev" / "pace.py"
 
 
 def test_no_sample_is_missing_at_full_pace() -> None:

@@ -1,4 +1,4 @@
-"""`scripts/soak` in small, accelerated: what is recorded is whole, and growth is seen."""
+"""`scripts/dev soak` in small, accelerated: what is recorded is whole, and growth is seen."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path: Path) -> No
         bench.start().all_reading()
         assert (
             keyboard("somersault")
-            == "'somersault': is no program; type acw, cw, roll acw, roll cw, radial, repeatability or quit"
+            == "'somersault': is not a program; type acw, cw, roll acw, roll cw, radial, repeatability or quit"
         )
         before = bench.status()["streams"]["robot"]["last"]["q1_deg"]
         assert keyboard("acw").startswith("acw: driving, ")

@@ -1,4 +1,4 @@
-"""`scripts/fuzz` in small: a fixed sample of mutated inputs to every target, and failures that are seen."""
+"""`scripts/dev fuzz` in small: a fixed sample of mutated inputs to every target, and failures that are seen."""
 
 from __future__ import annotations
 

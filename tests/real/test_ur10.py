@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="the measured data of 
 def told(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path]:
     out = tmp_path_factory.mktemp("ur10")
     done = subprocess.run(
-        [sys.executable, ROOT / "scripts" / "ur10.py", DATA, out], capture_output=True, text=True, check=False
+        [sys.executable, ROOT / "dev" / "ur10.py", DATA, out], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
     return done.stdout, out

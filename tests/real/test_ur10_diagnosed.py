@@ -21,7 +21,7 @@ pytestmark = [
 @pytest.fixture(scope="module")
 def told() -> str:
     done = subprocess.run(
-        [sys.executable, ROOT / "scripts" / "ur10-diagnosed.py", DATA, "--series", "d", "--only", "1"],
+        [sys.executable, ROOT / "dev" / "ur10-diagnosed.py", DATA, "--series", "d", "--only", "1"],
         capture_output=True,
         text=True,
         check=False,

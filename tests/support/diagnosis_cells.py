@@ -16,9 +16,9 @@ from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.columns import Columns, Form
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.diagnosis import Diagnosis
-from analysis.diagnosis.linear import Linear
-from analysis.diagnosis.observed import Seen, see
-from analysis.diagnosis.settle import settled
+from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.observed_run import ObservedRun, observe_run
+from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.kinematics.arm import arm_of, forward
 from analysis.model.predict import SetUp, model_of, nominal_setup
 from analysis.simulation.simulate import simulate
@@ -79,7 +79,7 @@ def circles(
     ]
 
 
-def shaken(run: Measured, frequency_hz: float, amplitude_mm: float, phase: float) -> Measured:
+def response(run: Measured, frequency_hz: float, amplitude_mm: float, phase: float) -> Measured:
     """A circle whose link swings, from a phase in rad of its own."""
     table = run.table
     assert isinstance(table, CircleTable)
@@ -97,9 +97,9 @@ def found_in(
     return diagnose(rig, runs, held_out, unseen, lambda doing: None)
 
 
-def seen(runs: Sequence[Measured]) -> list[Seen]:
+def seen(runs: Sequence[Measured]) -> list[ObservedRun]:
     """Runs as the engine sees them."""
-    return [see(model_of(RIG), run.table, str(run.path)) for run in runs]
+    return [observe_run(model_of(RIG), run.table, str(run.path)) for run in runs]
 
 
 def planted() -> SetUp:
@@ -110,28 +110,28 @@ def planted() -> SetUp:
 
 
 @cache
-def healthy() -> Linear:
+def healthy() -> Linearisation:
     """Two yaw circles each way of a healthy robot, about the set-up fitted to them."""
     runs = seen(circles(seed=90))
-    setups, _ = settled(runs)
-    return Linear(blocks_of(runs, setups), setups)
+    setups, _ = fit_run_setups(runs)
+    return Linearisation(blocks_of(runs, setups), setups)
 
 
-def holding(linear: Linear, y: Array) -> Linear:
+def holding(linear: Linearisation, y: Array) -> Linearisation:
     """The same with another residual (N,) in standard deviations."""
     parts = [y[rows] * block.sd_mm for rows, block in zip(linear.rows, linear.blocks, strict=True)]
     blocks = [replace(block, y_mm=part) for block, part in zip(linear.blocks, parts, strict=True)]
-    return Linear(blocks, linear.setups)
+    return Linearisation(blocks, linear.setups)
 
 
-def shown_by(linear: Linear, effects: Sequence[Effect]) -> Array:
+def shown_by(linear: Linearisation, effects: Sequence[Effect]) -> Array:
     """What effects, on the simulator and all together, add to the residual (N,) in standard deviations."""
     return np.concatenate(
-        [block.whitened(linear.adding(k, effects)(linear.setups)) for k, block in enumerate(linear.blocks)]
+        [block.whitened(linear.response_of(k, effects)(linear.setups)) for k, block in enumerate(linear.blocks)]
     )
 
 
-def white(linear: Linear, seed: int) -> Array:
+def white(linear: Linearisation, seed: int) -> Array:
     """Noise (N,) of standard deviation 1."""
     return np.random.default_rng(seed).normal(0.0, 1.0, len(linear.y))
 
@@ -146,7 +146,7 @@ def columns_of(X: Array, band: NDArray[np.int64], forms: Sequence[Form] = ()) ->
     return made
 
 
-def no_background(linear: Linear, more: Array | None = None) -> Background:
+def no_background(linear: Linearisation, more: Array | None = None) -> Background:
     """Noise and set-ups alone, with `more` (N, p) columns of standard deviation 1."""
     other = np.empty((len(linear.y), 0)) if more is None else more
     X = np.concatenate([linear.U, other], axis=1)

@@ -17,13 +17,13 @@ from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.candidates import candidates_for
 from analysis.diagnosis.columns import Columns
 from analysis.diagnosis.diagnosis import Named
-from analysis.diagnosis.linear import Linear
-from analysis.diagnosis.observed import see
+from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.observed_run import observe_run
 from analysis.diagnosis.plan import Plan, plan
 from analysis.diagnosis.refine import refine
-from analysis.diagnosis.settle import settled
+from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.fitting.calibrate import calibrate
-from analysis.fitting.choice import chosen
+from analysis.fitting.effect_choice import parse_effects
 from analysis.fitting.estimate import fit, sizes
 from analysis.fitting.observation import observe
 from analysis.model.predict import model_of
@@ -55,7 +55,7 @@ def word_for(name: str) -> str:
 
 def fault(name: str) -> Effect:
     """The effect of a name at the size of a fault."""
-    sound = healthy(chosen(word_for(name))[0])
+    sound = healthy(parse_effects(word_for(name))[0])
     most = bounds(sound, size_field(sound))[1] / size_of(sound)
     return scaled(sound, min(TIMES, 0.8 * most))
 
@@ -128,7 +128,7 @@ def calibrated(name: str) -> None:
     try:
         found = calibrate(RIG, observations, [], word_for(name))
     except FileError as error:
-        assert label_of(fault(name)) in error.what or "show none of the chosen effects" in error.what
+        assert label_of(fault(name)) in error.what or "do not show any of the chosen effects" in error.what
         return
     assert found.after_mm[0] < found.before_mm[0]
     (one,) = found.effects
@@ -150,16 +150,16 @@ def planned() -> Plan:
 
 def in_a_plan(name: str) -> None:
     """It stands in a plan, unless it is looked for in the time of each run."""
-    names = {sight.effect.effect for sight in planned().sights}
+    names = {sight.effect.effect for sight in planned().detectabilities}
     assert (name in names) != (VOCABULARY[name].swinging(5.0, 0.01) is not None)
     assert all(row["unit"] is not None for row in plan_report.as_object(planned())["effects"])
 
 
 def diagnosed(name: str) -> None:
     """It is a candidate, its shapes are fitted with it, and the answer has words for it."""
-    runs = [see(model_of(RIG), table, table.direction) for table in tables_of(name)]
-    setups, _ = settled(runs)
-    linear = Linear(blocks_of(runs, setups), setups)
+    runs = [observe_run(model_of(RIG), table, table.direction) for table in tables_of(name)]
+    setups, _ = fit_run_setups(runs)
+    linear = Linearisation(blocks_of(runs, setups), setups)
     candidates = [one for one in candidates_for(linear) if one.effect.effect == name]
     assert bool(candidates) == (VOCABULARY[name].swinging(5.0, 0.01) is None)
     assert all(np.isclose(size_of(one.effect), one.size * one.effect.healthy) for one in candidates)

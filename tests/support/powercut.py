@@ -215,8 +215,8 @@ class Watched:
         """Not passed on: what the disk forgets is decided here, and no real one need be waited for."""
         self.log.append(Sync(self._open[fd]))
 
-    def rename(self, old: Path, new: Path) -> None:
-        old.rename(new)
+    def replace(self, old: Path, new: Path) -> None:
+        old.replace(new)
         if str(new) in self._nodes:
             del self._blocks[self._nodes[str(new)]]
         node = self._nodes[str(new)] = self._nodes.pop(str(old))

@@ -37,7 +37,7 @@ class Script:
         self.now_ns = max(self.now_ns, self.step.wake_ns)
         return self._keep(self.conversation.tick(self.now_ns))
 
-    def told(self) -> list[Item]:
+    def taken(self) -> list[Item]:
         """The items since this was last asked."""
         items, self.items = self.items, []
         return items
@@ -48,7 +48,7 @@ def asked(conversation: Conversation) -> Script:
     script = Script(conversation)
     script.wake()
     script.sent = b""
-    script.told()
+    script.taken()
     return script
 
 

@@ -20,6 +20,7 @@ from daq.acquisition.streams import JOINTS
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.pace import Pace
 from daq.recording.label import Label
+from daq.recording.machine import Recording
 from daq.recording.recorder import Recorder
 from daq.service.client import Client
 from daq.store import RunWriter, verify
@@ -77,7 +78,7 @@ def accelerated(folder: Path, minutes: float, times: float, every_s: float) -> I
     recorder = Recorder(buffers, lambda label, _: _create(folder, label), lambda: None)
     recorder.start()
     _deliver(buffers, {name: Pace(rate, 0) for name, rate in RATES_HZ.items()}, 0)
-    path = recorder.start_run(Label(name="soak", test="yaw", direction="acw")).result()
+    path = recorder.start_run(Recording(Label(name="soak", test="yaw", direction="acw"))).result()
     paces = {name: Pace(rate, 0) for name, rate in RATES_HZ.items()}
     began, told_s, recorded_s = time.monotonic(), -math.inf, 0.0
     while recorded_s < minutes * 60:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 import os
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -81,8 +84,47 @@ def crash(writer: RunWriter) -> Path:
     """What a kill leaves of a run: files as they are, and nobody holding the lock."""
     for stream_writer in writer._writers.values():
         stream_writer.release()
+    writer._ledger.close()
     os.close(writer._lock)
     return writer.path
+
+
+def ledger_records(run: Path) -> list[dict[str, Any]]:
+    """The records of a ledger as they stand there, without their checksums."""
+    lines = (run / "ledger.jsonl").read_text().splitlines()
+    return [{key: value for key, value in json.loads(line).items() if key != "sha256"} for line in lines]
+
+
+def put_ledger(run: Path, records: list[dict[str, Any]]) -> None:
+    """Write these records as a ledger whose chain holds: what somebody can do who knows the format."""
+    lines, last = [], ""
+    for record in records:
+        content = json.dumps(record)
+        last = hashlib.sha256((last + content).encode()).hexdigest()
+        lines.append(f'{{"sha256":"{last}",{content[1:]}\n')
+    (run / "ledger.jsonl").write_text("".join(lines))
+
+
+def edit_manifest(run: Path, change: dict[str, Any]) -> None:
+    """Change the manifest, and make the ledger fit."""
+    path = run / "manifest.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    put_ledger(run, [{"opening": hashlib.sha256(path.read_bytes()).hexdigest()}, *ledger_records(run)[1:]])
+
+
+def edit_chunk(run: Path, file: str, change: dict[str, Any]) -> None:
+    """Change the record of a chunk."""
+    records = ledger_records(run)
+    for record in records:
+        if record.get("chunk", {}).get("file") == file:
+            record["chunk"] |= change
+    put_ledger(run, records)
+
+
+def forget_chunk(run: Path, file: str) -> None:
+    """Delete a chunk and its record."""
+    (run / file).unlink()
+    put_ledger(run, [record for record in ledger_records(run) if record.get("chunk", {}).get("file") != file])
 
 
 def bits(values: object) -> bytes:

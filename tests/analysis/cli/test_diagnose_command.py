@@ -111,7 +111,7 @@ def test_the_extended_rig_simulates_and_nothing_more_is_missing(
     assert _told("simulate", extended, "--test", "yaw", "-o", cell.directory / "more")
     done = _rig("diagnose", *cell.runs, cell.runs[0], "--rig", extended)
     assert done.exit_code == 0, (done.output, done.exception)
-    assert "Nothing is missing" in done.stdout and done.stderr == ""
+    assert "No effect that matters is missing" in done.stdout and done.stderr == ""
     assert f"{len(cell.runs)} runs" in done.stdout
 
 
@@ -124,7 +124,7 @@ def test_wrong_input_is_one_line(case: str, cell: Cell, tmp_path: Path) -> None:
     (tmp_path / "used" / "mine").touch()
     words, told = {
         "missing": ([tmp_path / "no-run"], "no-run"),
-        "all held out": ([run, "--hold-out", run], "leaves no run"),
+        "all held out": ([run, "--hold-out", run], "is held out or unseen"),
         "directory": ([run, "-o", tmp_path / "used"], "not empty"),
         "robot": ([*cell.runs, "--rig", other], "another robot"),
         "rig file": ([run, "--rig", tmp_path / "no.yaml"], "no such rig file"),

@@ -12,7 +12,10 @@ from analysis.cli import app
 
 @pytest.mark.parametrize(
     ("asked", "says"),
-    [(("--test", "pose"), "'pose' is not one of"), (("--test", "radial", "--direction", "cw"), "radial test has none")],
+    [
+        (("--test", "pose"), "'pose' is not one of"),
+        (("--test", "radial", "--direction", "cw"), "radial test has no direction"),
+    ],
 )
 def test_what_cannot_be_simulated_is_refused(asked: tuple[str, ...], says: str, tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["simulate", "ur10e", *asked, "-o", str(tmp_path / "runs")])

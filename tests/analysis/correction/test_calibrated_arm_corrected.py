@@ -20,14 +20,14 @@ HEAD = ",".join(f"q{k}_deg" for k in range(1, 7))
 
 
 def _apart_mm(places: Array, wanted: Array) -> Array:
-    """Distances (n,) after the best rigid motion: nobody knows where the base of a real arm stands."""
+    """Distances (n,) after the best rigid motion, because the position of the base of a real arm is unknown."""
     turn, _ = Rotation.align_vectors(wanted - wanted.mean(axis=0), places - places.mean(axis=0))
     moved = (places - places.mean(axis=0)) @ turn.as_matrix().T + wanted.mean(axis=0)
     distances: Array = np.linalg.norm(moved - wanted, axis=1)
     return distances
 
 
-def test_told_the_corrected_angles_a_bad_arm_stands_where_the_nominal_one_was_sent(tmp_path: Path) -> None:
+def test_given_the_corrected_angles_a_bad_arm_stands_where_the_nominal_one_was_sent(tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     arm = cell("ur10e", bad_zeros(rng), rng)
     poses = arm.seen(postures("ur10e", 40, rng), rng)

@@ -89,7 +89,7 @@ def _real_joints(q: Array) -> Array:
     return link
 
 
-def test_told_the_corrected_angles_the_real_arm_stands_where_it_was_sent(tmp_path: Path) -> None:
+def test_given_the_corrected_angles_the_real_arm_stands_where_it_was_sent(tmp_path: Path) -> None:
     found = correct_rig(_rig(ZERO_3, A2, ALPHA3, GEAR_1, PLAY_1), _path(tmp_path))
     *_, path = write(found, tmp_path / "out")
     told = np.radians(_written(path, tuple(HEAD.split(",")[1:])))
@@ -103,7 +103,7 @@ def test_told_the_corrected_angles_the_real_arm_stands_where_it_was_sent(tmp_pat
     np.testing.assert_allclose(_written(path, ("missed_mm",))[:, 0], missed, atol=1e-5)
 
 
-def test_a_controller_told_corrected_poses_brings_the_real_arm_to_the_poses(tmp_path: Path) -> None:
+def test_a_controller_given_corrected_poses_brings_the_real_arm_to_the_poses(tmp_path: Path) -> None:
     wanted = forward(arm_of(RIG.robot), np.radians(TARGETS[:2]))
     turns = Rotation.from_matrix(wanted[:, :3, :3]).as_euler("xyz", degrees=True)
     values = np.concatenate([wanted[:, :3, 3], turns], axis=1)
@@ -187,7 +187,7 @@ def _stands_mm(q_deg: Array) -> Array:
     return place
 
 
-def test_the_command_tells_what_a_play_that_it_leaves_out_does_to_each_target(
+def test_the_command_reports_what_a_play_that_it_leaves_out_does_to_each_target(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By a forward kinematics of its own: half the play either way, at the angles that the cell is given."""
@@ -266,7 +266,7 @@ def test_each_effect_is_corrected_only_where_a_target_can_and_the_uncertainty_al
         assert support.use == "none" and support.reason
 
 
-def test_an_effect_that_nobody_measured_is_not_corrected() -> None:
+def test_an_effect_that_was_not_measured_is_not_corrected() -> None:
     (support,) = supports(_rig(JointOffset(axis=2, offset_deg=0.1)))
     assert support.use == "none" and "without where it came from" in support.reason
 
@@ -291,7 +291,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
         assert [row["name"] for row in csv.DictReader(file)] == ["P0", "P1", "P2"]
 
     again = CliRunner().invoke(app, ["correct", str(cell), "-o", str(out)])
-    assert isinstance(again.exception, FileError) and "is there already" in str(again.exception)
+    assert isinstance(again.exception, FileError) and "exists already" in str(again.exception)
     other = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "other"), "--json"])
     found = json.loads(other.stdout)
     assert found["path"] is None and found["link_constants"][0]["corrected"] == 695.4
@@ -300,7 +300,7 @@ def test_the_command_writes_files_and_says_why_not(tmp_path: Path, monkeypatch: 
 @pytest.mark.parametrize(
     ("head", "row", "told"),
     [
-        (HEAD, "A,0,20,ten,0,60,0", "line 2, q3_deg: 'ten' is no number"),
+        (HEAD, "A,0,20,ten,0,60,0", "line 2, q3_deg: 'ten' is not a number"),
         (HEAD, "A,0,20,10,0,60", "line 2: has 6 fields, the header 7"),
         (HEAD, "A,0,20,10,0,200,0", "line 2: axis 5 would stand at 200.000°, its limits are -140° and 140°"),
         ("x_mm,y_mm,z_mm", "900,0,0", "has no column rx_deg, ry_deg, rz_deg"),
@@ -315,7 +315,7 @@ def test_a_bad_path_is_refused_with_its_line(tmp_path: Path, head: str, row: str
     assert any(told in line for line in refused.value.lines()), refused.value.lines()
 
 
-def test_every_bad_cell_is_told(tmp_path: Path) -> None:
+def test_every_bad_cell_is_reported(tmp_path: Path) -> None:
     with pytest.raises(TableFileError) as refused:
         correct_rig(_rig(ZERO_3), _path(tmp_path, ["A,0,,10,0,60,0", "B,nan,20,10,0,60,0"]))
     assert [problem.line for problem in refused.value.problems] == [2, 3]

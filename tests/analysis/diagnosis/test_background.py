@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from analysis.diagnosis.background import Background, Known, Posterior, fault_sizes
-from analysis.diagnosis.columns import LARGEST, Form
+from analysis.diagnosis.background import Background, FittedTerms, Posterior, fault_sizes
+from analysis.diagnosis.columns import LARGEST_FAULT, Form
 from rigs.effects import Backlash, JointOffset, TransmissionError
 from tests.support.diagnosis_cells import Array, columns_of
 
@@ -41,7 +41,7 @@ C = _covariance(VARIANCE)
 
 @cache
 def _posterior() -> Posterior:
-    return BACKGROUND.posterior(Known(Y + T @ np.zeros(2), T, PRECISION, MEAN))
+    return BACKGROUND.posterior(FittedTerms(Y + T @ np.zeros(2), T, PRECISION, MEAN))
 
 
 def _log_density(y: Array, covariance: Array) -> float:
@@ -76,7 +76,7 @@ def test_means_and_covariances_are_those_of_the_joint_normal_law() -> None:
     np.testing.assert_allclose(found.known, MEAN + mean[9:], atol=1e-8)
     np.testing.assert_allclose(found.A, covariance[:9, :9], atol=1e-8)
     np.testing.assert_allclose(found.known_covariance, covariance[9:, 9:], atol=1e-8)
-    np.testing.assert_allclose(found.left, Y - X @ found.mean - T @ found.known, atol=1e-9)
+    np.testing.assert_allclose(found.residual, Y - X @ found.mean - T @ found.known, atol=1e-9)
     np.testing.assert_allclose(found.healthy_share, X[:, :4] @ found.mean[:4], atol=1e-9)
 
 
@@ -114,7 +114,7 @@ def test_a_size_that_cannot_be_negative_is_no_fault_the_wrong_way() -> None:
     play = Form("backlash 2", (Backlash(axis=2, width_deg=0.01),), 1.0, (0,), 1)
     background = Background(columns_of(X, BAND, (play,)), WEIGHT, VARIANCE)
     for sign, is_seen in ((1.0, True), (-1.0, False)):
-        posterior = background.posterior(Known(sign * 10 * X[:, 0], T[:, :0], np.empty((0, 0)), np.empty(0)))
+        posterior = background.posterior(FittedTerms(sign * 10 * X[:, 0], T[:, :0], np.empty((0, 0)), np.empty(0)))
         assert np.isfinite(posterior.gains((play,), 1.0)[0][0]) == is_seen
 
 
@@ -128,7 +128,7 @@ def test_the_cavity_of_columns_beside_all_else_is_that_of_the_dense_covariance()
 
 def test_the_size_of_a_form_as_a_fault() -> None:
     variance = VARIANCE.copy()
-    variance[[2, 3]] = LARGEST**2
+    variance[[2, 3]] = LARGEST_FAULT**2
     wanted = variance[[2, 3]] * (X[:, 2:4].T @ np.linalg.solve(_with_known(variance), Y - T @ MEAN))
     np.testing.assert_allclose(_posterior().size(FORMS[2]), wanted, rtol=1e-5)
 
@@ -136,5 +136,5 @@ def test_the_size_of_a_form_as_a_fault() -> None:
 @pytest.mark.parametrize("level", [0.3, 1.0, 4.0])
 def test_faults_begin_at_a_multiple_of_what_the_arm_shows_of_everything(level: float) -> None:
     sizes = fault_sizes(level)
-    assert sizes[0] == pytest.approx(min(6 * level, LARGEST / 4)) and sizes[-1] == pytest.approx(LARGEST)
+    assert sizes[0] == pytest.approx(min(6 * level, LARGEST_FAULT / 4)) and sizes[-1] == pytest.approx(LARGEST_FAULT)
     assert (sizes[1:] / sizes[:-1] < 2.2).all()

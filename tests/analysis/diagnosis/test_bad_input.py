@@ -1,4 +1,4 @@
-"""Runs that tell little or are not what they should be: each has its verdict or message, none a sure wrong name."""
+"""Runs with little information or wrong content get the right verdict or message, and never a certain wrong name."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 
 from analysis.diagnosis.diagnose import _next_test, diagnose
 from analysis.diagnosis.diagnosis import Diagnosis, Named, Rival
-from analysis.diagnosis.look import looked
-from analysis.diagnosis.prepared_runs import about
+from analysis.diagnosis.prepared_runs import prepare_runs
+from analysis.diagnosis.search import search
 from analysis.traces.laps import laps_of
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, RadialTable
@@ -34,7 +34,7 @@ def _sure_of(found: Diagnosis) -> set[str]:
     return {name_of(one.effect) for one in found.effects}
 
 
-def _told(found: Diagnosis, words: str) -> bool:
+def _has_doubt(found: Diagnosis, words: str) -> bool:
     return any(words in doubt for doubt in found.doubts)
 
 
@@ -44,14 +44,18 @@ def test_one_healthy_run_alone_draws_no_confident_name() -> None:
 
 def test_a_play_seen_once_in_one_direction_is_still_no_wrong_name() -> None:
     found = found_in(circles((PLAY,), seed=22, count=1, ways=("acw",)))
-    assert not found.repeated and _told(found, "noise is assumed") and _told(found, "yaw was driven acw only")
+    assert (
+        not found.repeated
+        and _has_doubt(found, "noise of real cells is assumed")
+        and _has_doubt(found, "yaw was driven acw only")
+    )
     assert _sure_of(found) <= {"backlash 1"}
 
 
-def test_one_direction_only_is_told() -> None:
+def test_one_direction_only_is_reported() -> None:
     found = found_in(circles(seed=23, ways=("cw",)))
     assert found.verdict == "within_tolerance" and found.repeated
-    assert _told(found, "yaw was driven cw only") and not _told(found, "assumed")
+    assert _has_doubt(found, "yaw was driven cw only") and not _has_doubt(found, "assumed")
 
 
 def test_runs_of_different_robots_are_refused_in_one_line() -> None:
@@ -86,13 +90,13 @@ def test_a_true_effect_in_the_rig_file_leaves_nothing_to_name() -> None:
     found = found_in(circles((PLAY,), seed=25), _with(PLAY))
     assert found.verdict == "within_tolerance" and found.effects == ()
     assert found.train.before_um < 2 * found.train.noise_floor_um
-    assert not _told(found, "take it out")
+    assert not _has_doubt(found, "remove it")
 
 
 def test_a_wrong_effect_in_the_rig_file_is_doubted_and_taken_back() -> None:
     # Of two runs a direction the noise is known so badly that one such case in four ended as outside the library.
     found = found_in(circles(seed=26, count=4), _with(JointOffset(axis=3, offset_deg=0.02)))
-    assert _told(found, "without joint_offset 3 of the rig file") and _told(found, "take it out")
+    assert _has_doubt(found, "without joint_offset 3 of the rig file") and _has_doubt(found, "remove it")
     assert found.verdict == "named"
     (one,) = found.effects
     assert name_of(one.effect) == "joint_offset 3"
@@ -115,7 +119,7 @@ def test_targets_alone_draw_no_name_of_a_healthy_robot(test: str) -> None:
     run = measured(table_of(test, None, 28), test, test)  # type: ignore[arg-type]
     found = found_in([run])
     assert found.verdict in ("within_tolerance", "not_testable_here") and found.effects == ()
-    assert _told(found, "no circle")
+    assert _has_doubt(found, "no circle")
     assert found.maps and not found.curves
 
 
@@ -131,7 +135,7 @@ def test_a_single_radial_run_names_the_true_geometry_or_a_rival_of_it() -> None:
 def test_poses_of_a_healthy_robot_draw_no_name() -> None:
     found = found_in([poses(1)])
     assert found.verdict == "within_tolerance" and found.effects == ()
-    assert _told(found, "no circle") and found.maps[0].test == "pose"
+    assert _has_doubt(found, "no circle") and found.maps[0].test == "pose"
 
 
 def test_poses_name_a_zero_that_is_off() -> None:
@@ -161,7 +165,7 @@ def test_one_reading_in_a_hundred_that_is_wild_is_counted_and_follows_its_neighb
         off = rng.choice([-1, 1], table.g_mm.shape) * rng.uniform(0.05, 1.0, table.g_mm.shape)
         wild.append(replace(run, table=replace(table, g_mm=table.g_mm + hit * off)))
         hits += int(hit.sum())
-    ((found,), told), ((sound,), _) = about(RIG, wild), about(RIG, runs)
+    ((found,), told), ((sound,), _) = prepare_runs(RIG, wild), prepare_runs(RIG, runs)
     (words,) = [words for words in told if "readings of circles are wild" in words]
     assert abs(int(words.split()[0]) - hits) < 0.1 * hits
     for one, other in zip(found, sound, strict=True):
@@ -180,10 +184,10 @@ def test_a_program_out_of_reach_costs_the_next_test_only() -> None:
     one = Rival(JointOffset(axis=3, offset_deg=0.2), {}, 0.5)
     name = Named(JointOffset(axis=5, offset_deg=0.2), {}, 0.5, (one,), 100.0, "", 100.0, True, None)
     used = circles(seed=36, count=1)
-    look = looked(about(RIG, used)[0][0], lambda doing: None)
+    look = search(prepare_runs(RIG, used)[0][0], lambda doing: None)
     test, doubts = _next_test(RIG.model_copy(update={"tests": far}), [name], used, look)
     assert test is None and len(doubts) == 1
-    assert doubts[0].startswith("no further test could be tried on this rig file")
+    assert doubts[0].startswith("no further test is possible with this rig file")
 
 
 def test_every_name_is_material_where_nothing_is_tolerated() -> None:

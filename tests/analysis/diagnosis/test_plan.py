@@ -15,11 +15,11 @@ from typer.testing import CliRunner
 from analysis.cli import app
 from analysis.diagnosis.background import Background
 from analysis.diagnosis.columns import Columns
-from analysis.diagnosis.foresight import ALIKE, Foresight, size_of
-from analysis.diagnosis.parting import Parting, beside, parting
+from analysis.diagnosis.expected_posterior import SEPARABLE, ExpectedPosterior, size_of
 from analysis.diagnosis.plan import Plan, plan
-from analysis.diagnosis.planned import planned
+from analysis.diagnosis.planned_runs import planned_blocks
 from analysis.diagnosis.refine import refine
+from analysis.diagnosis.separating_tests import SeparatingTest, possible_tests, separating_tests
 from analysis.fitting.estimate import fit, sizes
 from analysis.fitting.observation import observe
 from analysis.model.predict import model_of
@@ -50,13 +50,13 @@ def test_80_columns_hold_every_size_of_the_table_of_joints_whole(circle_alone: P
         console.print(as_table(circle_alone))
     joints = shown.get().partition("joints and links")[2].partition("the rest")[0]
     assert "…" not in joints
-    for sight in circle_alone.sights:
-        if sight.name.startswith(("joint_offset", "backlash")) and not sight.hidden:
-            assert f"{sight.limit:.2g}" in joints, sight.name
+    for one in circle_alone.detectabilities:
+        if one.name.startswith(("joint_offset", "backlash")) and not one.hidden:
+            assert f"{one.limit:.2g}" in joints, one.name
 
 
-def _parted(rig: Rig, effects: Sequence[Effect], tests: Sequence[TestName]) -> tuple[Parting, ...]:
-    return parting(rig, effects, tests, *planned(rig, tests, 3))
+def _parted(rig: Rig, effects: Sequence[Effect], tests: Sequence[TestName]) -> tuple[SeparatingTest, ...]:
+    return separating_tests(rig, effects, tests, *planned_blocks(rig, tests, 3))
 
 
 def _with_circle(**changed: object) -> Rig:
@@ -65,16 +65,16 @@ def _with_circle(**changed: object) -> Rig:
     return RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": circle})})
 
 
-def test_the_papers_circle_cannot_tell_axis_5s_zero_from_a5_and_another_radius_can(circle_alone: Plan) -> None:
+def test_the_papers_circle_cannot_distinguish_axis_5s_zero_from_a5_and_another_radius_can(circle_alone: Plan) -> None:
     (pair,) = (pair for pair in circle_alone.pairs if set(pair.names) == {"joint_offset 5", "link_geometry 6.a"})
-    assert pair.sigma < ALIKE
+    assert pair.sigma < SEPARABLE
     assert any({"joint_offset 5", "link_geometry 6.a"} <= set(group) for group in circle_alone.groups)
     helps = {one.test: one.sigma for one in pair.further}
     assert pair.further[0].test == "circle of radius 140 mm, 100 mm nearer to axis 1"
-    assert pair.further[0].sigma > 2 * ALIKE
+    assert pair.further[0].sigma > 2 * SEPARABLE
     # Neither speed nor place nor repeats do.
     for test in ("circle at 100 mm/s", "circle 100 mm nearer to axis 1", "repeatability"):
-        assert helps[test] < min(ALIKE, helps["circle of radius 140 mm, 100 mm nearer to axis 1"]), test
+        assert helps[test] < min(SEPARABLE, helps["circle of radius 140 mm, 100 mm nearer to axis 1"]), test
 
 
 def _left_um(rig: Rig, a5: Effect) -> float:
@@ -95,8 +95,8 @@ def test_a_fit_agrees_that_the_one_stands_in_for_the_other_on_one_circle_and_not
 
 
 def test_what_the_set_up_takes_up_and_what_does_nothing_is_listed_with_the_reason(circle_alone: Plan) -> None:
-    hidden = {sight.name: sight for sight in circle_alone.hidden}
-    assert "set-up takes it up" in hidden["joint_offset 1"].hidden
+    hidden = {one.name: one for one in circle_alone.hidden}
+    assert "set-up absorbs it" in hidden["joint_offset 1"].hidden
     assert hidden["compliance 1"].hidden == "gravity does not load axis 1"
     assert "healthy arm" in hidden["time_lag"].hidden
     assert "axis 6" in hidden["compliance 6"].hidden
@@ -112,11 +112,11 @@ def test_neighbours_that_are_one_thing_are_parted_by_no_test(circle_alone: Plan)
 
 def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs() -> None:
     few, many = plan(NO_CIRCLE, ("radial",), runs=1), plan(NO_CIRCLE, ("radial",), runs=4)
-    seen = {sight.name: sight for sight in many.sights}
-    for sight in few.sights:
-        if np.isfinite(sight.sd):
+    seen = {one.name: one for one in many.detectabilities}
+    for one in few.detectabilities:
+        if np.isfinite(one.sd):
             # What a healthy arm shows of everything else is there in each run.
-            assert 0.99 < sight.sd / seen[sight.name].sd < 2.01, sight.name
+            assert 0.99 < one.sd / seen[one.name].sd < 2.01, one.name
     zero = seen["joint_offset 3"]
     assert zero.limit == pytest.approx(7 * zero.sd) and zero.sd < 0.02
 
@@ -131,31 +131,31 @@ def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs() ->
     ids=lambda fault: fault.effect,
 )
 def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fault: Effect) -> None:
-    blocks, setups = planned(RIG, CIRCLE, 3)
-    foresight = Foresight(blocks, setups)
-    columns = Columns(foresight.linear, foresight.candidates)
+    blocks, setups = planned_blocks(RIG, CIRCLE, 3)
+    expected = ExpectedPosterior(blocks, setups)
+    columns = Columns(expected.linear, expected.candidates)
     variance = columns.variance(1.0)
     for form in columns.forms:
         if form.name == name_of(fault):
             variance[list(form.columns)] = 0.0
-    background = Background(columns, np.ones(len(foresight.linear.y)), variance)
-    found = refine(foresight.linear.showing((fault,)), background, [scaled(fault, 0.9)])
-    one = next(one for one in foresight.candidates if one.name == name_of(fault))
+    background = Background(columns, np.ones(len(expected.linear.y)), variance)
+    found = refine(expected.linear.simulated_with((fault,)), background, [scaled(fault, 0.9)])
+    one = next(one for one in expected.candidates if one.name == name_of(fault))
     times = size_of(fault) / healthy_size(fault)
-    told = foresight.sd(one, times) * healthy_size(fault)
+    told = expected.sd(one, times) * healthy_size(fault)
     assert found.sd(0)[size_field(fault)] == pytest.approx(told, rel=0.25)
 
 
 def test_the_ball_off_the_axis_is_what_shows_axis_6(circle_alone: Plan) -> None:
-    (spike,) = (sight for sight in circle_alone.hidden if sight.name == "reversal_spike 6")
+    (spike,) = (one for one in circle_alone.hidden if one.name == "reversal_spike 6")
     assert spike.further[0].test == "circle with the ball 40 mm off axis 6"
 
 
-def test_a_test_that_the_arm_cannot_drive_is_told_and_not_advised(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("analysis.diagnosis.parting.Foresight", lambda *_: None)
+def test_a_test_that_the_arm_cannot_drive_is_reported_and_not_advised(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("analysis.diagnosis.separating_tests.ExpectedPosterior", lambda *_: None)
     slow = [axis.model_copy(update={"speed_deg_s": 80.0}) for axis in RIG.robot.axes]
     rig = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"axes": tuple(slow)})})
-    found, impossible = beside(rig, ("roll",), *planned(rig, ("roll",), 3))
+    found, impossible = possible_tests(rig, ("roll",), *planned_blocks(rig, ("roll",), 3))
     ((test, reason),) = impossible
     assert test == "circle at 100 mm/s" and "it can do 80°/s" in reason
     assert len(found) > 5 and test not in [one.test for one in found]
@@ -171,7 +171,7 @@ def test_a_rival_may_take_any_size_sign_and_phase() -> None:
         assert found.sigma < 0.05
     large = gear.model_copy(update={"amplitude_deg": 0.1})
     (found,) = _parted(NO_CIRCLE, [large, large.model_copy(update={"order": 3.0})], ["radial"])
-    assert found.sigma > ALIKE
+    assert found.sigma > SEPARABLE
 
 
 def test_of_three_rivals_the_nearest_two_count() -> None:
@@ -181,9 +181,9 @@ def test_of_three_rivals_the_nearest_two_count() -> None:
 
 
 def test_effects_of_a_pose_test_are_parted_by_the_tests_that_have_a_program() -> None:
-    found = parting(RIG, FAULTS, ["pose"], [], {})
+    found = separating_tests(RIG, FAULTS, ["pose"], [], {})
     assert "radial" in " ".join(one.test for one in found) and found[0].sigma > 0
-    assert parting(RIG, [ZERO_5], CIRCLE, [], {}) == ()
+    assert separating_tests(RIG, [ZERO_5], CIRCLE, [], {}) == ()
 
 
 def test_a_circle_that_cannot_be_driven_is_refused() -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.prepared_runs import about
+from analysis.diagnosis.prepared_runs import prepare_runs
 from analysis.simulation.simulate import simulate
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PoseTable
@@ -37,7 +37,7 @@ def _driven(way: Direction, seed: int, ball_mm: tuple[float, float, float], effe
 
 def test_a_set_up_has_one_name_whatever_its_runs_are_used_for() -> None:
     first, second, third, fourth = circles(seed=31)
-    (used, judges, unseen), told = about(RIG, [first, _elsewhere(second)], [_elsewhere(third)], [fourth])
+    (used, judges, unseen), told = prepare_runs(RIG, [first, _elsewhere(second)], [_elsewhere(third)], [fourth])
     assert [run.one.setup for run in (*used, *judges, *unseen)] == ["yaw", "yaw 2", "yaw 2", "yaw"]
     assert told == []
 
@@ -52,11 +52,11 @@ def test_runs_left_out_in_a_second_cell_judge_names() -> None:
 
 
 @pytest.mark.parametrize("axis", [3, 4])
-def test_a_ball_moved_between_runs_is_told_and_a_play_is_not_taken_for_it(axis: int) -> None:
+def test_a_ball_moved_between_runs_is_reported_and_a_play_is_not_taken_for_it(axis: int) -> None:
     effects = (Backlash(axis=axis, width_deg=0.1),)
     runs = [_driven(way, seed, (0.3, 0.2, 0.0), effects) for way in ("acw", "cw") for seed in (1, 2)]
     more = [_driven(way, seed, (1.4, -0.5, 0.0), effects) for way in ("acw", "cw") for seed in (3, 4)]
-    assert about(RIG, runs)[1] == []
+    assert prepare_runs(RIG, runs)[1] == []
     found = found_in([*runs, *more])
     assert [name_of(one.effect) for one in found.effects if one.material] == [f"backlash {axis}"]
     assert set(found.setups) == {"yaw", "yaw, frame 2"}
@@ -76,6 +76,6 @@ def test_a_placement_that_takes_up_all_its_readings_is_left_out() -> None:
     two = measured(PoseTable(table.q[:2], table.xyz_mm[:2] + np.array([0.0, 900.0, 0.0]), None), "pose", "two")
     placed = two.run.manifest.model_copy(update={"placement": "wall"})
     two = replace(two, run=replace(two.run, manifest=placed))
-    (used,), told = about(RIG, [run, two])
+    (used,), told = prepare_runs(RIG, [run, two])
     assert [run.one.setup for run in used] == ["pose"]
     assert told == ["pose at wall is left out: its 6 readings are too few for the 6 terms of the set-up alone"]

@@ -33,7 +33,7 @@ def test_size_and_shape_are_found_from_afar(case: str) -> None:
     for field, u in sd.items():
         assert abs(getattr(effect, field) - getattr(truth, field)) < 4 * u + 1e-9, (field, effect, sd)
     # What is left is noise again.
-    assert np.mean(linear.set_up(found.left) ** 2) == pytest.approx(1.0, abs=0.1)
+    assert np.mean(linear.without_set_up(found.residual) ** 2) == pytest.approx(1.0, abs=0.1)
 
 
 def test_two_at_once_do_not_disturb_each_other() -> None:
@@ -53,7 +53,7 @@ def test_a_large_effect_is_found_with_the_set_up_that_it_moves() -> None:
     linear = holding(healthy(), shown_by(healthy(), [truth]) + white(healthy(), 3))
     found = refine(linear, no_background(linear), [JointOffset(axis=3, offset_deg=0.4)])
     assert getattr(found.effects[0], "offset_deg", 0) == pytest.approx(0.5, abs=0.001)
-    assert np.mean(linear.set_up(found.left) ** 2) == pytest.approx(1.0, abs=0.1)
+    assert np.mean(linear.without_set_up(found.residual) ** 2) == pytest.approx(1.0, abs=0.1)
 
 
 def test_two_standard_uncertainties_cover_the_truth() -> None:
@@ -77,7 +77,7 @@ def test_nothing_named_leaves_the_residual_as_it_is() -> None:
     linear = holding(healthy(), white(healthy(), 4))
     found = refine(linear, no_background(linear), [])
     assert (found.effects, found.unknowns, found.known.T.shape) == ((), (), (len(linear.y), 0))
-    np.testing.assert_allclose(found.left, linear.y, atol=1e-9)
+    np.testing.assert_allclose(found.residual, linear.y, atol=1e-9)
 
 
 def test_a_background_that_does_the_same_takes_the_size_and_widens_its_uncertainty() -> None:
@@ -85,7 +85,7 @@ def test_a_background_that_does_the_same_takes_the_size_and_widens_its_uncertain
     linear = holding(healthy(), shown_by(healthy(), [truth]) + white(healthy(), 6))
     alone = refine(linear, no_background(linear), [truth])
     twin = linear.columns([truth])
-    beside = refine(linear, no_background(linear, twin), [truth])
-    assert beside.sd(0)["offset_deg"] == pytest.approx(np.hypot(alone.sd(0)["offset_deg"], 0.05), rel=0.02)
+    departures = refine(linear, no_background(linear, twin), [truth])
+    assert departures.sd(0)["offset_deg"] == pytest.approx(np.hypot(alone.sd(0)["offset_deg"], 0.05), rel=0.02)
     # A spread of one column is 0.05°; what is plausible of the fault is many times that, and it keeps the size.
-    assert getattr(beside.effects[0], "offset_deg", 0.0) == pytest.approx(0.05, rel=0.5)
+    assert getattr(departures.effects[0], "offset_deg", 0.0) == pytest.approx(0.05, rel=0.5)

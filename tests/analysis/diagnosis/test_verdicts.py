@@ -7,16 +7,16 @@ from collections.abc import Sequence
 import pytest
 
 from analysis.diagnosis import diagnose as verdicts
-from analysis.diagnosis import look as engine
+from analysis.diagnosis import search as engine
 from analysis.diagnosis.candidates import Candidate, candidates_for
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.diagnosis import Diagnosis
-from analysis.diagnosis.linear import Linear
+from analysis.diagnosis.linearisation import Linearisation
 from analysis.simulation.simulate import simulate
 from rigs.effects import Backlash, Effect, JointOffset, ReversalSpike, TransmissionError, Vibration, size_field
 from rigs.errors import FileError
 from rigs.schema.effect import name_of
-from tests.support.diagnosis_cells import RIG, circles, found_in, measured, shaken
+from tests.support.diagnosis_cells import RIG, circles, found_in, measured, response
 
 CIRCLE = RIG.tests.circle.model_copy(update={"centre_mm": (870.0, 30.0, 250.0)}) if RIG.tests.circle else None
 ELSEWHERE = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": CIRCLE})})
@@ -71,7 +71,7 @@ def test_what_is_hidden_is_named_with_its_size(case: str) -> None:
 
 
 def test_an_effect_deleted_from_the_vocabulary_is_outside_the_library(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fewer(linear: Linear) -> Sequence[Candidate]:
+    def fewer(linear: Linearisation) -> Sequence[Candidate]:
         return [one for one in candidates_for(linear) if one.effect.effect != "reversal_spike"]
 
     runs = circles((ReversalSpike(axis=2, amplitude_deg=0.05, decay_s=0.3),), seed=16)
@@ -99,7 +99,7 @@ def test_rivals_that_the_circle_cannot_part_are_ambiguous_with_a_next_test() -> 
 
 
 def test_a_swing_that_begins_anew_with_every_run_is_named() -> None:
-    found = found_in([shaken(run, 9.4, 0.008, phase) for run, phase in zip(circles(seed=18), PHASES, strict=True)])
+    found = found_in([response(run, 9.4, 0.008, phase) for run, phase in zip(circles(seed=18), PHASES, strict=True)])
     assert found.verdict == "named" and _names(found) == ["vibration"]
     (one,) = found.effects
     assert isinstance(one.effect, Vibration)
@@ -121,7 +121,7 @@ def test_a_next_test_that_cannot_be_simulated_is_a_doubt(monkeypatch: pytest.Mon
     def refused(*given: object) -> None:
         raise FileError("cell.yaml", "has a hemisphere that the arm cannot reach", "move it")
 
-    monkeypatch.setattr(verdicts, "parting", refused)
+    monkeypatch.setattr(verdicts, "separating_tests", refused)
     found = found_in(circles((JointOffset(axis=5, offset_deg=0.05),), seed=17))
     assert found.verdict == "ambiguous" and found.next_test is None
     assert any("cannot reach" in doubt for doubt in found.doubts)

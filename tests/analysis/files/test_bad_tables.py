@@ -35,26 +35,26 @@ def with_cell(test: TestName, column: str, row: int, cell: str) -> str:
 
 
 CELLS: list[tuple[TestName, str, str, str]] = [
-    ("yaw", "g1_mm", "", "no value; fill it in or remove the row"),
-    ("yaw", "g2_mm", "  ", "no value; fill it in or remove the row"),
+    ("yaw", "g1_mm", "", "has no value; fill it in or remove the row"),
+    ("yaw", "g2_mm", "  ", "has no value; fill it in or remove the row"),
     ("roll", "q3_deg", "12,5", "'12,5' is written with a decimal comma; write 12.5"),
     ("radial", "polar_deg", "nan", "'nan' is not a finite number"),
     ("pose", "x_mm", "-Inf", "'-Inf' is not a finite number"),
     ("pose", "x_mm", "NaN(ind)", "'NaN(ind)' is not a finite number"),
-    ("pose", "rx_deg", "1_000", "'1_000' is no number"),
-    ("pose", "rx_deg", "٣", "'٣' is no number"),
-    ("pose", "rx_deg", "12 mm", "'12 mm' is no number"),
-    ("pose", "rx_deg", "ERR0", "'ERR0' is no number"),
-    ("pose", "x_mm", "1e300", "'1e300' is larger than any measured number; check the unit"),
-    ("pose", "x_mm", "1e999", "'1e999' is larger than any measured number; check the unit"),
-    ("radial", "target", "0", "'0' is no number to count from 1: 1, 2, 3, …"),
-    ("radial", "orientation", "-1", "'-1' is no number to count from 1: 1, 2, 3, …"),
-    ("repeatability", "round", "1.5", "'1.5' is no number to count from 1: 1, 2, 3, …"),
+    ("pose", "rx_deg", "1_000", "'1_000' is not a number"),
+    ("pose", "rx_deg", "٣", "'٣' is not a number"),
+    ("pose", "rx_deg", "12 mm", "'12 mm' is not a number"),
+    ("pose", "rx_deg", "ERR0", "'ERR0' is not a number"),
+    ("pose", "x_mm", "1e300", "'1e300' is too large for a measured value; check the unit"),
+    ("pose", "x_mm", "1e999", "'1e999' is too large for a measured value; check the unit"),
+    ("radial", "target", "0", "'0' is not a positive integer: 1, 2, 3, …"),
+    ("radial", "orientation", "-1", "'-1' is not a positive integer: 1, 2, 3, …"),
+    ("repeatability", "round", "1.5", "'1.5' is not a positive integer: 1, 2, 3, …"),
     (
         "repeatability",
         "target",
         "99999999999999999999",
-        "'99999999999999999999' is no number to count from 1: 1, 2, 3, …",
+        "'99999999999999999999' is not a positive integer: 1, 2, 3, …",
     ),
     ("repeatability", "approach", "outside", "'outside' is not none, out or in; did you mean out?"),
     ("repeatability", "approach", "x", "'x' is not none, out or in"),
@@ -65,7 +65,7 @@ CELLS: list[tuple[TestName, str, str, str]] = [
 
 @pytest.mark.parametrize(("test", "column", "cell", "reason"), CELLS)
 def test_a_bad_cell_is_named(test: TestName, column: str, cell: str, reason: str) -> None:
-    assert refusal(with_cell(test, column, 4, cell), test) == [f"t.csv, line 6, {column}: {reason}; mend the file"]
+    assert refusal(with_cell(test, column, 4, cell), test) == [f"t.csv, line 6, {column}: {reason}; correct the file"]
 
 
 def test_every_bad_row_is_told_in_order_and_not_without_end() -> None:
@@ -80,14 +80,14 @@ def test_every_bad_row_is_told_in_order_and_not_without_end() -> None:
     rows["y_mm"] = ["?"] * len(rows["y_mm"])
     told = refusal(csv_text(rows), "pose")
     assert len(told) == 21
-    assert told[-1] == "t.csv, … and 7 more, 27 mistakes in all; mend the file"
+    assert told[-1] == "t.csv, … and 7 more, 27 mistakes in all; correct the file"
 
 
 def test_lines_are_those_an_editor_shows() -> None:
     rows = rows_of("pose")  # its extra columns hold line ends
     rows["x_mm"] = [*rows["x_mm"][:-1], "?"]
     text = csv_text(rows)
-    assert refusal(text, "pose") == [f"t.csv, line {_line_of(text)}, x_mm: '?' is no number; mend the file"]
+    assert refusal(text, "pose") == [f"t.csv, line {_line_of(text)}, x_mm: '?' is not a number; correct the file"]
 
 
 def _line_of(text: str) -> int:
@@ -100,7 +100,7 @@ def _line_of(text: str) -> int:
     ("row", "reason"),
     [
         ("1,2,3", r"line 4: has 3 fields, the header 12; is the line cut off\?"),
-        ("1" + ",2" * 12, r"line 4: has 13 fields, the header 12; a text with a comma needs quotes"),
+        ("1" + ",2" * 12, r"line 4: has 13 fields, the header 12; put a text with a comma in quotes"),
     ],
 )
 def test_a_wrong_number_of_fields(row: str, reason: str) -> None:
@@ -119,14 +119,16 @@ def test_quotes_that_do_not_match(begin: str, line: int) -> None:
 
 def test_time_must_grow() -> None:
     assert refusal(with_cell("roll", "t_s", 5, "0.4"), "roll") == [
-        "t.csv, line 7, t_s: time does not grow: 0.4 after 0.4; mend the file"
+        "t.csv, line 7, t_s: time does not increase: 0.4 after 0.4; correct the file"
     ]
-    assert "time does not grow: 0 after 5.1" in refusal(with_cell("repeatability", "t_s", 4, "0"), "repeatability")[0]
+    assert (
+        "time does not increase: 0 after 5.1" in refusal(with_cell("repeatability", "t_s", 4, "0"), "repeatability")[0]
+    )
 
 
 def test_one_file_holds_one_direction() -> None:
     assert refusal(with_cell("yaw", "direction", 9, "cw"), "yaw") == [
-        "t.csv, line 11, direction: cw after acw: one file holds one direction; split it here; mend the file"
+        "t.csv, line 11, direction: cw after acw: a file may hold one direction only; split it here; correct the file"
     ]
 
 
@@ -135,11 +137,11 @@ def test_the_direction_of_the_command() -> None:
     assert "the table says cw; leave --direction out" in refusal(text, "yaw", "acw")[0]
     assert parse_csv(text, "t.csv", "yaw", rig(), "cw").num_rows
     assert refusal(csv_text(plain("radial")), "radial", "cw") == [
-        "t.csv: a radial table has no direction; leave --direction out"
+        "t.csv: is of a radial test, which has no direction; leave --direction out"
     ]
     rows = plain("yaw")
     del rows["direction"]
-    assert "line 1, direction: this column is missing; add it, or say --direction" in refusal(csv_text(rows), "yaw")[0]
+    assert "line 1, direction: this column is missing; add it, or give --direction" in refusal(csv_text(rows), "yaw")[0]
 
 
 def test_joints_that_jump() -> None:
@@ -150,7 +152,9 @@ def test_joints_that_jump() -> None:
     rows = plain("yaw")
     rows["q4_deg"] = [repr(float(cell) - 360 * (k >= 60)) for k, cell in enumerate(q4)]
     (line,) = refusal(csv_text(rows), "yaw")
-    assert re.search(r"line 62, q4_deg: jumps by -3\d\d\.?\d*° in 0\.1 s: a turn is missing, unwrap it", line)
+    assert re.search(
+        r"line 62, q4_deg: jumps by -3\d\d\.?\d*° in 0\.1 s: a full turn is missing; unwrap the angle", line
+    )
     slow = rows | {"t_s": texts(circle_values("yaw", "acw")[0] * 100)}
     assert "line 62, q4_deg" in refusal(csv_text(slow), "yaw")[0]
 
@@ -178,24 +182,24 @@ def test_columns_missing_or_misnamed() -> None:
 
 def test_a_column_twice() -> None:
     text = csv_text(plain("pose")).replace('"ry_deg"', '"x_mm"')
-    assert any("line 1, x_mm: this column stands here twice" in line for line in refusal(text, "pose"))
+    assert any("line 1, x_mm: this column occurs twice" in line for line in refusal(text, "pose"))
 
 
 def test_another_separator() -> None:
     text = csv_text(plain("pose")).replace('"', "")
     other = text.replace(",", ";").replace(".", ",")
     assert refusal(other, "pose") == [
-        "t.csv: has semicolons between its columns; "
+        "t.csv: separates its columns by semicolons; "
         "save it with commas and decimal points: sed 'y/,;/.,/' t.csv > TABLE.csv"
     ]
     assert parse_csv(other.translate(str.maketrans(",;", ".,")), "t.csv", "pose", rig()).num_rows, "the remedy works"
-    assert "has tabs between its columns" in refusal(text.replace(",", "\t"), "pose")[0]
+    assert "separates its columns by tabs" in refusal(text.replace(",", "\t"), "pose")[0]
 
 
 def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) -> None:
     foreign = tmp_path / "series.csv"
     foreign.write_text("Timestamp;Goal x;shoulder_pan_joint;elbow_joint\n2,0E+13;0,0001;-2,78E-05;-1,5\n")
-    with pytest.raises(FileError, match=r"has semicolons .* sed 'y/,;/\.,/' .*series\.csv"):
+    with pytest.raises(FileError, match=r"separates its columns by semicolons.* sed 'y/,;/\.,/' .*series\.csv"):
         read_csv(foreign, "pose", rig())
 
 
@@ -207,7 +211,7 @@ def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) 
         (csv_text(plain("pose")).encode("utf-16"), "is UTF-16; save it as UTF-8"),
         (csv_text(plain("pose")).encode() + "\nµ".encode("latin-1"), "line 27 is not UTF-8"),
         (b"PAR1....PAR1", "is a Parquet file"),
-        (csv_text(plain("pose")).encode().replace(b"deg", b"\0eg"), "holds zero bytes"),
+        (csv_text(plain("pose")).encode().replace(b"deg", b"\0eg"), "contains zero bytes"),
         (csv_text({name: [] for name in plain("pose")}).encode(), "has a header and no rows"),
         (b"\n".join(csv_text(plain("pose")).encode().replace(b'"', b"").splitlines()[1:]), "has no header line"),
     ],
@@ -303,4 +307,4 @@ def test_any_mutation_gives_a_table_or_one_of_our_errors(data: st.DataObject) ->
 @pytest.mark.parametrize("test", ["radial", "repeatability"])
 def test_a_target_that_the_hemisphere_does_not_have(test: TestName) -> None:
     (line,) = refusal(with_cell(test, "target", 5, "38"), test)
-    assert line.startswith("t.csv, line 7, target: 38 is none of the 37 targets of the rig's hemisphere")
+    assert line.startswith("t.csv, line 7, target: 38 is not one of the 37 targets of the rig's hemisphere")

@@ -156,6 +156,6 @@ def test_a_time_that_mcap_cannot_hold_is_refused(tmp_path: Path) -> None:
 
 def test_a_table_without_time_is_refused_and_leaves_no_file(tmp_path: Path) -> None:
     run = imported(tmp_path, "pose")
-    with pytest.raises(FileError, match=r"has no t_s.*; export it as csv or parquet"):
+    with pytest.raises(FileError, match=r"has no column t_s.*; export it as CSV or Parquet"):
         written(run, tmp_path / "run.mcap")
     assert not (tmp_path / "run.mcap").exists()

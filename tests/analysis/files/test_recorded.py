@@ -93,12 +93,12 @@ def test_what_is_exported_goes_in_again(tmp_path: Path) -> None:
 def test_rows_left_out_are_told(tmp_path: Path) -> None:
     measured = measured_of(read_run(recorded(tmp_path, "yaw", "acw", hole=True)))
     columns, notes = measured.to_table(), list(measured.doubts)
-    assert notes in (["g2: rows left out for gaps: 9"], ["g2: rows left out for gaps: 10"])
+    assert notes in (["g2: 9 rows are left out at gaps"], ["g2: 10 rows are left out at gaps"])
     assert columns.num_rows < len(circle_values("yaw", "acw")[0])
 
 
 def test_a_recorded_circle_without_direction_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(FileError, match="has no direction"):
+    with pytest.raises(FileError, match="lacks a direction"):
         measured_of(read_run(recorded(tmp_path, "yaw", None)))
 
 
@@ -141,16 +141,15 @@ def test_targets_of_a_repeatability_run_at_which_nothing_was_read_are_told(tmp_p
     measured = measured_of(read_run(stopped(tmp_path, share=0.5)))
     assert isinstance(measured.table, RepeatabilityTable)
     assert set(measured.table.target.tolist()) == {1, 14}
-    assert measured.doubts == ("no stand at target 29, 35",)
+    assert measured.doubts == ("the run has no stand at target 29, 35",)
 
 
 def test_an_import_that_never_held_its_table(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text(csv_text(plain("pose")))
     imported = {"rig_file": RIG_FILE, "test": "pose", "direction": None, "operator": ""}
     import_table(tmp_path / "t.csv", tmp_path / "r", **imported)  # type: ignore[arg-type]
-    manifest = (tmp_path / "r" / "manifest.json").read_text()
-    opening = manifest[: manifest.index('"chunks"')] + '"chunks": []}'
-    (tmp_path / "r" / "manifest.json").write_text(opening)
+    ledger = tmp_path / "r" / "ledger.jsonl"
+    ledger.write_bytes(ledger.read_bytes().splitlines(keepends=True)[0])
     (tmp_path / "r" / "table-0001.parquet").unlink()
     with pytest.raises(FileError, match=r"crashed; run `rig recover"):
         read_run(tmp_path / "r")

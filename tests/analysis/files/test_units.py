@@ -76,8 +76,10 @@ def test_targets_of_a_gauge_in_micrometres() -> None:
     rows = plain("radial")
     travel = float(np.ptp([float(cell) for cell in rows["g1_mm"]]))
     (doubt,) = check(rows | {"g1_mm": scaled(rows["g1_mm"], 100 / travel)}, "radial")
-    assert doubt.startswith("g1_mm travels 100 mm on a radius of 400 mm, more than robots err; check its unit")
-    with pytest.raises(FileError, match=r"g1_mm travels 500 mm on a radius of 400 mm, which no link can; check"):
+    assert doubt.startswith("g1_mm travels 100 mm on a radius of 400 mm, more than any robot error; check its unit")
+    with pytest.raises(
+        FileError, match=r"g1_mm travels 500 mm on a radius of 400 mm, which is impossible for a link; check"
+    ):
         check(rows | {"g1_mm": scaled(rows["g1_mm"], 500 / travel)}, "radial")
 
 
@@ -106,7 +108,9 @@ def test_one_gauge_in_another_unit(test: TestName, factor: float, unit: str) -> 
 def test_both_gauges_in_another_unit(test: TestName) -> None:
     with pytest.raises(FileError, match="g1_mm and g2_mm are in inches"):
         check(changed(test, {"g1_mm": 1 / 25.4, "g2_mm": 1 / 25.4}), test)
-    with pytest.raises(FileError, match=r"g1_mm travels .* which no link can; convert it to mm: it looks like µm"):
+    with pytest.raises(
+        FileError, match=r"g1_mm travels .* which is impossible for a link; convert it to mm: it looks like µm"
+    ):
         check(changed(test, {"g1_mm": 1000.0, "g2_mm": 1000.0}), test, unknown_ball())
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.fitting.calibrate import calibrate
-from analysis.fitting.choice import chosen
+from analysis.fitting.effect_choice import parse_effects
 from analysis.fitting.observation import Observation, observe
 from analysis.model.predict import model_of
 from analysis.simulation.simulate import simulate
@@ -90,7 +90,7 @@ def test_uncertainties_cover_the_wander_and_the_scatter_of_runs() -> None:
     assert 0.3 < np.sqrt(np.mean(np.square(away))) < 1.8, away
 
 
-def test_the_scatter_of_a_run_that_nobody_repeated_is_assumed_wide_and_said_to_be() -> None:
+def test_the_scatter_of_a_run_without_repeats_is_assumed_wide_and_reported_as_assumed() -> None:
     known = calibrate(RIG, [*_observed((), 100), *_observed((), 200)], [], "joint_offset:3")
     assumed = calibrate(RIG, _observed((), 100), [], "joint_offset:3")
     assert assumed.scatter.source == "assumed"
@@ -114,7 +114,7 @@ def test_wild_readings_are_counted_and_change_little(truth: Effect, words: str, 
     (clean,), found = calibrate(RIG, sound, [], words).effects, calibrate(RIG, spoilt, [], words)
     (fitted,) = found.effects
     field = size_field(truth)
-    assert 0.8 * count <= sum(found.weighing.wild) <= 1.5 * count
+    assert 0.8 * count <= sum(found.weighting.wild) <= 1.5 * count
     assert abs(getattr(fitted.effect, field) - getattr(clean.effect, field)) < clean.sd[field]
     assert "are wild and left out" in found.doubts[0]
 
@@ -125,15 +125,15 @@ def test_a_run_of_another_test_judges_with_its_own_set_up() -> None:
     assert found.after_mm[1] < 0.3 * found.before_mm[1]
 
 
-def test_readings_that_the_set_up_takes_up_alone_are_told() -> None:
+def test_readings_that_the_set_up_takes_up_alone_are_reported() -> None:
     (whole,) = _observed((), 5, ("repeatability",))
     few = replace(whole, rows=whole.rows[:4], values=whole.values[:4])
     with pytest.raises(FileError, match="4 readings are too few for the 4 terms of the set-up"):
         calibrate(RIG, [few], [], "joint_offset")
 
 
-def test_a_parameter_that_is_hardly_told_does_not_take_up_what_no_effect_explains() -> None:
-    """The zero of axis 6 does next to nothing on the circle; a gear error that nobody fits could have it at degrees."""
+def test_a_parameter_that_is_hardly_determined_does_not_take_up_what_no_effect_explains() -> None:
+    """The zero of axis 6 has little effect on the circle; a gear error that is not fitted could move it by degrees."""
     truth = (
         Backlash(axis=1, width_deg=0.02),
         Backlash(axis=5, width_deg=0.015),
@@ -149,12 +149,12 @@ def test_a_parameter_that_is_hardly_told_does_not_take_up_what_no_effect_explain
         assert abs(getattr(fitted.effect, field)) < 5 * healthy_size(fitted.effect), fitted.effect
 
 
-def test_parameters_are_counted_by_what_is_told_apart() -> None:
+def test_parameters_are_counted_by_what_is_distinguished() -> None:
     """30 parameters from a few targets: most of them are held by what is known beforehand, and said to be."""
     truth = (Backlash(axis=1, width_deg=0.05),)
     observed = _observed(truth, 5, ("repeatability",))
     found = calibrate(RIG, observed, [], "joint_offset,link_geometry,backlash")
-    assert 0 < found.told_apart < 15 < len(found.mixed)
+    assert 0 < found.identified_combinations < 15 < len(found.weak_parameters)
     assert found.after_mm[0] < 0.2 * found.before_mm[0]
 
 
@@ -173,7 +173,7 @@ def test_parameters_are_counted_by_what_is_told_apart() -> None:
     ],
 )
 def test_words_stand_for_effects(words: str, count: int) -> None:
-    assert len(chosen(words)) == count
+    assert len(parse_effects(words)) == count
 
 
 @pytest.mark.parametrize(
@@ -186,7 +186,7 @@ def test_words_stand_for_effects(words: str, count: int) -> None:
 )
 def test_words_that_stand_for_none_say_how_to_write_it(word: str) -> None:
     with pytest.raises(FileError, match="--fit"):
-        chosen(word)
+        parse_effects(word)
 
 
 @pytest.mark.parametrize("name", ["time_lag", "clock_rate", "servo_lag", "reversal_spike"])

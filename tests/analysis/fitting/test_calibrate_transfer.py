@@ -9,7 +9,7 @@ import pytest
 
 from analysis.fitting.calibrate import Calibration, calibrate
 from analysis.fitting.observation import Observation, observe, residuals_of, rms
-from analysis.fitting.setups import settled
+from analysis.fitting.setups import fit_setups
 from analysis.kinematics.arm import arm_of, forward
 from analysis.model.predict import model_of
 from analysis.traces.tables import PoseTable
@@ -43,7 +43,7 @@ def _observed(name: str, poses: Seen, setup: str = "pose") -> Observation:
 def _elsewhere_mm(found: Calibration, name: str, poses: Seen) -> float:
     """Root mean square distance at poses of another placement, whose set-up is fitted."""
     one = _observed(name, poses, "elsewhere")
-    return rms(residuals_of(found.after.model, [one], settled([(found.after.model, one)])))
+    return rms(residuals_of(found.after.model, [one], fit_setups([(found.after.model, one)])))
 
 
 def _cells(name: str, kind, seeds: range):
@@ -80,7 +80,7 @@ def test_from_a_corner_of_the_joints_the_model_holds_better_elsewhere_than_least
         train = arm.seen(postures("ur10e", 30, rng, NARROW_DEG), rng)
         wide = arm.seen(postures("ur10e", 200, rng), rng)
         found = calibrate(_rig("ur10e"), [_observed("ur10e", train)], [], DH)
-        assert found.told_apart < 18 and any(one.like for one in found.mixed)
+        assert found.identified_combinations < 18 and any(one.like for one in found.weak_parameters)
         ours.append(_elsewhere_mm(found, "ur10e", wide))
         theirs.append(least_squares_fit(arm.arm, train, DH).held_out_mm(arm.arm, wide, again=True))
     assert np.mean(ours) < np.mean(theirs)
@@ -106,8 +106,9 @@ def test_few_poses_are_no_reason_to_refuse_many_parameters() -> None:
     assert found.after_mm[1] < 0.25 * found.before_mm[1]
 
 
-def test_uncertainties_hold_for_what_is_told_and_for_what_is_not() -> None:
-    """Zeros and lengths of a bad arm, each against its own uncertainty: those told together are known badly, too."""
+def test_uncertainties_hold_for_what_is_determined_and_for_what_is_not() -> None:
+    """Zeros and lengths of a bad arm, each against its own uncertainty, including those that are determined only
+    together."""
     away = []
     for arm, rng in _cells("ur10e", bad_arm, range(6)):
         found = calibrate(_rig("ur10e"), [_observed("ur10e", arm.seen(postures("ur10e", 60, rng), rng))], [], DH)

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from analysis.cli import app
 from analysis.fitting.calibrate import calibrate_runs
 from analysis.fitting.observation import Observation, observe
-from analysis.fitting.placements import parted
+from analysis.fitting.placements import split_by_frame
 from analysis.model.predict import model_of
 from analysis.simulation.simulate import simulate
 from analysis.traces.loading import load_measured
@@ -71,7 +71,7 @@ def test_two_placements_calibrate_as_one_arm(
     assert len(found.after.setups) == 2
     tools = [setup.T_tool_target for setup in found.after.setups.values()]
     np.testing.assert_allclose(tools[0], tools[1], atol=1e-9)
-    said = [doubt for doubt in found.doubts if "do not stand in one frame" in doubt]
+    said = [doubt for doubt in found.doubts if "do not share one frame" in doubt]
     assert len(said) == (0 if named else 1)
     assert named or "fitted as 3 placements (first; second; judge)" in said[0]
 
@@ -93,7 +93,7 @@ def test_a_placement_of_three_poses_takes_the_tool_of_the_others(
         calibrate_runs(RIG, runs[2:], [], "joint_offset", share=0.0, groups=False, seed=0)
 
 
-def test_runs_of_two_robots_are_told_in_one_line(tmp_path: Path, arm: tuple[Cell, np.random.Generator]) -> None:
+def test_runs_of_two_robots_are_reported_in_one_line(tmp_path: Path, arm: tuple[Cell, np.random.Generator]) -> None:
     first = _run(tmp_path, "first", _poses(arm, 10))
     other = _run(tmp_path, "other", _poses(arm, 10), rig="paper-fanuc")
     with pytest.raises(FileError, match="is of another robot than ur10e"):
@@ -114,8 +114,8 @@ def _circles(rig_ball: tuple[float, float, float], seed: int) -> list[Observatio
 def test_a_ball_that_was_moved_is_another_set_up_and_its_scatter_is_not() -> None:
     model = model_of(load("paper-fanuc")[0].model_copy(update={"effects": ()}))
     same = [*_circles((0.3, 0.2, 0.0), 1), *_circles((0.3, 0.2, 0.0), 11)]
-    assert parted(model, same, list("abcd")) == (same, [])
-    found, told = parted(model, [*same[:2], *_circles((1.3, -0.2, 0.0), 21)], list("abcd"))
+    assert split_by_frame(model, same, list("abcd")) == (same, [])
+    found, told = split_by_frame(model, [*same[:2], *_circles((1.3, -0.2, 0.0), 21)], list("abcd"))
     assert [one.setup for one in found] == ["yaw", "yaw", "yaw, frame 2", "yaw, frame 2"]
     assert "fitted as 2 placements (a, b; c, d)" in told[0]
 
@@ -154,5 +154,5 @@ def test_two_placements_are_diagnosed_as_one_arm(tmp_path: Path, named: bool) ->
     assert frames == (
         {"pose at door", "pose at wall", "pose at floor"} if named else {"pose", "pose, frame 2", "pose, frame 3"}
     )
-    said = [doubt for doubt in answer["doubts"] if "do not stand in one frame" in doubt]
+    said = [doubt for doubt in answer["doubts"] if "do not share one frame" in doubt]
     assert len(said) == (0 if named else 1)

@@ -70,7 +70,7 @@ def test_of_the_branches_one_within_the_limits_is_taken() -> None:
 def test_a_pose_that_only_another_posture_reaches_is_told() -> None:
     arm = ARMS["paper-fanuc"]
     for pose, posture in zip(*_lost(arm), strict=True):
-        with pytest.raises(FileError, match="the arm flips near pose 2 of 2"):
+        with pytest.raises(FileError, match="the arm changes its posture near pose 2 of 2"):
             follow(arm, np.stack([forward(arm, posture[None])[0], pose]), posture, "path")
 
 
@@ -79,7 +79,7 @@ def test_what_the_arm_cannot_reach_is_told(name: str) -> None:
     arm = ARMS[name]
     far = forward(arm, START[None])
     far[:, :3, 3] += [4000, 0, 0]
-    with pytest.raises(FileError, match=r"path: pose 1 of 1 .* out of reach: no posture"):
+    with pytest.raises(FileError, match=r"path: pose 1 of 1 .* out of reach of the arm in every posture"):
         follow(arm, far, START, "path")
 
 

@@ -41,7 +41,7 @@ def _distance(g_mm: np.ndarray) -> circularity.Circularity:
 
 def _said(result: CircleResult) -> tuple[str, ...]:
     """Its notes, but for that a single lap makes."""
-    return tuple(note for note in result.notes if not note.startswith("one lap"))
+    return tuple(note for note in result.notes if not note.startswith("the run has one lap"))
 
 
 def _ball(test: str, ball: tuple[float, float, float]) -> np.ndarray:
@@ -143,10 +143,10 @@ def test_a_good_run_is_not_doubted(name: str, test: str) -> None:
         ({"g_mm": np.zeros((720, 2))}, "reads 0 mm in all 720 rows"),
         (
             {"g_mm": np.where(np.arange(1440).reshape(720, 2) == 9, np.nan, _ball("yaw", (1, 0, 0)))},
-            "row 5 is no number",
+            "row 5 is not a number",
         ),
-        ({"g_mm": _ball("yaw", (1, 0, 0))[:, :1]}, "not two gauges"),
-        ({"frame": dataclasses.replace(FRAME, radius=0.0)}, "a radius of 0 mm cannot be"),
+        ({"g_mm": _ball("yaw", (1, 0, 0))[:, :1]}, "not have two gauges"),
+        ({"frame": dataclasses.replace(FRAME, radius=0.0)}, "a radius of 0 mm is impossible"),
     ],
 )
 def test_what_is_no_circle_run_is_refused(wrong: dict, said: str) -> None:
@@ -233,7 +233,7 @@ def test_standing_jumping_and_half_a_lap_are_refused() -> None:
             "jumps by",
         ),
         (CircleTable("yaw", "acw", table.t_s[:2000], table.q[:2000], table.g_mm[:2000]), "no data from"),
-        (CircleTable("yaw", "acw", table.t_s[:1], table.q[:1], table.g_mm[:1]), "1 rows, which is no circle"),
+        (CircleTable("yaw", "acw", table.t_s[:1], table.q[:1], table.g_mm[:1]), "1 rows, too few for a circle"),
     ):
         with pytest.raises(FileError, match=said):
             laps_of(wrong, rig, "t")

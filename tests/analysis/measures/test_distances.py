@@ -80,7 +80,7 @@ def test_one_orientation_has_no_range_over_orientations() -> None:
     result = radial.evaluate(table, 400.0, 0.0005, orientations=3)
     assert "band_mm" in result.figures
     assert not {"spread_mm", "spread_mean_mm"} & result.figures.keys()
-    assert "1 of 3 orientations measured: no range over them" in result.notes
+    assert "1 of 3 orientations measured, so their range is not reported" in result.notes
 
 
 def test_a_target_that_the_hemisphere_does_not_have_is_refused() -> None:
@@ -88,7 +88,7 @@ def test_a_target_that_the_hemisphere_does_not_have_is_refused() -> None:
     for test in ("radial", "repeatability"):
         table = simulate(rig, test, None, 1)
         wrong = dataclasses.replace(table, target=np.where(np.arange(len(table.target)) == 4, 38, table.target))
-        with pytest.raises(FileError, match="target 38 of row 5 is none of the 37 of the hemisphere"):
+        with pytest.raises(FileError, match="target 38 of row 5 is not one of the 37 of the hemisphere"):
             evaluate(wrong, rig, 0.0, "t")
 
 
@@ -117,7 +117,7 @@ def test_missing_targets_and_orientations_are_told() -> None:
     result = _radial(planted.true_radial(TABLE)[keep], **part)
     assert result.notes == (
         "target 4 and 9 missing: 35 of 37 measured",
-        "target 7 without all 3 orientations",
+        "not all 3 orientations were measured at target 7",
     )
     assert result.samples == 104
 
@@ -229,9 +229,9 @@ def test_what_is_no_radial_run_is_refused() -> None:
     g = planted.true_radial(TABLE)
     for said, changes in (
         ("reads 0 mm in all", {"g_mm": np.zeros_like(g)}),
-        ("g1_mm of row 4 is no number", {"g_mm": np.where(np.arange(len(g)) == 3, np.nan, g)}),
-        ("g1_mm has no number in any of its 111 rows", {"g_mm": np.full(len(g), np.nan)}),
-        ("no deviation from 400 mm", {"g_mm": g + 400}),
+        ("g1_mm of row 4 is not a number", {"g_mm": np.where(np.arange(len(g)) == 3, np.nan, g)}),
+        ("g1_mm holds no valid number in any of its 111 rows", {"g_mm": np.full(len(g), np.nan)}),
+        ("too large for a radius of 400 mm", {"g_mm": g + 400}),
         ("beyond 180°", {"polar": np.degrees(TABLE.polar)}),
         ("target 1 has two directions", {"polar": TABLE.polar + 0.1 * (np.arange(len(g)) == 1)}),
     ):
@@ -267,8 +267,8 @@ def test_repeatability_leaves_out_what_has_one_side_and_refuses_what_has_none() 
     assert list(result.targets) == [1, 3]
     assert "target 2 left out" in result.notes[0]
     for said, changes in (
-        ("no target has two readings from each side", {"approach": np.full(18, "out")}),
-        ("is no side", {"approach": np.full(18, "left")}),
+        ("no target was read twice from each side", {"approach": np.full(18, "out")}),
+        ("is not a side", {"approach": np.full(18, "left")}),
         ("reads 1 mm in all 18 rows", {"g_mm": np.ones(18)}),
     ):
         with pytest.raises(FileError, match=said):

@@ -1,6 +1,6 @@
 """Planted and recovered: every reported figure within twice its uncertainty as often as that says, and not by a wide u.
 
-`scripts/planted` scores many more cells, kinds of noise and laps.
+`scripts/dev planted` scores many more cells, kinds of noise and laps.
 """
 
 import dataclasses

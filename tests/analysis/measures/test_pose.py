@@ -51,7 +51,10 @@ def test_a_planted_set_up_is_found_and_leaves_nothing() -> None:
     assert result.figures["rms_mm"].value < 1e-6
     assert result.figures["rms_deg"].value < 1e-6
     (note,) = result.notes
-    assert note == "no pose was visited twice: no repeatability; the noise of instrument and robot is assumed"
+    assert (
+        note
+        == "no pose was visited twice: repeatability is not reported, and the noise of instrument and robot is assumed"
+    )
     assert {figure.noise for figure in result.figures.values()} == {"assumed"}
 
 

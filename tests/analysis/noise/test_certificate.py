@@ -132,7 +132,7 @@ def test_a_certificate_overdue_on_the_day_of_the_run_is_a_doubt(tmp_path: Path) 
         doubt,
     )
     (doubt,) = [doubt for doubt in measured_of(_edited(run, started="yesterday")).doubts if "day" in doubt]
-    assert doubt == "its manifest does not say on which day it was recorded, but 'yesterday'"
+    assert doubt == "the start time in its manifest is not a date: 'yesterday'"
 
 
 def test_check_warns_of_a_certificate_that_is_overdue(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The step of a gauge is found in few readings as in many, and is not found where there is none."""
+"""The step of a gauge is found in few readings as in many, and is not found in readings without a step."""
 
 import numpy as np
 import pytest

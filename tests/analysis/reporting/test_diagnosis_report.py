@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from analysis.diagnosis.diagnosis import Diagnosis, Gap, Leftover, Verdict
+from analysis.diagnosis.diagnosis import Diagnosis, Gap, ResidualBand, Verdict
 from analysis.model.predict import model_of
 from analysis.reporting.diagnosis_curves import strands_of
 from analysis.reporting.diagnosis_picture import picture
@@ -41,7 +41,12 @@ def _printed(found: Diagnosis, width: int = 80) -> str:
 def test_the_screen_fits_80_columns_and_keeps_its_order(verdict: Verdict) -> None:
     text = _printed(diagnosis(verdict))
     assert max(map(len, text.splitlines())) <= 80
-    headings = ["Where they disagree", "What the model says", "Still unexplained", "What these tests cannot tell"]
+    headings = [
+        "Where they disagree",
+        "What the model says",
+        "Still unexplained",
+        "What these tests cannot distinguish",
+    ]
     if verdict in ("named", "ambiguous", "outside_library"):
         headings.insert(1, "What is missing")
         headings.append("What to do")
@@ -130,7 +135,7 @@ def test_effects_and_rivals_of_the_object() -> None:
 def test_what_is_not_known_is_null() -> None:
     nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
     odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
-    left = (Leftover("yaw", None, "angle", None, math.nan, "?"),)
+    left = (ResidualBand("yaw", None, "angle", None, math.nan, "?"),)
     told = diagnosis(train=nothing, effects=(odd,), left=left, level=np.float64(0.2)).to_dict()
     text = json.dumps(told, allow_nan=False)
     assert json.loads(text) == told

@@ -109,6 +109,6 @@ def test_a_truth_that_tells_nothing_of_a_test_is_told(laps: list[Result], tmp_pa
     truth = tmp_path / "truth.json"
     truth.write_text(json.dumps({"rig": "ur10e", "yaw": {"acw": {"band_deg": 0.1}, "cw": {"band_deg": 0.1}}}))
     (radial,) = write_simulated(RIG, TEXT, "radial", (None,), [1], tmp_path)
-    with pytest.raises(FileError, match="tells nothing of the radial test"):
+    with pytest.raises(FileError, match="does not cover the radial test"):
         compare([evaluate(load_run(radial))], truth)
     assert [list(one) for one in compare([*laps[:1], evaluate(load_run(radial))], truth)] == [["band_deg"], []]

@@ -155,4 +155,6 @@ def test_a_pace_that_is_left_is_told() -> None:
     doubts: list[str] = []
     for wanders_s in (0.0, 0.5 * TOLD_S, 5.24e-3):
         align._tell("g1", Instants(np.empty(0), 0.0, np.empty(0), wanders_s=wanders_s), doubts)
-    assert [doubt.split(":")[:2] for doubt in doubts] == [["g1", " its messages leave their steady pace by 5.2 ms"]]
+    assert [doubt.split(":")[:2] for doubt in doubts] == [
+        ["g1", " its messages deviate from their steady pace by 5.2 ms"]
+    ]

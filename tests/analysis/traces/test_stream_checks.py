@@ -37,14 +37,14 @@ def with_column(stream: str, column: str, rows: Any, value: Any) -> Run:
 @pytest.mark.parametrize(
     ("column", "row", "value", "said"),
     [
-        ("first_byte_ns", 40, -7, "row 41 of {} has a stamp that no clock shows"),
-        ("first_byte_ns", 0, FIRST, "row 1 of {} has a stamp that no clock shows"),
-        ("last_byte_ns", -1, LAST, "has a stamp that no clock shows"),
-        ("last_byte_ns", 40, 0, "row 41 of {} has a first byte that came after the last"),
-        ("requested_ns", 40, LAST, "row 41 of {} has a request that went out after its answer"),
-        ("last_byte_ns", 40, 2**60, "row 42 of {} has a stamp earlier than the row before"),
-        ("size", 40, -1, "row 41 of {} has a size that no message has"),
-        ("size", 40, 2**31 - 1, "row 41 of {} has a size that no message has"),
+        ("first_byte_ns", 40, -7, "row 41 of {} has an impossible stamp"),
+        ("first_byte_ns", 0, FIRST, "row 1 of {} has an impossible stamp"),
+        ("last_byte_ns", -1, LAST, "has an impossible stamp"),
+        ("last_byte_ns", 40, 0, "row 41 of {} has a first byte later than the last"),
+        ("requested_ns", 40, LAST, "row 41 of {} has a request later than its answer"),
+        ("last_byte_ns", 40, 2**60, "row 42 of {} has a stamp earlier than that of the row before"),
+        ("size", 40, -1, "row 41 of {} has an impossible message size"),
+        ("size", 40, 2**31 - 1, "row 41 of {} has an impossible message size"),
     ],
 )
 @pytest.mark.parametrize("stream", ["g2", "robot"])
@@ -61,7 +61,7 @@ def test_stamps_that_rigd_cannot_have_written_are_refused(
 def test_what_is_no_reading_is_left_out_and_counted(value: float) -> None:
     """200 mm is further than a link between the two sides of the circle can be."""
     measured = measured_of(with_column("g1", "g1_mm", [100, 200, 201], value))
-    assert "g1: rows left out that hold no reading: 3; check it and its connection" in measured.doubts
+    assert "g1: 3 rows that hold no valid reading are left out; check it and its connection" in measured.doubts
     usual = measured_of(lap())
     assert len(usual.table.q) - 3 <= len(measured.table.q) < len(usual.table.q)
     assert not [doubt for doubt in usual.doubts if "no reading" in doubt]
@@ -70,7 +70,7 @@ def test_what_is_no_reading_is_left_out_and_counted(value: float) -> None:
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e300])
 def test_joints_that_no_robot_has_are_left_out_and_counted(value: float) -> None:
     measured = measured_of(with_column("robot", "q3_deg", [100], value))
-    assert "robot: rows left out that hold no reading: 1; check it and its connection" in measured.doubts
+    assert "robot: 1 rows that hold no valid reading are left out; check it and its connection" in measured.doubts
     assert np.isfinite(measured.table.q).all()
 
 

@@ -9,14 +9,16 @@ from typing import Any
 import pytest
 
 import daq.recording.recorder
+import daq.store.manifest
 import daq.store.writer
 from daq.acquisition.host_clock import HOST, ClockReadings, HostClockMonitor, read_clocks
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
 from daq.recording.label import Label
+from daq.recording.machine import Recording
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, read_run
-from daq.store.manifest import Clock
+from daq.store.records import Clock
 
 S = 1_000_000_000
 START = ClockReadings(100 * S, 1_800_000_000 * S, 150 * S)
@@ -72,11 +74,12 @@ def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, 
     now = [START]
     monkeypatch.setattr(daq.recording.recorder, "read_clocks", lambda: now[0])
     anchor = Clock(monotonic_ns=now[0].monotonic_ns, unix_ns=now[0].wall_ns, bracket_ns=0)
-    monkeypatch.setattr(daq.store.writer, "clock_now", lambda: anchor)
+    for module in (daq.store.manifest, daq.store.writer):
+        monkeypatch.setattr(module, "clock_now", lambda: anchor)
     buffer = StreamBuffer("g1", ("g1_mm",))
 
     def create(label: Label, follows: str) -> RunWriter:
-        writer = RunWriter.create(
+        return RunWriter.create(
             tmp_path,
             name=label.name,
             test=label.test,
@@ -86,12 +89,10 @@ def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, 
             operator="",
             streams={"g1": ("g1_mm",)},
         )
-        writer.manifest = writer.manifest.model_copy(update={"clock": anchor})
-        return writer
 
     recorder = Recorder({"g1": buffer}, create, lambda: None)
     monkeypatch.setattr(daq.recording.recorder, "require_readings", lambda buffers, test: None)
-    path = recorder.start_run(Label(name="a", test="radial")).result()
+    path = recorder.start_run(Recording(Label(name="a", test="radial"))).result()
     now[0] = later(START, 10.0, stepped_s=3600.0)
     anchor = Clock(monotonic_ns=now[0].monotonic_ns, unix_ns=now[0].wall_ns, bracket_ns=0)
     buffer.deliver([Sample((1.0,), -1, now[0].monotonic_ns, now[0].monotonic_ns, 8)])

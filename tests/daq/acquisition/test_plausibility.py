@@ -13,6 +13,7 @@ from daq.acquisition.plausibility import IN_ERROR_S, STUCK_S, TIMES_IN_ERROR, Pl
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
 from daq.recording.label import Label
+from daq.recording.machine import Recording
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, read_run
 
@@ -98,7 +99,7 @@ def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path: Path) -> None:
     now_ns = time.monotonic_ns()
     buffers["g1"].deliver([_sample([0.1], now_ns)])
     buffers["robot"].deliver([_sample([0.0] * 6, now_ns)])
-    recorder.start_run(Label(name="x", test="radial")).result()
+    recorder.start_run(Recording(Label(name="x", test="radial"))).result()
     for _ in range(TIMES_IN_ERROR):
         buffers["g1"].deliver([_sample([0.1], now_ns), Fault(FaultKind.DEVICE_ERROR, now_ns, "ERR3")])
     recorder.start()
@@ -117,7 +118,7 @@ def test_a_doubt_about_the_last_readings_before_a_stop_is_in_that_run(tmp_path: 
     now_ns = time.monotonic_ns()
     buffers["g1"].deliver([_sample([0.1], now_ns)])
     buffers["robot"].deliver([_sample([0.0] * 6, now_ns)])
-    recorder.start_run(Label(name="x", test="radial")).result()
+    recorder.start_run(Recording(Label(name="x", test="radial"))).result()
     for _ in range(TIMES_IN_ERROR):
         buffers["g1"].deliver([_sample([0.1], now_ns), Fault(FaultKind.DEVICE_ERROR, now_ns, "ERR3")])
     ended = recorder.stop_run().result()

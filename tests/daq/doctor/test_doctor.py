@@ -19,7 +19,7 @@ import yaml
 
 from daq.acquisition.streams import Stream, streams_of
 from daq.doctor import Finding, Verdict, computer, examine, ports, trial
-from daq.doctor.examine import told
+from daq.doctor.examine import of_daemon
 from daq.emulators import emulated
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.uart import heard
@@ -120,7 +120,7 @@ def test_what_figures_of_the_computer_mean(finding: Finding, verdict: Verdict) -
         ("LoadState=not-found ActiveState=inactive SubState=dead", DOUBTFUL, "not installed"),
         ("LoadState=loaded ActiveState=inactive SubState=dead", DOUBTFUL, "stopped"),
         ("LoadState=loaded ActiveState=failed SubState=failed Result=exit-code", WRONG, "failed (exit-code)"),
-        ("LoadState=loaded ActiveState=activating SubState=auto-restart NRestarts=7", WRONG, "7 starts so far"),
+        ("LoadState=loaded ActiveState=activating SubState=auto-restart NRestarts=7", WRONG, "7 attempts so far"),
         ("LoadState=loaded ActiveState=active SubState=running NRestarts=0 UnitFileState=enabled", OK, "running"),
         ("LoadState=loaded ActiveState=active SubState=running NRestarts=2 UnitFileState=enabled", DOUBTFUL, "2 times"),
         (
@@ -257,7 +257,7 @@ def test_nothing_and_something_else_behind_the_robot_s_port() -> None:
 
         threading.Thread(target=greet, daemon=True).start()
         (finding,) = trial.examine_conversation(robot, 0.3)
-    assert finding.verdict is WRONG and "33 bytes came, and no reading among them" in finding.what, finding
+    assert finding.verdict is WRONG and "33 bytes arrived, but no reading among them" in finding.what, finding
     (finding,) = trial.examine_conversation(robot, 0.3)
     assert finding.verdict is WRONG and "connection refused" in finding.what
 
@@ -308,15 +308,15 @@ GOOD = {
 def test_what_a_daemon_says_of_a_stream(stream: dict[str, Any], verdict: Verdict, says: str) -> None:
     status = {"rig": "bench", "recording": None, "streams": {"g1": GOOD | stream}}
     served = replace(streams_of(parse(rig_text("keyence"), "bench"))[-1], name="g1", port="/dev/g1")
-    rigd, finding = told(status, [served])
-    assert [f.verdict for f in told(status, [replace(served, port="/dev/g2")])][:2] == [OK, WRONG]
+    rigd, finding = of_daemon(status, [served])
+    assert [f.verdict for f in of_daemon(status, [replace(served, port="/dev/g2")])][:2] == [OK, WRONG]
     assert rigd.verdict is OK and (finding.about, finding.verdict) == ("g1", verdict) and says in finding.what
     assert bool(finding.remedy) == (verdict is not OK)
     del status["streams"]["g1"]["port"]  # type: ignore[index]
-    older = list(told(status, [served]))
+    older = list(of_daemon(status, [served]))
     assert (older[1].verdict, older[1].what, older[2].what) == (
         DOUBTFUL,
-        "is of a version before this one",
+        "is older than this rig",
         finding.what,
     )
 
@@ -326,7 +326,7 @@ def test_a_daemon_is_asked_in_place_of_the_ports(bench: Bench) -> None:
     done = bench.run("rig", "doctor", bench.rig, "--json")
     said = json.loads(done.stdout)
     assert done.returncode == 0 and said["rig"] == "bench" and said["wrong"] == 0, said
-    assert any(f["about"] == "rigd" and "asked in place of the ports" in f["what"] for f in said["findings"])
+    assert any(f["about"] == "rigd" and "queried instead of the ports" in f["what"] for f in said["findings"])
     with Client(bench.socket) as client:
         faults = {name: s["counters"].keys() - {"samples"} for name, s in client.ask("status")["streams"].items()}
     assert not any(faults.values()), "the doctor has touched nothing"

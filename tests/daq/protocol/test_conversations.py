@@ -25,7 +25,7 @@ def _asked(*gauges: Gauge) -> Script:
 
 
 def _fault(script: Script, kind: FaultKind, *words: str) -> Fault:
-    (fault,) = script.told()
+    (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is kind
     for word in words:
         assert word in fault.detail
@@ -44,7 +44,7 @@ def test_the_line_is_quiet_before_the_first_request() -> None:
     script = Script(daq.gauges.host([sylvac(timeout_s=0.5)]))
     assert script.sent == b"OUT0\r" and script.step.wake_ns == S // 2
     script.receive(b"+1.000\r", S // 4)
-    assert script.step.wake_ns == 3 * S // 4 and script.told() == []
+    assert script.step.wake_ns == 3 * S // 4 and script.taken() == []
     assert script.wake().send == b"?\r"
 
 
@@ -55,7 +55,7 @@ def test_the_stamps_are_those_of_the_pieces() -> None:
     script.receive(b"+12", first_ns)
     script.receive(b".3", first_ns + 1)
     step = script.receive(b"45\r", first_ns + 2)
-    assert script.told() == [Sample((12.345,), requested_ns, first_ns, first_ns + 2, 8)]
+    assert script.taken() == [Sample((12.345,), requested_ns, first_ns, first_ns + 2, 8)]
     assert step.send == b"?\r" and step.wake_ns == first_ns + 2 + S // 2
 
 
@@ -66,7 +66,7 @@ def test_silence_is_told_and_the_late_answer_left_out() -> None:
     assert script.sent == b""
     script.receive(b"+1.000\r", script.now_ns + S // 4)
     quiet_from_ns = script.now_ns
-    assert script.told() == []
+    assert script.taken() == []
     step = script.wake()
     assert step.send == b"?\r" and script.now_ns == quiet_from_ns + S // 2
     assert _fault(script, FaultKind.LATE, "timeout_s").count == 1
@@ -80,14 +80,14 @@ def test_half_an_answer_is_no_answer() -> None:
     script.wake()
     _fault(script, FaultKind.LATE)
     script.receive(b"+2.000\r")
-    (sample,) = script.told()
+    (sample,) = script.taken()
     assert isinstance(sample, Sample) and sample.values == (2.0,)
 
 
 def test_more_than_the_answer_is_not_taken_for_the_next() -> None:
     script = _asked(sylvac())
     script.receive(b"+1.000\r+2.000\r+3.0")
-    (sample,) = script.told()
+    (sample,) = script.taken()
     assert isinstance(sample, Sample) and sample.values == (1.0,)
     assert script.sent == b""
     script.wake()
@@ -107,7 +107,7 @@ def test_the_same_error_again_and_again_is_told_once_a_second() -> None:
     while script.now_ns < 10 * S:
         script.receive(b"ERR0\r")
         script.wake()
-    faults = [item for item in script.told() if isinstance(item, Fault)]
+    faults = [item for item in script.taken() if isinstance(item, Fault)]
     assert 9 <= len(faults) <= 11 and faults[0].count == 1
     assert 85 <= sum(fault.count for fault in faults) <= 95
 
@@ -118,7 +118,7 @@ def test_a_silence_ends_the_counting() -> None:
         script.receive(b"ERR0\r")
         script.wake()
     script.wake()
-    faults = [(item.kind, item.count) for item in script.told() if isinstance(item, Fault)]
+    faults = [(item.kind, item.count) for item in script.taken() if isinstance(item, Fault)]
     assert faults == [(DEVICE_ERROR, 1), (DEVICE_ERROR, 2), (FaultKind.SILENT, 1)]
 
 
@@ -126,7 +126,7 @@ def test_an_instrument_that_never_stops_is_told_and_asked_to_be_quiet() -> None:
     script = Script(daq.gauges.host([sylvac()]))
     for number in range(1, 101):
         script.receive(b"+1.000\r", number * S // 10)
-    faults = [item for item in script.told() if isinstance(item, Fault)]
+    faults = [item for item in script.taken() if isinstance(item, Fault)]
     assert {fault.kind for fault in faults} == {FaultKind.LATE} and len(faults) == 5
     assert sum(fault.count for fault in faults) == 100
     assert script.sent == b"OUT0\r" * 6
@@ -157,7 +157,7 @@ def test_sylvac_readings(reply: bytes, value_mm: float) -> None:
     script = _asked(sylvac())
     requested_ns = script.now_ns
     assert script.receive(reply, S).send == b"?\r"
-    assert script.told() == [Sample((value_mm,), requested_ns, S, S, len(reply))]
+    assert script.taken() == [Sample((value_mm,), requested_ns, S, S, len(reply))]
 
 
 @pytest.mark.parametrize(
@@ -187,9 +187,9 @@ def test_sylvac_continuous() -> None:
     assert script.sent == b"OUT1\r"
     script.receive(b"+1.000\r-2.0", 5)
     script.receive(b"00\r", 9)
-    assert script.told() == [Sample((1.0,), NO_TIME, 5, 5, 7), Sample((-2.0,), NO_TIME, 5, 9, 7)]
+    assert script.taken() == [Sample((1.0,), NO_TIME, 5, 5, 7), Sample((-2.0,), NO_TIME, 5, 9, 7)]
     assert script.receive(b"SY 228\r").send == b"OUT1\r"
-    script.told()
+    script.taken()
     assert script.wake().send == b"OUT1\r"
     _fault(script, FaultKind.SILENT)
 
@@ -197,7 +197,7 @@ def test_sylvac_continuous() -> None:
 def test_a_burst_of_garbage_is_told_with_its_count() -> None:
     script = Script(daq.gauges.host([sylvac(mode="continuous")]))
     script.receive(b"\x7f@\r" * 5000 + b"+1.000\r")
-    first, rest, sample = script.told()
+    first, rest, sample = script.taken()
     assert isinstance(first, Fault) and isinstance(rest, Fault) and isinstance(sample, Sample)
     assert (first.count, rest.count) == (1, 4999)
 
@@ -235,20 +235,20 @@ def test_keyence_fields_by_channel() -> None:
     requested_ns = script.now_ns
     step = script.receive(b"M0,-00.007,+00.018\r\n", S)
     assert step.send == b"M0\r\n"
-    assert script.told() == [Sample((0.018, -0.007), requested_ns, S, S, 20)]
+    assert script.taken() == [Sample((0.018, -0.007), requested_ns, S, S, 20)]
 
 
 def test_keyence_nine_characters() -> None:
     script = _asked(keyence())
     script.receive(b"M0,-000.0071\r\n")
-    (sample,) = script.told()
+    (sample,) = script.taken()
     assert isinstance(sample, Sample) and sample.values == (-0.0071,)
 
 
 def test_keyence_a_head_missing() -> None:
     script = _asked(keyence(channel=1), keyence(channel=2))
     assert script.receive(b"M0,-00.007\r\n").send == b"M0\r\n"
-    sample, fault = script.told()
+    sample, fault = script.taken()
     assert isinstance(sample, Sample) and sample.values[0] == -0.007 and math.isnan(sample.values[1])
     assert isinstance(fault, Fault) and fault.kind is MISSING and "channel 2" in fault.detail
 
@@ -294,7 +294,7 @@ def test_baumer_over_rtu() -> None:
     requested_ns = script.now_ns
     step = script.receive(BAUMER_REPLY, S)
     assert step.send == _rtu(1, 4, 0, 200, 0, 13)
-    (sample,) = script.told()
+    (sample,) = script.taken()
     assert isinstance(sample, Sample)
     assert sample.values == pytest.approx((69.743,), abs=5e-4)
     assert (sample.requested_ns, sample.size, sample.status) == (requested_ns, 31, 0)
@@ -319,7 +319,7 @@ def _with_quality(quality: int) -> bytes:
 def test_modbus_status() -> None:
     script = _asked(modbus())
     script.receive(_with_quality(1))
-    (sample,) = script.told()
+    (sample,) = script.taken()
     assert isinstance(sample, Sample) and sample.status == 1
     script.receive(_with_quality(2))
     _fault(script, DEVICE_ERROR, "status 2")
@@ -341,13 +341,13 @@ def test_rtu_garbage_is_drained(reply: bytes) -> None:
     script.receive(reply)
     _fault(script, GARBLED)
     script.receive(BAUMER_REPLY, script.now_ns + 1)
-    assert script.told() == [] and script.sent == b""
+    assert script.taken() == [] and script.sent == b""
     script.wake()
-    assert script.sent == _rtu(1, 4, 0, 200, 0, 1) and script.told() == []
+    assert script.sent == _rtu(1, 4, 0, 200, 0, 1) and script.taken() == []
     script.receive(_rtu(1, 4, 2, 0, 0))
-    assert script.sent[8:] == _rtu(1, 4, 0, 200, 0, 13) and script.told() == []
+    assert script.sent[8:] == _rtu(1, 4, 0, 200, 0, 13) and script.taken() == []
     script.receive(BAUMER_REPLY)
-    assert isinstance(script.told()[0], Sample)
+    assert isinstance(script.taken()[0], Sample)
 
 
 def _tcp(number: int, *content: int) -> bytes:
@@ -359,11 +359,11 @@ def test_modbus_tcp_transaction_ids() -> None:
     content = BAUMER_REPLY[:-2]
     assert script.wake().send == _tcp(1, 1, 4, 0, 200, 0, 13)
     script.receive(_tcp(1, *content))
-    assert isinstance(script.told()[0], Sample) and script.step.send == _tcp(2, 1, 4, 0, 200, 0, 13)
+    assert isinstance(script.taken()[0], Sample) and script.step.send == _tcp(2, 1, 4, 0, 200, 0, 13)
     script.receive(_tcp(1, *content))
     _fault(script, FaultKind.LATE, "answer 1")
     script.receive(_tcp(2, *content))
-    assert isinstance(script.told()[0], Sample)
+    assert isinstance(script.taken()[0], Sample)
     script.receive(_tcp(3, 1, 0x84, 2))
     _fault(script, DEVICE_ERROR, "ILLEGAL_ADDRESS")
 
@@ -392,12 +392,12 @@ def _joints_reply(number: int, state: int, *angles: float) -> bytes:
 def test_modbus_joints() -> None:
     script = asked(daq.feedback.host(joints()))
     script.receive(_joints_reply(1, 2, 1.5, -2, 3, 4, 5, 360), script.now_ns + 3)
-    (sample,) = script.told()
+    (sample,) = script.taken()
     assert isinstance(sample, Sample) and sample.values == (1.5, -2, 3, 4, 5, 360)
     assert sample.last_byte_ns - sample.requested_ns == 3 and math.isnan(sample.device_time_s) and sample.status == 0
     assert script.wake().send == _tcp(2, 1, 3, 0, 100, 0, 13)
     script.receive(_joints_reply(2, 4, 0, 0, 0, 0, 0, 0))
-    assert [sample.status for sample in script.told() if isinstance(sample, Sample)] == [4]
+    assert [sample.status for sample in script.taken() if isinstance(sample, Sample)] == [4]
 
 
 @pytest.mark.parametrize(
@@ -458,7 +458,7 @@ def test_rtde_handshake_and_data() -> None:
     packet = _data(12.5, *ANGLES)
     script.receive(packet[:10], 4)
     script.receive(packet[10:], 6)
-    (sample,) = script.told()
+    (sample,) = script.taken()
     assert isinstance(sample, Sample) and sample.values == pytest.approx(ANGLES)
     assert (sample.first_byte_ns, sample.last_byte_ns, sample.size) == (4, 6, 60)
     assert (sample.device_time_s, sample.requested_ns) == (12.5, NO_TIME)
@@ -491,7 +491,7 @@ def test_rtde_out_of_step_asks_for_a_new_link(packet: bytes) -> None:
     script.receive(VERSION + RECIPE + STARTED + packet + _data(1, *ANGLES))
     _fault(script, GARBLED)
     assert script.step.hang_up
-    assert script.receive(_data(2, *ANGLES)).hang_up and script.told() == []
+    assert script.receive(_data(2, *ANGLES)).hang_up and script.taken() == []
 
 
 def test_rtde_numbers_that_are_none() -> None:
@@ -512,7 +512,7 @@ def test_rtde_silence() -> None:
 def test_rtde_texts() -> None:
     script = Script(daq.feedback.host(rtde()))
     script.receive(_rtde(b"M", b"\2hi\4RTDE\3"))
-    assert script.told() == []
+    assert script.taken() == []
     script.receive(_rtde(b"M", b"\4slow\4RTDE\2"))
     _fault(script, DEVICE_ERROR, "warning from RTDE: slow")
 
@@ -543,10 +543,10 @@ def test_rtde_controller_refuses() -> None:
 def test_line_feed() -> None:
     script = Script(daq.feedback.host(lines()))
     script.receive(b"1500,1,2,3,4,5,-6\n", 7)
-    assert script.told() == [Sample((1, 2, 3, 4, 5, -6), NO_TIME, 7, 7, 18, 1.5)]
+    assert script.taken() == [Sample((1, 2, 3, 4, 5, -6), NO_TIME, 7, 7, 18, 1.5)]
     script = Script(daq.feedback.host(lines(fields=("_", *(f"q{k}_rad" for k in range(6, 0, -1))), separator=" ")))
     script.receive(b"J:\t 0 0  0 0 0 3.141592653589793 \r\n")
-    (sample,) = script.told()
+    (sample,) = script.taken()
     assert isinstance(sample, Sample) and sample.values == pytest.approx((180, 0, 0, 0, 0, 0))
     assert math.isnan(sample.device_time_s)
 

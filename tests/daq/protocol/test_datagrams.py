@@ -59,7 +59,7 @@ def test_rsi_reads_the_angles_and_answers_with_the_same_ipoc() -> None:
     assert script.sent == b"", "the controller speaks first"
     step = script.receive(ROB, 9)
     assert step.send == b'<Sen Type="ImFree"><IPOC>123645634563</IPOC></Sen>'
-    assert script.told() == [Sample(RSI_ANGLES, NO_TIME, 9, 9, len(ROB), 123645634.563)]
+    assert script.taken() == [Sample(RSI_ANGLES, NO_TIME, 9, 9, len(ROB), 123645634.563)]
 
 
 def test_rsi_answers_with_every_digit_of_the_ipoc() -> None:
@@ -71,7 +71,7 @@ def test_rsi_answers_by_the_name_that_is_configured_or_not_at_all() -> None:
     assert Script(daq.feedback.host(rsi(sentype="Cell-3"))).receive(rob(8)).send.startswith(b'<Sen Type="Cell-3">')
     silent = Script(daq.feedback.host(rsi(onlysend=True)))
     silent.receive(rob(8))
-    assert silent.sent == b"" and len(silent.told()) == 1
+    assert silent.sent == b"" and len(silent.taken()) == 1
 
 
 @pytest.mark.parametrize(
@@ -102,17 +102,17 @@ def test_rsi_answers_by_the_name_that_is_configured_or_not_at_all() -> None:
 def test_rsi_texts_that_are_none(text: bytes, kind: FaultKind, answered: bool) -> None:
     script = Script(daq.feedback.host(rsi()))
     assert bool(script.receive(text).send) == answered
-    (fault,) = script.told()
+    (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is kind
     script.receive(rob(12))
-    assert isinstance(script.told()[-1], Sample), "the next one is as good as ever"
+    assert isinstance(script.taken()[-1], Sample), "the next one is as good as ever"
 
 
 def test_rsi_tells_answers_that_the_controller_found_late() -> None:
     script = Script(daq.feedback.host(rsi()))
     for ipoc, delay in ((4, 0), (8, 2), (12, 3), (16, 0)):
         script.receive(rob(ipoc).replace(b"<IPOC>", f'<Delay D="{delay}"/><IPOC>'.encode()), ipoc)
-    late = [item for item in script.told() if isinstance(item, Fault)]
+    late = [item for item in script.taken() if isinstance(item, Fault)]
     assert {fault.kind for fault in late} == {FaultKind.DEVICE_ERROR}
     assert sum(fault.count for fault in late) == 3 and "late" in late[0].detail
 
@@ -130,9 +130,9 @@ def test_rsi_controller_counts_the_answers_that_are_not_there() -> None:
 def test_egm_reads_the_measured_angles_and_the_clock_and_sends_nothing() -> None:
     script = Script(daq.feedback.host(egm()))
     script.receive(EGM, 5)
-    assert script.told() == [Sample(EGM_ANGLES, NO_TIME, 5, 5, len(EGM), 1_700_000_000.5)]
+    assert script.taken() == [Sample(EGM_ANGLES, NO_TIME, 5, 5, len(EGM), 1_700_000_000.5)]
     script.receive(PACKED, 6)
-    (sample,) = script.told()
+    (sample,) = script.taken()
     assert isinstance(sample, Sample) and sample.values == EGM_ANGLES
     assert sample.device_time_s == 2.004, "the header's clock where the feedback has none"
     assert script.sent == b""
@@ -159,10 +159,10 @@ def test_egm_reads_the_measured_angles_and_the_clock_and_sends_nothing() -> None
 def test_egm_messages_that_are_none(message: bytes, kind: FaultKind) -> None:
     script = Script(daq.feedback.host(egm()))
     script.receive(message)
-    (fault,) = script.told()
+    (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is kind
     script.receive(EGM)
-    assert isinstance(script.told()[-1], Sample)
+    assert isinstance(script.taken()[-1], Sample)
 
 
 def test_j519_asks_for_the_status_and_never_for_more() -> None:
@@ -171,10 +171,10 @@ def test_j519_asks_for_the_status_and_never_for_more() -> None:
     packet = status(41, -12.5, 86_400_002)
     assert len(packet) == 132
     script.receive(packet, 7)
-    assert script.told() == [Sample((-12.5,) * 6, NO_TIME, 7, 7, 132, 86400.002)]
+    assert script.taken() == [Sample((-12.5,) * 6, NO_TIME, 7, 7, 132, 86400.002)]
     assert len(script.sent) == 8
     script.wake()
-    (silence,) = script.told()
+    (silence,) = script.taken()
     assert isinstance(silence, Fault) and silence.kind is FaultKind.SILENT
     assert script.sent == bytes.fromhex("00000000 00000001") * 2 and not script.step.hang_up
 
@@ -194,7 +194,7 @@ def test_j519_asks_for_the_status_and_never_for_more() -> None:
 def test_j519_packets_that_are_none(packet: bytes) -> None:
     script = Script(daq.feedback.host(j519()))
     script.receive(packet)
-    (fault,) = script.told()
+    (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is GARBLED
 
 
@@ -213,7 +213,7 @@ def _heard(feedback: Feedback, packets: Sequence[bytes]) -> list[tuple[str, int]
     script = Script(daq.feedback.host(feedback))
     for at_ns, packet in enumerate(packets):
         script.receive(packet, at_ns)
-    return [_word(item) for item in script.told()]
+    return [_word(item) for item in script.taken()]
 
 
 def _word(item: Item) -> tuple[str, int]:
@@ -250,7 +250,7 @@ def test_after_a_silence_the_count_begins_anew(name: str) -> None:
     script.wake()
     assert script.now_ns == feedback.timeout_s * S
     script.receive(packet(500 * step))
-    assert [_word(item) for item in script.told()] == [("sample", 1), (FaultKind.SILENT, 1), ("sample", 1)]
+    assert [_word(item) for item in script.taken()] == [("sample", 1), (FaultKind.SILENT, 1), ("sample", 1)]
 
 
 def test_a_rsi_controller_quicker_than_the_rig_file_says_loses_nothing() -> None:

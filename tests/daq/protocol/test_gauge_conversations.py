@@ -24,7 +24,7 @@ def test_each_reply_becomes_a_reading_or_is_told(name: str, reply: bytes) -> Non
     assert script.wake().send == case.request
     requested_ns, expected = script.now_ns, case.replies[reply]
     step = script.receive(reply, S)
-    (item,) = script.told()
+    (item,) = script.taken()
     if isinstance(expected, Told):
         assert isinstance(item, Fault) and item.kind is expected.kind and step.send == b""
         assert [word for word in expected.words if word not in item.detail] == []
@@ -40,7 +40,7 @@ def test_each_reply_becomes_a_reading_or_is_told(name: str, reply: bytes) -> Non
 def test_one_feature_deactivated_leaves_the_other() -> None:
     script = asked(daq.gauges.host([gauge("mahr_c1202", channel=1), gauge("mahr_c1202", channel=2)]))
     script.receive(b"1 +012.34 mm;2 ERR6;3 ERR6\r")
-    sample, fault = script.told()
+    sample, fault = script.taken()
     assert isinstance(sample, Sample) and sample.values[0] == 12.34 and sample.values[1] != sample.values[1]
     assert isinstance(fault, Fault) and "feature 2" in fault.detail
 
@@ -51,14 +51,14 @@ def test_a_refusal_counts_once_however_many_gauges_share_it() -> None:
         script.receive(b"?\r\n")
         script.wake()
     script.receive(b"A+12.3456 B+12.3456\r\n")
-    assert sum(item.count for item in script.told() if isinstance(item, Fault)) == 3
+    assert sum(item.count for item in script.taken() if isinstance(item, Fault)) == 3
 
 
 @pytest.mark.parametrize(("protocol", "word"), [("optorsd", "menu"), ("m1240", "master")])
 def test_a_c1208_in_its_menu_is_silent_and_that_is_said(protocol: str, word: str) -> None:
     script = asked(daq.gauges.host([gauge("mahr_c1208", protocol=protocol)]))
     script.wake()
-    (fault,) = script.told()
+    (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is FaultKind.SILENT and word in fault.detail
 
 
@@ -101,7 +101,7 @@ def _listening(**changes: object) -> Script:
     script = Script(daq.gauges.host([gauge("micro_epsilon_ild1420", **changes)]))
     assert script.sent == b"OUTPUT RS422\n"
     script.receive(b"OUTPUT RS422\r\n->" + value(32000)[1:])  # joined amid the answer and a value
-    assert script.told() == []
+    assert script.taken() == []
     return script
 
 
@@ -110,7 +110,7 @@ def test_ild1420_distances(x: int, mm: float) -> None:
     script = _listening()
     script.receive(value(x)[:1], 3)
     script.receive(value(x)[1:], 5)
-    (sample,) = script.told()
+    (sample,) = script.taken()
     assert isinstance(sample, Sample) and sample.values == pytest.approx((mm,), abs=2e-4)
     assert (sample.requested_ns, sample.first_byte_ns, sample.last_byte_ns, sample.size) == (NO_TIME, 3, 5, 3)
 
@@ -118,7 +118,7 @@ def test_ild1420_distances(x: int, mm: float) -> None:
 def test_ild1420_counts_from_its_zero() -> None:
     script = _listening(zero_mm=5)
     script.receive(value(32760))
-    (sample,) = script.told()
+    (sample,) = script.taken()
     assert isinstance(sample, Sample) and sample.values == pytest.approx((0,), abs=1e-9)
 
 
@@ -129,7 +129,7 @@ def test_ild1420_counts_from_its_zero() -> None:
 def test_ild1420_errors(x: int, word: str) -> None:
     script = _listening()
     script.receive(value(x))
-    (fault,) = script.told()
+    (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is FaultKind.DEVICE_ERROR and word in fault.detail
 
 
@@ -143,7 +143,7 @@ def test_ild1420_finds_its_place_again(damage: str, position: int) -> None:
     between = {"lost": b"", "twice": stream[at : at + 1] * 2, "text": b"E05 no\r\n->0a", "block": b"\xc1"}[damage]
     script = _listening()
     script.receive(stream[:at] + between + stream[at + (damage in ("lost", "twice")) :])
-    items = script.told()
+    items = script.taken()
     samples = [item for item in items if isinstance(item, Sample)]
     distances = [(102 / 65520 * x - 1) / 10 for x in true]
     kept = [min(range(8), key=lambda k: abs(distances[k] - sample.values[0])) for sample in samples]
@@ -156,7 +156,7 @@ def test_ild1420_takes_none_of_several_values() -> None:
     script = _listening()
     for k in range(1000):
         script.receive(value(30_000, further=True) + value(2000), k * S // 1000)
-    faults = script.told()
+    faults = script.taken()
     assert all(isinstance(item, Fault) and "distance alone" in item.detail for item in faults)
     assert len(faults) < 5
 
@@ -164,7 +164,7 @@ def test_ild1420_takes_none_of_several_values() -> None:
 def test_ild1420_is_asked_again_after_a_silence() -> None:
     script = _listening()
     assert script.wake().send == b"OUTPUT RS422\n"
-    (fault,) = script.told()
+    (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is FaultKind.SILENT
 
 
@@ -193,9 +193,9 @@ def test_orbit_reading_and_status() -> None:
     script = _orbit()
     requested_ns = script.now_ns
     assert script.receive(_float(1.25), S).send == STATUS
-    assert script.told() == []
+    assert script.taken() == []
     assert script.receive(_float(0), S + 5).send == READ
-    assert script.told() == [Sample((1.25,), requested_ns, S, S, 9)]
+    assert script.taken() == [Sample((1.25,), requested_ns, S, S, 9)]
 
 
 @pytest.mark.parametrize(
@@ -205,7 +205,7 @@ def test_orbit_status_words(code: int, word: str) -> None:
     script = _orbit()
     script.receive(_float(1.25))
     step = script.receive(_float(code))
-    (fault,) = script.told()
+    (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is FaultKind.DEVICE_ERROR and word in fault.detail
     assert step.wake_ns == script.now_ns + PAUSE_NS and script.wake().send == READ
 
@@ -214,13 +214,13 @@ def test_orbit_without_its_status_is_no_reading() -> None:
     script = _orbit()
     script.receive(_float(1.25))
     script.wake()
-    (fault,) = script.told()
+    (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is FaultKind.SILENT
     assert script.wake().send == _rtu(1, 3, 0x1F, 0x42, 0, 1), "a probe: its answer is told by its length"
     assert script.receive(_rtu(1, 3, 2, 0, 0)).send == READ
     assert script.receive(_float(2.5)).send == STATUS
     script.receive(_float(0))
-    (sample,) = script.told()
+    (sample,) = script.taken()
     assert isinstance(sample, Sample) and sample.values == (2.5,)
 
 
@@ -229,5 +229,5 @@ def test_modbus_ascii_on_the_wire() -> None:
     assert script.wake().send == b":01031F42000299\r\n"
     assert script.receive(b":0103043FA0000019\r\n").send == b":01031F43000298\r\n"
     script.receive(b":0103040000000000\r\n")  # its checksum broken
-    (fault,) = script.told()
+    (fault,) = script.taken()
     assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED and "checksum" in fault.detail

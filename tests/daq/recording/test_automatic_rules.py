@@ -164,7 +164,7 @@ def test_the_rule_of_a_run_with_a_signal_waits_for_it(tmp_path: Path) -> None:
         (STAND, "stood still"),
         (TURN[100:], "moves already"),
         (STAND[:0], "stood still"),
-        (NIGHT, "makes no rule: still_s "),
+        (NIGHT, "cannot be turned into a rule: still_s "),
     ],
 )
 def test_a_run_without_an_event_has_no_rule(tmp_path: Path, q1_deg: np.ndarray, why: str) -> None:

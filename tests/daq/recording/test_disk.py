@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +16,17 @@ import pytest
 import daq.acquisition.stream_buffer
 import daq.recording.active_run
 import daq.recording.io_worker
+import daq.recording.machine
 import daq.recording.rate_limited_log
 import daq.recording.recorder
-import daq.recording.suspended
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import Sample
 from daq.recording.label import Label
+from daq.recording.machine import Recording, Waiting
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, durable, load_manifest, read_run, verify
 from rigs.errors import CellError
-
-COLUMNS = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": ("q1_deg",)}
+from tests.support.failing_disk import COLUMNS, failing
 
 
 class Written:
@@ -37,7 +38,7 @@ class Written:
         self.recorder = Recorder(self.buffers, self._create, lambda: None)
         self.delivered = 0
         self.deliver()
-        self.path = self.recorder.start_run(Label(name="lap", test="yaw", direction="cw")).result()
+        self.path = self.recorder.start_run(Recording(Label(name="lap", test="yaw", direction="cw"))).result()
         self.delivered = 0
 
     def _create(self, label: Label, follows: str) -> RunWriter:
@@ -60,6 +61,19 @@ class Written:
             self.begun()
         return self.recorder.state()
 
+    @property
+    def writer(self) -> RunWriter:
+        """Of the run that takes what comes."""
+        current = self.recorder._current
+        assert current and current.writer
+        return current.writer
+
+    def retry(self) -> None:
+        """Let the next round try another run, without the pause."""
+        state = self.recorder._state
+        assert isinstance(state.phase, Waiting)
+        self.recorder._state = replace(state, phase=replace(state.phase, due_s=0.0))
+
     def begun(self) -> None:
         """When the run that is to begin has begun, or was refused."""
         self.recorder._io._creator.submit(lambda: None).result()
@@ -75,15 +89,17 @@ class Written:
         """Both runs, after a check that each reading is in one of them or counted as dropped, each once."""
         former, follower = sorted(self.runs.iterdir(), key=lambda path: bool(load_manifest(path).follows))
         assert load_manifest(follower).follows == former.name and load_manifest(follower).name == "lap"
+        missed = {}
         for name, (column,) in COLUMNS.items():
             counters = load_manifest(follower).counters[name]
+            missed[name] = counters.get("dropped", 0)
             read = [read_run(path).streams[name][column].astype(int).tolist() for path in (former, follower)]
             assert read[0] == list(range(len(read[0])))
-            assert read[1] == list(range(len(read[0]) + counters["dropped"], self.delivered))
+            assert read[1] == list(range(len(read[0]) + missed[name], self.delivered))
             assert load_manifest(former).counters[name]["samples"] == len(read[0])
         assert verify(former) == verify(follower) == []
         told = {(row["stream"], row["kind"]) for row in read_run(follower).faults}
-        assert told == {(name, "dropped") for name in COLUMNS}
+        assert told == {(name, "dropped") for name, count in missed.items() if count}
         return [former, follower]
 
 
@@ -92,36 +108,17 @@ def test_the_log_names_a_direction_where_there_is_one(tmp_path: Path, caplog: py
     written = Written(tmp_path)
     written.recorder.stop_run().result()
     written.deliver()
-    written.recorder.start_run(Label(name="dome", test="radial")).result()
+    written.recorder.start_run(Recording(Label(name="dome", test="radial"))).result()
     written.recorder.stop_run().result()
     assert "recording lap (yaw cw) to" in caplog.text and "recording dome (radial) to" in caplog.text
 
 
 @pytest.fixture
 def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Written:
-    monkeypatch.setattr(daq.recording.suspended, "_FIRST_PAUSE_S", 0.02)
+    monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 0.02)
     monkeypatch.setattr(daq.recording.io_worker, "_SYNC_S", 0.0)
     monkeypatch.setattr(daq.recording.rate_limited_log, "_INTERVAL_S", 0.0)
     return Written(tmp_path)
-
-
-@contextmanager
-def failing(number: int, *calls: str) -> Iterator[None]:
-    """A disk on which these calls of the system fail."""
-
-    class Broken:
-        def __getattr__(self, name: str) -> Any:
-            return self._fail if name in calls else getattr(os, name)
-
-        def _fail(self, *arguments: object) -> None:
-            if arguments[1:2] != (os.O_RDONLY,):
-                raise OSError(number, os.strerror(number))
-
-    durable.os = Broken()  # type: ignore[assignment]
-    try:
-        yield
-    finally:
-        durable.os = os
 
 
 def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
@@ -135,7 +132,7 @@ def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
     assert len(read_run(written.path).streams["robot"]["q1_deg"]) == 20, "whole, the last readings too"
     assert written.round()["missed"] == {"g1": 10, "g2": 10, "robot": 10}
     monkeypatch.setattr(durable, "free_bytes", lambda _: 30_000_000)
-    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
+    written.retry()
     assert written.round()["recording"] is None, "more room is needed to begin than to go on"
     monkeypatch.undo()
     written.until_it_goes_on()
@@ -152,8 +149,8 @@ def test_a_disk_nearly_full_ends_the_run_whole_and_another_follows(
     ("number", "calls"),
     [
         (errno.EIO, ("fsync",)),
-        (errno.EIO, ("open", "pwrite", "fsync", "rename", "unlink", "ftruncate", "statvfs")),
-        (errno.EROFS, ("open", "pwrite", "rename", "unlink", "mkdir")),
+        (errno.EIO, ("open", "pwrite", "fsync", "replace", "unlink", "ftruncate", "statvfs")),
+        (errno.EROFS, ("open", "pwrite", "replace", "unlink", "mkdir")),
         (errno.ENOSPC, ("pwrite",)),
     ],
     ids=["fsync", "gone", "read-only", "quota"],
@@ -165,7 +162,7 @@ def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(
     with failing(number, *calls):
         state = written.round()
         assert state["recording"] is None and os.strerror(number) in str(state["last_end"])
-        written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
+        written.retry()
         assert written.round()["waiting"] == "lap"
         with pytest.raises(CellError):
             RunWriter.create(written.runs, **_plain())
@@ -185,7 +182,7 @@ def test_nothing_is_written_below_the_mount_point_of_a_disk_that_is_away(written
     with failing(errno.EIO, "pwrite"):
         written.round()
     away = written.runs.rename(written.runs.with_name("away"))
-    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
+    written.retry()
     assert written.round()["waiting"] == "lap"
     assert not written.runs.exists()
     away.rename(written.runs)
@@ -193,8 +190,33 @@ def test_nothing_is_written_below_the_mount_point_of_a_disk_that_is_away(written
     written.accounted()
 
 
+def test_a_chunk_that_vanishes_ends_its_run_whole_and_another_follows(
+    written: Written, caplog: pytest.LogCaptureFixture
+) -> None:
+    written.round()
+    (written.path / "g1-0001.arrow").unlink()
+    written.round()
+    assert "run ended, failed: " in caplog.text and "g1-0001.arrow: has vanished during the recording" in caplog.text
+    written.until_it_goes_on()
+    former, _ = written.accounted()
+    assert load_manifest(former).exit_status == "failed", "with every row: the open file still had them"
+    assert len(read_run(former).streams["g1"]["g1_mm"]) == 20
+
+
+def test_a_run_that_is_deleted_is_followed_by_another_and_counts_as_dropped(written: Written) -> None:
+    """Its disk is there all the time, so nothing has to be mounted."""
+    written.round()
+    shutil.rmtree(written.path)
+    written.round()
+    written.until_it_goes_on()
+    (follower,) = written.runs.iterdir()
+    read, counters = read_run(follower).streams["g1"]["g1_mm"], load_manifest(follower).counters["g1"]
+    assert read.tolist() == list(range(counters["dropped"], written.delivered)) and counters["dropped"] >= 20
+    assert verify(follower) == []
+
+
 @pytest.mark.parametrize(
-    "end", [Recorder.stop_run, lambda recorder: recorder.start_run(Label(name="b", test="radial")).result()]
+    "end", [Recorder.stop_run, lambda recorder: recorder.start_run(Recording(Label(name="b", test="radial"))).result()]
 )
 def test_who_stops_or_starts_anew_ends_the_waiting(
     written: Written,
@@ -210,21 +232,6 @@ def test_who_stops_or_starts_anew_ends_the_waiting(
     assert "is given up, samples missed: 7 of g1, 7 of g2, 7 of robot" in caplog.text
     monkeypatch.undo()
     assert written.round()["waiting"] is None
-
-
-def test_a_run_that_grows_long_is_followed_by_another_without_a_gap(
-    written: Written, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("daq.store.writer.CHUNK_AGE_NS", 0)
-    monkeypatch.setattr("daq.store.writer.MOST_CHUNKS", 6)
-    for _ in range(5):
-        written.round()
-    written.recorder.stop_run().result()
-    former, follower = sorted(written.runs.iterdir(), key=lambda path: bool(load_manifest(path).follows))
-    assert load_manifest(former).exit_status == "complete" and load_manifest(follower).follows == former.name
-    read = [read_run(path).streams["robot"]["q1_deg"].tolist() for path in (former, follower)]
-    assert read[0] and read[1] and read[0] + read[1] == list(range(50))
-    assert read_run(follower).faults == []
 
 
 def test_a_slow_sync_keeps_nothing_from_the_disk(
@@ -247,7 +254,7 @@ def test_a_slow_sync_keeps_nothing_from_the_disk(
             written.recorder._round()
         state = written.recorder.state()
         assert (state["samples"]["g1"], state["synced"]["g1"]) == (90, 0)  # type: ignore[index]
-        assert written.recorder._active.writer.stored()["g1"] == 90, "with the system, where a kill does not reach it"  # type: ignore[union-attr]
+        assert written.writer.stored()["g1"] == 90, "with the system, where a kill does not reach it"
     finally:
         done.set()
     written.round(0)
@@ -286,37 +293,13 @@ def test_a_sync_that_hangs_holds_so_much_in_memory_and_the_rest_is_counted(
             written.deliver()
             written.recorder._round()
         assert syncing.wait(20)
-        assert written.recorder._active is not None
-        writer = written.recorder._active.writer
-        assert len(writer._writers["g1"].pending) == 30
+        assert len(written.writer._writers["g1"].pending) == 30
         assert written.buffers["g1"].state().waiting == 40
     finally:
         done.set()
     ended = written.recorder.stop_run().result()
     assert ended.counters["g1"] == {"samples": 80, "dropped": 40}
     assert load_manifest(written.path).counters["g1"] == {"samples": 80, "dropped": 40} and verify(written.path) == []
-
-
-def test_a_long_run_is_closed_while_the_next_one_is_recorded(
-    written: Written, stalled: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Closing takes some twenty syncs, in which the watchdog must be fed."""
-    closing, may_close = stalled
-    written.deliver()
-    with monkeypatch.context() as patch:
-        patch.setattr("daq.store.writer.MOST_CHUNKS", 0)
-        written.recorder._round()  # would wait for ever, were it to wait for the disk
-    assert closing.wait(20)
-    written.deliver()
-    written.recorder._round()
-    written.begun()
-    assert written.recorder.state()["recording"] == "lap"
-    may_close.set()
-    written.recorder.stop_run().result()
-    former, follower = sorted(written.runs.iterdir(), key=lambda path: bool(load_manifest(path).follows))
-    assert load_manifest(former).exit_status == "complete" and load_manifest(follower).follows == former.name
-    assert [len(read_run(path).streams["g1"]["g1_mm"]) for path in (former, follower)] == [10, 10]
-    assert verify(former) == verify(follower) == [] and read_run(follower).faults == []
 
 
 @pytest.fixture
@@ -348,10 +331,7 @@ def test_closing_a_chunk_keeps_nothing_from_the_disk(
     for _ in range(4):  # each would wait for ever, were it to wait for the disk
         written.deliver()
         written.recorder._round()
-    assert written.recorder._active is not None
-    assert written.recorder._active.writer.stored()["g1"] == written.delivered, (
-        "with the system, where no kill reaches it"
-    )
+    assert written.writer.stored()["g1"] == written.delivered, "with the system, where no kill reaches it"
     done.set()
     written.round()
     written.recorder.stop_run().result()
@@ -369,7 +349,7 @@ def test_a_run_that_takes_long_to_close_keeps_neither_the_watchdog_nor_the_next_
     assert begun.wait(20)
     written.deliver()
     written.recorder._round()
-    follower = written.recorder.start_run(Label(name="next", test="yaw", direction="cw")).result()
+    follower = written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw"))).result()
     written.deliver()
     written.recorder._round()
     assert not closing.done() and written.recorder.state()["recording"] == "next"
@@ -417,7 +397,7 @@ def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
     asked, done = making
     written.recorder.stop_run().result()
     written.delivered = 0
-    beginning = written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+    beginning = written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw")))
     assert asked.wait(20)
     for _ in range(4):  # each would wait for ever, were it to wait for the disk
         written.deliver()
@@ -425,7 +405,7 @@ def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
     state = written.recorder.state()
     assert (state["beginning"], state["waiting"], state["recording"]) == ("next", None, None)
     with pytest.raises(CellError, match="recording next: already running"):
-        written.recorder.start_run(Label(name="other", test="radial"))
+        written.recorder.start_run(Recording(Label(name="other", test="radial")))
     ending = written.recorder.stop_run("interrupted", "enough") if stopped else None
     assert written.recorder.state().get("closing", False) == stopped
     done.set()
@@ -441,11 +421,11 @@ def test_a_run_that_takes_long_to_begin_has_all_that_came_meanwhile(
 def test_what_comes_while_a_run_begins_has_its_bound(
     written: Written, making: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("daq.recording.pending_run.MOST_PENDING", 30)
+    monkeypatch.setattr("daq.recording.active_run.MOST_PENDING", 30)
     monkeypatch.setattr(daq.acquisition.stream_buffer, "_ROOM", 40)
     asked, done = making
     written.recorder.stop_run().result()
-    beginning = written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+    beginning = written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw")))
     assert asked.wait(20)
     for _ in range(12):
         written.deliver()
@@ -469,7 +449,7 @@ def test_a_former_run_that_takes_long_to_bring_back_holds_nothing_up(
     written.round()
     with failing(errno.EIO, "fsync"):
         written.round()
-    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
+    written.retry()
     while not reviving.is_set():
         written.deliver()
         written.recorder._round()
@@ -496,7 +476,7 @@ def test_who_stops_while_a_run_begins_that_the_disk_refuses_ends_the_waiting(
     with failing(errno.EIO, "fsync"):
         written.round()
     monkeypatch.setattr(durable, "make_directory", refuse)
-    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
+    written.retry()
     while not asked.is_set():
         written.recorder._round()
     written.deliver(7)
@@ -514,17 +494,17 @@ def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_fir
     written: Written, making: tuple[threading.Event, threading.Event], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """What it missed stands in the run that nobody wanted any more, and nothing of it in the next."""
-    monkeypatch.setattr(daq.recording.suspended, "_FIRST_PAUSE_S", 60.0)  # tried again when this says so
+    monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 60.0)  # tried again when this says so
     asked, done = making
     written.round()
     with failing(errno.EIO, "fsync"):
         written.round()
     written.deliver(7)
     written.recorder._round()
-    written.recorder._suspended._try_at_s = 0.0  # type: ignore[union-attr]
+    written.retry()
     while not asked.is_set():
         written.recorder._round()
-    beginning = written.recorder.start_run(Label(name="next", test="radial"))
+    beginning = written.recorder.start_run(Recording(Label(name="next", test="radial")))
     written.deliver(5)
     written.recorder._round()
     done.set()
@@ -532,7 +512,7 @@ def test_who_starts_while_a_run_of_before_is_brought_back_need_not_stop_that_fir
     written.recorder.stop_run().result()
     manifests = {manifest.name + manifest.follows: manifest for manifest in map(load_manifest, written.runs.iterdir())}
     follower = manifests[f"lap{written.path.name}"]
-    assert (follower.exit_status, follower.reason) == ("interrupted", "next was started")
+    assert (follower.exit_status, follower.reason) == ("interrupted", "a person started next")
     assert (
         follower.counters["g1"] == {"samples": 0, "dropped": 7}
         and written.buffers["g1"].state().counters["dropped"] == 7
@@ -550,15 +530,15 @@ def test_a_disk_that_makes_no_run_is_given_no_more_to_make(
     ending = []
     for _ in range(2):
         written.deliver()
-        written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+        written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw")))
         ending.append(written.recorder.stop_run())
     written.deliver()
     with pytest.raises(CellError, match="disk: is still creating the last 2 runs"):
-        written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+        written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw")))
     done.set()
     assert len({end.result().path for end in ending}) == 2
     written.begun()
-    written.recorder.start_run(Label(name="next", test="yaw", direction="cw")).result()
+    written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw"))).result()
     written.recorder.stop_run().result()
 
 
@@ -570,7 +550,7 @@ def test_an_error_in_the_program_while_a_run_begins_is_told_and_ends_the_daemon(
     ended: list[type[BaseException]] = []
     monkeypatch.setattr(threading, "excepthook", lambda args: ended.append(args.exc_type))
     monkeypatch.setattr(daq.recording.active_run.PlausibilityCheck, "check", lambda *_: 1 / 0)
-    beginning = written.recorder.start_run(Label(name="next", test="yaw", direction="cw"))
+    beginning = written.recorder.start_run(Recording(Label(name="next", test="yaw", direction="cw")))
     with pytest.raises(ZeroDivisionError):
         beginning.result(20)
     written.recorder._io.shut_down()

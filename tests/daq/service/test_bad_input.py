@@ -276,7 +276,7 @@ def test_output_onto_a_full_disk_is_one_line(command: tuple[str, ...]) -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run([BIN / "rig", *command], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 4
-    assert done.stderr == "error: output: No space left on device; make room, or send it elsewhere\n"
+    assert done.stderr == "error: output: No space left on device; free some space, or write it elsewhere\n"
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1", "utf-8:strict"])

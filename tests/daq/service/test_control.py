@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 
 import daq.service.client
-import daq.service.control
 from daq.recording.label import Label
 from daq.service.client import Client, find_socket
-from daq.service.control import ControlServer, InstanceLock, reply
+from daq.service.control import ControlServer, reply
+from daq.service.instance_lock import InstanceLock
 from daq.store import RunWriter, load_manifest
 from rigs.errors import CellError
 
@@ -56,8 +56,8 @@ def test_a_lock_on_a_disk_that_takes_no_more_is_a_lock(tmp_path: Path, monkeypat
 def test_a_daemon_that_hangs_is_told_from_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It takes a few connections and answers none; then the system takes no more."""
     monkeypatch.setattr(daq.service.client, "socket_directory", lambda: tmp_path)
-    monkeypatch.setattr(daq.service.control, "ANSWERS_S", 0.1)
     monkeypatch.setattr(daq.service.client, "ANSWERS_S", 0.1)
+    monkeypatch.setattr(daq.service.client, "_CONNECT_S", 0.1)
     path = tmp_path / "hanging.sock"
     with socket.socket(socket.AF_UNIX) as hanging:
         hanging.bind(str(path))

@@ -32,7 +32,7 @@ def test_a_client_that_waits_when_the_daemon_ends_gets_its_answer_and_no_other(t
         commands.append(request["command"])
         asked.set()
         may_answer.wait(10)
-        return {"run": "x"}
+        return {"run": "x", "counters": {}}
 
     server = ControlServer(tmp_path / "socket", answer)
     answers: list[object] = []
@@ -56,7 +56,7 @@ def test_a_client_that_waits_when_the_daemon_ends_gets_its_answer_and_no_other(t
         may_answer.set()
         closing.join(5)
         asking.join(5)
-    assert answers == [{"run": "x"}, "rigd closed the connection"]
+    assert answers == [{"run": "x", "counters": {}}, "rigd closed the connection"]
     assert commands == ["record_stop"]
 
 

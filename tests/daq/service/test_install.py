@@ -52,6 +52,33 @@ def _people_s(root: Path) -> dict[Path, str]:
     return files
 
 
+def test_the_addresses_of_each_rig_file_are_allowed(tmp_path: Path) -> None:
+    """With a Python that stands for the installed one: which rig needs what is test_addresses."""
+    python = tmp_path / "opt/rig/bin/python"
+    python.parent.mkdir(parents=True)
+    python.write_text('#!/bin/sh\ncase $4 in *wrong*) echo "error: wrong" >&2; exit 3;; esac\necho "[Service] $*"\n')
+    python.chmod(0o755)
+    (tmp_path / "etc/rig").mkdir(parents=True)
+    for name in ("cell", "wrong"):
+        (tmp_path / f"etc/rig/{name}.yaml").touch()
+
+    def install(*options: str) -> list[str]:
+        command = [INSTALL, "--root", tmp_path, *options]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+
+    units = tmp_path / "etc/systemd/system"
+    drop_in = units / "rigd@cell.service.d/addresses.conf"
+    said = install("--addresses")
+    assert said == [
+        f"installed    {drop_in}",
+        f"skipped      {units}/rigd@wrong.service.d/addresses.conf: error: wrong",
+    ]
+    assert drop_in.read_text() == f"[Service] -I -m daq.service.addresses {tmp_path}/etc/rig/cell.yaml\n"
+    assert install("--addresses")[0] == f"unchanged    {drop_in}"
+    install("--remove")
+    assert not list(units.iterdir()) and len(list((tmp_path / "etc/rig").iterdir())) == 2
+
+
 def test_what_is_installed_is_removed_and_what_people_made_stays(tmp_path: Path) -> None:
     python = _python_with_pip()
     _environment_of_the_lock(tmp_path / "opt/rig", python)
@@ -86,7 +113,7 @@ def test_what_is_installed_is_removed_and_what_people_made_stays(tmp_path: Path)
     [
         ([], 1, "error: scripts/install: only root may install for everybody; run: sudo scripts/install"),
         (["--remove"], 1, "error: scripts/install: only root may install for everybody; run: sudo scripts/install"),
-        (["--purge"], 2, "unknown argument '--purge'; use: scripts/install [--remove] [--root DIR]"),
+        (["--purge"], 2, "unknown argument '--purge'; use: scripts/install [--addresses | --remove] [--root DIR]"),
         (["--root"], 2, "--root needs a directory"),
     ],
 )

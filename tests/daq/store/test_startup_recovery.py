@@ -106,8 +106,8 @@ def test_a_directory_that_nobody_may_look_into_keeps_no_run_from_being_recovered
 
 SMALL_DISK = 'mount -t tmpfs -o size="$0" tmpfs runs && exec "$@"'
 IMPATIENT = """
-import daq.recording.suspended
-daq.recording.suspended._FIRST_PAUSE_S = daq.recording.suspended._LONGEST_PAUSE_S = 0.2
+import daq.recording.machine
+daq.recording.machine.FIRST_PAUSE_S = daq.recording.machine.LONGEST_PAUSE_S = 0.2
 from daq.service.rigd import main
 main()
 """

@@ -1,4 +1,4 @@
-"""A small fixed sample of scripts/powercut: crash states of recordings on a disk that forgets what was not synced."""
+"""A small sample of `scripts/dev powercut`: crash states of recordings on a disk that forgets what was not synced."""
 
 from __future__ import annotations
 

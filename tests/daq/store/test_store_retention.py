@@ -79,7 +79,7 @@ def test_what_cannot_be_marked_is_told(run: Path, tmp_path: Path, monkeypatch: p
     output = tmp_path / "raw.mcap"
     done = CliRunner().invoke(app, ["export", str(run), "--to", "mcap", "-o", str(output)])
     assert done.exit_code == 0 and output.exists(), "the export itself is good"
-    assert "is not marked as exported, so rigd will not delete it: cannot be marked" in done.stderr
+    assert "could not be marked as exported, so rigd will not delete it: cannot be marked" in done.stderr
 
 
 def test_an_export_marks_its_run_and_the_list_shows_it(run: Path) -> None:

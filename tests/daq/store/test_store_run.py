@@ -16,9 +16,23 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from daq.store import RunWriter, durable, load_manifest, read_run, recover, verify
-from daq.store.manifest import sha256
+from daq.store.records import sha256
 from rigs.errors import FileError
-from tests.support.store_cases import RIG_TEXT, assert_holds, crash, fault, finished, record, samples, start
+from tests.support.store_cases import (
+    RIG_TEXT,
+    assert_holds,
+    crash,
+    edit_chunk,
+    edit_manifest,
+    fault,
+    finished,
+    forget_chunk,
+    ledger_records,
+    put_ledger,
+    record,
+    samples,
+    start,
+)
 
 
 @pytest.fixture(scope="module")
@@ -30,16 +44,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run(whole: Path, tmp_path: Path) -> Path:
     """A complete run of 20 rows in chunks of 8, to be damaged; a copy, so runs are portable too."""
     return Path(shutil.copytree(whole, tmp_path / "moved"))
-
-
-def edit(run: Path, change: dict[str, object]) -> None:
-    path = run / "manifest.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | change))
-
-
-def edit_chunk(run: Path, change: dict[str, object]) -> None:
-    chunks = json.loads((run / "manifest.json").read_text())["chunks"]
-    edit(run, {"chunks": [chunk | change if chunk["file"] == "g1-0002.parquet" else chunk for chunk in chunks]})
 
 
 def test_round_trip(run: Path) -> None:
@@ -167,14 +171,14 @@ def test_deleted_chunk(run: Path) -> None:
 
 
 def test_changed_row_count(run: Path) -> None:
-    edit_chunk(run, {"rows": 7})
+    edit_chunk(run, "g1-0002.parquet", {"rows": 7})
     assert "holds 8 rows, the manifest says 7" in verify(run)[0]
     with pytest.raises(FileError, match="holds 8 rows"):
         read_run(run)
 
 
 def test_wrong_columns(run: Path) -> None:
-    edit(run, {"streams": {"g1": ["g1_um"], "robot": ["q1_deg", "q2_deg"]}})
+    edit_manifest(run, {"streams": {"g1": ["g1_um"], "robot": ["q1_deg", "q2_deg"]}})
     assert len(verify(run)) == 3
     with pytest.raises(FileError, match="g1_mm, the manifest says otherwise"):
         read_run(run)
@@ -182,41 +186,40 @@ def test_wrong_columns(run: Path) -> None:
 
 def test_chunk_that_is_no_parquet(run: Path) -> None:
     (run / "g1-0002.parquet").write_bytes(b"PAR1")
-    edit_chunk(run, {"sha256": sha256(b"PAR1")})
+    edit_chunk(run, "g1-0002.parquet", {"sha256": sha256(b"PAR1")})
     with pytest.raises(FileError, match="not a Parquet file"):
         read_run(run)
 
 
 def test_text_that_is_none_is_damage(run: Path) -> None:
-    """Found by scripts/fuzz: Arrow reads it, and raises only where a row of it is asked for."""
+    """Found by scripts/dev fuzz: Arrow reads it, and raises only where a row of it is asked for."""
     file = run / "faults-0001.parquet"
     old = file.read_bytes()
     file.write_bytes(old.replace("–".encode(), b"\xff\x80\x93"))
-    manifest = (run / "manifest.json").read_text()
-    (run / "manifest.json").write_text(manifest.replace(sha256(old), sha256(file.read_bytes())))
+    edit_chunk(run, file.name, {"sha256": sha256(file.read_bytes())})
     with pytest.raises(FileError, match="not a Parquet file"):
         read_run(run)
     assert any("faults-0001.parquet" in line for line in verify(run))
 
 
 def test_rows_missing_between_chunks(run: Path) -> None:
-    chunks = [c for c in json.loads((run / "manifest.json").read_text())["chunks"] if c["file"] != "g1-0002.parquet"]
-    (run / "g1-0002.parquet").unlink()
-    edit(run, {"chunks": chunks})
-    (problem,) = verify(run)
-    assert problem.endswith("g1-0003.parquet: rows are missing or doubled before row 0")
+    forget_chunk(run, "g1-0002.parquet")
+    assert [line.removeprefix(f"{run}: ") for line in verify(run)] == [
+        "chunk 2 of g1 is missing, and nothing says what it held",
+        "rows 8 to 15 of g1 are missing",
+    ]
 
 
 def test_left_over_files_and_rig_text(run: Path) -> None:
     shutil.copy(run / "g1-0001.parquet", run / "g1-0009.parquet")
-    edit(run, {"rig_text": "other"})
+    edit_manifest(run, {"rig_text": "other"})
     text = "\n".join(verify(run))
-    assert "g1-0009.parquet: is not in the manifest" in text
+    assert "g1-0009.parquet: is not in the ledger" in text
     assert "rig file in the manifest does not match" in text
 
 
 def test_chunk_files_stay_inside_the_run(run: Path) -> None:
-    edit_chunk(run, {"file": "../moved/g1-0002.parquet"})
+    edit_chunk(run, "g1-0002.parquet", {"file": "../moved/g1-0002.parquet"})
     with pytest.raises(FileError, match="is no chunk of a stream"):
         read_run(run)
 
@@ -231,19 +234,23 @@ JUNK = st.recursive(
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=150, deadline=None)
 @given(data=st.data())
 def test_mutated_manifest_raises_only_file_errors(whole: Path, run: Path, data: st.DataObject) -> None:
-    good = (whole / "manifest.json").read_bytes()
-    document = json.loads(good)
-    how = data.draw(st.sampled_from(["bytes", "cut", "key", "chunk"]))
-    if how == "bytes":
-        place = data.draw(st.integers(0, len(good) - 1))
-        mutated = good[:place] + data.draw(st.binary(min_size=1, max_size=3)) + good[place + 1 :]
-    elif how == "cut":
-        mutated = good[: data.draw(st.integers(0, len(good) - 1))]
-    else:
-        target = document if how == "key" else data.draw(st.sampled_from(document["chunks"]))
+    for name in ("manifest.json", "ledger.jsonl"):
+        shutil.copy(whole / name, run / name)
+    how = data.draw(st.sampled_from(["bytes", "cut", "key", "record"]))
+    if how == "key":
+        key = data.draw(st.sampled_from(sorted(json.loads((run / "manifest.json").read_bytes()))))
+        edit_manifest(run, {key: data.draw(JUNK)})
+    elif how == "record":
+        records = ledger_records(run)
+        (target,) = data.draw(st.sampled_from(records[1:])).values()
         target[data.draw(st.sampled_from(sorted(target)))] = data.draw(JUNK)
-        mutated = json.dumps(document).encode()
-    (run / "manifest.json").write_bytes(mutated)
+        put_ledger(run, records)
+    else:
+        file = run / data.draw(st.sampled_from(["manifest.json", "ledger.jsonl"]))
+        good = file.read_bytes()
+        place = data.draw(st.integers(0, len(good) - 1))
+        rest = good[place + 1 :] if how == "bytes" else b""
+        file.write_bytes(good[:place] + data.draw(st.binary(max_size=3)) + rest)
     problems = verify(run)
     assert all("\n" not in problem for problem in problems)
     try:

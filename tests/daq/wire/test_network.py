@@ -88,7 +88,7 @@ def test_a_connection_that_brings_something_now_and_then_is_not_dead() -> None:
                 sock.sendall(b"x")
                 assert link.read(PATIENCE_S) == b"x"
                 assert link.read(0.1) == b""
-            with pytest.raises(LinkLost, match="nothing came for"):
+            with pytest.raises(LinkLost, match="nothing arrived for"):
                 while True:
                     assert link.read(0.05) == b""
 
@@ -174,7 +174,7 @@ def test_only_the_called_controller_is_heard() -> None:
     ("address", "told"),
     [
         ("203.0.113.7", "an address of this computer"),
-        ("taken", "a port nobody else has"),
+        ("taken", "a port that no other program uses"),
         ("a" * 64, "the host name is not valid"),
     ],
 )

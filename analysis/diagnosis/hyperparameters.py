@@ -1,0 +1,98 @@
+"""The hyperparameters of a state: the healthy level of the arm, the strength of the residual in each band, and the
+robust weights."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.diagnosis.background import Posterior
+from analysis.diagnosis.columns import Columns
+from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.repeat_noise import LEAST_ASSUMED
+from analysis.diagnosis.selection_state import SelectionState, size_of
+from analysis.kinematics.arm import Array
+from rigs.schema.effect import name_of
+
+_BAND_PRICE, _TARGET_PRICE = 3.0, 8.0
+"""Log evidence that the strength of a band of orders, and of targets, must gain to exceed that of the noise. Chosen:
+targets have the higher price, because their noise has heavy tails."""
+_TAIL = 4.0
+"""Degrees of freedom of Student's distribution of readings at targets. Chosen: stops of real robots have heavy tails.
+"""
+MOST_LEVEL = 8.0
+"""Largest level of a background. Chosen: an arm that shows eight times the healthy size of every effect has faults
+instead."""
+_LEVELS = np.geomspace(0.003, MOST_LEVEL, 80)
+"""Levels of a background that are tried; consecutive ones differ by a tenth."""
+_LEVEL_TAIL = 4.0
+"""Degrees of freedom of Student's distribution of the effects of an arm, so that a fault has little weight in its
+level. Chosen."""
+_LEVEL_SPREAD = 1.4
+"""Prior standard deviation of the logarithm of a level about that of a healthy arm: a factor of four either way.
+Chosen."""
+
+
+class Hyperparameters:
+    """The hyperparameters of one linearisation, with N entries in b bands."""
+
+    def __init__(self, linear: Linearisation, columns: Columns) -> None:
+        self.columns = columns
+        assumed = np.concatenate([np.full(len(b.y_mm), not b.measured) for b in linear.blocks])
+        self._least = np.where(np.bincount(columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
+        self._targets = np.concatenate([np.full(len(b.y_mm), b.sampling is None) for b in linear.blocks])
+        self._band_price = np.where(np.bincount(columns.band, self._targets) > 0, _TARGET_PRICE, _BAND_PRICE)
+
+    def level(self, state: SelectionState, posterior: Posterior) -> float:
+        """Return the level of the background: the ratio of the mean square of each name's effects to its expectation in
+        an arm at level one.
+
+        A name counts once however many forms it has, because a gear shows only a few of its orders; a fault has little
+        weight.
+        """
+        columns, variance = self.columns, posterior.background.variance
+        cols = np.flatnonzero((columns.healthy > 0) & (variance > 0))
+        freedom = np.clip(1 - np.diag(posterior.A)[cols] / variance[cols], 0.0, 1.0)
+        names, count = columns.name_of_column[cols], len(columns.among)
+        squares = np.asarray(np.bincount(names, posterior.mean[cols] ** 2, count), dtype=float)
+        seen = np.asarray(np.bincount(names, columns.healthy[cols] * freedom, count), dtype=float)
+        for k, name in enumerate(columns.among):
+            if own := [size_of(effect) for effect in state.refined.effects if name_of(effect) == name]:
+                squares[k] += np.sum(np.square(own))
+                seen[k] = 1.0
+        weight = (_LEVEL_TAIL + 1) / (_LEVEL_TAIL + squares / np.maximum(seen, 1e-3) / state.level**2)
+        likely = -seen.sum() * np.log(_LEVELS) - float(weight @ squares) / (2 * _LEVELS**2)
+        likely -= np.log(_LEVELS) ** 2 / (2 * _LEVEL_SPREAD**2)
+        return float(min(_LEVELS[np.argmax(likely)], state.most))
+
+    def robust(self, posterior: Posterior) -> Array:
+        """Return the weights (N,) of the entries: those of Student's distribution at targets, and 1 elsewhere."""
+        weight, targets = np.ones(len(self._targets)), self._targets
+        if targets.any():
+            left = posterior.residual[targets]
+            scale = max(1.0, 1.4826 * float(np.median(np.abs(left))))
+            weight[targets] = np.minimum(1.0, (_TAIL + 1) / (_TAIL + (left / scale) ** 2))
+        return weight
+
+    def strength(self, state: SelectionState, posterior: Posterior) -> Array:
+        """Return the strength (b,) of each band: that of the residual where it exceeds the noise by more than its
+        price. Assumed noise, which is wide, may also be reduced."""
+        energy, spent = self._energy(state, posterior)
+        free: Array = np.maximum(self.columns.count - spent / state.strength, 0.25 * self.columns.count)
+        ratio: Array = np.maximum(energy / free, 1e-9)
+        gain = 0.5 * free * (ratio - 1 - np.log(ratio)) - self._band_price
+        return np.where((ratio > 1) & (gain > 0), ratio, np.clip(ratio, self._least, 1.0))
+
+    def nearer_strength(self, state: SelectionState, posterior: Posterior) -> Array:
+        """Return the strength (b,) after a shorter step, which never makes the readings less likely (expectation
+        maximisation: Dempster, Laird and Rubin 1977)."""
+        energy, spent = self._energy(state, posterior)
+        nearer: Array = np.maximum((energy + spent) / self.columns.count, self._least)
+        return nearer
+
+    def _energy(self, state: SelectionState, posterior: Posterior) -> tuple[Array, Array]:
+        """Return, for each band (b,) and in variances of the noise, the robust energy of the residual and the energy
+        that the uncertainty of the coefficients may hide."""
+        columns = self.columns
+        raw = posterior.background.weight * state.strength[columns.band] * posterior.residual**2
+        energy = np.asarray(np.bincount(columns.band, raw), dtype=float)
+        return energy, np.einsum("bij,ji->b", columns.K, posterior.A)

@@ -1,0 +1,217 @@
+"""A run as the diagnosis uses it: with a smooth path, its lap and its periods of standing, so that it can be compared
+with its repeats."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.diagnosis.path_smoothing import smooth_path
+from analysis.fitting.observation import Observation, observe, predicted
+from analysis.kinematics.arm import Array, Integers
+from analysis.model.predict import Model, nominal_setup
+from analysis.noise.readings import is_wild
+from analysis.traces.laps import laps_of
+from analysis.traces.tables import CircleTable, Table
+
+GRID = 512
+"""Circle angles to which a lap is interpolated; the highest order is slightly below half of it. Chosen: a power of two
+for the Fourier transform, with 0.7 degrees per step."""
+ORDERS = GRID // 2
+"""The number of orders of a channel, including order 0."""
+ORDER_OF: Integers = np.tile(np.concatenate([[0], np.arange(1, ORDERS), np.arange(1, ORDERS)]), 2)
+"""The order of each entry of a circle's vector: first those of the sum of the gauges, then those of their difference.
+"""
+_ROWS = 2 * GRID
+"""Rows per lap that are sufficient for its orders; the rows of faster gauges are averaged."""
+_STANDS = 0.02
+"""Share of the lap's median joint speed below which the robot stands. Chosen: above the noise of differentiated
+feedback."""
+_LEAST_STAND = 3
+"""Smallest number of rows that count as a period of standing. Chosen: fewer give no mean."""
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """The conversion of a circle's rows to a vector.
+
+    For each of L laps, `before` and `after` (L, GRID) are the rows next to each grid angle and `share` (L, GRID) is the
+    weight of the latter. `phi` (n,) rad are the circle angles of the laps' rows, which come first. `stands` has the
+    rows of standing before and after the lap, and `stand_share` (len(stands),) their number in steps of the grid.
+    """
+
+    before: Integers
+    after: Integers
+    share: Array
+    phi: Array
+    stands: tuple[Integers, ...]
+    stand_share: Array
+
+    def gridded(self, values: Array) -> Array:
+        """Return values (m, …) at the rows, in any unit, as values (GRID, …) at the grid, averaged over the laps."""
+        share = self.share.reshape(*self.share.shape, *[1] * (values.ndim - 1))
+        found: Array = (values[self.before] * (1 - share) + values[self.after] * share).mean(axis=0)
+        return found
+
+    def vector(self, values: Array) -> Array:
+        """Return readings (m, 2, …) of two gauges as entries (N, …): the orders of sum and difference (unitary), then
+        the means over periods of standing."""
+        parts = [by_orders(self.gridded(values))]
+        for rows in self.stands:
+            mean = values[rows].mean(axis=0, keepdims=True)
+            parts += [_sum(mean), _difference(mean)]
+        return np.concatenate(parts)
+
+    @property
+    def averaged(self) -> float:
+        """The share of the power of white noise that interpolation between two rows, averaged over the laps, leaves."""
+        return float(np.mean((1 - self.share) ** 2 + self.share**2)) / len(self.share)
+
+    def without_stands(self) -> Sampling:
+        """Return the sampling of the lap alone, with stand_share (0,)."""
+        return replace(self, stands=(), stand_share=np.empty(0))
+
+
+def by_orders(readings: Array) -> Array:
+    """Return readings (GRID, 2, …) at the grid as orders of sum and difference, (N, …); `curve` is the inverse."""
+    parts = []
+    for channel in (_sum(readings), _difference(readings)):
+        spectrum = np.fft.rfft(channel, axis=0, norm="ortho")
+        parts += [spectrum[:1].real, np.sqrt(2) * spectrum[1:ORDERS].real, np.sqrt(2) * spectrum[1:ORDERS].imag]
+    return np.concatenate(parts)
+
+
+def curve(vector: Array) -> Array:
+    """Return readings (GRID, 2) at the grid from the orders (N,) of a circle's vector."""
+    half = len(ORDER_OF) // 2
+    channels = []
+    for part in (vector[:half], vector[half : 2 * half]):
+        spectrum = np.zeros(ORDERS + 1, dtype=complex)
+        spectrum[0] = part[0]
+        spectrum[1:ORDERS] = (part[1:ORDERS] + 1j * part[ORDERS:]) / np.sqrt(2)
+        channels.append(np.fft.irfft(spectrum, n=GRID, norm="ortho"))
+    total, apart = channels
+    readings: Array = np.stack([total - apart, total + apart], axis=1) / np.sqrt(2)
+    return readings
+
+
+def _sum(values: Array) -> Array:
+    added: Array = (values[:, 0] + values[:, 1]) / np.sqrt(2)
+    return added
+
+
+def _difference(values: Array) -> Array:
+    apart: Array = (values[:, 1] - values[:, 0]) / np.sqrt(2)
+    return apart
+
+
+@dataclass(frozen=True)
+class ObservedRun:
+    """One run about the model of its own rig file. `one` is its observation with a smooth path, in which the rows of
+    standing follow those of the lap. `wild` counts the readings of a circle that were replaced by interpolation between
+    their neighbours."""
+
+    model: Model
+    one: Observation
+    sampling: Sampling | None
+    wild: int = 0
+
+    @property
+    def name(self) -> str:
+        """The name that repeated runs share: `yaw cw`, `radial`."""
+        table = self.one.table
+        return f"{self.one.setup} {table.direction}" if isinstance(table, CircleTable) else self.one.setup
+
+
+def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
+    """Return a run's table as an observed run, with readings (m, k) mm. Raises FileError for a table that is not a
+    circle of the rig."""
+    if not isinstance(table, CircleTable):
+        return ObservedRun(model, observe(model, table, where), None)
+    sound = without_wild(table)
+    wild = int(np.count_nonzero(sound.g_mm != table.g_mm))
+    table = averaged(sound, _rows_a_lap(table, model, where) // _ROWS)
+    lap = observe(model, table, where)
+    smoothed = smooth_path(lap)
+    sampling, rows = _sampled(table, model, smoothed, where)
+    raw, one = replace(lap, rows=rows), replace(smoothed, rows=rows)
+    # Servo ripple is real motion, so the readings are corrected by the predicted effect of its removal from the path.
+    setup = nominal_setup(model.rig, table)
+    ripple = predicted(model, raw, setup) - predicted(model, one, setup)
+    return ObservedRun(model, replace(one, values=table.g_mm[rows] - ripple), sampling, wild)
+
+
+def without_wild(table: CircleTable) -> CircleTable:
+    """Return a circle whose wild readings (n, 2) mm are replaced by interpolation between their neighbours."""
+    g_mm = table.g_mm.copy()
+    for gauge in g_mm.T:
+        wild = is_wild(gauge)
+        if wild.any() and not wild.all():
+            gauge[wild] = np.interp(table.t_s[wild], table.t_s[~wild], gauge[~wild])
+    return replace(table, g_mm=g_mm)
+
+
+def averaged(table: CircleTable, count: int) -> CircleTable:
+    """Return a circle in which each `count` rows (count, …) are replaced by their mean, so that the cost does not grow
+    with the rate of a gauge; incomplete groups at the end are omitted."""
+    if count < 2:
+        return table
+    whole = len(table.t_s) // count * count
+
+    def means(values: Array) -> Array:
+        mean: Array = values[:whole].reshape(-1, count, *values.shape[1:]).mean(axis=1)
+        return mean
+
+    return replace(table, t_s=means(table.t_s), q=means(table.q), g_mm=means(table.g_mm), u_t_s=None)
+
+
+def _rows_a_lap(table: CircleTable, model: Model, where: str) -> int:
+    laps = laps_of(table, model.rig, where)
+    return len(laps.phi) // laps.count
+
+
+def _sampled(table: CircleTable, model: Model, one: Observation, where: str) -> tuple[Sampling, Integers]:
+    phi = laps_of(table, model.rig, where).phi
+    stands = _stands(one)
+    begins = len(one.rows) + np.cumsum([0, *(len(rows) for rows in stands)])
+    places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
+    per_step = len(one.rows) / (GRID * _laps(phi))
+    shares = np.array([len(rows) / per_step for rows in stands])
+    return _sampling(phi, places, shares), np.concatenate([one.rows, *stands]).astype(np.intp)
+
+
+def _laps(phi: Array) -> int:
+    """Return the number of laps that circle angles (n,) rad, in order of time, cover."""
+    return max(1, round(float(np.ptp(phi)) / (2 * np.pi)))
+
+
+def _sampling(phi: Array, stands: tuple[Integers, ...], stand_share: Array) -> Sampling:
+    """Return the sampling of the circle angles (n,) rad of some laps, in order of time."""
+    laps = _laps(phi)
+    number = np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1)
+    sides = [_beside(np.flatnonzero(number == lap), phi) for lap in range(laps)]
+    before, after, share = (np.array(side) for side in zip(*sides, strict=True))
+    return Sampling(before, after, share, phi, stands, stand_share)
+
+
+def _beside(rows: Integers, phi: Array) -> tuple[Integers, Integers, Array]:
+    """Return the rows of one lap before and after each grid angle, (GRID,) each, and the weight of the latter."""
+    order = rows[np.argsort(phi[rows] % (2 * np.pi))]
+    angle = phi[order] % (2 * np.pi)
+    grid = np.arange(GRID) * 2 * np.pi / GRID
+    after = np.searchsorted(angle, grid) % len(angle)
+    before = after - 1
+    step = (angle[after] - angle[before]) % (2 * np.pi)
+    share = ((grid - angle[before]) % (2 * np.pi)) / np.where(step > 0, step, 1.0)
+    return order[before], order[after], np.clip(share, 0, 1)
+
+
+def _stands(one: Observation) -> list[Integers]:
+    """Return the rows of standing before and after the lap, or an empty list unless both exist."""
+    t, q = one.path.t_s, one.path.q
+    speed = np.linalg.norm(np.gradient(q, t, axis=0), axis=1)
+    still = speed < _STANDS * np.median(speed[one.rows])
+    first, last = int(one.rows[0]), int(one.rows[-1])
+    found = [np.flatnonzero(still[:first]), last + 1 + np.flatnonzero(still[last + 1 :])]
+    return found if min(map(len, found)) >= _LEAST_STAND else []

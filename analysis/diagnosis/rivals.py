@@ -1,0 +1,104 @@
+"""Comparison of faults with their rivals: the effects that could replace a fault, fitted in its place, and the odds
+between them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.diagnosis.selection import Selection
+from analysis.diagnosis.selection_state import SelectionState
+from analysis.diagnosis.worth import LEAST_MATERIAL_UM, worth
+from rigs.schema.effect import name_of
+
+_NEAR = 6.0
+"""Log evidence behind a name within which its rivals are fitted on the simulator; further behind, their odds are below
+1 in 400."""
+_MISSED = 0.9
+"""Share of a name's evidence above which the linear form of a rival is also fitted. Chosen: a linear form may lose a
+tenth of the evidence that its fit reaches."""
+_SWAPS = 4
+"""Largest number of replacements of a name by its rival. Chosen: each costs a search."""
+_RIVALS = 4
+"""Largest number of rivals that are fitted. Chosen: those further behind have negligible odds."""
+_DOUBT = 5.0
+"""Log evidence behind a name within which a rival is also fitted beside the name, to check whether it explains
+something else. Chosen: odds of 150 to 1."""
+
+
+@dataclass(frozen=True)
+class RivalOdds:
+    """The odds of a name and of its rivals, the best first, each as the state with the rival in the name's place.
+    `healthy_odds` are those that a healthy arm shows the same."""
+
+    odds: float
+    rivals: tuple[tuple[SelectionState, float], ...] = ()
+    healthy_odds: float = 0.0
+
+
+def compare_with_rivals(selection: Selection, state: SelectionState) -> tuple[SelectionState, tuple[RivalOdds, ...]]:
+    """Return the state and the odds of each name after the comparison of each fault with its rivals. A rival with more
+    evidence replaces the fault, and the search continues from there.
+
+    An effect of healthy size, or one that changes no reading, has no rivals, because it is not reported as a fault.
+    """
+    swapped: set[int] = set()
+    compared: list[RivalOdds] = []
+    for swaps_left in reversed(range(_SWAPS + 1)):
+        compared = []
+        for place in range(len(state.refined.effects)):
+            is_reported = state.is_fault(place) and _moves(selection, state, place)
+            one = rival_odds(selection, state, place) if is_reported else RivalOdds(1.0)
+            compared.append(one)
+            if swaps_left and place not in swapped and one.rivals and one.rivals[0][1] > one.odds:
+                other = selection.select(one.rivals[0][0])
+                swapped.add(place)
+                if selection.evidence(other) > selection.evidence(state):
+                    state, swapped = other, set()
+                    break
+        else:
+            break
+    return state, tuple(compared)
+
+
+def _moves(selection: Selection, state: SelectionState, place: int) -> bool:
+    """Return whether an effect could be material."""
+    change = selection.linear.residual(state.refined.without(place).effects) - state.refined.residual
+    return bool((worth(selection.linear, change).um > LEAST_MATERIAL_UM).any())
+
+
+def rival_odds(selection: Selection, state: SelectionState, place: int) -> RivalOdds:
+    """Return the odds of a name and of its rivals: effects that explain as much without it and nothing beside it."""
+    forms, effect = selection.columns.forms, state.refined.effects[place]
+    rest = selection.without(state, place)
+    bare, whole = selection.evidence(rest), selection.evidence(state)
+    gain = whole - bare
+    here = selection.posterior(state)
+    beside = np.maximum(np.maximum(*selection.gains(state, here)), 0.0)
+    alone = selection.posterior(rest)
+    score = np.maximum(*selection.gains(rest, alone)) - beside
+    rivals: list[tuple[SelectionState, float]] = []
+    seen: set[str] = set()
+    for k in np.argsort(-score).tolist():
+        if len(rivals) == _RIVALS or not score[k] > min(gain - _NEAR, _MISSED * gain):
+            break
+        if forms[k].name in seen or forms[k].name == name_of(effect):
+            continue
+        tried = selection.with_form(rest, alone, k)
+        if name_of(tried.refined.effects[-1]) == name_of(effect):
+            continue
+        seen.add(name_of(tried.refined.effects[-1]))
+        instead = selection.evidence(tried) - bare
+        own = instead - float(beside[k])
+        if own > gain - _DOUBT:
+            # A rival that explains as much beside the name explains a different part of the readings.
+            both = selection.with_form(state, here, k)
+            own = instead - max(selection.evidence(both) - whole, 0.0)
+        rivals.append((tried, own))
+    rivals.sort(key=lambda one: -one[1])
+    scores = np.array([gain, 0.0, *(own for _, own in rivals)])
+    weight = np.exp(scores - scores.max())
+    odds = (weight / weight.sum()).tolist()
+    found = tuple((tried, own) for (tried, _), own in zip(rivals, odds[2:], strict=True))
+    return RivalOdds(odds[0], found, odds[1])

@@ -1,0 +1,87 @@
+"""The search: set-ups fitted, noise estimated and names selected, repeated once where the names change what was fitted
+before.
+
+A large effect displaces the ball that a fit without it found, and makes the linearisation invalid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from analysis.diagnosis.background import Posterior
+from analysis.diagnosis.blocks import blocks_of
+from analysis.diagnosis.candidates import candidates_for
+from analysis.diagnosis.columns import Columns
+from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.observed_run import ObservedRun
+from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals
+from analysis.diagnosis.run_setups import fit_run_setups
+from analysis.diagnosis.selection import Selection
+from analysis.diagnosis.selection_state import SelectionState
+from analysis.kinematics.arm import Array
+from rigs.effects import Effect
+
+_ITERATIONS = 2
+"""Largest number of iterations. Chosen: the second one starts from set-ups fitted with the names, and each costs a full
+search."""
+_BENT = 3.0
+"""Root mean square, in standard deviations of the noise, of the nonlinear residual beyond the linear prediction after
+the set-ups are moved, above which the search is repeated. Chosen: smaller errors do not support an effect."""
+
+
+@dataclass(frozen=True)
+class SearchResult:
+    """The result of a search: runs about set-ups and known effects, the selection and its state, the posterior, and
+    each name with its rivals. N counts the whitened entries of all blocks."""
+
+    linear: Linearisation
+    selection: Selection
+    state: SelectionState
+    posterior: Posterior
+    rival_odds: tuple[RivalOdds, ...]
+
+    @cached_property
+    def contributions(self) -> list[Array]:
+        """What each name adds to the whitened readings beside the others, (N,) each."""
+        effects, left = self.state.refined.effects, self.state.refined.residual
+        return [self.linear.residual([*effects[:k], *effects[k + 1 :]]) - left for k in range(len(effects))]
+
+    @cached_property
+    def initial_residual(self) -> Array:
+        """The whitened residual (N,) of the model without the names, with set-ups fitted."""
+        return self.linear.without_set_up(self.linear.residual(()))
+
+    @property
+    def residual(self) -> Array:
+        """The whitened residual (N,) of the model with the names, with set-ups fitted."""
+        return self.linear.without_set_up(self.state.refined.residual)
+
+
+def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> SearchResult:
+    """Return the names found in runs, about set-ups fitted with them; the readings of a run are (m, k) mm."""
+    known: tuple[Effect, ...] = ()
+    setups = fit_run_setups(_first_of_each(runs))[0]
+    for turn in range(_ITERATIONS):
+        linear = Linearisation(blocks_of(runs, setups, known), setups, known)
+        progress("computing the response to each effect" + " again" * (turn > 0))
+        selection = Selection(linear, Columns(linear, candidates_for(linear)))
+        progress("selecting effects")
+        state = selection.select(selection.initial_state(known))
+        known = state.refined.effects
+        moved = selection.posterior(state).mean[selection.columns.set_ups]
+        setups = linear.setups_moved_by(moved)
+        bent = linear.residual(known, setups) - (state.refined.residual - linear.U @ moved)
+        if float(np.sqrt(np.mean(bent**2))) < _BENT:
+            break
+    progress("comparing names with their rivals")
+    state, odds = compare_with_rivals(selection, state)
+    return SearchResult(linear, selection, state, selection.posterior(state), odds)
+
+
+def _first_of_each(runs: Sequence[ObservedRun]) -> list[ObservedRun]:
+    """Return the first run of each kind, which is sufficient as a starting point."""
+    return list({run.name: run for run in reversed(runs)}.values())

@@ -1,0 +1,81 @@
+"""The state of a selection: the fitted effects, and the noise and healthy level of everything else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.diagnosis.columns import Form
+from analysis.diagnosis.free_forms import FittedFreeForm
+from analysis.diagnosis.refine import Refined
+from analysis.kinematics.arm import Array
+from rigs.effects import Effect, healthy_size, size_field
+from rigs.schema.effect import PHASE, name_of
+
+FAULT = 5.0
+"""Size in healthy sizes above which an effect is a fault: faults of real arms are 5 to 100 healthy sizes. The limit is
+lower in an arm with a level below 1."""
+_NEAR_ORDER = 1.15
+"""Ratio of orders of one gear below which they count as one wave. Chosen: a lap does not separate closer orders of a
+slow joint."""
+
+
+@dataclass(frozen=True)
+class SelectionState:
+    """One state.
+
+    `refined` has the fitted effects and `origins` the indices of the forms from which they come, -1 for none. `level`
+    is that of the background and `most` its upper limit. `strength` (b,) is the variance of the residual in each band
+    over that of the noise and `robust` (N,) the weights of the entries. `refused` has the indices of forms that did not
+    cover their price, `free_forms` the free forms in use and `replaced_forms` the descriptions of those that a name
+    replaced.
+    """
+
+    refined: Refined
+    origins: tuple[int, ...]
+    level: float
+    strength: Array
+    robust: Array
+    refused: frozenset[int] = frozenset()
+    most: float = 1.0
+    free_forms: tuple[FittedFreeForm, ...] = ()
+    replaced_forms: frozenset[str] = frozenset()
+
+    def is_fault(self, place: int) -> bool:
+        """Whether an effect is larger than healthy arms, and arms of this level, show."""
+        return abs(size_of(self.refined.effects[place])) > FAULT * min(self.level, 1.0)
+
+
+def size_of(effect: Effect) -> float:
+    """Return the size of an effect in healthy sizes."""
+    return float(getattr(effect, size_field(effect))) / healthy_size(effect)
+
+
+def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:
+    """Return the effect that the columns of `effects` form with coefficients size (q,) in healthy sizes."""
+    effect = effects[0]
+    field_name, healthy = size_field(effect), healthy_size(effect)
+    if len(size) == 2:
+        phase = float(np.degrees(np.arctan2(size[1], size[0])))
+        return effect.model_copy(update={field_name: float(np.hypot(*size)) * healthy, PHASE: phase})
+    return effect.model_copy(update={field_name: float(size[0]) * healthy})
+
+
+def is_same(form: Form, effect: Effect) -> bool:
+    """Return whether a form is another form of the effect's name; waves of other orders are not."""
+    return is_alike(form.effects[0], effect)
+
+
+def is_alike(one: Effect, effect: Effect) -> bool:
+    """Return whether two effects have the same name, with any size and shape; waves of other orders do not."""
+    if name_of(one) != name_of(effect):
+        return False
+    order, other = order_of(one), order_of(effect)
+    return np.isnan(order) or np.isnan(other) or max(order, other) / min(order, other) < _NEAR_ORDER
+
+
+def order_of(effect: Effect) -> float:
+    """Return the order of a gear's wave, and NaN for every other effect."""
+    return float(getattr(effect, "order", np.nan))

@@ -1,0 +1,135 @@
+"""Validation: what a frozen model leaves of the runs used, of held-out runs, and of runs at another place."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.diagnosis.blocks import Block, blocks_of, entries, targets_key
+from analysis.diagnosis.diagnosis import Gap
+from analysis.diagnosis.linearisation import Linearisation, basis_of
+from analysis.diagnosis.observed_run import ObservedRun
+from analysis.diagnosis.run_setups import fit_run_setups, with_effects
+from analysis.diagnosis.search import SearchResult
+from analysis.diagnosis.worth import rms_um, scatter_um
+from analysis.fitting.observation import residuals_of, rms
+from analysis.kinematics.arm import Array
+from analysis.model.predict import SetUp
+from rigs.effects import Effect
+
+
+def gap(runs: Sequence[ObservedRun], result: SearchResult, names: Sequence[str]) -> Gap:
+    """Return the gap of runs before and after effects are in their model, with set-ups fitted both times; residuals are
+    (m, k) mm."""
+    effects = result.state.refined.effects
+    setups, before = fit_run_setups(runs)
+    setups, after = fit_run_setups(with_effects(runs, effects), setups) if effects else (setups, before)
+    floor = _floor(result.linear, {run.name for run in runs})
+    return Gap(tuple(names), 1e3 * rms(before), 1e3 * rms(after), floor, _calibrated_um(result, runs, setups))
+
+
+def _calibrated_um(result: SearchResult, runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> float:
+    """Return the rms residual of runs in µm with a healthy arm's share of every effect removed beside the names."""
+    energy, count = 0.0, 0
+    for run in runs:
+        judged = _at_places_used(result, run) or _at_other_places(result, run, setups)
+        um = rms_um(judged.block, judged.without_set_up(judged.residual) * judged.block.sd_mm)
+        energy, count = energy + len(run.one.rows) * um**2, count + len(run.one.rows)
+    return float(np.sqrt(energy / count))
+
+
+def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[float | None]:
+    """Return, for each name, the share of the gap's energy on held-out runs that it removes beside everything else that
+    was found, or None where no run was held out.
+
+    The set-up is fitted again to each run; a healthy arm's share of every effect is taken from the runs used. Residuals
+    are (m, k) mm.
+    """
+    whole, gained = 0.0, np.zeros(len(result.contributions))
+    for run in runs:
+        judged = _at_places_used(result, run) or _at_other_places(result, run, result.linear.setups)
+        after = judged.energy(judged.residual)
+        whole += judged.energy(judged.before)
+        gained += [judged.energy(judged.residual + change) - after for change in judged.contributions]
+    return [float(one / whole) for one in gained] if whole else [None] * len(gained)
+
+
+@dataclass(frozen=True)
+class _JudgedRun:
+    """One run judged by the names and the healthy share that other runs determined, in standard deviations of a block
+    (N,).
+
+    `before` is the residual without them and `residual` that with all of them. `contributions` are the changes when
+    each name is removed. `basis` (N, s) is orthonormal and spans what the set-up could absorb.
+    """
+
+    block: Block
+    before: Array
+    residual: Array
+    contributions: Sequence[Array]
+    basis: Array
+
+    def without_set_up(self, values: Array) -> Array:
+        """Return whitened values (N,) with the part removed that the set-up could absorb."""
+        fitted: Array = values - self.basis @ (self.basis.T @ values)
+        return fitted
+
+    def energy(self, values: Array) -> float:
+        """Return the energy in mm² of values (N,), with the set-up fitted."""
+        return float(((self.without_set_up(values) * self.block.sd_mm) ** 2).sum())
+
+
+def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None:
+    """Return a run at places where runs of its kind were used, or None where there are none or where its periods of
+    standing differ from theirs."""
+    linear = result.linear
+    kinds = [(block.name, block.targets_key) for block in linear.blocks]
+    kind = (run.name, targets_key(run))
+    if kind not in kinds or run.model.rig != linear.blocks[kinds.index(kind)].model.rig:
+        return None
+    k = kinds.index(kind)
+    block, rows = linear.blocks[k], linear.rows[k]
+    sampling = run.sampling
+    if sampling and block.sampling and not block.sampling.stands:
+        sampling = sampling.without_stands()
+    (with_names,) = with_effects([run], result.state.refined.effects)
+    (residual,) = residuals_of(with_names.model, [with_names.one], linear.setups)
+    found = entries(residual, sampling)
+    if len(found) != len(block.y_mm):
+        return None
+    left = block.white(found)
+    before = left + (linear.residual(()) - result.state.refined.residual)[rows]
+    changes = [change[rows] for change in result.contributions]
+    return _JudgedRun(block, before, left - result.posterior.healthy_share[rows], changes, basis_of(linear.U[rows]))
+
+
+def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str, SetUp]) -> _JudgedRun:
+    """Return a run at places, or in a way, that no run used has: other poses, another radius, another speed."""
+    effects, forms = result.state.refined.effects, result.posterior.background.columns.forms
+    placed = setups if run.one.setup in setups else fit_run_setups(with_effects([run], effects))[0]
+    alone = Linearisation(blocks_of([run], placed, effects), placed, effects)
+    sizes = np.repeat([form.size for form in forms], [len(form.columns) for form in forms])
+    share = alone.columns([effect for form in forms for effect in form.effects]) / sizes
+    left = alone.residual(effects)
+    changes = [alone.residual([*effects[:k], *effects[k + 1 :]]) - left for k in range(len(effects))]
+    with_share = alone.y - share @ result.posterior.mean[: share.shape[1]]
+    (block,) = alone.blocks
+    return _JudgedRun(block, alone.residual(()), with_share, changes, basis_of(alone.U))
+
+
+def gap_without_um(
+    runs: Sequence[ObservedRun], effects: Sequence[Effect], k: int, setups: Mapping[str, SetUp]
+) -> float:
+    """Return the rms residual in µm of runs with all effects except one, with set-ups fitted from `setups`; residuals
+    are (m, k) mm."""
+    return 1e3 * rms(fit_run_setups(with_effects(runs, [*effects[:k], *effects[k + 1 :]]), setups)[1])
+
+
+def _floor(linear: Linearisation, names: Collection[str]) -> float:
+    """Return the root mean square in µm of the noise and scatter of a run: from repeats, or else from the assumed
+    noise."""
+    alike = [block.name in names for block in linear.blocks]
+    size = np.array([len(block.one.rows) * block.count for block in linear.blocks]) * (alike if any(alike) else 1)
+    return float(np.sqrt(size @ scatter_um(linear) ** 2 / size.sum()))

@@ -1,0 +1,127 @@
+"""A vibration of the link, whose phase is new in every run: it is searched in the time of each run and not along the
+circle.
+
+Because its phase differs between runs, repeats average it out and no fit along the circle detects it. All runs share
+its frequency, so the spectra of their deviations from the mean of their repeats are added, each divided by its own
+noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.diagnosis.observed_run import GRID, ObservedRun
+from analysis.fitting.observation import residuals_of
+from analysis.kinematics.arm import Array
+from analysis.model.predict import SetUp
+from rigs.effects import Effect
+from rigs.effects import swing as vibration_at
+
+_LOWEST_HZ = 2.0
+"""Lowest frequency in Hz that is searched. Chosen: slower motion is servo ripple and path error."""
+_NEAR_HZ = 1.0
+"""Half the width of the neighbourhood in which the noise of a spectrum is taken to be constant. Chosen: wide enough for
+a median over many frequencies."""
+
+
+@dataclass(frozen=True)
+class FoundVibration:
+    """A vibration, with the uncertainties of its parameters and the log evidence for it."""
+
+    effect: Effect
+    amplitude_mm: float
+    sd: dict[str, float]
+    gain: float
+
+
+def find_vibration(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> FoundVibration | None:
+    """Return the strongest vibration of all circles, or None where no circle was repeated; the residual of a run is (m,
+    2) mm.
+
+    It excludes what repeats share: the waves of a gear occur at the same angles in every run, a vibration at other
+    times.
+    """
+    left = _deviations(runs, setups)
+    if not left:
+        return None
+    seconds = max(float(np.ptp(one.t_s)) for one in left)
+    # There may be a gap between laps, so the rate is that of most rows.
+    rate = min(1 / float(np.median(np.diff(one.t_s))) for one in left)
+    f = np.arange(_LOWEST_HZ, 0.45 * rate, 0.25 / seconds)
+    if len(f) < 2 or len(f) < 2 * _width(f):
+        return None
+    over, squares, noise, count = np.zeros(len(f)), np.zeros(len(f)), [], len(left)
+    for one in left:
+        power, n = _power(one, f), len(one.t_s)
+        level = _noise_level(power, _width(f))
+        over += power / level
+        squares += 4 * (power - level) / n / one.share
+        noise.append(2 * float(np.median(level)) / n / one.share)
+    k = int(np.argmax(over))
+    # Each run has its own amplitude and phase, so the sum of the powers of n runs has a gamma distribution of shape n.
+    gain = float(over[k] - count - count * np.log(max(over[k] / count, 1.0))) - float(np.log(len(f)))
+    amplitude = float(np.sqrt(max(squares[k] / count, 0.0)))
+    # The mean of n runs with independent phases contains 1/n ± √(1 - 1/n)/n of the power of a vibration.
+    phases = amplitude**2 * float(np.mean([0.25 * (1 - one.share) / one.share for one in left]))
+    sd = float(np.sqrt((np.mean(noise) + phases) / count))
+    effect = vibration_at(float(f[k]), min(amplitude, 1.0))
+    return FoundVibration(effect, min(amplitude, 1.0), {"amplitude_mm": sd, "frequency_hz": 0.125 / seconds}, gain)
+
+
+@dataclass(frozen=True)
+class _Deviation:
+    """The deviation left_mm (n,) of one run from the mean of its repeats, averaged over the gauges, at times t_s (n,);
+    `share` is the share of a vibration's power that it contains."""
+
+    t_s: Array
+    left_mm: Array
+    share: float
+
+
+def _deviations(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp]) -> list[_Deviation]:
+    groups: dict[str, list[ObservedRun]] = {}
+    for run in runs:
+        if run.sampling:
+            groups.setdefault(run.name, []).append(run)
+    found = []
+    for group in groups.values():
+        if len(group) < 2:
+            continue
+        left = [residuals_of(run.model, [run.one], setups)[0].mean(axis=1) for run in group]
+        mean = np.mean(
+            [run.sampling.gridded(one) for run, one in zip(group, left, strict=True) if run.sampling], axis=0
+        )
+        for run, one in zip(group, left, strict=True):
+            assert run.sampling is not None  # noqa: S101 - circles only
+            phi, rows = run.sampling.phi, run.one.rows[: len(run.sampling.phi)]
+            shared = np.interp(phi, 2 * np.pi * np.arange(GRID) / GRID, mean, period=2 * np.pi)
+            found.append(_Deviation(run.one.path.t_s[rows], one[: len(phi)] - shared, 1 - 1 / len(group)))
+    return found
+
+
+def _width(f: Array) -> int:
+    return int(_NEAR_HZ / (f[1] - f[0]))
+
+
+def _power(one: _Deviation, f: Array) -> Array:
+    """Return |sum r exp(-i 2 pi f t)|² / n (F,) mm² at the uneven instants of the laps."""
+    t, r = one.t_s, one.left_mm
+    r = r - np.polynomial.Polynomial.fit(t, r, 3)(t)
+    turn = np.exp(-2j * np.pi * (f[1] - f[0]) * t)
+    wave = r * np.exp(-2j * np.pi * f[0] * t)
+    found = np.empty(len(f), dtype=complex)
+    for k in range(len(f)):
+        found[k] = wave.sum()
+        wave = wave * turn
+    power: Array = np.abs(found) ** 2 / len(t)
+    return power
+
+
+def _noise_level(power: Array, width: int) -> Array:
+    """Return the mean noise of a spectrum (F,) about each frequency, from the median, which a line does not raise."""
+    from scipy.ndimage import median_filter  # noqa: PLC0415 - slow to import
+
+    return np.asarray(median_filter(power, size=2 * width + 1, mode="reflect") / np.log(2), dtype=float)

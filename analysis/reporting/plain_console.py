@@ -1,0 +1,28 @@
+"""A console for tables and live displays whose text is plain (`rigs.text`) and never markup."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.segment import Segment
+from rich.text import Text
+
+from rigs.text import plain_lines
+
+
+class PlainConsole(Console):
+    """rich's console without markup: `[/]` in a name is text. What it sends to move the cursor is its own."""
+
+    def __init__(self, *, width: int | None = None, stderr: bool = False) -> None:
+        super().__init__(width=width, stderr=stderr, markup=False, emoji=False)
+
+    def render_str(self, text: str, **options: Any) -> Text:
+        """Return text as rich lays it out: made plain before, so that the columns fit what is shown."""
+        return super().render_str(plain_lines(text), **options)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Yield what is shown: text that was given as rich's own `Text` is made plain here."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else segment._replace(text=plain_lines(segment.text))

@@ -1,0 +1,34 @@
+"""A figure whose text is plain (`rigs.text`) and never mathematics: `$\\frac{$` in a name is a name.
+
+matplotlib takes what stands between two dollar signs as a formula and fails on one that it cannot read; nothing in
+these pictures is one. What its font cannot draw it draws as a box, and the warning about it is left out.
+"""
+
+from __future__ import annotations
+
+import warnings
+
+import matplotlib as mpl
+from matplotlib.backend_bases import RendererBase
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+
+from rigs.text import plain_lines
+
+mpl.rcParams["text.parse_math"] = False
+
+
+class Sheet(Figure):
+    """A figure of this package, laid out without overlaps."""
+
+    def __init__(self, width_inch: float, height_inch: float) -> None:
+        super().__init__(figsize=(width_inch, height_inch), layout="constrained")
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Draw the figure after its text was made plain."""
+        for text in self.findobj(Text):
+            if isinstance(text, Text) and (shown := plain_lines(text.get_text())) != text.get_text():
+                text.set_text(shown)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+            super().draw(renderer)

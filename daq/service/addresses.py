@@ -1,0 +1,84 @@
+"""The network addresses that a rig needs, as a drop-in for its unit, which denies all others: for `scripts/install`.
+
+    python -m daq.service.addresses RIG
+
+An instrument is allowed by its address; one that is named also by the servers that know names. A controller that
+speaks first is not named in the rig file, so that the networks of a shop floor are allowed for it.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import socket
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from rigs.errors import CellError, RigError
+from rigs.load import load
+from rigs.rig import Rig
+from rigs.schema.links import tcp_address, udp_address
+
+Resolve = Callable[[str], Sequence[str]]
+_PRIVATE = ("10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "169.254.0.0/16", "fc00::/7", "fe80::/10")
+"""Networks without a way to the internet: RFC 1918, RFC 3927, RFC 4193 and RFC 4291."""
+_RESOLVERS = Path("/etc/resolv.conf")
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Print the drop-in for the rig file that is given; return the exit code."""
+    try:
+        rig, _ = load(arguments[0])
+        print(drop_in(rig, resolved, _RESOLVERS.read_text("utf-8", "replace") if _RESOLVERS.exists() else ""), end="")
+    except RigError as error:
+        print(f"error: {error.lines()[0]}", file=sys.stderr)
+        return error.exit_code
+    return 0
+
+
+def drop_in(rig: Rig, resolve: Resolve, resolv_conf: str) -> str:
+    """Return the lines that allow what a rig needs. resolve: a name's addresses; resolv_conf: that file's text."""
+    lines = [f"# What {rig.name} reads, by its rig file; scripts/install writes it again.", "[Service]"]
+    return "\n".join([*lines, *(f"IPAddressAllow={one}" for one in _needed(rig, resolve, resolv_conf))]) + "\n"
+
+
+def resolved(name: str) -> Sequence[str]:
+    """Return the addresses of a host. Raises CellError where it has none."""
+    try:
+        found = socket.getaddrinfo(name, None, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError) as error:
+        what = f"has no address here: {getattr(error, 'strerror', None) or error}"
+        raise CellError(name, what, "write its address into the rig file") from None
+    return [str(address[4][0]) for address in found]
+
+
+def _needed(rig: Rig, resolve: Resolve, resolv_conf: str) -> list[str]:
+    listens = type(rig.feedback).listens
+    found = [*(gauge.port for _, gauge in rig.gauges), *([] if listens else [rig.feedback.port])]
+    hosts = [address[0] for port in found if (address := tcp_address(port) or udp_address(port))]
+    needed = list(_PRIVATE) if listens else []
+    for host in hosts:
+        if _is_address(host):
+            needed.append(host)
+        else:
+            needed += [*resolve(host), *_resolvers(resolv_conf)]
+    return list(dict.fromkeys(needed))
+
+
+def _resolvers(resolv_conf: str) -> Iterator[str]:
+    for line in resolv_conf.splitlines():
+        key, _, value = line.strip().partition(" ")
+        if key == "nameserver" and _is_address(value.strip()):
+            yield value.strip()
+
+
+def _is_address(text: str) -> bool:
+    try:
+        ipaddress.ip_address(text)
+    except ValueError:
+        return False
+    return "%" not in text  # an IPv6 zone, which systemd does not take
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

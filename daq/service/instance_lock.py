@@ -1,0 +1,66 @@
+"""One daemon for each rig: a lock beside its socket, in a directory that no other user can write.
+
+Somebody else's directory could hold a symbolic link by the lock's name, and opening it would spoil what it points to.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import stat
+from pathlib import Path
+
+from rigs.errors import CellError
+
+_LONGEST_ID = 20
+"""Characters of a process id, more than any has: what is longer is not a lock file."""
+
+
+class InstanceLock:
+    """Ensures one daemon for each rig, by an flock that the system releases whatever happens to the daemon."""
+
+    def __init__(self, rig: str, path: Path) -> None:
+        """Raises CellError if another daemon holds it, or if the place is not safe."""
+        try:
+            path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+            _hold_private(path.parent)
+            self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
+        except OSError as error:
+            what = "is a symbolic link" if path.is_symlink() else error.strerror or str(error)
+            raise CellError(str(path), what, "give another --socket") from None
+        try:
+            self._take(rig, path)
+        except BaseException:
+            os.close(self._fd)
+            raise
+
+    def _take(self, rig: str, path: Path) -> None:
+        found = os.fstat(self._fd)
+        if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1 or found.st_size > _LONGEST_ID:
+            raise CellError(str(path), "exists already and is not the lock of a rigd", "give another --socket")
+        try:
+            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            holder = os.pread(self._fd, _LONGEST_ID, 0).decode("ascii", "replace").strip() or "unknown"
+            what = f"another rigd (process {holder}) serves this rig"
+            raise CellError(rig, what, "stop that one, or talk to it with rig status") from None
+        with contextlib.suppress(OSError):  # for people only: a full disk does not prevent a start
+            os.ftruncate(self._fd, 0)
+            os.write(self._fd, str(os.getpid()).encode())
+
+    def release(self) -> None:
+        """Release the lock, so that another daemon can start."""
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+
+def _hold_private(directory: Path) -> None:
+    """Raise CellError if another user may put files into a directory."""
+    found = directory.stat()
+    if found.st_uid not in (os.geteuid(), 0):
+        raise CellError(str(directory), "belongs to another user", "set XDG_RUNTIME_DIR, or give another --socket")
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        what = "can be written by other users, who could put a file in the place of rigd's"
+        raise CellError(str(directory), what, "give --socket in a directory of your own, or chmod go-w it")

@@ -1,0 +1,55 @@
+"""Whose socket it is: a client talks to a daemon of its own user or of the system, and to no other program that poses
+as one.
+
+Where another user can write a directory on the way, that user can put a socket there and answer as rigd would. So each
+directory from the root on is looked at: who owns it, and who may put entries into it. A directory that the system
+made for a service, as /run/rigd-cell, is trusted with its owner.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import stat
+import struct
+from pathlib import Path
+
+from rigs.errors import CellError
+
+_CREDENTIALS = struct.Struct("3i")
+"""Process, user and group of a peer: struct ucred of unix(7)."""
+_REMEDY = "remove it, or set XDG_RUNTIME_DIR to a directory of your own"
+
+
+def hold_trusted(path: Path) -> frozenset[int]:
+    """Return the users whom a socket may belong to. Raises CellError where another user could have put it there.
+
+    Raises FileNotFoundError, or another OSError, where it is not there or cannot be seen.
+    """
+    owners = {0, os.geteuid()}
+    open_to_all = False  # whether the directory above lets other users put entries into it
+    for place in (*reversed(path.absolute().parents), path.absolute()):
+        found = place.lstat()
+        if found.st_uid not in owners and open_to_all:
+            raise CellError(str(path), f"{place} belongs to another user (number {found.st_uid})", _REMEDY)
+        owners.add(found.st_uid)
+        if stat.S_ISLNK(found.st_mode):
+            return hold_trusted(place.resolve() / path.absolute().relative_to(place))
+        if place == path.absolute():
+            break
+        writable = bool(found.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+        open_to_all = writable and bool(found.st_mode & stat.S_ISVTX)
+        if writable and not open_to_all:
+            raise CellError(str(path), f"{place} can be written by other users", f"chmod go-w {place}")
+    if not stat.S_ISSOCK(found.st_mode):
+        raise CellError(str(path), "is not a socket", _REMEDY)
+    if found.st_mode & stat.S_IWOTH:
+        raise CellError(str(path), "lets every user of this computer control rigd", f"chmod o-rwx {path}")
+    return frozenset(owners)
+
+
+def peer_user(connection: socket.socket) -> int:
+    """Return the number of the user at the other end of a local connection."""
+    size = _CREDENTIALS.size
+    _, user, _ = _CREDENTIALS.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, size))
+    return int(user)

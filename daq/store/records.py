@@ -1,0 +1,111 @@
+"""The records that a run's manifest and ledger are made of, and the words that they use."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from datetime import UTC, datetime
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from daq.store.schema import ColumnType, storable
+
+Ending = Literal["complete", "interrupted", "failed"]
+ExitStatus = Literal["recording", "complete", "interrupted", "failed", "recovered"]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}$")]
+Text = Annotated[str, AfterValidator(storable)]
+Count = Annotated[int, Field(ge=0)]
+_CHUNK = re.compile(r"(?P<stream>.+)-(?P<number>[0-9]{4,})\.(?P<kind>parquet|arrow)")
+
+
+def chunk_name(stream: str, number: int) -> str:
+    """Return the name of a chunk's Parquet file; chunks count from 1."""
+    return f"{stream}-{number:04d}.parquet"
+
+
+def parse_chunk(name: str) -> tuple[str, int, str] | None:
+    """Return stream, number and kind (parquet, arrow) of a chunk's file name; None for any other file."""
+    match = _CHUNK.fullmatch(name)
+    return (match["stream"], int(match["number"]), match["kind"]) if match else None
+
+
+class Record(BaseModel):
+    """Anything that is stored as JSON: immutable, and refused with a key that it does not know."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Clock(Record):
+    """The monotonic and the wall clock read together: true to within bracket_ns."""
+
+    monotonic_ns: int
+    unix_ns: int
+    bracket_ns: Count
+
+
+class Chunk(Record):
+    """One closed chunk; first_ns and last_ns are its first first-byte and last last-byte stamp, 0 in a table."""
+
+    file: str
+    stream: Name
+    rows: Count
+    sha256: str
+    first_ns: int
+    last_ns: int
+    first_row: Count | None = Field(default=None, exclude_if=lambda first: first is None)
+    """The number of its first row in the stream; None in a run of version 1."""
+
+    @property
+    def number(self) -> int:
+        """Its number in the stream, from 1; 0 for a file that is named otherwise."""
+        return (parse_chunk(self.file) or ("", 0, ""))[1]
+
+
+class ImportedTable(Record):
+    """The table that a run was imported from: its file, and its columns in order."""
+
+    file: Text
+    sha256: str
+    """SHA-256 of the file as it was read."""
+    columns: dict[str, ColumnType]
+
+
+class Relabelling(Record):
+    """One field of a run's label that a person corrected after its end, and when."""
+
+    at: str
+    field: Literal["test", "direction", "operator", "placement"]
+    old: Text | None
+    new: Text | None
+
+
+class Seal(Record):
+    """How a recording ended, and how much it holds.
+
+    rows: of each stream, as many as were handed to the disk. counters: of each stream its samples, and its faults of
+    each kind.
+    """
+
+    exit_status: Literal["complete", "interrupted", "failed", "recovered"]
+    reason: Text
+    ended: str | None
+    rows: dict[Name, Count]
+    counters: dict[str, dict[str, Count]]
+
+
+def first_error(error: ValidationError) -> str:
+    """Return the first error that pydantic reports, in one line."""
+    details = error.errors(include_url=False, include_context=False, include_input=False)[0]
+    place = ".".join(str(part) for part in details["loc"])
+    return " ".join(f"{place} {details['msg']}".split())
+
+
+def sha256(data: bytes) -> str:
+    """Return the SHA-256 of data in hexadecimal."""
+    return hashlib.sha256(data).hexdigest()
+
+
+def iso_now() -> str:
+    """Return the present time in UTC as ISO 8601."""
+    return datetime.now(UTC).isoformat(timespec="milliseconds")

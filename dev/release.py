@@ -1,0 +1,82 @@
+"""The checklist of a release: what must be so before a version is tagged, each checked, and then what people do.
+
+The version is that of pyproject.toml, and it stands nowhere else. The exit code is 1 where something is not ready.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+CHECKS = {
+    "every check and test passes": ["scripts/test"],
+    "the demo agrees with the truth": ["scripts/demo"],
+    "the wheel works in an empty environment": ["scripts/dev", "wheel", "--output", "dist"],
+}
+"""What takes minutes: what it shows, and the command."""
+
+
+def main(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Leave out what takes minutes: tests, demo and wheel.")
+    ] = False,
+) -> None:
+    """Go through the checklist in the checkout of the working directory."""
+    root = Path(_git(Path.cwd(), "rev-parse", "--show-toplevel"))
+    version = tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+    print(f"release of {version}")
+    lacking = 0
+    for what, remedy in (*of_files(root, version), *([] if quick else of_commands(root))):
+        print(f"  ready  {what}" if not remedy else f"  LACKS  {what}: {remedy}", flush=True)
+        lacking += bool(remedy)
+    if lacking:
+        print(f"{lacking} things are lacking")
+        raise typer.Exit(1)
+    if quick:
+        print(f"not checked: {'; '.join(CHECKS)}")
+    print("then, by hand:")
+    print(f"  git tag --annotate v{version} --message 'rig {version}' && git push origin v{version}")
+    print("  publish dist/, and the section of CHANGELOG.md as the text of the release")
+    print("  begin the next section of CHANGELOG.md, ## Unreleased")
+
+
+def of_files(root: Path, version: str) -> Iterator[tuple[str, str]]:
+    """What can be seen in the checkout: each thing, and what to do about it; empty where it is ready."""
+    changed = _git(root, "status", "--porcelain")
+    yield "the checkout is clean", "commit or remove what git status shows" if changed else ""
+    tagged = _git(root, "tag", "--list", f"v{version}")
+    yield "the version is new", f"v{version} is tagged; raise version in pyproject.toml" if tagged else ""
+    sections = _sections((root / "CHANGELOG.md").read_text(encoding="utf-8"))
+    yield "CHANGELOG.md has a section of it", "" if sections.get(version) else f"write its lines under ## {version}"
+    yield "no line of CHANGELOG.md is left over", f"move them to ## {version}" if sections.get("Unreleased") else ""
+
+
+def of_commands(root: Path) -> Iterator[tuple[str, str]]:
+    """What only running it shows."""
+    for what, command in CHECKS.items():
+        code = subprocess.run(command, cwd=root, check=False).returncode
+        yield what, f"{' '.join(command)} ended with {code}" if code else ""
+
+
+def _sections(changelog: str) -> dict[str, str]:
+    """Text of each section by its heading, without a date that may follow the version."""
+    parts = re.split(r"^## +(\S+).*$", changelog, flags=re.M)
+    return {heading: text.strip() for heading, text in zip(parts[1::2], parts[2::2], strict=True)}
+
+
+def _git(where: Path, *arguments: str) -> str:
+    done = subprocess.run(["git", *arguments], cwd=where, capture_output=True, text=True, check=False)
+    if done.returncode:
+        sys.exit(f"error: {where}: {done.stderr.strip()}; run it in a checkout of rig")
+    return done.stdout.strip()
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,115 @@
+"""`rig calibrate` beside plain least squares on arms of another generator: poses held out, and poses elsewhere."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.fitting.calibrate import calibrate
+from analysis.fitting.observation import Observation, observe, residuals_of, rms
+from analysis.fitting.setups import fit_setups
+from analysis.model.predict import model_of
+from analysis.traces.tables import PoseTable
+from rigs.load import load
+from rigs.rig import Rig
+from tests.support.independent_arm import (
+    Array,
+    Cell,
+    Seen,
+    Wrong,
+    bad_arm,
+    bad_zeros,
+    cell,
+    least_squares_fit,
+    postures,
+)
+
+ZEROS, DH = "joint_offset", "joint_offset,link_geometry"
+CORNER_DEG = (25, 12, 12, 30, 20, 60)
+ARMS = ("paper-fanuc", "ur10e")
+TESTED = 200
+"""Poses by which both are judged."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What is wrong with the arms, what is fitted, and by which poses: how many, how far about the posture (deg; the
+    whole arm where empty), and the share of wild ones."""
+
+    what: str
+    wrong: Callable[[np.random.Generator], Wrong]
+    fit: str
+    poses: int
+    half_deg: tuple[float, ...] = ()
+    wild: float = 0.0
+
+
+TRIALS = (
+    Trial("zeros off, zeros fitted, 30 poses", bad_zeros, ZEROS, 30),
+    Trial("zeros off, 24 fitted, 30 poses", bad_zeros, DH, 30),
+    Trial("all off, 24 fitted, 30 poses", bad_arm, DH, 30),
+    Trial("zeros off, 24 fitted, 30 poses in a corner", bad_zeros, DH, 30, CORNER_DEG),
+    Trial("all off, 24 fitted, 30 poses in a corner", bad_arm, DH, 30, CORNER_DEG),
+    Trial("zeros off, 24 fitted, 12 poses", bad_zeros, DH, 12),
+    Trial("all off, 24 fitted, 100 poses, 1 % wild", bad_arm, DH, 100, (), 0.01),
+)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(prog="scripts/dev transfer", description=__doc__)
+    parser.add_argument("--seeds", type=int, default=4, help="of each arm and trial (4); a report has 20 and more")
+    parser.add_argument("--first", type=int, default=0, help="the first seed (0)")
+    given = parser.parse_args()
+    print(
+        "| arms, rms in µm | nominal | least squares | rig | ratio | elsewhere: least squares | rig | ratio "
+        "| determined |"
+    )
+    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+    for trial in TRIALS:
+        rows = np.array([
+            judged(trial, name, seed) for name in ARMS for seed in range(given.first, given.first + given.seeds)
+        ])  # fmt: skip
+        before, peer, ours, peer_far, ours_far, told = rows.T
+        print(
+            f"| {trial.what} | {np.median(before):.0f} | {np.median(peer):.0f} | {np.median(ours):.0f} | "
+            f"{_ratio(ours, peer)} | {np.median(peer_far):.0f} | {np.median(ours_far):.0f} | "
+            f"{_ratio(ours_far, peer_far)} | {told.min():.0f}–{told.max():.0f} |",
+            flush=True,
+        )
+    return 0
+
+
+def judged(trial: Trial, name: str, seed: int) -> tuple[float, ...]:
+    """µm rms held out before, by least squares, by rig; elsewhere by both; combinations that the readings determine."""
+    rng = np.random.default_rng(seed)
+    arm = cell(name, trial.wrong(rng), rng)
+    rig = load(name)[0].model_copy(update={"effects": ()})
+    train = arm.seen(postures(name, trial.poses, rng, trial.half_deg), rng, wild=trial.wild)
+    test, far = (_seen(arm, name, rng, half) for half in (trial.half_deg, ()))
+    peer = least_squares_fit(arm.arm, train, trial.fit)
+    found = calibrate(rig, [_observed(rig, train)], [_observed(rig, test)], trial.fit)
+    there = replace(_observed(rig, far), setup="elsewhere")
+    ours = rms(residuals_of(found.after.model, [there], fit_setups([(found.after.model, there)])))
+    held_out = peer.held_out_mm(arm.arm, test, again=False)
+    mm = (found.before_mm[1], held_out, found.after_mm[1], peer.held_out_mm(arm.arm, far, again=True), ours)
+    return (*(1e3 * value for value in mm), found.identified_combinations)
+
+
+def _seen(arm: Cell, name: str, rng: np.random.Generator, half_deg: tuple[float, ...]) -> Seen:
+    return arm.seen(postures(name, TESTED, rng, half_deg), rng)
+
+
+def _observed(rig: Rig, poses: Seen) -> Observation:
+    return observe(model_of(rig), PoseTable(poses.q, poses.xyz_mm, None), "poses")
+
+
+def _ratio(ours: Array, peer: Array) -> str:
+    return f"{np.median(ours / peer):.2f} (worst {np.max(ours / peer):.2f})"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,119 @@
+"""The wheel as it would be published: built, installed into an empty environment and used there.
+
+Nothing of the working tree is in reach of that environment, so that what the wheel lacks is missed: commands, rig
+files, templates, marks of types, dependencies. The packages that rig needs come from the package registry; the exit
+code is 75 where that cannot be reached.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+ROOT = Path(__file__).parents[1]
+VERSION: str = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
+OFFLINE = 75
+"""EX_TEMPFAIL of sysexits.h: try again later."""
+TYPED = """
+from importlib.resources import files
+assert all((files(package) / "py.typed").is_file() for package in ("rigs", "daq", "analysis"))
+"""
+
+
+@dataclass(frozen=True)
+class Environment:
+    """An environment with the wheel in it, and an empty directory to work in."""
+
+    place: Path
+    work: Path
+
+    def run(self, program: str, *arguments: str) -> str:
+        """Run a program of the environment in the empty directory, and return what it prints."""
+        outside = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
+        command = [self.place / "bin" / program, *arguments]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=self.work, env=outside)
+        if done.returncode:
+            _fail(f"{program} {' '.join(arguments)} ended with {done.returncode}: {done.stdout}{done.stderr}")
+        return done.stdout
+
+
+def main(
+    output: Annotated[Path | None, typer.Option("--output", "-o", help="Keep the wheel and the source here.")] = None,
+) -> None:
+    """Build, install and use the wheel; each step prints a line."""
+    with tempfile.TemporaryDirectory(prefix="rig-wheel-") as scratch:
+        wheel = build(output or Path(scratch) / "dist")
+        print(f"built {wheel.name}, {wheel.stat().st_size / 1e3:.0f} kB", flush=True)
+        environment = install(wheel, Path(scratch))
+        print("installed it into an empty environment", flush=True)
+        for line in use(environment):
+            print(line, flush=True)
+
+
+def build(folder: Path) -> Path:
+    """Build source and wheel into a directory, and return the wheel."""
+    command = [sys.executable, "-m", "hatchling", "build", "--directory", folder.resolve()]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    if done.returncode:
+        _fail(f"the wheel cannot be built: {done.stderr}")
+    return folder / f"rig-{VERSION}-py3-none-any.whl"
+
+
+def install(wheel: Path, scratch: Path) -> Environment:
+    """Make an empty environment, and install a wheel with what it asks for."""
+    environment = Environment(scratch / "environment", scratch / "empty")
+    environment.work.mkdir()
+    subprocess.run([sys.executable, "-m", "venv", "--without-pip", environment.place], check=True)
+    if _pip(environment, str(wheel)):
+        if _pip(environment, "--dry-run", "--ignore-installed", "--no-deps", "pyserial"):
+            print("error: the package registry cannot be reached; run it again with network", file=sys.stderr)
+            raise typer.Exit(OFFLINE)
+        _fail("pip cannot install the wheel; its message stands above")
+    return environment
+
+
+def use(environment: Environment) -> list[str]:
+    """Use the installed programs as a newcomer would, and return a line for each thing seen."""
+    version = environment.run("rig", "--version").strip()
+    if version != f"rig {VERSION}":
+        _fail(f"it calls itself {version}, and pyproject.toml {VERSION}")
+    environment.run("rigd", "--help")
+    environment.run("python", "-c", TYPED)
+    rigs = environment.run("rig", "example", "rigs").split()
+    for rig in rigs:
+        if not rig.endswith(".effects.yaml"):
+            environment.run("rig", "check", rig)
+    runs = environment.run("rig", "simulate", "rigs/paper-fanuc.yaml", "--test", "yaw", "-o", "runs").split()
+    environment.run("rig", "analyse", *runs, "--plot", "report")
+    pictures = list((environment.work / "report").iterdir())
+    if "report.html" not in {path.name for path in pictures}:
+        _fail("rig analyse --plot wrote no report.html")
+    return [
+        f"{version}; rigd starts; the three packages are marked as typed",
+        f"rig example wrote {len(rigs)} files, and each rig is good",
+        f"rig simulate and rig analyse: {len(runs)} runs, a report of {len(pictures)} files",
+    ]
+
+
+def _pip(environment: Environment, *arguments: str) -> int:
+    """Return pip's exit code; the pip is that of the Python beneath this environment, which has none."""
+    python = os.environ.get("PYTHON") or getattr(sys, "_base_executable", sys.executable)
+    into = ["--python", str(environment.place / "bin" / "python"), "--disable-pip-version-check"]
+    return subprocess.run([python, "-m", "pip", *into, "install", "--quiet", *arguments], check=False).returncode
+
+
+def _fail(why: str) -> None:
+    print(f"error: {why}", file=sys.stderr)
+    raise typer.Exit(1)
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,51 @@
+"""Reading a file that somebody else made: a regular file only, and no more of it than such a file has.
+
+A FIFO would be waited for without end, `/dev/zero` read until the memory is full.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from rigs.errors import FileError
+
+_REMEDY = "check the path and its permissions"
+_POSIX = ("O_NONBLOCK", "O_NOCTTY", "O_CLOEXEC")
+_FLAGS = os.O_RDONLY | sum(getattr(os, name, 0) for name in _POSIX) | getattr(os, "O_BINARY", 0)
+"""Without waiting for the other end of a FIFO; Windows has none of the former, and changes line ends without the
+latter."""
+
+
+def read_bytes(path: Path, most: int) -> bytes:
+    """Return the bytes of a regular file.
+
+    most: the size in bytes beyond which it is not such a file. Raises OSError, or FileError for anything but a regular
+    file, for a larger one, and where the memory does not hold it.
+    """
+    try:
+        fd = os.open(path, _FLAGS)
+    except ValueError as error:  # a zero byte in its name
+        raise FileError(str(path), str(error), _REMEDY) from None
+    with os.fdopen(fd, "rb") as file:
+        found = os.fstat(fd)
+        if not stat.S_ISREG(found.st_mode):
+            what = "is a directory" if stat.S_ISDIR(found.st_mode) else "is not a regular file"
+            raise FileError(str(path), what, "give a file")
+        try:
+            data = file.read(most + 1)
+        except MemoryError:
+            raise out_of_memory(path) from None
+    if len(data) > most:
+        raise FileError(str(path), f"is larger than {_written(most)}, which no such file is", "give the file itself")
+    return data
+
+
+def out_of_memory(path: Path) -> FileError:
+    """Return the error for a file that may be good, and that this computer has no memory for."""
+    return FileError(str(path), "cannot be read: not enough memory", "close other programs, or read it elsewhere")
+
+
+def _written(size: int) -> str:
+    return f"{size / 1e6:g} MB" if size < 1e9 else f"{size / 1e9:g} GB"

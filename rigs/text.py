@@ -1,0 +1,35 @@
+"""The gate for text: what a device, a file, a name or a peer supplied, as a terminal, a log or a picture can bear it.
+
+Foreign text may hold escape sequences that reprogram a terminal, line ends that forge a line of a log, marks that
+reverse the reading direction, and lone surrogates that no encoder accepts. Each such character is shown as its escape
+(`\\x1b`), so that nothing is hidden, and passing a text through twice changes nothing. Every output of the programs
+goes through here at the place where it leaves them: docs/decisions/0018-one-gate-for-text.md.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+def plain(text: str) -> str:
+    """Return text in one line, every unprintable character as its escape."""
+    if text.isprintable():
+        return text
+    return "".join(char if char.isprintable() else repr(char)[1:-1] for char in text)
+
+
+def plain_lines(text: str) -> str:
+    """Return text of several lines, each of them plain; only the line feeds between them stay."""
+    return "\n".join(map(plain, text.split("\n")))
+
+
+def plain_values(value: Any) -> Any:
+    """Return a value of JSON with every text in it plain, the keys of objects as well."""
+    match value:
+        case str():
+            return plain(value)
+        case dict():
+            return {plain(key): plain_values(one) for key, one in value.items()}
+        case list():
+            return [plain_values(one) for one in value]
+    return value

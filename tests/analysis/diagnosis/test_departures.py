@@ -1,0 +1,103 @@
+"""What stands beside a named effect: harmonics of a gear, where a play began, when a joint turned."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.blocks import blocks_of
+from analysis.diagnosis.departures import departure_columns
+from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.observed_run import ORDER_OF
+from analysis.diagnosis.run_setups import fit_run_setups
+from analysis.model.hysteresis import turns
+from analysis.traces.loading import Measured
+from analysis.traces.tables import CircleTable
+from rigs.effects import Backlash, BallForm, GaugeCyclic, JointOffset, ReversalSpike, TransmissionError
+from tests.support.diagnosis_cells import circles, healthy, seen
+
+GEAR = TransmissionError(axis=1, order=20, amplitude_deg=0.02, phase_deg=30)
+
+
+def test_an_offset_has_one_form_only() -> None:
+    assert departure_columns(healthy(), JointOffset(axis=3, offset_deg=0.1)).shape == (len(healthy().y), 0)
+
+
+def test_a_gear_has_its_second_and_third_harmonic_in_any_phase() -> None:
+    linear = healthy()
+    found = departure_columns(linear, GEAR)
+    assert found.shape[1] == 4
+    for order in (40.0, 60.0):
+        harmonic = linear.columns([GEAR.model_copy(update={"order": order, "phase_deg": 75.0})])[:, 0]
+        weights, *_ = np.linalg.lstsq(found, harmonic, rcond=None)
+        assert np.linalg.norm(harmonic - found @ weights) < 0.02 * np.linalg.norm(harmonic)
+        assert 2 < np.linalg.norm(weights) < 20
+    odd = linear.columns([GEAR.model_copy(update={"order": 33.0})])[:, 0]
+    weights, *_ = np.linalg.lstsq(found, odd, rcond=None)
+    assert np.linalg.norm(odd - found @ weights) > 0.5 * np.linalg.norm(odd)
+
+
+@pytest.mark.parametrize(
+    ("effect", "count"),
+    [
+        (GEAR, 4),
+        (GaugeCyclic(gauge="g1", period_mm=1.0, amplitude_mm=0.01), 2),
+        (BallForm(lobes=3, amplitude_mm=0.01), 4),
+        (BallForm(lobes=2, amplitude_mm=0.01), 2),
+    ],
+)
+def test_forms_grow_with_the_effect(effect: TransmissionError | GaugeCyclic | BallForm, count: int) -> None:
+    size = "amplitude_deg" if isinstance(effect, TransmissionError) else "amplitude_mm"
+    half = effect.model_copy(update={size: getattr(effect, size) / 2})
+    once, twice = departure_columns(healthy(), half), departure_columns(healthy(), effect)
+    assert twice.shape[1] == count
+    np.testing.assert_allclose(twice, 2 * once, atol=1e-3 * np.abs(twice).max())
+
+
+def test_a_spike_may_come_a_sample_sooner_or_later_at_every_turn() -> None:
+    linear = healthy()
+    spike = ReversalSpike(axis=2, amplitude_deg=0.02, decay_s=0.2)
+    turned = sum(len(turns(block.one.path.t_s, block.one.path.q[:, 1])) for block in linear.blocks)
+    found = departure_columns(linear, spike)
+    assert turned >= 4 and found.shape[1] >= 2 * turned
+    other = departure_columns(linear, spike.model_copy(update={"amplitude_deg": -0.04}))
+    np.testing.assert_allclose(other, 2 * found)
+
+
+def _standing(run: Measured) -> Measured:
+    table = run.table
+    assert isinstance(table, CircleTable)
+    n = len(table.t_s)
+    rows = np.concatenate([np.zeros(50, int), np.arange(n), np.full(50, n - 1)])
+    noise = np.random.default_rng(1).normal(0.0, 0.001, (len(rows), 2))
+    table = replace(table, t_s=0.02 * np.arange(len(rows)), q=table.q[rows], g_mm=table.g_mm[rows] + noise)
+    return replace(run, table=table)
+
+
+def test_the_position_of_a_joint_in_its_play_before_the_run_is_free() -> None:
+    runs = seen([_standing(run) for run in circles()])
+    setups, _ = fit_run_setups(runs)
+    linear = Linearisation(blocks_of(runs, setups), setups)
+    assert [len(block.y_mm) for block in linear.blocks] == [len(ORDER_OF) + 4] * 2
+    # Such a column shows before the lap, in its own run; what a set-up does is taken out everywhere.
+    assert _before_the_lap(linear) == [1, 1]
+
+
+def test_a_run_without_stands_does_not_determine_where_a_play_began() -> None:
+    assert len(healthy().y) == 2 * len(ORDER_OF)
+    assert _before_the_lap(healthy()) == []
+
+
+def _before_the_lap(linear: Linearisation) -> list[int]:
+    """How many columns of a play have most of their energy where each circle stands before its lap."""
+    found = departure_columns(linear, Backlash(axis=2, width_deg=0.1))
+    energy = found**2 / np.maximum((found**2).sum(axis=0), 1e-9)
+    counts, begin = [], 0
+    for block in linear.blocks:
+        first = begin + len(ORDER_OF) + np.arange(2)
+        begin += len(block.y_mm)
+        if len(block.y_mm) > len(ORDER_OF):
+            counts.append(int((energy[first].sum(axis=0) > 0.8).sum()))
+    return counts

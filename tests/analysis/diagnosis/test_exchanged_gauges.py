@@ -1,0 +1,57 @@
+"""A run whose gauges are exchanged is found among its repeats; a moved ball and a play are not taken for it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import pytest
+
+from analysis.diagnosis.exchanged_gauges import exchanged_runs
+from analysis.simulation.simulate import simulate
+from analysis.traces.loading import Measured
+from analysis.traces.tables import CircleTable
+from rigs.effects import Backlash
+from rigs.schema.effect import name_of
+from rigs.schema.vocabulary import TestName
+from tests.support.diagnosis_cells import RIG, circles, found_in, measured, seen
+
+PLAY = Backlash(axis=5, width_deg=0.3)
+
+
+def _swapped(run: Measured) -> Measured:
+    table = run.table
+    assert isinstance(table, CircleTable)
+    return replace(run, table=replace(table, g_mm=table.g_mm[:, ::-1]))
+
+
+def _with_swaps(runs: list[Measured], which: Collection[int]) -> list[Measured]:
+    return [_swapped(run) if k in which else run for k, run in enumerate(runs)]
+
+
+@pytest.mark.parametrize(
+    ("test", "count", "which"), [("yaw", 3, [1]), ("roll", 3, [4]), ("yaw", 2, [3]), ("yaw", 3, [])]
+)
+def test_the_exchanged_run_is_found(test: TestName, count: int, which: list[int]) -> None:
+    runs = _with_swaps(circles((PLAY,), seed=41, count=count, tests=(test,)), which)
+    assert exchanged_runs(seen(runs)) == which
+
+
+def test_a_ball_on_the_other_side_is_not_an_exchange() -> None:
+    assert RIG.tests.circle
+    x, y, z = RIG.tests.circle.eccentricity_mm
+    circle = RIG.tests.circle.model_copy(update={"eccentricity_mm": (-x, -y, -z)})
+    there = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": circle})})
+    runs = circles(seed=42, ways=("cw",))
+    moved = measured(simulate(there, "yaw", "cw", 9), "yaw", "yaw-cw-9")
+    assert exchanged_runs(seen([*runs, moved])) == []
+
+
+def test_the_others_are_diagnosed_and_the_run_is_named() -> None:
+    runs = _with_swaps(circles((PLAY,), seed=43, count=3), [2])
+    found = found_in(runs)
+    assert [name_of(one.effect) for one in found.effects if one.material] == ["backlash 5"]
+    assert any(
+        doubt.startswith("yaw-cw-2 is left out: compared with its repeats, its gauges g1 and g2 are exchanged")
+        for doubt in found.doubts
+    )

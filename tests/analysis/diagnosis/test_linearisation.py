@@ -1,0 +1,132 @@
+"""What an effect does is simulate(model + effect) - simulate(model), what set-ups can do taken out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.blocks import blocks_of
+from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.run_setups import fit_run_setups
+from analysis.fitting.observation import predicted
+from analysis.fitting.setups import terms_of
+from analysis.traces.tables import CircleTable
+from rigs.effects import (
+    Backlash,
+    BallForm,
+    Effect,
+    GaugeScale,
+    JointOffset,
+    LinkGeometry,
+    ReversalSpike,
+    ServoLag,
+    TransmissionError,
+)
+from tests.support.diagnosis_cells import Array, healthy, holding, planted, poses, seen, table_of, white
+
+SMALL = (
+    JointOffset(axis=3, offset_deg=0.01),
+    LinkGeometry(axis=4, field="d", delta=0.02),
+    Backlash(axis=1, width_deg=0.01),
+    TransmissionError(axis=4, order=3, amplitude_deg=0.005, phase_deg=40),
+    ReversalSpike(axis=2, amplitude_deg=0.005, decay_s=0.3),
+    ServoLag(axis=5, lag_s=0.001),
+    GaugeScale(gauge="g2", relative=0.001),
+    BallForm(lobes=3, amplitude_mm=0.002),
+)
+
+
+def _simulated(linear: Linearisation, effects: tuple[Effect, ...]) -> Array:
+    """Noise-free readings of a robot with effects, less those of a healthy one, by `simulate` alone."""
+    parts = []
+    for block in linear.blocks:
+        table = block.one.table
+        assert isinstance(table, CircleTable)
+        plain, grown = (table_of("yaw", table.direction, None, which) for which in ((), effects))
+        assert isinstance(plain, CircleTable) and isinstance(grown, CircleTable)
+        parts.append(block.whitened((grown.g_mm - plain.g_mm)[block.one.rows]))
+    return np.concatenate(parts)
+
+
+@pytest.mark.parametrize("effect", SMALL, ids=lambda effect: effect.effect)
+def test_a_column_is_the_difference_of_two_simulations(effect: Effect) -> None:
+    linear = healthy()
+    column = linear.without_set_up(linear.columns([effect])[:, 0])
+    wanted = linear.without_set_up(_simulated(linear, (effect,)))
+    assert np.linalg.norm(wanted) > 1
+    assert np.linalg.norm(column - wanted) < 0.02 * np.linalg.norm(wanted)
+
+
+def test_columns_of_several_effects_stand_side_by_side() -> None:
+    linear = healthy()
+    both = linear.columns(SMALL[:2])
+    np.testing.assert_allclose(both[:, [1]], linear.columns(SMALL[1:2]))
+    assert linear.columns(()).shape == (len(linear.y), 0)
+
+
+def test_what_a_ball_or_a_zero_can_do_leaves_nothing() -> None:
+    linear = healthy()
+    assert linear.U.shape[1] == terms_of(linear.blocks[0].one.table) == 5
+    for term, moved in enumerate(0.02 * np.eye(5)):
+        there = linear.setups_moved_by(moved)
+        shift = np.concatenate(
+            [block.whitened(linear.response_of(k, ())(there)) for k, block in enumerate(linear.blocks)]
+        )
+        assert np.linalg.norm(linear.without_set_up(shift)) < 5e-3 * max(np.linalg.norm(shift), 1.0), term
+
+
+def test_terms_of_poses_are_where_an_instrument_stands_its_turn_and_its_target() -> None:
+    runs = seen([poses(1)])
+    setups, _ = fit_run_setups(runs)
+    linear = Linearisation(blocks_of(runs, setups), setups)
+    there = linear.setups_moved_by(np.arange(1.0, 10.0))["pose"]
+    before = setups["pose"]
+    np.testing.assert_allclose(there.T_instrument_world[:3, 3] - before.T_instrument_world[:3, 3], [1, 2, 3])
+    np.testing.assert_allclose(there.T_tool_target[:3, 3] - before.T_tool_target[:3, 3], [7, 8, 9])
+    turned = there.T_instrument_world[:3, :3] @ before.T_instrument_world[:3, :3].T
+    assert np.arccos((np.trace(turned) - 1) / 2) == pytest.approx(np.linalg.norm([0.04, 0.05, 0.06]))
+
+
+def test_a_turn_of_axis_1_is_a_shift_of_the_ball() -> None:
+    linear = healthy()
+    turn = JointOffset(axis=1, offset_deg=0.01)
+    assert np.linalg.norm(linear.without_set_up(linear.columns([turn]))) < 0.02 * np.linalg.norm(linear.columns([turn]))
+
+
+def test_the_residual_is_exact_for_large_effects_and_moved_set_ups() -> None:
+    """Readings of a robot far off, about a ball far off: its effects and set-up leave nothing of them."""
+    linear, effects = healthy(), (JointOffset(axis=3, offset_deg=1.0), Backlash(axis=2, width_deg=0.5))
+    parts = []
+    for block in linear.blocks:
+        table = block.one.table
+        assert isinstance(table, CircleTable)
+        grown = table_of("yaw", table.direction, None, effects)
+        assert isinstance(grown, CircleTable)
+        base = predicted(block.model, block.one, linear.setups["yaw"])
+        parts.append(block.whitened(grown.g_mm[block.one.rows] - base))
+    there = holding(linear, np.concatenate(parts))
+    whole = np.linalg.norm(np.concatenate(parts))
+    assert np.linalg.norm(there.residual(effects, {"yaw": planted()})) < 1e-3 * whole
+    assert np.linalg.norm(there.residual(effects[:1], {"yaw": planted()})) > 1e-2 * whole
+    off = replace(planted(), zeros_mm=np.array([0.1, 0.0]))
+    assert np.linalg.norm(there.residual(effects, {"yaw": off})) > 10
+
+
+def test_nothing_named_leaves_the_residual() -> None:
+    linear = healthy()
+    y = white(linear, 1)
+    np.testing.assert_allclose(holding(linear, y).residual(()), y, atol=1e-9)
+
+
+def test_jolts_at_every_sample_are_an_offset() -> None:
+    linear, angle = healthy(), 0.002
+    whole = np.zeros(len(linear.y))
+    block = linear.blocks[1]
+    for sample in block.one.path.rows[block.one.rows]:
+        whole += linear.jolt(1, 3, int(sample), angle)
+    first = len(linear.blocks[0].y_mm)
+    assert not whole[:first].any()
+    offset = linear.columns([JointOffset(axis=3, offset_deg=angle)])[first:, 0]
+    assert np.linalg.norm(whole[first:] - offset) < 1e-3 * np.linalg.norm(offset)

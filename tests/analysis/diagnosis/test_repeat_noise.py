@@ -1,0 +1,136 @@
+"""Noise from repeats: its shape, a level for each run, how runs lie elsewhere; assumed where nothing is repeated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.blocks import blocks_of
+from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.observed_run import ORDER_OF
+from analysis.diagnosis.repeat_noise import CircleNoise, Repeated, circle_noise, scatter_response, target_sd
+from analysis.diagnosis.run_setups import fit_run_setups
+from analysis.fitting.observation import observe
+from analysis.model.predict import model_of, nominal_setup
+from analysis.noise.cell import SLOW_MM, TARGET_MM, WHITE_MM
+from tests.support.diagnosis_cells import Array, circles, measured, no_background, seen, table_of
+
+HALF = len(ORDER_OF) // 2
+SHAKEN = np.random.default_rng(11).normal(0.0, 0.005, (len(ORDER_OF), 9))
+SHAPE_MM = np.where(ORDER_OF < 18, 0.004, 0.001) * np.where(np.arange(len(ORDER_OF)) < HALF, 1.0, 0.5)
+LEVELS = (1.0, 2.0, 4.0, 1.5)
+"""Of four runs: a gauge's level in a real cell differs from run to run by a factor of four."""
+
+
+def _repeats(seed: int, levels: tuple[float, ...] = (1.0,) * 4, joints: float = 0.0, ball: float = 0.0) -> Repeated:
+    rng, count = np.random.default_rng(seed), len(levels)
+    elsewhere = rng.normal(size=(count, 9)) * ([joints] * 6 + [ball] * 3)
+    noise = np.array(levels)[:, None] * rng.normal(0.0, SHAPE_MM, (count, len(ORDER_OF)))
+    return Repeated("yaw", rng.normal(0.0, 0.1, len(ORDER_OF)) + elsewhere @ SHAKEN.T + noise, SHAKEN)
+
+
+def _noise(*, levels: tuple[float, ...] = (1.0,) * 4, joints: float = 0.0, ball: float = 0.0) -> CircleNoise:
+    return circle_noise([_repeats(k, levels, joints, ball) for k in range(4)], 1.0)
+
+
+@pytest.mark.parametrize("scatter", [0.0, 3.0])
+def test_a_planted_spectrum_is_found_whatever_the_scatter(scatter: float) -> None:
+    found = _noise(joints=scatter, ball=scatter)
+    assert found.measured
+    for sd in found.sd_mm:
+        np.testing.assert_allclose(np.median(sd / SHAPE_MM), 1.0, rtol=0.15)
+    np.testing.assert_allclose(np.mean(np.concatenate(found.sd_mm), axis=0), SHAPE_MM, rtol=0.35)
+
+
+def test_each_run_has_its_own_level() -> None:
+    for sd in _noise(levels=LEVELS).sd_mm:
+        np.testing.assert_allclose(np.median(sd / SHAPE_MM, axis=1), LEVELS, rtol=0.3)
+
+
+def test_two_runs_share_a_level() -> None:
+    """Their difference says nothing of which is the noisier."""
+    (sd,) = circle_noise([_repeats(5, (1.0, 3.0))], 1.0).sd_mm
+    np.testing.assert_allclose(sd[0], sd[1])
+    np.testing.assert_allclose(np.median(sd[0] / SHAPE_MM), np.sqrt(5), rtol=0.2)
+
+
+@pytest.mark.parametrize(("joints", "ball"), [(0.0, 0.0), (2.0, 0.5), (0.25, 5.0)])
+def test_planted_scatter_is_found_within_a_factor(joints: float, ball: float) -> None:
+    noise = _noise(joints=joints, ball=ball)
+    for planted, found in zip((joints, ball), noise.scattered["yaw"], strict=True):
+        assert planted / 2 <= found <= max(2 * planted, 0.3)
+    assert noise.scatter("yaw", 6).tolist() == [noise.scattered["yaw"][0]] * 6
+    assert noise.scatter("yaw", 9)[6:].tolist() == [noise.scattered["yaw"][1]] * 3
+    np.testing.assert_allclose(noise.scatter("radial", 9), noise.scatter("yaw", 9))
+
+
+def test_noise_is_assumed_where_nothing_is_repeated() -> None:
+    still = [replace(_repeats(seed, (1.0,)), response=1e-9 * SHAKEN) for seed in (1, 2)]
+    found = circle_noise(still, 1.0)
+    assert not found.measured and [len(sd) for sd in found.sd_mm] == [1, 1]
+    # A channel of HALF entries holds HALF times the mean square of its readings.
+    power = (found.sd_mm[0][0, :HALF] ** 2).mean()
+    assert power == pytest.approx(WHITE_MM.rms**2 + SLOW_MM.rms**2, rel=0.01)
+    few = circle_noise([_repeats(1, (1.0,)), _repeats(2, (1.0, 1.0))], 1.0)
+    assert few.measured
+
+
+def _targets(rows: Array) -> tuple[Array, bool]:
+    return target_sd(Repeated("radial", rows, np.eye(rows.shape[1])[:, :1]), np.arange(rows.shape[1]))
+
+
+def test_readings_at_targets_are_as_noisy_as_their_repeats() -> None:
+    sd, is_measured = _targets(0.4 + np.random.default_rng(5).normal(0.0, 0.02, (5, 400)))
+    assert is_measured and np.median(sd[1:]) == pytest.approx(0.02, rel=0.1)
+
+
+def test_each_target_has_its_own_scatter() -> None:
+    planted = np.where(np.arange(400) % 2, 0.06, 0.006)
+    sd, _ = _targets(np.random.default_rng(6).normal(0.0, planted, (8, 400)))
+    assert np.median(sd[1::2]) > 2.5 * np.median(sd[2::2])
+
+
+def test_a_wild_reading_is_that_of_its_target_alone() -> None:
+    rows = np.random.default_rng(7).normal(0.0, 0.02, (5, 400))
+    plain, _ = _targets(rows)
+    rows[0, 1:400:40] += 2.0
+    wild, _ = _targets(rows)
+    others = np.arange(400) % 40 != 1
+    np.testing.assert_allclose(wild[others], plain[others], rtol=0.05)
+    assert (wild[1::40] > 10 * np.median(wild)).all()
+
+
+def test_targets_that_were_reached_once_have_the_scatter_of_real_cells() -> None:
+    sd, is_measured = _targets(np.zeros((1, 30)))
+    assert not is_measured
+    np.testing.assert_allclose(sd, TARGET_MM.rms)
+
+
+def test_scatter_shows_as_far_as_it_moves_the_tool() -> None:
+    """0.0002° of axis 1 and 1 µm of the ball, as on the page."""
+    table = table_of("radial", None, None)
+    model = model_of(circles()[0].rig)
+    one = observe(model, table, "run")
+    response = scatter_response(model, one, nominal_setup(model.rig, table))[:, 0]
+    assert response.shape == (len(one.rows), 9)
+    np.testing.assert_allclose(np.linalg.norm(response[:, 6:], axis=1), 0.001, rtol=1e-3)
+    assert 0.5 < np.abs(response[:, 0]).max() / (np.radians(2e-4) * np.hypot(930.8, 87.8)) < 1.01
+
+
+def test_simulated_repeats_show_their_own_scatter_and_give_white_residuals() -> None:
+    runs = seen(circles(seed=3, count=4))
+    setups, _ = fit_run_setups(runs)
+    blocks = blocks_of(runs, setups)
+    assert [block.count for block in blocks] == [4, 4] and all(block.measured for block in blocks)
+    linear = Linearisation(blocks, setups)
+    weighed = no_background(linear, linear.Z).weighed(linear.y[:, None])
+    energy = weighed.products(weighed)[0, 0]
+    assert energy / len(linear.y) == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_single_run_is_said_to_have_assumed_noise() -> None:
+    runs = seen([*circles(seed=3, count=1), measured(table_of("radial", None, 1), "radial", "radial")])
+    blocks = blocks_of(runs, fit_run_setups(runs)[0])
+    assert not any(block.measured for block in blocks if block.sampling)

@@ -1,0 +1,109 @@
+"""Which effects a search takes to be there: what shows in noise, in the form it has, and no more."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.candidates import candidates_for
+from analysis.diagnosis.columns import Columns
+from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals, rival_odds
+from analysis.diagnosis.selection import Selection
+from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike, size_of
+from rigs.effects import Backlash, Effect, JointOffset, TransmissionError
+from rigs.schema.effect import name_of
+from tests.support.diagnosis_cells import Array, healthy, holding, shown_by, white
+
+
+@cache
+def _columns() -> Columns:
+    return Columns(healthy(), candidates_for(healthy()))
+
+
+def _searched(y: Array) -> tuple[Selection, SelectionState]:
+    selection = Selection(holding(healthy(), y), _columns())
+    return selection, selection.select(selection.initial_state())
+
+
+def _found(state: SelectionState) -> dict[str, Effect]:
+    return {name_of(effect): effect for effect in state.refined.effects}
+
+
+def test_nothing_is_found_in_noise() -> None:
+    _, state = _searched(white(healthy(), 11))
+    assert state.refined.effects == () and state.free_forms == ()
+    assert state.level < 0.1, "an arm without effects is far below a healthy one"
+
+
+def test_a_fault_is_found_in_its_form_and_has_no_rival() -> None:
+    truth = Backlash(axis=1, width_deg=0.2, transit=0.35)
+    selection, state = _searched(white(healthy(), 12) + shown_by(healthy(), [truth]))
+    found = _found(state)["backlash 1"]
+    place = state.refined.effects.index(found)
+    assert state.is_fault(place) and size_of(found) == pytest.approx(20, rel=0.05)
+    assert getattr(found, "transit", 0.0) == pytest.approx(0.35, abs=0.1)
+    one = rival_odds(selection, state, place)
+    assert one.odds > 0.99 and one.healthy_odds < 1e-6
+
+
+def test_what_healthy_arms_show_is_fitted_in_its_shape() -> None:
+    """Effects of about healthy size, of shapes beside any grid."""
+    truths = [
+        Backlash(axis=1, width_deg=0.014, transit=0.5),
+        TransmissionError(axis=1, order=17.4, amplitude_deg=0.006, phase_deg=20.0),
+    ]
+    _, state = _searched(white(healthy(), 13) + shown_by(healthy(), truths))
+    found = _found(state)
+    assert set(found) == {"backlash 1", "transmission_error 1"}
+    assert getattr(found["transmission_error 1"], "order", 0.0) == pytest.approx(17.4, rel=0.01)
+    assert size_of(found["backlash 1"]) == pytest.approx(1.4, rel=0.1)
+
+
+@pytest.mark.parametrize(("level", "is_fault"), [(0.3, True), (1.0, False), (3.0, False)])
+def test_a_fault_is_more_than_healthy_arms_and_arms_like_this_one_show(level: float, is_fault: bool) -> None:
+    selection = Selection(holding(healthy(), white(healthy(), 15)), _columns())
+    small, large = JointOffset(axis=2, offset_deg=0.04), JointOffset(axis=3, offset_deg=0.16)
+    state = replace(selection.initial_state((small, large)), level=level)
+    refined = replace(state.refined, effects=(small, large))
+    state = replace(state, refined=refined)
+    assert (state.is_fault(0), state.is_fault(1)) == (is_fault, True)
+
+
+def test_waves_of_other_orders_are_other_effects() -> None:
+    wave = TransmissionError(axis=1, order=20.0, amplitude_deg=0.01)
+    assert is_alike(wave, wave.model_copy(update={"order": 21.0}))
+    assert not is_alike(wave, wave.model_copy(update={"order": 30.0}))
+    assert not is_alike(wave, wave.model_copy(update={"axis": 2}))
+
+
+def test_two_coefficients_of_a_wave_are_its_size_and_phase() -> None:
+    wave = TransmissionError(axis=1, order=20.0)
+    found = combined_effect((wave, wave), np.array([3.0, 4.0]))
+    assert size_of(found) == pytest.approx(5.0)
+    assert getattr(found, "phase_deg", 0.0) == pytest.approx(np.degrees(np.arctan2(4.0, 3.0)))
+
+
+def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rivals that are always likelier: after the last swap each name is compared with its rivals again."""
+    selection = Selection(holding(healthy(), white(healthy(), 16)), _columns())
+    first = selection.initial_state((JointOffset(axis=2, offset_deg=0.2), JointOffset(axis=3, offset_deg=0.2)))
+    swaps: list[SelectionState] = []
+
+    def likelier(state: SelectionState) -> SelectionState:
+        swaps.append(replace(state, level=state.level / 2))
+        return swaps[-1]
+
+    monkeypatch.setattr("analysis.diagnosis.rivals._moves", lambda *_: True)
+    monkeypatch.setattr(
+        "analysis.diagnosis.rivals.rival_odds",
+        lambda selection, state, place: RivalOdds(0.1, ((state, 0.9),), state.level),
+    )
+    monkeypatch.setattr(SelectionState, "is_fault", lambda *_: True)
+    monkeypatch.setattr(selection, "select", likelier)
+    monkeypatch.setattr(selection, "evidence", lambda state: -state.level)
+    last, rivalries = compare_with_rivals(selection, first)
+    assert last is swaps[-1] and len(swaps) > 1
+    assert [one.healthy_odds for one in rivalries] == [last.level] * 2

@@ -1,0 +1,39 @@
+"""A swing that begins anew with every run is found by what all runs share, its frequency; noise has none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from analysis.diagnosis.run_setups import fit_run_setups
+from analysis.diagnosis.vibration import FoundVibration, find_vibration
+from analysis.traces.loading import Measured
+from tests.support.diagnosis_cells import circles, measured, response, seen, table_of
+
+SURE = 7.0
+"""Log evidence that any name must win (its price and the number of names)."""
+
+
+def _swing(runs: list[Measured]) -> FoundVibration | None:
+    them = seen(runs)
+    return find_vibration(them, fit_run_setups(them)[0])
+
+
+@pytest.mark.parametrize(("frequency_hz", "amplitude_mm"), [(7.3, 0.004), (15.05, 0.001), (3.1, 0.01)])
+def test_a_planted_swing_is_found(frequency_hz: float, amplitude_mm: float) -> None:
+    phases = np.random.default_rng(1).uniform(0, 2 * np.pi, 4)
+    runs = [response(run, frequency_hz, amplitude_mm, phase) for run, phase in zip(circles(), phases, strict=True)]
+    found = _swing(runs)
+    assert found and found.gain > SURE
+    assert found.effect.frequency_hz == pytest.approx(frequency_hz, abs=max(0.02, 3 * found.sd["frequency_hz"]))
+    assert found.effect.amplitude_mm == pytest.approx(amplitude_mm, abs=4 * found.sd["amplitude_mm"], rel=0.1)
+
+
+@pytest.mark.parametrize("seed", [1, 90])
+def test_noise_does_not_swing(seed: int) -> None:
+    found = _swing(circles(seed=seed))
+    assert found and found.gain < SURE
+
+
+def test_targets_do_not_swing() -> None:
+    assert _swing([measured(table_of("radial", None, 1), "radial", "radial")]) is None

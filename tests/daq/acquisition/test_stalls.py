@@ -1,0 +1,123 @@
+"""What stood still is a fault with its length: one reader, or rigd and the computer under it; and floods."""
+
+from __future__ import annotations
+
+import re
+import signal
+import threading
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from daq.acquisition.reader import Reader
+from daq.acquisition.stall_watch import StallWatch
+from daq.acquisition.stream_buffer import STALL_NS, StreamBuffer
+from daq.protocol.conversation import Fault, FaultKind, Sample, Step
+from daq.store import read_run, verify
+from daq.wire.links import LinkLost
+from tests.support.bench import Bench
+
+S = 1_000_000_000
+
+
+@pytest.fixture
+def buffer() -> StreamBuffer:
+    return StreamBuffer("g1", ("g1_mm",))
+
+
+def test_a_reader_that_stood_still_reports_it_once_with_its_length(buffer: StreamBuffer) -> None:
+    buffer.beat()
+    assert buffer.drain() == [], "it has just begun"
+    buffer.heartbeat_ns -= 3 * S
+    buffer.beat()
+    buffer.beat()
+    (fault,) = buffer.drain()
+    assert isinstance(fault, Fault) and fault.kind is FaultKind.STALLED and fault.count == 1
+    assert "stood still for 3.0 s" in fault.detail and buffer.state().counters == {"stalled": 1}
+
+
+def test_a_port_that_takes_long_to_open_is_no_stall(buffer: StreamBuffer) -> None:
+    buffer.beat()
+    with buffer.opening():
+        buffer.heartbeat_ns -= 3 * S
+    assert buffer.drain() == []
+
+
+def test_a_thread_that_only_sleeps_shows_that_all_of_rigd_stood_still() -> None:
+    watch = StallWatch()
+    watch.note(0, STALL_NS)
+    assert watch.take() == []
+    watch.note(0, 5 * S)
+    (fault,) = watch.take()
+    assert "rigd or the computer stood still for 5.0 s" in fault.detail and fault.at_ns == 5 * S
+    assert watch.take() == []
+
+
+def test_samples_that_come_in_batches_have_a_rate(buffer: StreamBuffer) -> None:
+    """A flood brings hundreds of samples in one read, all of one stamp."""
+    now_ns = time.monotonic_ns()
+    for round_ in range(11):
+        at_ns = now_ns - (10 - round_) * S // 10
+        buffer.deliver([Sample((0.0,), -1, at_ns, at_ns, 3)] * 400)
+    assert buffer.state().rate_hz == pytest.approx(4000)
+
+
+def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its link always has more, and what it brings takes 50 ms of the processor; at last it brings one message."""
+    used_s, paused = 0.0, []
+    rounds = [b"flood", b"flood", b"one"]
+
+    class Endless:
+        def read(self, timeout_s: float) -> bytes:
+            if not rounds:
+                raise LinkLost("over")
+            return rounds.pop(0)
+
+        def write(self, data: bytes) -> None: ...
+        def close(self) -> None: ...
+        def note_items(self, items: object) -> None: ...
+        def take_ignored(self) -> None: ...
+
+    class Costly:
+        def connected(self, now_ns: int) -> Step:
+            return Step()
+
+        def received(self, data: bytes, now_ns: int) -> Step:
+            nonlocal used_s
+            used_s += 0.05 if data == b"flood" else 0.00003
+            return Step()
+
+        def lost(self, now_ns: int) -> tuple[()]:
+            return ()
+
+    clock = SimpleNamespace(thread_time=lambda: used_s, sleep=paused.append, monotonic_ns=time.monotonic_ns)
+    monkeypatch.setattr("daq.acquisition.reader.time", clock)
+    stream: Any = SimpleNamespace(name="robot", port="tcp://x:1", host=Costly)
+    link: Any = Endless()
+    reader = Reader(stream, StreamBuffer("robot", ()), link)
+    monkeypatch.setattr(reader, "_stop_asked", SimpleNamespace(is_set=lambda: False, wait=lambda s: True))
+    clock.monotonic = time.monotonic
+    reader._read(link)
+    assert paused == [pytest.approx(0.05), pytest.approx(0.05)]
+
+
+def test_a_daemon_that_is_stopped_for_a_while_has_it_in_the_run(bench: Bench) -> None:
+    bench.start().all_reading()
+    path = bench.record()
+    bench.recorded(20)
+    assert bench.daemon is not None
+    bench.daemon.send_signal(signal.SIGSTOP)
+    began = time.monotonic()
+    threading.Event().wait(1.5)  # the stall itself
+    bench.daemon.send_signal(signal.SIGCONT)
+    stopped_s = time.monotonic() - began
+    bench.until(lambda state: state["host"].get("stalled"))
+    assert bench.run("rig", "record", "stop").returncode == 0
+    found = [fault for fault in read_run(path).faults if fault["kind"] == "stalled"]
+    assert {fault["stream"] for fault in found} == {"g1", "g2", "robot", "host"}
+    for fault in found:
+        told = re.search(r"stood still for ([0-9.]+) s", fault["detail"])
+        assert told and stopped_s - 0.3 < float(told[1]) < stopped_s + 5
+    assert verify(path) == []

@@ -1,0 +1,280 @@
+"""What a client makes of whatever answers on the socket, and of whose socket it is; and the place of the lock."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import daq.service.client
+from daq.service.client import Client
+from rigs.errors import CellError, RigError
+from tests.support.bench import BIN
+
+HOSTILE = "a\x1b]0;title\x07\x1b[31m\nrig: all is well\r\u202e"
+SOMEBODY = 12345
+"""A user who is not the one that runs the tests."""
+ROOT_ONLY = pytest.mark.skipif(os.geteuid() != 0, reason="only root can be two users")
+
+
+@contextmanager
+def answering(path: Path, *pieces: bytes, pause_s: float = 0.0) -> Iterator[Path]:
+    """A socket that answers the first line of each connection with these bytes; the last of them again and again."""
+    path.parent.mkdir(exist_ok=True, mode=0o700)
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(str(path))
+        path.chmod(0o660)
+        listener.listen()
+
+        def serve() -> None:
+            with suppress(OSError):
+                while True:
+                    sock, _ = listener.accept()
+                    with sock, suppress(OSError):
+                        if not sock.recv(1 << 16):
+                            continue
+                        for piece in pieces:
+                            sock.sendall(piece)
+                        while pause_s:
+                            time.sleep(pause_s)
+                            sock.sendall(pieces[-1])
+
+        server = threading.Thread(target=serve)
+        server.start()
+        try:
+            yield path
+        finally:
+            listener.shutdown(socket.SHUT_RDWR)
+            server.join(10)
+
+
+STATUS: dict[str, Any] = {
+    "ok": True,
+    "rig": "cell",
+    "baseline_mm": 70.0,
+    "streams": {
+        "g1": {
+            "port": "/dev/ttyUSB0",
+            "connected": True,
+            "rate_hz": 10.0,
+            "counters": {"samples": 3, "garbled": 1},
+            "last": {"g1_mm": 0.5},
+            "age_s": {"g1_mm": 0.1},
+            "last_fault": "ERR",
+            "waiting": 0,
+        }
+    },
+    "automatic": {"waits_for": ["signal"], "why_not": "no"},
+    "recording": None,
+    "last_end": "complete",
+}
+
+
+def without(key: str) -> dict[str, Any]:
+    return {name: value for name, value in STATUS.items() if name != key}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"{}\n",
+        b"[]\n",
+        b"null\n",
+        b"not json\n",
+        b"\xff\xfe\n",
+        b"[" * 200_000 + b"\n",
+        b'{"ok": ' + b"9" * 100_000 + b"}\n",
+        b'{"ok": false}\n',
+        b'{"ok": false, "where": 1, "what": [], "remedy": null, "exit_code": "x"}\n',
+        b'{"ok": false, "where": "", "what": "", "remedy": "", "exit_code": 0}\n',
+        b'{"ok": true}\n',
+        *(json.dumps(without(key)).encode() + b"\n" for key in ("rig", "streams", "automatic", "last_end")),
+        *(
+            json.dumps({**STATUS, key: HOSTILE}).encode() + b"\n"
+            for key in ("streams", "automatic", "baseline_mm", "recording")
+        ),
+        json.dumps({**STATUS, "streams": {"g1": {}}}).encode() + b"\n",
+        json.dumps({**STATUS, "streams": {"g1": {**STATUS["streams"]["g1"], "age_s": {}}}}).encode() + b"\n",
+    ],
+)
+def test_an_answer_that_is_not_rigds_is_one_line(tmp_path: Path, line: bytes) -> None:
+    with answering(tmp_path / "rigd" / "cell.sock", line):
+        for command in (["status"], ["live"]):
+            done = rig(tmp_path, *command)
+            assert done.returncode == 4 and done.stdout == "", done.stdout
+            told = done.stderr.splitlines()
+            assert len(told) == 1 and "does not answer as rigd does" in told[0] and told[0].isprintable(), told
+
+
+def rig(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    environment = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
+    return subprocess.run([BIN / "rig", *command], capture_output=True, text=True, check=False, env=environment)
+
+
+@pytest.mark.parametrize(
+    "command", [["status"], ["live"], ["metrics"], ["record", "start", "a", "--test", "pose"], ["record", "stop"]]
+)
+@pytest.mark.parametrize("ok", [True, False])
+def test_a_hostile_answer_reaches_no_terminal_as_it_is(tmp_path: Path, command: list[str], ok: bool) -> None:
+    stream = {**STATUS["streams"]["g1"], "last_fault": HOSTILE, "counters": {HOSTILE: 3}}
+    answer = {
+        **STATUS,
+        "rig": HOSTILE,
+        "last_end": HOSTILE,
+        "streams": {HOSTILE: stream},
+        "automatic": {"waits_for": [HOSTILE], "why_not": HOSTILE},
+        "run": HOSTILE,
+        "text": f"rig_up 1\n{HOSTILE}\n",
+        "counters": {HOSTILE: {HOSTILE: 1}},
+        "where": HOSTILE,
+        "what": HOSTILE,
+        "remedy": HOSTILE,
+        "exit_code": 3,
+        "ok": ok,
+    }
+    with answering(tmp_path / "rigd" / "cell.sock", json.dumps(answer).encode() + b"\n"):
+        done = rig(tmp_path, *command)
+    assert done.returncode == (0 if ok else 3), done.stderr
+    lines = (done.stdout + done.stderr).split("\n")
+    assert all(line.isprintable() for line in lines), lines
+    assert r"\x1b" in done.stdout + done.stderr
+    if command != ["metrics"] or not ok:  # a text of several lines
+        assert not any(line.strip() == "rig: all is well" for line in lines)
+
+
+def test_an_endless_line_is_given_up_on_with_little_memory(tmp_path: Path) -> None:
+    with answering(tmp_path / "rigd" / "cell.sock", b"x" * (1 << 20), pause_s=1e-6) as path, Client(path) as client:
+        begun_s = time.monotonic()
+        with pytest.raises(CellError, match="sends more than 1048576 bytes"):
+            client.ask("status")
+        assert time.monotonic() - begun_s < 10
+
+
+def test_an_answer_in_drops_is_not_waited_for_longer_than_any(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(daq.service.client, "ANSWERS_S", 0.5)
+    with (
+        answering(tmp_path / "rigd" / "cell.sock", b" ", pause_s=0.05) as path,
+        Client(path) as client,
+        pytest.raises(CellError, match="has not answered"),
+    ):
+        client.ask("status")
+
+
+def test_a_directory_that_others_can_write_is_no_place_for_a_socket(tmp_path: Path) -> None:
+    outer = tmp_path / "outer"
+    outer.mkdir()
+    with answering(outer / "rigd" / "cell.sock", json.dumps(STATUS).encode() + b"\n") as path:
+        outer.chmod(0o777)
+        with pytest.raises(CellError, match=f"{outer} can be written by other users; chmod go-w"):
+            Client(path)
+        outer.chmod(0o1777)  # as /tmp: nobody can replace what is another's
+        with Client(path) as client:
+            assert client.ask("status")["rig"] == "cell"
+        outer.chmod(0o700)
+        path.chmod(0o666)
+        with pytest.raises(CellError, match="lets every user of this computer control rigd"):
+            Client(path)
+
+
+@ROOT_ONLY
+def test_a_socket_that_another_user_put_there_is_refused(tmp_path: Path) -> None:
+    tmp_path.chmod(0o1777)
+    with answering(tmp_path / "rigd" / "cell.sock", json.dumps(STATUS).encode() + b"\n") as path:
+        os.chown(path.parent, SOMEBODY, SOMEBODY)
+        with pytest.raises(CellError, match=rf"belongs to another user \(number {SOMEBODY}\)"):
+            Client(path)
+        link = tmp_path / "link"
+        link.symlink_to(path.parent)
+        for made in (path.parent, link):
+            os.chown(made, 0, 0, follow_symlinks=False)
+        with Client(link / "cell.sock") as client:
+            assert client.ask("status")["rig"] == "cell"
+        os.chown(link, SOMEBODY, SOMEBODY, follow_symlinks=False)
+        with pytest.raises(CellError, match="belongs to another user"):
+            Client(link / "cell.sock")
+
+
+@ROOT_ONLY
+def test_a_directory_that_the_system_made_for_a_service_is_trusted_with_its_user(tmp_path: Path) -> None:
+    with answering(tmp_path / "rigd" / "cell.sock", json.dumps(STATUS).encode() + b"\n") as path:
+        os.chown(path.parent, SOMEBODY, SOMEBODY)
+        os.chown(path, SOMEBODY, SOMEBODY)
+        with Client(path) as client:
+            assert client.ask("status")["rig"] == "cell"
+
+
+@ROOT_ONLY
+def test_a_program_of_another_user_behind_a_trusted_name_is_refused(tmp_path: Path) -> None:
+    folder = tmp_path / "rigd"
+    folder.mkdir()
+    os.chown(folder, SOMEBODY, SOMEBODY)
+    (ready, is_ready), (may_end, end) = os.pipe(), os.pipe()
+    if not (poser := os.fork()):
+        os.close(end)
+        os.chdir(folder)
+        os.setuid(SOMEBODY)
+        with socket.socket(socket.AF_UNIX) as listener:
+            listener.bind("s")
+            listener.listen()
+            os.write(is_ready, b".")
+            os.read(may_end, 1)
+        os._exit(0)
+    try:
+        assert os.read(ready, 1)
+        for place in (folder, folder / "s"):
+            os.chown(place, 0, 0)
+        with pytest.raises(CellError, match=rf"a program of another user \(number {SOMEBODY}\) answers here"):
+            Client(folder / "s")
+    finally:
+        os.close(end)
+        os.waitpid(poser, 0)
+        for fd in (ready, is_ready, may_end):
+            os.close(fd)
+
+
+def lock(path: Path) -> None:
+    from daq.service.instance_lock import InstanceLock  # noqa: PLC0415 - where it is in this version
+
+    InstanceLock("cell", path).release()
+
+
+def test_a_lock_spoils_nothing_that_it_finds(tmp_path: Path) -> None:
+    notes, place = tmp_path / "notes.txt", tmp_path / "rigd" / "cell.lock"
+    notes.write_text("precious, and longer than a number")
+    place.parent.mkdir(mode=0o700)
+    made = (
+        (lambda: place.symlink_to(notes), "is a symbolic link"),
+        (lambda: place.hardlink_to(notes), "is not the lock of a rigd"),
+        (lambda: os.mkfifo(place), "is not the lock of a rigd"),
+        (lambda: place.write_text(notes.read_text()), "is not the lock of a rigd"),
+        (place.mkdir, "cell.lock"),
+    )
+    for make, says in made:
+        make()
+        before = place.read_text() if place.is_file() else ""
+        with pytest.raises(RigError, match=says):
+            lock(place)
+        assert notes.read_text() == "precious, and longer than a number"
+        assert before == (place.read_text() if place.is_file() else "")
+        place.rmdir() if place.is_dir() else place.unlink()
+    lock(place)
+    lock(place)
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o707, 0o1777])
+def test_a_lock_is_in_a_directory_that_nobody_else_writes(tmp_path: Path, mode: int) -> None:
+    place = tmp_path / "shared"
+    place.mkdir()
+    place.chmod(mode)
+    with pytest.raises(CellError, match="can be written by other users"):
+        lock(place / "cell.lock")
+    assert not list(place.iterdir())

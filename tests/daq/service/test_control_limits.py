@@ -1,0 +1,181 @@
+"""No client exhausts the control socket: what each limit is for; and a recording that outlasts a thousand clients."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import resource
+import shutil
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from daq.service import control
+from daq.service.control import ControlServer
+from daq.store import read_run
+from tests.support.bench import BIN, Bench
+
+PATIENCE_S = 10.0
+
+
+@contextlib.contextmanager
+def served(path: Path, answer: Callable[[dict[str, Any]], dict[str, Any]] = lambda _: {}) -> Iterator[Path]:
+    server = ControlServer(path, answer)
+    try:
+        yield path
+    finally:
+        server.close()
+
+
+def connected(path: Path) -> socket.socket:
+    sock = socket.socket(socket.AF_UNIX)
+    sock.connect(str(path))  # waits for its turn, which one with a time-out does not
+    sock.settimeout(PATIENCE_S)
+    return sock
+
+
+def asked(sock: socket.socket, request: bytes = b"{}\n") -> dict[str, Any]:
+    """The answer to a request; {} where the connection ends without one."""
+    with contextlib.suppress(BrokenPipeError, ConnectionResetError):
+        sock.sendall(request)
+    answer = b""
+    with contextlib.suppress(ConnectionResetError):
+        while not answer.endswith(b"\n") and (received := sock.recv(1 << 16)):
+            answer += received
+    found: dict[str, Any] = json.loads(answer or b"{}")
+    return found
+
+
+def descriptors() -> int:
+    return len(os.listdir("/proc/self/fd"))  # noqa: PTH208
+
+
+def test_silent_connections_lock_nobody_out(tmp_path: Path) -> None:
+    with served(tmp_path / "socket") as path, ExitStack() as opened:
+        before, threads = descriptors(), threading.active_count()
+        silent = [opened.enter_context(connected(path)) for _ in range(300)]
+        for _ in range(20):
+            with connected(path) as sock:
+                assert asked(sock) == {"ok": True}
+        assert descriptors() - before - len(silent) < 20
+        assert threading.active_count() - threads < 20
+        assert asked(silent[0]) == {}, "the one that was silent longest has gone"
+
+
+def test_where_all_are_busy_a_new_one_is_refused_and_none_is_cut_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(control, "_MOST_OF_A_USER", 3)
+    begun, may_answer = threading.Semaphore(0), threading.Event()
+
+    def slow(_: object) -> dict[str, Any]:
+        begun.release()
+        return {"answered": may_answer.wait(PATIENCE_S)}
+
+    with served(tmp_path / "socket", slow) as path, ExitStack() as opened:
+        busy = [opened.enter_context(connected(path)) for _ in range(3)]
+        for sock in busy:
+            sock.sendall(b"{}\n")
+            assert begun.acquire(timeout=PATIENCE_S)
+        with connected(path) as refused:
+            assert "all its connections are busy" in asked(refused, b"")["what"]
+        may_answer.set()
+        assert [asked(sock, b"") for sock in busy] == [{"ok": True, "answered": True}] * 3
+
+
+def test_who_asks_nothing_or_never_ends_is_hung_up_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(control, "_IDLE_S", 0.2)
+    monkeypatch.setattr(control, "_LINE_S", 0.2)
+    big = "x" * 500_000  # more than a local socket holds for a reader who does not come
+    with served(tmp_path / "socket", lambda _: {"big": big}) as path:
+        with connected(path) as silent:
+            assert silent.recv(1) == b""
+        with connected(path) as endless:
+            for _ in range(100):
+                with contextlib.suppress(BrokenPipeError):
+                    endless.sendall(b" ")
+                time.sleep(0.01)  # each byte in time, and the line never
+            assert endless.recv(1) == b""
+        with connected(path) as reads_nothing:
+            reads_nothing.sendall(b"{}\n" * 3)
+            time.sleep(1.0)
+            received = b""
+            with contextlib.suppress(ConnectionResetError):
+                while piece := reads_nothing.recv(1 << 20):
+                    received += piece
+            assert len(received) < len(big)
+
+
+def test_requests_and_answers_have_a_longest_size(tmp_path: Path) -> None:
+    with served(tmp_path / "socket", lambda asked: {"big": "x" * asked["size"]}) as path:
+        with connected(path) as sock:
+            assert "one line of at most 65536 bytes" in asked(sock, b" " * 100_000 + b"{}\n")["what"]
+        with connected(path) as sock:
+            assert "more than a client takes" in asked(sock, b'{"size": 2000000}\n')["what"]
+            assert asked(sock, b'{"size": 3}\n') == {"ok": True, "big": "xxx"}
+
+
+def test_several_requests_at_once_are_answered_in_order(tmp_path: Path) -> None:
+    with served(tmp_path / "socket", lambda request: request) as path, connected(path) as sock:
+        assert asked(sock, b'{"a": 1}\n{"a": 2}\n{"a"') == {"ok": True, "a": 1}
+        assert asked(sock, b"") == {"ok": True, "a": 2}
+        assert asked(sock, b": 3}\n") == {"ok": True, "a": 3}
+
+
+def test_where_the_system_has_no_descriptor_left_that_is_what_is_said(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with served(tmp_path / "socket") as path, socket.socket(socket.AF_UNIX) as sock:
+        sock.settimeout(PATIENCE_S)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (descriptors() + 100, hard))
+        taken = fill()
+        try:
+            sock.connect(str(path))
+            until_s, begun_s = time.monotonic() + PATIENCE_S, time.process_time()
+            while "Too many open files" not in caplog.text and time.monotonic() < until_s:
+                time.sleep(0.01)
+            time.sleep(0.5)
+            assert time.process_time() - begun_s < 0.4, "it waits, and does not spin"
+        finally:
+            resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+            for fd in taken:
+                os.close(fd)
+        assert "control socket: limit: no connection can be accepted: Too many open files" in caplog.text
+        assert caplog.text.count("Too many open files") == 1
+        assert asked(sock) == {"ok": True}
+
+
+def fill() -> list[int]:
+    """Take every descriptor that there is."""
+    taken: list[int] = []
+    with contextlib.suppress(OSError):
+        while True:
+            taken.append(os.dup(0))
+    return taken
+
+
+@pytest.mark.skipif(not shutil.which("prlimit"), reason="prlimit is not installed (package util-linux)")
+@pytest.mark.parametrize("limit", [1024, 128])
+def test_a_thousand_silent_connections_end_no_recording(bench: Bench, limit: int) -> None:
+    bench.start(program=["prlimit", f"--nofile={limit}:{limit}", BIN / "rigd"]).all_reading()
+    path = bench.record()
+    before = bench.recorded(20)["samples"]
+    with ExitStack() as opened:
+        for _ in range(1200):
+            opened.enter_context(connected(bench.socket))
+        bench.recorded(min(before.values()) + 50)
+        done = bench.run("rig", "record", "stop")
+        assert (done.returncode, done.stderr) == (0, "")
+        second = bench.record("second")
+        assert bench.run("rig", "record", "stop").returncode == 0
+    for run in (path, second):
+        assert read_run(run).manifest.exit_status == "complete"
+        assert not any("dropped" in counters for counters in read_run(run).manifest.counters.values())

@@ -1,0 +1,297 @@
+"""A run proves that it is whole: whatever is taken from it or changed in it is seen, and said in words."""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import json
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from typer.testing import CliRunner
+
+from analysis.cli import app
+from daq.store import judge, load_manifest, read_run, recover, relabel, verify
+from daq.store.ledger import Entry, line_of, verified
+from rigs.errors import CellError, FileError
+from tests.support.store_cases import (
+    assert_holds,
+    crash,
+    edit_chunk,
+    edit_manifest,
+    fault,
+    finished,
+    forget_chunk,
+    ledger_records,
+    put_ledger,
+    record,
+    samples,
+    start,
+)
+
+OLD = Path(__file__).parent / "data"
+"""Runs as they were recorded before there was a ledger: version-1 of 20 rows, version-1-crashed of 12."""
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return finished(tmp_path_factory.mktemp("runs"))
+
+
+@pytest.fixture
+def run(whole: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(whole, tmp_path / "run"))
+
+
+@pytest.fixture
+def old(tmp_path: Path) -> Path:
+    return Path(shutil.copytree(OLD / "version-1", tmp_path / "old"))
+
+
+def said(run: Path) -> str:
+    """What `rig verify` says: its verdict and what is wrong, without the directory."""
+    verdict = judge(run)
+    return "\n".join(line.removeprefix(str(run)).lstrip(": /") for line in (verdict.summary, *verdict.lines))
+
+
+def test_a_line_is_what_the_decision_says(run: Path) -> None:
+    last, kinds = "", []
+    for line in (run / "ledger.jsonl").read_text().splitlines():
+        record = json.loads(line)
+        last_of_line = record.pop("sha256")
+        content = json.dumps(record, separators=(",", ":"), ensure_ascii=False)
+        assert hashlib.sha256((last + content).encode()).hexdigest() == last_of_line
+        last, kinds = last_of_line, [*kinds, *record]
+    assert kinds[0] == "opening" and kinds[-1] == "seal" and set(kinds[1:-1]) == {"chunk"}
+    first, *_, seal = ledger_records(run)
+    assert first["opening"] == hashlib.sha256((run / "manifest.json").read_bytes()).hexdigest()
+    assert seal["seal"]["rows"] == {"g1": 20, "robot": 20, "faults": 5}
+    assert said(run) == "whole"
+
+
+@pytest.mark.parametrize("file", ["g1-0001.parquet", "g1-0002.parquet", "g1-0003.parquet", "robot-0003.parquet"])
+def test_a_chunk_and_its_record_are_missed_even_where_the_chain_was_made_to_fit(run: Path, file: str) -> None:
+    forget_chunk(run, file)
+    assert said(run).startswith("not whole") and f"of {file[:-13]} are missing" in said(run)
+
+
+def test_a_stream_that_is_gone_is_missed(run: Path) -> None:
+    for file in sorted(run.glob("g1-*")):
+        forget_chunk(run, file.name)
+    assert said(run).splitlines() == [
+        "not whole",
+        "g1 holds 0 rows, and 20 samples were counted",
+        "rows 0 to 19 of g1 are missing",
+    ]
+    assert CliRunner().invoke(app, ["verify", str(run)]).exit_code == 3
+
+
+def test_faults_that_are_gone_are_missed(run: Path) -> None:
+    forget_chunk(run, "faults-0001.parquet")
+    seal = ledger_records(run)[-1]
+    seal["seal"]["rows"]["faults"] = 0
+    put_ledger(run, [*ledger_records(run)[:-1], seal])
+    assert said(run).splitlines() == ["not whole", "15 garbled of g1 were counted, the faults hold 0"]
+
+
+def test_a_chunk_under_another_number_is_told(run: Path) -> None:
+    (run / "g1-0003.parquet").rename(run / "g1-0004.parquet")
+    edit_chunk(run, "g1-0003.parquet", {"file": "g1-0004.parquet"})
+    assert "chunk 3 of g1 is missing" in said(run)
+
+
+def test_a_ledger_that_is_cut_is_a_run_that_was_never_ended(run: Path) -> None:
+    lines = (run / "ledger.jsonl").read_bytes().splitlines(keepends=True)
+    for count in range(len(lines)):
+        (run / "ledger.jsonl").write_bytes(b"".join(lines[:count]))
+        assert "was never ended" in said(run) and said(run).startswith("not whole")
+        with pytest.raises(FileError, match="rig recover"):
+            read_run(run)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60, deadline=None)
+@given(data=st.data())
+def test_nothing_changes_in_a_ledger_unseen(whole: Path, run: Path, data: st.DataObject) -> None:
+    good = (whole / "ledger.jsonl").read_bytes()
+    lines = good.splitlines(keepends=True)
+    one, other = (data.draw(st.integers(0, len(lines) - 1)) for _ in range(2))
+    how = data.draw(st.sampled_from(["drop", "swap", "double", "flip"]))
+    if how == "drop":
+        del lines[one]
+    elif how == "double":
+        lines.insert(other, lines[one])
+    elif how == "swap":
+        lines[one], lines[other] = lines[other], lines[one]
+    else:
+        place = data.draw(st.integers(0, len(lines[one]) - 1))
+        lines[one] = lines[one][:place] + bytes([lines[one][place] ^ 1]) + lines[one][place + 1 :]
+    spoilt = b"".join(lines)
+    (run / "ledger.jsonl").write_bytes(spoilt)
+    assert (said(run) == "whole") == (spoilt == good)
+    if spoilt != good:
+        copy = Path(shutil.copytree(run, run.with_name("copy"), dirs_exist_ok=True))
+        assert not recover(copy).nothing_to_do and recover(copy).nothing_to_do
+        assert_holds(read_run(copy), 20)
+        assert said(copy) == "recovered: no rows are known to be missing"
+        shutil.rmtree(copy)
+
+
+def test_a_ledger_that_is_gone_is_made_anew_from_the_chunks(run: Path) -> None:
+    (run / "ledger.jsonl").unlink()
+    assert "ledger.jsonl: is missing or damaged from its first line on; run `rig recover" in said(run)
+    recover(run)
+    assert said(run) == "recovered: no rows are known to be missing"
+    assert load_manifest(run).counters == {"g1": {"samples": 20, "garbled": 15}, "robot": {"samples": 20}}
+
+
+def test_a_manifest_that_was_changed_is_refused_and_comes_back_from_a_chunk(run: Path) -> None:
+    before = (run / "manifest.json").read_text()
+    (run / "manifest.json").write_text(before.replace('"cw"', '"acw"'))
+    with pytest.raises(FileError, match=r"has changed since the run began: ledger\.jsonl names another SHA-256"):
+        read_run(run)
+    assert said(run).startswith("not whole")
+    recover(run)
+    assert (run / "manifest.json").read_text() == before
+    assert said(run).startswith("recovered: no rows")
+
+
+def test_a_ledger_of_another_run_is_set_aside(run: Path, tmp_path: Path) -> None:
+    shutil.copy(finished(tmp_path / "other") / "ledger.jsonl", run / "ledger.jsonl")
+    recover(run)
+    assert (run / "ledger.jsonl.torn").exists() and said(run).startswith("recovered: no rows")
+    assert_holds(read_run(run), 20)
+
+
+def test_what_follows_a_seal_half_written_is_told_and_cut_by_the_next_record(run: Path) -> None:
+    with (run / "ledger.jsonl").open("ab") as ledger:
+        ledger.write(b'{"sha256":"12')
+    lines = len(ledger_lines := (run / "ledger.jsonl").read_bytes().split(b"\n"))
+    assert f"line {lines} and what follows cannot be verified" in said(run)
+    assert ledger_lines[-1] and read_run(run).manifest.exit_status == "complete"
+    relabel(run, operator="bob")
+    assert said(run) == "whole" and load_manifest(run).operator == "bob"
+
+
+def test_a_failed_end_promises_rows_and_recovery_says_which_of_them_are_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writer = record(tmp_path)
+
+    def refuse(table: object) -> bytes:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("daq.store.stream_writer.to_parquet", refuse)
+        with pytest.raises(CellError):
+            writer.close("complete", "told to stop", {"g1": {"samples": 12}})
+    path = writer.path
+    (path / "g1-0001.arrow").write_bytes((path / "g1-0001.arrow").read_bytes()[:-300])
+    recover(path)
+    assert said(path).splitlines() == [
+        "recovered: 4 rows are known to be missing",
+        "rows 8 to 11 of g1 are missing",
+    ]
+    assert load_manifest(path).counters == {"g1": {"samples": 8}}
+    done = CliRunner().invoke(app, ["verify", str(path)])
+    assert done.exit_code == 3 and "4 rows are known to be missing" in done.stdout
+    assert recover(path).nothing_to_do
+
+
+@pytest.mark.parametrize("name", ["g1-0001.arrow", "ledger.jsonl"])
+@pytest.mark.parametrize("moved", [False, True])
+def test_a_file_that_vanishes_is_noticed_at_the_next_write_and_no_row_is_lost(
+    tmp_path: Path, name: str, moved: bool
+) -> None:
+    writer = record(tmp_path / "runs")
+    if moved:
+        (writer.path / name).rename(tmp_path / name)
+    else:
+        (writer.path / name).unlink()
+    writer.append("g1", samples(4, 1, 12))
+    writer.append("robot", samples(4, 2, 12))
+    with pytest.raises(CellError, match=rf"{name}: has vanished during the recording; find out what deletes"):
+        writer.write()
+    writer.close("failed", f"{name} has vanished", {})
+    recover(writer.path)
+    assert judge(writer.path).lines == []
+    assert_holds(read_run(writer.path), 16)
+
+
+def test_an_old_run_reads_and_is_not_sealed(old: Path) -> None:
+    assert_holds(read_run(old), 20)
+    assert said(old) == "whole; sealed: no, the run was recorded by an older version"
+    assert recover(old).nothing_to_do and not (old / "ledger.jsonl").exists()
+    assert relabel(old, operator="bob").operator == "bob"
+    assert said(old).startswith("whole; sealed: no") and load_manifest(old).relabelled
+
+
+@pytest.mark.parametrize(
+    ("file", "missed"),
+    [
+        ("g1-0001.parquet", "rows 0 to 7 of g1 are missing"),
+        ("g1-0002.parquet", "rows 8 to 15 of g1 are missing"),
+        ("g1-0003.parquet", "g1 holds 16 rows, and 20 samples were counted"),
+    ],
+)
+def test_an_old_run_misses_a_chunk_that_went_with_its_entry(old: Path, file: str, missed: str) -> None:
+    manifest = json.loads((old / "manifest.json").read_text())
+    manifest["chunks"] = [chunk for chunk in manifest["chunks"] if chunk["file"] != file]
+    (old / "manifest.json").write_text(json.dumps(manifest))
+    (old / file).unlink()
+    assert said(old).startswith("not whole") and missed in said(old)
+
+
+@pytest.mark.parametrize("lost", [None, "manifest.json"])
+def test_an_old_crash_is_recovered_and_sealed(tmp_path: Path, lost: str | None) -> None:
+    path = Path(shutil.copytree(OLD / "version-1-crashed", tmp_path / "old"))
+    if lost:
+        (path / lost).unlink()
+    with pytest.raises(FileError, match="rig recover"):
+        read_run(path)
+    assert not recover(path).nothing_to_do and recover(path).nothing_to_do
+    assert said(path) == "recovered: no rows are known to be missing"
+    assert_holds(read_run(path), 12)
+
+
+def test_a_whole_old_run_with_a_file_left_over_gets_a_ledger_with_all_that_was_known(old: Path) -> None:
+    relabel(old, direction="acw")
+    (old / "g1-0009.parquet.tmp").touch()
+    before = load_manifest(old)
+    recover(old)
+    after = load_manifest(old)
+    assert (after.direction, after.relabelled, after.counters) == ("acw", before.relabelled, before.counters)
+    assert [chunk.sha256 for chunk in after.chunks] == [chunk.sha256 for chunk in before.chunks]
+    assert said(old) == "recovered: no rows are known to be missing"
+
+
+def test_a_manifest_of_a_version_to_come_is_refused(run: Path) -> None:
+    edit_manifest(run, {"version": 3})
+    with pytest.raises(FileError, match="of another version"):
+        read_run(run)
+
+
+@given(st.binary(max_size=400))
+def test_any_bytes_are_a_ledger_that_ends_early(data: bytes) -> None:
+    line, last = line_of(Entry(opening="0" * 64), "")
+    found = verified(line + data)
+    assert found.entries[0] == Entry(opening="0" * 64) and found.unread == len(data) and found.last == last
+
+
+def test_counters_are_compared_only_where_the_run_ended_in_order(tmp_path: Path) -> None:
+    """The last faults of a run that the disk ended need not be on it."""
+    for ending, lines in (("failed", 0), ("complete", 1)):
+        writer = start(tmp_path)
+        writer.append_faults("g1", [fault(2)])
+        writer.close(ending, "", {"g1": {"garbled": 7}})  # type: ignore[arg-type]
+        assert len(verify(writer.path)) == lines
+
+
+def test_a_crash_is_not_whole_until_it_is_recovered(tmp_path: Path) -> None:
+    path = crash(record(tmp_path))
+    assert said(path).startswith("not whole") and "was never ended" in said(path)
+    recover(path)
+    assert said(path) == "recovered: no rows are known to be missing"

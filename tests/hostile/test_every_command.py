@@ -1,0 +1,228 @@
+"""Every command with hostile names: in the rig file, the run, the path, in what is asked. None reaches a terminal.
+
+A command that is added needs a case here, or the walk fails.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import shutil
+import stat
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+import yaml
+from typer.main import get_command
+
+from analysis import cli
+from rigs.load import SHIPPED
+from tests.support.rewritten_runs import rewrite
+
+EVIL = "a\x1b]0;owned\x07\x1b[31m$\\frac{$[/bold]\nrun: whole\r\u202e{{7*7}}<script>"
+"""A title for the terminal, a colour, broken mathematics, markup, a forged line, reversed reading, a template, HTML."""
+BYTES = os.fsdecode(b"\xff\xfe")
+"""In a file's name: no UTF-8."""
+TESTS = ("yaw", "radial")
+
+
+def hostile_rig() -> str:
+    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    data["description"] = data["robot"]["name"] = EVIL
+    for axis in data["robot"]["axes"]:
+        axis["name"] += EVIL
+    return yaml.safe_dump(data)
+
+
+def ran(*arguments: str | Path, typed: str = "") -> tuple[int, str, str]:
+    """Exit code and output of a command in this process."""
+    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8") for _ in range(2))
+    before = sys.argv, sys.stdin, sys.stdout, sys.stderr
+    sys.argv, sys.stdin = ["rig", *map(str, arguments)], io.StringIO(typed)
+    sys.stdout, sys.stderr = out, err
+    try:
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            cli.main()
+            code = 0
+    except SystemExit as end:
+        code = int(end.code or 0)
+    finally:
+        sys.argv, sys.stdin, sys.stdout, sys.stderr = before
+    said = []
+    for stream in (out, err):
+        stream.flush()
+        assert isinstance(stream.buffer, io.BytesIO)
+        said.append(stream.buffer.getvalue().decode("utf-8"))
+    assert not [w for w in warned if issubclass(w.category, UserWarning)], "nothing but lines reaches standard error"
+    return code, said[0], said[1]
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory of a hostile name that holds a hostile rig file and runs of it."""
+    folder = tmp_path_factory.mktemp("hostile") / (EVIL.replace("/", "|") + BYTES)
+    folder.mkdir()
+    (folder / "rig.yaml").write_text(hostile_rig(), encoding="utf-8")
+    for test in TESTS:
+        options = ("--direction", "acw") if test == "yaw" else ()
+        code, _, told = ran("simulate", folder / "rig.yaml", "--test", test, "-o", folder / test, *options)
+        assert code == 0, told
+    for run in runs(folder):
+        rewrite(run, {"operator": EVIL, "host": EVIL, "software": {EVIL: EVIL}, "follows": EVIL}, reason=EVIL)
+    return folder
+
+
+def runs(folder: Path) -> list[Path]:
+    return sorted(path.parent for test in TESTS for path in (folder / test).rglob("manifest.json"))
+
+
+@pytest.fixture
+def peer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A daemon's socket with hostile answers, and a journal with hostile entries."""
+    from tests.support.hostile_peers import hostile_journal, hostile_peer  # noqa: PLC0415
+
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setenv("PATH", f"{hostile_journal(tmp_path, EVIL)}:{os.environ['PATH']}")
+    with hostile_peer(tmp_path / "rigd" / "ur10e.sock", EVIL):
+        yield
+
+
+Case = Callable[[Path, Path], list[list[str | Path]]]
+
+
+def cases() -> dict[str, Case]:
+    """What each command is called with: cell, a directory of the test's own → argument lists."""
+
+    def first(cell: Path) -> Path:
+        return runs(cell)[0]
+
+    def of_every_run(*options: str) -> Case:
+        return lambda cell, own: [[*runs(cell), *options]]
+
+    return {
+        "analyse": lambda cell, own: [
+            [*runs(cell), "--plot", own / "plots"],
+            [first(cell), "--json"],
+            [first(cell), "--truth", cell / "rig.yaml"],
+        ],
+        "automatic": of_every_run(),
+        "calibrate": lambda cell, own: [
+            [*runs(cell), "--fit", EVIL],
+            [*runs(cell), "--fit", "joint_offset", "-o", own / "out.yaml"],
+        ],
+        "check": lambda cell, own: [[cell / "rig.yaml"], [cell / EVIL.replace("/", "|")], [cell]],
+        "compare": lambda cell, own: [[*runs(cell), "--plot", own / "compared"], [first(cell), "--json"]],
+        "correct": lambda cell, own: [[cell / "rig.yaml", "-o", own / "corrections"], [cell / "rig.yaml", "-o", cell]],
+        "diagnose": lambda cell, own: [[cell / "no run"], [first(cell), "--hold-out", first(cell)]],
+        "doctor": lambda cell, own: [[cell / "rig.yaml"], [cell / "rig.yaml", "--json"]],
+        "emulate": lambda cell, own: [[cell / "rig.yaml", "-o", cell / "cell"]],
+        "example": lambda cell, own: [[own / (EVIL.replace("/", "|") + BYTES)], [cell / "rig.yaml"]],
+        "export": lambda cell, own: [
+            *([first(cell), "--to", to, "-o", own / f"out.{to}"] for to in ("csv", "parquet", "mcap")),
+            [first(cell), "--to", "csv", "-o", cell / EVIL / "out.csv"],
+        ],
+        "import": lambda cell, own: [
+            [cell / "rig.yaml", "--rig", cell / "rig.yaml", "--test", "pose", "-o", own / "made"],
+            [cell, "--rig", EVIL, "--test", EVIL, "-o", own / "made"],
+            ["x", "--rig", EVIL, "--test", "pose", "-o", own / "made"],
+        ],
+        "interfaces": lambda cell, own: [[], ["--json"]],
+        "live": lambda cell, own: [[], ["--rig", EVIL]],
+        "logs": lambda cell, own: [[], [EVIL], ["ur10e", "--since", EVIL]],
+        "metrics": lambda cell, own: [[], ["--rig", EVIL]],
+        "paper": lambda cell, own: [["--rig", cell / "no rig"]],
+        "plan": lambda cell, own: [[cell / "no rig"], [cell / "rig.yaml", "--tests", EVIL]],
+        "record start": lambda cell, own: [
+            ["lap", "--test", "radial"],
+            [EVIL, "--test", "radial"],
+            ["lap", "--test", EVIL],
+        ],
+        "record stop": lambda cell, own: [[]],
+        "relabel": lambda cell, own: [
+            [shutil.copytree(first(cell), own / EVIL.replace("/", "|")), "--operator", "ada"],
+            [first(cell), "--operator", EVIL],
+            [first(cell), "--placement", EVIL],
+        ],
+        "replay": lambda cell, own: [[cell / "rig.yaml", cell / "rig.yaml", "-o", own / "played"]],
+        "runs": lambda cell, own: [[cell / "yaw"], [cell / "yaw", "--json"], [cell / EVIL]],
+        "keep": lambda cell, own: [[shutil.copytree(first(cell), own / (EVIL.replace("/", "|") + BYTES))]],
+        "recover": lambda cell, own: [[first(cell)], [cell / EVIL]],
+        "verify": lambda cell, own: [[first(cell)], [cell / EVIL]],
+        "simulate": lambda cell, own: [
+            [cell / "rig.yaml", "--test", "radial", "-o", own / (EVIL.replace("/", "|") + BYTES), "--csv"],
+            [cell / "rig.yaml", "--test", "radial", "-o", own / "s", "--effects", EVIL],
+        ],
+        "status": lambda cell, own: [[], ["--json"], ["--rig", EVIL]],
+    }
+
+
+def commands(group: Any, above: str = "") -> Iterator[str]:
+    """The name of each command of the program."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, f"{above}{name} ")
+        else:
+            yield f"{above}{name}"
+
+
+def test_every_command_has_a_case() -> None:
+    assert set(commands(get_command(cli.app))) == set(cases())
+
+
+@pytest.mark.usefixtures("peer")
+@pytest.mark.parametrize("command", cases())
+def test_a_command_shows_only_what_can_be_shown(
+    command: str, cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    own = tmp_path / "own"
+    own.mkdir()
+    monkeypatch.chdir(own)
+    for arguments in cases()[command](cell, own):
+        code, out, err = ran(*command.split(), *arguments, typed=f"{EVIL}\nquit\n")
+        assert code in (0, 1, 2, 3, 4), (arguments, err)
+        for line in (out + err).split("\n"):
+            assert line.isprintable(), (arguments, line)
+            assert line.strip() != "run: whole", (arguments, "a name forged a line")
+        if code > 1 and command != "verify":  # which lists what is wrong
+            assert all(line.startswith("error: ") for line in err.splitlines()), err
+    for file in own.rglob("*"):
+        if stat.S_ISREG(file.stat().st_mode) and file.suffix in (".html", ".csv", ".txt"):
+            text = file.read_text(encoding="utf-8")
+            assert all(line.isprintable() for line in text.splitlines()), file
+            assert file.suffix != ".html" or "<script>" not in text
+
+
+def test_a_terminal_gets_colours_of_ours_alone(cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    code, out, _ = ran("analyse", *runs(cell))
+    assert code == 0 and "\x1b]" not in out and "\x07" not in out
+
+
+def test_the_pictures_show_what_is_no_mathematics(tmp_path: Path) -> None:
+    from analysis.reporting.sheet import Sheet  # noqa: PLC0415
+
+    sheet = Sheet(3, 2)
+    axes = sheet.subplots()
+    axes.plot([0, 1], label=f"{EVIL}\udcff 机")
+    axes.set_title(EVIL)
+    axes.legend(title="$\\frac{$")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sheet.savefig(tmp_path / "a.png")
+    assert (tmp_path / "a.png").stat().st_size > 1000
+
+
+def test_typer_is_asked_for_no_frame(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    app = typer.Typer()
+    app.command()(lambda: (_ for _ in ()).throw(typer.BadParameter(EVIL)))
+    monkeypatch.setattr(cli, "app", app)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    (line,) = capsys.readouterr().err.splitlines()
+    assert ended.value.code == 2 and line.startswith("error: ") and line.isprintable()

@@ -1,0 +1,208 @@
+"""Files that are no files, have no end or stand for more than a memory holds: one line, soon, and nothing is spoilt."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+import analysis.files.read
+from analysis.files.read import read_csv
+from daq.store import RunWriter, chunk, read_run, recover, verify
+from daq.store.chunk import from_parquet, salvage
+from daq.store.schema import FAULTS, schema_of
+from rigs.errors import CellError, FileError
+from rigs.load import load
+from tests.support.rewritten_runs import forget_chunks
+
+BIN = Path(sys.executable).parent
+AT_ONCE_S = 20.0
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run without a row."""
+    who = {"rig_name": "r", "rig_text": "", "streams": {"g1": ("g1_mm",)}, "operator": "ada"}
+    writer = RunWriter.create(tmp_path, name="lap", test="radial", direction=None, **who)
+    writer.close("complete", "", {})
+    return writer.path
+
+
+def rig(*command: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [BIN / "rig", *command],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=AT_ONCE_S,
+        stdin=subprocess.DEVNULL,
+    )
+
+
+def replaced(file: Path, make: Callable[[Path], object]) -> None:
+    file.unlink(missing_ok=True)
+    make(file)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [os.mkfifo, lambda path: path.symlink_to("/dev/zero"), Path.mkdir],
+    ids=["a FIFO", "a link to a device", "a directory"],
+)
+def test_no_command_waits_for_or_swallows_what_is_no_file(
+    tmp_path: Path, run: Path, make: Callable[[Path], object]
+) -> None:
+    odd = tmp_path / "odd"
+    make(odd)
+    commands = (
+        ("check", odd),
+        ("plan", odd),
+        ("import", odd, "--rig", "paper-fanuc", "--test", "pose", "-o", tmp_path / "made"),
+        ("correct", "paper-fanuc", "-o", tmp_path / "corrections", "--path", odd),
+        ("replay", odd, "paper-fanuc", "-o", tmp_path / "played"),
+        ("simulate", "paper-fanuc", "--test", "radial", "-o", tmp_path / "simulated", "--effects", odd),
+    )
+    for command in commands:
+        done = rig(*command)
+        told = done.stderr.splitlines()
+        assert done.returncode == 3 and len(told) == 1 and told[0].startswith("error: "), (command, done.stderr)
+    for name in ("manifest.json", "marks.json", "g1-0001.arrow", "g1-0001.parquet", ".lock"):
+        spoilt = shutil.copytree(run, tmp_path / "spoilt")
+        replaced(spoilt / name, make)
+        for verb in ("verify", "recover"):
+            done = rig(verb, spoilt)
+            assert "Traceback" not in done.stderr and done.returncode in (0, 1, 3, 4), (name, verb, done.stderr)
+        shutil.rmtree(spoilt)
+
+
+def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path, run: Path) -> None:
+    outside = tmp_path / "made by another user's run"
+    replaced(run / ".lock", lambda lock: lock.symlink_to(outside))
+    with pytest.raises(CellError, match="cannot be recovered"):
+        recover(run)
+    assert not outside.exists()
+
+
+def test_a_table_has_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    table = tmp_path / "t.csv"
+    columns = [f"q{axis}_deg" for axis in range(1, 7)] + ["x_mm", "y_mm", "z_mm"]
+    table.write_text("\n".join([",".join(columns), *[",".join("1" * 9)] * 100]))
+    paper, _ = load("paper-fanuc")
+    monkeypatch.setattr(analysis.files.read, "_MOST_CELLS", 400)
+    with pytest.raises(FileError, match=r"has more than 400 cells.*; import it in several runs"):
+        read_csv(table, "pose", paper)
+    table.write_text(",".join(f"c{number}" for number in range(5000)) + "\n")
+    with pytest.raises(FileError, match="has 5000 columns, more than 1000"):
+        read_csv(table, "pose", paper)
+    monkeypatch.setattr(analysis.files.read, "MOST_BYTES", 1000)
+    with pytest.raises(FileError, match=r"is larger than 0\.001 MB"):
+        read_csv(table, "pose", paper)
+
+
+def many_equal_rows(rows: int) -> bytes:
+    sink = pa.BufferOutputStream()
+    column = pa.array(np.zeros(1_000_000, dtype=np.int64))
+    table = pa.table({"a": pa.chunked_array([column] * (rows // 1_000_000))})
+    pq.write_table(table, sink, compression="zstd")
+    return bytes(sink.getvalue().to_pybytes())
+
+
+def test_a_small_file_that_stands_for_millions_of_rows_is_not_decoded() -> None:
+    data = many_equal_rows(120_000_000)
+    assert len(data) < 1_000_000
+    begun_s = time.monotonic()
+    with pytest.raises(OSError, match="declares 120000000 rows of 1 columns, more than any chunk has"):
+        from_parquet(data)
+    assert time.monotonic() - begun_s < 1
+
+
+def _no_memory(*_: object, **__: object) -> None:
+    raise pa.ArrowMemoryError("malloc of size 960000000 failed")
+
+
+def test_where_the_memory_is_short_the_file_is_not_at_fault(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A whole chunk that no ledger lists yet, as a crash leaves it: recovery could set it aside for damaged."""
+    rows = schema_of("g1", ("g1_mm",)).empty_table()
+    columns = {f.name: pa.array([1] * 3, f.type) for f in rows.schema}
+    good = run / "g1-0001.parquet"
+    good.write_bytes(chunk.to_parquet(pa.table(columns, schema=rows.schema)))
+    forget_chunks(run)
+    before = {file.name: file.read_bytes() for file in run.iterdir()}
+    with monkeypatch.context() as short:
+        short.setattr(pq.ParquetFile, "read", _no_memory)
+        with pytest.raises(CellError, match=r"not enough memory; use a computer with more memory; nothing was lost"):
+            recover(run)
+        assert {file.name: file.read_bytes() for file in run.iterdir()} == before
+    assert recover(run).rows == {"g1": 3}
+    with monkeypatch.context() as short:
+        short.setattr(pq.ParquetFile, "read", _no_memory)
+        with pytest.raises(FileError, match="cannot be read: not enough memory; close other programs"):
+            read_run(run)
+        assert any("not enough memory" in line for line in verify(run))
+
+
+def test_a_damaged_length_is_damage_however_much_it_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Damaged:
+        schema = schema_of(FAULTS, ())
+
+        def read_next_batch_with_custom_metadata(self) -> None:
+            _no_memory()
+
+    monkeypatch.setattr(pa.ipc, "open_stream", lambda *_, **__: Damaged())
+    assert "malloc" in str(salvage(bytes(1000), schema_of(FAULTS, ())).damage)
+
+
+def test_out_of_memory_is_one_line(tmp_path: Path) -> None:
+    """Of the whole program, in an address space that is large enough to begin in."""
+    table = tmp_path / "t.csv"
+    header = ",".join(["t_s", "direction", *(f"q{axis}_deg" for axis in range(1, 7)), "g1_mm", "g2_mm"])
+    row = ",".join(["1", "acw", *"12345678"]) + "\n"
+    table.write_text(header + "\n" + row * 1_000_000)
+    command = [BIN / "rig", "import", table, "--rig", "paper-fanuc", "--test", "yaw", "-o", tmp_path / "made"]
+
+    def little() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (800_000_000, resource.RLIM_INFINITY))
+
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, preexec_fn=little, env=environment)
+    told = done.stderr.splitlines()
+    assert len(told) == 1 and "memory" in told[0] and "Traceback" not in done.stderr, done.stderr[-2000:]
+    assert not (tmp_path / "made").exists()
+
+
+@pytest.mark.parametrize(
+    ("error", "numerical"),
+    [
+        (OverflowError("(34, 'Numerical result out of range')"), True),
+        (np.linalg.LinAlgError("SVD did not converge"), True),
+        (RuntimeWarning("invalid value encountered in sqrt"), True),
+        (ValueError("a bug"), False),
+    ],
+)
+def test_a_numerical_failure_is_one_line_and_a_bug_is_not(
+    error: Exception, numerical: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from analysis import cli  # noqa: PLC0415
+
+    def fails(**_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(cli, "app", fails)
+    if not numerical:
+        with pytest.raises(ValueError, match="a bug"):
+            cli.main()
+        return
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    told = capsys.readouterr().err.splitlines()
+    assert ended.value.code == 3 and len(told) == 1 and told[0].startswith("error: numbers: the computation failed: ")

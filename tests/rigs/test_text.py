@@ -1,0 +1,31 @@
+"""The gate for text itself; that every command goes through it is tests/hostile."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rigs.text import plain, plain_lines, plain_values
+
+
+@given(st.text())
+def test_what_comes_out_can_be_shown_and_encoded_and_goes_through_unchanged(text: str) -> None:
+    shown = plain(text)
+    assert shown.isprintable() and shown.encode().decode() == shown
+    assert plain(shown) == shown
+    assert text.isprintable() == (shown == text)
+    assert plain_lines(text).count("\n") == text.count("\n")
+
+
+def test_nothing_is_hidden() -> None:
+    assert plain("a\x1b[2J\n\u202eb\ud800\x9b") == r"a\x1b[2J\n\u202eb\ud800\x9b"
+    assert plain("größe µ φ ✗ 机") == "größe µ φ ✗ 机"
+    assert plain_lines("a\r\nb") == "a\\r\nb"
+
+
+def test_the_texts_in_json_are_plain() -> None:
+    assert plain_values({"\x07": ["\n", {"a": "b"}], "n": 1.5, "no": None}) == {
+        r"\x07": [r"\n", {"a": "b"}],
+        "n": 1.5,
+        "no": None,
+    }

@@ -1,0 +1,87 @@
+"""A page of docs/how-to followed to the letter in a copy of the tree: its `cp`, its diffs, its commands."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+HOW_TO = ROOT / "docs" / "how-to"
+FOLDERS = ("rigs", "daq", "analysis", "docs", "tests")
+FILES = ("pyproject.toml", "README.md", "CONTRIBUTING.md")
+BIN = Path(sys.executable).parent
+
+
+def blocks(page: str, language: str) -> list[str]:
+    """The code blocks of a page in one language."""
+    text = (HOW_TO / page).read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```", text, re.S | re.M)
+
+
+def run(tree: Path, *command: str, timeout_s: float = 100) -> subprocess.CompletedProcess[str]:
+    """Run a command of the environment on the code of a tree."""
+    env = os.environ | {"PYTHONPATH": str(tree), "XDG_RUNTIME_DIR": str(tree), "PATH": f"{BIN}:{os.environ['PATH']}"}
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=tree, env=env, timeout=timeout_s)
+
+
+def output(tree: Path, *command: str, timeout_s: float = 100) -> str:
+    """The output of such a command. Fails where the command does."""
+    done = run(tree, *command, timeout_s=timeout_s)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def followed(page: str, tree: Path) -> list[str]:
+    """Copy this tree to another place, with the example of a page added as the page says; the files it changes."""
+    for name in FOLDERS:
+        shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__", "corpus"))
+    for name in FILES:
+        shutil.copy(ROOT / name, tree)
+    (copy,) = (block for block in blocks(page, "sh") if block.startswith("cp "))
+    example = HOW_TO / copy.split()[2].removeprefix("docs/how-to/")
+    new = [str(path.relative_to(example)) for path in sorted(example.rglob("*.py"))]
+    output(tree, "bash", "-ec", copy)
+    changed = []
+    for block in blocks(page, "diff"):
+        header, *lines = block.splitlines()
+        path = tree / header.removeprefix("+++ ")
+        path.write_text(edited(path.read_text(encoding="utf-8"), lines), encoding="utf-8")
+        changed.append(str(path.relative_to(tree)))
+    return [*new, *changed]
+
+
+def edited(text: str, lines: list[str]) -> str:
+    """Text with the lines of a diff in it: each + goes below the line before it, each - is removed."""
+    at = 0
+    for line in lines:
+        mark, wanted = line[:1], line[1:] + "\n"
+        if mark == "+":
+            text = text[:at] + wanted + text[at:]
+            at += len(wanted)
+            continue
+        assert text.count(wanted, at) == 1, f"{wanted!r} stands there {text.count(wanted, at)} times"
+        begin = text.index(wanted, at)
+        at = begin + len(wanted)
+        if mark == "-":
+            text, at = text[:begin] + text[at:], begin
+    return text
+
+
+def checked(tree: Path, files: list[str]) -> None:
+    """Check the style and the types of the Python files that a page adds or changes."""
+    python = [name for name in files if name.endswith(".py")]
+    output(tree, "ruff", "check", "--no-cache", *python)
+    output(tree, "ruff", "format", "--no-cache", "--check", *python)
+    output(tree, "mypy", *(name for name in python if not name.startswith("tests/")), timeout_s=300)
+
+
+def commands(page: str, program: str) -> str:
+    """The one block of a page that uses a program, without the line that puts the environment on the path."""
+    (block,) = (
+        block for block in blocks(page, "sh") if f"{program} " in block and not block.startswith(("cp ", "scripts"))
+    )
+    return block.replace("PATH=$PWD/.venv/bin:$PATH\n", "")

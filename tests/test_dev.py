@@ -1,0 +1,45 @@
+"""`scripts/dev`: the one entry to what only developers run, and the links that stand for its programs."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+ENTRY = ROOT / "scripts" / "dev"
+PROGRAMS = sorted(file.stem for file in (ROOT / "dev").glob("[!_]*.py"))
+LINKS = sorted(path for path in (ROOT / "scripts").iterdir() if path.is_symlink())
+
+
+def _dev(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([ENTRY, *arguments], capture_output=True, text=True, check=False)
+
+
+def test_without_a_name_each_program_is_listed_with_one_sentence() -> None:
+    done = _dev()
+    assert done.returncode == 0, done.stderr
+    rows = [line.split(maxsplit=1) for line in done.stdout.splitlines()]
+    assert sorted(name for name, _ in rows) == PROGRAMS
+    assert all(len(words) > 20 and words.endswith(".") for _, words in rows), rows
+
+
+@pytest.mark.parametrize("name", ["nothing", "_rows_run", "../dev/pace"])
+def test_an_unknown_program_is_refused_with_the_names_of_those_there_are(name: str) -> None:
+    done = _dev(name)
+    assert done.returncode == 2
+    assert done.stderr == f"error: scripts/dev: there is no program '{name}'; the programs are:\n"
+    assert sorted(line.split()[0] for line in done.stdout.splitlines()) == PROGRAMS
+
+
+def test_there_are_links() -> None:
+    assert LINKS
+
+
+@pytest.mark.parametrize("link", LINKS, ids=lambda link: link.name)
+def test_each_link_is_the_entry_under_the_name_of_a_program(link: Path) -> None:
+    assert link.resolve() == ENTRY
+    assert link.name in PROGRAMS
+
+
+def test_each_lock_belongs_to_a_program() -> None:
+    assert {file.stem for file in (ROOT / "dev").glob("*.lock")} <= set(PROGRAMS)

@@ -1,0 +1,65 @@
+"""The pages of docs/how-to that add a driver, followed to the letter in a copy of the tree."""
+
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from tests.support.how_to import checked, commands, followed, output, run
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page, and the driver that it adds: its interface, its stream and the samples that a second brings at least."""
+
+    name: str
+    interface: str
+    stream: str
+    least_hz: float
+
+
+PAGES = [
+    Page("add-a-gauge.md", "example_dial", "g1", 10.0),
+    Page("add-a-robot-interface.md", "example_arm", "robot", 200.0),
+]
+
+
+@pytest.fixture(scope="module", params=PAGES, ids=lambda page: page.interface)
+def grown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Page, Path, list[str]]:
+    """A copy of the tree with the example's files in their places, named where the page names them; these files."""
+    page: Page = request.param
+    tree = tmp_path_factory.mktemp(page.interface)
+    return page, tree, followed(page.name, tree)
+
+
+@pytest.mark.timeout(300)
+def test_the_new_driver_passes_the_checks_of_style_and_types(grown: tuple[Page, Path, list[str]]) -> None:
+    page, tree, files = grown
+    assert len([name for name in files if name.endswith(f"{page.interface}.py")]) == 3
+    checked(tree, files)
+
+
+def test_the_new_driver_keeps_the_contract_of_every_driver(grown: tuple[Page, Path, list[str]]) -> None:
+    page, tree, _ = grown
+    chosen = f"{page.interface.split('_')[1]} or every_driver or gauges_names_no_other"
+    tests = ("tests/daq/protocol", "tests/test_docs.py::test_the_table_of_gauges_names_no_other")
+    said = output(tree, sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", chosen, *tests)
+    assert int(re.findall(r"(\d+) passed", said)[0]) >= 10
+
+
+@pytest.mark.timeout(180)
+def test_the_commands_of_the_page_record_with_the_new_driver(grown: tuple[Page, Path, list[str]]) -> None:
+    page, tree, _ = grown
+    # What waits in vain is ended, and the emulated cell and the daemon with it.
+    script = f"trap 'kill $(jobs -p) 2> /dev/null' EXIT\n{commands(page.name, 'rigd')}\nwait"
+    done = run(tree, "timeout", "120", "bash", "-c", script, timeout_s=150)
+    assert ": whole\n" in done.stdout, done.stdout + done.stderr
+    assert page.interface in done.stdout
+    (first,) = tree.glob("*/runs/*_first")
+    samples = sum(pq.read_metadata(chunk).num_rows for chunk in first.glob(f"{page.stream}-*.parquet"))
+    assert samples > page.least_hz, "in three seconds"
+    faults = [row for chunk in first.glob("faults-*.parquet") for row in pq.read_table(chunk).to_pylist()]
+    assert [fault for fault in faults if fault["stream"] in (page.stream, "g2")] == []

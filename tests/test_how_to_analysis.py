@@ -1,0 +1,70 @@
+"""The pages that add an effect and a measurement, followed to the letter in a copy of the tree."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from tests.support.how_to import checked, commands, followed, output
+
+EFFECT, MEASUREMENT = "add-an-effect.md", "add-a-measurement.md"
+PYTEST = (sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider")
+
+
+@pytest.fixture(scope="module")
+def with_effect(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    tree = tmp_path_factory.mktemp("effect")
+    return tree, followed(EFFECT, tree)
+
+
+@pytest.fixture(scope="module")
+def with_measurement(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    tree = tmp_path_factory.mktemp("measurement")
+    return tree, followed(MEASUREMENT, tree)
+
+
+@pytest.mark.timeout(300)
+def test_a_new_effect_passes_the_checks_and_keeps_the_contract(with_effect: tuple[Path, list[str]]) -> None:
+    tree, files = with_effect
+    checked(tree, files)
+    contract = "tests/rigs/test_effect_contract.py::test_every_effect_keeps_the_contract"
+    chosen = "gauge_bow and not in_a_plan"  # the commands of the page plan with it
+    assert "8 passed" in output(tree, *PYTEST, "-k", chosen, "tests/rigs/test_gauge_bow.py", contract, timeout_s=250)
+
+
+@pytest.mark.timeout(300)
+def test_a_new_effect_goes_through_every_command_of_the_page(with_effect: tuple[Path, list[str]]) -> None:
+    tree, _ = with_effect
+    said = output(tree, "bash", "-ec", commands(EFFECT, "rig diagnose"), timeout_s=250)
+    assert "bow of gauge g1" in said and "gauge_bow g1" in said
+    (fitted,) = yaml.safe_load((tree / "bow" / "fitted.yaml").read_text())["effects"]
+    assert (fitted["effect"], fitted["gauge"]) == ("gauge_bow", "g1")
+    (found,) = json.loads((tree / "bow" / "found" / "diagnosis.json").read_text())["effects"]
+    assert found["name"] == "gauge_bow g1" and found["remedy"].startswith("g1 is bent")
+    for size in (fitted["relative_per_mm"], found["parameters"]["relative_per_mm"]["value"]):
+        assert size == pytest.approx(0.05, abs=0.005)
+    corrected = json.loads(
+        output(tree, "rig", "correct", "bow/found/paper-fanuc.yaml", "-o", "bow/corrected", "--json")
+    )
+    assert "cannot correct" in corrected["effects"][0]["reason"]
+
+
+@pytest.mark.timeout(300)
+def test_a_new_measurement_passes_the_checks_and_its_tests(with_measurement: tuple[Path, list[str]]) -> None:
+    tree, files = with_measurement
+    checked(tree, files)
+    assert "4 passed" in output(tree, *PYTEST, "tests/analysis/measures/test_second_order.py")
+
+
+def test_a_new_figure_comes_with_its_uncertainty_out_of_every_command(with_measurement: tuple[Path, list[str]]) -> None:
+    tree, _ = with_measurement
+    said = output(tree, "bash", "-ec", commands(MEASUREMENT, "rig analyse"))
+    assert "second order, amplitude" in said and '"second_order_deg"' in said
+    runs = sorted(str(path) for path in (tree / "orders" / "runs").iterdir())
+    for found in json.loads(output(tree, "rig", "analyse", *runs, "--json"))["runs"]:
+        figure = found["figures"]["second_order_deg"]
+        assert figure["unit"] == "deg" and 0 < figure["u"] < figure["value"]

@@ -1,0 +1,95 @@
+"""The package as it travels: the wheel in an empty environment, one version number, the citation, the release."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+RIG = Path(sys.executable).parent / "rig"
+OFFLINE = 75
+
+
+def _run(*command: str | Path, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd)
+
+
+@pytest.mark.timeout(600)
+def test_the_wheel_works_in_an_empty_environment() -> None:
+    done = _run(sys.executable, ROOT / "dev" / "wheel.py")
+    if done.returncode == OFFLINE:
+        pytest.skip(done.stderr.splitlines()[-1])
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert f"rig {PROJECT['version']}; rigd starts" in done.stdout
+
+
+def test_the_version_stands_in_one_place() -> None:
+    tracked = _run("git", "ls-files", "-z", "*.py", "*.cff", "*.md", "*.toml", "scripts").stdout.split("\0")
+    quoted = re.compile(rf"(?<![\d.]){re.escape(PROJECT['version'])}(?![\d.])")
+    found = [name for name in tracked if name and quoted.search((ROOT / name).read_text(encoding="utf-8"))]
+    assert [name for name in found if not name.endswith(("CHANGELOG.md", ".lock"))] == ["pyproject.toml"]
+
+
+def test_the_citation_names_what_pyproject_names() -> None:
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "message", "title", "authors"} <= citation.keys()  # what the format demands
+    assert citation["license"] == PROJECT["license"]
+    assert citation["title"].startswith(f"{PROJECT['name']}:")
+    assert "version" not in citation
+
+
+def test_example_writes_rig_files_that_are_good_and_takes_the_place_of_none(tmp_path: Path) -> None:
+    done = _run(RIG, "example", tmp_path / "rigs")
+    assert done.returncode == 0, done.stderr
+    written = {Path(line).name for line in done.stdout.splitlines()}
+    assert written == {path.name for path in (ROOT / "rigs").glob("*.yaml")}
+    assert _run(RIG, "check", tmp_path / "rigs" / "ur10e.yaml").returncode == 0
+    (tmp_path / "rigs" / "ur10.yaml").unlink()
+    again = _run(RIG, "example", tmp_path / "rigs")
+    assert (again.returncode, again.stdout) == (3, "")
+    remedy = "exists already; choose another directory, or remove the file first"
+    assert again.stderr == f"error: {tmp_path}/rigs/paper-errors.yaml: {remedy}\n"
+    assert not (tmp_path / "rigs" / "ur10.yaml").exists()
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A checkout that is ready to be released as 1.2.3."""
+    (tmp_path / "pyproject.toml").write_text('[project]\nversion = "1.2.3"\n')
+    (tmp_path / "CHANGELOG.md").write_text("# Changelog\n\n## 1.2.3 (2026-11-21)\n\n- New.\n\n## 1.2.2\n\n- Old.\n")
+    _run("git", "init", "--quiet", cwd=tmp_path)
+    _commit(tmp_path)
+    return tmp_path
+
+
+def _commit(checkout: Path) -> None:
+    who = ("-c", "user.name=anybody", "-c", "user.email=anybody@example.org")
+    _run("git", "add", ".", cwd=checkout)
+    assert _run("git", *who, "commit", "--quiet", "--message", "all", cwd=checkout).returncode == 0
+
+
+def _checklist(checkout: Path) -> tuple[int, list[str]]:
+    done = _run(sys.executable, ROOT / "dev" / "release.py", "--quick", cwd=checkout)
+    return done.returncode, [line.strip() for line in done.stdout.splitlines() if "LACKS" in line]
+
+
+def test_a_release_that_is_ready_lacks_nothing(checkout: Path) -> None:
+    assert _checklist(checkout) == (0, [])
+
+
+def test_a_release_is_refused_for_each_thing_that_it_lacks(checkout: Path) -> None:
+    _run("git", "tag", "v1.2.3", cwd=checkout)
+    (checkout / "CHANGELOG.md").write_text("# Changelog\n\n## Unreleased\n\n- New.\n\n## 1.2.2\n\n- Old.\n")
+    code, lacking = _checklist(checkout)
+    assert code == 1
+    assert lacking == [
+        "LACKS  the checkout is clean: commit or remove what git status shows",
+        "LACKS  the version is new: v1.2.3 is tagged; raise version in pyproject.toml",
+        "LACKS  CHANGELOG.md has a section of it: write its lines under ## 1.2.3",
+        "LACKS  no line of CHANGELOG.md is left over: move them to ## 1.2.3",
+    ]

@@ -1,0 +1,70 @@
+"""Saved runs are analysed where nothing that only POSIX has can be imported: on Windows as on Linux.
+
+`tests/portable_child.py` takes those modules and functions away. What only a cell needs says so in one line.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+CHILD = Path(__file__).with_name("portable_child.py")
+
+
+def _rig(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-X", "warn_default_encoding", CHILD, *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    # A text file without an encoding is UTF-8 here and something else on Windows.
+    ours = [line for line in done.stderr.splitlines() if "EncodingWarning" in line and line.startswith(str(ROOT))]
+    assert [line for line in ours if "site-packages" not in line] == []
+    return done
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A yaw run of two gauges and a robot, as the daemon records it."""
+    runs = tmp_path_factory.mktemp("runs")
+    writer = [sys.executable, ROOT / "dev" / "_rows_run.py", runs, "10000"]
+    done = subprocess.run(writer, capture_output=True, text=True, check=False, cwd=ROOT)
+    assert done.returncode == 0, done.stderr
+    return Path(done.stdout.strip())
+
+
+def test_a_recorded_run_is_verified_and_analysed_with_report_and_pictures(recorded: Path, tmp_path: Path) -> None:
+    assert _rig("verify", recorded).stdout == f"{recorded}: whole\n"
+    done = _rig("analyse", recorded, "--json", "--plot", tmp_path / "report")
+    assert done.returncode == 0, done.stderr
+    here = json.loads(done.stdout)["runs"][0]
+    assert here["test"] == "yaw"
+    assert {"report.html"} <= {path.name for path in (tmp_path / "report").iterdir()}
+    on_linux = subprocess.run(
+        [Path(sys.executable).parent / "rig", "analyse", recorded, "--json"], capture_output=True, text=True, check=True
+    )
+    assert json.loads(on_linux.stdout)["runs"][0]["figures"] == here["figures"]
+
+
+def test_a_rig_file_is_checked() -> None:
+    done = _rig("check", "paper-fanuc")
+    assert done.returncode == 0, done.stderr
+    assert "circle of 70 mm: reachable" in done.stdout
+
+
+def test_simulated_runs_are_written_and_analysed(tmp_path: Path) -> None:
+    done = _rig("simulate", "paper-fanuc", "--test", "yaw", "-o", tmp_path)
+    assert done.returncode == 0, done.stderr
+    runs = done.stdout.split()
+    assert len(runs) == 2
+    assert _rig("verify", runs[0]).stdout == f"{runs[0]}: whole\n"
+    assert _rig("analyse", *runs).returncode == 0
+
+
+@pytest.mark.parametrize("command", [("status",), ("emulate", "paper-fanuc", "-o", "cell"), ("doctor", "paper-fanuc")])
+def test_what_only_a_cell_needs_is_refused_in_one_line(command: tuple[str, ...]) -> None:
+    done = _rig(*command)
+    assert done.returncode != 0
+    (line,) = (line for line in done.stderr.splitlines() if "Warning" not in line and not line.startswith("  "))
+    assert line.startswith(f"error: rig {command[0]}: needs Linux: this system lacks ")
+    assert line.endswith("; run it on the computer of the cell; saved runs are analysed here")
