@@ -235,7 +235,7 @@ def calibrate(
     seed: of the choice of what is left out.
 
     Returns `effects` with sizes and standard uncertainties, their `covariance`, the rms before and after in mm on
-    readings used and left out, what cannot be told apart, and `extended_rig`, the model with the effects.
+    readings used and left out, what the runs cannot distinguish, and `extended_rig`, the model with the effects.
 
     Raises FileError where an effect is not known, where the runs show none of the effects, or where the fit does not
     converge.
@@ -283,7 +283,7 @@ def diagnose(
 
 
 def _silent(doing: str) -> None:
-    """What is called at each step where nobody asked for it."""
+    """What is called at each step where no progress was asked for."""
 
 
 def _model(rig: RigFile | Rig | None, runs: Sequence[Measured]) -> Rig:

@@ -228,7 +228,7 @@ def test_files_that_are_not_there_are_errors_of_one_line(tmp_path: Path) -> None
         load_run(tmp_path / "nothing")
     with pytest.raises(FileError, match="no such rig file"):
         simulate("nothing", "yaw", "acw")
-    with pytest.raises(FileError, match="needs its direction"):
+    with pytest.raises(FileError, match="needs a direction"):
         simulate(RIG, "yaw")
 
 
