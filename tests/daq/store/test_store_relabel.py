@@ -9,6 +9,7 @@ import pyarrow as pa
 import pytest
 from typer.testing import CliRunner
 
+from analysis import save_run
 from analysis.cli import app
 from analysis.traces.loading import load_measured
 from daq.store import durable, judge, load_manifest, read_run, recover, relabel, survey, table_run, write_table_run
@@ -120,3 +121,13 @@ def test_the_command_takes_several_runs_and_analyse_says_so_once(tmp_path: Path)
     listed = json.loads(CliRunner().invoke(app, ["runs", str(tmp_path), "--json"]).stdout)
     assert [(one["test"], one["operator"], one["relabelled"]) for one in listed] == [("roll", "bob", True)] * 2
     assert CliRunner().invoke(app, ["relabel", str(runs[0])]).exit_code == 2
+
+
+def test_a_relabelled_table_saved_again_is_whole_and_keeps_its_history(tmp_path: Path) -> None:
+    rig, text = load("paper-fanuc")
+    (run,) = write_simulated(rig, text, "yaw", ("acw",), [1], tmp_path)
+    relabel(run, test="roll", operator="bob")
+    again = save_run(load_measured(run), tmp_path / "again")
+    assert judge(again).summary == f"{again}: whole"
+    label = load_manifest(again)
+    assert (label.test, label.operator, label.relabelled) == ("roll", "bob", load_manifest(run).relabelled)
