@@ -68,7 +68,7 @@ def write_table_run(run: Run, path: Path) -> Manifest:
         durable.make_directories(path.parent)
         durable.make_directory(path)
     except FileExistsError:
-        raise FileError(str(path), "is there already", "give the run a directory of its own") from None
+        raise FileError(str(path), "exists already", "give the run a directory of its own") from None
     except OSError as error:
         raise _refused(path, error) from error
     try:

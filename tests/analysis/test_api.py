@@ -163,7 +163,7 @@ def test_a_saved_run_is_loaded_as_it_was_and_never_written_over(laps: list[Measu
     assert loaded.run.manifest.name == "monday"
     assert loaded.to_table().equals(laps[0].to_table())
     assert evaluate(loaded).figures == evaluate(laps[0]).figures
-    with pytest.raises(FileError, match="is there already"):
+    with pytest.raises(FileError, match="exists already"):
         save_run(laps[0], path)
 
 
