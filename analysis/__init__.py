@@ -1,5 +1,83 @@
-"""Kinematics, tables of runs, measures, the forward model and its fits, diagnosis, reports, the command line.
+"""From runs of a ball link with two digital probes to figures, models and diagnoses of a robot.
 
-Takes from `daq` only what reads a run, talks to a running daemon, or starts an emulator. What
-may import what: docs/decisions/0014.
+    from analysis import load_run, evaluate
+    result = evaluate(load_run("runs/monday-acw"))
+    print(result.figures["band_deg"])
+
+The names below are the public API, described in docs/api.md; they are imported when one is first used. No folder of
+`analysis` may be called like one of them: its import would hide the function. The folders are layers, from `frames` at
+the bottom to `cli` at the top (docs/decisions/0014). Of `daq` they take only what reads a run, talks to a running
+daemon, or starts an emulator.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from analysis.api import (
+        Calibration,
+        CellError,
+        CircleCurve,
+        Compared,
+        Comparison,
+        Diagnosis,
+        FileError,
+        JointReversal,
+        Measured,
+        PoseCurve,
+        Quantity,
+        RadialCurve,
+        RepeatabilityCurve,
+        Result,
+        RigError,
+        calibrate,
+        compare,
+        diagnose,
+        evaluate,
+        evaluate_runs,
+        load_run,
+        read_table,
+        save_run,
+        simulate,
+    )
+
+__all__ = [
+    "Calibration",
+    "CellError",
+    "CircleCurve",
+    "Compared",
+    "Comparison",
+    "Diagnosis",
+    "FileError",
+    "JointReversal",
+    "Measured",
+    "PoseCurve",
+    "Quantity",
+    "RadialCurve",
+    "RepeatabilityCurve",
+    "Result",
+    "RigError",
+    "calibrate",
+    "compare",
+    "diagnose",
+    "evaluate",
+    "evaluate_runs",
+    "load_run",
+    "read_table",
+    "save_run",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """A public name, imported on first use: what it needs takes most of a second."""
+    if name not in __all__:
+        raise AttributeError(f"module 'analysis' has no attribute {name!r}")
+    from analysis import api  # noqa: PLC0415
+
+    return getattr(api, name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -110,7 +110,7 @@ def judged(rig: Rig, one: Observation, *, groups: bool) -> Calibration:
 
 def told(what: str, found: Calibration) -> str:
     """A line: rms on the readings left out, before and after."""
-    seen = f"{found.told_apart} combinations of 24 are determined"
+    seen = f"{found.identified_combinations} combinations of 24 are determined"
     return f"  {what}: nominal {found.before_mm[1]:.3f} mm, 24 DH parameters {found.after_mm[1]:.3f} mm rms ({seen})"
 
 

@@ -27,11 +27,11 @@ def analyse(
     ] = None,
 ) -> None:
     """Evaluate runs of any test (yaw, roll, radial, repeatability, pose); every figure has its uncertainty."""
-    from analysis.measures.results import analyse_runs  # noqa: PLC0415
+    from analysis import evaluate_runs, load_run  # noqa: PLC0415
     from analysis.reporting.run_report import as_object, as_tables, write_report  # noqa: PLC0415
     from analysis.reporting.truth import compare  # noqa: PLC0415
 
-    results = analyse_runs(runs)
+    results = evaluate_runs([load_run(run) for run in runs])
     truths = compare(results, truth) if truth else []
     if plot:
         report = write_report(results, plot)

@@ -41,30 +41,26 @@ def calibrate(
 ) -> None:
     """Estimate the sizes of chosen effects by least squares on the simulator; the set-up is always fitted as well."""
 
-    from analysis.fitting.calibrate import calibrate_runs  # noqa: PLC0415
+    import analysis  # noqa: PLC0415
+    from analysis.cli.run_paths import distinct, load_runs  # noqa: PLC0415
     from analysis.reporting import calibration_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from analysis.traces.loading import load_measured  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     if output and output.exists():
         raise FileError(str(output), "exists already", "give another --output, or remove it first")
-    aside = {path.resolve() for path in hold_out or ()}
-    used = list({path.resolve(): path for path in runs if path.resolve() not in aside}.values())
+    aside = distinct(hold_out or ())
+    used = [path for path in distinct(runs) if path not in aside]
     if not used:
         raise FileError("--hold-out", "holds out every run, and a fit needs one", "hold out fewer")
-    measured = [load_measured(path) for path in used]
-    judges = [load_measured(path) for path in hold_out or ()]
-    for run in (*measured, *judges):
-        for doubt in run.doubts:
-            say(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)
+    measured, judges = load_runs(used), load_runs(aside)
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
-    found = calibrate_runs(rig, measured, judges, fit, share=share, groups=groups, seed=seed)
+    found = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, share=share, groups=groups, seed=seed)
     if output:
         calibration_report.write_rig(found, text, [path.name for path in used], output)
     if as_json:
-        say_json(calibration_report.as_object(found))
+        say_json(found.to_dict())
     else:
         PlainConsole().print(calibration_report.as_table(found))
     if output:

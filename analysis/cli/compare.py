@@ -22,19 +22,15 @@ def compare(
 ) -> None:
     """Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by side."""
 
-    from analysis.fitting.compare import compare as compare_runs  # noqa: PLC0415
+    import analysis  # noqa: PLC0415
     from analysis.reporting import comparison_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from analysis.traces.loading import load_measured  # noqa: PLC0415
-    from rigs.load import load  # noqa: PLC0415
 
-    measured = [load_measured(path) for path in runs]
-    rig = load(rig_file)[0] if rig_file else measured[0].rig
-    found = compare_runs(measured, rig)
+    found = analysis.compare([analysis.load_run(path) for path in runs], rig_file)
     if plot:
         for path in comparison_report.save_pictures(found.runs, plot):
             say(path, err=True)
     if as_json:
-        say_json(comparison_report.as_object(found))
+        say_json(found.to_dict())
     else:
         PlainConsole().print(comparison_report.as_tables(found))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -46,36 +46,30 @@ def diagnose(
 ) -> None:
     """Find where simulation and measurement differ, name the missing effects, and verify that they close the gap."""
 
-    from analysis.diagnosis.diagnose import diagnose as diagnose_runs  # noqa: PLC0415
-    from analysis.diagnosis.prepared_runs import refuse_copies  # noqa: PLC0415
+    import analysis  # noqa: PLC0415
+    from analysis.cli.run_paths import distinct, load_runs  # noqa: PLC0415
     from analysis.reporting import diagnosis_report  # noqa: PLC0415
-    from analysis.reporting.diagnosis_json import as_object  # noqa: PLC0415
     from analysis.reporting.diagnosis_screen import as_screen  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from analysis.traces.loading import load_measured  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     if output:
         diagnosis_report.hold_empty(output)
-    aside = _distinct(hold_out or ()) | _distinct(unseen or ())
-    used = [path for path in _distinct(runs) if path not in aside]
+    held, other = distinct(hold_out or ()), distinct(unseen or ())
+    used = [path for path in distinct(runs) if path not in held | other]
     if not used:
         raise FileError(
             "RUN…", "is held out or unseen, like every other run, and a diagnosis needs at least one", "hold out fewer"
         )
-    measured, judges, elsewhere = (
-        [load_measured(path) for path in _distinct(paths or ())] for paths in (used, hold_out, unseen)
-    )
-    refuse_copies([*measured, *judges, *elsewhere])
-    for run in (*measured, *judges, *elsewhere):
-        for doubt in run.doubts:
-            say(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)
+    measured, judges, elsewhere = (load_runs(paths) for paths in (used, held, other))
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
     with _progress(quiet=as_json) as progress:
-        found = diagnose_runs(rig, measured, judges, elsewhere, progress, tolerance_um)
+        found = analysis.diagnose(
+            measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
+        )
     if as_json:
-        say_json(as_object(found))
+        say_json(found.to_dict())
     else:
         PlainConsole().print(as_screen(found))
     written = diagnosis_report.write(found, text, output) if output else []
@@ -84,11 +78,6 @@ def diagnose(
     if written and written[-1].suffix == ".yaml":
         model = written[-1]
         say(f"next: rig diagnose RUN… --rig {model}, or rig correct {model} -o corrections", err=True)
-
-
-def _distinct(paths: Sequence[Path]) -> dict[Path, None]:
-    """Each run once, in the order given."""
-    return dict.fromkeys(path.resolve() for path in paths)
 
 
 @contextmanager

@@ -24,7 +24,7 @@ def export(
 
     from analysis.files.mcap_export import write_mcap  # noqa: PLC0415
     from analysis.files.write import write_csv, write_new, write_parquet  # noqa: PLC0415
-    from analysis.traces.loading import file_columns, measured_of  # noqa: PLC0415
+    from analysis.traces.loading import measured_of  # noqa: PLC0415
     from daq.store import mark_exported, read_run  # noqa: PLC0415
     from rigs.errors import RigError  # noqa: PLC0415
 
@@ -35,7 +35,7 @@ def export(
         measured = measured_of(run)
         for doubt in measured.doubts:
             say(f"note: {doubt}", err=True)
-        write_new(output, partial(write_csv if to == "csv" else write_parquet, file_columns(measured)))
+        write_new(output, partial(write_csv if to == "csv" else write_parquet, measured.to_table()))
     try:
         mark_exported(path, to, output)
     except RigError as error:

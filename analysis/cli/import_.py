@@ -33,18 +33,14 @@ def import_(
     """Create a run from a table of measurements; every bad row is reported with its line and the reason."""
     import getpass  # noqa: PLC0415
 
-    from analysis.files.imports import import_table  # noqa: PLC0415
+    from analysis import read_table, save_run  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
 
-    doubts = import_table(
-        table,
-        run,
-        rig_file=rig_file,
-        test=test,
-        direction=direction,
-        operator=operator or getpass.getuser(),
-        placement=placement,
-        joints=joints,
-    )
-    for doubt in doubts:
+    if run.exists():
+        raise FileError(str(run), "exists already", "give the run a directory of its own")
+    operator = operator or getpass.getuser()
+    measured = read_table(table, rig_file, test, direction, operator=operator, placement=placement, joints=joints)
+    save_run(measured, run)
+    for doubt in measured.doubts:
         say(f"doubt: {doubt}", err=True)
     say(run)

@@ -25,15 +25,24 @@ def simulate(
     csv: Annotated[bool, typer.Option("--csv", help="Write CSV tables instead of run directories.")] = False,
 ) -> None:
     """Simulate runs of a test with the effects of a rig: noise of gauges and robot, scatter from run to run."""
-    from analysis.simulation.simulated_runs import write_simulated  # noqa: PLC0415
-    from rigs.load import load, load_hidden  # noqa: PLC0415
+    from functools import partial  # noqa: PLC0415
+    from itertools import product  # noqa: PLC0415
 
-    rig, text = load(rig_file)
-    robot = load_hidden(effects).within(rig) if effects else rig
+    import analysis  # noqa: PLC0415
+    from analysis.files.write import write_csv, write_new  # noqa: PLC0415
+
     directions: tuple[Direction | None, ...] = ("acw", "cw") if direction == "both" else (direction,)
     if test not in CIRCLES:
         if direction != "both":
             raise typer.BadParameter(f"the {test} test has no direction", param_hint="--direction")
         directions = (None,)
-    for path in write_simulated(robot, text, test, directions, range(seed, seed + runs), None, directory, csv=csv):
+    for number, one in product(range(seed, seed + runs), directions):
+        run = analysis.simulate(rig_file, test, one, seed=number, effects=effects)
+        path = directory / run.path
+        if csv:
+            path = path.with_suffix(".csv")
+            directory.mkdir(parents=True, exist_ok=True)
+            write_new(path, partial(write_csv, run.to_table()))
+        else:
+            analysis.save_run(run, path)
         say(path)

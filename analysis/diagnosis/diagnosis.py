@@ -6,13 +6,19 @@ tests cannot distinguish → what to do → which test to run next
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
+import pyarrow as pa
+
+from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.kinematics.arm import Array
+from analysis.measures.parameters import parameters_of
 from analysis.model.predict import SetUp
 from rigs.effects import Effect
 from rigs.rig import Rig
+from rigs.schema.effect import SEATS, name_of
 from rigs.schema.vocabulary import Direction, TestName
 
 ODDS = 20.0
@@ -52,6 +58,10 @@ class Rival:
     sd: dict[str, float]
     posterior: float
 
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types: kind and seats of the effect, its parameters with their standard uncertainties."""
+        return _of_effect(self.effect, self.sd, self.posterior)
+
 
 @dataclass(frozen=True)
 class Named:
@@ -72,6 +82,29 @@ class Named:
     worth_um: float
     material: bool
     held_out_gain: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types, rivals with it."""
+        return {
+            **_of_effect(self.effect, self.sd, self.posterior),
+            "rivals": [rival.to_dict() for rival in self.rivals],
+            "worth_um": self.worth_um,
+            "material": self.material,
+            "held_out_gain": self.held_out_gain,
+            "gap_without_um": self.gap_without_um,
+            "remedy": self.remedy,
+        }
+
+
+def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dict[str, Any]:
+    """An effect in plain types, its parameters beside their standard uncertainties sd, each in its own unit."""
+    return {
+        "effect": effect.effect,
+        **{key: getattr(effect, key) for key in SEATS if hasattr(effect, key)},
+        "name": name_of(effect),
+        "parameters": {field: {"value": value, "sd": sd.get(field)} for field, value in parameters_of(effect).items()},
+        "posterior": posterior,
+    }
 
 
 @dataclass(frozen=True)
@@ -101,6 +134,16 @@ class Gap:
     noise_floor_um: float
     calibrated_um: float
 
+    def to_dict(self) -> dict[str, Any]:
+        """In plain types, the keys without their unit, which is µm."""
+        return {
+            "before": self.before_um,
+            "after": self.after_um,
+            "calibrated": self.calibrated_um,
+            "noise_floor": self.noise_floor_um,
+            "runs": self.runs,
+        }
+
 
 @dataclass(frozen=True)
 class ResidualBand:
@@ -125,7 +168,7 @@ class NextTest:
 
 
 @dataclass(frozen=True)
-class Curve:
+class Curve(Tabular):
     """The residuals (n, 2) µm of the two gauges of a circle at the circle angles phi_deg (n,), averaged over its runs
     with the set-up fitted. `turns` lists (circle angle in degrees, joint) where joints reverse."""
 
@@ -136,9 +179,15 @@ class Curve:
     after_um: Array
     turns: tuple[tuple[float, int], ...]
 
+    def to_table(self) -> pa.Table:
+        """A row for each circle angle: phi_deg, and before and after of each gauge, as g1_before_um."""
+        both = {"before": self.before_um, "after": self.after_um}
+        gauges = {f"g{k + 1}_{when}_um": values[:, k] for when, values in both.items() for k in range(values.shape[1])}
+        return pa.table({"phi_deg": self.phi_deg} | gauges)
+
 
 @dataclass(frozen=True)
-class Map:
+class Map(Tabular):
     """Residuals (n,) µm at targets, with the number, polar angle and azimuth (n,) in degrees of each. For poses the
     residual is the remaining distance (n,), and the numbers are those of rows."""
 
@@ -149,9 +198,13 @@ class Map:
     before_um: Array
     after_um: Array
 
+    def to_table(self) -> pa.Table:
+        """A row for each reading, one column for each field but the test."""
+        return pa.table({name: values for name, values in vars(self).items() if name != "test"})
+
 
 @dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(Tabular):
     """The complete result.
 
     `rig` is the initial model and `runs` names the runs used. `effects` lists the effects that are supported by
@@ -182,3 +235,67 @@ class Diagnosis:
     curves: tuple[Curve, ...]
     maps: tuple[Map, ...]
     seconds: float
+
+    @property
+    def standing(self) -> tuple[Named, ...]:
+        """The effects that the diagnosis stands by: the material ones."""
+        return tuple(one for one in self.effects if one.material)
+
+    @property
+    def slight(self) -> tuple[Named, ...]:
+        """Those that it found beside them, too small or too doubtful to matter."""
+        return tuple(one for one in self.effects if not one.material)
+
+    @property
+    def extended_rig(self) -> Rig:
+        """The rig begun with, the effects added that the diagnosis stands by; of rivals the likeliest."""
+        return self.rig.model_copy(update={"effects": (*self.rig.effects, *(one.effect for one in self.standing))})
+
+    def to_table(self) -> pa.Table:
+        """The effects found, a row for each parameter: name, parameter, value, sd, posterior, worth_um, material."""
+        rows = [
+            one | of_field | {"parameter": field}
+            for one in self.to_dict()["effects"]
+            for field, of_field in one["parameters"].items()
+        ]
+        return table_of_rows(("name", "parameter", "value", "sd", "posterior", "worth_um", "material"), rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it in plain types, with the keys of docs/diagnosis.md: what `rig diagnose --json` prints.
+
+        Angles in degrees, gaps in µm, each parameter in the unit of its name, None for what is not known.
+        """
+        outside = {"held_out": self.held_out, "unseen_place": self.unseen}
+        gaps = {"train": self.train.to_dict()} | {name: gap and gap.to_dict() for name, gap in outside.items()}
+        plain: dict[str, Any] = for_json(
+            {
+                "verdict": self.verdict,
+                "why": self.why,
+                "rig": self.rig.name,
+                "runs": self.runs,
+                "effects": [one.to_dict() for one in self.effects],
+                "remainder": asdict(self.remainder),
+                "where": [_of_place(place) for place in self.where],
+                "gap": {"unit": "um", "noise_floor": self.train.noise_floor_um, **gaps},
+                "left": [asdict(one) for one in self.left],
+                "setup": {name: _of_setup(name, setup) for name, setup in self.setups.items()},
+                "groups": self.groups,
+                "not_testable": self.not_testable,
+                "next_test": asdict(self.next_test) if self.next_test else None,
+                "repeats_measured": self.repeated,
+                "level": self.level,
+                "doubts": self.doubts,
+                "seconds": self.seconds,
+            }
+        )
+        return plain
+
+
+def _of_place(place: Place) -> dict[str, Any]:
+    return {"channel": place.test, **{key: value for key, value in asdict(place).items() if key != "test"}}
+
+
+def _of_setup(name: str, setup: SetUp) -> dict[str, Array]:
+    poses = name.startswith("pose")
+    fields = ("T_instrument_world", "T_tool_target") if poses else ("ball", "zeros_mm")
+    return {"ball_mm" if field == "ball" else field: getattr(setup, field) for field in fields}

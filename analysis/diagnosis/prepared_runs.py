@@ -102,9 +102,10 @@ def refuse_copies(runs: Sequence[Measured]) -> None:
     """
     known: dict[tuple[str, ...], Measured] = {}
     for run in runs:
-        first = known.setdefault(tuple(chunk.sha256 for chunk in run.run.manifest.chunks), run)
-        if first is not run:
+        chunks = tuple(chunk.sha256 for chunk in run.run.manifest.chunks)
+        if first := known.get(chunks):
             raise FileError(str(run.path), f"holds the same readings as {first.path}", "give each recording once")
+        known[chunks] = run
 
 
 def _differing(one: Rig, other: Rig) -> str:

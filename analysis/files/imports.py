@@ -1,46 +1,42 @@
-"""From a table file to a run: read, held against the rig, stored."""
+"""From a table file to a run: read, and held against the rig."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from analysis.files.read import read_csv
 from analysis.files.units import check_units
 from analysis.measures.checks import hold_alive
-from analysis.traces.csv_tables import table_from
 from analysis.traces.laps import laps_of
+from analysis.traces.loading import Measured, measured_of
 from analysis.traces.table_layout import JointSource
 from analysis.traces.tables import CircleTable, PoseTable, Table
-from daq.store import write_table_run
+from daq.store import table_run
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName
 
 
-def import_table(  # noqa: PLR0913 - one keyword for each option of the command
+def read_table(
     source: Path,
-    run: Path,
     *,
-    rig_file: str,
+    rig_file: str | Path,
     test: TestName,
     direction: Direction | None,
     operator: str,
     placement: str = "",
     joints: JointSource = "measured",
-) -> list[str]:
-    """Make a run directory of a table file. What a person should know of it, in words.
+) -> Measured:
+    """The run of a table file, not written; among its doubts is what an evaluation will refuse.
 
-    Raises FileError for mistakes in either file or a directory that exists, CellError when the disk refuses.
+    Raises FileError for mistakes in either file.
     """
-    if run.exists():
-        raise FileError(str(run), "exists already", "give the run a directory of its own")
     rig, rig_text = load(rig_file)
     read = read_csv(source, test, rig, direction, joints)
-    table = table_from(read.table, test, read.direction, str(source))
-    doubts = check_units(table, rig, str(source))
-    write_table_run(
-        run,
+    run = table_run(
+        source,
         read.table,
         test=test,
         direction=read.direction,
@@ -51,7 +47,9 @@ def import_table(  # noqa: PLR0913 - one keyword for each option of the command
         source_sha256=read.sha256,
         placement=placement,
     )
-    return doubts + _doubts(table, rig, str(run))
+    measured = measured_of(run)
+    doubts = (*check_units(measured.table, rig, str(source)), *_doubts(measured.table, rig, str(source)))
+    return replace(measured, doubts=(*doubts, *measured.doubts))
 
 
 def _doubts(table: Table, rig: Rig, where: str) -> list[str]:

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from analysis.fitting.estimate import Fit, fit
 from analysis.fitting.joint_coverage import outside_effect_coverage
+from analysis.fitting.observation import Observation
 from analysis.fitting.placements import observe_runs, split_by_frame
-from analysis.kinematics.arm import Array
+from analysis.frames import Tabular, for_json, table_of_rows
+from analysis.kinematics.arm import Array, Integers
 from analysis.measures.evaluate import Evaluated, evaluate
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.radial import RadialResult
@@ -18,7 +22,7 @@ from analysis.measures.reduction import PHI
 from analysis.measures.repeatability import RepeatabilityResult
 from analysis.measures.results import Result, result_of
 from analysis.measures.rig_agreement import hold_targets
-from analysis.model.predict import SetUp, model_of, path_of, predict
+from analysis.model.predict import model_of, path_of, predict
 from analysis.simulation.simulate import with_values
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PoseTable
@@ -27,9 +31,10 @@ from rigs.rig import Rig
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """One run. `result` and `simulated` are evaluated in the same way; the curves (n,) at x (n,) are in `unit`;
-    `correlation` is that of the curves, and `rms_um` that of the unexplained readings."""
+class Comparison(Tabular):
+    """One run. `result` and `simulated` are evaluated in the same way; the curves (n,) at x (n,) are in `unit`. `rows`
+    (m,) of the run's table were compared, on a circle those of whole laps; `residuals_mm` (m, k) are the measured less
+    the simulated readings of each gauge there, and `rms_um` is their rms. `correlation` is that of the curves."""
 
     result: Result
     simulated: Evaluated
@@ -37,17 +42,62 @@ class Comparison:
     measured_curve: Array
     simulated_curve: Array
     unit: str
+    rows: Integers
+    residuals_mm: Array
     correlation: float
     rms_um: float
 
+    def to_table(self) -> pa.Table:
+        """The curves side by side: phi_deg, target or place, then measured, simulated and difference in their unit."""
+        where = {"yaw": "phi_deg", "roll": "phi_deg", "radial": "target"}.get(self.result.test, "place")
+        curves = {"measured": self.measured_curve, "simulated": self.simulated_curve}
+        curves["difference"] = self.measured_curve - self.simulated_curve
+        return pa.table({where: self.x} | {f"{name}_{self.unit}": values for name, values in curves.items()})
+
+    def to_dict(self) -> dict[str, Any]:
+        """The figures side by side in plain types; None where there is no correlation, as of a model without errors."""
+        simulated = self.simulated.figures
+        plain: dict[str, Any] = for_json(
+            {
+                "run": str(self.result.measured.path),
+                "test": self.result.test,
+                "figures": {
+                    name: {"measured": figure.value, "u": figure.u, "simulated": simulated[name].value}
+                    for name, figure in self.result.found.figures.items()
+                    if name in simulated
+                },
+                "correlation": self.correlation,
+                "rms_um": self.rms_um,
+            }
+        )
+        return plain
+
 
 @dataclass(frozen=True)
-class Compared:
+class Compared(Tabular):
     """All runs, the fit of their set-ups, and doubts in words."""
 
-    runs: list[Comparison]
+    runs: tuple[Comparison, ...]
     fitted: Fit
-    doubts: list[str]
+    doubts: tuple[str, ...]
+
+    def to_table(self) -> pa.Table:
+        """The figures of all runs, a row each: run, figure, measured, u (standard uncertainty), simulated."""
+        objects = [one.to_dict() for one in self.runs]
+        rows = [
+            {"run": one["run"], "figure": name, **figure} for one in objects for name, figure in one["figures"].items()
+        ]
+        return table_of_rows(("run", "figure", "measured", "u", "simulated"), rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Runs, fitted set-ups and doubts in plain types: what `rig compare --json` prints."""
+        setups = {
+            name: {"ball_mm": setup.ball, "zeros_mm": setup.zeros_mm} for name, setup in self.fitted.setups.items()
+        }
+        plain: dict[str, Any] = for_json(
+            {"runs": [one.to_dict() for one in self.runs], "setup": setups, "doubts": self.doubts}
+        )
+        return plain
 
 
 def compare(runs: Sequence[Measured], rig: Rig) -> Compared:
@@ -68,22 +118,32 @@ def compare(runs: Sequence[Measured], rig: Rig) -> Compared:
         doubts += outside_effect_coverage(rig.effects, one.table.q[one.rows], f"{name}, an effect of the rig file")
     found = fit(model, observations)
     comparisons = [
-        _one(run, rig, found, found.setups[one.setup], residual)
+        _one(run, one, rig, found, residual)
         for run, one, residual in zip(runs, observations, found.residuals, strict=True)
     ]
-    return Compared(comparisons, found, doubts)
+    return Compared(tuple(comparisons), found, tuple(doubts))
 
 
-def _one(run: Measured, rig: Rig, found: Fit, setup: SetUp, residual: Array) -> Comparison:
+def _one(run: Measured, one: Observation, rig: Rig, found: Fit, residuals_mm: Array) -> Comparison:
     run = replace(run, rig=rig)
     result = result_of(run)
-    values = predict(found.model, run.table, path_of(found.model, run.table), setup)
+    values = predict(found.model, run.table, path_of(found.model, run.table), found.setups[one.setup])
     simulated = evaluate(with_values(run.table, values), rig, run.u_lag_s, f"{run.path}, simulated", u_gauge_mm=0.0)
     x, measured_curve, unit = curve(result.found)
     _, simulated_curve, _ = curve(simulated)
     correlation = float(np.corrcoef(measured_curve, simulated_curve)[0, 1]) if np.ptp(simulated_curve) else float("nan")
-    rms_um = float(np.sqrt((residual**2).mean()) * 1000)
-    return Comparison(result, simulated, x, measured_curve, simulated_curve, unit, correlation, rms_um)
+    return Comparison(
+        result=result,
+        simulated=simulated,
+        x=x,
+        measured_curve=measured_curve,
+        simulated_curve=simulated_curve,
+        unit=unit,
+        rows=one.rows,
+        residuals_mm=residuals_mm,
+        correlation=correlation,
+        rms_um=float(np.sqrt((residuals_mm**2).mean()) * 1000),
+    )
 
 
 def curve(found: Evaluated) -> tuple[Array, Array, str]:
@@ -92,8 +152,7 @@ def curve(found: Evaluated) -> tuple[Array, Array, str]:
         case CircleResult():
             return np.degrees(PHI), np.degrees(found.residual), "deg"
         case RadialResult():
-            deviation = np.linalg.norm(found.points - found.free.centre, axis=1) - found.free.radius
-            return found.cells.target.astype(float), deviation, "mm"
+            return found.cells.target.astype(float), found.deviation_mm, "mm"
         case RepeatabilityResult():
             mean = np.nanmean(found.readings_mm, axis=2)
             return np.arange(mean.size, dtype=float), mean.ravel(), "mm"

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analysis.fitting.calibrate import Calibration
 from analysis.fitting.identifiability import parameter_label
 from rigs.effects import Effect
 from rigs.schema.effect import identity
+
+if TYPE_CHECKING:
+    from analysis.fitting.calibrate import Calibration
 
 _ANY_PHASE_DEG = 180.0 / np.sqrt(3)
 """Standard uncertainty of an unknown phase: a uniform distribution over a turn."""
@@ -30,7 +32,7 @@ class Fitted:
     together: tuple[str, ...]
 
 
-def fitted_effects(calibration: Calibration) -> list[Fitted]:
+def fitted_effects(calibration: Calibration) -> tuple[Fitted, ...]:
     """Return the fitted effects of a calibration, with the two halves of a wave combined as amplitude and phase. The
     covariance of the calibration is (p, p)."""
     after = calibration.after
@@ -46,7 +48,7 @@ def fitted_effects(calibration: Calibration) -> list[Fitted]:
             name = parameter_label(after.model.effects[effect], one.field)
             like = next((mix.like for mix in calibration.weak_parameters if mix.what == name), ())
             found.append(Fitted(after.model.effects[effect], sd, _correlation(calibration, k), like))
-    return found + [_whole(calibration, halves, places) for halves in waves.values()]
+    return (*found, *(_whole(calibration, halves, places) for halves in waves.values()))
 
 
 def _correlation(calibration: Calibration, k: int) -> dict[str, float]:

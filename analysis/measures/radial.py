@@ -90,6 +90,12 @@ class RadialResult:
     samples: int
     notes: tuple[str, ...]
 
+    @property
+    def deviation_mm(self) -> Array:
+        """Distance (t,) of all targets from the least-squares sphere, positive outwards."""
+        away: Array = np.linalg.norm(self.points - self.free.centre, axis=1) - self.free.radius
+        return away
+
 
 def evaluate(
     table: RadialTable,

@@ -1,31 +1,50 @@
-"""From run directories to their results, for every report, plot and script."""
+"""From runs to their results, for every report, plot and script."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
 
+import pyarrow as pa
+
+from analysis.frames import Tabular, for_json, table_of_rows
 from analysis.measures.certificate_uncertainty import with_certificates
 from analysis.measures.evaluate import Evaluated, evaluate
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.quantity import Quantity
+from analysis.measures.result_curves import JointReversal, ResultCurve, curve_of_result, reversals_of_rig
 from analysis.measures.rig_agreement import doubts_of
 from analysis.noise.spectrum import LapNoise
-from analysis.traces.loading import Measured, load_measured
+from analysis.traces.loading import Measured
 
 
 @dataclass(frozen=True)
-class Result:
-    """A run, what its test found, and every figure of it by name."""
+class Result(Tabular):
+    """An evaluated run. measured: the run as it was read; found: what its test found, in radians and mm; figures: every
+    figure by the name of docs/figures.md, which ends in its unit."""
 
     measured: Measured
     found: Evaluated
     figures: dict[str, Quantity]
 
+    @cached_property
+    def curve(self) -> ResultCurve:
+        """The curve or the points behind the figures, in degrees and mm."""
+        return curve_of_result(self.found)
+
+    @cached_property
+    def reversals(self) -> tuple[JointReversal, ...]:
+        """Where the joints turn back on the nominal circle, by circle angle; none for the other tests.
+
+        Raises FileError where the robot of the rig file cannot drive its circle.
+        """
+        return reversals_of_rig(self.measured.rig) if isinstance(self.found, CircleResult) else ()
+
     @property
     def title(self) -> str:
-        """`yaw acw`, say."""
+        """Test and direction, as `yaw acw`."""
         return self.measured.title
 
     @property
@@ -43,20 +62,47 @@ class Result:
         """What a person should know before trusting the figures, in words."""
         return (*self.measured.doubts, *doubts_of(self.measured.table, self.measured.rig), *self.found.notes)
 
+    @property
+    def lap_noise(self) -> tuple[LapNoise, LapNoise] | None:
+        """Noise of angle and distance between the laps, which a run of one lap can borrow; None where there are not
+        two laps."""
+        if not isinstance(self.found, CircleResult) or self.found.laps.count < 2:
+            return None
+        return self.found.curve.noise, self.found.distance.curve.noise
 
-def analyse_runs(paths: Sequence[Path]) -> list[Result]:
-    """Read, align and evaluate runs; one of a single lap borrows the noise of another run of its test. Raises
+    def to_table(self) -> pa.Table:
+        """The figures, a row each: figure, value, u (standard uncertainty), unit, samples, noise."""
+        rows = [{"figure": name, **asdict(figure)} for name, figure in self.figures.items()]
+        return table_of_rows(("figure", "value", "u", "unit", "samples", "noise"), rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Run, figures and doubts in plain types, None for what is not known: a run of `rig analyse --json`."""
+        manifest = self.measured.run.manifest
+        plain: dict[str, Any] = for_json(
+            {
+                "run": str(self.measured.path),
+                "name": manifest.name,
+                "rig": self.measured.rig.name,
+                "test": manifest.test,
+                "direction": manifest.direction,
+                "started": manifest.started,
+                "samples": self.found.samples,
+                "u_lag_s": self.measured.u_lag_s,
+                "figures": {name: asdict(figure) for name, figure in self.figures.items()},
+                "doubts": list(self.doubts),
+            }
+        )
+        return plain
+
+
+def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
+    """Evaluate runs that were read; one of a single lap borrows the noise of another run of its test. Raises
     FileError."""
-    results = [analyse_run(path) for path in paths]
+    results = [result_of(run) for run in runs]
     for place, result in enumerate(results):
         if like := _lender(result, results):
             results[place] = result_of(result.measured, like)
     return results
-
-
-def analyse_run(path: Path) -> Result:
-    """Read, align and evaluate a run. Raises FileError."""
-    return result_of(load_measured(path))
 
 
 def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None) -> Result:
@@ -78,10 +124,8 @@ def _lender(result: Result, results: Sequence[Result]) -> tuple[LapNoise, LapNoi
     """Noise of angle and distance for a run of a single lap, from the first of its test that has more."""
     if not isinstance(result.found, CircleResult) or result.found.laps.count > 1:
         return None
-    for other in by_test(results)[_group_of(result, results)]:
-        if isinstance(other.found, CircleResult) and other.found.laps.count > 1:
-            return other.found.curve.noise, other.found.distance.curve.noise
-    return None
+    group = by_test(results)[_group_of(result, results)]
+    return next((other.lap_noise for other in group if other.lap_noise), None)
 
 
 def _group_of(result: Result, results: Sequence[Result]) -> int:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
 from analysis.fitting.calibrate import Calibration
-from analysis.fitting.fitted_effects import fitted_effects
 from analysis.fitting.identifiability import parameter_label
+from analysis.measures.parameters import quantity_of
 from analysis.reporting.extended_rig import with_origin, write_extended
-from analysis.reporting.parameters import quantity_of
 from analysis.reporting.wide_tables import whole
 
 
@@ -25,7 +22,7 @@ def as_table(found: Calibration) -> RenderableType:
     table = Table(title="value ± standard uncertainty", title_style="dim", header_style="bold")
     table.add_column("effect")
     table.add_column("value", justify="right")
-    for one in fitted_effects(found):
+    for one in found.effects:
         for field in one.sd:
             table.add_row(parameter_label(one.effect, field), str(quantity_of(one.effect, field, one.sd)))
     gap = Table(title="unexplained, rms in µm", title_style="dim", header_style="bold")
@@ -73,33 +70,11 @@ def _of_noise(found: Calibration) -> list[Text]:
     return [*lines, Text(text, style="yellow")]
 
 
-def as_object(found: Calibration) -> dict[str, Any]:
-    """The same for scripts; lengths in mm, angles in degrees."""
-    return {
-        "effects": [
-            {**one.effect.model_dump(mode="json", exclude={"found"}), "sd": one.sd} for one in fitted_effects(found)
-        ],
-        "covariance": found.covariance.tolist(),
-        "scatter": asdict(found.scatter),
-        "noise": {setup: asdict(noise) for setup, noise in found.noise.items()},
-        "told_apart": {"asked": _asked(found), "told": found.identified_combinations},
-        "mixed": [{"what": one.what, "like": list(one.like), "share": one.share} for one in found.weak_parameters],
-        "joints_deg": [list(one) for one in found.covered],
-        "doubts": list(found.doubts),
-        "rms_mm": {
-            "used": {"before": found.before_mm[0], "after": found.after_mm[0]},
-            "left_out": None
-            if math.isnan(found.before_mm[1])
-            else {"before": found.before_mm[1], "after": found.after_mm[1]},
-        },
-    }
-
-
 def write_rig(found: Calibration, text: str, runs: Sequence[str], output: Path) -> None:
     """The rig file with the fitted effects added, each with where it came from. Raises FileError where it exists."""
     gap_um = (found.before_mm[0] * 1e3, found.after_mm[0] * 1e3)
     effects = [
         with_origin(one.effect, one.sd, runs, gap_um, found.covered, one.correlation, one.together)
-        for one in fitted_effects(found)
+        for one in found.effects
     ]
     write_extended(text, effects, output)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,7 +13,6 @@ from rich.text import Text
 
 from analysis.fitting.compare import Compared, Comparison
 from analysis.fitting.estimate import Fit
-from analysis.reporting.for_json import for_json
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.plots import distinctly_named
 from analysis.reporting.sheet import Sheet
@@ -48,30 +46,6 @@ def _setups(fitted: Fit) -> list[Text]:
         ball, zeros = np.round(setup.ball, 3).tolist(), np.round(setup.zeros_mm, 4).tolist()
         lines.append(Text(f"set-up {name}: ball at {ball} mm, zeros {zeros} mm (fitted)", style="dim"))
     return lines
-
-
-def as_object(found: Compared) -> dict[str, Any]:
-    """The same for scripts; null where there is no correlation, as of a simulation without any error."""
-    runs = [
-        {
-            "run": str(one.result.measured.path),
-            "test": one.result.test,
-            "figures": {
-                name: {"measured": figure.value, "u": figure.u, "simulated": one.simulated.figures[name].value}
-                for name, figure in one.result.found.figures.items()
-                if name in one.simulated.figures
-            },
-            "correlation": one.correlation,
-            "rms_um": one.rms_um,
-        }
-        for one in found.runs
-    ]
-    setups = {
-        name: {"ball_mm": setup.ball.tolist(), "zeros_mm": setup.zeros_mm.tolist()}
-        for name, setup in found.fitted.setups.items()
-    }
-    plain: dict[str, Any] = for_json({"runs": runs, "setup": setups, "doubts": found.doubts})
-    return plain
 
 
 def save_pictures(comparisons: Sequence[Comparison], directory: Path) -> list[Path]:

@@ -20,7 +20,7 @@ from analysis.correction.corrected_targets import Corrected
 from analysis.correction.support import Support
 from analysis.correction.target_path import write_path
 from analysis.kinematics.arm import Array
-from analysis.reporting.parameters import quantity_of
+from analysis.measures.parameters import quantity_of
 from analysis.reporting.wide_tables import whole
 from rigs.effects import size_field
 from rigs.errors import FileError

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure, SubFigure
 from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.reporting.diagnosis_curves import GREY, LEFT, MEASURED, MODEL, draw_circles, strands_of
 from analysis.reporting.diagnosis_maps import draw_map
-from analysis.reporting.diagnosis_words import headline, standing
+from analysis.reporting.diagnosis_words import headline
 from analysis.reporting.sheet import Sheet
 from rigs.schema.effect import name_of
 
@@ -29,7 +29,7 @@ _KEY = (
 
 def picture(found: Diagnosis) -> Figure:
     """Everything on one sheet, as high as it needs."""
-    effects = bool(standing(found))
+    effects = bool(found.standing)
     strands, quiet = strands_of(found)
     parts: list[tuple[float, Callable[[SubFigure], None]]] = []
     if strands:
@@ -58,9 +58,9 @@ def picture(found: Diagnosis) -> Figure:
 def _bars(found: Diagnosis) -> list[tuple[str, float, str]]:
     """Name, gap in µm and ink: before, with each effect taken out again, with all, and calibrated; those known."""
     bars = [("before", found.train.before_um, MEASURED)]
-    bars += [(f"without {name_of(one.effect)}", one.gap_without_um, MODEL) for one in standing(found)]
-    if standing(found):
-        bars.append(("with all" if len(standing(found)) > 1 else "after", found.train.after_um, LEFT))
+    bars += [(f"without {name_of(one.effect)}", one.gap_without_um, MODEL) for one in found.standing]
+    if found.standing:
+        bars.append(("with all" if len(found.standing) > 1 else "after", found.train.after_um, LEFT))
     bars.append(("healthy share out, too", found.train.calibrated_um, GREY))
     return [bar for bar in bars if np.isfinite(bar[1])]
 

@@ -6,8 +6,6 @@ import json
 from pathlib import Path
 
 from analysis.diagnosis.diagnosis import Diagnosis
-from analysis.reporting.diagnosis_json import as_object
-from analysis.reporting.diagnosis_words import standing
 from analysis.reporting.extended_rig import with_origin, write_extended
 from rigs.errors import FileError
 
@@ -34,13 +32,13 @@ def write(found: Diagnosis, text: str, directory: Path) -> list[Path]:
     answer, sheet = directory / "diagnosis.json", directory / "diagnosis.png"
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        answer.write_text(json.dumps(as_object(found), indent=2) + "\n", encoding="utf-8")
+        answer.write_text(json.dumps(found.to_dict(), indent=2) + "\n", encoding="utf-8")
         picture(found).savefig(sheet, dpi=130)
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
     effects = [
         with_origin(one.effect, one.sd, found.runs, (one.gap_without_um, found.train.after_um))
-        for one in standing(found)
+        for one in found.standing
     ]
     if not effects:
         return [answer, sheet]

@@ -18,8 +18,6 @@ from analysis.reporting.diagnosis_words import (
     runs_of,
     shortened,
     size,
-    slight,
-    standing,
     stretch,
     sure,
     with_uncertainty,
@@ -48,7 +46,7 @@ def as_screen(found: Diagnosis) -> RenderableType:
     sections = (
         (f"Where they disagree{tolerable}", _where(found)),
         ("What is missing", _missing(found)),
-        ("What the model says with it" if standing(found) else "What the model says", _gaps(found)),
+        ("What the model says with it" if found.standing else "What the model says", _gaps(found)),
         ("Still unexplained", _left(found)),
         ("What these tests cannot distinguish", _cannot(found)),
         ("What to do", _remedies(found)),
@@ -82,13 +80,13 @@ def _where(found: Diagnosis) -> list[RenderableType]:
 
 
 def _missing(found: Diagnosis) -> list[RenderableType]:
-    beside = [Text(f"too small to matter: {_slight(found)}", style="dim")] if slight(found) else []
-    if not standing(found):
+    beside = [Text(f"too small to matter: {_slight(found)}", style="dim")] if found.slight else []
+    if not found.standing:
         return list(beside)
     times, bound = (2.0, "± 2u") if found.verdict == "ambiguous" else (1.0, "± u")
     numbers = (f"size {bound}", "worth µm", "how sure")
     table = _plain_table("effect", *numbers, right=numbers)
-    for one in standing(found):
+    for one in found.standing:
         table.add_row(
             Text(name_of(one.effect), style="bold"), size(one, times), f"{one.worth_um:.1f}", sure(one.posterior)
         )
@@ -101,11 +99,11 @@ def _missing(found: Diagnosis) -> list[RenderableType]:
 
 
 def _slight(found: Diagnosis) -> str:
-    return ", ".join(f"{name_of(one.effect)} ({one.worth_um:.1f} µm)" for one in slight(found))
+    return ", ".join(f"{name_of(one.effect)} ({one.worth_um:.1f} µm)" for one in found.slight)
 
 
 def _gaps(found: Diagnosis) -> list[RenderableType]:
-    effects = bool(standing(found))
+    effects = bool(found.standing)
     last = ("calibrated", "noise floor")
     headings = ("before", "after", *last, "closed") if effects else ("rms", *last)
     table = _plain_table("µm rms", *headings, right=headings)
@@ -149,7 +147,7 @@ def _cannot(found: Diagnosis) -> list[RenderableType]:
 
 
 def _remedies(found: Diagnosis) -> list[RenderableType]:
-    return [Text(f"{name_of(one.effect)}: {one.remedy}") for one in standing(found) if one.remedy]
+    return [Text(f"{name_of(one.effect)}: {one.remedy}") for one in found.standing if one.remedy]
 
 
 def _next(found: Diagnosis) -> list[RenderableType]:

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable, Mapping
 
 from analysis.diagnosis.diagnosis import ODDS, Curve, Diagnosis, Gap, Named, Place, ResidualBand, Rival
+from analysis.measures.parameters import parameters_of, quantity_of
 from analysis.measures.quantity import Quantity
-from analysis.reporting.parameters import parameters_of, quantity_of
 from rigs.effects import Effect, size_field
 from rigs.rig import Rig
 
@@ -61,7 +61,7 @@ def headline(found: Diagnosis) -> str:
     """The verdict in one sentence."""
     match found.verdict:
         case "named":
-            what = [f"{plain(found.rig, one.effect)}, {size(one)}" for one in standing(found)]
+            what = [f"{plain(found.rig, one.effect)}, {size(one)}" for one in found.standing]
             several = f"{len(what)} effects are" if len(what) > 1 else "One effect is"
             return f"{several} missing in the model: {'; '.join(what)}."
         case "ambiguous":
@@ -78,7 +78,7 @@ def headline(found: Diagnosis) -> str:
 def _alternatives(found: Diagnosis) -> str:
     """Each name with those of its rivals that cannot be dismissed."""
     words = []
-    for one in standing(found):
+    for one in found.standing:
         likely = [rival.effect for rival in one.rivals if rival.posterior * ODDS >= one.posterior]
         words.append(" or ".join(plain(found.rig, effect) for effect in (one.effect, *likely)))
     return "; ".join(words)
@@ -116,13 +116,3 @@ def shortened(names: Iterable[str]) -> str:
         kind, _, seat = name.partition(" ")
         seats.setdefault(kind, []).append(seat)
     return ", ".join(" ".join([kind, *sorted(filter(None, own))]) for kind, own in seats.items())
-
-
-def standing(found: Diagnosis) -> tuple[Named, ...]:
-    """The effects that the diagnosis stands by: the material ones."""
-    return tuple(one for one in found.effects if one.material)
-
-
-def slight(found: Diagnosis) -> tuple[Named, ...]:
-    """Those that it found beside them, too small or too doubtful to matter."""
-    return tuple(one for one in found.effects if not one.material)

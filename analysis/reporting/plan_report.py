@@ -20,7 +20,7 @@ from analysis.diagnosis.plan import Pair, Plan
 from analysis.diagnosis.planned_runs import ASSUMED_JOINT_DEG, ASSUMED_UM
 from analysis.diagnosis.selection_state import FAULT
 from analysis.diagnosis.separating_tests import SeparatingTest
-from analysis.reporting.parameters import quantity_of
+from analysis.measures.parameters import quantity_of
 from analysis.reporting.wide_tables import whole
 from rigs.effects import Effect, healthy_size, size_field
 from rigs.schema.effect import name_of

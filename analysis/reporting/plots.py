@@ -10,15 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.geometry.circle import Reversal, frame_of, reversals
-from analysis.geometry.programs import circle_of
-from analysis.kinematics.arm import arm_of
 from analysis.measures.lap_curve import at_resolution
 from analysis.measures.link_angle import CircleResult
-from analysis.measures.pose import PoseResult
-from analysis.measures.radial import RadialResult
 from analysis.measures.reduction import PHI
-from analysis.measures.repeatability import RepeatabilityResult
+from analysis.measures.result_curves import JointReversal, PoseCurve, RadialCurve, RepeatabilityCurve
 from analysis.measures.results import Result
 from analysis.reporting.sheet import Sheet
 
@@ -52,13 +47,13 @@ def distinctly_named(results: Sequence[Result]) -> list[tuple[str, Result]]:
 
 
 def _other_figure(result: Result) -> Figure:
-    match result.found:
-        case RadialResult():
-            return radial_figure(result, result.found)
-        case RepeatabilityResult():
-            return repeatability_figure(result, result.found)
-        case PoseResult():
-            return pose_figure(result, result.found)
+    match result.curve:
+        case RadialCurve():
+            return radial_figure(result, result.curve)
+        case RepeatabilityCurve():
+            return repeatability_figure(result, result.curve)
+        case PoseCurve():
+            return pose_figure(result, result.curve)
     raise TypeError(result.test)
 
 
@@ -68,17 +63,16 @@ def _blank(result: Result, title: str, width: float, height: float) -> Figure:
     return figure
 
 
-def radial_figure(result: Result, found: RadialResult) -> Figure:
+def radial_figure(result: Result, curve: RadialCurve) -> Figure:
     """Deviation from the least-squares sphere over the hemisphere, and target by target (figure 13)."""
     figure = _blank(result, "Radial error about the least-squares sphere", 11, 4.6)
-    deviation = np.linalg.norm(found.points - found.free.centre, axis=1) - found.free.radius
+    deviation = curve.deviation_mm
     around, axes = figure.subplots(1, 2, width_ratios=(1, 1.5), subplot_kw={})
-    polar = np.degrees(np.arccos(np.clip(found.cells.direction[:, 2], -1, 1)))
-    azimuth = np.arctan2(found.cells.direction[:, 1], found.cells.direction[:, 0])
-    largest = float(np.abs(deviation[found.used]).max())
+    azimuth = np.radians(curve.azimuth_deg)
+    largest = float(np.abs(deviation[curve.used]).max())
     dots = around.scatter(
-        polar * np.cos(azimuth),
-        polar * np.sin(azimuth),
+        curve.polar_deg * np.cos(azimuth),
+        curve.polar_deg * np.sin(azimuth),
         c=deviation,
         cmap="coolwarm",
         s=90,
@@ -95,11 +89,11 @@ def radial_figure(result: Result, found: RadialResult) -> Figure:
     around.set_title("seen along the axis, azimuth 0° to the right", fontsize=9)
     figure.colorbar(dots, ax=around, label="deviation / mm", shrink=0.8)
     axes.errorbar(
-        found.cells.target, deviation, found.spread_mm / 2, fmt="o", ms=4, lw=0.8, color=_INK["cw"],
-        label="mean, with the range over orientations" if found.cells.g_mm.shape[1] > 1 else None,
+        curve.target, deviation, curve.spread_mm / 2, fmt="o", ms=4, lw=0.8, color=_INK["cw"],
+        label="mean, with the range over orientations" if "spread_mm" in result.figures else None,
     )  # fmt: skip
-    if not found.used.all():
-        axes.plot(found.cells.target[~found.used], deviation[~found.used], "x", color="red", label="left out")
+    if not curve.used.all():
+        axes.plot(curve.target[~curve.used], deviation[~curve.used], "x", color="red", label="left out")
     _plain(axes, "target", "deviation from the sphere / mm")
     text = f"radius {result.figures['radius_mm']}\nerror band {result.figures['band_mm']}"
     axes.text(0.01, 0.98, text, transform=axes.transAxes, va="top", fontsize=9)
@@ -109,15 +103,16 @@ def radial_figure(result: Result, found: RadialResult) -> Figure:
     return figure
 
 
-def repeatability_figure(result: Result, found: RepeatabilityResult) -> Figure:
+def repeatability_figure(result: Result, curve: RepeatabilityCurve) -> Figure:
     """Every reading by target and side of approach (figure 15)."""
     figure = _blank(result, "Repeatability", 8, 4.2)
     axes = figure.subplots()
-    for side, name in enumerate(("from outside", "from inside")):
-        place = np.repeat(np.arange(len(found.targets)) + (side - 0.5) * 0.25, found.readings_mm.shape[2])
-        ink = list(_INK.values())[side]
-        axes.plot(place, found.readings_mm[:, side].ravel(), "o", ms=4, color=ink, alpha=0.8, label=name)
-    axes.set_xticks(range(len(found.targets)), [str(target) for target in found.targets])
+    targets, place = np.unique(curve.target, return_inverse=True)
+    for side, aside, name in (("out", -0.125, "from outside"), ("in", 0.125, "from inside")):
+        here = curve.approach == side
+        ink = _INK["acw" if side == "out" else "cw"]
+        axes.plot(place[here] + aside, curve.reading_mm[here], "o", ms=4, color=ink, alpha=0.8, label=name)
+    axes.set_xticks(range(len(targets)), [str(target) for target in targets])
     _plain(axes, "target", "reading / mm")
     text = f"uni-directional {result.figures['uni_mm']}\nbi-directional {result.figures['bi_mm']}"
     axes.text(0.01, 0.98, text, transform=axes.transAxes, va="top", fontsize=9)
@@ -126,11 +121,11 @@ def repeatability_figure(result: Result, found: RepeatabilityResult) -> Figure:
     return figure
 
 
-def pose_figure(result: Result, found: PoseResult) -> Figure:
+def pose_figure(result: Result, curve: PoseCurve) -> Figure:
     """Position error pose by pose, and how often which size."""
     figure = _blank(result, "Position error, base and tool fitted", 10, 4.0)
     along, often = figure.subplots(1, 2, width_ratios=(2, 1), sharey=True)
-    error = np.linalg.norm(found.position_mm, axis=1)
+    error = curve.distance_mm
     along.plot(np.arange(1, len(error) + 1), error, ".", ms=3, color=_INK["cw"])
     _plain(along, "pose", "position error / mm")
     often.hist(error, bins=max(_LEAST_BINS, len(error) // 25), orientation="horizontal", color=_INK["cw"], alpha=0.7)
@@ -177,7 +172,7 @@ def error_figure(results: Sequence[Result]) -> Figure:
         axes.set_ylabel(f"{found.laps.direction}: error / °")
         band = f"error band {found.figures['band_deg']}"
         axes.text(0.01, 0.04, band, transform=axes.transAxes, fontsize=9, va="bottom")
-        _mark_reversals(axes, result)
+        _mark_reversals(axes, result.reversals)
     return figure
 
 
@@ -210,18 +205,15 @@ def _common_range(circles: Sequence[CircleResult]) -> tuple[float, float]:
     return low - 0.28 * (high - low), high + 0.3 * (high - low)
 
 
-def _mark_reversals(axes: Axes, result: Result) -> None:
+def _mark_reversals(axes: Axes, turns: Sequence[JointReversal]) -> None:
     """A dashed line where a joint turns back; names of close neighbours take turns in height."""
-    rig = result.measured.rig
-    circle = circle_of(rig)
-    turns = reversals(frame_of(circle), arm_of(rig.robot), np.radians(circle.posture_deg), rig.name)
     previous, step = -100.0, 0
-    for turn in sorted(turns, key=lambda turn: turn.phi):
-        phi = float(np.degrees(turn.phi))
+    for turn in turns:
+        phi = turn.phi_deg
         step = (step + 1) % 3 if phi - previous < 16 else 0
         axes.axvline(phi, color=_GREY, lw=0.7, ls="--")
         axes.annotate(
-            _name(result, turn),
+            f"{turn.name} {'↓' if turn.upper else '↑'}",
             (phi, 1.0 - 0.085 * step),
             xycoords=("data", "axes fraction"),
             xytext=(-3 if phi > 345 else 2, -2),
@@ -232,7 +224,3 @@ def _mark_reversals(axes: Axes, result: Result) -> None:
             ha="right" if phi > 345 else "left",
         )
         previous = phi
-
-
-def _name(result: Result, turn: Reversal) -> str:
-    return f"{result.measured.rig.robot.axes[turn.axis - 1].name} {'↓' if turn.upper else '↑'}"

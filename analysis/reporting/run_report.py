@@ -13,11 +13,11 @@ from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderR
 from rich.table import Table
 from rich.text import Text
 
+from analysis.frames import for_json
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.pooled import ONE_RUN, BetweenRuns, Pairs, Pooled, pairs_of, pooled
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result, by_test
-from analysis.reporting.for_json import for_json
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.truth import TruthComparison, all_agree, verdict
 from analysis.reporting.wide_tables import whole
@@ -169,7 +169,7 @@ def _cell(result: Result, name: str, truth: dict[str, TruthComparison]) -> str |
 
 def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = ()) -> dict[str, Any]:
     """The same for scripts; angles in degrees, lengths in mm, u the standard uncertainty, null where it is unknown."""
-    runs = [_run_object(result) for result in results]
+    runs = [result.to_dict() for result in results]
     for run, truth in zip(runs, truths, strict=False):
         run["truth"] = {name: asdict(comparison) for name, comparison in truth.items()}
     groups = by_test(results)
@@ -211,22 +211,6 @@ def _pairs_object(both: Pairs, group: Sequence[Result]) -> dict[str, Any]:
         "figures": {name: _between_object(figure) for name, figure in both.figures.items()},
         "lag": None if both.lag is None else asdict(both.lag),
         "refused": list(both.refused),
-    }
-
-
-def _run_object(result: Result) -> dict[str, Any]:
-    manifest = result.measured.run.manifest
-    return {
-        "run": str(result.measured.path),
-        "name": manifest.name,
-        "rig": result.measured.rig.name,
-        "test": manifest.test,
-        "direction": manifest.direction,
-        "started": manifest.started,
-        "samples": result.found.samples,
-        "u_lag_s": result.measured.u_lag_s,
-        "figures": {name: asdict(figure) for name, figure in result.figures.items()},
-        "doubts": list(result.doubts),
     }
 
 

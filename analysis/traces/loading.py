@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from analysis.frames import Tabular
 from analysis.noise.certificate import NO_CERTIFICATE, Systematic, corrected_gauges, link_excess_mm, systematic
 from analysis.noise.certificate import doubts_of as certificate_doubts
 from analysis.traces.align import align
@@ -27,10 +28,11 @@ SIMULATED = "simulated, "
 
 
 @dataclass(frozen=True)
-class Measured:
-    """A run, its rig and its table; u_lag_s: standard uncertainty of the gauges' time against the robot's, 0 where a
-    table came with its own time; doubts in words; systematic: what calibration certificates leave uncertain. The run is
-    without its streams: the table is made of them, and of a long run they take as much memory."""
+class Measured(Tabular):
+    """A run that was read, with its rig file as it was then (rig) and its readings as one table, in radians and mm;
+    u_lag_s: standard uncertainty of the gauges' time against the robot's, 0 where a table came with its own time;
+    doubts in words; systematic: what calibration certificates leave uncertain. The run is without its streams: the
+    table is made of them, and of a long run they take as much memory."""
 
     path: Path
     run: Run
@@ -42,9 +44,13 @@ class Measured:
 
     @property
     def title(self) -> str:
-        """`yaw acw`, say."""
+        """Test and direction, as `yaw acw`."""
         manifest = self.run.manifest
         return f"{manifest.test} {manifest.direction}" if manifest.direction else manifest.test
+
+    def to_table(self) -> pa.Table:
+        """The columns of docs/tables.md: the imported ones as they came, or those of the aligned table."""
+        return columns_of(self.table) if self.run.table is None else self.run.table
 
 
 def load_measured(path: Path) -> Measured:
@@ -74,11 +80,6 @@ def _is_in_step(run: Run) -> None:
         raise FileError(
             str(run.path), what, "replay the capture again on a computer that is less busy, and record that"
         )
-
-
-def file_columns(measured: Measured) -> pa.Table:
-    """What a file made of a run holds: the imported columns as they came, or those of the aligned table."""
-    return columns_of(measured.table) if measured.run.table is None else measured.run.table
 
 
 def _recorded(path: Path, run: Run, rig: Rig) -> tuple[Table, float, list[str]]:

@@ -6,7 +6,7 @@ being recorded is `<stream>-0001.arrow`. See `daq.store.chunk` for why these two
 has one chunk, `table-0001.parquet`. `marks.json` says whether the run was exported and whether it is kept.
 """
 
-from daq.store.imported import write_table_run
+from daq.store.imported import table_run, write_table_run
 from daq.store.manifest import Manifest, load_manifest
 from daq.store.marks import mark_exported, mark_kept
 from daq.store.records import Chunk, Relabelling
@@ -37,6 +37,7 @@ __all__ = [
     "recover",
     "relabel",
     "survey",
+    "table_run",
     "verify",
     "write_table_run",
 ]

@@ -15,14 +15,15 @@ from daq.store import durable
 from daq.store.chunk import to_parquet, with_opening
 from daq.store.ledger import Entry, Ledger
 from daq.store.manifest import Manifest, hold_operator, load_manifest, new_manifest
-from daq.store.records import ImportedTable, Seal, chunk_name, iso_now
+from daq.store.records import ImportedTable, Relabelling, Seal, chunk_name, iso_now
+from daq.store.run import Run
 from daq.store.schema import FAULTS, TABLE
 from daq.store.stream_writer import describe
 from rigs.errors import CellError, FileError
 from rigs.schema.vocabulary import Direction, TestName
 
 
-def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
+def table_run(  # noqa: PLR0913 - what a manifest needs to know
     path: Path,
     table: pa.Table,
     *,
@@ -34,15 +35,15 @@ def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
     source: str,
     source_sha256: str,
     placement: str = "",
-) -> Manifest:
-    """Make the run directory `path` of a table of double, int64 and string columns without nulls.
+) -> Run:
+    """The run of a table of double, int64 and string columns without nulls, as if it were in the directory `path`;
+    nothing is written.
 
     source, source_sha256: name and checksum of the file that the table was read from. The run's name is
-    that of its directory. Raises FileError where path exists or the operator holds control characters, CellError when
-    the disk refuses; then nothing is left of it.
+    that of its directory. Raises FileError where the operator holds control characters.
     """
     columns = {field.name: str(field.type) for field in table.schema}
-    manifest = new_manifest(
+    opening = new_manifest(
         name=_name(path),
         test=test,
         direction=direction,
@@ -53,47 +54,64 @@ def write_table_run(  # noqa: PLR0913 - what a manifest needs to know
         streams={},
         table=ImportedTable.model_validate({"file": source, "sha256": source_sha256, "columns": columns}),
     )
+    whole = table.cast(opening.arrow_schema(TABLE)).combine_chunks()
+    manifest = opening.with_entries(_entries(whole, _parquet(opening, whole)))
+    return Run(path, manifest, {}, [], whole)
+
+
+def write_table_run(run: Run, path: Path) -> Manifest:
+    """Make the run directory `path` of a run of a table, which is called as the directory from now on.
+
+    Raises FileError where path exists, CellError when the disk refuses; then nothing is left of it.
+    """
     try:
         durable.make_directories(path.parent)
         durable.make_directory(path)
     except FileExistsError:
-        raise FileError(str(path), "is there already", "give the run a directory of its own") from None
+        raise FileError(str(path), "exists already", "give the run a directory of its own") from None
     except OSError as error:
         raise _refused(path, error) from error
     try:
-        return _fill(path, manifest, table)
+        return _fill(run, path)
     except (OSError, pa.ArrowException) as error:
         durable.discard(path)
         raise _refused(path, error) from error
 
 
-def _fill(path: Path, manifest: Manifest, table: pa.Table) -> Manifest:
+def _fill(run: Run, path: Path) -> Manifest:
+    manifest = run.manifest.model_copy(update={"version": 2, "name": _name(path)})
     held = durable.lock(path)
     try:
         manifest.save(path)
         ledger = Ledger.create(path, manifest.opening())
         durable.sync_directory(path.parent)
-        whole = table.cast(manifest.arrow_schema(TABLE)).combine_chunks()
-        data = to_parquet(whole.cast(with_opening(manifest.arrow_schema(TABLE), manifest.opening())))
-        file = path / chunk_name(TABLE, 1)
-        durable.replace(file, data)
-        ledger.append(Entry(chunk=describe(file.name, TABLE, table, data)))
-        rows = table.num_rows
-        ledger.append(
-            Entry(
-                seal=Seal(
-                    exit_status="complete",
-                    reason="imported",
-                    ended=iso_now(),
-                    rows={TABLE: rows, FAULTS: 0},
-                    counters={TABLE: {"samples": rows}},
-                )
-            )
-        )
+        data = _parquet(manifest, run.table)
+        durable.replace(path / chunk_name(TABLE, 1), data)
+        for entry in _entries(run.table, data, run.manifest.relabelled):
+            ledger.append(entry)
         ledger.close()
     finally:
         durable.close(held)
     return load_manifest(path)
+
+
+def _parquet(opening: Manifest, table: pa.Table) -> bytes:
+    """Return the Parquet file of a table, with the opening manifest in it."""
+    return to_parquet(table.cast(with_opening(opening.arrow_schema(TABLE), opening.opening())))
+
+
+def _entries(table: pa.Table, data: bytes, relabelled: tuple[Relabelling, ...] = ()) -> list[Entry]:
+    """Return the ledger of a table run after its first line: chunk, seal, and the history of the label."""
+    rows = table.num_rows
+    seal = Seal(
+        exit_status="complete",
+        reason="imported",
+        ended=iso_now(),
+        rows={TABLE: rows, FAULTS: 0},
+        counters={TABLE: {"samples": rows}},
+    )
+    history = [Entry(relabelled=relabelled)] if relabelled else []
+    return [Entry(chunk=describe(chunk_name(TABLE, 1), TABLE, table, data)), Entry(seal=seal), *history]
 
 
 def _name(path: Path) -> str:

@@ -25,7 +25,6 @@ from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.fitting.calibrate import calibrate
 from analysis.fitting.effect_choice import parse_effects
 from analysis.fitting.estimate import fit, sizes
-from analysis.fitting.fitted_effects import fitted_effects
 from analysis.fitting.observation import observe
 from analysis.model.predict import model_of
 from analysis.reporting import plan_report
@@ -132,7 +131,7 @@ def calibrated(name: str) -> None:
         assert label_of(fault(name)) in error.what or "do not show any of the chosen effects" in error.what
         return
     assert found.after_mm[0] < found.before_mm[0]
-    (one,) = fitted_effects(found)
+    (one,) = found.effects
     assert identity(one.effect) == identity(fault(name))
     near(one.effect, fault(name), one.sd[size_field(one.effect)])
 

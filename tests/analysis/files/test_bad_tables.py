@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.files.imports import import_table
 from analysis.files.read import parse_csv, read_csv
 from analysis.files.table_problems import TableFileError
 from analysis.files.units import check_units
@@ -17,6 +16,7 @@ from analysis.traces.csv_tables import table_from
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction, TestName
 from tests.support.table_cases import RIG_FILE, TESTS, circle_values, csv_text, plain, rig, rows_of, texts
+from tests.support.written_runs import import_table
 
 
 def refusal(text: str, test: TestName, direction: Direction | None = None) -> list[str]:

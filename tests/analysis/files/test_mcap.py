@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from analysis.files.imports import import_table
 from analysis.files.mcap_export import write_mcap
 from analysis.files.write import write_new
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.store import Manifest, Run, RunWriter, read_run
 from rigs.errors import FileError
 from tests.support.table_cases import RIG_FILE, csv_text, plain
+from tests.support.written_runs import import_table
 
 Messages = dict[str, list[tuple[int, int, dict[str, object]]]]
 

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.files.imports import import_table
 from analysis.files.read import read_csv
 from analysis.files.write import write_csv, write_new
 from analysis.geometry.programs import repeatability_stops, stops
 from analysis.traces.align import align
 from analysis.traces.csv_tables import columns_of
-from analysis.traces.loading import file_columns, measured_of
+from analysis.traces.loading import measured_of
 from analysis.traces.tables import CircleTable, RepeatabilityTable
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.store import RunWriter, read_run, recover, verify
@@ -22,6 +21,7 @@ from rigs.errors import FileError
 from rigs.load import load
 from rigs.schema.vocabulary import Direction, TestName
 from tests.support.table_cases import JOINTS, RIG_FILE, circle_values, csv_text, plain, rig
+from tests.support.written_runs import import_table
 
 STREAMS = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": tuple(JOINTS)}
 
@@ -76,7 +76,7 @@ def test_the_time_is_as_uncertain_as_the_slower_gauge_and_the_robots_cycle(tmp_p
 def test_what_is_exported_goes_in_again(tmp_path: Path) -> None:
     run = read_run(recorded(tmp_path, "yaw", "cw"))
     measured = measured_of(run)
-    columns, notes = file_columns(measured), list(measured.doubts)
+    columns, notes = measured.to_table(), list(measured.doubts)
     assert notes == []
     assert columns.column_names == list(plain("yaw"))
     write_new(tmp_path / "t.csv", lambda out: write_csv(columns, out))
@@ -92,7 +92,7 @@ def test_what_is_exported_goes_in_again(tmp_path: Path) -> None:
 
 def test_rows_left_out_are_told(tmp_path: Path) -> None:
     measured = measured_of(read_run(recorded(tmp_path, "yaw", "acw", hole=True)))
-    columns, notes = file_columns(measured), list(measured.doubts)
+    columns, notes = measured.to_table(), list(measured.doubts)
     assert notes in (["g2: 9 rows are left out at gaps"], ["g2: 10 rows are left out at gaps"])
     assert columns.num_rows < len(circle_values("yaw", "acw")[0])
 

@@ -16,11 +16,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from analysis.files.imports import import_table
 from analysis.files.read import read_csv
 from analysis.files.write import write_csv, write_new, write_parquet
 from analysis.traces.csv_tables import columns_of
-from analysis.traces.loading import file_columns, measured_of
+from analysis.traces.loading import measured_of
 from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable
 from daq.store import load_manifest, read_run, recover, verify
 from daq.store.records import sha256
@@ -29,6 +28,7 @@ from rigs.load import load
 from rigs.schema.vocabulary import Direction, TestName
 from rigs.text import plain_lines
 from tests.support.table_cases import JOINTS, RIG_FILE, TESTS, Rows, csv_text, plain, rig, rows_of, texts
+from tests.support.written_runs import import_table
 
 WORDS = {"direction", "approach"}
 
@@ -43,7 +43,7 @@ def imported(folder: Path, rows: Rows, test: TestName, direction: Direction | No
 def exported(run: Path, to: str) -> Path:
     file = run.with_suffix(f".{to}")
     measured = measured_of(read_run(run))
-    table, notes = file_columns(measured), list(measured.doubts)
+    table, notes = measured.to_table(), list(measured.doubts)
     assert notes == []
     write_new(file, lambda out: (write_csv if to == "csv" else write_parquet)(table, out))
     return file

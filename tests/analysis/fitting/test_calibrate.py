@@ -9,7 +9,6 @@ import pytest
 
 from analysis.fitting.calibrate import calibrate
 from analysis.fitting.effect_choice import parse_effects
-from analysis.fitting.fitted_effects import fitted_effects
 from analysis.fitting.observation import Observation, observe
 from analysis.model.predict import model_of
 from analysis.simulation.simulate import simulate
@@ -52,7 +51,7 @@ def _observed(truth: tuple[Effect, ...], seed: int, tests: tuple[str, ...] = ("y
 )
 def test_what_was_planted_comes_out(truth: Effect, words: str, tests: tuple[str, ...]) -> None:
     found = calibrate(RIG, _observed((truth,), 1, tests), [], words)
-    (fitted,) = fitted_effects(found)
+    (fitted,) = found.effects
     field = size_field(truth)
     off = getattr(fitted.effect, field) - getattr(truth, field)
     assert abs(off) < 4 * fitted.sd[field] and abs(off) < 0.1 * abs(getattr(truth, field))
@@ -66,7 +65,7 @@ def test_a_ball_far_from_its_place_is_no_effect() -> None:
     observations = [observe(MODEL, simulate(rig, "yaw", way, None), "yaw") for way in ("cw", "acw")]
     found = calibrate(RIG, observations, [], "joint_offset:3,backlash:1")
     assert max(found.before_mm[0], found.after_mm[0]) < 1e-4
-    for fitted in fitted_effects(found):
+    for fitted in found.effects:
         assert abs(getattr(fitted.effect, size_field(fitted.effect))) < 1e-4
 
 
@@ -74,7 +73,7 @@ def test_a_ball_far_from_its_place_is_no_effect() -> None:
 def test_a_gear_error_of_any_phase_is_one_wave(phase: float) -> None:
     truth = TransmissionError(axis=2, order=2, amplitude_deg=0.05, phase_deg=phase)
     found = calibrate(RIG, _observed((truth,), 2, ("yaw", "roll")), [], "transmission_error:2:2")
-    (fitted,) = fitted_effects(found)
+    (fitted,) = found.effects
     assert fitted.effect.amplitude_deg == pytest.approx(0.05, abs=4 * fitted.sd["amplitude_deg"])  # type: ignore[union-attr]
     turned = (fitted.effect.phase_deg - phase + 180) % 360 - 180  # type: ignore[union-attr]
     assert abs(turned) < 4 * fitted.sd["phase_deg"] < 20
@@ -86,7 +85,7 @@ def test_uncertainties_cover_the_wander_and_the_scatter_of_runs() -> None:
     for seed in range(12):
         found = calibrate(RIG, [*_observed((), 100 + seed), *_observed((), 200 + seed)], [], "joint_offset:3")
         assert found.scatter.source == "measured"
-        (fitted,) = fitted_effects(found)
+        (fitted,) = found.effects
         away.append(fitted.effect.offset_deg / fitted.sd["offset_deg"])  # type: ignore[union-attr]
     assert 0.3 < np.sqrt(np.mean(np.square(away))) < 1.8, away
 
@@ -112,8 +111,8 @@ def test_wild_readings_are_counted_and_change_little(truth: Effect, words: str, 
         values[rows] += rng.choice([-1.0, 1.0], (len(rows), 1)) * rng.uniform(0.1, 1.0, (len(rows), 1))
         spoilt.append(replace(one, values=values))
         count += len(rows)
-    (clean,), found = fitted_effects(calibrate(RIG, sound, [], words)), calibrate(RIG, spoilt, [], words)
-    (fitted,) = fitted_effects(found)
+    (clean,), found = calibrate(RIG, sound, [], words).effects, calibrate(RIG, spoilt, [], words)
+    (fitted,) = found.effects
     field = size_field(truth)
     assert 0.8 * count <= sum(found.weighting.wild) <= 1.5 * count
     assert abs(getattr(fitted.effect, field) - getattr(clean.effect, field)) < clean.sd[field]
@@ -145,7 +144,7 @@ def test_a_parameter_that_is_hardly_determined_does_not_take_up_what_no_effect_e
     rig = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": circle})})
     observed = [observe(MODEL, simulate(rig, "yaw", way, 6, truth), "yaw") for way in ("acw", "cw")]
     found = calibrate(RIG, observed, [], "backlash:1,joint_offset")
-    for fitted in fitted_effects(found):
+    for fitted in found.effects:
         field = size_field(fitted.effect)
         assert abs(getattr(fitted.effect, field)) < 5 * healthy_size(fitted.effect), fitted.effect
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from analysis.fitting.calibrate import Calibration, calibrate
-from analysis.fitting.fitted_effects import fitted_effects
 from analysis.fitting.observation import Observation, observe, residuals_of, rms
 from analysis.fitting.setups import fit_setups
 from analysis.kinematics.arm import arm_of, forward
@@ -119,7 +118,7 @@ def test_uncertainties_hold_for_what_is_determined_and_for_what_is_not() -> None
 
 def _in_uncertainties(arm: Cell, found: Calibration) -> list[float]:
     away = []
-    for one in fitted_effects(found):
+    for one in found.effects:
         effect = one.effect
         name = getattr(effect, "field", "offset")
         degrees = name in ("offset", "alpha")

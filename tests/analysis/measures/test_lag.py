@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis import evaluate, load_run
 from analysis.measures.lag import lag_of
 from analysis.measures.lap_curve import LapCurve, curve_of
 from analysis.measures.reduction import reduced
-from analysis.measures.results import analyse_run
 from analysis.reporting.run_report import as_object, as_tables, write_report
 from analysis.reporting.truth import compare, verdict
 from analysis.simulation.simulate import simulate
-from analysis.simulation.simulated_runs import write_simulated
 from analysis.traces.laps import laps_of
 from rigs.effects import Effect, TimeLag
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction
+from tests.support.written_runs import write_simulated
 
 LAGGING = TimeLag(effect="time_lag", lag_s=0.005)
 
@@ -56,8 +56,8 @@ def test_play_widens_the_uncertainty_that_covers_the_lag() -> None:
 def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp_path: Path) -> None:
     rig, text = load("ur10e")
     rig = load_hidden("ur10e").within(rig)
-    runs = list(write_simulated(rig, text, "yaw", ("acw", "cw"), [3], [LAGGING], tmp_path, csv=False))
-    results = [analyse_run(path) for path in runs]
+    runs = list(write_simulated(rig, text, "yaw", ("acw", "cw"), [3], tmp_path, [LAGGING]))
+    results = [evaluate(load_run(path)) for path in runs]
     (told,) = as_object(results)["acw_against_cw"]
     assert abs(told["lag"]["value"] - 5) <= 2 * told["lag"]["u"] and told["lag"]["unit"] == "ms"
     words = [str(part) for part in as_tables(results).renderables]  # type: ignore[attr-defined]
@@ -71,7 +71,7 @@ def test_the_lag_is_told_of_two_directions_and_one_alone_says_that_it_cannot(tmp
 def test_a_figure_beside_the_truth_deviates_upwards_where_it_is_larger(tmp_path: Path) -> None:
     rig, text = load("ur10e")
     rig = load_hidden("ur10e").within(rig)
-    result = analyse_run(next(write_simulated(rig, text, "yaw", ("acw",), [3], (), tmp_path, csv=False)))
+    result = evaluate(load_run(next(write_simulated(rig, text, "yaw", ("acw",), [3], tmp_path, ()))))
     figure = result.figures["band_deg"]
     truth = {"rig": "ur10e", "yaw": {"acw": {"band_deg": figure.value - 3 * figure.u}}}
     (tmp_path / "truth.json").write_text(json.dumps(truth))

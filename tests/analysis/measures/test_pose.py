@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from analysis.files.imports import import_table
+from analysis import evaluate, load_run
 from analysis.files.write import write_csv
 from analysis.kinematics.arm import arm_of, forward
 from analysis.measures import pose
-from analysis.measures.results import analyse_run
 from analysis.reporting.run_report import as_object
 from analysis.traces.csv_tables import columns_of
 from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
 from rigs.load import load
 from tests.support import planted
+from tests.support.written_runs import import_table
 
 UR10 = Path(__file__).parents[4] / "shared" / "data" / "ipa-ur10"
 
@@ -156,7 +156,7 @@ def test_without_visits_nobody_knows_the_orientations_uncertainty_and_json_says_
         write_csv(columns_of(table), file)
     given = {"rig_file": "ur10e", "test": "pose", "direction": None, "operator": ""}
     import_table(tmp_path / "poses.csv", tmp_path / "poses", **given)  # type: ignore[arg-type]
-    told = json.dumps(as_object([analyse_run(tmp_path / "poses")]), allow_nan=False)
+    told = json.dumps(as_object([evaluate(load_run(tmp_path / "poses"))]), allow_nan=False)
     figures = json.loads(told)["runs"][0]["figures"]
     assert figures["rms_deg"]["u"] is None
     assert figures["rms_mm"]["u"] > 0

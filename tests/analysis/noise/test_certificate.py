@@ -19,7 +19,6 @@ from analysis.cli import app
 from analysis.measures.results import result_of
 from analysis.noise.certificate import as_shown, corrected, corrected_gauges, link_excess_mm, systematic
 from analysis.simulation.emulated_robot import EmulatedRobot, Trace, target_trace, trace
-from analysis.simulation.simulated_runs import write_simulated
 from analysis.traces.loading import measured_of
 from analysis.traces.tables import CircleTable, RadialTable
 from daq.protocol.conversation import Sample
@@ -28,6 +27,7 @@ from rigs.load import load, parse
 from rigs.rig import Rig
 from rigs.schema.certificate import GaugeCertificate, Temperature
 from rigs.schema.vocabulary import Direction, TestName
+from tests.support.written_runs import write_simulated
 
 PLAIN: dict[str, Any] = {"number": "D-K-1 2025-17", "date": "2025-03-01", "u_mm": 0.0008, "k": 2}
 POLYNOMIAL = PLAIN | {"polynomial_mm": [0.001, -0.002, 0.0003, 2e-5], "range_mm": [-12, 12]}
@@ -148,7 +148,7 @@ def test_an_imported_table_is_taken_as_corrected_and_says_so(
 ) -> None:
     text = _text(g1=TABLE, g2=PLAIN, link=PLAIN | {"length_mm": 400.25}, step_deg=45, orientations=1)
     rig = parse(text, "certified")
-    (path,) = write_simulated(rig, text, test, (direction,), [1], None, tmp_path, csv=False)
+    (path,) = write_simulated(rig, text, test, (direction,), [1], tmp_path)
     simulated = read_run(path)
     assert not any("taken as corrected" in doubt for doubt in measured_of(simulated).doubts)
     assert simulated.manifest.table is not None

@@ -16,7 +16,6 @@ from rich.console import Console
 from analysis.diagnosis.diagnosis import Diagnosis, Gap, ResidualBand, Verdict
 from analysis.model.predict import model_of
 from analysis.reporting.diagnosis_curves import strands_of
-from analysis.reporting.diagnosis_json import as_object
 from analysis.reporting.diagnosis_picture import picture
 from analysis.reporting.diagnosis_report import hold_empty, write
 from analysis.reporting.diagnosis_screen import as_screen
@@ -108,7 +107,7 @@ def test_the_screen_stays_short_when_there_is_much() -> None:
 
 @pytest.mark.parametrize("verdict", VERDICTS)
 def test_the_object_has_the_keys_of_the_documents(verdict: Verdict) -> None:
-    told = as_object(diagnosis(verdict))
+    told = diagnosis(verdict).to_dict()
     assert told["verdict"] == verdict and told.keys() >= KEYS
     assert told.keys() >= {"why", "groups", "left", "doubts", "runs", "level", "repeats_measured", "seconds"}
     assert bool(told["effects"]) == (verdict in ("named", "ambiguous", "outside_library"))
@@ -122,13 +121,13 @@ def test_the_object_has_the_keys_of_the_documents(verdict: Verdict) -> None:
 
 
 def test_effects_and_rivals_of_the_object() -> None:
-    (one,) = as_object(diagnosis("ambiguous"))["effects"]
+    (one,) = diagnosis("ambiguous").to_dict()["effects"]
     assert (one["effect"], one["axis"], one["posterior"]) == ("joint_offset", 5, 0.62)
     assert one["parameters"] == {"offset_deg": {"value": 0.1032, "sd": 0.0041}}
     (rival,) = one["rivals"]
     assert (rival["effect"], rival["axis"], rival["field"]) == ("link_geometry", 5, "a")
     assert rival["parameters"]["delta"] == {"value": 0.5871, "sd": 0.023} and rival["posterior"] == 0.36
-    (play,) = as_object(diagnosis("named"))["effects"]
+    (play,) = diagnosis("named").to_dict()["effects"]
     assert (play["worth_um"], play["material"], play["held_out_gain"]) == (5.78, True, 0.91)
     assert play["parameters"]["preload"] == {"value": 0.0, "sd": None}
 
@@ -137,7 +136,7 @@ def test_what_is_not_known_is_null() -> None:
     nothing = Gap((), math.nan, math.inf, math.nan, math.nan)
     odd = replace(PLAY, sd={"width_deg": math.inf}, gap_without_um=float(np.float64("nan")))
     left = (ResidualBand("yaw", None, "angle", None, math.nan, "?"),)
-    told = as_object(diagnosis(train=nothing, effects=(odd,), left=left, level=np.float64(0.2)))
+    told = diagnosis(train=nothing, effects=(odd,), left=left, level=np.float64(0.2)).to_dict()
     text = json.dumps(told, allow_nan=False)
     assert json.loads(text) == told
     assert told["gap"]["train"]["before"] is None and told["effects"][0]["parameters"]["width_deg"]["sd"] is None
@@ -171,7 +170,7 @@ def test_a_circle_is_shown_in_the_part_that_disagrees_most() -> None:
 def test_the_files_of_a_named_effect(tmp_path: Path) -> None:
     found, directory = diagnosis("named"), tmp_path / "new" / "found"
     answer, sheet, extended = write(found, TEXT, directory)
-    assert json.loads(answer.read_text()) == as_object(found) and sheet.name == "diagnosis.png"
+    assert json.loads(answer.read_text()) == found.to_dict() and sheet.name == "diagnosis.png"
     assert extended.read_text().startswith(TEXT)
     (effect,) = load(extended)[0].effects
     assert (effect.effect, effect.width_deg, effect.transit) == ("backlash", 0.05213, 0.31)  # type: ignore[union-attr]

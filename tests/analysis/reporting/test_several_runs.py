@@ -11,14 +11,15 @@ import pytest
 from rich.console import Console
 from typer.testing import CliRunner
 
+from analysis import evaluate, evaluate_runs, load_run
 from analysis.cli import app
-from analysis.measures.results import Result, analyse_run, analyse_runs, by_test
+from analysis.measures.results import Result, by_test
 from analysis.reporting.run_report import as_object, as_tables, write_report
 from analysis.reporting.truth import compare
-from analysis.simulation.simulated_runs import write_simulated
 from rigs.errors import FileError
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
+from tests.support.written_runs import write_simulated
 
 RIG, TEXT = load("ur10e")
 RIG = load_hidden("ur10e").within(RIG)
@@ -27,8 +28,8 @@ RIG = load_hidden("ur10e").within(RIG)
 @pytest.fixture(scope="module")
 def laps(tmp_path_factory: pytest.TempPathFactory) -> list[Result]:
     folder = tmp_path_factory.mktemp("laps")
-    runs = write_simulated(RIG, TEXT, "yaw", ("acw", "cw"), [1, 2], None, folder, csv=False)
-    return analyse_runs(list(runs))
+    runs = write_simulated(RIG, TEXT, "yaw", ("acw", "cw"), [1, 2], folder)
+    return evaluate_runs([load_run(run) for run in runs])
 
 
 @pytest.mark.parametrize(("width", "abreast"), [(80, 2), (200, 4)])
@@ -59,11 +60,11 @@ def test_every_repeat_is_paired_and_runs_of_a_direction_become_a_mean(laps: list
 
 
 def test_runs_of_two_placements_are_not_pooled(tmp_path: Path) -> None:
-    runs = list(write_simulated(RIG, TEXT, "yaw", ("acw", "cw"), [1, 2], None, tmp_path, csv=False))
+    runs = list(write_simulated(RIG, TEXT, "yaw", ("acw", "cw"), [1, 2], tmp_path))
     for run in runs[2:]:
         done = CliRunner().invoke(app, ["relabel", str(run), "--placement", "door"])
         assert done.exit_code == 0, done.exception
-    results = analyse_runs(runs)
+    results = evaluate_runs([load_run(run) for run in runs])
     assert [[one.name for one in group] for group in by_test(results)] == [
         [run.name for run in runs[:2]],
         [run.name for run in runs[2:]],
@@ -90,8 +91,8 @@ def test_a_single_run_beside_repeated_ones_says_it_too(laps: list[Result], tmp_p
 
 def test_a_run_of_another_set_up_has_no_part_in_the_mean(laps: list[Result], tmp_path: Path) -> None:
     elsewhere = _with_ball_at(RIG, (1.4, -0.4, 0.1))
-    (path,) = write_simulated(elsewhere, TEXT, "yaw", ("acw",), [9], None, tmp_path, csv=False)
-    three = [*(result for result in laps if result.title == "yaw acw"), analyse_run(path)]
+    (path,) = write_simulated(elsewhere, TEXT, "yaw", ("acw",), [9], tmp_path)
+    three = [*(result for result in laps if result.title == "yaw acw"), evaluate(load_run(path))]
     (one,) = as_object(three)["between_runs"]
     assert len(one["runs"]) == 2
     (why,) = one["left_out"].values()
@@ -107,7 +108,7 @@ def _with_ball_at(rig: Rig, ball_mm: tuple[float, float, float]) -> Rig:
 def test_a_truth_that_tells_nothing_of_a_test_is_told(laps: list[Result], tmp_path: Path) -> None:
     truth = tmp_path / "truth.json"
     truth.write_text(json.dumps({"rig": "ur10e", "yaw": {"acw": {"band_deg": 0.1}, "cw": {"band_deg": 0.1}}}))
-    (radial,) = write_simulated(RIG, TEXT, "radial", (None,), [1], None, tmp_path, csv=False)
+    (radial,) = write_simulated(RIG, TEXT, "radial", (None,), [1], tmp_path)
     with pytest.raises(FileError, match="does not cover the radial test"):
-        compare([analyse_run(radial)], truth)
-    assert [list(one) for one in compare([*laps[:1], analyse_run(radial)], truth)] == [["band_deg"], []]
+        compare([evaluate(load_run(radial))], truth)
+    assert [list(one) for one in compare([*laps[:1], evaluate(load_run(radial))], truth)] == [["band_deg"], []]

@@ -9,15 +9,16 @@ import pyarrow as pa
 import pytest
 from typer.testing import CliRunner
 
+from analysis import save_run
 from analysis.cli import app
-from analysis.simulation.simulated_runs import write_simulated
 from analysis.traces.loading import load_measured
-from daq.store import durable, judge, load_manifest, read_run, recover, relabel, survey, write_table_run
+from daq.store import durable, judge, load_manifest, read_run, recover, relabel, survey, table_run, write_table_run
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
 from rigs.errors import CellError, FileError
 from rigs.load import load
 from tests.support.store_cases import crash, finished, record
+from tests.support.written_runs import write_simulated
 
 
 @pytest.fixture
@@ -86,7 +87,8 @@ def test_a_run_being_recorded_or_not_closed_is_refused(tmp_path: Path) -> None:
 def test_a_table_is_relabelled_only_as_far_as_its_rows_allow(tmp_path: Path) -> None:
     columns = pa.table({"t_s": [0.0], "direction": ["cw"]})
     who = {"rig_name": "r", "rig_text": "", "operator": "", "source": "s.csv", "source_sha256": "0"}
-    write_table_run(tmp_path / "lap", columns, test="yaw", direction="cw", **who)
+    run = table_run(tmp_path / "lap", columns, test="yaw", direction="cw", **who)
+    write_table_run(run, run.path)
     assert relabel(tmp_path / "lap", test="roll").test == "roll"
     with pytest.raises(FileError, match="whose rows say cw; import it again with --direction acw"):
         relabel(tmp_path / "lap", direction="acw")
@@ -107,7 +109,7 @@ def test_a_disk_that_refuses_leaves_the_old_label(run: Path, monkeypatch: pytest
 
 def test_the_command_takes_several_runs_and_analyse_says_so_once(tmp_path: Path) -> None:
     rig, text = load("paper-fanuc")
-    runs = list(write_simulated(rig, text, "yaw", ("acw",), [1, 2], None, tmp_path, csv=False))
+    runs = list(write_simulated(rig, text, "yaw", ("acw",), [1, 2], tmp_path))
     done = CliRunner().invoke(app, ["relabel", *map(str, runs), "--operator", "bob", "--test", "roll"])
     assert done.stdout.splitlines() == [f"{run}: roll acw, measured by bob" for run in runs]
     told = [doubt for doubt in load_measured(runs[0]).doubts if "relabelled" in doubt]
@@ -119,3 +121,13 @@ def test_the_command_takes_several_runs_and_analyse_says_so_once(tmp_path: Path)
     listed = json.loads(CliRunner().invoke(app, ["runs", str(tmp_path), "--json"]).stdout)
     assert [(one["test"], one["operator"], one["relabelled"]) for one in listed] == [("roll", "bob", True)] * 2
     assert CliRunner().invoke(app, ["relabel", str(runs[0])]).exit_code == 2
+
+
+def test_a_relabelled_table_saved_again_is_whole_and_keeps_its_history(tmp_path: Path) -> None:
+    rig, text = load("paper-fanuc")
+    (run,) = write_simulated(rig, text, "yaw", ("acw",), [1], tmp_path)
+    relabel(run, test="roll", operator="bob")
+    again = save_run(load_measured(run), tmp_path / "again")
+    assert judge(again).summary == f"{again}: whole"
+    label = load_manifest(again)
+    assert (label.test, label.operator, label.relabelled) == ("roll", "bob", load_manifest(run).relabelled)

@@ -106,18 +106,13 @@ def code() -> str:
 
 def import_case(case: Path) -> None:
     """The case's tables as run directories."""
-    from analysis.files.imports import import_table  # noqa: PLC0415
+    from analysis import read_table, save_run  # noqa: PLC0415
 
     for line, run in _listed(case):
         run.parent.mkdir(exist_ok=True)
-        import_table(
-            case / line["file"],
-            run,
-            rig_file=str(case / line["rig"]),
-            test=line["test"],
-            direction=line["direction"] or None,
-            operator="a stranger",
-        )
+        direction = line["direction"] or None
+        table = read_table(case / line["file"], case / line["rig"], line["test"], direction, operator="a stranger")
+        save_run(table, run)
         (case / line["file"]).unlink()
 
 

@@ -1,0 +1,295 @@
+"""The functions of `from analysis import …`: from files or simulation to runs, from runs to results.
+
+A run (`Measured`) comes from `load_run`, `read_table` or `simulate`; all the other functions take runs and return
+frozen results with their curves, `to_dict()`, `to_table()` (pyarrow) and `to_frame()` (pandas). Nothing is printed.
+Every expected failure is a RigError: FileError for files and readings, CellError for disks. The commands of `rig` call
+these functions and nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from analysis.diagnosis.diagnosis import Diagnosis
+from analysis.fitting.calibrate import Calibration
+from analysis.fitting.compare import Compared, Comparison
+from analysis.measures import results
+from analysis.measures.quantity import Quantity
+from analysis.measures.result_curves import (
+    CircleCurve,
+    JointReversal,
+    PoseCurve,
+    RadialCurve,
+    RepeatabilityCurve,
+)
+from analysis.measures.results import Result
+from analysis.traces.loading import Measured, load_measured
+from analysis.traces.table_layout import JointSource
+from rigs.effects import Effect
+from rigs.errors import CellError, FileError, RigError
+from rigs.load import Hidden, load, load_hidden
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction, TestName
+
+__all__ = [
+    "Calibration",
+    "CellError",
+    "CircleCurve",
+    "Compared",
+    "Comparison",
+    "Diagnosis",
+    "FileError",
+    "JointReversal",
+    "Measured",
+    "PoseCurve",
+    "Quantity",
+    "RadialCurve",
+    "RepeatabilityCurve",
+    "Result",
+    "RigError",
+    "calibrate",
+    "compare",
+    "diagnose",
+    "evaluate",
+    "evaluate_runs",
+    "load_run",
+    "read_table",
+    "save_run",
+    "simulate",
+]
+
+RigFile = str | Path
+"""The path of a rig file, or the name of a shipped rig such as `paper-fanuc`."""
+
+
+def load_run(path: str | Path) -> Measured:
+    """Read a run directory that was recorded, imported or simulated, and align its streams to one table.
+
+    path: the run directory.
+
+    Returns the run: `table` with the readings (g_mm (n, k) mm of k gauges, q (n, 6) rad of the joints), `rig` as it was
+    at the time, `doubts` in words. `to_table()` has the columns of docs/tables.md, in degrees and mm.
+
+    Raises FileError where the run is missing, still being recorded, not recovered after a crash, or damaged.
+
+    Source: docs/recording.md (run directories), docs/analysis.md (alignment of times).
+    """
+    return load_measured(Path(path))
+
+
+def read_table(
+    path: str | Path,
+    rig: RigFile,
+    test: TestName,
+    direction: Direction | None = None,
+    *,
+    operator: str = "",
+    placement: str = "",
+    joints: JointSource = "measured",
+) -> Measured:
+    """Read a CSV table of measurements from elsewhere as a run; nothing is written.
+
+    path: CSV file with the columns of docs/tables.md, in degrees and mm.
+    rig: rig file of the cell that it was measured in, or the name of a shipped rig.
+    test: `yaw`, `roll`, `radial`, `repeatability` or `pose`.
+    direction: `acw` or `cw`, of a circle whose table has no column `direction`.
+    operator: who measured.
+    placement: where instrument or ball stood; runs of one placement share a set-up.
+    joints: `commanded` where the columns qN_commanded_deg are the robot's joints.
+
+    Returns the run; its `doubts` say what looks wrong about units, gauges and certificates.
+
+    Raises FileError where the rig file or the table cannot be read; every bad row is named with its line.
+
+    Source: docs/tables.md.
+    """
+    from analysis.files.imports import read_table as read  # noqa: PLC0415 - what it needs is slow to import
+
+    source = Path(path)
+    return read(
+        source, rig_file=rig, test=test, direction=direction, operator=operator, placement=placement, joints=joints
+    )
+
+
+def save_run(run: Measured, directory: str | Path) -> Path:
+    """Write a run of `read_table` or `simulate` as a run directory, which `load_run` and `rig` read.
+
+    run: of `read_table` or `simulate`.
+    directory: to be made; the run takes its name.
+
+    Returns the path of the directory.
+
+    Raises FileError where it exists already, or for a recorded run, whose directory can be copied instead; CellError
+    where the disk refuses.
+
+    Source: docs/recording.md (run directories).
+    """
+    from daq.store import write_table_run  # noqa: PLC0415
+
+    path = Path(directory)
+    if run.run.table is None:
+        raise FileError(str(run.path), "is a recorded run, and only its table was read", "copy its directory")
+    write_table_run(run.run, path)
+    return path
+
+
+def simulate(
+    rig: RigFile,
+    test: TestName,
+    direction: Direction | None = None,
+    *,
+    seed: int | None = 0,
+    effects: RigFile | Sequence[Effect] | None = None,
+) -> Measured:
+    """Simulate a run of a test: the robot drives the test's program, the gauges read with noise.
+
+    rig: rig file, or the name of a shipped rig.
+    test: `yaw`, `roll`, `radial` or `repeatability`.
+    direction: `acw` or `cw`, which yaw and roll need and the others do not have.
+    seed: of the noise, from 0; each direction has noise of its own; None for a run without noise.
+    effects: errors that the robot has instead of those in the rig file, as objects of `rigs.effects` or as a YAML file
+    with `effects` and `eccentricity_mm`. The run holds the rig file without them.
+
+    Returns the run, in memory; `save_run` writes it.
+
+    Raises FileError where a file cannot be read or the robot cannot do the test.
+
+    Source: docs/simulation.md.
+    """
+    from analysis.simulation.simulated_runs import simulated_run  # noqa: PLC0415
+
+    model, text = load(rig)
+    if effects is not None:
+        hidden = load_hidden(effects) if isinstance(effects, str | Path) else Hidden(effects=tuple(effects))
+        model = hidden.within(model)
+    return simulated_run(model, text, test, direction, seed)
+
+
+def evaluate(run: Measured, like: Result | None = None) -> Result:
+    """Evaluate a run: every figure of its test with its standard uncertainty, and the curve behind them.
+
+    run: of `load_run`, `read_table` or `simulate`.
+    like: result of a run of two laps or more in the same cell, whose noise a run of one lap borrows.
+
+    Returns the result: `figures` by the names of docs/figures.md, each with value, u and unit; `curve` over the circle
+    angle or the targets, in degrees and mm; `reversals` of the joints; `doubts` in words.
+
+    Raises FileError where the readings are not a measurement of the test that they are labelled as.
+
+    Source: docs/figures.md (definitions), docs/analysis.md (uncertainty); Y. T. Oh, Applied Sciences 9 (2019).
+    """
+    return results.result_of(run, like.lap_noise if like else None)
+
+
+def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
+    """Evaluate runs; each of a single lap borrows the noise of the first run of its test that has more laps.
+
+    runs: of any tests, robots and cells.
+
+    Returns a result for each run, in the same order.
+
+    Raises FileError as `evaluate` does.
+
+    Source: docs/analysis.md.
+    """
+    return results.evaluate_runs(runs)
+
+
+def compare(runs: Sequence[Measured], rig: RigFile | Rig | None = None) -> Compared:
+    """Simulate each run from its own joint feedback, fit the set-up, and lay simulated and measured side by side.
+
+    runs: of one robot, at least one; pose runs are left out, since they have no gauges to compare.
+    rig: the model; the rig file of the first run where it is None.
+
+    Returns `runs` with the curves and figures of both and `residuals_mm` (m, k) of every reading, `fitted` with the
+    set-ups, `doubts` in words.
+
+    Raises FileError where a run is not of the model's robot or circle, or where no run has gauges.
+
+    Source: docs/simulation.md.
+    """
+    from analysis.fitting.compare import compare as compare_with  # noqa: PLC0415
+
+    return compare_with(runs, _model(rig, runs))
+
+
+def calibrate(
+    runs: Sequence[Measured],
+    effects: str,
+    *,
+    rig: RigFile | Rig | None = None,
+    hold_out: Sequence[Measured] = (),
+    share: float = 0.0,
+    groups: bool = False,
+    seed: int = 0,
+) -> Calibration:
+    """Estimate known effects from runs by least squares on the simulator; the set-up is always fitted with them.
+
+    runs: of one robot, at least one.
+    effects: which, with commas between, as `backlash:1,joint_offset`: NAME:AXIS, or a name alone for all axes.
+    rig: the model to begin with; the rig file of the first run where it is None.
+    hold_out: runs to judge by, which are not used in the fit.
+    share: of each run's readings that is left out to judge by, 0 to 0.9.
+    groups: leave out whole neighbourhoods of joint space instead of single readings.
+    seed: of the choice of what is left out.
+
+    Returns `effects` with sizes and standard uncertainties, their `covariance`, the rms before and after in mm on
+    readings used and left out, what the runs cannot distinguish, and `extended_rig`, the model with the effects.
+
+    Raises FileError where an effect is not known, where the runs show none of the effects, or where the fit does not
+    converge.
+
+    Source: docs/calibration.md.
+    """
+    from analysis.fitting.calibrate import calibrate_runs  # noqa: PLC0415
+
+    model = _model(rig, runs)
+    return calibrate_runs(model, runs, hold_out, effects, share=share, groups=groups, seed=seed)
+
+
+def diagnose(
+    runs: Sequence[Measured],
+    *,
+    rig: RigFile | Rig | None = None,
+    hold_out: Sequence[Measured] = (),
+    unseen: Sequence[Measured] = (),
+    tolerance_um: float | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Diagnosis:
+    """Find where simulation and measurement disagree, and which effect is missing in the model.
+
+    runs: of one robot, at least one.
+    rig: the model to begin with; the rig file of the first run where it is None.
+    hold_out: runs of the same places to judge by, which are not used to find names.
+    unseen: runs at another place or radius to judge by.
+    tolerance_um: effects that move readings by more than this (rms) are material; the scatter of one run where None.
+    progress: called with a few words at each step, which may take seconds.
+
+    Returns the verdict, the `effects` with their odds, sizes and rivals, where measurement and model disagree, the rms
+    gap in µm before and after on each set of runs, the curves of residuals, and `extended_rig`, the model with the
+    effects that the diagnosis stands by.
+
+    Raises FileError where a run is of another robot or given twice, or where there are too few readings.
+
+    Source: docs/diagnosis.md.
+    """
+    from analysis.diagnosis.diagnose import diagnose as diagnose_with  # noqa: PLC0415
+    from analysis.diagnosis.prepared_runs import refuse_copies  # noqa: PLC0415
+
+    model = _model(rig, runs)
+    refuse_copies([*runs, *hold_out, *unseen])
+    return diagnose_with(model, runs, hold_out, unseen, progress or _silent, tolerance_um)
+
+
+def _silent(doing: str) -> None:
+    """What is called at each step where no progress was asked for."""
+
+
+def _model(rig: RigFile | Rig | None, runs: Sequence[Measured]) -> Rig:
+    """The rig that is asked for, or that of the first run. Raises FileError where there are no runs."""
+    if not runs:
+        raise FileError("runs", "none is given", "give at least one")
+    if rig is None:
+        return runs[0].rig
+    return rig if isinstance(rig, Rig) else load(rig)[0]

@@ -1,0 +1,60 @@
+"""What every result offers to scripts and notebooks: plain dictionaries for JSON, Arrow tables, pandas frames.
+
+A table is a pyarrow Table, since the store needs pyarrow anyway and pandas, polars and DuckDB read it without a copy.
+pandas is no dependency: only `to_frame` needs it.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rigs.errors import RigError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+class Tabular(ABC):
+    """A result that is also a table; angles in degrees, lengths in mm, each unit in its column's name."""
+
+    @abstractmethod
+    def to_table(self) -> pa.Table:
+        """A pyarrow Table."""
+
+    def to_frame(self) -> Any:
+        """The same as a pandas DataFrame. Raises RigError where pandas is not installed."""
+        try:
+            import_module("pandas")
+        except ModuleNotFoundError as error:
+            if error.name != "pandas":
+                raise
+            raise RigError("to_frame()", "pandas is not installed", "install pandas, or use to_table()") from None
+        return self.to_table().to_pandas()
+
+
+def table_of_rows(columns: Sequence[str], rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+    """A table of rows by column name; without rows it has its columns all the same."""
+    import pyarrow as pa  # noqa: PLC0415 - a fifth of a second, which reading a rig file need not wait for
+
+    return pa.table({name: [row[name] for row in rows] for name in columns})
+
+
+def for_json(value: Any) -> Any:
+    """The same in plain types, null for NaN or infinity: JSON has neither, and strict readers refuse them."""
+    match value:
+        case Mapping():
+            return {str(key): for_json(one) for key, one in value.items()}
+        case list() | tuple():
+            return [for_json(one) for one in value]
+        case np.ndarray():
+            return for_json(value.tolist())
+        case bool() | int() | str() | None:
+            return value
+    number = float(value)
+    return number if math.isfinite(number) else None

@@ -1,0 +1,170 @@
+"""The curve or the points behind the figures of a result, in degrees and mm, for plots and scripts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from analysis.frames import Tabular
+from analysis.geometry.circle import frame_of, reversals
+from analysis.geometry.programs import circle_of
+from analysis.kinematics.arm import Array, Integers, arm_of
+from analysis.measures.evaluate import Evaluated
+from analysis.measures.link_angle import CircleResult, error_of
+from analysis.measures.pose import PoseResult
+from analysis.measures.radial import RadialResult
+from analysis.measures.reduction import PHI
+from analysis.measures.repeatability import SIDES, RepeatabilityResult
+from rigs.rig import Rig
+
+
+@dataclass(frozen=True)
+class CircleCurve(Tabular):
+    """A yaw or roll run over the circle angle, all laps together, n = 720 nodes.
+
+    phi_deg (n,): circle angle, 0 to 360. angle_deg (n,): angle between link and tool. error_deg (n,): orientation
+    error, the angle less its least-squares sine, at the stated angular resolution (docs/figures.md). error_u_deg (n,):
+    standard uncertainty of the error by the noise within the run; the scatter from run to run, and the uncertainty of
+    the gauges' time and baseline, are not in it. deviation_mm (n,): radial deviation of the distance from its
+    least-squares circle, positive outwards.
+    """
+
+    phi_deg: Array
+    angle_deg: Array
+    error_deg: Array
+    error_u_deg: Array
+    deviation_mm: Array
+
+    def to_table(self) -> pa.Table:
+        """One row for each node, one column for each field."""
+        return pa.table(vars(self))
+
+
+@dataclass(frozen=True)
+class RadialCurve(Tabular):
+    """The targets of a radial run, in order of their numbers.
+
+    target (t,); polar_deg, azimuth_deg (t,): direction of each in the hemisphere's frame. deviation_mm (t,): distance
+    of the mean over orientations from the least-squares sphere. spread_mm (t,): range over orientations. used (t,):
+    False where a target was left out of the sphere.
+    """
+
+    target: Integers
+    polar_deg: Array
+    azimuth_deg: Array
+    deviation_mm: Array
+    spread_mm: Array
+    used: NDArray[np.bool_]
+
+    def to_table(self) -> pa.Table:
+        """One row for each target, one column for each field."""
+        return pa.table(vars(self))
+
+
+@dataclass(frozen=True)
+class RepeatabilityCurve(Tabular):
+    """The readings of a repeatability run, by target, approach and time.
+
+    target (n,); approach (n,): `out` or `in`; visit (n,): counts from 1 for each target and approach; reading_mm (n,).
+    """
+
+    target: Integers
+    approach: NDArray[np.str_]
+    visit: Integers
+    reading_mm: Array
+
+    def to_table(self) -> pa.Table:
+        """One row for each reading, one column for each field."""
+        return pa.table(vars(self) | {"approach": self.approach.tolist()})
+
+
+@dataclass(frozen=True)
+class PoseCurve(Tabular):
+    """The poses of a tracker in the order of their table, measured less fitted, in the frame of the robot's base.
+
+    error_mm (n, 3): position error along x, y, z. rotation_deg (n, 3): orientation error about x, y, z, None where
+    only positions were measured.
+    """
+
+    error_mm: Array
+    rotation_deg: Array | None
+
+    @property
+    def distance_mm(self) -> Array:
+        """Size (n,) of the position error."""
+        size: Array = np.linalg.norm(self.error_mm, axis=1)
+        return size
+
+    def to_table(self) -> pa.Table:
+        """One row for each pose: row, x_mm, y_mm, z_mm, distance_mm, and rx_deg, ry_deg, rz_deg where measured."""
+        row = {"row": np.arange(1, len(self.error_mm) + 1)}
+        place = dict(zip(("x_mm", "y_mm", "z_mm"), self.error_mm.T, strict=True))
+        turned = () if self.rotation_deg is None else self.rotation_deg.T
+        turn = dict(zip(("rx_deg", "ry_deg", "rz_deg"), turned, strict=False))
+        return pa.table(row | place | {"distance_mm": self.distance_mm} | turn)
+
+
+ResultCurve = CircleCurve | RadialCurve | RepeatabilityCurve | PoseCurve
+
+
+def curve_of_result(found: Evaluated) -> ResultCurve:
+    """The curve or points of an evaluated run."""
+    match found:
+        case CircleResult():
+            return _of_circle(found)
+        case RadialResult():
+            x, y, z = found.cells.direction.T
+            polar_deg = np.degrees(np.arccos(np.clip(z, -1.0, 1.0)))
+            azimuth_deg = np.degrees(np.arctan2(y, x))
+            target = found.cells.target
+            return RadialCurve(target, polar_deg, azimuth_deg, found.deviation_mm, found.spread_mm, found.used)
+        case RepeatabilityResult():
+            return _of_repeatability(found)
+        case PoseResult():
+            rotation_deg = None if found.rotation is None else np.degrees(found.rotation)
+            return PoseCurve(found.position_mm, rotation_deg)
+
+
+def _of_circle(found: CircleResult) -> CircleCurve:
+    error, _ = error_of(found.curve.errors)
+    return CircleCurve(
+        phi_deg=np.degrees(PHI),
+        angle_deg=np.degrees(found.angle),
+        error_deg=np.degrees(found.residual),
+        error_u_deg=np.degrees(error.std(axis=0)),
+        deviation_mm=found.distance.deviation_mm,
+    )
+
+
+def _of_repeatability(found: RepeatabilityResult) -> RepeatabilityCurve:
+    target, side, visit = np.nonzero(np.isfinite(found.readings_mm))
+    readings_mm = found.readings_mm[target, side, visit]
+    return RepeatabilityCurve(found.targets[target], np.array(SIDES)[side], visit + 1, readings_mm)
+
+
+@dataclass(frozen=True)
+class JointReversal:
+    """A joint turns back on the nominal circle: its number (1 to 6), its name in the rig file, and the circle angle;
+    upper: from rising to falling as the circle angle grows."""
+
+    joint: int
+    name: str
+    phi_deg: float
+    upper: bool
+
+
+def reversals_of_rig(rig: Rig) -> tuple[JointReversal, ...]:
+    """Where the joints turn back on the nominal circle of a rig file, by circle angle.
+
+    Raises FileError where the rig file has no circle or the robot cannot drive it.
+    """
+    circle = circle_of(rig)
+    turns = reversals(frame_of(circle), arm_of(rig.robot), np.radians(circle.posture_deg), rig.name)
+    names = [axis.name for axis in rig.robot.axes]
+    return tuple(
+        JointReversal(turn.axis, names[turn.axis - 1], float(np.degrees(turn.phi)), turn.upper)
+        for turn in sorted(turns, key=lambda turn: turn.phi)
+    )

@@ -1,0 +1,248 @@
+"""`from analysis import …`: light to import, typed and frozen results with their curves, errors of rigs.errors only."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import subprocess
+import sys
+from dataclasses import FrozenInstanceError
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import analysis
+from analysis import (
+    CircleCurve,
+    FileError,
+    Measured,
+    PoseCurve,
+    RadialCurve,
+    RepeatabilityCurve,
+    Result,
+    RigError,
+    api,
+    calibrate,
+    compare,
+    diagnose,
+    evaluate,
+    evaluate_runs,
+    load_run,
+    read_table,
+    save_run,
+    simulate,
+)
+from analysis.cli import app
+from analysis.simulation.simulate import Noise
+from analysis.simulation.simulated_runs import simulated_run
+from rigs.effects.backlash import Backlash
+from rigs.load import load
+from tests.support.table_cases import RIG_FILE, csv_text, plain
+
+RIG = "paper-fanuc"
+PLAY = [Backlash(effect="backlash", axis=1, width_deg=0.02)]
+FUNCTIONS = [value for name in analysis.__all__ if inspect.isfunction(value := getattr(analysis, name))]
+
+
+@pytest.fixture(scope="module")
+def laps() -> list[Measured]:
+    """An acw and a cw run of a robot with a play that its rig file does not know."""
+    return [simulate(RIG, "yaw", "acw", seed=1, effects=PLAY), simulate(RIG, "yaw", "cw", seed=1, effects=PLAY)]
+
+
+@pytest.fixture(scope="module")
+def results(laps: list[Measured]) -> list[Result]:
+    return evaluate_runs(laps)
+
+
+def test_the_import_loads_nothing_heavy() -> None:
+    heavy = "{'numpy', 'scipy', 'pyarrow', 'pydantic', 'matplotlib', 'typer'}"
+    code = f"import sys, analysis; print(sorted({heavy} & sys.modules.keys()))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+def test_no_module_has_the_name_of_a_public_function() -> None:
+    folder = Path(analysis.__file__).parent
+    names = {path.stem for path in folder.iterdir()}
+    assert not names & set(analysis.__all__)
+
+
+def test_both_lists_of_public_names_are_one() -> None:
+    assert api.__all__ == analysis.__all__
+
+
+def test_a_name_that_is_not_public_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="has no attribute 'analyse_runs'"):
+        analysis.analyse_runs  # type: ignore[attr-defined]  # noqa: B018 - the access is the test
+
+
+@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda function: function.__name__)
+def test_every_function_says_what_it_takes_returns_and_raises(function: object) -> None:
+    told = inspect.getdoc(function) or ""
+    missing = [name for name in inspect.signature(function).parameters if f"\n{name}: " not in told]  # type: ignore[arg-type]
+    assert missing == []
+    assert all(word in told for word in ("\n\nReturns ", "\n\nRaises ", "\n\nSource: "))
+
+
+def test_every_public_class_and_method_has_a_docstring() -> None:
+    for name in analysis.__all__:
+        found = getattr(analysis, name)
+        assert inspect.getdoc(found), name
+        for key, value in vars(found).items() if inspect.isclass(found) else ():
+            if not key.startswith("_") and (inspect.isfunction(value) or isinstance(value, property)):
+                assert inspect.getdoc(value), (name, key)
+
+
+def test_the_curve_of_a_circle_has_the_figures(results: list[Result]) -> None:
+    curve = results[0].curve
+    assert isinstance(curve, CircleCurve)
+    assert curve.phi_deg.shape == curve.error_deg.shape == curve.error_u_deg.shape == (720,)
+    assert curve.phi_deg.min() >= 0 and curve.phi_deg.max() < 360
+    band = results[0].figures["band_deg"]
+    # The figure is lowered by what noise adds to a range.
+    assert np.ptp(curve.error_deg) == pytest.approx(band.value, abs=10 * band.u)
+    assert curve.to_table().column_names == ["phi_deg", "angle_deg", "error_deg", "error_u_deg", "deviation_mm"]
+
+
+def test_the_uncertainty_of_the_error_is_that_of_the_noise_within_a_run() -> None:
+    """Without scatter from run to run, errors of eight runs lay within 0.83 to 0.96 of it."""
+    rig, text = load(RIG)
+    still = Noise(scatter_deg=0.0, scatter_mm=0.0)
+    exact, noisy = (
+        evaluate(simulated_run(rig, text, "yaw", "acw", seed, PLAY, still)).curve.to_table() for seed in (None, 3)
+    )
+    off = (noisy["error_deg"].to_numpy() - exact["error_deg"].to_numpy()) / noisy["error_u_deg"].to_numpy()
+    assert 0.5 < np.sqrt(np.mean(off**2)) < 1.5
+
+
+def test_the_reversals_are_those_of_the_papers_table(results: list[Result]) -> None:
+    turns = results[0].reversals
+    theta = [turn for turn in turns if turn.joint == 1]
+    assert [turn.name for turn in theta] == ["Theta", "Theta"]
+    assert [turn.phi_deg for turn in theta] == pytest.approx([105, 237], abs=1)
+    assert [turn.phi_deg for turn in turns] == sorted(turn.phi_deg for turn in turns)
+
+
+def test_the_points_of_radial_and_repeatability_runs() -> None:
+    radial, repeatability = (evaluate(simulate(RIG, test)) for test in ("radial", "repeatability"))  # type: ignore[arg-type]
+    assert isinstance(radial.curve, RadialCurve) and isinstance(repeatability.curve, RepeatabilityCurve)
+    used = radial.curve.deviation_mm[radial.curve.used]
+    assert np.ptp(used) == pytest.approx(radial.figures["band_mm"].value, abs=10 * radial.figures["band_mm"].u)
+    assert radial.curve.to_table().num_rows == len(radial.curve.target)
+    readings = repeatability.curve.to_table().to_pylist()
+    assert {one["approach"] for one in readings} == {"out", "in"} and {one["visit"] for one in readings} >= {1, 2}
+    assert repeatability.reversals == ()
+
+
+def test_poses_of_a_table_from_elsewhere(tmp_path: Path) -> None:
+    (tmp_path / "poses.csv").write_text(csv_text(plain("pose")))
+    result = evaluate(read_table(tmp_path / "poses.csv", RIG_FILE, "pose"))
+    assert isinstance(result.curve, PoseCurve)
+    table = result.curve.to_table()
+    assert table.column_names[:5] == ["row", "x_mm", "y_mm", "z_mm", "distance_mm"]
+    size = np.sqrt(sum(np.square(table[f"{axis}_mm"].to_numpy()) for axis in "xyz"))
+    assert table["distance_mm"].to_numpy() == pytest.approx(size)
+
+
+def test_a_simulated_run_is_the_same_again_and_other_noise_in_the_other_direction(laps: list[Measured]) -> None:
+    again = simulate(RIG, "yaw", "acw", seed=1, effects=PLAY)
+    assert again.to_table().equals(laps[0].to_table())
+    noise = []
+    for run in laps:
+        exact = simulate(RIG, "yaw", run.run.manifest.direction, seed=None, effects=PLAY)
+        noise.append(run.to_table()["g1_mm"].to_numpy() - exact.to_table()["g1_mm"].to_numpy())
+    rows = min(map(len, noise))
+    assert abs(np.corrcoef(noise[0][:rows], noise[1][:rows])[0, 1]) < 0.5
+
+
+def test_a_saved_run_is_loaded_as_it_was_and_never_written_over(laps: list[Measured], tmp_path: Path) -> None:
+    path = save_run(laps[0], tmp_path / "monday")
+    loaded = load_run(path)
+    assert loaded.run.manifest.name == "monday"
+    assert loaded.to_table().equals(laps[0].to_table())
+    assert evaluate(loaded).figures == evaluate(laps[0]).figures
+    with pytest.raises(FileError, match="exists already"):
+        save_run(laps[0], path)
+
+
+def test_the_command_prints_what_the_functions_return(laps: list[Measured], tmp_path: Path) -> None:
+    paths = [str(save_run(run, tmp_path / run.path)) for run in laps]
+    done = CliRunner().invoke(app, ["analyse", *paths, "--json"])
+    runs = [load_run(path) for path in paths]
+    assert json.loads(done.stdout)["runs"] == [one.to_dict() for one in evaluate_runs(runs)]
+    done = CliRunner().invoke(app, ["compare", *paths, "--json"])
+    assert json.loads(done.stdout) == compare(runs).to_dict()
+
+
+def test_a_comparison_has_curves_and_residuals_of_every_reading(laps: list[Measured]) -> None:
+    found = compare(laps)
+    one = found.runs[0]
+    assert one.residuals_mm.shape == (len(one.rows), 2)
+    assert one.rows.min() > 0 and one.rows.max() < laps[0].to_table().num_rows - 1  # without lead-in and lead-out
+    assert 1000 * np.sqrt(np.mean(one.residuals_mm**2)) == pytest.approx(one.rms_um)
+    assert one.to_table().column_names == ["phi_deg", "measured_deg", "simulated_deg", "difference_deg"]
+    rows = found.to_table().to_pylist()
+    assert {row["run"] for row in rows} == {str(run.path) for run in laps}
+    assert next(row for row in rows if row["figure"] == "band_deg")["u"] > 0
+
+
+def test_a_calibration_finds_the_play_and_its_model_closes_the_gap(laps: list[Measured]) -> None:
+    found = calibrate(laps, "backlash:1")
+    (play,) = found.to_table().to_pylist()
+    assert play["value"] == pytest.approx(0.02, abs=5 * play["u"]) and play["unit"] == "deg"
+    before, after = compare(laps), compare(laps, found.extended_rig)
+    assert after.fitted.rms_mm < 0.2 * before.fitted.rms_mm
+    assert json.loads(json.dumps(found.to_dict(), allow_nan=False)) == found.to_dict()
+
+
+def test_a_diagnosis_in_plain_types_and_as_a_table(laps: list[Measured]) -> None:
+    steps: list[str] = []
+    found = diagnose(laps, progress=steps.append)
+    assert len(steps) > 2
+    assert found.to_dict()["verdict"] == found.verdict
+    assert {"name", "parameter", "value", "sd", "worth_um"} <= set(found.to_table().column_names)
+    assert found.curves[0].to_table().column_names[:3] == ["phi_deg", "g1_before_um", "g2_before_um"]
+
+
+def test_a_run_given_twice_is_refused(laps: list[Measured]) -> None:
+    with pytest.raises(FileError, match="holds the same readings as"):
+        diagnose(laps, hold_out=laps[:1])
+
+
+def test_nothing_is_printed(laps: list[Measured], capfd: pytest.CaptureFixture[str]) -> None:
+    compare(laps)
+    evaluate_runs(laps)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize("call", [compare, diagnose, lambda runs: calibrate(runs, "backlash:1")])
+def test_no_runs_are_an_error_of_one_line(call: object) -> None:
+    with pytest.raises(FileError, match=r"^runs: none is given; give at least one$"):
+        call([])  # type: ignore[operator]
+
+
+def test_files_that_are_not_there_are_errors_of_one_line(tmp_path: Path) -> None:
+    with pytest.raises(FileError):
+        load_run(tmp_path / "nothing")
+    with pytest.raises(FileError, match="no such rig file"):
+        simulate("nothing", "yaw", "acw")
+    with pytest.raises(FileError, match="needs a direction"):
+        simulate(RIG, "yaw")
+
+
+def test_results_are_frozen(results: list[Result]) -> None:
+    with pytest.raises(FrozenInstanceError):
+        results[0].figures = {}  # type: ignore[misc]
+
+
+def test_a_frame_without_pandas_says_what_to_do(results: list[Result], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(RigError, match=r"pandas is not installed; install pandas, or use to_table\(\)"):
+        results[0].to_frame()
+
+
+def test_a_frame_with_pandas(results: list[Result]) -> None:
+    pytest.importorskip("pandas")
+    assert list(results[0].to_frame().columns) == results[0].to_table().column_names

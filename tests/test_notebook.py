@@ -1,0 +1,42 @@
+"""Every cell of docs/notebook runs, in order, and says what the text beside it promises."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def _code(notebook: Path) -> list[str]:
+    cells = json.loads(notebook.read_text(encoding="utf-8"))["cells"]
+    return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
+
+
+def _run(code: str, directory: Path) -> str:
+    """What a script prints that is run as a user of the package would; a warning is an error."""
+    environment = os.environ | {"MPLBACKEND": "Agg", "PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "utf-8"}
+    environment |= {"TMPDIR": str(directory)}
+    command = [sys.executable, "-W", "error", "-c", code]
+    done = subprocess.run(
+        command, capture_output=True, text=True, encoding="utf-8", check=False, env=environment, cwd=directory
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_first_picture_takes_five_lines() -> None:
+    first = next(code for code in _code(ROOT / "docs/notebook/first-steps.ipynb") if "plt" in code)
+    assert len([line for line in first.splitlines() if line]) == 5
+
+
+@pytest.mark.timeout(600)
+def test_first_steps_names_the_hidden_play(tmp_path: Path) -> None:
+    told = _run("\n".join(_code(ROOT / "docs/notebook/first-steps.ipynb")), tmp_path).splitlines()
+    assert "named" in told
+    (play,) = [line for line in told if line.startswith("backlash of axis 1: ")]
+    size, u = (float(word.rstrip("°")) for word in play.removeprefix("backlash of axis 1: ").split(" ± "))
+    assert abs(size - 0.02) < 5 * u < 0.01
