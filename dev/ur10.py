@@ -17,7 +17,8 @@ import typer
 from scipy.spatial.transform import Rotation
 
 from analysis.files.write import write_csv, write_new
-from analysis.fitting.calibrate import Calibration, calibrate
+from analysis.fitting.calibrate import calibrate
+from analysis.fitting.calibration import Calibration
 from analysis.fitting.observation import Observation, observe
 from analysis.fitting.split import split
 from analysis.geometry.ball_link import readings

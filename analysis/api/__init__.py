@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from analysis.diagnosis.diagnosis import Diagnosis
-from analysis.fitting.calibrate import Calibration
+from analysis.fitting.calibration import Calibration
 from analysis.fitting.compare import Compared, Comparison
 from analysis.measures import results
 from analysis.measures.quantity import Quantity

@@ -22,8 +22,7 @@ from rigs.schema.effect import SEATS, name_of
 from rigs.schema.vocabulary import Direction, TestName
 
 ODDS = 20.0
-"""Odds against a rival at and above which it is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is
-ambiguous."""
+"""Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
 
 Verdict = Literal["named", "ambiguous", "outside_library", "within_tolerance", "not_testable_here"]
 

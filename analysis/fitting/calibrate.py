@@ -7,18 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
+from analysis.fitting.calibration import Calibration, SetUpNoise
 from analysis.fitting.effect_choice import parse_effects
 from analysis.fitting.estimate import Fit, FreeParameter, fit, sizes
-from analysis.fitting.fitted_effects import Fitted, fitted_effects
 from analysis.fitting.identifiability import (
-    WeakParameter,
     identified,
     identified_combinations,
     parameter_label,
@@ -27,9 +24,9 @@ from analysis.fitting.identifiability import (
 from analysis.fitting.joint_coverage import JointRange, joints_covered, outside_coverage
 from analysis.fitting.observation import Observation, residuals_of, rms
 from analysis.fitting.placements import observe_runs, split_by_frame, with_enough_readings
-from analysis.fitting.run_noise import Repeats, repeats_of
+from analysis.fitting.run_noise import repeats_of
 from analysis.fitting.split import split
-from analysis.fitting.uncertainty import RunScatter, covariance
+from analysis.fitting.uncertainty import covariance
 from analysis.fitting.weighting import (
     SOUND,
     Weighting,
@@ -38,9 +35,6 @@ from analysis.fitting.weighting import (
     resolution,
     updated_weighting,
 )
-from analysis.frames import Tabular, for_json, table_of_rows
-from analysis.kinematics.arm import Array
-from analysis.measures.parameters import quantity_of
 from analysis.model.predict import Model, SetUp, model_of
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PoseTable
@@ -55,84 +49,6 @@ Chosen: 2 % of a standard deviation changes no decision."""
 _WORSE = 1.01
 """Factor by which a fit may be worse than none. Chosen: where nothing can be gained, both fits stop only near their
 optimum."""
-
-
-@dataclass(frozen=True)
-class SetUpNoise:
-    """The noise of a set-up: `sd_mm` is the standard deviation that weights a reading, `repeats` the scatter of visits
-    of one place, None where there are none."""
-
-    sd_mm: float
-    repeats: Repeats | None
-
-
-@dataclass(frozen=True)
-class Calibration(Tabular):
-    """The result of a calibration.
-
-    `known` is the initial model. `covariance` (p, p) of the fitted parameters is in their own units and includes the
-    scatter between runs. `weighting` has the noise and wild readings of each observation and the levels of all
-    requested parameters; `noise` is listed by set-up. `gauges` states whether any run has gauges.
-    `identified_combinations` counts the combinations of parameters that the readings determine, and `weak_parameters`
-    lists parameters that they do not determine by themselves. `covered` has the range of each joint in the readings
-    used. `before_mm` and `after_mm` are the rms on the sound readings used and on those held out (NaN where there are
-    none).
-    """
-
-    known: Model
-    before: Fit
-    after: Fit
-    covariance: Array
-    scatter: RunScatter
-    weighting: Weighting
-    noise: dict[str, SetUpNoise]
-    gauges: bool
-    identified_combinations: int
-    weak_parameters: list[WeakParameter]
-    covered: tuple[JointRange, ...]
-    doubts: tuple[str, ...]
-    before_mm: tuple[float, float]
-    after_mm: tuple[float, float]
-
-    @cached_property
-    def effects(self) -> tuple[Fitted, ...]:
-        """The fitted effects with the standard uncertainties of their parameters."""
-        return fitted_effects(self)
-
-    @property
-    def extended_rig(self) -> Rig:
-        """The rig begun with, the fitted effects added."""
-        effects = (*self.known.effects, *(one.effect for one in self.effects))
-        return self.known.rig.model_copy(update={"effects": effects})
-
-    def to_table(self) -> pa.Table:
-        """The fitted parameters, a row each: effect, value, u (standard uncertainty), unit."""
-        rows = [
-            {"effect": parameter_label(one.effect, field), **asdict(quantity_of(one.effect, field, one.sd))}
-            for one in self.effects
-            for field in one.sd
-        ]
-        return table_of_rows(("effect", "value", "u", "unit"), rows)
-
-    def to_dict(self) -> dict[str, Any]:
-        """All of it in plain types, lengths in mm, angles in degrees: what `rig calibrate --json` prints."""
-        rms_mm = [{"before": one, "after": other} for one, other in zip(self.before_mm, self.after_mm, strict=True)]
-        plain: dict[str, Any] = for_json(
-            {
-                "effects": [
-                    {**one.effect.model_dump(mode="json", exclude={"found"}), "sd": one.sd} for one in self.effects
-                ],
-                "covariance": self.covariance,
-                "scatter": asdict(self.scatter),
-                "noise": {setup: asdict(noise) for setup, noise in self.noise.items()},
-                "told_apart": {"asked": len(self.weighting.spread), "told": self.identified_combinations},
-                "mixed": [{"what": one.what, "like": one.like, "share": one.share} for one in self.weak_parameters],
-                "joints_deg": self.covered,
-                "doubts": self.doubts,
-                "rms_mm": {"used": rms_mm[0], "left_out": None if np.isnan(self.before_mm[1]) else rms_mm[1]},
-            }
-        )
-        return plain
 
 
 def calibrate_runs(

@@ -13,7 +13,7 @@ from rigs.effects import Effect
 from rigs.schema.effect import identity
 
 if TYPE_CHECKING:
-    from analysis.fitting.calibrate import Calibration
+    from analysis.fitting.calibration import Calibration
 
 _ANY_PHASE_DEG = 180.0 / np.sqrt(3)
 """Standard uncertainty of an unknown phase: a uniform distribution over a turn."""

@@ -10,7 +10,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from analysis.fitting.calibrate import Calibration
+from analysis.fitting.calibration import Calibration
 from analysis.fitting.identifiability import parameter_label
 from analysis.measures.parameters import quantity_of
 from analysis.reporting.extended_rig import with_origin, write_extended

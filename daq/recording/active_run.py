@@ -18,11 +18,13 @@ from daq.acquisition.plausibility import PlausibilityCheck
 from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.recording.label import Label
+from daq.recording.rate_limited_log import RateLimitedLog
 from daq.store import RunWriter
 from daq.store.manifest import load_manifest
 from daq.store.records import Ending
+from daq.store.startup_recovery import recover_and_log
 from daq.store.writer import MOST_PENDING
-from rigs.errors import CellError, FileError
+from rigs.errors import CellError, FileError, RigError
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,15 @@ class Gap:
     def missed_text(self) -> str:
         """Return how many samples of each stream are missed so far."""
         return ", ".join(f"{count} of {name}" for name, count in self.missed.items() if count) or "none"
+
+    def not_recorded(self, warnings: RateLimitedLog) -> dict[str, Fault]:
+        """Return what is in no run, after recovering the previous one. Raises CellError if its disk is away."""
+        self.require_disk()
+        try:
+            recover_and_log(self.previous)
+        except RigError as error:
+            warnings.warn("recording", "former", str(error))
+        return self.dropped()
 
     def dropped(self) -> dict[str, Fault]:
         """Return a fault for each stream whose samples are in no run: missed since, or taken and not held by that run.

@@ -32,7 +32,6 @@ from daq.recording.readings import require_readings
 from daq.recording.status import rejection, status_of
 from daq.store import NearlyFull, RunWriter
 from daq.store.records import Ending
-from daq.store.startup_recovery import recover_and_log
 from rigs.errors import CellError, RigError
 
 log = logging.getLogger("rigd")
@@ -197,7 +196,7 @@ class Recorder(threading.Thread):
     def _create_run(self, number: int, run: ActiveRun) -> None:
         """Create the run and begin to use it; called in a thread of the disk's."""
         try:
-            dropped = self._not_recorded(run.gap) if run.gap else {}
+            dropped = run.gap.not_recorded(self._warnings) if run.gap else {}
             writer = self._create(run.label, run.gap.previous.name if run.gap else "")
         except Exception as error:  # noqa: BLE001 - whoever waits for the run is told
             with self._lock:
@@ -262,15 +261,6 @@ class Recorder(threading.Thread):
             told = f"the recording was waiting for the disk and is given up, samples missed: {gap.missed_text()}"
             log.warning("%s: %s", gap.previous, told)
             self.last_end += f"; {told}"
-
-    def _not_recorded(self, gap: Gap) -> Mapping[str, Fault]:
-        """Return what is in no run, after recovering the previous one. Raises CellError if its disk is away."""
-        gap.require_disk()
-        try:
-            recover_and_log(gap.previous)
-        except RigError as error:
-            self._warnings.warn("recording", "former", str(error))
-        return gap.dropped()
 
     def _report(self, name: str, faults: Sequence[Fault]) -> None:
         """Log and count faults of a stream that were found here and are in the run already."""

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.fitting.calibrate import Calibration, calibrate
+from analysis.fitting.calibrate import calibrate
+from analysis.fitting.calibration import Calibration
 from analysis.fitting.observation import Observation, observe, residuals_of, rms
 from analysis.fitting.setups import fit_setups
 from analysis.kinematics.arm import arm_of, forward
