@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from daq.acquisition import capture_writer
+from daq.wire import capture
 from daq.wire.capture import HEAD, Capture, Mark, Piece, read_capture
 from rigs.errors import FileError
 from tests.support.bench import BIN, PATIENCE_S, Bench
@@ -33,7 +34,7 @@ def test_a_capture_reads_back_bit_for_bit(pieces: list[Piece]) -> None:
 
 def read_text(path: Path, text: str) -> Capture:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Path, "read_text", lambda *_, **__: text)
+        patch.setattr(capture, "read_bytes", lambda *_: text.encode())
         return read_capture(path)
 
 
