@@ -149,7 +149,9 @@ def test_faults_held_back_to_be_told_as_one_are_told_when_the_link_is_lost() -> 
     buffer = StreamBuffer(stream.name, stream.columns)
     link = _Breaking(b"ERR0\r", 50)
     Reader(stream, buffer, link)._read(link)
-    assert buffer.state().counters == {"device_error": 50, "disconnected": 1}
+    counters = dict(buffer.state().counters)
+    counters.pop("stalled", None)  # a busy computer holds the reader up, which is counted
+    assert counters == {"device_error": 50, "disconnected": 1}
 
 
 def test_what_says_more_of_a_fault_is_logged_once(caplog: pytest.LogCaptureFixture) -> None:
