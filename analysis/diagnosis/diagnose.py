@@ -14,6 +14,7 @@ from analysis.diagnosis.diagnosis import Diagnosis, Gap, Named, NextTest
 from analysis.diagnosis.doubts import doubts_of_rig, doubts_of_runs
 from analysis.diagnosis.early_readings import early_readings
 from analysis.diagnosis.expected_posterior import is_separable
+from analysis.diagnosis.link_swing import find_vibration
 from analysis.diagnosis.neighbourhoods import without_a_fold
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.prepared_runs import prepare_runs
@@ -25,7 +26,6 @@ from analysis.diagnosis.search import SearchResult, search
 from analysis.diagnosis.separating_tests import separating_tests
 from analysis.diagnosis.validation import gap, held_out_gains
 from analysis.diagnosis.verdict import ambiguous_names, named_effects, named_vibration, remainder_of, verdict_of
-from analysis.diagnosis.vibration import find_vibration
 from analysis.diagnosis.worth import limits_um
 from analysis.fitting.setups import terms_of
 from analysis.kinematics.arm import Array

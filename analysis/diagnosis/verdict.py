@@ -8,12 +8,12 @@ import numpy as np
 
 from analysis.diagnosis.diagnosis import ODDS, Named, Remainder, Rival, Verdict
 from analysis.diagnosis.free_forms import best_free_form, free_forms_of
+from analysis.diagnosis.link_swing import FoundVibration
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.residual_bands import bands_above_noise
 from analysis.diagnosis.rivals import RivalOdds
 from analysis.diagnosis.search import SearchResult
 from analysis.diagnosis.validation import gap_without_um
-from analysis.diagnosis.vibration import FoundVibration
 from analysis.diagnosis.worth import Worth, limits_um, plain_worth, worth
 from analysis.kinematics.arm import Array
 from rigs.schema.effect import name_of

@@ -109,7 +109,7 @@ def test_a_singular_wrist_on_the_way_is_told_with_its_axes() -> None:
     q[:, 4], q[:, 3] = np.hypot(tip, beside), np.arctan2(beside, tip)
     q[:, 5] -= q[:, 3]
     assert cancelling_axes(arm, q[100]) == [4, 6]
-    with pytest.raises(FileError, match=r"flips near pose .* singularity, where axes 4 and 6 cancel"):
+    with pytest.raises(FileError, match=r"changes its posture near pose .* singularity, where axes 4 and 6 cancel"):
         follow(arm, forward(arm, q), q[0], "path")
 
 

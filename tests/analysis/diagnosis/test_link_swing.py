@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from analysis.diagnosis.link_swing import FoundVibration, find_vibration
 from analysis.diagnosis.run_setups import fit_run_setups
-from analysis.diagnosis.vibration import FoundVibration, find_vibration
 from analysis.traces.loading import Measured
 from tests.support.diagnosis_cells import circles, measured, response, seen, table_of
 
