@@ -440,12 +440,12 @@ def test_a_former_run_that_takes_long_to_bring_back_holds_nothing_up(
 ) -> None:
     reviving, done = threading.Event(), threading.Event()
 
-    def slow(path: Path, recover_and_log: Callable[[Path], None] = daq.recording.recorder.recover_and_log) -> None:
+    def slow(path: Path, recover_and_log: Callable[[Path], None] = daq.recording.active_run.recover_and_log) -> None:
         reviving.set()
         assert done.wait(20)
         recover_and_log(path)
 
-    monkeypatch.setattr(daq.recording.recorder, "recover_and_log", slow)
+    monkeypatch.setattr(daq.recording.active_run, "recover_and_log", slow)
     written.round()
     with failing(errno.EIO, "fsync"):
         written.round()
