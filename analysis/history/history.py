@@ -16,7 +16,7 @@ from analysis.measures.quantity import Quantity
 from analysis.reporting.labels import label
 from rigs.errors import FileError
 
-_WATCHED = (
+WATCHED = (
     *("band_deg", "circular_deviation_mm"),
     *(f"play_j{axis}_deg" for axis in range(1, 7)),
     *("band_mm", "spread_mean_mm", "rp_mean_mm"),
@@ -92,7 +92,7 @@ def history_of(collected: Collected, figure: str | None = None, since: date | No
         raise FileError(collected.robot, problem, "see rig runs, or give an earlier --since")
     if figure is not None and figure not in names:
         raise FileError("--figure", f"no run has a figure {figure!r}", f"give one of {', '.join(sorted(names))}")
-    wanted = [name for name in _WATCHED if name in names] if figure is None else [figure]
+    wanted = [name for name in WATCHED if name in names] if figure is None else [figure]
     picked = [
         (title, name, own)
         for title, group in _programs(runs)

@@ -2,13 +2,16 @@
 
 Play is all that makes the lap jump where a joint turns back; the rest of a robot's error is smooth along the lap. The
 angle and the distance of a lap are therefore fitted by low orders and, for each joint that turns back, by the readings
-that the model gives for a play there less those without: linear least squares, one size a joint. Where gravity holds
-the gears on one side, no jump shows and the figure is near zero. Source: Y. T. Oh, Applied Sciences 9 (2019), 3.2.
+that the model gives for a play there less those without. A wide play is crossed over many degrees, so that its shape
+depends on its size: the shapes are computed for some widths, and the sizes are those of nonlinear least squares between
+them. Where gravity holds the gears on one side, no jump shows and the figure is near zero. Source: Y. T. Oh, Applied
+Sciences 9 (2019), 3.2.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,15 +30,40 @@ from rigs.rig import Rig
 
 _SMOOTH = 12
 """Orders that count as smooth: offsets, links and set-up make orders up to 3, eccentric gears some more."""
-_WIDTH_DEG = 0.01
-"""The play that the jumps are first computed with, then with those found: a wide play is crossed over some degrees."""
-_NARROWEST_DEG = 0.002
-"""Jumps of narrower plays are as sharp as a lap shows them."""
-_PASSES = 3
+_WIDTHS_DEG = np.concatenate([0.0025 * 2 ** np.arange(0.0, 6.1, 0.5), [0.32]])
+"""Plays that the readings are computed for at first; between them they are interpolated, to some 6 % of a play."""
 _ROWS = 3000
 """Rows of a lap that the model is computed for: four a node."""
+_INDEPENDENT = 72
+"""Pieces of a lap that err independently: a jump is judged by a neighbourhood of some 5°."""
 _WORST_U_DEG = 0.05
 """A play known no better than this is left out: its jumps are too small, or too close to those of another joint."""
+
+
+@dataclass(frozen=True)
+class _Jumps:
+    """What a play of each width makes of a lap: (axes, 2 widths + 1, 2 NODES) mm, from the widest negative play, a
+    mirror image that noise may look like, over none to the widest."""
+
+    curves: Array
+    widths_deg: Array
+
+    def of(self, sizes_deg: Array) -> Array:
+        """The curve (2 NODES,) mm of plays (axes,) in degrees."""
+        place = np.clip(np.searchsorted(self.widths_deg, sizes_deg) - 1, 0, len(self.widths_deg) - 2)
+        low = self.widths_deg[place]
+        share = ((sizes_deg - low) / (self.widths_deg[place + 1] - low))[:, None]
+        axes = np.arange(len(sizes_deg))
+        curve: Array = ((1 - share) * self.curves[axes, place] + share * self.curves[axes, place + 1]).sum(axis=0)
+        return curve
+
+    def slopes(self, sizes_deg: Array) -> Array:
+        """Its derivatives (2 NODES, axes) in mm for each degree."""
+        place = np.clip(np.searchsorted(self.widths_deg, sizes_deg) - 1, 0, len(self.widths_deg) - 2)
+        axes = np.arange(len(sizes_deg))
+        rise = self.curves[axes, place + 1] - self.curves[axes, place]
+        slopes: Array = (rise / np.diff(self.widths_deg)[place][:, None]).T
+        return slopes
 
 
 def joint_plays(result: Result) -> dict[str, Quantity]:
@@ -50,42 +78,77 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
     if not axes:
         return {}
     half_mm = result.measured.rig.gauges.baseline_mm / 2
-    curves = np.concatenate([found.curve.y * half_mm, found.distance.curve.y])
-    errors = np.concatenate([found.curve.errors * half_mm, found.distance.curve.errors], axis=1)
-    widths_deg = np.full(len(axes), _WIDTH_DEG)
-    for _ in range(_PASSES):
-        columns = _jumps(found.laps, table, result.measured.rig, dict(zip(axes, widths_deg, strict=True)), half_mm)
-        design = np.concatenate([columns, _smooth()], axis=1)
-        solve = np.linalg.pinv(design)
-        sizes = solve @ curves
-        widths_deg = np.maximum(sizes[: len(axes)], _NARROWEST_DEG)
-    left = curves - design @ sizes
-    # Neighbouring nodes err alike: a jump is judged by about as many independent ones as there are orders in 10°.
-    of_fit = np.sqrt((solve**2).sum(axis=1) * float(left.var()) * len(PHI) / 72)
+    basis = np.linalg.qr(_smooth())[0]
+
+    def rough(curves: Array) -> Array:
+        """Curves (..., 2 NODES) mm without what is smooth in them."""
+        left: Array = curves - (curves @ basis) @ basis.T
+        return left
+
+    by_play = _by_play(found.laps, table, result.measured.rig, half_mm)
+    wider = rough(np.array([[by_play(axis, width) for width in _WIDTHS_DEG.tolist()] for axis in axes]))
+    curves = np.concatenate([-wider[:, ::-1], np.zeros_like(wider[:, :1]), wider], axis=1)
+    jumps = _Jumps(curves, np.concatenate([-_WIDTHS_DEG[::-1], [0.0], _WIDTHS_DEG]))
+    lap = rough(np.concatenate([found.curve.y * half_mm, found.distance.curve.y]))
+    errors = rough(np.concatenate([found.curve.errors * half_mm, found.distance.curve.errors], axis=1))
+    sizes_deg = _fitted(lap, jumps)
+    left = lap - jumps.of(sizes_deg)
+    solve = np.linalg.pinv(jumps.slopes(sizes_deg))
+    of_fit = np.sqrt((solve**2).sum(axis=1) * float(left.var()) * len(PHI) / _INDEPENDENT)
     u = np.hypot((errors @ solve.T).std(axis=0), of_fit)
     return {
-        f"play_j{axis}_deg": Quantity(float(sizes[k]), float(u[k]), "deg", found.samples, found.curve.noise.source)
+        f"play_j{axis}_deg": Quantity(float(sizes_deg[k]), float(u[k]), "deg", found.samples, found.curve.noise.source)
         for k, axis in enumerate(axes)
         if u[k] < _WORST_U_DEG
     }
 
 
-def _jumps(laps: Laps, table: CircleTable, rig: Rig, widths_deg: dict[int, float], half_mm: float) -> Array:
-    """Angle and distance (2 NODES, axes) mm for each degree of plays of these widths, by axis, along the first lap."""
+def _fitted(lap: Array, jumps: _Jumps) -> Array:
+    """Sizes (axes,) in degrees that fit a lap (2 NODES,) mm, begun at the width of each axis that fits it best."""
+    from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, needed here only
+
+    start = np.zeros(len(jumps.curves))
+    left = lap
+    for _ in start:  # the axis that explains most first, then the next of what is left
+        gaps = np.where(start[:, None] == 0, ((left - jumps.curves) ** 2).sum(axis=2), np.inf)
+        axis, width = np.unravel_index(np.argmin(gaps), gaps.shape)
+        if gaps[axis, width] >= left @ left:
+            break
+        start[axis] = jumps.widths_deg[width]
+        left = lap - jumps.of(start)
+    widest = float(jumps.widths_deg[-1])
+
+    def gap(sizes: Array) -> Array:
+        return jumps.of(sizes) - lap
+
+    start = np.clip(start, -0.99 * widest, 0.99 * widest)
+    found = least_squares(gap, start, jumps.slopes, bounds=(-widest, widest), x_scale=0.01)
+    sizes_deg: Array = found.x
+    return sizes_deg
+
+
+def _by_play(laps: Laps, table: CircleTable, rig: Rig, half_mm: float) -> Callable[[int, float], Array]:
+    """What a play of an axis, in degrees, makes of angle and distance (2 NODES,) mm along the first lap."""
     lap = laps.first
-    rows = slice(None, None, max(1, len(lap.t_s) // _ROWS))
-    one = replace(table, t_s=lap.t_s[rows], q=lap.q[rows], g_mm=lap.g_mm[rows])
-    phi = lap.phi[rows]
+    # With the lead-in, since a play is where the joint came from; to the end of the first lap.
+    upto = int(np.searchsorted(table.t_s, lap.t_s[-1], side="right"))
+    rows = slice(None, upto, max(1, len(lap.t_s) // _ROWS))
+    way = replace(table, t_s=table.t_s[rows], q=table.q[rows], g_mm=table.g_mm[rows])
+    inside = way.t_s >= lap.t_s[0]
+    phi = np.interp(way.t_s[inside], lap.t_s, lap.phi)
 
     def nodes(effects: tuple[Effect, ...]) -> Array:
         model = model_of(rig, effects)
-        g_mm = predict(model, one, path_of(model, one), nominal_setup(rig, one))
+        g_mm = predict(model, way, path_of(model, way), nominal_setup(rig, way))[inside]
         turned = angle(g_mm[:, 0], g_mm[:, 1], 2 * half_mm) * half_mm
         return np.concatenate([nodes_of(phi, turned), nodes_of(phi, g_mm.mean(axis=1))])
 
     without = nodes(())
-    plays = [(nodes((Backlash(axis=axis, width_deg=width),)) - without) / width for axis, width in widths_deg.items()]
-    return np.stack(plays, axis=1)
+
+    def curve(axis: int, width_deg: float) -> Array:
+        return nodes((Backlash(axis=axis, width_deg=width_deg),)) - without
+
+    return curve
 
 
 def _smooth() -> Array:

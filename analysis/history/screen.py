@@ -12,7 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.frames import for_json, table_of_rows
-from analysis.history.history import History, Series
+from analysis.history.before_after import Difference
+from analysis.history.history import History, Series, label_of
 from analysis.history.words import dates, doubts, remarks, sentences
 from analysis.kinematics.arm import Array
 from analysis.measures.quantity import Quantity
@@ -47,6 +48,33 @@ def _table(history: History) -> Table:
         table.add_row(name, series.label, *_cells(series), sparkline(series.values), _mark(series), style=style)
         before = series.title
     return whole(table)
+
+
+def as_differences(found: Sequence[Difference]) -> RenderableType:
+    """Before and after a repair: a sentence for each figure that changed, and a line for each that was compared."""
+    larger = [Text(one.sentence, style="bold") for one in found if one.is_larger]
+    if not larger:
+        larger = [Text("No figure differs by more than the spread between runs explains.", style="bold")]
+    table = Table(header_style="bold", box=None, padding=(0, 1))
+    table.add_column("")
+    table.add_column("")
+    for heading in ("before", "after", "difference", "u"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    table.add_column("more than the spread")
+    title = ""
+    for one in found:
+        by = one.difference
+        is_known = bool(np.isfinite(by.u))
+        verdict = ("yes" if one.is_larger else "no") if is_known else "not known: repeat the runs"
+        cells = [by.rounded(value) for value in (one.before, one.after, by.value)]
+        cells += [by.rounded(by.u) if is_known else "", by.sign, verdict]
+        name = "" if one.title == title else one.title
+        table.add_row(name, label_of(one.figure), *cells, style="bold" if one.is_larger else "")
+        title = one.title
+    counts = f"{max(one.runs_before for one in found)} runs before, {max(one.runs_after for one in found)} after"
+    u = f"u is the standard uncertainty by the spread between runs; {counts}"
+    return Group(*larger, whole(table), Text(u, style="dim"))
 
 
 def _cells(series: Series) -> tuple[str, str, str, str]:
