@@ -12,7 +12,7 @@ holds for the robot. `scripts/dev history` measures it, and how soon and how exa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,23 +70,11 @@ class _Best:
 def trend_of(values: Array, u: Array, series: int) -> Trend:
     """The changes in a series of values (n,) with standard uncertainties u (n,), in one unit, in order of time; series:
     how many such series of the robot are looked at."""
-    count = len(values)
     wild = wild_runs(values, u)
     spread = _spread(values[~wild])
     kept = np.flatnonzero(~wild)[-NEWEST:]
     found = _changes(values[kept], series) if spread > 0 else []
-    changes = [
-        Change(
-            int(kept[one.first]),
-            int(kept[one.last]),
-            one.before,
-            one.after,
-            one.u,
-            one.chance,
-            one.is_last and int(kept[one.last]) >= count - FEWEST,
-        )
-        for one in found
-    ]
+    changes = [replace(one, first=int(kept[one.first]), last=int(kept[one.last])) for one in found]
     return Trend(tuple(changes), wild, spread)
 
 
@@ -115,48 +103,50 @@ def _changes(values: Array, series: int) -> list[Change]:
     count = len(values)
     if count < 2 * FEWEST or np.ptp(values) == 0:
         return []
-    best = _best(values)
-    chance = series * np.exp(_CHANCE - best.score)
+    step, rise = _best(values)
+    chance = series * np.exp(_CHANCE - max(step.score, rise.score))
     if chance > FALSE_ALARMS:
         return []
+    step, rise = _refined(values, step), _refined(values, rise)
+    best = rise if rise.score > step.score + _SLOWER else step
     change = _fitted(values, best, float(chance))
     earlier = _changes(values[: best.first + 1], series)
-    later = [
-        Change(one.first + best.last, one.last + best.last, one.before, one.after, one.u, one.chance, one.is_last)
-        for one in _changes(values[best.last :], series)
-    ]
+    later = _changes(values[best.last :], series)
     # A rise that ends where the runs before the next change end has not reached the last run.
-    return [*(_ended(one) for one in earlier), change, *later]
+    return [
+        *(replace(one, is_last=False) for one in earlier),
+        change,
+        *(replace(one, first=one.first + best.last, last=one.last + best.last) for one in later),
+    ]
 
 
-def _ended(change: Change) -> Change:
-    return Change(change.first, change.last, change.before, change.after, change.u, change.chance, False)
-
-
-def _best(values: Array) -> _Best:
-    """The shape and the noise of the highest score; a step, unless a longer rise has a clearly higher one."""
-    count, shapes = len(values), shapes_of(len(values))
+def _best(values: Array) -> tuple[_Best, _Best]:
+    """The step and the longer rise of the highest scores, each with the noise that suits it."""
+    shapes = shapes_of(len(values))
     without, scores = -np.inf, []
     for noise, unit in zip(shapes.noises, shapes.directions, strict=True):
         level, score = _likelihoods(values, noise, unit)
         without = max(without, level)
         scores.append(score)
-    table = np.array(scores)
+    table = np.array(scores) - without
     is_step = shapes.last - shapes.first == 1
-    found = []
-    for kind in (is_step, ~is_step):
-        if kind.any():
-            k, shape = np.unravel_index(np.argmax(np.where(kind, table, -np.inf)), table.shape)
-            noise = shapes.noises[k]
-            first, last = refined(count, int(shapes.first[shape]), int(shapes.last[shape]))
-            same = (last - first == 1) == bool(is_step[shape])
-            first, last = first[same], last[same]
-            _, score = _likelihoods(values, noise, directions(noise, first, last))
-            j = int(np.argmax(score))
-            found.append(_Best(int(first[j]), int(last[j]), float(score[j]) - without, noise))
-    if len(found) == 2 and found[1].score > found[0].score + _SLOWER:
-        return found[1]
-    return found[0]
+
+    def best(which: Mask) -> _Best:
+        k, shape = np.unravel_index(np.argmax(np.where(which, table, -np.inf)), table.shape)
+        return _Best(int(shapes.first[shape]), int(shapes.last[shape]), float(table[k, shape]), shapes.noises[k])
+
+    return best(is_step), best(~is_step)
+
+
+def _refined(values: Array, best: _Best) -> _Best:
+    """The shape to single runs; its score rises by that, which the chance of a false alarm does not count."""
+    first, last = refined(len(values), best.first, best.last)
+    same = (last - first == 1) == (best.last - best.first == 1)
+    first, last = first[same], last[same]
+    _, scores = _likelihoods(values, best.noise, directions(best.noise, first, last))
+    _, before = _likelihoods(values, best.noise, directions(best.noise, np.array([best.first]), np.array([best.last])))
+    k = int(np.argmax(scores))
+    return _Best(int(first[k]), int(last[k]), best.score + float(scores[k] - before[0]), best.noise)
 
 
 def _likelihoods(values: Array, noise: Whitening, unit: Array) -> tuple[float, Array]:

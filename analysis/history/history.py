@@ -70,9 +70,9 @@ class History:
 
     @property
     def changed(self) -> list[tuple[Series, Change]]:
-        """Every change in order of time."""
+        """Every change in order of time; of those at one time the most certain first."""
         found = [(series, change) for series in self.series for change in series.trend.changes]
-        return sorted(found, key=lambda one: one[0].runs[one[1].first].when.timestamp())
+        return sorted(found, key=lambda one: (one[0].runs[one[1].first].when.timestamp(), one[1].chance))
 
 
 def label_of(figure: str) -> str:

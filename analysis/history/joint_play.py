@@ -14,13 +14,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
 
 from analysis.geometry.ball_link import angle
 from analysis.kinematics.arm import Array
 from analysis.measures.joint_reversals import turns
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.quantity import Quantity
-from analysis.measures.reduction import PHI, nodes_of
+from analysis.measures.reduction import PHI
 from analysis.measures.results import Result
 from analysis.model.predict import model_of, nominal_setup, path_of, predict
 from analysis.traces.laps import Laps
@@ -31,7 +33,8 @@ from rigs.rig import Rig
 _SMOOTH = 12
 """Orders that count as smooth: offsets, links and set-up make orders up to 3, eccentric gears some more."""
 _WIDTHS_DEG = np.concatenate([0.0025 * 2 ** np.arange(0.0, 6.1, 0.5), [0.32]])
-"""Plays that the readings are computed for at first; between them they are interpolated, to some 6 % of a play."""
+"""Plays that the readings are computed for; between them they go smoothly."""
+_BOTH_WAYS_DEG = np.concatenate([-_WIDTHS_DEG[::-1], [0.0], _WIDTHS_DEG])
 _ROWS = 3000
 """Rows of a lap that the model is computed for: four a node."""
 _INDEPENDENT = 72
@@ -42,28 +45,27 @@ _WORST_U_DEG = 0.05
 
 @dataclass(frozen=True)
 class _Jumps:
-    """What a play of each width makes of a lap: (axes, 2 widths + 1, 2 NODES) mm, from the widest negative play, a
-    mirror image that noise may look like, over none to the widest."""
+    """What plays make of a lap, smoothly in their widths: of each axis curves (2 widths + 1, 2 NODES) mm, from the
+    widest negative play, a mirror image that noise may look like, over none to the widest."""
 
     curves: Array
-    widths_deg: Array
+    by_width: tuple[CubicSpline, ...]
+
+    @classmethod
+    def through(cls, wider: Array) -> _Jumps:
+        """The jumps through the curves (axes, widths, 2 NODES) mm of plays of _WIDTHS_DEG."""
+        curves = np.concatenate([-wider[:, ::-1], np.zeros_like(wider[:, :1]), wider], axis=1)
+        return cls(curves, tuple(CubicSpline(_BOTH_WAYS_DEG, one) for one in curves))
 
     def of(self, sizes_deg: Array) -> Array:
         """The curve (2 NODES,) mm of plays (axes,) in degrees."""
-        place = np.clip(np.searchsorted(self.widths_deg, sizes_deg) - 1, 0, len(self.widths_deg) - 2)
-        low = self.widths_deg[place]
-        share = ((sizes_deg - low) / (self.widths_deg[place + 1] - low))[:, None]
-        axes = np.arange(len(sizes_deg))
-        curve: Array = ((1 - share) * self.curves[axes, place] + share * self.curves[axes, place + 1]).sum(axis=0)
-        return curve
+        curves = [one(size) for one, size in zip(self.by_width, sizes_deg, strict=True)]
+        together: Array = np.sum(curves, axis=0)
+        return together
 
     def slopes(self, sizes_deg: Array) -> Array:
         """Its derivatives (2 NODES, axes) in mm for each degree."""
-        place = np.clip(np.searchsorted(self.widths_deg, sizes_deg) - 1, 0, len(self.widths_deg) - 2)
-        axes = np.arange(len(sizes_deg))
-        rise = self.curves[axes, place + 1] - self.curves[axes, place]
-        slopes: Array = (rise / np.diff(self.widths_deg)[place][:, None]).T
-        return slopes
+        return np.stack([one(size, 1) for one, size in zip(self.by_width, sizes_deg, strict=True)], axis=1)
 
 
 def joint_plays(result: Result) -> dict[str, Quantity]:
@@ -87,8 +89,7 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
 
     by_play = _by_play(found.laps, table, result.measured.rig, half_mm)
     wider = rough(np.array([[by_play(axis, width) for width in _WIDTHS_DEG.tolist()] for axis in axes]))
-    curves = np.concatenate([-wider[:, ::-1], np.zeros_like(wider[:, :1]), wider], axis=1)
-    jumps = _Jumps(curves, np.concatenate([-_WIDTHS_DEG[::-1], [0.0], _WIDTHS_DEG]))
+    jumps = _Jumps.through(wider)
     lap = rough(np.concatenate([found.curve.y * half_mm, found.distance.curve.y]))
     errors = rough(np.concatenate([found.curve.errors * half_mm, found.distance.curve.errors], axis=1))
     sizes_deg = _fitted(lap, jumps)
@@ -104,26 +105,24 @@ def joint_plays(result: Result) -> dict[str, Quantity]:
 
 
 def _fitted(lap: Array, jumps: _Jumps) -> Array:
-    """Sizes (axes,) in degrees that fit a lap (2 NODES,) mm, begun at the width of each axis that fits it best."""
-    from scipy.optimize import least_squares  # noqa: PLC0415 - slow to import, needed here only
-
-    start = np.zeros(len(jumps.curves))
-    left = lap
-    for _ in start:  # the axis that explains most first, then the next of what is left
+    """Sizes (axes,) in degrees that fit a lap (2 NODES,) mm: the best of two beginnings, from no play and from the
+    widths that explain most of it one after the other, since plays of joints that turn back together look alike."""
+    none = np.zeros(len(jumps.curves))
+    start, left = none.copy(), lap
+    for _ in start:
         gaps = np.where(start[:, None] == 0, ((left - jumps.curves) ** 2).sum(axis=2), np.inf)
         axis, width = np.unravel_index(np.argmin(gaps), gaps.shape)
         if gaps[axis, width] >= left @ left:
             break
-        start[axis] = jumps.widths_deg[width]
+        start[axis] = 0.99 * _BOTH_WAYS_DEG[width]
         left = lap - jumps.of(start)
-    widest = float(jumps.widths_deg[-1])
 
     def gap(sizes: Array) -> Array:
         return jumps.of(sizes) - lap
 
-    start = np.clip(start, -0.99 * widest, 0.99 * widest)
-    found = least_squares(gap, start, jumps.slopes, bounds=(-widest, widest), x_scale=0.01)
-    sizes_deg: Array = found.x
+    widest = float(_WIDTHS_DEG[-1])
+    found = [least_squares(gap, one, jumps.slopes, bounds=(-widest, widest), x_scale=0.01) for one in (none, start)]
+    sizes_deg: Array = min(found, key=lambda one: float(one.cost)).x
     return sizes_deg
 
 
@@ -141,7 +140,7 @@ def _by_play(laps: Laps, table: CircleTable, rig: Rig, half_mm: float) -> Callab
         model = model_of(rig, effects)
         g_mm = predict(model, way, path_of(model, way), nominal_setup(rig, way))[inside]
         turned = angle(g_mm[:, 0], g_mm[:, 1], 2 * half_mm) * half_mm
-        return np.concatenate([nodes_of(phi, turned), nodes_of(phi, g_mm.mean(axis=1))])
+        return np.concatenate([np.interp(PHI, phi, y, period=2 * np.pi) for y in (turned, g_mm.mean(axis=1))])
 
     without = nodes(())
 

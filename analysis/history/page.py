@@ -8,6 +8,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import numpy as np
+from markupsafe import Markup
 
 from analysis.history.history import History, Series
 from analysis.history.words import doubts, remarks, sentences
@@ -17,6 +18,7 @@ from rigs.text import plain_lines
 
 _MOST = 60
 """Pictures on a page, those with changes first: some 20 kB each."""
+_METADATA = ("Creator", "Date", "Format", "Type")
 _DAY_S = 86400.0
 _INK, _CHANGE, _WILD = "#1f5fa8", "#d95f02", "#999999"
 
@@ -44,11 +46,11 @@ def write_page(history: History, path: Path) -> None:
 
 
 def _shown(value: object) -> object:
-    """Text is plain before it is escaped for HTML."""
-    return plain_lines(value) if isinstance(value, str) else value
+    """Text is plain before it is escaped for HTML; a picture is HTML already."""
+    return plain_lines(value) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
-def _picture(series: Series) -> str:
+def _picture(series: Series) -> Markup:
     """An SVG of a figure over time: runs with their 2 u, the levels that were found, wild runs as crosses."""
     when = np.array([run.when.timestamp() / _DAY_S for run in series.runs])  # matplotlib's own days since 1970
     values, wild = series.values, series.trend.wild
@@ -66,5 +68,6 @@ def _picture(series: Series) -> str:
     axes.spines[["top", "right"]].set_visible(False)
     drawn = io.StringIO()
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": series.figure}):  # text as text, and always the same
-        figure.savefig(drawn, format="svg", metadata={"Date": None})
-    return re.sub(r"^.*?(?=<svg)", "", drawn.getvalue(), flags=re.S)
+        figure.savefig(drawn, format="svg", metadata=dict.fromkeys(_METADATA))
+    # Its text is the axis' numbers and unit alone, which matplotlib has escaped.
+    return Markup(re.sub(r"^.*?(?=<svg)", "", drawn.getvalue(), flags=re.S))  # noqa: S704
