@@ -29,7 +29,7 @@ _CHANCE = 6.5
 _WINDOW, _WILD = 7, 4.0
 """Runs of the running median, and the spreads beyond which a single run is wild."""
 _SLOWER = 2.0
-"""By so much the score of a longer rise has to be above that of the best step."""
+"""The score of a longer rise has to be above that of the best step by so much."""
 _TO_SD = 1.4826
 """Standard deviation of a normal law over its median absolute deviation."""
 
