@@ -93,8 +93,8 @@ def _sorted_out(
             continue
         try:
             fingerprint = fingerprint_of(run.path)
-        except OSError as error:
-            broken.append(record_without_figures(run, error.strerror or str(error)))
+        except (OSError, FileError) as error:
+            broken.append(record_without_figures(run, str(error)))
             continue
         record = known.get(run.path.name)
         if record is not None and record.fingerprint == fingerprint:

@@ -11,6 +11,7 @@ import os
 import sqlite3
 from collections.abc import Iterable
 from contextlib import closing, suppress
+from datetime import datetime
 from importlib import metadata
 from pathlib import Path
 
@@ -55,6 +56,8 @@ def read_records(path: Path) -> tuple[dict[str, Record], str]:
     """The records in the file by name, and in words why it has to be made again, if so. Raises Unusable."""
     if not path.exists():
         return {}, ""
+    if not path.is_file():  # a FIFO would be waited for
+        raise Unusable("it is not a regular file")
     try:
         if path.stat().st_size > _MOST_BYTES:
             raise sqlite3.DatabaseError("is too large")
@@ -138,7 +141,10 @@ def _records(file: sqlite3.Connection) -> dict[str, Record]:
     for row in file.execute("select * from runs order by name"):
         name, fingerprint, rig, started, test, direction, placement, program, problem = row
         label = (os.fsdecode(name), fingerprint, rig, started, test, direction, placement)
-        records[label[0]] = Record(*label, program, problem, figures.get(name, {}))
+        record = Record(*label, program, problem, figures.get(name, {}))
+        if not problem:
+            datetime.fromisoformat(started)  # raises ValueError, which is damage
+        records[record.name] = record
     return records
 
 

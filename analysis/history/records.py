@@ -7,7 +7,7 @@ import json
 import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +20,13 @@ from daq.store import Manifest, RunInfo
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
 from rigs.errors import FileError
+from rigs.files import read_bytes
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES
 
 _PLACES = {"repeatability": "hemisphere", "radial": "hemisphere"} | dict.fromkeys(CIRCLES, "circle")
+_MOST_BYTES = 1_000_000_000
+"""The largest ledger, as the store has it."""
 _NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
 """What differs between cells and runs of one program, and changes only how well a figure is known."""
 
@@ -51,19 +54,20 @@ class Record:
 
     @property
     def when(self) -> datetime:
-        """When the run began, in the zone that its manifest gives."""
-        return datetime.fromisoformat(self.started)
+        """When the run began, in the zone that its manifest gives, UTC without one. Raises ValueError."""
+        when = datetime.fromisoformat(self.started)
+        return when if when.tzinfo else when.replace(tzinfo=UTC)
 
 
 def fingerprint_of(run: Path) -> str:
     """The SHA-256 of a run's manifest, ledger and file sizes; the ledger holds the SHA-256 of every chunk.
 
-    Raises OSError.
+    Raises OSError or FileError.
     """
     found = hashlib.sha256()
     for name in (MANIFEST, LEDGER):
         path = run / name
-        found.update(hashlib.sha256(path.read_bytes() if path.exists() else b"").digest())
+        found.update(hashlib.sha256(read_bytes(path, _MOST_BYTES) if path.exists() else b"").digest())
     for path in sorted((*run.glob("*.parquet"), *run.glob("*.arrow"))):
         found.update(f"{path.name} {path.stat().st_size}\n".encode("utf-8", "surrogateescape"))
     return found.hexdigest()

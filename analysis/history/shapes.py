@@ -53,7 +53,7 @@ class Shapes:
     directions: tuple[Array, ...]
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=3)  # at the most runs some 80 MB each
 def shapes_of(count: int) -> Shapes:
     """The shapes looked for in a series of `count` runs."""
     stride = max(1, count // _STARTS)
@@ -99,7 +99,7 @@ def _allowed(pairs: Integers, count: int) -> tuple[Integers, Integers]:
     return first[enough], last[enough]
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=3)  # at the most runs some 80 MB each
 def whitenings(count: int) -> tuple[Whitening, ...]:
     """White noise, and each kind with a slow part, for `count` runs."""
     apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))

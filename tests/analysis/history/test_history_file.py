@@ -66,6 +66,10 @@ def forget_tables(path: Path) -> None:
     change(path, "drop table figures")
 
 
+def spoil_a_date(path: Path) -> None:
+    change(path, "update runs set started = 'yesterday'")
+
+
 def damage_a_page(path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[4096:] = b"\xff" * (len(data) - 4096)
@@ -78,7 +82,7 @@ def change(path: Path, statement: str) -> None:
         database.commit()
 
 
-@pytest.mark.parametrize("harm", [cut, overwrite, forget_tables, damage_a_page])
+@pytest.mark.parametrize("harm", [cut, overwrite, forget_tables, spoil_a_date, damage_a_page])
 def test_a_damaged_file_is_made_again(file: Path, harm: object) -> None:
     assert callable(harm)
     harm(file)
@@ -113,6 +117,12 @@ def test_a_place_where_no_file_can_be_is_unusable(tmp_path: Path) -> None:
         write_records(tmp_path / FILE, [RECORD], [], from_new=False)
     with pytest.raises(Unusable):
         write_records(tmp_path / "nowhere" / FILE, [RECORD], [], from_new=False)
+
+
+def test_a_fifo_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / FILE)
+    with pytest.raises(Unusable, match="not a regular file"):
+        read_records(tmp_path / FILE)
 
 
 def test_what_several_write_at_once_is_all_there(tmp_path: Path) -> None:
