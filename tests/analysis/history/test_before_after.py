@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,9 @@ import pytest
 
 from analysis.history.before_after import differences
 from analysis.history.collect import collect
+from analysis.history.history_file import FILE, write_records
+from analysis.history.records import Record
+from analysis.measures.quantity import Quantity
 from rigs.errors import FileError
 from tests.support.dated_runs import dated_run
 
@@ -41,12 +45,20 @@ def test_one_run_a_side_shows_no_spread_and_says_so(runs: list[Path]) -> None:
 
 
 def test_a_history_beside_the_runs_lends_its_spread(tmp_path: Path) -> None:
-    for day in range(12):
-        dated_run(tmp_path, day, 0.01)
-    collect(tmp_path, "ur10e", lambda done, total: None)
-    after = dated_run(tmp_path, 20, 0.02)
-    found = {one.figure: one for one in differences([after], [tmp_path / "000-acw"])}
+    before, after = dated_run(tmp_path, 0, 0.01), dated_run(tmp_path, 20, 0.02)
+    one = collect(tmp_path, "ur10e", lambda done, total: None).runs[0]
+    rng = np.random.default_rng(1)
+    others = [replace(one, name=f"earlier-{k}", fingerprint=str(k), figures=scattered(one, rng)) for k in range(30)]
+    write_records(tmp_path / FILE, others, [], from_new=False)
+    found = {one.figure: one for one in differences([after], [before])}
     assert found["play_j3_deg"].is_larger and np.isfinite(found["band_deg"].difference.u)
+
+
+def scattered(record: Record, rng: np.random.Generator) -> dict[str, Quantity]:
+    """The figures of a record with a scatter of 0.0005 in each."""
+    return {
+        name: replace(one, value=one.value + 0.0005 * rng.standard_normal()) for name, one in record.figures.items()
+    }
 
 
 def test_runs_that_cannot_be_compared_are_refused(runs: list[Path], tmp_path: Path) -> None:
