@@ -27,6 +27,7 @@ from daq.service.control import ControlServer
 from daq.service.instance_lock import InstanceLock
 from daq.service.maintenance import Maintenance, RunRetention
 from daq.service.metrics import metrics_text
+from daq.service.recent_samples import recent_samples
 from daq.service.sd_notify import notify, watchdog_s
 from daq.store import RunWriter
 from daq.store.records import Ending
@@ -114,6 +115,8 @@ class Daemon:
         match request.get("command"):
             case "status":
                 return self._status()
+            case "samples":
+                return recent_samples(request, self._buffers, self._rig_text)
             case "metrics":
                 return {"text": metrics_text(self._status())}
             case "record_start":
@@ -122,7 +125,7 @@ class Daemon:
                 ended = self._arbiter.stop()
                 return {"run": str(ended.path), "counters": ended.counters}
             case other:
-                known = "known: status, metrics, record_start, record_stop"
+                known = "known: status, samples, metrics, record_start, record_stop"
                 raise CellError("rigd", f"unknown command {_short(other)}", known)
 
     def _open_links(self) -> dict[str, Link]:
