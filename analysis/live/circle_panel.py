@@ -21,6 +21,8 @@ _MIDDLE, _REACH = 0.66, 0.3
 """Radius of the nominal circle and the largest error drawn, as shares of half the panel."""
 _OUTSIDE = 1.1
 """Where reversals are marked, in shares of the reach."""
+_INSIDE = 0.3
+"""Where the start of the lap is marked."""
 _MARKS = 24
 """Reversals that are marked: the last of some two laps."""
 _SCALES = (1.0, 2.0, 5.0)
@@ -61,8 +63,6 @@ def draw_circle(area: Area, view: LiveView, controls: Controls, curves: tuple[Er
     for k, curve in enumerate(curves):
         for piece in pieces(curve):
             dots.polyline(*placed(curve.phi[piece], curve.error[piece] / scale), COLOURS[k], every=1 + k)
-    for row, words in enumerate(_legend(view, controls, curves, scale)):
-        area.put((area.height - 3) // 2 + row, (area.width - len(words)) // 2, words, "dim" if row == 2 else "")
 
     def mark(phi_rad: float, share: float, character: str, style: str) -> None:
         x, y = placed(np.array([phi_rad]), share)
@@ -71,7 +71,9 @@ def draw_circle(area: Area, view: LiveView, controls: Controls, curves: tuple[Er
     for one in view.reversals[-_MARKS:]:
         if math.isfinite(one.phi_rad):
             mark(one.phi_rad, _OUTSIDE, f"{one.axis}", COLOURS[one.sense < 0])
-    mark(view.cell.start_rad, -_OUTSIDE, "┼", "dim")
+    mark(view.cell.start_rad, -_INSIDE, "┼", "dim")
+    for row, words in enumerate(_legend(view, controls, curves, scale)):
+        area.put((area.height - 4) // 2 + row, (area.width - len(words)) // 2, words, "dim" if row > 1 else "")
     if len(view.phi) and math.isfinite(view.phi[-1]):
         mark(float(view.phi[-1]), 0.0, "●", "bold")
 
@@ -83,4 +85,5 @@ def _legend(view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorC
     for name, curve in zip(("acw", "cw"), curves, strict=True):
         more = "" if curve.is_whole or not len(curve.phi) else "…"
         words.append(f"{name} {curve.band * factor:.4f}{unit}{more}" if len(curve.phi) else f"{name} –")
-    return [*words, f"reach {scale * factor:g}{unit}"]
+    less = "sine" if all(curve.less_sine for curve in curves if len(curve.phi)) else "mean"
+    return [*words, f"less {less}", f"reach {scale * factor:g}{unit}"]

@@ -15,7 +15,7 @@ from analysis.live.gauge_panels import COLOURS
 from analysis.live.sweeps import ErrorCurve, pieces
 from analysis.live.view import LiveView
 
-_LABEL = 11
+_LABEL = 15
 """Columns at the left for the scale."""
 _SECONDS_A_COLUMN = 0.25
 _LEAST_MM = 0.001
@@ -34,8 +34,7 @@ def draw_trace(area: Area, view: LiveView, controls: Controls) -> None:
     with_values = [k for k in range(2) if np.isfinite(recent.g_mm[:, k]).any()]
     lines = {k: recent.g_mm[:, k] - np.nanmean(recent.g_mm[:, k]) for k in with_values}
     reach_mm = max([_LEAST_MM / 2, *(float(np.nanmax(np.abs(line))) for line in lines.values())])
-    area.put(area.height // 2, 1, f"±{reach_mm * units.per_mm:.{max(1, units.decimals - 1)}f}", "dim")
-    area.put(area.height // 2 + 1, 1, units.name, "dim")
+    area.put(area.height // 2, 1, f"±{reach_mm * units.per_mm:.{max(1, units.decimals - 1)}f} {units.name}", "dim")
     area.put(area.height - 1, 1, f"{seconds:.0f} s", "dim")
     dots = Dots(plot)
     x = dots.width_dots - 1 - (recent.t_s[-1] - recent.t_s) / seconds * dots.width_dots

@@ -32,8 +32,9 @@ _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 class Asking:
     """One connection to a daemon and what it has sent: answers in, updates out."""
 
-    def __init__(self, client: Client) -> None:
-        self._client = client
+    def __init__(self, client: Client, rig_lines: list[str] | None = None) -> None:
+        """rig_lines: the rig file of the connection before, which need not be read again if it is the same."""
+        self._client, self.rig_lines = client, rig_lines
         self._after: dict[str, int] = {}
         self._joiner: Joiner = NO_TRACKS
         self._knows_rig = False
@@ -43,7 +44,10 @@ class Asking:
         """Ask, and return what is new. Raises CellError where the daemon does not answer."""
         answer = self._client.ask("samples", after=self._after, rig=not self._knows_rig)
         self._after = {name: stream["newest"] for name, stream in answer["streams"].items()}
-        cell, notice = (None, "") if self._knows_rig else _cell(answer["rig_lines"])
+        cell, notice = None, ""
+        if not self._knows_rig and answer["rig_lines"] != self.rig_lines:
+            cell, notice = _cell(answer["rig_lines"])
+            self.rig_lines = answer["rig_lines"]
         self._knows_rig = True
         state = None
         if now_s >= self._state_due_s:
@@ -104,12 +108,14 @@ class DaemonSource:
         threading.Thread(target=ask, name=f"ask rigd to {command}", daemon=True).start()
 
     def _ask(self) -> None:
+        rig_lines: list[str] | None = None
         while not self._ended.is_set():
             try:
                 with self._client or Client(self._socket) as client:
-                    asking = Asking(client)
+                    asking = Asking(client, rig_lines)
                     while not self._ended.wait(_ASK_S):
                         self._updates.put(asking.update(time.monotonic()))
+                        rig_lines = asking.rig_lines
             except CellError as error:
                 self._updates.put(Update(lost=f"waiting for rigd: {error.what}"))
             except RigError as error:

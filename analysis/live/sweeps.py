@@ -24,8 +24,9 @@ _HALF = np.pi
 
 @dataclass(frozen=True)
 class ErrorCurve:
-    """phi (n,) rad in order, error (n,) in rad or mm there; is_whole: over a whole lap; less_sine: whether the sine is
-    off, else the mean alone; band: largest less smallest error, 0 where there is no curve."""
+    """phi (n,) rad in order and error (n,) in rad or mm there. is_whole: over a whole lap, and then at the stated
+    resolution; less_sine: whether the sine is off, else the mean alone; band: largest less smallest error, 0 where there
+    is no curve."""
 
     phi: Array
     error: Array
@@ -62,8 +63,8 @@ class Sweep:
         if gaps.max() <= _WIDEST_RAD:
             nodes = np.interp(PHI, phi, values, period=2 * np.pi)
             sine = Sine(*(float(part) for part in sine_of(nodes)))
-            band = float(np.ptp(at_resolution(nodes - sine(PHI))))
-            return ErrorCurve(phi, values - sine(phi), True, True, band)
+            error = at_resolution(nodes - sine(PHI))
+            return ErrorCurve(PHI, error, True, True, float(np.ptp(error)))
         less_sine = bool(gaps[gaps <= _WIDEST_RAD].sum() > _HALF)
         design = np.stack([np.ones_like(phi), np.sin(phi), np.cos(phi)], axis=1)[:, : 3 if less_sine else 1]
         error = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
