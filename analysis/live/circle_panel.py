@@ -47,7 +47,7 @@ def unit_of(view: LiveView, controls: Controls) -> tuple[str, float]:
 def draw_circle(area: Area, view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
     """Draw the circle with its errors, the tool's place, and the places where joints turned back."""
     if view.cell is None or view.cell.frame is None:
-        area.put(area.height // 2, 1, "no circle test" if view.cell else "waiting for the rig file", "dim")
+        area.put(area.height // 2, 1, "no circle test" if view.cell else "no rig file yet", "dim")
         return
     dots = Dots(area)
     middle_x, middle_y = dots.width_dots / 2, dots.height_dots / 2

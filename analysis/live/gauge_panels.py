@@ -88,7 +88,10 @@ def draw_lap(area: Area, view: LiveView) -> None:
         area.put(0, column + 1, "way back")
         return
     lap = 1 + (view.lap.acw if view.lap.sense > 0 else view.lap.cw) + max(0, math.floor(share))
-    words = f"lap {lap}" + (f" of {view.cell.laps}" if view.direction and lap <= view.cell.laps else "")
+    if view.direction is not None and lap > view.cell.laps:
+        area.put(0, column + 1, "lead-out")
+        return
+    words = f"lap {lap}" + (f" of {view.cell.laps}" if view.direction else "")
     column = area.put(0, column + 1, words) + 1
     part = "lead-in" if share < 0 else f"{100 * (share % 1):3.0f} %"
     width = min(30, area.width - column - len(part) - 2)

@@ -25,8 +25,8 @@ _HALF = np.pi
 @dataclass(frozen=True)
 class ErrorCurve:
     """phi (n,) rad in order and error (n,) in rad or mm there. is_whole: over a whole lap, and then at the stated
-    resolution; less_sine: whether the sine is off, else the mean alone; band: largest less smallest error, 0 where there
-    is no curve."""
+    resolution; less_sine: whether the sine is off, else the mean alone; band: largest less smallest error, 0 where
+    there is no curve."""
 
     phi: Array
     error: Array

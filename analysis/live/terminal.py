@@ -8,6 +8,7 @@ Ctrl-C ends the program.
 from __future__ import annotations
 
 import os
+import re
 import select
 import sys
 import time
@@ -26,6 +27,8 @@ _BEGIN, _END = "\x1b[?2026h", "\x1b[?2026l"
 """Around a picture, so that no half of it is shown: synchronised output, which other terminals ignore."""
 _CLEAR = "\x1b[0m\x1b[2J"
 _FALLBACK = (80, 24)
+_NO_CHARACTER = re.compile(r"\x1b(\[[0-?]*[ -/]*[@-~]|O.)")
+"""What arrows and the like send: control sequences of ECMA-48, section 5.4, and of the keypad."""
 
 
 class Painter:
@@ -94,10 +97,7 @@ class Keys:
         typed = os.read(self._descriptor, 1024)
         if not typed:  # the terminal has gone
             raise KeyboardInterrupt
-        text = typed.decode("utf-8", "ignore")
-        if text.startswith("\x1b") and len(text) > 1:
-            return []
-        return list(text)
+        return list(_NO_CHARACTER.sub("", typed.decode("utf-8", "ignore")))
 
 
 @contextmanager
