@@ -19,8 +19,8 @@ from analysis.cli.record import RigName
 def live(
     rig: RigName = None,
     run: Annotated[
-        Path | None,
-        typer.Option("--run", metavar="RUN", help="Recorded run to play instead of a daemon; default: none."),
+        list[Path] | None,
+        typer.Option("--run", metavar="RUN", help="Recorded run to play; give it again for the next; default: none."),
     ] = None,
     speed: Annotated[float, typer.Option(min=0.125, max=64, help="Speed of --run, as a multiple of real time.")] = 1.0,
     plain: Annotated[bool, typer.Option("--plain", help="Print a line each second instead of a screen.")] = False,
@@ -35,12 +35,12 @@ def live(
     from analysis.live.terminal import is_terminal  # noqa: PLC0415
 
     in_lines = plain or as_json
-    if run is not None:
+    if run:
         from analysis.live.loop import RunPlayer, print_lines, watch  # noqa: PLC0415
         from analysis.live.played_run import played_run  # noqa: PLC0415
 
-        played = played_run(run, speed)
-        player, view = RunPlayer(played), played.begun()
+        runs = [played_run(path, speed) for path in run]
+        player, view = RunPlayer(runs), runs[0].begun()
         if in_lines or not is_terminal():
             print_lines(player, view, say, as_json=as_json)
         else:

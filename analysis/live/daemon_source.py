@@ -26,6 +26,8 @@ from rigs.load import parse
 
 _ASK_S, _STATE_S = 0.1, 0.5
 _RETRY_S = 0.5
+_MOST_WAITING = 100
+"""Updates that are kept for a screen that cannot be drawn."""
 _JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
 
 
@@ -114,6 +116,8 @@ class DaemonSource:
                 with self._client or Client(self._socket) as client:
                     asking = Asking(client, rig_lines)
                     while not self._ended.wait(_ASK_S):
+                        if self._updates.qsize() > _MOST_WAITING:  # the terminal takes nothing: held by Ctrl-S
+                            continue
                         self._updates.put(asking.update(time.monotonic()))
                         rig_lines = asking.rig_lines
             except CellError as error:

@@ -14,6 +14,8 @@ import numpy as np
 from analysis.kinematics.arm import Array
 
 _TURNS_BACK_RAD = math.radians(2.0)
+_EARLY_RAD = math.radians(20.0)
+"""A program may begin so much before its lead-in, as `analysis.traces.laps` allows for one that finds its start."""
 _TURN = 2 * math.pi
 _WHOLE_RAD = _TURN - math.radians(2.0)
 """A lap that was driven so far is counted: the row at its very end may be missing."""
@@ -42,10 +44,6 @@ class LapProgress:
             shares.append(math.nan if share is None else share)
         return state, np.array(senses, dtype=float), np.array(shares)
 
-    def forgotten(self) -> LapProgress:
-        """Return the progress with no lap counted: another recording begins."""
-        return replace(self, acw=0, cw=0)
-
     def share(self, start_rad: float, lead_rad: float) -> float | None:
         """Return how much of the present lap is driven, below 0 in the lead-in and above 1 after it; None where the
         tool does not move along the circle."""
@@ -53,8 +51,8 @@ class LapProgress:
             return None
         ahead = self.sense * (self.phi_rad - start_rad)
         begun = self.sense * (self.from_rad - start_rad)
-        # A way begins at the lead-in or at the start itself, as in `analysis.traces.laps`.
-        return (ahead - _TURN * round((begun + lead_rad) / _TURN)) / _TURN
+        # A way begins at the lead-in, or anywhere in the lap where the view was begun late.
+        return (ahead - _TURN * math.floor((begun + lead_rad + _EARLY_RAD) / _TURN)) / _TURN
 
     def _moved(self, phi: float) -> LapProgress:
         if math.isnan(phi):

@@ -67,23 +67,28 @@ class DaemonPlayer:
 
 
 class RunPlayer:
-    """A recorded run that is played by a clock."""
+    """Recorded runs that are played by a clock, one after the other."""
 
-    def __init__(self, run: PlayedRun, clock: Callable[[], float] = time.monotonic) -> None:
-        self._run, self._clock = run, clock
+    def __init__(self, runs: Sequence[PlayedRun], clock: Callable[[], float] = time.monotonic) -> None:
+        self._run, *self._next = runs
+        self._clock = clock
         self._at_s = clock()
 
     @property
     def ended(self) -> bool:
-        """Whether all of it has been shown."""
-        return self._run.ended
+        """Whether all of them have been shown."""
+        return self._run.ended and not self._next
 
     def updates(self) -> Sequence[Update]:
         """Return what has come since the last call."""
         now_s = self._clock()
+        begun: list[Update] = []
+        if self._run.ended and self._next:
+            self._run, update = self._run.followed_by(self._next.pop(0))
+            begun = [update]
         self._run, update = self._run.after(now_s - self._at_s)
         self._at_s = now_s
-        return [update]
+        return [*begun, update]
 
     def done(self, action: Action) -> str:
         """Pause, go on, or play at another speed."""

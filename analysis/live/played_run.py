@@ -23,20 +23,25 @@ from rigs.schema.vocabulary import Direction, TestName
 
 _MOST_HZ = 100.0
 """Rows a second that are shown; a screen shows ten."""
+_BETWEEN_S = 1.0
+"""From one run to the next in the view."""
 SPEEDS = (0.125, 64.0)
 """The slowest and the quickest play."""
 
 
 @dataclass(frozen=True)
 class PlayedRun:
-    """A run and where it is played. at_s: since its first row; shown: how many rows have been shown."""
+    """A run and where it is played. rig_sha256: of its rig file; at_s: since its first row; shown: how many rows have
+    been shown; begins_s: time of its first row in the view."""
 
     name: str
     test: TestName
     direction: Direction | None
     cell: Cell
+    rig_sha256: str
     rows: Rows
     speed: float
+    begins_s: float = 0.0
     at_s: float = 0.0
     shown: int = 0
     paused: bool = False
@@ -46,10 +51,16 @@ class PlayedRun:
         """Whether all of it has been shown."""
         return self.shown >= len(self.rows)
 
+    def followed_by(self, other: PlayedRun) -> tuple[PlayedRun, Update]:
+        """Return another run at the time, speed and pause of this one, and what is new with it."""
+        begins_s = self.begins_s + float(self.rows.t_s[-1]) + _BETWEEN_S
+        cell = other.cell if other.rig_sha256 != self.rig_sha256 else None
+        label = (other.name, other.test, other.direction)
+        return replace(other, begins_s=begins_s, speed=self.speed, paused=self.paused), Update(cell=cell, label=label)
+
     def begun(self) -> LiveView:
         """Return the view before the first row."""
-        view = LiveView(self.cell)
-        return view.labelled(self.name, self.test, self.direction)
+        return LiveView(self.cell).labelled(self.name, self.test, self.direction)
 
     def after(self, seconds: float) -> tuple[PlayedRun, Update]:
         """Return the run after so many seconds of watching, and what is new."""
@@ -57,6 +68,7 @@ class PlayedRun:
         until = int(np.searchsorted(self.rows.t_s, at_s, side="right"))
         at_s = min(at_s, float(self.rows.t_s[-1]))
         new = self.rows.taken(slice(self.shown, until))
+        new = replace(new, t_s=new.t_s + self.begins_s)
         run = replace(self, at_s=at_s, shown=max(until, self.shown))
         played = Played(self.name, at_s, float(self.rows.t_s[-1]), self.speed, self.paused, run.ended)
         return run, Update(rows=new, readings=_readings(self.rows, run.shown), played=played)
@@ -74,7 +86,8 @@ def played_run(path: Path, speed: float) -> PlayedRun:
     step = max(1, int(np.ceil(len(rows) / max(float(np.ptp(rows.t_s)), 1e-9) / _MOST_HZ)))
     rows = rows.taken(slice(None, None, step))
     rows = replace(rows, t_s=rows.t_s - rows.t_s[0])
-    return PlayedRun(run.manifest.name, run.manifest.test, run.manifest.direction, cell_of(rig), rows, speed)
+    manifest = run.manifest
+    return PlayedRun(manifest.name, manifest.test, manifest.direction, cell_of(rig), manifest.rig_sha256, rows, speed)
 
 
 def _recorded(path: Path, run: Run, rig: Rig) -> Rows:

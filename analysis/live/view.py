@@ -14,7 +14,7 @@ from analysis.live.joints import JointMotion, JointReversal
 from analysis.live.lap import LapProgress
 from analysis.live.rows import NO_ROWS, Rows
 from analysis.live.sweeps import Sweep
-from rigs.schema.vocabulary import Direction
+from rigs.schema.vocabulary import Direction, TestName
 
 _KEPT_ROWS = 6000
 """A minute at 100 Hz."""
@@ -47,7 +47,8 @@ class Played:
 @dataclass(frozen=True)
 class Update:
     """What came since the last one. state: a `status` answer; cell: a rig file that was read; lost: why nothing comes;
-    notice: what a person should know once. None and empty: nothing new."""
+    notice: what a person should know once; label: name, test and direction of a run that is played from here on. None
+    and empty: nothing new."""
 
     rows: Rows = NO_ROWS
     readings: Mapping[str, Reading] | None = None
@@ -55,6 +56,7 @@ class Update:
     cell: Cell | None = None
     lost: str = ""
     notice: str = ""
+    label: tuple[str, TestName, Direction | None] | None = None
     played: Played | None = None
 
 
@@ -98,6 +100,8 @@ class LiveView:
         view = replace(self, lost=update.lost, played=update.played)
         if update.cell is not None:
             view = replace(LiveView(update.cell, state=self.state, events=self.events), played=update.played)
+        if update.label is not None:
+            view = view.labelled(*update.label)
         if update.state is not None:
             view = view._with_state(update.state)
         if update.readings is not None:
@@ -116,7 +120,8 @@ class LiveView:
         return replace(
             view,
             shown_test=test,
-            lap=self.lap.forgotten(),
+            lap=LapProgress(),
+            joints=JointMotion(),
             acw=self.acw if kept and direction == "cw" else Sweep(),
             cw=self.cw if kept and direction == "acw" else Sweep(),
         )
@@ -124,7 +129,7 @@ class LiveView:
     def restarted(self) -> LiveView:
         """Return the view with extremes, curves and counts begun again; rows and state stay."""
         return replace(
-            self, extremes_mm=None, lap=self.lap.forgotten(), acw=Sweep(), cw=Sweep(), events=(), joints=JointMotion()
+            self, extremes_mm=None, lap=LapProgress(), acw=Sweep(), cw=Sweep(), events=(), joints=JointMotion()
         )
 
     @property

@@ -40,6 +40,13 @@ def test_a_run_is_played_in_lines_to_its_end(run: Path) -> None:
     assert all(line.isprintable() for line in done.stdout.splitlines())
 
 
+def test_runs_are_played_one_after_the_other_with_their_curves_over_each_other(run: Path, tmp_path: Path) -> None:
+    done = live("--run", run, "--run", lap_run(tmp_path, direction="cw"), "--speed", "64", "--json")
+    shown = [json.loads(line) for line in done.stdout.splitlines()]
+    assert [shown[0]["direction"], shown[-1]["direction"]] == ["acw", "cw"]
+    assert shown[0]["band_deg"]["cw"] is None and all(shown[-1]["band_deg"].values())
+
+
 def test_a_run_is_played_as_json(run: Path) -> None:
     done = live("--run", run, "--speed", "64", "--json")
     last = json.loads(done.stdout.splitlines()[-1])

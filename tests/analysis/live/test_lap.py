@@ -36,7 +36,12 @@ def test_laps_are_counted_with_the_way_back_between_them() -> None:
     found, _ = driven(18, 402, 18, 402, 18)
     assert (found.acw, found.cw) == (2, 1)  # the last way back goes on
     assert (found.ended().acw, found.ended().cw) == (2, 2)
-    assert (found.forgotten().acw, found.forgotten().cw) == (0, 0)
+
+
+@pytest.mark.parametrize("joined_deg", [40, 100, 250, 340])
+def test_a_lap_that_is_joined_late_is_still_this_lap(joined_deg: float) -> None:
+    found, _ = driven(joined_deg, joined_deg + 30)
+    assert found.share(START, LEAD) == pytest.approx(joined_deg / 360, abs=1e-6)
 
 
 def test_two_laps_in_one_way_are_two() -> None:
