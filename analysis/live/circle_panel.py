@@ -11,9 +11,9 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.live.canvas import Area
+from analysis.live.colours import ACW_COLOUR, CW_COLOUR, direction_colour
 from analysis.live.controls import Controls
 from analysis.live.dots import Dots
-from analysis.live.gauge_panels import COLOURS
 from analysis.live.sweeps import ErrorCurve, pieces
 from analysis.live.view import LiveView
 
@@ -60,9 +60,9 @@ def draw_circle(area: Area, view: LiveView, controls: Controls, curves: tuple[Er
     around = np.linspace(0, 2 * np.pi, max(8, int(size)), endpoint=False)
     dots.points(*placed(around, 0.0), "dim")
     scale = scale_of(curves)
-    for k, curve in enumerate(curves):
+    for curve, colour, every in zip(curves, (ACW_COLOUR, CW_COLOUR), (1, 2), strict=True):
         for piece in pieces(curve):
-            dots.polyline(*placed(curve.phi[piece], curve.error[piece] / scale), COLOURS[k], every=1 + k)
+            dots.polyline(*placed(curve.phi[piece], curve.error[piece] / scale), colour, every)
 
     def mark(phi_rad: float, share: float, character: str, style: str) -> None:
         x, y = placed(np.array([phi_rad]), share)
@@ -70,7 +70,7 @@ def draw_circle(area: Area, view: LiveView, controls: Controls, curves: tuple[Er
 
     for one in view.reversals[-_MARKS:]:
         if math.isfinite(one.phi_rad):
-            mark(one.phi_rad, _OUTSIDE, f"{one.axis}", COLOURS[one.sense < 0])
+            mark(one.phi_rad, _OUTSIDE, f"{one.axis}", direction_colour(one.sense))
     mark(view.cell.start_rad, -_INSIDE, "┼", "dim")
     for row, words in enumerate(_legend(view, controls, curves, scale)):
         area.put((area.height - 4) // 2 + row, (area.width - len(words)) // 2, words, "dim" if row > 1 else "")

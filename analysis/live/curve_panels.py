@@ -9,9 +9,9 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.live.canvas import Area
 from analysis.live.circle_panel import scale_of, unit_of
+from analysis.live.colours import ACW_COLOUR, CW_COLOUR, GAUGE_COLOURS
 from analysis.live.controls import Controls
 from analysis.live.dots import Dots
-from analysis.live.gauge_panels import COLOURS
 from analysis.live.sweeps import ErrorCurve, pieces
 from analysis.live.view import LiveView
 
@@ -41,7 +41,7 @@ def draw_trace(area: Area, view: LiveView, controls: Controls) -> None:
     for k, line in lines.items():
         y = (dots.height_dots - 1) * (0.5 - 0.48 * line / reach_mm)
         for piece in _without_gaps(line):
-            dots.polyline(x[piece], y[piece], COLOURS[k])
+            dots.polyline(x[piece], y[piece], GAUGE_COLOURS[k])
 
 
 def draw_straight(area: Area, view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorCurve]) -> None:
@@ -66,11 +66,11 @@ def draw_straight(area: Area, view: LiveView, controls: Controls, curves: tuple[
         area.put(area.height - 1, column + (quarter == _QUARTERS), label, "dim")
     zero = np.arange(0.0, dots.width_dots, 4.0)
     dots.points(zero, np.full(len(zero), dots.height_dots / 2), "dim")
-    for k, curve in enumerate(curves):
+    for curve, colour, every in zip(curves, (ACW_COLOUR, CW_COLOUR), (1, 2), strict=True):
         for piece in pieces(curve):
             x = curve.phi[piece] / (2 * math.pi) * dots.width_dots
             y = (dots.height_dots - 1) * (0.5 - 0.5 * curve.error[piece] / scale)
-            dots.polyline(x, y, COLOURS[k], every=1 + k)
+            dots.polyline(x, y, colour, every)
 
 
 def _without_gaps(line: Array) -> list[slice]:

@@ -7,14 +7,12 @@ import math
 import numpy as np
 
 from analysis.live.canvas import Area
+from analysis.live.colours import ANGLE_COLOUR, GAUGE_COLOURS, direction_colour
 from analysis.live.controls import Controls, Units
 from analysis.live.figures import OLD_S, angle_deg, angle_name, lap_share, phi_deg
 from analysis.live.large_digits import height_of, put_large, width_of
 from analysis.live.view import LiveView
 
-COLOURS = ("bright_cyan", "bright_yellow")
-"""Of g1 and g2, and of acw and cw; apart for the colour-blind as well."""
-ANGLE_COLOUR = "bright_white"
 _STEADY_MM_S = 0.0005
 """A slower trend is shown as steady: the noise of a gauge of 0.5 µm over two seconds."""
 _LARGEST_SCALE = 4
@@ -37,7 +35,7 @@ def gauge_rows(scale: int) -> int:
 def draw_gauge(area: Area, view: LiveView, controls: Controls, k: int, scale: int) -> None:
     """Draw gauge k: name, unit, zero and trend; its figure; its range."""
     name, units = f"g{k + 1}", controls.units
-    column = area.put(0, 1, name, f"bold {COLOURS[k]}")
+    column = area.put(0, 1, name, f"bold {GAUGE_COLOURS[k]}")
     column = area.put(0, column, f" {units.name}")
     if name not in view.readings:
         area.put(0, column + 2, "no reading yet", "dim")
@@ -53,7 +51,7 @@ def draw_gauge(area: Area, view: LiveView, controls: Controls, k: int, scale: in
         _trend(area, view, units, k, column + 2)
     shown = _text(view, controls, k, reading.mm)
     if width_of(shown, scale) <= area.width - 1:
-        put_large(area, 1, 1, shown, scale, "dim" if old else f"bold {COLOURS[k]}")
+        put_large(area, 1, 1, shown, scale, "dim" if old else f"bold {GAUGE_COLOURS[k]}")
     else:
         area.put(1, 1, shown, "bold")
     _range(area, view, controls, k)
@@ -83,7 +81,7 @@ def draw_lap(area: Area, view: LiveView) -> None:
     if share is None:
         area.put(0, column + 2, "stands", "dim")
         return
-    column = area.put(0, column + 2, {1: "acw ↺", -1: "cw ↻"}[view.lap.sense], COLOURS[view.lap.sense < 0])
+    column = area.put(0, column + 2, {1: "acw ↺", -1: "cw ↻"}[view.lap.sense], direction_colour(view.lap.sense))
     if view.direction is not None and view.direction != {1: "acw", -1: "cw"}[view.lap.sense]:
         area.put(0, column + 1, "way back")
         return
@@ -97,7 +95,7 @@ def draw_lap(area: Area, view: LiveView) -> None:
     width = min(30, area.width - column - len(part) - 2)
     if width > 3:
         full = round(width * min(max(share % 1 if share >= 0 else 0.0, 0.0), 1.0))
-        column = area.put(0, column, "█" * full + "░" * (width - full), COLOURS[view.lap.sense < 0]) + 1
+        column = area.put(0, column, "█" * full + "░" * (width - full), direction_colour(view.lap.sense)) + 1
     area.put(0, column, part)
 
 
@@ -148,5 +146,5 @@ def _range(area: Area, view: LiveView, controls: Controls, k: int) -> None:
         bar[place(low) : place(high) + 1] = "─" * (place(high) + 1 - place(low))
         bar[0], bar[-1] = "├", "┤"
         area.put(row, column, "".join(bar), "dim")
-        area.put(row, column + place(view.readings[f"g{k + 1}"].mm), "●", COLOURS[k])
+        area.put(row, column + place(view.readings[f"g{k + 1}"].mm), "●", GAUGE_COLOURS[k])
     area.put(row, end, f" max {right}", "dim")

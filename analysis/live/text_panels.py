@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from analysis.live.canvas import Area
+from analysis.live.colours import direction_colour
 from analysis.live.controls import KEYS, Controls
 from analysis.live.figures import OLD_S
-from analysis.live.gauge_panels import COLOURS
 from analysis.live.joints import JointReversal, moves, speeds
 from analysis.live.view import Event, LiveView
 
@@ -71,7 +71,7 @@ def draw_joints(area: Area, view: LiveView) -> None:
         column = area.put(k, 24, {1: "▲", -1: "▼", 0: "■"}[sense], "" if sense else "dim")
         column = area.put(k, column + 1, f"{math.degrees(speed[k]):+6.1f}°/s" if sense else "   stands", "dim")
         if k + 1 in last:
-            area.put(k, 37, f"{counts[k + 1]} rev, last {_place(last[k + 1])}", COLOURS[last[k + 1].sense < 0])
+            area.put(k, 37, f"{counts[k + 1]} rev, last {_place(last[k + 1])}", direction_colour(last[k + 1].sense))
 
 
 def draw_events(area: Area, view: LiveView) -> None:
@@ -171,7 +171,7 @@ def _place(one: JointReversal) -> str:
 
 
 def _style(event: Event) -> str:
-    return "yellow" if event.reversal is None else COLOURS[event.reversal.sense < 0]
+    return "yellow" if event.reversal is None else direction_colour(event.reversal.sense)
 
 
 def _fault_style(faults: str) -> str:

@@ -1,7 +1,8 @@
 """The latest samples of every stream, for a live view: one bounded answer, whatever the rates.
 
 A view asks some ten times a second and names the last sample that it has of each stream. It gets at most `MOST` newer
-ones, evenly thinned, since encoding takes processor time from the readers: 20 samples of 6 joints take 0.1 ms.
+ones, evenly thinned, since encoding takes processor time from the readers: an answer of three streams takes 0.35 ms on
+a busy computer.
 """
 
 from __future__ import annotations
