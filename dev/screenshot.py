@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 from rich.cells import cell_len
 from rich.console import Console
 from rich.style import Style
-from rich.terminal_theme import MONOKAI
+from rich.terminal_theme import TerminalTheme
 from rich.text import Text
 
 WIDTH, HEIGHT = 8, 16
@@ -23,11 +23,27 @@ WIDTH, HEIGHT = 8, 16
 BACKGROUND = (16, 18, 24)
 FOREGROUND = (214, 218, 224)
 DIM = 0.55
+XTERM = TerminalTheme(
+    BACKGROUND,
+    FOREGROUND,
+    [(0, 0, 0), (205, 0, 0), (0, 205, 0), (205, 205, 0), (0, 0, 238), (205, 0, 205), (0, 205, 205), (229, 229, 229)],
+    [
+        (127, 127, 127),
+        (255, 60, 60),
+        (0, 255, 0),
+        (255, 255, 0),
+        (92, 92, 255),
+        (255, 0, 255),
+        (0, 255, 255),
+        (255, 255, 255),
+    ],
+)
+"""The sixteen colours of xterm; its bright red a little lighter, as small text needs."""
 BRAILLE = 0x2800
 PLACES = [(0, 0), (0, 1), (0, 2), (1, 0), (1, 1), (1, 2), (0, 3), (1, 3)]
 """Column and row of each of the eight dots."""
 BLOCKS = {"█": (0, HEIGHT), "▀": (0, HEIGHT // 2), "▄": (HEIGHT // 2, HEIGHT)}
-COLOURS = 24
+COLOURS = 64
 
 
 def main(out: Annotated[Path, typer.Argument(metavar="FILE.png", help="The picture.")]) -> None:
@@ -50,7 +66,7 @@ def _colour(style: Style | None) -> tuple[int, int, int]:
     if style is None or style.color is None or style.color.is_default:
         colour = FOREGROUND
     else:
-        colour = tuple(style.color.get_truecolor(MONOKAI))
+        colour = tuple(style.color.get_truecolor(XTERM))
     if style is not None and style.dim:
         colour = tuple(round(DIM * c + (1 - DIM) * b) for c, b in zip(colour, BACKGROUND, strict=True))
     return colour

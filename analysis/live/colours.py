@@ -1,9 +1,9 @@
-"""Colours of the screen, from the sixteen that every terminal has; pairs that the colour-blind can tell apart."""
+"""Colours of the screen, from the sixteen that every terminal has; in pairs that the colour-blind can distinguish."""
 
 from __future__ import annotations
 
 GAUGE_COLOURS = ("bright_cyan", "bright_yellow")
-"""Of g1 and g2."""
+"""The colours of g1 and g2."""
 ANGLE_COLOUR = "bright_white"
 ACW_COLOUR, CW_COLOUR = "bright_green", "bright_magenta"
 

@@ -9,7 +9,7 @@ from analysis.live.canvas import Area
 
 _BRAILLE = 0x2800
 _BITS = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])
-"""Of the dots of a cell, row by row (Unicode 4.0, chapter 14.9)."""
+"""The bits of the dots of a cell, row by row (Unicode 4.0, chapter 14.9)."""
 
 
 class Dots:
@@ -20,7 +20,7 @@ class Dots:
         self.width_dots, self.height_dots = 2 * area.width, 4 * area.height
 
     def polyline(self, x: Array, y: Array, style: str, every: int = 1) -> None:
-        """Draw the line through points (n,) in dots; every: of its dots only each so many, which sets lines apart
+        """Draw the line through points (n,), whose unit is the dot; every: of its dots only each so many, which sets lines apart
         where there are no colours."""
         if len(x) < 2:
             return
@@ -30,7 +30,7 @@ class Dots:
         self.points(np.interp(at, along, x)[::every], np.interp(at, along, y)[::every], style)
 
     def points(self, x: Array, y: Array, style: str) -> None:
-        """Draw points (n,) in dots into the area, over what is there; those outside are left out."""
+        """Draw points (n,), whose unit is the dot, over what is there; those outside the area are left out."""
         if not self.width_dots or not self.height_dots:
             return
         there = np.isfinite(x) & np.isfinite(y)
