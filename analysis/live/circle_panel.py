@@ -73,7 +73,12 @@ def draw_circle(area: Area, view: LiveView, controls: Controls, curves: tuple[Er
             mark(one.phi_rad, _OUTSIDE, f"{one.axis}", direction_colour(one.sense))
     mark(view.cell.start_rad, -_INSIDE, "┼", "dim")
     for row, words in enumerate(_legend(view, controls, curves, scale)):
-        area.put((area.height - 4) // 2 + row, (area.width - len(words)) // 2, words, "dim" if row > 1 else "")
+        area.put(
+            (area.height - 4) // 2 + row,
+            (area.width - len(words)) // 2,
+            words,
+            (ACW_COLOUR, CW_COLOUR, "dim", "dim")[row],
+        )
     if len(view.phi) and math.isfinite(view.phi[-1]):
         mark(float(view.phi[-1]), 0.0, "●", "bold")
 

@@ -20,8 +20,8 @@ class Dots:
         self.width_dots, self.height_dots = 2 * area.width, 4 * area.height
 
     def polyline(self, x: Array, y: Array, style: str, every: int = 1) -> None:
-        """Draw the line through points (n,), whose unit is the dot; every: of its dots only each so many, which sets lines apart
-        where there are no colours."""
+        """Draw the line through points (n,), whose unit is the dot; every: of its dots only each so many, which
+        distinguishes lines where there are no colours."""
         if len(x) < 2:
             return
         steps = np.maximum(np.abs(np.diff(x)), np.abs(np.diff(y)))
