@@ -87,10 +87,6 @@ class Area:
             column += size
         return column
 
-    def put_right(self, row: int, text: str, style: str = "", before: int = 0) -> None:
-        """Write text so that it ends `before` cells from the right edge."""
-        self.put(row, self.width - before - len(text), text, style)
-
     def part(self, top: int, left: int, width: int, height: int) -> Area:
         """Return a rectangle of this one, no larger than what there is of it."""
         top, left = min(max(top, 0), self.height), min(max(left, 0), self.width)

@@ -31,8 +31,8 @@ class JointReversal:
 
 @dataclass(frozen=True)
 class JointMotion:
-    """sense (6,) 1 rising, -1 falling, 0 unknown; extreme (6,) rad: the furthest in that sense, with its time and
-    circle angle; counts: reversals so far."""
+    """sense (6,): 1 rising, -1 falling, 0 unknown; extreme (6,) rad: the furthest in that sense, with its time
+    extreme_t_s (6,) and circle angle extreme_phi (6,) rad."""
 
     sense: Array = field(default_factory=lambda: np.zeros(6))
     extreme: Array = field(default_factory=lambda: np.full(6, np.nan))

@@ -218,8 +218,3 @@ def _new_faults(before: dict[str, Any] | None, state: dict[str, Any]) -> list[st
         elif old["connected"] != stream["connected"]:
             words.append(f"{name}: {'connected' if stream['connected'] else 'connection lost'}")
     return words
-
-
-def is_fresh(reading: Reading | None, old_s: float) -> bool:
-    """Return whether a gauge has been read lately."""
-    return reading is not None and reading.age_s <= old_s
