@@ -111,6 +111,7 @@ def test_a_run_from_a_replay_that_is_out_of_step_is_marked_and_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text, _ = _captured(tmp_path / "cell", "keyence", laps=1)
+    # private _play: a replay is late only on a computer that is held up
     punctual = StreamingPlayer._play
 
     def late(self: StreamingPlayer, now_ns: int) -> Step:
