@@ -112,6 +112,7 @@ def scatter_of(
     """
     measured = freedom_of(readings_mm) >= _MEASURED_FREEDOM
     sampler = _Sampler(readings_mm, max(math.hypot(u_mm, step_mm / math.sqrt(12)), _LEAST_MM), measured, t_s, step_mm)
+    sampler.begin()
     kept = []
     for sweep in range(_SWEEPS):
         best, cell = sampler.sweep(level)
@@ -166,7 +167,6 @@ class _Sampler:
         self.d0 = self.rng.choice(_AGREEMENT, self.chains)
         self.tail = self.rng.choice(_TAILS, self.chains)
         self.share = np.broadcast_to(1.0 * self.there, (self.chains, *self.y.shape))
-        self._begin(self._within(self.y[..., None])[..., 0])
 
     def _within(self, values: Array) -> Array:
         """Return values (t, k, n, d) minus their mean over the readings of a cell."""
@@ -175,8 +175,9 @@ class _Sampler:
         away: Array = np.where(there, values - mean, 0.0)
         return away
 
-    def _begin(self, away: Array) -> None:
-        """Initialise s0² and the variances from the differences of repeats (t, k, n) without their drift."""
+    def begin(self) -> None:
+        """Initialise s0² and the variances from the differences of repeats without their drift."""
+        away = self._within(self.y[..., None])[..., 0]
         shapes = self._within(self.shapes).reshape(-1, _DRIFT_DEGREE)
         again = np.broadcast_to(self.there.sum(axis=-1, keepdims=True) > 1, away.shape) & self.there
         typical = _typical(away[again], self.least_mm)

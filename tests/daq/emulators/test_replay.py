@@ -35,7 +35,7 @@ def _captured(folder: Path, gauges: str, laps: int) -> tuple[str, Path]:
     data = yaml.safe_load(rig_text(gauges, timeout_s=0.5))
     data["tests"]["circle"] |= {"speed_mm_s": 60, "laps": laps}
     text = yaml.safe_dump(data)
-    robot = EmulatedRobot(parse(text, "quick"), seed=7)
+    robot = EmulatedRobot.of_rig(parse(text, "quick"), seed=7)
     folder.mkdir()
     with Bench(folder, text, robot) as bench:
         bench.start((BIN / "rigd", "--capture", "cell.log")).all_reading()
@@ -52,7 +52,7 @@ def _replayed(folder: Path, text: str, log: Path) -> tuple[Path, Replay]:
     """The same from the replay of a capture."""
     folder.mkdir()
     capture = read_capture(log)
-    replay = Replay(parse(text, "quick"), capture, folder / "out-of-step.txt")
+    replay = Replay.open(parse(text, "quick"), capture, folder / "out-of-step.txt")
     with Bench(folder, text, cell=replay.cell) as bench:
         bench.rig.write_text(replay.rig_text(text))
         bench.start().all_reading()

@@ -24,7 +24,7 @@ def test_what_is_no_socket_is_left_where_it_is(tmp_path: Path) -> None:
     folder.mkdir()
     for path in (file, folder):
         with pytest.raises(CellError, match="is not a socket; give another --socket"):
-            ControlServer(path, lambda _: {})
+            ControlServer(path, lambda _: {}).start()
     assert file.read_text() == "precious"
 
 
@@ -43,13 +43,13 @@ def test_a_lock_on_a_disk_that_takes_no_more_is_a_lock(tmp_path: Path, monkeypat
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "write", full)
-        lock = InstanceLock("cell", tmp_path / "cell.lock")
+        lock = InstanceLock.take("cell", tmp_path / "cell.lock")
     with pytest.raises(CellError, match="process unknown"):
-        InstanceLock("cell", tmp_path / "cell.lock")
+        InstanceLock.take("cell", tmp_path / "cell.lock")
     lock.release()
-    lock = InstanceLock("cell", tmp_path / "cell.lock")
+    lock = InstanceLock.take("cell", tmp_path / "cell.lock")
     with pytest.raises(CellError, match=f"process {os.getpid()}"):
-        InstanceLock("cell", tmp_path / "cell.lock")
+        InstanceLock.take("cell", tmp_path / "cell.lock")
     lock.release()
 
 
@@ -66,8 +66,8 @@ def test_a_daemon_that_hangs_is_told_from_none(tmp_path: Path, monkeypatch: pyte
             with pytest.raises(CellError, match="has not answered"):
                 client.ask("status")
             assert find_socket("hanging") == path
-            with pytest.raises(CellError, match="other clients are waiting already"):
-                Client(path)
+            with pytest.raises(CellError, match="other clients are waiting already"), Client(path):
+                pass
 
 
 def test_an_operator_of_another_encoding_is_recorded(tmp_path: Path) -> None:

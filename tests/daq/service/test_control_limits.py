@@ -28,6 +28,7 @@ PATIENCE_S = 10.0
 @contextlib.contextmanager
 def served(path: Path, answer: Callable[[dict[str, Any]], dict[str, Any]] = lambda _: {}) -> Iterator[Path]:
     server = ControlServer(path, answer)
+    server.start()
     try:
         yield path
     finally:
