@@ -100,6 +100,7 @@ def test_names_that_go_while_they_are_listed_end_no_reader(monkeypatch: pytest.M
 
 
 def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    # private _FIRST_PAUSE_S, _LONGEST_PAUSE_S: an outage takes seconds with the real pauses
     monkeypatch.setattr(daq.acquisition.reader, "_FIRST_PAUSE_S", 0.001)
     monkeypatch.setattr(daq.acquisition.reader, "_LONGEST_PAUSE_S", 0.001)
     gauge = streams_of(parse(rig_text(), "bench"))[0]
@@ -148,6 +149,7 @@ def test_faults_held_back_to_be_told_as_one_are_told_when_the_link_is_lost() -> 
     stream = streams_of(parse(rig_text("sylvac"), "bench"))[0]
     buffer = StreamBuffer(stream.name, stream.columns)
     link = _Breaking(b"ERR0\r", 50)
+    # private _read: what the thread does until its link is lost, without the thread
     Reader(stream, buffer, link)._read(link)
     counters = dict(buffer.state().counters)
     counters.pop("stalled", None)  # a busy computer holds the reader up, which is counted

@@ -57,6 +57,7 @@ def test_a_daemon_that_hangs_is_told_from_none(tmp_path: Path, monkeypatch: pyte
     """It takes a few connections and answers none; then the system takes no more."""
     monkeypatch.setattr(daq.service.client, "socket_directory", lambda: tmp_path)
     monkeypatch.setattr(daq.service.client, "ANSWERS_S", 0.1)
+    # private: the real limit is seconds
     monkeypatch.setattr(daq.service.client, "_CONNECT_S", 0.1)
     path = tmp_path / "hanging.sock"
     with socket.socket(socket.AF_UNIX) as hanging:

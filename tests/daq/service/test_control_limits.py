@@ -73,6 +73,7 @@ def test_silent_connections_lock_nobody_out(tmp_path: Path) -> None:
 def test_where_all_are_busy_a_new_one_is_refused_and_none_is_cut_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # private _MOST_OF_A_USER, _IDLE_S, _LINE_S: the real limits are many connections and half a minute
     monkeypatch.setattr(control, "_MOST_OF_A_USER", 3)
     begun, may_answer = threading.Semaphore(0), threading.Event()
 

@@ -107,6 +107,7 @@ def test_a_file_of_metrics_that_cannot_be_written_any_more_ends_nothing(
     folder = tmp_path / "there"
     keeper = Maintenance(folder / "rig.prom", lambda: "x 1\n", None)
     for _ in range(3):
+        # private: the thread does it every ten seconds
         keeper._write_metrics()
     assert len(caplog.records) == 1 and "cannot be written" in caplog.text
     with pytest.raises(CellError):
