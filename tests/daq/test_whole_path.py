@@ -14,6 +14,8 @@ from rigs.load import load, load_hidden, parse
 from tests.support.bench import Bench, rig_text
 from tests.support.stalls import BAD_S, Stalls
 
+pytestmark = pytest.mark.alone  # an instrument that is held up for a part of the lap has it refused
+
 TRIES = 3
 """A busy computer holds up the emulated instruments for a part of the lap, which is then rightly refused."""
 

@@ -28,6 +28,8 @@ from rigs.schema.links import Line
 from tests.support.bench import PATIENCE_S, rig_text
 from tests.support.replugging import KINDS, Clockwork, replug, wrong
 
+pytestmark = pytest.mark.alone  # nothing but the outage may be wrong
+
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_cable_comes_back_and_nothing_is_wrong(tmp_path: Path, kind: str) -> None:

@@ -19,6 +19,8 @@ from daq.store import read_run, verify
 from daq.wire.links import LinkLost
 from tests.support.bench import Bench
 
+pytestmark = pytest.mark.alone  # no stall but the one that is made
+
 S = 1_000_000_000
 
 

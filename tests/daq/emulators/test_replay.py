@@ -23,6 +23,8 @@ from rigs.errors import FileError
 from rigs.load import parse
 from tests.support.bench import BIN, PATIENCE_S, Bench, rig_text
 
+pytestmark = pytest.mark.alone  # a replay that is held up is out of step, and refused
+
 TRIES = 3
 FIGURES = ("amplitude_deg", "shift_deg", "offset_deg", "eccentricity_u_mm", "eccentricity_v_mm")
 """Of the sine: a range of the curve is another one where a busy computer cost the replay a reading."""

@@ -22,6 +22,8 @@ from daq.service.control import ControlServer
 from daq.store import read_run
 from tests.support.bench import BIN, Bench
 
+pytestmark = pytest.mark.alone  # a run beside a flood has no stalls
+
 PATIENCE_S = 10.0
 
 
