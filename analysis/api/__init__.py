@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from analysis.diagnosis.diagnosis import Diagnosis as Diagnosis
+from analysis.diagnosis.diagnosis import Gap as Gap
+from analysis.diagnosis.diagnosis import Named as Named
 from analysis.fitting.calibration import Calibration as Calibration
 from analysis.fitting.compare import Compared as Compared
 from analysis.fitting.compare import Comparison as Comparison
