@@ -236,7 +236,8 @@ def _by_any_clock(device_s: Array, host_ns: Array) -> FittedClock:
 
 
 def asked_instants(went_through: Array, window: Array, held: bool) -> Instants:
-    """Between the request and the answer, as the clocks of two computers are compared (NTP): in the middle.
+    """Between the request and the answer, as the clocks of two computers are compared (NTP): in the middle of windows
+    (n,) ns after the request went through (n,) ns.
 
     Behind an adapter that holds bytes back only the quickest answer of the run shows how long the instrument takes: the
     time that another takes beyond that is the adapter's.
