@@ -1,8 +1,8 @@
 """Tolerances of a cell, `limits` of a rig file, and the rule that decides whether a measured figure is within one.
 
 A limit bounds the size of a figure from above. The rule is that of ISO 14253-1: the uncertainty of a measurement counts
-against the party that claims something. A figure conforms where value and uncertainty together lie below the limit, and fails
-where the value lies above the limit by more than the uncertainty.
+against the party that claims something. A figure conforms where value and uncertainty together lie below the limit,
+and fails where the value lies above the limit by more than the uncertainty.
 """
 
 from __future__ import annotations
