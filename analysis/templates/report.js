@@ -24,6 +24,7 @@ function painted(picture, colours, ink) {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)",
     font: { color: ink.text, family: "system-ui, sans-serif" },
     legend: { orientation: "h", y: given.polar || given.scene ? -0.08 : -0.22 },
+    modebar: { bgcolor: "rgba(0,0,0,0)", color: ink.quiet, activecolor: ink.text },
     hoverlabel: { bgcolor: ink.paper, font: { color: ink.text } },
   };
   if (given.polar) {

@@ -39,9 +39,9 @@ class Look:
 LOOKS: dict[Role, Look] = {
     "acw": Look("#b34700", "#ffa14d", "solid", "circle"),
     "cw": Look("#0060a8", "#6cb8ff", "dash", "square"),
-    "measured": Look("#b34700", "#ffa14d", "solid", "circle", 2.4),
+    "measured": Look("#e08a4a", "#b0703c", "solid", "circle", 3.2),
     "model": Look("#0060a8", "#6cb8ff", "dash", "square"),
-    "after": Look("#00694a", "#4fd1a5", "dot", "diamond"),
+    "after": Look("#004d36", "#7fe8c4", "dot", "diamond"),
     "quiet": Look("#6b6b6b", "#a8a8a8", "dot", "circle"),
     "fifth": Look("#7d2c83", "#dd9fe2", "dashdot", "square"),
     "sixth": Look("#1c1c1c", "#ececec", "solid", "diamond", 0.8),

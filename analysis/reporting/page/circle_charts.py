@@ -31,7 +31,7 @@ def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
             title = texts(f"chart_{part}_{frame}", test=texts(f"test_{test}"))
             caption = texts(f"caption_{part}_{frame}")
             y_label = f"{texts(label)} / {unit}"
-            charts.append(Chart(title, caption, frame, "φ / °", y_label, unit, lines, marks))
+            charts.append(Chart(title, caption, frame, texts("circle_angle"), y_label, unit, lines, marks))
     return charts
 
 
@@ -65,4 +65,13 @@ def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
             curve = np.interp(at_deg, phi_deg, q[:, axis])
             lines.append(Line(f"J{axis + 1} {names[axis]}", role, at_deg, curve - curve.mean()))
     caption = texts("caption_joints")
-    return Chart(texts("chart_joints"), caption, "straight", "φ / °", texts("joint_angle"), "°", tuple(lines), marks)
+    return Chart(
+        texts("chart_joints"),
+        caption,
+        "straight",
+        texts("circle_angle"),
+        texts("joint_angle"),
+        "°",
+        tuple(lines),
+        marks,
+    )

@@ -45,7 +45,7 @@ def _chart(chart: Chart) -> dict[str, Any]:
         "annotations": [_word_at(mark.at_deg, mark.text) for mark in chart.marks],
     }
     if chart.frame == "straight":
-        layout["xaxis"] |= {"range": [0, 360], "dtick": 30}
+        layout["xaxis"] |= {"range": [0, 360], "dtick": 30, "ticksuffix": "°"}
     if chart.ticks:
         layout["xaxis"] |= {"tickvals": [at for at, _ in chart.ticks], "ticktext": [name for _, name in chart.ticks]}
     data = [_trace(line, chart.unit) for line in chart.lines]
@@ -143,5 +143,9 @@ def _sphere(chart: SphereChart) -> dict[str, Any]:
         **{name: _numbers(values) for name, values in zip("xyz", at, strict=True)},
     }  # fmt: skip
     axes = {f"{name}axis": {"title": {"text": f"{name} / mm"}} for name in "xyz"}
-    scene = {**axes, "aspectmode": "data", "camera": {"eye": {"x": 1.1, "y": -1.1, "z": 0.75}}}
+    scene = {
+        **axes,
+        "aspectmode": "data",
+        "camera": {"eye": {"x": 1.5, "y": -1.5, "z": 1.0}, "center": {"x": 0, "y": 0, "z": -0.15}},
+    }
     return {"data": [plain_sphere, measured, dots], "layout": {"scene": scene}, "height": 520}

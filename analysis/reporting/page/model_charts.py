@@ -9,6 +9,7 @@ import numpy as np
 from analysis.diagnosis.diagnosis import Diagnosis, Map
 from analysis.fitting.compare import Compared, Comparison
 from analysis.kinematics.arm import Array
+from analysis.measures.repeatability import SIDES, RepeatabilityResult
 from analysis.measures.results import Result
 from analysis.reporting.diagnosis_curves import Strand, strands_of
 from analysis.reporting.diagnosis_words import whole_lap
@@ -16,6 +17,9 @@ from analysis.reporting.page.chart import Chart, Line, marks_of, stretches
 from analysis.reporting.page.report import Report
 from analysis.reporting.page.texts import Texts
 
+_MOST_MAPS = 3
+_ARROWS = {"out": "↓", "in": "↑"}
+"""Sides of approach as ISO 230-2 marks them in R↓ and R↑."""
 _IN_PICTURE = {"deg": ("°", 1.0), "mm": ("µm", 1e3)}
 """Unit and factor in which a compared curve is drawn."""
 
@@ -23,7 +27,7 @@ _IN_PICTURE = {"deg": ("°", 1.0), "mm": ("µm", 1e3)}
 def simulated_charts(report: Report, group: Sequence[Result], texts: Texts) -> list[Chart]:
     """Measured and simulated error of a group of runs, a picture for each direction; repeated runs as their mean."""
     before, after = _of_group(report.simulated, group), _of_group(report.corrected, group)
-    charts = []
+    charts, ticks = [], _ticks(group[0])
     for title in dict.fromkeys(one.result.title for one in before):
         x, measured, simulated = _means(before, title)
         unit, factor = _IN_PICTURE[before[0].unit]
@@ -34,12 +38,22 @@ def simulated_charts(report: Report, group: Sequence[Result], texts: Texts) -> l
             name = texts("simulated_with")
             lines.append(Line(name, "after", x, with_effects, points=before[0].unit == "mm"))
         straight = before[0].unit == "deg"
-        x_label = "φ / °" if straight else texts("target" if group[0].test == "radial" else "target_and_side")
+        x_label = (
+            texts("circle_angle") if straight else texts("target" if group[0].test == "radial" else "target_and_side")
+        )
         chart_title, caption = texts("chart_simulated", what=title), texts("caption_simulated")
         y_label = f"{texts('error')} / {unit}"
         frame = "straight" if straight else "targets"
-        charts.append(Chart(chart_title, caption, frame, x_label, y_label, unit, tuple(lines)))  # type: ignore[arg-type]
+        charts.append(Chart(chart_title, caption, frame, x_label, y_label, unit, tuple(lines), ticks=ticks))  # type: ignore[arg-type]
     return charts
+
+
+def _ticks(result: Result) -> tuple[tuple[float, str], ...]:
+    """The names of the places of a repeatability run: each target from outside and from inside."""
+    if not isinstance(result.found, RepeatabilityResult):
+        return ()
+    names = [f"{target} {_ARROWS[side]}" for target in result.found.targets for side in SIDES]
+    return tuple((float(place), name) for place, name in enumerate(names))
 
 
 def _of_group(compared: Compared | None, group: Sequence[Result]) -> list[Comparison]:
@@ -62,7 +76,7 @@ def diagnosis_charts(found: Diagnosis, texts: Texts) -> list[Chart]:
     strands, _ = strands_of(found)
     effects = bool(found.standing)
     circles = [_of_circle(strand, texts, effects=effects) for strand in strands]
-    return [*circles, *(_of_targets(one, texts, effects=effects) for one in found.maps)]
+    return [*circles, *(_of_targets(one, texts, effects=effects) for one in found.maps[:_MOST_MAPS])]
 
 
 def _of_circle(strand: Strand, texts: Texts, *, effects: bool) -> Chart:
@@ -71,8 +85,8 @@ def _of_circle(strand: Strand, texts: Texts, *, effects: bool) -> Chart:
     marks = marks_of(strand.curve.turns)
     shaded = stretches([(place.from_deg, place.to_deg) for place in strand.places if not whole_lap(place)])
     return Chart(
-        texts("chart_gap", what=strand.title),
-        texts("caption_gap"), "straight", "φ / °", f"{texts('gap')} / µm", "µm", tuple(lines), marks, shaded,
+        texts("chart_gap", what=strand.title), texts("caption_gap"), "straight", texts("circle_angle"),
+        f"{texts('gap')} / µm", "µm", tuple(lines), marks, shaded,
     )  # fmt: skip
 
 

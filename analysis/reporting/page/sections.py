@@ -24,6 +24,8 @@ from analysis.reporting.run_report import in_words, what_u_is
 from rigs.schema.vocabulary import TestName
 
 _ORDER = get_args(TestName)
+_MOST_DRAWN = 2
+"""Runs at targets that are drawn: browsers show no more than some sixteen rotatable pictures."""
 _NOMINAL_DEG = 30.0
 """A turn of a joint belongs to the nominal one of the same sense that is not further away."""
 
@@ -65,25 +67,30 @@ class Section:
 def sections_of(report: Report, texts: Texts) -> list[Section]:
     """A section for each test, in the order of the vocabulary."""
     groups = sorted(by_test(report.results), key=lambda group: _ORDER.index(group[0].test))
-    return [_section(report, group, texts) for group in groups]
+    first_circle = next((group for group in groups if isinstance(group[0].found, CircleResult)), None)
+    joints = [joint_chart(first_circle, texts)] if first_circle else []  # yaw and roll have one circle
+    return [_section(report, group, joints if group is first_circle else [], texts) for group in groups]
 
 
-def _section(report: Report, group: Sequence[Result], texts: Texts) -> Section:
+def _section(report: Report, group: Sequence[Result], joints: Sequence[Picture], texts: Texts) -> Section:
+    """joints: the picture of the joint angles, where it belongs to this test."""
     test = group[0].test
     circle = isinstance(group[0].found, CircleResult)
-    own = circle_charts(group, texts) if circle else [one for result in group for one in target_charts(result, texts)]
+    drawn = group[:_MOST_DRAWN]
+    own = circle_charts(group, texts) if circle else [one for result in drawn for one in target_charts(result, texts)]
     columns = columns_of(group, texts)
     place = group[0].measured.run.manifest.placement
     return Section(
         test=test,
         title=texts(f"test_{test}") + (f" · {place}" if place else ""),
-        words=texts(f"about_{test}"),
+        words=texts(f"about_{test}")
+        + (f" {texts('first_drawn', count=_MOST_DRAWN)}" if not circle and len(group) > _MOST_DRAWN else ""),
         columns=tuple(columns),
         rows=tuple(_rows(columns, texts)),
         remarks=_remarks(group),
         doubts=_doubts(group),
         reversals=_reversals(group[0]) if circle else (),
-        pictures=(*own, *simulated_charts(report, group, texts), *([joint_chart(group, texts)] if circle else [])),
+        pictures=(*own, *simulated_charts(report, group, texts), *joints),
     )
 
 

@@ -12,6 +12,8 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from matplotlib.projections.polar import PolarAxes
 
 from analysis.kinematics.arm import Array
@@ -24,6 +26,9 @@ _SYMBOLS = {"circle": "o", "square": "s", "diamond": "D"}
 _HEAD = re.compile(r"^.*?(?=<svg)|<metadata>.*?</metadata>|<!--.*?-->", re.DOTALL)
 _DECIMALS = re.compile(r"-?\d+\.\d{2,}")
 _FONTS = re.compile(r"font-family: [^;]*sans-serif")
+_MOST_NODES = 360
+"""Nodes of a line on paper: one a degree, where curves are resolved to 4.5° (docs/figures.md)."""
+_MOST_SYMBOLS = 150
 _TAG = re.compile(r"<[^>]*>")
 _SPACE = re.compile(r"\s+")
 _STYLE: dict[Any, Any] = {
@@ -70,7 +75,7 @@ def _chart(chart: Chart) -> Sheet:
         )
     if chart.frame == "straight":
         axes.set_xlim(0, 360)
-        axes.set_xticks(range(0, 361, 30))
+        axes.set_xticks(range(0, 361, 30), [f"{angle}°" for angle in range(0, 361, 30)])
     if chart.ticks:
         axes.set_xticks([at for at, _ in chart.ticks], [name for _, name in chart.ticks])
     axes.set_xlabel(chart.x_label)
@@ -84,7 +89,13 @@ def _chart(chart: Chart) -> Sheet:
 def _draw(axes: Axes, line: Line) -> None:
     look = LOOKS[line.role]
     if not line.points:
-        axes.plot(line.x, line.y, ls=_DASHES[look.dash], lw=look.width, color=look.light, label=line.name)
+        every = max(1, len(line.x) // _MOST_NODES)
+        axes.plot(
+            line.x[::every], line.y[::every], ls=_DASHES[look.dash], lw=look.width, color=look.light, label=line.name
+        )
+        return
+    if len(line.x) > _MOST_SYMBOLS:
+        _draw_dots(axes, line)
         return
     symbol: dict[str, Any] = {"marker": _SYMBOLS[look.symbol], "ms": 4, "color": look.light, "label": line.name}
     if line.half is None:
@@ -92,6 +103,16 @@ def _draw(axes: Axes, line: Line) -> None:
     else:
         axes.errorbar(line.x, line.y, line.half, fmt="none", ecolor=look.light, elinewidth=0.8)
         axes.plot(line.x, line.y, ls="", **symbol)
+
+
+def _draw_dots(axes: Axes, line: Line) -> None:
+    """Many points as one path of steps without length, whose round ends are dots: a fifth of the size of symbols."""
+    steps = Path(np.repeat(np.stack([line.x, line.y], axis=1), 2, axis=0), [Path.MOVETO, Path.LINETO] * len(line.x))
+    steps.should_simplify = False
+    colour = LOOKS[line.role].light
+    axes.add_patch(PathPatch(steps, fill=False, lw=3.0, capstyle="round", ec=colour))
+    axes.plot([], [], "o", ms=3, color=colour, label=line.name)
+    axes.autoscale_view()
 
 
 def _polar(chart: Chart) -> Sheet:

@@ -86,9 +86,15 @@ def verdict_sentence(verdict: Verdict, texts: Texts) -> str:
     if verdict.overall == "pass":
         return texts("why_pass", count=len(verdict.judged))
     worst = bad[0]
-    bound = worst.limit.fail if verdict.overall == "fail" or worst.limit.watch is None else worst.limit.watch
     numbers = {"bad": len(bad), "count": len(verdict.judged), "worst": worst.named(texts), "value": str(worst.figure)}
-    return texts(f"why_{verdict.overall}", limit=f"{bound:g} {worst.figure.sign}", **numbers)
+    return texts(f"why_{verdict.overall}", limits=_bounds(worst, texts), **numbers)
+
+
+def _bounds(one: Judged, texts: Texts) -> str:
+    """The limits of a figure, and that its uncertainty reaches over one of them."""
+    bounds = (("watch_above", one.limit.watch), ("fail_above", one.limit.fail))
+    words = [f"{texts(key)} {bound:g} {one.figure.sign}" for key, bound in bounds if bound is not None]
+    return ", ".join([*words, *([texts("not_proven")] if one.straddled else [])])
 
 
 def rule(texts: Texts) -> str:

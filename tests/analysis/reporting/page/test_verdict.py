@@ -45,7 +45,7 @@ def test_each_direction_and_the_pair_are_judged_and_the_worst_decides(laps: list
     assert len(verdict.judged) == 5  # acw, cw and both together for G; acw and cw for the band
     assert verdict.judged[0].standing == "fail" and verdict.judged[-1].standing == "pass"
     sentence = verdict_sentence(verdict, TEXTS)
-    assert sentence.startswith("3 of 5 limits exceeded. Yaw") and "0.0001 mm" in sentence
+    assert sentence.startswith("3 of 5 figures with a limit fail. Yaw") and "fail above 0.0001 mm" in sentence
 
 
 def test_a_figure_whose_uncertainty_reaches_over_its_limit_does_not_pass(laps: list[Result]) -> None:
