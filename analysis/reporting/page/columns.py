@@ -10,8 +10,8 @@ from analysis.measures.quantity import Quantity
 from analysis.measures.results import Result
 from analysis.reporting.page.texts import Texts
 
-_UNPLACED_DEG = 30.0
-"""Standard uncertainty beyond which a place on the circle is no place: 2 u then reach over a third of it."""
+_UNPLACED_DEG = 15.0
+"""Standard uncertainty beyond which a place on the circle is no place: 2 u to either side are then a sixth of it."""
 
 
 @dataclass(frozen=True)
