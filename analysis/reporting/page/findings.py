@@ -100,6 +100,11 @@ def micrometres(um: float) -> str:
     return f"{um:.0f} µm" if um >= 9.95 else f"{um:.1f} µm"
 
 
+def open_question(found: Diagnosis) -> str:
+    """What a diagnosis could not answer, in its own words; nothing where it named a cause or found none."""
+    return headline(found) if found.verdict in ("outside_library", "not_testable_here") else ""
+
+
 def diagnosis_words(found: Diagnosis) -> str:
     """What the diagnosis concluded, what remains, what these tests cannot distinguish, and which test to run next, in
     its own words."""

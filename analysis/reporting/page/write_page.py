@@ -20,7 +20,7 @@ from typing import Any
 from markupsafe import Markup
 
 from analysis.reporting.page.chart import Picture
-from analysis.reporting.page.findings import diagnosis_words, findings_of, micrometres
+from analysis.reporting.page.findings import diagnosis_words, findings_of, micrometres, open_question
 from analysis.reporting.page.live_chart import colours, live
 from analysis.reporting.page.model_charts import diagnosis_charts
 from analysis.reporting.page.report import Report
@@ -77,6 +77,7 @@ def rendered(report: Report, texts: Texts) -> str:
         verdict_sentence=verdict_sentence(verdict, texts),
         rule=rule(texts),
         findings=findings_of(report.found, texts) if report.found else [],
+        open_question=open_question(report.found) if report.found else "",
         sections=sections,
         gaps=gaps,
         still=_still_uri,

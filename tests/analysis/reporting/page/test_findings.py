@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from analysis.reporting.page.findings import diagnosis_words, findings_of, micrometres
+from analysis.reporting.page.findings import diagnosis_words, findings_of, micrometres, open_question
 from analysis.reporting.page.texts import texts_of
 from rigs.effects import BallForm
 from tests.support.handmade_diagnosis import PLAY, ZERO, diagnosis
@@ -48,3 +48,9 @@ def test_nothing_unknown_is_shown_as_a_number() -> None:
     assert micrometres(math.nan) == "–"
     assert (micrometres(9.96), micrometres(9.94)) == ("10 µm", "9.9 µm")
     assert "Next test: circle of radius 140 mm" in diagnosis_words(diagnosis("ambiguous"))
+
+
+def test_what_the_diagnosis_cannot_answer_is_never_shown_as_healthy() -> None:
+    assert "cannot show" in open_question(diagnosis("not_testable_here"))
+    assert "not explained by any known effect" in open_question(diagnosis("outside_library"))
+    assert open_question(diagnosis("within_tolerance")) == open_question(diagnosis("named")) == ""

@@ -24,6 +24,7 @@ from analysis.reporting.page.texts import texts_of
 from analysis.reporting.page.write_page import rendered
 from rigs.errors import FileError
 from rigs.load import load, load_hidden
+from tests.support.handmade_diagnosis import diagnosis
 from tests.support.written_runs import write_simulated
 
 RIG, TEXT = load("ur10e")
@@ -108,6 +109,12 @@ def test_foreign_text_is_shown_as_text(report: Report) -> None:
     page = rendered(replace(report, rig=report.rig.model_copy(update={"robot": robot})), texts_of("en"))
     assert "<script>" not in page and "\x1b" not in page and "\u202e" not in page
     assert "&lt;script&gt;alert(1)" in page
+
+
+def test_runs_that_show_nothing_are_not_called_healthy(report: Report) -> None:
+    small = replace(report, results=report.results[-1:], found=diagnosis("not_testable_here", curves=(), maps=()))
+    text = _text(rendered(small, texts_of("en")))
+    assert "cannot show whether an effect is missing" in text and "healthy robot" not in text
 
 
 def test_a_report_is_about_one_robot(runs: list[Path]) -> None:
