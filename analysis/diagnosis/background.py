@@ -129,7 +129,8 @@ class Background:
     def spent(self) -> Array:
         """The energy of each band (b,), in variances of the noise, that the uncertainty of the coefficients hides, with
         no terms fitted beside them."""
-        return np.einsum("bij,ji->b", self.columns.K, self.covariance)
+        found: Array = np.einsum("bij,ji->b", self.columns.K, self.covariance)
+        return found
 
     def posterior(self, known: FittedTerms) -> Posterior:
         """Return the posterior of all coefficients beside the fitted terms, of which T is (N, q)."""
@@ -176,7 +177,8 @@ class Posterior:
         columns = self.background.columns
         left = self._fitted - columns.X @ self._taken
         each = np.einsum("ni,ij,nj->n", left, self.known_covariance, left)
-        return self.background.spent + np.asarray(np.bincount(columns.band, each), dtype=float)
+        found: Array = self.background.spent + np.bincount(columns.band, each)
+        return found
 
     @property
     def healthy_share(self) -> Array:
