@@ -12,6 +12,7 @@ from typing import Annotated, NoReturn
 import typer
 from typer.exceptions import TyperException
 
+from analysis.cli.commands import Group
 from rigs.errors import CellError, FileError, RigError
 from rigs.text import plain
 
@@ -24,6 +25,7 @@ _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 matrices are small, so two threads took 27.5 s of processor time where one takes 9.8 s (two cores, measured)."""
 
 app = typer.Typer(
+    cls=Group,
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

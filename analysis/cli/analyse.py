@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 
-@app.command()
+@command(app, "rig analyse runs/lap-acw runs/lap-cw --plot pictures")
 def analyse(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,

@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say
 
 
-@app.command()
+@command(app, "rig automatic runs/lap-acw runs/lap-cw >> cell.yaml")
 def automatic(
     paths: Annotated[
         list[Path], typer.Argument(metavar="RUN", help="Run directories as recorded, one for each program.")

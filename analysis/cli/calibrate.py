@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 
-@app.command()
+@command(app, "rig calibrate runs/* --fit joint_offset -o fitted.yaml")
 def calibrate(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
     fit: Annotated[

@@ -7,10 +7,11 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say
 
 
-@app.command()
+@command(app, "rig check cell.yaml")
 def check(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
 ) -> None:

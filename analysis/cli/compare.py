@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
 from analysis.cli import app
+from analysis.cli.commands import Command, command
 from analysis.cli.console import say, say_json
 from rigs.errors import FileError
 
 _AGAINST = "--against"
 
 
-class _ManyAgainst(TyperCommand):
+class _ManyAgainst(Command):
     """A command whose option --against takes all the runs that follow it, as a shell's wildcard gives them."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -35,7 +35,7 @@ def _one_each(arguments: Sequence[str]) -> list[str]:
     return [*found, _AGAINST] if arguments and arguments[-1] == _AGAINST else found
 
 
-@app.command(cls=_ManyAgainst)
+@command(app, "rig compare runs/after-* --against runs/before-*", cls=_ManyAgainst)
 def compare(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
     against: Annotated[

@@ -8,10 +8,11 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 
-@app.command()
+@command(app, "rig correct found/cell.yaml -o corrections")
 def correct(
     rig_file: Annotated[
         str, typer.Argument(metavar="RIG", help="Rig file that holds effects found by rig diagnose or rig calibrate.")

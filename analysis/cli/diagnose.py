@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 if TYPE_CHECKING:
     from analysis import Diagnosis, Measured
 
 
-@app.command()
+@command(app, "rig diagnose runs/* -o found")
 def diagnose(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
     rig_file: Annotated[

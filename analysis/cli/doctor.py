@@ -8,13 +8,14 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 _SERVED = Path("/etc/rig")
 _COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
 
 
-@app.command()
+@command(app, "rig doctor cell.yaml")
 def doctor(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
     runs: Annotated[Path | None, typer.Option(help="Directory of the runs; default: that of rigd.")] = None,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ HiddenEffects = Annotated[
 ]
 
 
-@app.command()
+@command(app, "rig emulate ur10e -o cell")
 def emulate(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for rig.yaml and truth.json.")] = Path(

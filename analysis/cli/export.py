@@ -8,12 +8,13 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say
 
 Format = Literal["csv", "parquet", "mcap"]
 
 
-@app.command()
+@command(app, "rig export runs/lap-acw --to parquet -o lap-acw.parquet")
 def export(
     path: Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")],
     to: Annotated[Format, typer.Option(help="Format: csv or parquet for the table, mcap for the raw streams.")],

@@ -11,13 +11,14 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 _SILENT_S = 1.0
 """Nothing is shown of what takes no longer."""
 
 
-@app.command()
+@command(app, "rig history ur10e --since 2026-01-01 -o history.html")
 def history(
     robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of its rig file, or of the robot in it.")],
     data: Annotated[Path, typer.Option(metavar="DIR", help="Directory that holds the runs.")] = Path("runs"),

@@ -8,12 +8,13 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.traces.table_layout import JointSource
 from rigs.schema.vocabulary import Direction, TestName
 
 
-@app.command("import")
+@command(app, "rig import laps.csv --rig cell.yaml --test yaw -o runs/lap-acw", name="import")
 def import_(
     table: Annotated[Path, typer.Argument(metavar="TABLE", help="CSV file with the columns of docs/tables.md.")],
     rig_file: Annotated[str, typer.Option("--rig", help="Rig file, or the name of a shipped rig.")],

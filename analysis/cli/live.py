@@ -11,11 +11,12 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.record import RigName
 
 
-@app.command()
+@command(app, "rig live --run runs/lap-acw --speed 4")
 def live(
     rig: RigName = None,
     run: Annotated[

@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from rigs.text import plain
 
 if TYPE_CHECKING:
     from daq.service.journal import Entry
 
 
-@app.command()
+@command(app, "rig logs cell --since today")
 def logs(
     rig: Annotated[
         str | None, typer.Argument(metavar="RIG", help="NAME of rigd@NAME, or its rig file; default: all services.")

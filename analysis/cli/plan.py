@@ -7,12 +7,13 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say_json
 
 _LEAST_COLUMNS = 80
 
 
-@app.command()
+@command(app, "rig plan cell.yaml --tests yaw,radial --runs 5")
 def plan(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
     tests: Annotated[

@@ -8,11 +8,12 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say
 from rigs.schema.vocabulary import Direction
 
 
-@app.command()
+@command(app, "rig relabel runs/lap-3 --direction cw")
 def relabel(
     paths: Annotated[list[Path], typer.Argument(metavar="RUN", help="Run directories.")],
     test: Annotated[

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say
 
 if TYPE_CHECKING:
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from daq.emulators import Replay
 
 
-@app.command()
+@command(app, "rig replay cell.capture cell.yaml -o replayed")
 def replay(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="File that `rigd --capture` wrote.")],
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file that the capture was made with.")],

@@ -8,10 +8,11 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say
 
 
-@app.command()
+@command(app, "rig report runs/* -o report.html")
 def report(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE.html", help="The page to write.")],

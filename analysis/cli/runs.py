@@ -8,12 +8,13 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
 
 
-@app.command()
+@command(app, "rig runs /var/lib/rigd-cell/runs")
 def runs(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory that holds the runs.")] = Path("runs"),
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON list instead of text.")] = False,
@@ -39,7 +40,7 @@ def runs(
     PlainConsole(width=max(whole, PlainConsole().width)).print(table)
 
 
-@app.command()
+@command(app, "rig keep runs/lap-acw runs/lap-cw")
 def keep(
     paths: Annotated[list[Path], typer.Argument(metavar="RUN", help="Run directories.")],
     no_more: Annotated[
@@ -55,7 +56,7 @@ def keep(
         say(f"{path}: {'not kept any more' if no_more else 'kept'}")
 
 
-@app.command()
+@command(app, "rig recover runs/lap-acw")
 def recover(path: RunPath) -> None:
     """Recover a run that was cut off: keep every verified batch, and report what is lost."""
     from daq.store import recover as recover_run  # noqa: PLC0415
@@ -70,7 +71,7 @@ def recover(path: RunPath) -> None:
     say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {path}")
 
 
-@app.command()
+@command(app, "rig verify runs/*")
 def verify(path: RunPath) -> None:
     """Report whether a run is whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
     from daq.store import judge  # noqa: PLC0415

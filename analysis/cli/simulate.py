@@ -8,12 +8,13 @@ from typing import Annotated, Literal
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.emulate import HiddenEffects
 from rigs.schema.vocabulary import CIRCLES, Direction
 
 
-@app.command()
+@command(app, "rig simulate ur10e --test yaw --runs 3 -o simulated")
 def simulate(
     rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
     test: Annotated[Literal["yaw", "roll", "radial", "repeatability"], typer.Option(help="Test to simulate.")],
