@@ -13,8 +13,8 @@ import typer
 from typer.exceptions import TyperException
 
 from analysis.cli.commands import Group
+from analysis.cli.console import say_error
 from rigs.errors import CellError, FileError, RigError
-from rigs.text import plain
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _OF_A_CELL = ("fcntl", "grp", "resource", "termios", "tty")
@@ -75,7 +75,7 @@ def main() -> None:
 
 
 def _fail(error: RigError) -> NoReturn:
-    sys.stderr.writelines(f"error: {plain(line)}\n" for line in error.lines())
+    say_error(error)
     sys.exit(error.exit_code)
 
 

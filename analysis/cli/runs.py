@@ -1,4 +1,4 @@
-"""`rig runs`, `rig keep`, `rig recover`, `rig verify`: which runs there are, which stay, and whether one is whole."""
+"""`rig runs`, `rig keep`, `rig recover`, `rig verify`: which runs there are, which stay, and whether they are whole."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import typer
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
+from analysis.cli.several import for_each
 
-RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
+RunPaths = Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories.")]
 
 
 @command(app, "rig runs /var/lib/rigd-cell/runs")
@@ -42,7 +43,7 @@ def runs(
 
 @command(app, "rig keep runs/lap-acw runs/lap-cw")
 def keep(
-    paths: Annotated[list[Path], typer.Argument(metavar="RUN", help="Run directories.")],
+    paths: RunPaths,
     no_more: Annotated[
         bool,
         typer.Option("--not", help="Remove the mark, so that retention may delete the runs once they are exported."),
@@ -51,14 +52,20 @@ def keep(
     """Mark runs as kept: rigd never deletes them, whatever the rig file says of retention."""
     from daq.store import mark_kept  # noqa: PLC0415
 
-    for path in paths:
+    def mark(path: Path) -> None:
         mark_kept(path, not no_more)
         say(f"{path}: {'not kept any more' if no_more else 'kept'}")
 
+    for_each(paths, mark)
+
 
 @command(app, "rig recover runs/lap-acw")
-def recover(path: RunPath) -> None:
-    """Recover a run that was cut off: keep every verified batch, and report what is lost."""
+def recover(paths: RunPaths) -> None:
+    """Recover runs that were cut off: keep every verified batch, and report what is lost."""
+    for_each(paths, _recover)
+
+
+def _recover(path: Path) -> None:
     from daq.store import recover as recover_run  # noqa: PLC0415
 
     done = recover_run(path)
@@ -72,8 +79,12 @@ def recover(path: RunPath) -> None:
 
 
 @command(app, "rig verify runs/*")
-def verify(path: RunPath) -> None:
-    """Report whether a run is whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
+def verify(paths: RunPaths) -> None:
+    """Report which runs are whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
+    for_each(paths, _verify)
+
+
+def _verify(path: Path) -> None:
     from daq.store import judge  # noqa: PLC0415
 
     verdict = judge(path)
