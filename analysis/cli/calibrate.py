@@ -43,6 +43,7 @@ def calibrate(
     """Estimate the sizes of chosen effects by least squares on the simulator; the set-up is always fitted as well."""
 
     import analysis  # noqa: PLC0415
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.cli.run_paths import distinct, load_runs  # noqa: PLC0415
     from analysis.reporting import calibration_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
@@ -57,7 +58,8 @@ def calibrate(
         raise FileError("--hold-out", "holds out every run, and a fit needs one", "hold out fewer")
     measured, judges = load_runs(used), load_runs(aside)
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
-    found = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, share=share, groups=groups, seed=seed)
+    with progress_of(f"fitting {fit} to {len(measured)} runs"):
+        found = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, share=share, groups=groups, seed=seed)
     if output:
         calibration_report.write_rig(found, text, [path.name for path in used], output)
     if as_json:

@@ -58,12 +58,18 @@ def compare(
         _before_and_after(runs, against, as_json)
         return
     import analysis  # noqa: PLC0415
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.reporting import comparison_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
-    found = analysis.compare([analysis.load_run(path) for path in runs], rig_file)
+    with progress_of() as progress:
+        measured = [analysis.load_run(path) for path in runs]
+        progress(f"simulating {len(measured)} runs")
+        found = analysis.compare(measured, rig_file)
     if plot:
-        for path in comparison_report.save_pictures(found.runs, plot):
+        with progress_of("drawing the pictures"):
+            pictures = list(comparison_report.save_pictures(found.runs, plot))
+        for path in pictures:
             say(path, err=True)
     if as_json:
         say_json(found.to_dict())
@@ -72,12 +78,14 @@ def compare(
 
 
 def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bool) -> None:
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.cli.run_paths import distinct  # noqa: PLC0415
     from analysis.history.before_after import differences  # noqa: PLC0415
     from analysis.history.screen import as_differences  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
-    found = differences(list(distinct(after)), list(distinct(before)))
+    with progress_of():
+        found = differences(list(distinct(after)), list(distinct(before)))
     if as_json:
         say_json({"differences": [one.to_dict() for one in found]})
     else:

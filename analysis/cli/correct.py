@@ -29,14 +29,16 @@ def correct(
 ) -> None:
     """Write joint zeros, link constants and corrected targets, each only where the effects support it."""
 
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.correction.correct import correct_rig  # noqa: PLC0415
     from analysis.reporting import correction_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
-    found = correct_rig(rig, path)
-    written = correction_report.write(found, directory)
+    with progress_of("correcting"):
+        found = correct_rig(rig, path)
+        written = correction_report.write(found, directory)
     if as_json:
         say_json(correction_report.as_object(found, written))
     else:

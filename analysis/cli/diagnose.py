@@ -59,7 +59,7 @@ def diagnose(
     held, other = distinct(hold_out or ()), distinct(unseen or ())
     measured, judges, elsewhere = (load_runs(paths) for paths in (_used(runs, held | other), held, other))
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
-    with progress_of(quiet=as_json) as progress:
+    with progress_of() as progress:
         found = analysis.diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
         )

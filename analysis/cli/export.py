@@ -41,20 +41,22 @@ def _export(path: Path, to: Format, output: Path) -> None:
     """Write one file, and mark the run as exported."""
     from functools import partial  # noqa: PLC0415
 
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.files.mcap_export import write_mcap  # noqa: PLC0415
     from analysis.files.write import write_csv, write_new, write_parquet  # noqa: PLC0415
     from analysis.traces.loading import measured_of  # noqa: PLC0415
     from daq.store import mark_exported, read_run  # noqa: PLC0415
     from rigs.errors import RigError  # noqa: PLC0415
 
-    run = read_run(path)
-    if to == "mcap":
-        write_new(output, partial(write_mcap, run))
-    else:
-        measured = measured_of(run)
-        for doubt in measured.doubts:
-            say(f"note: {doubt}", err=True)
-        write_new(output, partial(write_csv if to == "csv" else write_parquet, measured.to_table()))
+    with progress_of(f"exporting {path}"):
+        run = read_run(path)
+        if to == "mcap":
+            write_new(output, partial(write_mcap, run))
+        else:
+            measured = measured_of(run)
+            for doubt in measured.doubts:
+                say(f"note: {doubt}", err=True)
+            write_new(output, partial(write_csv if to == "csv" else write_parquet, measured.to_table()))
     try:
         mark_exported(path, to, output)
     except RigError as error:

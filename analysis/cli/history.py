@@ -68,18 +68,15 @@ def history(
 
 
 class _Progress:
-    """How many runs are evaluated, on standard error, once it takes longer than a second."""
+    """How many runs are evaluated, on a terminal, once it takes longer than a second.
+
+    Not `progress_of`: the runs are evaluated in forked processes, which must not inherit a display's thread and locks.
+    """
 
     def __init__(self) -> None:
         self._began_s = time.monotonic()
-        self._shown = False
 
     def __call__(self, done: int, total: int) -> None:
-        if time.monotonic() - self._began_s < _SILENT_S:
-            return
-        line = f"evaluating runs that are new or have changed: {done} of {total}"
-        if sys.stderr.isatty():
+        if sys.stderr.isatty() and time.monotonic() - self._began_s >= _SILENT_S:
+            line = f"evaluating runs that are new or have changed: {done} of {total}"
             typer.echo(f"\r{line}", err=True, nl=done == total)
-        elif not self._shown:
-            say(line, err=True)
-        self._shown = True

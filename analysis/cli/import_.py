@@ -43,6 +43,7 @@ def import_(
     import getpass  # noqa: PLC0415
 
     from analysis import read_table, save_run  # noqa: PLC0415
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
 
     operator = operator or getpass.getuser()
@@ -51,8 +52,11 @@ def import_(
         run = output / table.stem if len(tables) > 1 else output
         if run.exists():
             raise FileError(str(run), "exists already", "give the run a directory of its own")
-        measured = read_table(table, rig_file, test, direction, operator=operator, placement=placement, joints=joints)
-        save_run(measured, run)
+        with progress_of(f"reading {table}"):
+            measured = read_table(
+                table, rig_file, test, direction, operator=operator, placement=placement, joints=joints
+            )
+            save_run(measured, run)
         for doubt in measured.doubts:
             say(f"doubt: {doubt}", err=True)
         say(run)

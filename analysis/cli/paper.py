@@ -25,17 +25,21 @@ def paper(
 ) -> None:
     """Simulate and evaluate the tests of the paper, and show its figures beside those computed here."""
 
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.paper.paper_table import as_object, as_table  # noqa: PLC0415
     from analysis.paper.rows import rows_of  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, text = load(rig_file)
-    rows = rows_of(rig)
+    with progress_of("simulating and evaluating the tests of the paper"):
+        rows = rows_of(rig)
     if plot:
         from analysis.paper.pictures import save  # noqa: PLC0415
 
-        for path in save(rig, text, rows, plot):
+        with progress_of("drawing the figures"):
+            figures = list(save(rig, text, rows, plot))
+        for path in figures:
             say(path, err=True)
     if as_json:
         say_json(as_object(rig, rows))

@@ -27,6 +27,7 @@ def plan(
 ) -> None:
     """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most."""
 
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.diagnosis.plan import plan as planned  # noqa: PLC0415
     from analysis.diagnosis.plan import tests_named  # noqa: PLC0415
     from analysis.reporting import plan_report  # noqa: PLC0415
@@ -34,7 +35,8 @@ def plan(
     from rigs.load import load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
-    found = planned(rig, tests_named(rig, tests), runs)
+    with progress_of("simulating the tests"):
+        found = planned(rig, tests_named(rig, tests), runs)
     if as_json:
         say_json(plan_report.as_object(found))
     else:

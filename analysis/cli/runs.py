@@ -23,10 +23,12 @@ def runs(
     """List runs with size and age, whether they were exported, and whether they are kept."""
     import time  # noqa: PLC0415
 
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.reporting.runs_list import listed, row  # noqa: PLC0415
     from daq.store import survey  # noqa: PLC0415
 
-    found = [row(run, time.time()) for run in survey(directory)]
+    with progress_of():
+        found = [row(run, time.time()) for run in survey(directory)]
     if as_json:
         say_json(found)
         return
@@ -66,9 +68,11 @@ def recover(paths: RunPaths) -> None:
 
 
 def _recover(path: Path) -> None:
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from daq.store import recover as recover_run  # noqa: PLC0415
 
-    done = recover_run(path)
+    with progress_of(f"recovering {path}"):
+        done = recover_run(path)
     for stream, rows in done.rows.items():
         say(f"{stream}: {rows} rows recovered")
     for note in done.notes:
@@ -85,9 +89,11 @@ def verify(paths: RunPaths) -> None:
 
 
 def _verify(path: Path) -> None:
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from daq.store import judge  # noqa: PLC0415
 
-    verdict = judge(path)
+    with progress_of(f"verifying {path}"):
+        verdict = judge(path)
     for line in verdict.lines:
         say(line, err=True)
     say(verdict.summary)

@@ -30,6 +30,7 @@ def simulate(
     from itertools import product  # noqa: PLC0415
 
     import analysis  # noqa: PLC0415
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.files.write import write_csv, write_new  # noqa: PLC0415
 
     directions: tuple[Direction | None, ...] = ("acw", "cw") if direction == "both" else (direction,)
@@ -38,12 +39,13 @@ def simulate(
             raise typer.BadParameter(f"the {test} test has no direction", param_hint="--direction")
         directions = (None,)
     for number, one in product(range(seed, seed + runs), directions):
-        run = analysis.simulate(rig_file, test, one, seed=number, effects=effects)
-        path = directory / run.path
-        if csv:
-            path = path.with_suffix(".csv")
-            directory.mkdir(parents=True, exist_ok=True)
-            write_new(path, partial(write_csv, run.to_table()))
-        else:
-            analysis.save_run(run, path)
+        with progress_of(f"simulating {test}, seed {number}"):
+            run = analysis.simulate(rig_file, test, one, seed=number, effects=effects)
+            path = directory / run.path
+            if csv:
+                path = path.with_suffix(".csv")
+                directory.mkdir(parents=True, exist_ok=True)
+                write_new(path, partial(write_csv, run.to_table()))
+            else:
+                analysis.save_run(run, path)
         say(path)
