@@ -27,7 +27,6 @@ matrices are small, so two threads took 27.5 s of processor time where one takes
 app = typer.Typer(
     cls=Group,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     help="Robot metrology with a ball link and two digital probes: record, analyse, compare.",
 )

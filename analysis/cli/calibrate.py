@@ -7,14 +7,16 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 
 @command(app, "rig calibrate runs/* --fit joint_offset -o fitted.yaml")
 def calibrate(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one robot.")
+    ],
     fit: Annotated[
         str,
         typer.Option(
@@ -22,11 +24,19 @@ def calibrate(
         ),
     ],
     rig_file: Annotated[
-        str | None, typer.Option("--rig", help="Rig file of the model to start from; default: that of the first run.")
+        str | None,
+        typer.Option(
+            "--rig",
+            autocompletion=completion.rig_files,
+            help="Rig file of the model to start from; default: that of the first run.",
+        ),
     ] = None,
     hold_out: Annotated[
         list[Path] | None,
-        typer.Option(help="Run directory to judge the fit by, not used in it; repeatable; default: none."),
+        typer.Option(
+            autocompletion=completion.runs,
+            help="Run directory to judge the fit by, not used in it; repeatable; default: none.",
+        ),
     ] = None,
     share: Annotated[
         float,

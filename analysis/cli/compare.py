@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
 from analysis.cli.commands import Command, command
 from analysis.cli.console import say, say_json
 from rigs.errors import FileError
@@ -37,13 +37,24 @@ def _one_each(arguments: Sequence[str]) -> list[str]:
 
 @command(app, "rig compare runs/after-* --against runs/before-*", cls=_ManyAgainst)
 def compare(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one robot.")
+    ],
     against: Annotated[
         list[Path] | None,
-        typer.Option(metavar="RUN…", help="Runs before a repair, if RUN… are those after it; default: the simulation."),
+        typer.Option(
+            metavar="RUN…",
+            autocompletion=completion.runs,
+            help="Runs before a repair, if RUN… are those after it; default: the simulation.",
+        ),
     ] = None,
     rig_file: Annotated[
-        str | None, typer.Option("--rig", help="Rig file of the model to compare with; default: that of the first run.")
+        str | None,
+        typer.Option(
+            "--rig",
+            autocompletion=completion.rig_files,
+            help="Rig file of the model to compare with; default: that of the first run.",
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     plot: Annotated[Path | None, typer.Option(help="Directory for a picture of each run; default: write none.")] = None,

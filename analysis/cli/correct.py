@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
@@ -15,7 +15,12 @@ from analysis.cli.console import say, say_json
 @command(app, "rig correct found/cell.yaml -o corrections")
 def correct(
     rig_file: Annotated[
-        str, typer.Argument(metavar="RIG", help="Rig file that holds effects found by rig diagnose or rig calibrate.")
+        str,
+        typer.Argument(
+            metavar="RIG",
+            autocompletion=completion.rig_files,
+            help="Rig file that holds effects found by rig diagnose or rig calibrate.",
+        ),
     ],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the corrections to.")],
     path: Annotated[

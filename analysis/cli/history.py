@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
@@ -20,7 +20,12 @@ _SILENT_S = 1.0
 
 @command(app, "rig history ur10e --since 2026-01-01 -o history.html")
 def history(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of its rig file, or of the robot in it.")],
+    robot: Annotated[
+        str,
+        typer.Argument(
+            metavar="ROBOT", autocompletion=completion.robots, help="Name of its rig file, or of the robot in it."
+        ),
+    ],
     data: Annotated[Path, typer.Option(metavar="DIR", help="Directory that holds the runs.")] = Path("runs"),
     figure: Annotated[
         str | None, typer.Option(metavar="NAME", help="One figure, as band_deg; default: those that show the robot.")

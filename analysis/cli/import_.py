@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.several import for_each
@@ -20,7 +20,9 @@ def import_(
     tables: Annotated[
         list[Path], typer.Argument(metavar="TABLE…", help="CSV files with the columns of docs/tables.md.")
     ],
-    rig_file: Annotated[str, typer.Option("--rig", help="Rig file, or the name of a shipped rig.")],
+    rig_file: Annotated[
+        str, typer.Option("--rig", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig.")
+    ],
     test: Annotated[TestName, typer.Option(help="Test that the tables are of.")],
     output: Annotated[
         Path,

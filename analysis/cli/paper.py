@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
@@ -20,7 +20,10 @@ def paper(
         typer.Option(help="Directory for the data figures of the paper; default: write none."),
     ] = None,
     rig_file: Annotated[
-        str, typer.Option("--rig", help="Rig file, or the name of a shipped rig, to simulate.")
+        str,
+        typer.Option(
+            "--rig", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig, to simulate."
+        ),
     ] = "paper-errors",
 ) -> None:
     """Simulate and evaluate the tests of the paper, and show its figures beside those computed here."""

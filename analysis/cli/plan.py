@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say_json
 
@@ -15,7 +15,12 @@ _LEAST_COLUMNS = 80
 
 @command(app, "rig plan cell.yaml --tests yaw,radial --runs 5")
 def plan(
-    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
+    rig_file: Annotated[
+        str,
+        typer.Argument(
+            metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."
+        ),
+    ],
     tests: Annotated[
         str | None,
         typer.Option(help="Tests, separated by commas: yaw, roll, radial, repeatability; default: the first three."),

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
 from analysis.cli.commands import Group, command
 from analysis.cli.console import say, say_json
 from rigs.schema.vocabulary import Direction, TestName
@@ -15,7 +15,12 @@ record = typer.Typer(cls=Group, no_args_is_help=True, help="Start and stop a rec
 app.add_typer(record, name="record")
 
 RigName = Annotated[
-    str | None, typer.Option("--rig", help="Name of the rig whose daemon is meant; default: the only one that runs.")
+    str | None,
+    typer.Option(
+        "--rig",
+        autocompletion=completion.daemons,
+        help="Name of the rig whose daemon is meant; default: the only one that runs.",
+    ),
 ]
 
 

@@ -7,12 +7,14 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.several import for_each
 
-RunPaths = Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories.")]
+RunPaths = Annotated[
+    list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories.")
+]
 
 
 @command(app, "rig runs /var/lib/rigd-cell/runs")
