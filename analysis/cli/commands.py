@@ -5,6 +5,7 @@ typer writes the type of every option into its help. For a flag that is `<bool>`
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -29,7 +30,15 @@ class Command(TyperCommand):
 
 
 class Group(TyperGroup):
-    """A group of commands whose own flags are plain."""
+    """A group of commands whose own flags are plain, and whose messages have no colours where NO_COLOR is set.
+
+    rich respects that variable for tables and help; typer's own `echo` does not, but asks the context.
+    """
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        if os.environ.get("NO_COLOR"):
+            ctx.color = False
+        return super().parse_args(ctx, args)
 
     def get_params(self, ctx: Any) -> list[Any]:
         return _without_types_of_flags(super().get_params(ctx))
