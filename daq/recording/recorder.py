@@ -284,7 +284,7 @@ class Recorder(threading.Thread):
         except CellError as error:
             self.last_end = f"failed: {error}"
             log.error("recording ended, %s", self.last_end)
-            run.ended.set_exception(CellError(str(path), self.last_end, f"make room, then: rig recover {path}"))
+            run.ended.set_exception(CellError(str(path), self.last_end, f"remove the cause, then: rig recover {path}"))
         except Exception as error:
             self.last_end = "failed: not closed because of an internal error"
             log.exception("%s: not closed because of an internal error; run: rig recover %s", path, path)

@@ -31,6 +31,13 @@ _AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getatt
 """A lock that is a link or a FIFO, in a run from elsewhere, is neither followed nor waited for."""
 
 
+def remedy(error: Exception, otherwise: str) -> str:
+    """Return what to do about an error: where no descriptor is left, the disk is not at fault."""
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        return "close what holds file descriptors (connections, other programs), or raise their limit (LimitNOFILE)"
+    return otherwise
+
+
 def free_bytes(path: Path) -> int:
     """Return the bytes that this user still has free on the disk of path."""
     if not hasattr(os, "statvfs"):

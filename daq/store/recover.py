@@ -71,6 +71,7 @@ def recover(path: Path) -> Recovery:
     except (OSError, pa.ArrowException) as error:
         short = isinstance(error, OSError) and error.errno in (errno.ENOMEM, errno.EFBIG)
         remedy = "use a computer with more memory" if short else "make room or repair the disk and try again"
+        remedy = durable.remedy(error, remedy)
         remedy += "; nothing was lost"
         raise CellError(str(path), f"cannot be recovered: {error}", remedy) from error
 

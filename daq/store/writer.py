@@ -112,7 +112,7 @@ class RunWriter:
         try:
             path, held, ledger = create_run_directory(runs, manifest)
         except OSError as error:
-            remedy = "make room or choose another directory"
+            remedy = durable.remedy(error, "make room or choose another directory")
             raise CellError(str(runs), f"cannot be written: {_words(error)}", remedy) from error
         writers = {
             stream: StreamWriter(path, stream, with_opening(schema_of(stream, columns), manifest.opening()))
@@ -287,5 +287,6 @@ def _words(error: Exception) -> str:
 
 
 def _refused(run: Path, error: Exception) -> CellError:
-    remedy = f"make room or repair the disk; what was synced is safe: `rig recover {run}`"
-    return CellError(str(run), f"cannot be written: {_words(error)}", remedy)
+    remedy = durable.remedy(error, "make room or repair the disk")
+    safe = f"what was synced is safe: `rig recover {run}`"
+    return CellError(str(run), f"cannot be written: {_words(error)}", f"{remedy}; {safe}")
