@@ -20,10 +20,10 @@ from typing import Literal
 from daq.acquisition.host_clock import HOST, HostClockMonitor, read_clocks
 from daq.acquisition.pretrigger import PretriggerBuffer
 from daq.acquisition.stall_watch import StallWatch
-from daq.acquisition.stream_buffer import StreamBuffer, faults_of, samples_of
+from daq.acquisition.stream_buffer import StreamBuffer, faults_of
 from daq.protocol.conversation import Fault, Item
 from daq.recording import machine
-from daq.recording.active_run import ActiveRun, EndedRun, Gap
+from daq.recording.active_run import ActiveRun, EndedRun, Gap, samples_in
 from daq.recording.io_worker import IoWorker
 from daq.recording.label import Label
 from daq.recording.machine import Close, Create, GiveUp, Recording, Reject, State, Suspend, Waiting
@@ -243,7 +243,7 @@ class Recorder(threading.Thread):
             if run is not None:
                 self._report(name, run.put(name, items))
             elif self._gap is not None:
-                self._gap.missed[name] += len(samples_of(items))
+                self._gap.missed[name] += samples_in(items)
         self._check_host(run)
         if sync and run is not None and run.writer is not None:
             run.writer.write()

@@ -172,6 +172,29 @@ def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(
     assert "recording: waits: " in caplog.text and "samples missed: 10 of g1" in caplog.text
 
 
+def test_what_a_run_was_to_count_as_dropped_is_counted_by_the_next_where_its_disk_fails_at_once(
+    written: Written, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A chunk vanishes, and the run that follows is lost before its first write, with the count that it was to hold."""
+    monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 1e9)
+    written.round()
+    (written.path / "g1-0001.arrow").unlink()
+    written.round()
+    written.round()  # its readings are missed
+    written.retry()
+    written.recorder._round()
+    written.begun()
+    with failing(errno.EIO, "pwrite", "fsync", "mkdir"):
+        written.round()
+    written.retry()
+    written.until_it_goes_on()
+    runs = sorted(written.runs.iterdir(), key=lambda path: load_manifest(path).started)
+    assert len(runs) == 3 and all(verify(path) == [] for path in runs)
+    for name in COLUMNS:
+        counters = [load_manifest(path).counters[name] for path in runs]
+        assert sum(count["samples"] + count.get("dropped", 0) for count in counters) == written.delivered
+
+
 def _plain() -> dict[str, Any]:
     who = {"name": "x", "test": "yaw", "direction": None, "rig_name": "r"}
     return {**who, "rig_text": "", "operator": "", "streams": {}}
