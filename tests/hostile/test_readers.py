@@ -88,7 +88,7 @@ def test_no_command_waits_for_or_swallows_what_is_no_file(
 def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path, run: Path) -> None:
     outside = tmp_path / "made by another user's run"
     replaced(run / ".lock", lambda lock: lock.symlink_to(outside))
-    with pytest.raises(CellError, match="cannot be recovered"):
+    with pytest.raises(CellError, match=r"cannot be recovered: .*\.lock'; remove that link; nothing was lost"):
         recover(run)
     assert not outside.exists()
 
@@ -126,6 +126,14 @@ def test_a_small_file_that_stands_for_millions_of_rows_is_not_decoded() -> None:
     assert time.monotonic() - begun_s < 1
 
 
+def test_a_file_that_no_recorder_has_written_is_named(run: Path) -> None:
+    """As a crash would have left it: in no ledger."""
+    put_ledger(run, ledger_records(run)[:1])
+    (run / "g1-0001.parquet").write_bytes(many_equal_rows(120_000_000))
+    with pytest.raises(CellError, match=r"g1-0001.parquet'; move that file elsewhere; nothing was lost"):
+        recover(run)
+
+
 def _no_memory(*_: object, **__: object) -> None:
     raise pa.ArrowMemoryError("malloc of size 960000000 failed")
 
@@ -140,7 +148,9 @@ def test_where_the_memory_is_short_the_file_is_not_at_fault(run: Path, monkeypat
     before = {file.name: file.read_bytes() for file in run.iterdir()}
     with monkeypatch.context() as short:
         short.setattr(pq.ParquetFile, "read", _no_memory)
-        with pytest.raises(CellError, match=r"not enough memory; use a computer with more memory; nothing was lost"):
+        with pytest.raises(
+            CellError, match=r"not enough memory: .*g1-0001.parquet.; use a computer with more memory; nothing was lost"
+        ):
             recover(run)
         assert {file.name: file.read_bytes() for file in run.iterdir()} == before
     assert recover(run).rows == {"g1": 3}

@@ -18,22 +18,25 @@ REMEDY = r"Too many open files.*; close what holds file descriptors"
 
 
 @contextmanager
-def no_descriptor() -> Iterator[None]:
-    """A process that can open no more files."""
+def no_descriptor(but: int = 0) -> Iterator[None]:
+    """A process that can open no more files, but so many."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    lowest = os.open("/dev/null", os.O_RDONLY)
-    os.close(lowest)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (lowest, hard))
+    free = [os.open("/dev/null", os.O_RDONLY) for _ in range(but + 1)]
+    for fd in free:
+        os.close(fd)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (free[but], hard))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
-def test_a_run_that_cannot_begin_asks_for_descriptors_and_begins_when_there_are_some(tmp_path: Path) -> None:
-    with no_descriptor(), pytest.raises(CellError, match=REMEDY) as refused:
+@pytest.mark.parametrize("but", [0, 1, 2])
+def test_a_run_that_cannot_begin_asks_for_descriptors_and_begins_when_there_are_some(tmp_path: Path, but: int) -> None:
+    with no_descriptor(but), pytest.raises(CellError, match=REMEDY) as refused:
         start(tmp_path)
     assert "make room" not in str(refused.value)
+    assert not any(tmp_path.iterdir()), "no directory without a manifest is left"
     start(tmp_path).close("complete", "", {})
 
 
