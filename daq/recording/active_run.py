@@ -45,14 +45,15 @@ class EndedRun:
 class Gap:
     """The time between a run that the disk ended and the one that follows.
 
-    previous: that run; device: of its disk. taken: samples of each stream that it had to account for; missed: those
-    that came since and are in no run.
+    previous: that run; device: of its disk. taken: samples of each stream that it had to account for; lost: those of
+    them that it could not save, known when it is closed; missed: those that came since and are in no run.
     """
 
     previous: Path
     device: int
     why: str
     taken: Counter[str]
+    lost: Counter[str] = field(default_factory=Counter)
     missed: Counter[str] = field(default_factory=Counter)
 
     def require_disk(self) -> None:
@@ -139,10 +140,15 @@ class ActiveRun:
             found[name] += [fault, *self.put(name, [fault])]
         return found
 
+    @property
+    def kept(self) -> Counter[str]:
+        """The number of samples of each stream that it has in memory until it begins."""
+        return Counter({name: samples_in(items) for name, items in self._kept.items()})
+
     def refuse(self, error: Exception) -> None:
         """Report to those who wait for the run that it does not start. What it kept counts as missed."""
         if self.gap:
-            self.gap.missed.update({name: samples_in(items) for name, items in self._kept.items()})
+            self.gap.missed.update(self.kept)
         self.begun.set_exception(error)
         self.ended.set_exception(error)
 

@@ -24,7 +24,7 @@ from daq.protocol.conversation import Sample
 from daq.recording.label import Label
 from daq.recording.machine import Recording, Waiting
 from daq.recording.recorder import Recorder
-from daq.store import RunWriter, durable, load_manifest, read_run, verify
+from daq.store import RunWriter, durable, load_manifest, read_run, recover, verify
 from rigs.errors import CellError
 from tests.support.failing_disk import COLUMNS, failing
 
@@ -193,6 +193,20 @@ def test_what_a_run_was_to_count_as_dropped_is_counted_by_the_next_where_its_dis
     for name in COLUMNS:
         counters = [load_manifest(path).counters[name] for path in runs]
         assert sum(count["samples"] + count.get("dropped", 0) for count in counters) == written.delivered
+
+
+def test_what_no_run_follows_to_count_is_in_the_log_and_in_the_status(
+    written: Written, caplog: pytest.LogCaptureFixture
+) -> None:
+    written.round()
+    written.deliver(7)
+    with failing(errno.EIO, "pwrite", "fsync"), pytest.raises(CellError, match="Input/output error"):
+        written.recorder.stop_run().result()
+    assert written.recorder.lost == dict.fromkeys(COLUMNS, 7)
+    assert written.buffers["g1"].state().counters["dropped"] == 7
+    assert f"g1: dropped: 7 samples are in no run: {written.path.name} could not be closed" in caplog.text
+    recover(written.path)
+    assert len(read_run(written.path).streams["g1"]["g1_mm"]) == 10, "the rest is there"
 
 
 def _plain() -> dict[str, Any]:
