@@ -172,8 +172,9 @@ def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(
     assert "recording: waits: " in caplog.text and "samples missed: 10 of g1" in caplog.text
 
 
-def test_what_a_run_was_to_count_as_dropped_is_counted_by_the_next_where_its_disk_fails_at_once(
-    written: Written, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("resumed", [True, False])
+def test_what_a_run_was_to_count_as_dropped_is_not_forgotten_where_its_disk_fails_at_once(
+    written: Written, monkeypatch: pytest.MonkeyPatch, resumed: bool
 ) -> None:
     """A chunk vanishes, and the run that follows is lost before its first write, with the count that it was to hold."""
     monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 1e9)
@@ -185,14 +186,23 @@ def test_what_a_run_was_to_count_as_dropped_is_counted_by_the_next_where_its_dis
     written.recorder._round()
     written.begun()
     with failing(errno.EIO, "pwrite", "fsync", "mkdir"):
-        written.round()
-    written.retry()
-    written.until_it_goes_on()
-    runs = sorted(written.runs.iterdir(), key=lambda path: load_manifest(path).started)
-    assert len(runs) == 3 and all(verify(path) == [] for path in runs)
+        if resumed:
+            written.round()
+        else:
+            with pytest.raises(CellError):
+                written.recorder.stop_run().result()
+    if resumed:
+        written.retry()
+        written.until_it_goes_on()
+    runs = list(written.runs.iterdir())
+    for path in runs:
+        recover(path)
+        assert verify(path) == []
     for name in COLUMNS:
-        counters = [load_manifest(path).counters[name] for path in runs]
-        assert sum(count["samples"] + count.get("dropped", 0) for count in counters) == written.delivered
+        counters = [load_manifest(path).counters.get(name, {}) for path in runs]
+        counted = sum(count.get("samples", 0) + count.get("dropped", 0) for count in counters)
+        assert counted + written.recorder.lost[name] == written.delivered
+        assert bool(written.recorder.lost[name]) is not resumed
 
 
 def test_what_no_run_follows_to_count_is_in_the_log_and_in_the_status(
