@@ -302,9 +302,11 @@ class Recorder(threading.Thread):
         written."""
         path = run.begun.result()
         try:
-            run.close(ending, why)
+            try:
+                run.close(ending, why)
+            finally:
+                self._settle(run)
         except CellError as error:
-            self._settle(run)
             self.last_end = f"failed: {error}"
             log.error("recording ended, %s", self.last_end)
             run.ended.set_exception(CellError(str(path), self.last_end, f"remove the cause, then: rig recover {path}"))

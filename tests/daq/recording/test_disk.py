@@ -219,6 +219,22 @@ def test_what_no_run_follows_to_count_is_in_the_log_and_in_the_status(
     assert len(read_run(written.path).streams["g1"]["g1_mm"]) == 10, "the rest is there"
 
 
+def test_what_a_run_has_lost_is_counted_where_it_closes_after_the_recording_was_given_up(written: Written) -> None:
+    """Its disk is back by then: the run closes without an error, and without what could not be written."""
+    closing, disk = threading.Event(), written.recorder._io._thread
+    written.round()
+    with failing(errno.EIO, "pwrite", "fsync"):
+        disk.submit(closing.wait)
+        written.deliver()
+        written.recorder._round()
+        with pytest.raises(CellError, match="nothing is being recorded"):
+            written.recorder.stop_run()
+    closing.set()
+    disk.submit(lambda: None).result()
+    assert len(read_run(written.path).streams["g1"]["g1_mm"]) == 10
+    assert written.recorder.lost == dict.fromkeys(COLUMNS, 10)
+
+
 def _plain() -> dict[str, Any]:
     who = {"name": "x", "test": "yaw", "direction": None, "rig_name": "r"}
     return {**who, "rig_text": "", "operator": "", "streams": {}}
