@@ -20,6 +20,8 @@ _ROOM = 200_000
 """Items held for a stalled disk: minutes at 500 Hz, some 100 MB at the worst."""
 _RATE_OVER = 200
 """Deliveries over which the rate is taken."""
+_RECENT = 1000
+"""Samples that a live view may still ask for after they were drained: a tenth of a second at 10 kHz."""
 STALL_NS = 500_000_000
 """A reader goes round in 0.2 s at most (`daq.wire.session`); a busy computer adds some tenths."""
 
@@ -59,6 +61,7 @@ class StreamBuffer:
     _arrivals: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_OVER))
     """The last deliveries: stamp of the last sample, and number of samples until then."""
     _last_fault: str = ""
+    _recent: deque[Sample] = field(default_factory=lambda: deque(maxlen=_RECENT))
 
     def deliver(self, items: Sequence[Item]) -> None:
         """Keep items that the reader has received."""
@@ -126,12 +129,21 @@ class StreamBuffer:
                 len(self._items),
             )
 
+    def recent(self, after: int) -> tuple[int, list[Sample]]:
+        """Return the number of the newest sample, counted since the daemon started, and the samples after number
+        `after`, as far as they are still kept."""
+        with self._lock:
+            newest = self._counters["samples"]
+            kept = list(self._recent) if newest > after else []
+        return newest, kept[-(newest - after) :] if newest > after else []
+
     def _note(self, item: Item) -> None:
         if isinstance(item, Fault):
             self._counters[item.kind] += item.count
             self._last_fault = item.detail
             return
         self._counters["samples"] += 1
+        self._recent.append(item)
         for name, value in zip(self.columns, item.values, strict=True):
             if not math.isnan(value):
                 self._last[name] = (value, item.last_byte_ns)
