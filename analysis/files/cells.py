@@ -21,7 +21,7 @@ _LARGEST = 1e12
 """No angle, length or time of a measurement is larger, in any unit that someone may have taken by mistake."""
 _OTHER_WORDS = {"ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "clockwise": "cw"}
 _OF_NUMBERS = re.compile(r"[0-9+\-.eE \t,]*")
-"""Of texts of these characters alone float() takes those that `value` does."""
+"""Where a text has no other characters, float() and `value` agree on whether it is a number."""
 Value = float | int | str
 
 

@@ -24,7 +24,8 @@ Columns = Mapping[str, pa.ChunkedArray]
 
 
 def columns_of(rows: Iterator[Row], names: list[str], test: TestName, problems: Problems) -> tuple[Columns, np.ndarray]:
-    """Columns of rows that have a field for each name, and the line of each row (n,); bad cells become problems."""
+    """Columns of rows that have a field for each name, and the number of each row's line (n,); bad cells become
+    problems."""
     parts: dict[str, list[pa.Array]] = {name: [] for name in names}
     lines: list[np.ndarray] = [np.empty(0, dtype=np.int64)]
     while batch := list(islice(rows, max(1, _BATCH_CELLS // len(names)))):

@@ -29,7 +29,7 @@ def check_sequence(
 ) -> Iterator[TableProblem]:
     """Mistakes between rows, and beside the rig; cells that are null are left out, they are mistakes already.
 
-    lines: of each row (n,).
+    lines: the number of each row's line (n,).
     """
     known = LAYOUTS[test].known
     if "t_s" in known and "t_s" in columns:

@@ -161,6 +161,7 @@ class Recordings(RuleBasedStateMachine):
     @precondition(lambda self: not self.fails)
     @rule()
     def a_recording_chunk_vanishes(self) -> None:
+        # private _writers: the files that are written, one of which vanishes
         writers = [run.writer._writers["g1"] for run in self.recorder._runs.values() if run.writer]
         for chunk in [chunk for writer in writers for chunk in writer.unclosed()][-1:]:
             chunk.path.unlink(missing_ok=True)
