@@ -20,10 +20,10 @@ from typing import Literal
 from daq.acquisition.host_clock import HOST, HostClockMonitor, read_clocks
 from daq.acquisition.pretrigger import PretriggerBuffer
 from daq.acquisition.stall_watch import StallWatch
-from daq.acquisition.stream_buffer import StreamBuffer, faults_of, samples_of
-from daq.protocol.conversation import Fault, Item
+from daq.acquisition.stream_buffer import StreamBuffer, faults_of
+from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.recording import machine
-from daq.recording.active_run import ActiveRun, EndedRun, Gap
+from daq.recording.active_run import ActiveRun, EndedRun, Gap, samples_in
 from daq.recording.io_worker import IoWorker
 from daq.recording.label import Label
 from daq.recording.machine import Close, Create, GiveUp, Recording, Reject, State, Suspend, Waiting
@@ -70,6 +70,8 @@ class Recorder(threading.Thread):
         self._host_clock, self._stalls = HostClockMonitor(read_clocks()), StallWatch()
         self.host_faults: Counter[str] = Counter()
         """Faults of the computer itself, by kind, since the daemon started."""
+        self.lost: Counter[str] = Counter()
+        """Samples of each stream that came for a recording and are neither in a run nor counted in one."""
         self.last_end = ""
 
     def run(self) -> None:
@@ -229,6 +231,8 @@ class Recorder(threading.Thread):
             self._warnings.warn("recording", "waits", f"{error} (samples missed: {run.gap.missed_text()})")
         elif run.gap:
             self._give_up(run.gap)
+        else:
+            self._lose(run.kept, f"{run.label.name} did not begin")
 
     def _drain_buffers(self, *, sync: bool) -> None:
         """Drain every buffer into the run, if there is one; at its end also those of streams that are behind."""
@@ -243,7 +247,7 @@ class Recorder(threading.Thread):
             if run is not None:
                 self._report(name, run.put(name, items))
             elif self._gap is not None:
-                self._gap.missed[name] += len(samples_of(items))
+                self._gap.missed[name] += samples_in(items)
         self._check_host(run)
         if sync and run is not None and run.writer is not None:
             run.writer.write()
@@ -261,6 +265,24 @@ class Recorder(threading.Thread):
             told = f"the recording was waiting for the disk and is given up, samples missed: {gap.missed_text()}"
             log.warning("%s: %s", gap.previous, told)
             self.last_end += f"; {told}"
+            self._lose(gap.missed + gap.lost, f"nothing followed {gap.previous.name}")
+
+    def _lose(self, samples: Counter[str], why: str) -> None:
+        """Report and count samples that no run holds or counts."""
+        self.lost += samples
+        for name, count in (+samples).items():
+            what = f"{count} samples are in no run: {why}"
+            self._report(name, [Fault(FaultKind.DROPPED, time.monotonic_ns(), what, count)])
+
+    def _settle(self, run: ActiveRun) -> None:
+        """Count what a run that is closed has lost, unless a run that follows will."""
+        if run.writer is None or not run.writer.lost.total():
+            return
+        with self._lock:
+            if self._gap and self._gap.previous == run.writer.path:
+                self._gap.lost.update(run.writer.lost)
+            else:
+                self._lose(run.writer.lost, f"{run.writer.path.name} could not be closed")
 
     def _report(self, name: str, faults: Sequence[Fault]) -> None:
         """Log and count faults of a stream that were found here and are in the run already."""
@@ -280,11 +302,14 @@ class Recorder(threading.Thread):
         written."""
         path = run.begun.result()
         try:
-            run.close(ending, why)
+            try:
+                run.close(ending, why)
+            finally:
+                self._settle(run)
         except CellError as error:
             self.last_end = f"failed: {error}"
             log.error("recording ended, %s", self.last_end)
-            run.ended.set_exception(CellError(str(path), self.last_end, f"make room, then: rig recover {path}"))
+            run.ended.set_exception(CellError(str(path), self.last_end, f"remove the cause, then: rig recover {path}"))
         except Exception as error:
             self.last_end = "failed: not closed because of an internal error"
             log.exception("%s: not closed because of an internal error; run: rig recover %s", path, path)

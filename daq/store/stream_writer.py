@@ -44,6 +44,13 @@ class OpenChunk:
         """Whether all of it is on the disk, under its name."""
         return self.named and self.synced == self.size
 
+    @property
+    def has_vanished(self) -> bool:
+        """Whether its name is gone; not where the disk does not answer."""
+        with suppress(OSError):
+            return not durable.is_named(self.fd, self.path)
+        return False
+
     def append(self, data: bytes) -> None:
         """Append complete frames or nothing."""
         try:
@@ -103,6 +110,10 @@ class StreamWriter:
     def unclosed(self) -> list[OpenChunk]:
         """Return the chunks that are not Parquet files yet, in order."""
         return [chunk for chunk in (self.full, self.open) if chunk]
+
+    def lost(self) -> int:
+        """Return the rows that go when the files are closed: pending, or in a file that has no name any more."""
+        return len(self.pending) + sum(chunk.rows for chunk in self.unclosed() if chunk.has_vanished)
 
     def bytes_to_close(self) -> int:
         """Return the bytes needed at most to write what is pending, and then a Parquet file beside each chunk.

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -21,7 +21,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from daq.protocol.conversation import Fault, Sample
+from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.store import durable
 from daq.store.chunk import with_opening
 from daq.store.ledger import Entry, Ledger
@@ -73,6 +73,8 @@ class RunWriter:
     _failure: CellError | None = None
     _anchors: deque[Clock] = field(default_factory=deque)
     """Anchors that are not in the ledger yet."""
+    lost: Counter[str] = field(default_factory=Counter)
+    """After `close`: samples of each stream that it could not save, themselves or as a count of dropped ones."""
 
     @classmethod
     def create(  # noqa: PLR0913 - what a manifest needs to know
@@ -112,7 +114,7 @@ class RunWriter:
         try:
             path, held, ledger = create_run_directory(runs, manifest)
         except OSError as error:
-            remedy = "make room or choose another directory"
+            remedy = durable.remedy(error, "make room or choose another directory")
             raise CellError(str(runs), f"cannot be written: {_words(error)}", remedy) from error
         writers = {
             stream: StreamWriter(path, stream, with_opening(schema_of(stream, columns), manifest.opening()))
@@ -226,13 +228,21 @@ class RunWriter:
             rows={stream: writer.rows for stream, writer in self._writers.items()},
             counters={stream: self._counted(stream, counts) for stream, counts in counters.items()},
         )
-        problems += [problem] if (problem := _attempt(partial(self._ledger.append, Entry(seal=seal)))) else []
+        unsealed = _attempt(partial(self._ledger.append, Entry(seal=seal)))
+        problems += [unsealed] if unsealed else []
+        self._count_lost(sealed=not unsealed)
         for writer in self._writers.values():
             writer.release()
         self._ledger.close()
         durable.close(self._lock)
         if problems:
             raise _refused(self.path, problems[0]) from problems[0]
+
+    def _count_lost(self, *, sealed: bool) -> None:
+        self.lost.update({stream: self._writers[stream].lost() for stream in self.manifest.streams})
+        for row in [] if sealed else self._writers[FAULTS].pending:  # recovery counts the faults that are stored
+            if isinstance(row, tuple) and row[1].kind is FaultKind.DROPPED:
+                self.lost[row[0]] += row[1].count
 
     def _counted(self, stream: str, counts: Mapping[str, int]) -> dict[str, int]:
         told = {str(kind): count for kind, count in counts.items()}
@@ -287,5 +297,6 @@ def _words(error: Exception) -> str:
 
 
 def _refused(run: Path, error: Exception) -> CellError:
-    remedy = f"make room or repair the disk; what was synced is safe: `rig recover {run}`"
-    return CellError(str(run), f"cannot be written: {_words(error)}", remedy)
+    remedy = durable.remedy(error, "make room or repair the disk")
+    safe = f"what was synced is safe: `rig recover {run}`"
+    return CellError(str(run), f"cannot be written: {_words(error)}", f"{remedy}; {safe}")
