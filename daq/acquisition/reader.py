@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from daq.acquisition.capture_writer import CaptureWriter
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream
-from daq.protocol.conversation import Fault, FaultKind, Item, Sample
+from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.wire.capture import Mark
 from daq.wire.links import Link, LinkLost
 from daq.wire.session import run_conversation
@@ -99,7 +99,7 @@ class Reader(threading.Thread):
             time.sleep(self._used_s - before_s)
 
     def _deliver(self, items: Sequence[Item]) -> None:
-        if self._lost_ns is not None and any(isinstance(item, Sample) for item in items):
+        if self._lost_ns is not None and not all(isinstance(item, Fault) for item in items):
             self._end_outage(self._lost_ns)
         self._buffer.deliver(items)
 

@@ -14,10 +14,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from daq.protocol.conversation import Fault, FaultKind, Item, Sample
+import numpy as np
+
+from daq.protocol.conversation import Fault, FaultKind, Item, Samples, packed
 
 _ROOM = 200_000
 """Items held for a stalled disk: minutes at 500 Hz, some 100 MB at the worst."""
+_FEW = 8
+"""Of more samples than this the arrays cost less than the objects."""
 _RATE_OVER = 200
 """Deliveries over which the rate is taken."""
 STALL_NS = 500_000_000
@@ -53,6 +57,8 @@ class StreamBuffer:
     _opening: bool = False
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _items: deque[Item] = field(default_factory=deque)
+    _waiting: int = 0
+    """Samples and faults among them."""
     _dropped: int = 0
     _counters: Counter[str] = field(default_factory=Counter)
     _last: dict[str, tuple[float, int]] = field(default_factory=dict)
@@ -62,16 +68,22 @@ class StreamBuffer:
 
     def deliver(self, items: Sequence[Item]) -> None:
         """Keep items that the reader has received."""
+        if len(items) > _FEW:
+            items = packed(items)
         with self._lock:
             for item in items:
                 self._note(item)
-                if len(self._items) < _ROOM:
+                size = size_of(item)
+                if self._waiting + size <= _ROOM:
                     self._items.append(item)
+                    self._waiting += size
                 else:
-                    self._dropped += 1
-                    self._counters[FaultKind.DROPPED] += 1
-            if items and isinstance(items[-1], Sample):
-                self._arrivals.append((items[-1].last_byte_ns, self._counters["samples"]))
+                    self._dropped += size
+                    self._counters[FaultKind.DROPPED] += size
+            newest = next((item for item in reversed(items) if not isinstance(item, Fault)), None)
+            if newest is not None:
+                last = newest[-1] if isinstance(newest, Samples) else newest
+                self._arrivals.append((last.last_byte_ns, self._counters["samples"]))
 
     def count(self, faults: Sequence[Fault]) -> None:
         """Count faults that the recorder found itself and has written into the run; they are not delivered again."""
@@ -79,15 +91,16 @@ class StreamBuffer:
             for fault in faults:
                 self._note(fault)
 
-    def drain(self) -> list[Item]:
+    def drain(self) -> list[Samples | Fault]:
         """Return everything since the last call, in order, for the recorder."""
         with self._lock:
-            items = list(self._items)
-            self._items.clear()
-            if self._dropped:
-                detail = f"{self._dropped} items found no room while the disk was behind"
-                items.append(Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, self._dropped))
-                self._dropped = 0
+            taken, self._items = self._items, deque()
+            self._waiting = 0
+            dropped, self._dropped = self._dropped, 0
+        items = packed(taken)
+        if dropped:
+            detail = f"{dropped} items found no room while the disk was behind"
+            items.append(Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, dropped))
         return items
 
     def beat(self) -> None:
@@ -123,7 +136,7 @@ class StreamBuffer:
                 {name: (now - at) / 1e9 for name, (_, at) in self._last.items()},
                 dict(self._counters),
                 self._last_fault,
-                len(self._items),
+                self._waiting,
             )
 
     def _note(self, item: Item) -> None:
@@ -131,7 +144,13 @@ class StreamBuffer:
             self._counters[item.kind] += item.count
             self._last_fault = item.detail
             return
-        self._counters["samples"] += 1
+        self._counters["samples"] += size_of(item)
+        if isinstance(item, Samples):
+            for name, values in zip(self.columns, item.values.T, strict=True):
+                good = np.flatnonzero(~np.isnan(values))
+                if good.size:
+                    self._last[name] = (float(values[good[-1]]), int(item.last_byte_ns[good[-1]]))
+            return
         for name, value in zip(self.columns, item.values, strict=True):
             if not math.isnan(value):
                 self._last[name] = (value, item.last_byte_ns)
@@ -143,9 +162,14 @@ class StreamBuffer:
         return (until - before) * 1e9 / (last_ns - first_ns) if last_ns > first_ns else 0.0
 
 
-def samples_of(items: Sequence[Item]) -> list[Sample]:
+def size_of(item: Item) -> int:
+    """Return how many samples or faults an item is."""
+    return len(item) if isinstance(item, Samples) else 1
+
+
+def samples_of(items: Sequence[Item]) -> Samples:
     """Return the samples among items."""
-    return [item for item in items if isinstance(item, Sample)]
+    return Samples.joined([item for item in packed(items) if isinstance(item, Samples)])
 
 
 def faults_of(items: Sequence[Item]) -> list[Fault]:

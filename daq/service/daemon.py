@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from daq.acquisition.capture_writer import CaptureWriter
 from daq.acquisition.clock_drift import DriftMonitor
 from daq.acquisition.host_clock import HOST
+from daq.acquisition.prompt import keep_stamps_prompt
 from daq.acquisition.reader import Reader
 from daq.acquisition.replay_marks import ReplayMarks
 from daq.acquisition.stream_buffer import StreamBuffer, samples_of
@@ -82,6 +83,7 @@ class Daemon:
             undo.pop_all()
         self._startup_recovery = StartupRecovery(runs)
         _warn_if_not_writable(runs)
+        keep_stamps_prompt()
         threads = (*self._readers, self._recorder, self._maintenance, self._startup_recovery)
         for thread in (*threads, *filter(None, [self._capture])):
             thread.start()
