@@ -90,9 +90,11 @@ class Link:
         """Send all of the data. Raises LinkLost, also if the line accepts nothing for some seconds."""
         try:
             while data:
-                if not select.select([], [self._fd], [], _WRITE_S)[1]:
-                    raise LinkLost("the line does not accept data")
-                data = data[os.write(self._fd, data) :]
+                try:
+                    data = data[os.write(self._fd, data) :]
+                except BlockingIOError:
+                    if not select.select([], [self._fd], [], _WRITE_S)[1]:
+                        raise LinkLost("the line does not accept data") from None
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None
 

@@ -66,7 +66,7 @@ def test_samples_that_come_in_batches_have_a_rate(buffer: StreamBuffer) -> None:
 
 def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its link always has more, and what it brings takes 50 ms of the processor; at last it brings one message."""
-    used_s, paused = 0.0, []
+    used_s, now_s, paused = 0.0, 1000.0, []
     rounds = [b"flood", b"flood", b"one"]
 
     class Endless:
@@ -85,8 +85,9 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
             return Step()
 
         def received(self, data: bytes, now_ns: int) -> Step:
-            nonlocal used_s
-            used_s += 0.05 if data == b"flood" else 0.00003
+            nonlocal used_s, now_s
+            took_s = 0.05 if data == b"flood" else 0.00003
+            used_s, now_s = used_s + took_s, now_s + took_s
             return Step()
 
         def lost(self, now_ns: int) -> tuple[()]:
@@ -98,7 +99,7 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
     link: Any = Endless()
     reader = Reader(stream, StreamBuffer("robot", ()), link)
     monkeypatch.setattr(reader, "_stop_asked", SimpleNamespace(is_set=lambda: False, wait=lambda s: True))
-    clock.monotonic = time.monotonic
+    clock.monotonic = lambda: now_s
     reader._read(link)
     assert paused == [pytest.approx(0.05), pytest.approx(0.05)]
 
