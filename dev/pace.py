@@ -36,7 +36,8 @@ LIMITS_HZ = (100.0, 500.0)
 _NO_LIMIT_HZ = 1e6
 STREAMS = {"g1": "g1_mm", "g2": "g2_mm", "robot": "q1_deg"}
 """The streams of the cell, each with the column that shows its number."""
-_BEFORE_S = 1.0
+_SLICE_NS = 500_000_000
+_BEFORE_S = 2.0
 _IN_TRANSIT_S = 0.5
 _HELD_UP_NS = 200_000
 """Writing a message takes some 10 µs; an instrument that takes longer was itself kept from running."""
@@ -72,19 +73,22 @@ class Taken:
         values = self.values[stream]
         return np.round(values / STEP_DEG).astype(int) if stream == "robot" else numbers_of(values)
 
-    def late_ms(self, *streams: str) -> np.ndarray:
-        """How much later than its sending each message of these streams within the window was stamped.
+    def late_ms(self, *streams: str) -> list[np.ndarray]:
+        """How much later than its sending each message of these streams was stamped, in slices of the time that counts.
 
         Those are left out that the instrument itself was held up in sending: when they were sent is unknown.
         """
-        return np.concatenate([self._late_ms(stream) for stream in streams])
-
-    def _late_ms(self, stream: str) -> np.ndarray:
-        stamps_ns, (before_ns, after_ns) = self.stamps_ns[stream], self.sent_ns[stream][self.numbers(stream)].T
-        counts = (
-            (before_ns >= self.window_ns[0]) & (before_ns < self.window_ns[1]) & (after_ns - before_ns < _HELD_UP_NS)
-        )
-        return (stamps_ns - before_ns)[counts] / 1e6
+        begin_ns, end_ns = self.window_ns
+        slices = max(1, (end_ns - begin_ns) // _SLICE_NS)
+        found: list[list[np.ndarray]] = [[] for _ in range(slices)]
+        for stream in streams:
+            before_ns, after_ns = self.sent_ns[stream][self.numbers(stream)].T
+            known = after_ns - before_ns < _HELD_UP_NS
+            places = (before_ns - begin_ns) // _SLICE_NS
+            late_ms = (self.stamps_ns[stream] - before_ns) / 1e6
+            for place, of_slice in enumerate(found):
+                of_slice.append(late_ms[known & (places == place)])
+        return [np.concatenate(of_slice) for of_slice in found]
 
     def lost(self, stream: str) -> int:
         """Numbers missing from the first that was taken to the last that was sent."""
@@ -223,8 +227,7 @@ def streaming(rate_hz: int, seconds: float, turns: int) -> bool:
     """Print how late and how costly both readers are at this rate; return whether rigd lost nothing."""
     found = _in_turns(rig_text(_STREAMED), READERS, seconds, turns, "--rate", str(rate_hz))
     for reader, taken in found.items():
-        gauges = _late([of.late_ms("g1", "g2") for of in taken])
-        robot = _late([of.late_ms("robot") for of in taken])
+        gauges, robot = _late(taken, "g1", "g2"), _late(taken, "robot")
         cpu = 100 * float(np.median([of.cpu for of in taken]))
         lost = sum(of.lost(name) for of in taken for name in STREAMS)
         told = ", ".join(f"{count} {kind}" for kind, count in sum((of.faults for of in taken), Counter()).items())
@@ -260,10 +263,15 @@ def _in_turns(text: str, readers: Iterable[str], seconds: float, turns: int, *op
     return found
 
 
-def _late(turns: Sequence[np.ndarray]) -> str:
-    """The median over the turns of p50 and p99, which one busy moment does not decide; and the worst of all."""
-    typical = np.median([np.percentile(late_ms, (50, 99)) for late_ms in turns], axis=0)
-    return " ".join(f"{value:8.3f}" for value in (*typical, max(late_ms.max() for late_ms in turns)))
+def _late(taken: Sequence[Taken], *streams: str) -> str:
+    """p50 and p99 of the median slice, p99 of the quietest tenth of the slices, and the worst of all.
+
+    A slice in which the computer served others says what they did; the quiet ones say what the reader can do.
+    """
+    slices = [late_ms for of in taken for late_ms in of.late_ms(*streams) if len(late_ms)]
+    p50, p99 = (np.array([np.percentile(late_ms, percent) for late_ms in slices]) for percent in (50, 99))
+    shown = (np.median(p50), np.median(p99), np.percentile(p99, 10), max(late_ms.max() for late_ms in slices))
+    return " ".join(f"{value:8.3f}" for value in shown)
 
 
 def main(
@@ -272,7 +280,8 @@ def main(
     rate: Annotated[list[int] | None, typer.Option(help="Only this rate; may be repeated.")] = None,
 ) -> None:
     """Print what rigd does beside the plain loop; the exit code is 1 where rigd lost a sample."""
-    print(f"{'':21} {'gauges, late by ms: p50, p99, worst':>26} {'robot':>26} {'CPU':>7} {'lost':>7}")
+    late = "  p50      p99    quiet    worst"
+    print(f"late by ms{'':12} {'gauges: ' + late:>35} {'robot: ' + late:>35} {'CPU':>7} {'lost':>7}")
     found = [streaming(rate_hz, seconds, turns) for rate_hz in rate or RATES_HZ]
     whole = all(found)
     if not rate:

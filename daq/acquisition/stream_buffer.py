@@ -25,7 +25,7 @@ _FEW = 8
 _RATE_OVER = 200
 """Deliveries over which the rate is taken."""
 STALL_NS = 500_000_000
-"""A reader goes round in 0.2 s at most (`daq.wire.session`); a busy computer adds some tenths."""
+"""A reader goes round in 0.3 s at most (`daq.wire.session`); a busy computer adds some tenths."""
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ def run_conversation(
     """Run the conversation on the link until `ended` is true or the conversation hangs up. Raises LinkLost.
 
     The stamp is taken before a write and right after a read, so that the device's reading lies between
-    the two whatever the scheduler does. `alive` is called at least every 0.2 s.
+    the two whatever the scheduler does. `alive` is called at least every 0.2 s, and as much later as is gathered.
     """
     gathering = conversation if isinstance(conversation, Gathering) else None
     step = conversation.connected(time.monotonic_ns())
