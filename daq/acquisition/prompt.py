@@ -1,8 +1,8 @@
-"""Letting readers stamp promptly beside the other threads of the daemon: one thread at a time runs Python.
+"""How readers stamp promptly beside the other threads of the daemon, of which one at a time runs Python.
 
 Two things hold a reader up that has just been woken by its bytes. A thread that computes gives way only when it is
-asked to, after the interpreter's switch interval. And while Python's collector looks through all objects nobody runs;
-those that the daemon starts with, its libraries above all, are some hundred thousand and never garbage.
+asked to, after the interpreter's switch interval. And no thread runs while Python's collector visits all objects; those
+that the daemon starts with, its libraries above all, are some hundred thousand and never garbage.
 """
 
 from __future__ import annotations

@@ -124,7 +124,7 @@ class Samples(Sequence[Sample]):
         return cls(*(np.concatenate(parts) for parts in zip(*map(_FIELDS, full), strict=True)))
 
     def chosen(self, which: slice | NDArray[np.bool_]) -> Samples:
-        """Return some of the samples: those of a slice, or where the mask is true."""
+        """Return some of the samples, stamps in ns as they are: those of a slice, or where the mask (n,) is true."""
         return Samples(*(column[which] for column in _FIELDS(self)))
 
     def __len__(self) -> int:

@@ -107,8 +107,8 @@ class QuicklyStreamed(Streamed):
     """The host's side of a peer that sends thousands of messages a second: plain readings are read by arrays."""
 
     gather_ns = 100_000_000
-    """Nothing is stamped while messages are read, which takes some 0.3 ms however many: so seldom that of a hundred stamps
-    less than one meets it, and sooner than the recorder comes round."""
+    """Nothing is stamped while messages are read, some 0.3 ms however many. So seldom, less than one stamp of a hundred
+    meets that; and it is sooner than the recorder comes round."""
 
     def __init__(self, dialect: QuickDialect, timeout_s: float) -> None:
         super().__init__(dialect, timeout_s)
