@@ -17,7 +17,9 @@ from typing import Any
 HEAD = """\
 # The Python API
 
-What `rig` does, in scripts and notebooks. Start with the [notebook](notebook/first-steps.ipynb), or with five lines:
+What `rig` does, in scripts and notebooks. Start with the [notebook](notebook/first-steps.ipynb), which
+`pip install . jupyterlab` and `jupyter lab docs/notebook/first-steps.ipynb` open in an environment of your own, or with
+five lines:
 
 ```python
 from analysis import evaluate, load_run

@@ -47,9 +47,7 @@ def test_a_new_effect_goes_through_every_command_of_the_page(with_effect: tuple[
     assert found["name"] == "gauge_bow g1" and found["remedy"].startswith("g1 is bent")
     for size in (fitted["relative_per_mm"], found["parameters"]["relative_per_mm"]["value"]):
         assert size == pytest.approx(0.05, abs=0.005)
-    corrected = json.loads(
-        output(tree, "rig", "correct", "bow/found/paper-fanuc.yaml", "-o", "bow/corrected", "--json")
-    )
+    corrected = json.loads(output(tree, "rig", "correct", "bow/found/paper-fanuc.yaml", "-o", "bow/again", "--json"))
     assert "cannot correct" in corrected["effects"][0]["reason"]
 
 

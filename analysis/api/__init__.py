@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from analysis.diagnosis.diagnosis import Diagnosis
+from analysis.diagnosis.diagnosis import Diagnosis, Gap, Named
 from analysis.fitting.calibration import Calibration
 from analysis.fitting.compare import Compared, Comparison
 from analysis.measures import results
@@ -40,8 +40,10 @@ __all__ = [
     "Comparison",
     "Diagnosis",
     "FileError",
+    "Gap",
     "JointReversal",
     "Measured",
+    "Named",
     "PoseCurve",
     "Quantity",
     "RadialCurve",

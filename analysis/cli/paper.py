@@ -15,7 +15,8 @@ from analysis.cli.console import say, say_json
 def paper(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     plot: Annotated[
-        Path | None, typer.Option(help="Directory for pictures like those of the paper; default: write none.")
+        Path | None,
+        typer.Option(help="Directory for the data figures of the paper; default: write none."),
     ] = None,
     rig_file: Annotated[
         str, typer.Option("--rig", help="Rig file, or the name of a shipped rig, to simulate.")
@@ -33,7 +34,7 @@ def paper(
     if plot:
         from analysis.paper.pictures import save  # noqa: PLC0415
 
-        for path in save(rig, text, plot):
+        for path in save(rig, text, rows, plot):
             say(path, err=True)
     if as_json:
         say_json(as_object(rig, rows))

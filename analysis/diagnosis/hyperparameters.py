@@ -97,6 +97,35 @@ class Hyperparameters:
         nearer: Array = np.maximum((energy + spent) / self.columns.count, self._least)
         return nearer
 
+    def update(
+        self,
+        state: SelectionState,
+        posterior: Posterior,
+        evidence: Callable[[SelectionState], float],
+        posterior_of: Callable[[SelectionState], Posterior],
+    ) -> SelectionState:
+        """Return a state with strengths and robust weights that increase its evidence, and the level that it shows.
+
+        Strengths are estimated from the state's posterior with all else unchanged, so that an estimate may go too far;
+        then a shorter step is tried, and where that does not help either, they do not change.
+        """
+        whole, robust = evidence(state), self.robust(posterior)
+        for estimate in (self.strength, self.nearer_strength):
+            tried = replace(state, strength=estimate(state, posterior), robust=robust)
+            if evidence(tried) > whole:
+                state = tried
+                break
+        for _ in range(_LEVEL_ROUNDS):
+            level = self.level(state, posterior)
+            if abs(np.log(level / state.level)) < _SAME_LEVEL:
+                break
+            tried = replace(state, level=level)
+            # Effects that are not named yet look like an arm that shows more of everything.
+            if level > max(state.level, 1.0) and evidence(tried) <= evidence(state):
+                break
+            state, posterior = tried, posterior_of(tried)
+        return state
+
     def _energy(self, state: SelectionState, posterior: Posterior) -> tuple[Array, Array]:
         """Return, for each band (b,) and in variances of the noise, the robust energy of the residual and the energy
         that the uncertainty of the coefficients may hide."""
@@ -104,33 +133,3 @@ class Hyperparameters:
         raw = posterior.background.weight * state.strength[columns.band] * posterior.residual**2
         energy = np.asarray(np.bincount(columns.band, raw), dtype=float)
         return energy, np.einsum("bij,ji->b", columns.K, posterior.A)
-
-
-def updated(
-    hyper: Hyperparameters,
-    state: SelectionState,
-    posterior: Posterior,
-    evidence: Callable[[SelectionState], float],
-    posterior_of: Callable[[SelectionState], Posterior],
-) -> SelectionState:
-    """Return a state with strengths and robust weights that increase its evidence, and the level that it shows.
-
-    Strengths are estimated from the state's posterior with all else unchanged, so that an estimate may go too far; then
-    a shorter step is tried, and where that does not help either, they do not change.
-    """
-    whole, robust = evidence(state), hyper.robust(posterior)
-    for estimate in (hyper.strength, hyper.nearer_strength):
-        tried = replace(state, strength=estimate(state, posterior), robust=robust)
-        if evidence(tried) > whole:
-            state = tried
-            break
-    for _ in range(_LEVEL_ROUNDS):
-        level = hyper.level(state, posterior)
-        if abs(np.log(level / state.level)) < _SAME_LEVEL:
-            break
-        tried = replace(state, level=level)
-        # Effects that are not named yet look like an arm that shows more of everything.
-        if level > max(state.level, 1.0) and evidence(tried) <= evidence(state):
-            break
-        state, posterior = tried, posterior_of(tried)
-    return state

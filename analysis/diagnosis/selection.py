@@ -19,7 +19,7 @@ from analysis.diagnosis.background import Background, Posterior, cavity_evidence
 from analysis.diagnosis.background_cache import Backgrounds
 from analysis.diagnosis.columns import LARGEST_FAULT, Columns
 from analysis.diagnosis.free_forms import FREE_PRICE, best_free_form, free_forms_of
-from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters, updated
+from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import no_effects, refine
 from analysis.diagnosis.selection_state import SelectionState, is_same, size_of
@@ -88,7 +88,7 @@ class Selection:
         named, with_free_form = self._stepwise(state, accept_free_forms=False)
         if with_free_form is None:
             return named
-        return max((named, self._stepwise(with_free_form, accept_free_forms=True)[0]), key=self.evidence)
+        return self._likeliest([named, self._stepwise(with_free_form, accept_free_forms=True)[0]])[1]
 
     def _stepwise(
         self, state: SelectionState, *, accept_free_forms: bool
@@ -133,7 +133,7 @@ class Selection:
 
     def _with_updated_noise(self, state: SelectionState, posterior: Posterior) -> SelectionState:
         """Return the state with the strengths, robust weights and level that it shows."""
-        return updated(self._hyperparameters, state, posterior, self.evidence, self.posterior)
+        return self._hyperparameters.update(state, posterior, self.evidence, self.posterior)
 
     def _backward_step(self, state: SelectionState, posterior: Posterior, sure: float) -> SelectionState | None:
         """Return the state without the effect of least evidence, if it does not cover its price, and None otherwise.
@@ -226,11 +226,11 @@ class Selection:
             return None
         # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
         tried = [self.with_form(state, posterior, k) for k in best]
-        whole = self.evidence(state)
-        changed = max(tried, key=self.evidence)
+        rise, changed = self._likeliest(tried)
+        rise -= self.evidence(state)
         most = float(gain[best[0]])
         if most < _MUCH:
-            if self.evidence(changed) > whole:
+            if rise > 0:
                 return changed, None
             for k in best:
                 state = self._refusing(state, self.columns.forms[k].effects[0])
@@ -241,7 +241,7 @@ class Selection:
             return self._refitted(changed), None
         free_form = best_free_form(forms, posterior)
         # A fit may be worse than its linear prediction where it moves the set-up far; the next iteration corrects that.
-        named = max(most, self.evidence(changed) - whole)
+        named = max(most, rise)
         changed = self._refitted(changed)
         if free_form.gain < _MARGIN * named:
             return changed, None
@@ -263,8 +263,11 @@ class Selection:
         effect = starting_effect(self.linear, self.columns, posterior, self.columns.forms[k])
         # The response to a play is not proportional to its width, so a fit may end in a local minimum.
         sizes = _PLAY_STARTS if is_play(effect) else (1.0,)
-        tried = [self._with_effect(state, scaled(effect, size), k) for size in sizes]
-        return tried[0] if len(tried) == 1 else max(tried, key=self.evidence)
+        return self._likeliest([self._with_effect(state, scaled(effect, size), k) for size in sizes])[1]
+
+    def _likeliest(self, tried: Sequence[SelectionState]) -> tuple[float, SelectionState]:
+        """Return the largest log evidence of some states, and the first state that has it."""
+        return max(((self.evidence(one), one) for one in tried), key=lambda both: both[0])
 
     def _with_effect(self, state: SelectionState, effect: Effect, k: int) -> SelectionState:
         """Return the state with one more effect, which comes from form k, fitted."""

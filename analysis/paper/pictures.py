@@ -1,63 +1,256 @@
-"""Pictures like the paper's: 6 and 8 (yaw), 10 and 11 (roll), 13 and 14 (sphere), 15 (repeatability).
+"""The data figures of Oh 2019 as the simulated robot draws them, each with the paper's numbers beside ours.
 
-The simulated runs are evaluated like any others, so the plots are those of `rig analyse`.
+3 to 8: yaw; 10 and 11: roll; 13 and 14: the hemisphere; 15: repeatability. 1, 2, 9 and 12 show equipment. What stands
+for a measurement of the paper (3, 5, 6, 10, 13, 15) has all effects of the rig file; its simulations have those that
+the paper names: eccentricity alone (4), datum errors and plays (8), gear errors (14).
 """
 
 from __future__ import annotations
 
-import hashlib
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from analysis.api import evaluate
-from analysis.measures.results import Result
-from analysis.paper.published import gears
-from analysis.paper.simulated_tests import SCATTER, repeats, typical_seed
-from analysis.reporting.plots import save_pictures
-from analysis.simulation.simulate import simulate
-from analysis.traces.csv_tables import columns_of
-from analysis.traces.loading import measured_of
-from daq.store import table_run
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import FigureBase
+
+from analysis.api import CircleCurve, RadialCurve, RepeatabilityCurve, Result
+from analysis.kinematics.arm import Array
+from analysis.paper.paper_table import written
+from analysis.paper.rows import DIRECTIONS, Row
+from analysis.paper.simulated_figures import SimulatedFigures, figures_of
+from analysis.reporting.plots import mark_reversals
+from analysis.reporting.sheet import Sheet
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.vocabulary import Direction, TestName
 
-_RUNS: tuple[tuple[str, TestName, Direction | None], ...] = (
-    ("figure-6-cw", "yaw", "cw"),
-    ("figure-6-acw", "yaw", "acw"),
-    ("figure-10-cw", "roll", "cw"),
-    ("figure-10-acw", "roll", "acw"),
-    ("figure-13", "radial", None),
-    ("figure-14", "radial", None),
-    ("figure-15", "repeatability", None),
-)
+_INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
+_GREY = "#777777"
+_MAGNIFIED = 100
+"""Deviations from a sphere of 400 mm are drawn so much larger, as millimetres cannot be seen on it."""
 
 
-def save(rig: Rig, rig_text: str, directory: Path) -> list[Path]:
-    """Write the pictures; returns their paths. Raises FileError where nothing can be written."""
+def save(rig: Rig, rig_text: str, rows: Sequence[Row], directory: Path) -> list[Path]:
+    """Write the pictures, named by the numbers of the paper; returns their paths. Raises FileError where nothing can
+    be written."""
+    simulated = figures_of(rig, rig_text)
+    written_to = []
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        results = [_result(rig, rig_text, *run) for run in _RUNS]
-        written = []
-        for test in ("yaw", "roll", "radial", "repeatability"):
-            written += save_pictures([result for result in results if result.test == test], directory)
+        for number, (name, title, draw, height_inch) in _FIGURES.items():
+            figure = _sheet(f"Figure {number} · {title} · {rig.name}", _beside(rows, number), height_inch)
+            draw(figure.subfigs[0], simulated)
+            path = directory / f"figure-{number:02d}-{name}.png"
+            figure.savefig(path, dpi=150)
+            written_to.append(path)
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --plot") from None
-    return written
+    return written_to
 
 
-def _result(rig: Rig, rig_text: str, name: str, test: TestName, direction: Direction | None) -> Result:
-    """One simulated run, free of noise but for the repeatability test, evaluated."""
-    effects = gears(rig.effects) if name == "figure-14" else rig.effects
-    seed, noise = (typical_seed(repeats(rig, effects)), SCATTER) if test == "repeatability" else (None, None)
-    run = table_run(
-        Path(name),
-        columns_of(simulate(rig, test, direction, seed, effects, noise)),
-        test=test,
-        direction=direction,
-        rig_name=rig.name,
-        rig_text=rig_text,
-        operator="rig paper",
-        source="simulated",
-        source_sha256=hashlib.sha256(repr(effects).encode()).hexdigest(),
+def _beside(rows: Sequence[Row], number: int) -> list[Row]:
+    """The rows of a figure: those of its number, and for 4 and 7 of the section and the table that they belong to."""
+    where = {4: "§2.1", 7: "Table 1"}.get(number, f"Fig. {number}")
+    return [row for row in rows if row.where == where]
+
+
+def _sheet(title: str, rows: Sequence[Row], height_inch: float) -> Sheet:
+    """A sheet with room for a drawing in its first subfigure, and with the rows below."""
+    rows_inch = 0.24 * (len(rows) + 1) + 0.1
+    sheet = Sheet(9, height_inch + rows_inch)
+    sheet.suptitle(title, fontsize=11)
+    grid = sheet.add_gridspec(2, 1, height_ratios=(height_inch, rows_inch))
+    _, below = (sheet.add_subfigure(cell) for cell in (grid[0], grid[1]))
+    axes = below.subplots()
+    axes.set_axis_off()
+    if not rows:
+        axes.text(0.5, 0.5, "the paper gives no number for this figure", ha="center", va="center", fontsize=8)
+        return sheet
+    cells = [[row.figure, written(row, row.paper), written(row, row.ours)] for row in rows]
+    table = axes.table(
+        cells, colLabels=["", "paper", "ours"], colWidths=(0.5, 0.2, 0.2), loc="center", edges="horizontal"
     )
-    return evaluate(measured_of(run))
+    table.auto_set_font_size(False)
+    table.set_fontsize(8)
+    for (_, column), cell in table.get_celld().items():
+        cell.set_edgecolor("#dddddd")
+        cell.set_text_props(ha="left" if column == 0 else "right")
+    return sheet
+
+
+def _circle_panels(figure: FigureBase, count: int, y: str) -> list[Axes]:
+    panels: list[Axes] = list(figure.subplots(count, 1, sharex=True, sharey=True, squeeze=False)[:, 0])
+    for axes in panels:
+        _plain(axes, "", y)
+        axes.set_xlim(0, 360)
+        axes.set_xticks(range(0, 361, 30))
+    panels[-1].set_xlabel("circle angle φ / °")
+    return panels
+
+
+def _plain(axes: Axes, x: str, y: str) -> None:
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.grid(color="#dddddd", lw=0.5)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
+def _curve(result: Result) -> CircleCurve:
+    assert isinstance(result.curve, CircleCurve)  # noqa: S101 - of a circle
+    return result.curve
+
+
+def _sine_deg(result: Result) -> Array:
+    """The least-squares sine (n,) deg of a run at the circle angles of its curve."""
+    amplitude, shift, offset = (result.figures[f"{name}_deg"].value for name in ("amplitude", "shift", "offset"))
+    return offset + amplitude * np.sin(np.radians(_curve(result).phi_deg + shift))
+
+
+def _raw(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """3: the angle in each direction with its least-squares sine."""
+    for axes, direction in zip(_circle_panels(figure, 2, "yaw angle / °"), DIRECTIONS, strict=True):
+        result = simulated.yaw[direction]
+        curve = _curve(result)
+        axes.plot(curve.phi_deg, curve.angle_deg, color=_INK[direction], lw=1.2, label=direction)
+        sine = f"least-squares sine, amplitude {result.figures['amplitude_deg'].value:.3f}°"
+        axes.plot(curve.phi_deg, _sine_deg(result), "k--", lw=0.8, label=sine)
+        axes.legend(loc="upper left", fontsize=8)
+
+
+def _eccentric(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """4: the angle that an eccentricity alone makes."""
+    (axes,) = _circle_panels(figure, 1, "yaw angle / °")
+    curve = _curve(simulated.eccentric)
+    axes.plot(curve.phi_deg, curve.angle_deg, color=_INK["acw"], lw=1.2)
+    for end in (-1, 1):
+        axes.axhline(end * np.abs(curve.angle_deg).max(), color=_GREY, lw=0.7, ls="--")
+
+
+def _fitted(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """5: what the least-squares sine leaves; every tenth point with its deviation, drawn larger."""
+    (axes,) = _circle_panels(figure, 1, "yaw angle / °")
+    result = simulated.yaw["cw"]
+    curve, sine = _curve(result), _sine_deg(result)
+    some = slice(None, None, 10)
+    axes.plot(curve.phi_deg, sine, "k-", lw=1, label="least-squares sine  A + r sin(φ + α)")
+    axes.plot(curve.phi_deg[some], curve.angle_deg[some], "o", ms=3, color=_INK["cw"], label="cw, every 5°")
+    axes.vlines(curve.phi_deg[some], sine[some], curve.angle_deg[some], color=_INK["cw"], lw=0.8)
+    axes.legend(loc="upper left", fontsize=8)
+
+
+def _yaw_error(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """6: the orientation error in each direction."""
+    _errors(figure, [simulated.yaw[direction] for direction in DIRECTIONS])
+
+
+def _yaw_simulated(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """8: the same of a robot with datum errors and plays alone."""
+    _errors(figure, [simulated.yaw_datum_and_play[direction] for direction in DIRECTIONS])
+
+
+def _errors(figure: FigureBase, results: Sequence[Result]) -> None:
+    for axes, direction, result in zip(
+        _circle_panels(figure, 2, "orientation error / °"), DIRECTIONS, results, strict=True
+    ):
+        error = _curve(result).error_deg
+        axes.plot(_curve(result).phi_deg, error, color=_INK[direction], lw=1.2)
+        axes.axhspan(error.min(), error.max(), color=_INK[direction], alpha=0.08, lw=0)
+        axes.set_title(f"{direction}, error band {result.figures['band_deg'].value:.3f}°", fontsize=9, loc="left")
+        axes.margins(y=0.3)
+        mark_reversals(axes, result.reversals)
+
+
+def _joints(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """7: the joints on the circle, and where they turn back."""
+    lap = simulated.joints
+    panels = list(figure.subplots(3, 2, sharex=True).flat)
+    for axes, name, q_deg in zip(panels, lap.names, lap.q_deg.T, strict=True):
+        _plain(axes, "", f"{name} / °")
+        axes.plot(lap.phi_deg, q_deg, color=_INK["cw"], lw=1.2)
+        axes.set_xlim(0, 360)
+        axes.set_xticks(range(0, 361, 60))
+        axes.margins(y=0.25)
+        mark_reversals(axes, [turn for turn in simulated.yaw["acw"].reversals if turn.name == name])
+    for axes in panels[-2:]:
+        axes.set_xlabel("circle angle φ / °")
+
+
+def _roll(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """10: the whole roll angle in each direction; the paper takes no sine off."""
+    for axes, direction in zip(_circle_panels(figure, 2, "roll angle / °"), DIRECTIONS, strict=True):
+        curve = _curve(simulated.roll[direction])
+        axes.plot(curve.phi_deg, curve.angle_deg, color=_INK[direction], lw=1.2)
+        axes.set_title(direction, fontsize=9, loc="left")
+
+
+def _roll_mean(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """11: the mean of both directions."""
+    (axes,) = _circle_panels(figure, 1, "roll angle / °")
+    curves = [_curve(simulated.roll[direction]) for direction in DIRECTIONS]
+    mean_deg = np.mean([curve.angle_deg for curve in curves], axis=0)
+    axes.plot(curves[0].phi_deg, mean_deg, color="black", lw=1.2)
+    for at in (np.argmax(mean_deg), np.argmin(mean_deg)):
+        axes.plot(curves[0].phi_deg[at], mean_deg[at], "o", color=_INK["acw"], ms=5)
+
+
+def _sphere(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """13: the sphere with all errors."""
+    _radial(figure, simulated.sphere)
+
+
+def _sphere_gears(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """14: with gear errors alone."""
+    _radial(figure, simulated.sphere_gears)
+
+
+def _radial(figure: FigureBase, result: Result) -> None:
+    """Measured places beside the least-squares sphere, deviations enlarged, and the deviations by target."""
+    curve = result.curve
+    assert isinstance(curve, RadialCurve)  # noqa: S101 - of a hemisphere
+    grid = figure.add_gridspec(1, 2, width_ratios=(1, 1.2))
+    ball = figure.add_subplot(grid[0], projection="3d")
+    polar, azimuth = np.radians(curve.polar_deg), np.radians(curve.azimuth_deg)
+    radius_mm = result.figures["radius_mm"].value
+    ways = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)])
+    turns, heights = np.meshgrid(np.linspace(0, 2 * np.pi, 37), np.linspace(0, np.pi / 2, 10))
+    net = radius_mm * np.stack([np.sin(heights) * np.cos(turns), np.sin(heights) * np.sin(turns), np.cos(heights)])
+    ball.plot_wireframe(*net, color="black", lw=0.3, alpha=0.5)
+    ball.plot(*((radius_mm + _MAGNIFIED * curve.deviation_mm) * ways), "o", color="red", ms=4)
+    ball.set_aspect("equal")
+    ball.tick_params(labelsize=6)
+    ball.set_title(f"red: targets, deviation × {_MAGNIFIED}; black: sphere, mm", fontsize=8)
+    axes = figure.add_subplot(grid[1])
+    axes.axhline(0, color="black", lw=0.8)
+    axes.vlines(curve.target, 0, curve.deviation_mm, color="red", lw=0.8)
+    axes.plot(curve.target, curve.deviation_mm, "o", color="red", ms=4)
+    _plain(axes, "target", "deviation from the sphere / mm")
+
+
+def _repeatability(figure: FigureBase, simulated: SimulatedFigures) -> None:
+    """15: each reading at its target, by the side of approach."""
+    curve = simulated.repeatability.curve
+    assert isinstance(curve, RepeatabilityCurve)  # noqa: S101 - of a repeatability test
+    axes = figure.subplots()
+    targets, place = np.unique(curve.target, return_inverse=True)
+    for side, aside, ink, name in (("out", -0.12, "acw", "from outside"), ("in", 0.12, "cw", "from inside")):
+        here = curve.approach == side
+        axes.plot(place[here] + aside, curve.reading_mm[here], "o", ms=4, color=_INK[ink], label=name)
+    axes.set_xticks(range(len(targets)), [str(target) for target in targets])
+    _plain(axes, "target", "reading / mm")
+    axes.legend(fontsize=8)
+
+
+_FIGURES: dict[int, tuple[str, str, Callable[[FigureBase, SimulatedFigures], None], float]] = {
+    3: ("yaw-angle", "yaw angle and its least-squares sine", _raw, 5.0),
+    4: ("eccentricity", "angle by an eccentricity of 14.142 mm", _eccentric, 3.0),
+    5: ("least-squares-sine", "least-squares sine and what it leaves", _fitted, 3.4),
+    6: ("yaw-error", "orientation error in yaw, all effects", _yaw_error, 5.4),
+    7: ("joint-angles", "joint angles on the circle", _joints, 6.0),
+    8: ("yaw-simulated", "orientation error in yaw, datum errors and plays", _yaw_simulated, 5.4),
+    10: ("roll-error", "roll, all effects", _roll, 5.0),
+    11: ("roll-simulated", "roll, mean of cw and acw", _roll_mean, 3.2),
+    13: ("sphere", "radial accuracy, all effects", _sphere, 4.4),
+    14: ("sphere-simulated", "radial accuracy, gear errors alone", _sphere_gears, 4.4),
+    15: ("repeatability", "repeatability", _repeatability, 4.0),
+}
+"""Number: name of its file, title, what draws it, and its height in inches without the numbers below it."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rigs.effects import Effect
+from rigs.schema.effect import is_play
 
 RULE_ECCENTRICITY_MM, RULE_RADIUS_MM, RULE_DEG, RULE_CONSTANT = 14.142, 70.0, 11.56, 206.0
 """§2.1: E_max = ±206 e[µm] / R[mm] arcsec; 206 stands for 206.265 = 648 / pi."""
@@ -34,3 +35,8 @@ REVERSAL_MM = 1.40
 def gears(effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """Only the gear transmission errors: what the paper's simulations of figure 14 had."""
     return tuple(effect for effect in effects if hasattr(effect, "order"))
+
+
+def datum_and_play(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Only the datum errors and the plays: what the paper's simulation of figure 8 had."""
+    return tuple(effect for effect in effects if is_play(effect) or effect.effect == "joint_offset")

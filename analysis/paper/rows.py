@@ -61,9 +61,7 @@ def rule_rows(rig: Rig) -> Iterator[Row]:
     """§2.1, the eccentricity rule: in words of arithmetic, and through simulation and evaluation."""
     e_mm, R_mm = paper.RULE_ECCENTRICITY_MM, paper.RULE_RADIUS_MM
     by_rule = paper.RULE_CONSTANT * e_mm * 1000 / R_mm / 3600
-    frame = frame_of(circle_of(rig))
-    planted = tuple(float(x) for x in e_mm * (frame.u + frame.v) / np.sqrt(2))
-    curve = circle(_eccentric(rig, planted), "yaw", "acw", ())
+    curve = circle(eccentric(rig), "yaw", "acw", ())
     amplitude, e_found = curve.figures["amplitude_deg"], curve.figures["eccentricity_mm"]
     peak = float(np.degrees(np.abs(curve.angle).max()))
     name = f"e = {e_mm} mm at R = {R_mm:.0f} mm:"
@@ -75,7 +73,10 @@ def rule_rows(rig: Rig) -> Iterator[Row]:
     yield Row("§2.1", f"{name} largest angle", paper.RULE_DEG, peak, "°", "asin(e/R) = 11.65° exactly", 2)
 
 
-def _eccentric(rig: Rig, eccentricity_mm: tuple[float, ...]) -> Rig:
+def eccentric(rig: Rig) -> Rig:
+    """The rig with the eccentricity and the radius of the rule."""
+    frame = frame_of(circle_of(rig))
+    eccentricity_mm = tuple(float(x) for x in paper.RULE_ECCENTRICITY_MM * (frame.u + frame.v) / np.sqrt(2))
     moved = circle_of(rig).model_copy(update={"eccentricity_mm": eccentricity_mm, "radius_mm": paper.RULE_RADIUS_MM})
     return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": moved})})
 

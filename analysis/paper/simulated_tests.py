@@ -64,6 +64,16 @@ def circle(rig: Rig, test: str, direction: Direction, effects: Sequence[Effect])
     return curve_of(table, rig)
 
 
+def joint_lap(rig: Rig) -> tuple[Array, Array]:
+    """Circle angles (n,) rad in order, 0 … 2 pi, and the joint angles (n, 6) rad that the controller reports there."""
+    table = simulate(rig, "yaw", "acw", None, ())
+    assert isinstance(table, CircleTable)  # noqa: S101 - by the test's name
+    lap = laps_of(table, rig, rig.name).first
+    phi = lap.phi % (2 * np.pi)
+    order = np.argsort(phi)
+    return phi[order], np.unwrap(lap.q[order], axis=0)
+
+
 def curve_of(table: CircleTable, rig: Rig) -> SimulatedLap:
     """The curve of a circle table."""
     lap = laps_of(table, rig, rig.name).first

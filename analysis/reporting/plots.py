@@ -172,7 +172,7 @@ def error_figure(results: Sequence[Result]) -> Figure:
         axes.set_ylabel(f"{found.laps.direction}: error / °")
         band = f"error band {found.figures['band_deg']}"
         axes.text(0.01, 0.04, band, transform=axes.transAxes, fontsize=9, va="bottom")
-        _mark_reversals(axes, result.reversals)
+        mark_reversals(axes, result.reversals)
     return figure
 
 
@@ -205,7 +205,7 @@ def _common_range(circles: Sequence[CircleResult]) -> tuple[float, float]:
     return low - 0.28 * (high - low), high + 0.3 * (high - low)
 
 
-def _mark_reversals(axes: Axes, turns: Sequence[JointReversal]) -> None:
+def mark_reversals(axes: Axes, turns: Sequence[JointReversal]) -> None:
     """A dashed line where a joint turns back; names of close neighbours take turns in height."""
     previous, step = -100.0, 0
     for turn in turns:

@@ -13,7 +13,7 @@ import numpy as np
 
 from rigs.schema.effect import AT_AXIS, Compensation, Departures, Effect, FreeShape, Scope, at_each_axis, shape, size
 from rigs.schema.part import Axis
-from rigs.schema.play import play
+from rigs.schema.play import plays
 from rigs.schema.scene import S
 
 _SPREAD = np.linspace(-0.9, 0.9, 7)
@@ -44,7 +44,7 @@ class Backlash(Effect):
         half = np.radians(self.width_deg) / 2
         q = scene.q[:, self.axis - 1]
         widths = half * (1 + self.transit * _SPREAD) if self.transit else np.array([half])
-        deviation = np.mean([play(q, width) for width in widths], axis=0) - q
+        deviation = np.mean(plays(q, widths), axis=0) - q
         if self.preload:
             pressed = half * np.tanh(scene.torques()[:, self.axis - 1] / _FIRM_NM)
             deviation = (1 - self.preload) * deviation + self.preload * pressed

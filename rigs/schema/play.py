@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 
 from rigs.schema.scene import Array
@@ -15,16 +13,28 @@ def play(x: Array, half: float) -> Array:
     The play operator (Visintin, Differential Models of Hysteresis, 1994): y moves only when x pushes one side of the
     gap. Over a stretch on which x is monotone it has the closed form used here.
     """
-    follower = np.empty_like(x)
-    y = x[0]
+    follower: Array = plays(x, np.array([half]))[0]
+    return follower
+
+
+def plays(x: Array, half: Array) -> Array:
+    """The followers (w, n) of x (n,) in gaps of ± half (w,), all in the unit of x; each begins in the middle."""
     way = np.sign(np.diff(x))
     moving = np.flatnonzero(way)
     # Where x stands it goes on as it came: rounded angles stand at every other sample.
     turns = moving[1:][way[moving[1:]] != way[moving[:-1]]]
     # A turning point ends its stretch: the play is fully taken up there before it is left.
-    for start, stop in pairwise([0, *(turns + 1).tolist(), len(x)]):
-        stretch = x[start:stop]
-        # On a monotone stretch at most one of the two bounds is ever active.
-        follower[start:stop] = np.clip(y, stretch - half, stretch + half)
-        y = follower[stop - 1]
-    return follower
+    ends = x[turns].tolist()
+    entered = np.array([_entered(float(x[0]), ends, gap) for gap in half.tolist()])
+    stretches = np.diff([0, *(turns + 1).tolist(), len(x)])
+    # On a monotone stretch at most one of the two bounds is ever active.
+    followers: Array = np.clip(np.repeat(entered, stretches, axis=1), x - half[:, None], x + half[:, None])
+    return followers
+
+
+def _entered(first: float, ends: list[float], half: float) -> list[float]:
+    """Where the follower is as it enters each stretch, from where x is at the end of the stretches before it."""
+    entered = [first]
+    for end in ends:
+        entered.append(min(max(entered[-1], end - half), end + half))
+    return entered

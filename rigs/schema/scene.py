@@ -6,7 +6,7 @@ Effects replace parts of it, stage by stage; nothing is changed in place. The st
     arm     the arm's constants
     joint   link-side angles `link_q`, which begin as `q`; every effect sees the reported ones, deviations add
     tool    where the tool is, `T`, after the forward kinematics
-    set-up  ball form and gauge places
+    setup   ball form and gauge places
     gauge   the readings `g_mm`
 
 The simulator's own scene, `analysis/model/scene.py`, does what stands here; a rig file is read without it.

@@ -41,6 +41,8 @@ def gauge(interface: str, **changes: object) -> Any:
 
 LINE = {"line": "57600 8N1"}
 NEEDED: dict[str, dict[str, object]] = {
+    "sylvac_opto_rs": {},
+    "keyence_dl_rs1a": {},
     "tesa_tt": {},
     "mahr_c1202": {},
     "mahr_c1208": LINE,

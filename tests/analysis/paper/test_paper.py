@@ -1,4 +1,4 @@
-"""`rig paper`: the table is computed, and its figures are those that docs/paper.md tells."""
+"""`rig paper`: the table is computed, and its figures are those of docs/paper.md."""
 
 import dataclasses
 import json
@@ -9,12 +9,13 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from analysis.paper import published
+from analysis.paper import pictures, published
 from analysis.paper.paper_table import as_table
-from analysis.paper.pictures import save
 from analysis.paper.rows import Row, rows_of
+from analysis.paper.simulated_figures import SimulatedFigures, figures_of
 from analysis.paper.simulated_tests import circle, curve_of, repeats, sphere, step, typical_seed
 from analysis.simulation.simulate import simulate
+from rigs.errors import FileError
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
 
@@ -122,13 +123,45 @@ def test_another_rig_can_be_asked_for(capsys: pytest.CaptureFixture[str]) -> Non
     assert as_table(plain, rows_of(plain)) is not None
 
 
-def test_pictures(tmp_path: Path) -> None:
-    written = save(RIG, TEXT, tmp_path / "pictures")
-    names = {path.stem for path in written}
-    assert {"yaw-error", "roll-error", "radial-figure-13", "radial-figure-14"} <= {
-        n.removeprefix("paper-errors-") for n in names
-    }
+DATA_FIGURES = (3, 4, 5, 6, 7, 8, 10, 11, 13, 14, 15)
+
+
+@pytest.fixture(scope="module")
+def simulated() -> SimulatedFigures:
+    return figures_of(RIG, TEXT)
+
+
+def test_each_data_figure_of_the_paper_is_drawn_under_its_own_number(
+    rows: dict[tuple[str, str], Row],
+    simulated: SimulatedFigures,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(pictures, "figures_of", lambda rig, text: simulated)
+    written = pictures.save(RIG, TEXT, list(rows.values()), tmp_path / "pictures")
+    assert [int(path.name.split("-")[1]) for path in written] == [*DATA_FIGURES]
     assert all(path.stat().st_size > 10_000 for path in written)
+
+
+def test_the_runs_that_are_drawn_give_the_figures_of_the_table(
+    rows: dict[tuple[str, str], Row], simulated: SimulatedFigures
+) -> None:
+    for direction, result in simulated.yaw.items():
+        ours = rows["Fig. 6", f"yaw error band, {direction}"].ours
+        assert result.figures["band_deg"].value == pytest.approx(ours, abs=0.02)
+    for where, result in (("Fig. 13", simulated.sphere), ("Fig. 14", simulated.sphere_gears)):
+        name = "measured" if where == "Fig. 13" else "simulated"
+        ours = rows[where, f"sphere, {name}: band"].ours
+        assert result.figures["band_mm"].value == pytest.approx(ours, abs=0.02)
+    assert simulated.eccentric.figures["amplitude_deg"].value == pytest.approx(11.58, abs=0.02)
+    spans_deg = np.ptp(simulated.joints.q_deg, axis=0)
+    assert spans_deg[simulated.joints.names.index("gamma")] == pytest.approx(360.0, abs=2.0), "the full turn"
+
+
+def test_a_picture_that_cannot_be_written_is_one_line(rows: dict[tuple[str, str], Row], tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("a file")
+    with pytest.raises(FileError, match="give another --plot"):
+        pictures.save(RIG, TEXT, list(rows.values()), tmp_path / "taken" / "pictures")
 
 
 def test_the_repeatability_test_that_is_drawn_is_one_like_the_mean_of_the_table() -> None:

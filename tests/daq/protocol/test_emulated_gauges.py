@@ -18,12 +18,13 @@ from daq.emulators.instruments import gauge_device
 from daq.protocol.conversation import NO_TIME, Fault, Sample
 from rigs.load import SHIPPED, parse
 from rigs.problems import RigFileError
-from tests.support.drivers import LINE, NEEDED
+from tests.support.drivers import GAUGES, LINE, NEEDED, gauge
 from tests.support.simulated_conversation import S, simulate
 
-SHARED = {"keyence_dl_rs1a", "mahr_c1202", "magnescale_lt"}
-INTERFACES = sorted({*NEEDED, "sylvac_opto_rs", "keyence_dl_rs1a"})
-COARSE_MM = {"tesa_tt": 0.006}
+INTERFACES = sorted(NEEDED)
+SHARED = [name for name in INTERFACES if gauge(name).shares]
+RESOLUTION_MM = {gauges[0].interface: resolution_mm for _, gauges, resolution_mm in reversed(GAUGES)}
+"""Of the first entry of an interface, which is the one in mm."""
 
 
 class Swinging:
@@ -38,12 +39,12 @@ class Swinging:
 
 def _rig_text(interface: str, *, shared: bool) -> str:
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
-    gauge = {"interface": interface, **NEEDED.get(interface, {})}
+    probe = {"interface": interface, **NEEDED[interface]}
     if interface == "micro_epsilon_ild1420":
-        gauge["zero_mm"] = 5.0
+        probe["zero_mm"] = 5.0
     data["gauges"] = {
-        "g1": gauge | {"port": "/dev/ttyUSB0", "offset_mm": 25},
-        "g2": gauge | {"port": "/dev/ttyUSB0" if shared else "/dev/ttyUSB1", "offset_mm": -25},
+        "g1": probe | {"port": "/dev/ttyUSB0", "offset_mm": 25},
+        "g2": probe | {"port": "/dev/ttyUSB0" if shared else "/dev/ttyUSB1", "offset_mm": -25},
     }
     if shared:
         data["gauges"]["g2"]["channel"] = 2
@@ -51,7 +52,7 @@ def _rig_text(interface: str, *, shared: bool) -> str:
 
 
 @pytest.mark.parametrize(
-    ("interface", "shared"), [(name, False) for name in INTERFACES] + [(name, True) for name in sorted(SHARED)]
+    ("interface", "shared"), [(name, False) for name in INTERFACES] + [(name, True) for name in SHARED]
 )
 def test_an_emulated_cell_with_this_gauge_is_read(interface: str, shared: bool) -> None:
     rig = parse(_rig_text(interface, shared=shared), "cell")
@@ -72,7 +73,7 @@ def test_an_emulated_cell_with_this_gauge_is_read(interface: str, shared: bool) 
             wire_ns = sample.size * stream.line.character_ns if sample.requested_ns == NO_TIME else 0
             drift_mm = 0.8 * 4 * math.pi * (wire_ns + age_ns) / S
             expected = [motion.gauge_mm(name, taken_ns) for name in names]
-            assert sample.values == pytest.approx(expected, abs=COARSE_MM.get(interface, 0.001) + drift_mm)
+            assert sample.values == pytest.approx(expected, abs=max(0.001, RESOLUTION_MM[interface]) + drift_mm)
 
 
 @pytest.mark.parametrize("interface", INTERFACES)
@@ -97,8 +98,8 @@ def test_a_line_that_nobody_knows_must_be_given(interface: str) -> None:
 def test_an_emulated_gauge_does_what_the_rig_file_says_of_its_timing() -> None:
     """A cycle of 200 ms and an answer 30 ms after the request."""
     data = yaml.safe_load(_rig_text("tesa_tt", shared=False))
-    for gauge in data["gauges"].values():
-        gauge["timing"] = {"latch": "own_cycle", "cycle_ms": 200, "answer_delay_ms": 30}
+    for probe in data["gauges"].values():
+        probe["timing"] = {"latch": "own_cycle", "cycle_ms": 200, "answer_delay_ms": 30}
     rig = parse(yaml.safe_dump(data), "cell")
     stream = streams_of(rig)[0]
     items = simulate(
