@@ -152,6 +152,7 @@ def by_rigd(folder: Path, instruments: subprocess.Popen[str], seconds: float) ->
             window_ns, cpu = _window(daemon.pid, seconds)
             shown_hz = client.ask("status")["streams"]["robot"]["rate_hz"]
             _stop(instruments)
+            _settle(client)
             run = read_run(Path(client.ask("record_stop")["run"]))
     return Taken(
         {name: np.asarray(run.streams[name]["last_byte_ns"]) for name in STREAMS},
@@ -161,6 +162,14 @@ def by_rigd(folder: Path, instruments: subprocess.Popen[str], seconds: float) ->
         faults=Counter(str(fault["kind"]) for fault in run.faults if fault["at_ns"] < window_ns[1]),
         shown_hz=shown_hz,
     )
+
+
+def _settle(client: Client) -> None:
+    """Wait until nothing more comes: a busy computer takes its time with what was sent."""
+    counted = None
+    while (now := {name: of["counters"] for name, of in client.ask("status")["streams"].items()}) != counted:
+        counted = now
+        time.sleep(_IN_TRANSIT_S)
 
 
 def by_plain_loop(folder: Path, instruments: subprocess.Popen[str], seconds: float) -> Taken:
