@@ -21,7 +21,7 @@ from daq.protocol.conversation import Fault, FaultKind, Item, Samples, packed
 _ROOM = 200_000
 """Items held for a stalled disk: minutes at 500 Hz, some 100 MB at the worst."""
 _FEW = 8
-"""Of more samples than this the arrays cost less than the objects."""
+"""The number of samples up to which objects cost less than arrays."""
 _RATE_OVER = 200
 """Deliveries over which the rate is taken."""
 STALL_NS = 500_000_000
