@@ -14,12 +14,13 @@ import contextlib
 import os
 import select
 import socket
+import struct
 import sys
 import termios
 import threading
 import time
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -36,8 +37,8 @@ SPAN = 64_000
 STEP_DEG = 1e-6
 _FIRST_CODE = 643
 _RANGE_MM = 10.0
-_LINE = b"7,1.00000,2.00000,3.00000,4.00000,5.00000,6.00000\r\n"
-_LINES_AT_ONCE = 1000
+_LINES = 1000 * b"7,1.00000,2.00000,3.00000,4.00000,5.00000,6.00000\r\n"
+_ONE = struct.pack(">f", 1.0)
 _MOST_PAUSE_S = 0.05
 
 
@@ -131,17 +132,15 @@ class Answering:
     def __init__(self) -> None:
         listener = socket.create_server(("127.0.0.1", 0))
         self.port = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
-        self.sent_ns: list[tuple[int, int]] = []
         threading.Thread(target=self._serve, args=(listener,), daemon=True).start()
 
     def _serve(self, listener: socket.socket) -> None:
         while True:
             connection, _ = listener.accept()
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            while request := connection.recv(260):
-                self.sent_ns.append((time.monotonic_ns(), time.monotonic_ns()))
-                float32 = np.float32(len(self.sent_ns)).tobytes()[::-1]
-                connection.sendall(request[:4] + b"\0\7" + request[6:8] + b"\4" + float32)
+            with contextlib.suppress(OSError):  # the reader has gone
+                while request := connection.recv(260):
+                    connection.sendall(request[:4] + b"\0\7" + request[6:8] + b"\4" + _ONE)
 
 
 class Flooding:
@@ -150,15 +149,13 @@ class Flooding:
     def __init__(self) -> None:
         listener = socket.create_server(("127.0.0.1", 0))
         self.port = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
-        self.sent_ns: list[tuple[int, int]] = []
         threading.Thread(target=self._serve, args=(listener,), daemon=True).start()
 
     def _serve(self, listener: socket.socket) -> None:
         connection, _ = listener.accept()
-        lines = _LINE * _LINES_AT_ONCE
         with contextlib.suppress(OSError):  # the reader has gone
             while True:
-                connection.sendall(lines)
+                connection.sendall(_LINES)
 
 
 def rig_text(rig: Path, ports: dict[str, str]) -> str:
@@ -188,13 +185,13 @@ def main(
     servers = {**gauges, "robot": Flooding() if flood else Controller()}
     ports = {name: server.port for name, server in servers.items()}
     print(rig_text(rig, ports), end="\0", flush=True)
-    acts: list[Callable[[], int]] = [server.act for server in servers.values() if hasattr(server, "act")]
+    noting = {name: server for name, server in servers.items() if isinstance(server, Streaming | Controller)}
     for stopped in _stopped():
         if stopped:
             break
-        due_ns = min((act() for act in acts), default=time.monotonic_ns() + 10_000_000)
+        due_ns = min((server.act() for server in noting.values()), default=time.monotonic_ns() + 10_000_000)
         time.sleep(min(_MOST_PAUSE_S, max(0, due_ns - time.monotonic_ns()) / 1e9))
-    np.savez(out, **{name: np.array(server.sent_ns) for name, server in servers.items()})
+    np.savez(out, **{name: np.array(server.sent_ns) for name, server in noting.items()})
     print("sent", flush=True)
     sys.stdin.readline()  # a pty that is closed loses what nobody has read yet
 
