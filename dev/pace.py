@@ -39,6 +39,8 @@ STREAMS = {"g1": "g1_mm", "g2": "g2_mm", "robot": "q1_deg"}
 _SLICE_NS = 500_000_000
 _BEFORE_S = 2.0
 _IN_TRANSIT_S = 0.5
+_MOST_WAITS = 6
+"""Gauges that are polled go on answering."""
 _HELD_UP_NS = 200_000
 """Writing a message takes some 10 µs; an instrument that takes longer was itself kept from running."""
 _STREAMED = {"interface": "micro_epsilon_ild1420", "range_mm": 10, "offset_mm": 25, "accuracy_mm": 0.01}
@@ -165,10 +167,12 @@ def by_rigd(folder: Path, instruments: subprocess.Popen[str], seconds: float) ->
 
 
 def _settle(client: Client) -> None:
-    """Wait until nothing more comes: a busy computer takes its time with what was sent."""
+    """Wait until nothing more comes, for a while: a busy computer takes its time with what was sent."""
     counted = None
-    while (now := {name: of["counters"] for name, of in client.ask("status")["streams"].items()}) != counted:
-        counted = now
+    for _ in range(_MOST_WAITS):
+        before, counted = counted, [of["counters"] for of in client.ask("status")["streams"].values()]
+        if counted == before:
+            return
         time.sleep(_IN_TRANSIT_S)
 
 
