@@ -10,39 +10,13 @@ the bottom to `cli` at the top (docs/decisions/0014). Of `daq` they take only wh
 daemon, or starts an emulator.
 """
 
+# ruff: noqa: F403, F405 - the names of the list below are those of `analysis.api`, which is slow to import
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from analysis.api import (
-        Calibration,
-        CellError,
-        CircleCurve,
-        Compared,
-        Comparison,
-        Diagnosis,
-        FileError,
-        Gap,
-        JointReversal,
-        Measured,
-        Named,
-        PoseCurve,
-        Quantity,
-        RadialCurve,
-        RepeatabilityCurve,
-        Result,
-        RigError,
-        calibrate,
-        compare,
-        diagnose,
-        evaluate,
-        evaluate_runs,
-        load_run,
-        read_table,
-        save_run,
-        simulate,
-    )
+    from analysis.api import *
 
 __all__ = [
     "Calibration",

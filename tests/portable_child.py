@@ -27,6 +27,7 @@ import shutil  # noqa: E402 - it looks at `os` when it is imported, and Windows 
 for function in ABSENT:
     delattr(os, function)
 assert shutil.disk_usage
+# private: the type that disk_usage returns, which Windows has too
 shutil.disk_usage = lambda path: shutil._ntuple_diskusage(1 << 40, 0, 1 << 40)  # type: ignore[attr-defined]
 
 from analysis.cli import main  # noqa: E402

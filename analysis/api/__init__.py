@@ -11,55 +11,30 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from analysis.diagnosis.diagnosis import Diagnosis, Gap, Named
-from analysis.fitting.calibration import Calibration
-from analysis.fitting.compare import Compared, Comparison
+from analysis.diagnosis.diagnosis import Diagnosis as Diagnosis
+from analysis.diagnosis.diagnosis import Gap as Gap
+from analysis.diagnosis.diagnosis import Named as Named
+from analysis.fitting.calibration import Calibration as Calibration
+from analysis.fitting.compare import Compared as Compared
+from analysis.fitting.compare import Comparison as Comparison
 from analysis.measures import results
-from analysis.measures.quantity import Quantity
-from analysis.measures.result_curves import (
-    CircleCurve,
-    JointReversal,
-    PoseCurve,
-    RadialCurve,
-    RepeatabilityCurve,
-)
-from analysis.measures.results import Result
-from analysis.traces.loading import Measured, load_measured
+from analysis.measures.quantity import Quantity as Quantity
+from analysis.measures.result_curves import CircleCurve as CircleCurve
+from analysis.measures.result_curves import JointReversal as JointReversal
+from analysis.measures.result_curves import PoseCurve as PoseCurve
+from analysis.measures.result_curves import RadialCurve as RadialCurve
+from analysis.measures.result_curves import RepeatabilityCurve as RepeatabilityCurve
+from analysis.measures.results import Result as Result
+from analysis.traces.loading import Measured as Measured
+from analysis.traces.loading import load_measured
 from analysis.traces.table_layout import JointSource
 from rigs.effects import Effect
-from rigs.errors import CellError, FileError, RigError
+from rigs.errors import CellError as CellError
+from rigs.errors import FileError as FileError
+from rigs.errors import RigError as RigError
 from rigs.load import Hidden, load, load_hidden
 from rigs.rig import Rig
 from rigs.schema.vocabulary import Direction, TestName
-
-__all__ = [
-    "Calibration",
-    "CellError",
-    "CircleCurve",
-    "Compared",
-    "Comparison",
-    "Diagnosis",
-    "FileError",
-    "Gap",
-    "JointReversal",
-    "Measured",
-    "Named",
-    "PoseCurve",
-    "Quantity",
-    "RadialCurve",
-    "RepeatabilityCurve",
-    "Result",
-    "RigError",
-    "calibrate",
-    "compare",
-    "diagnose",
-    "evaluate",
-    "evaluate_runs",
-    "load_run",
-    "read_table",
-    "save_run",
-    "simulate",
-]
 
 RigFile = str | Path
 """The path of a rig file, or the name of a shipped rig such as `paper-fanuc`."""

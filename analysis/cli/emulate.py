@@ -52,7 +52,7 @@ def emulate(
 
     rig, text = load(rig_file)
     rig = load_hidden(effects).within(rig) if effects else rig
-    robot = EmulatedRobot(rig, seed)
+    robot = EmulatedRobot.of_rig(rig, seed)
     cell = emulated(rig, robot, robot.signal)
     try:
         directory.mkdir(parents=True, exist_ok=True)

@@ -1,37 +1,70 @@
-"""`rig live`: the daemon's state on the screen, ten times a second, in a process of its own.
+"""`rig live`: what the daemon reads on the screen, ten times a second, in a process of its own; or a run, played.
 
 Of its own, since a screen that renders in the daemon would delay its readers by milliseconds.
 """
 
 from __future__ import annotations
 
-import contextlib
+from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from analysis.cli import app
+from analysis.cli.console import say
 from analysis.cli.record import RigName
-
-_REFRESH_S = 0.1
 
 
 @app.command()
-def live(rig: RigName = None) -> None:
-    """Show gauges, angle, joints, rates, faults and recording state until Ctrl-C; once if there is no terminal."""
-    import time  # noqa: PLC0415
+def live(
+    rig: RigName = None,
+    run: Annotated[
+        list[Path] | None,
+        typer.Option("--run", metavar="RUN", help="Recorded run to play; give it again for the next; default: none."),
+    ] = None,
+    speed: Annotated[float, typer.Option(min=0.125, max=64, help="Speed of --run, as a multiple of real time.")] = 1.0,
+    plain: Annotated[bool, typer.Option("--plain", help="Print a line each second instead of a screen.")] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object each second.")] = False,
+) -> None:
+    """Show gauges, angle, lap, joints, faults and recording until q or Ctrl-C.
 
-    from rich.live import Live  # noqa: PLC0415
+    The screen fills the terminal and shows its keys. It comes back when the
+    daemon does. Without a terminal, and without --plain or --json, the state
+    of the daemon is printed once.
+    """
+    from analysis.live.terminal import is_terminal  # noqa: PLC0415
 
-    from analysis.reporting.daemon_screen import screen  # noqa: PLC0415
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+    in_lines = plain or as_json
+    if run:
+        from analysis.live.loop import RunPlayer, print_lines, watch  # noqa: PLC0415
+        from analysis.live.played_run import played_run  # noqa: PLC0415
+
+        runs = [played_run(path, speed) for path in run]
+        player, view = RunPlayer(runs), runs[0].begun()
+        if in_lines or not is_terminal():
+            print_lines(player, view, say, as_json=as_json)
+        else:
+            watch(player, view)
+        return
+
     from daq.service.client import Client, find_socket  # noqa: PLC0415
 
-    console = PlainConsole()
-    with (
-        contextlib.suppress(KeyboardInterrupt),
-        Client(find_socket(rig)) as client,
-        Live(screen(client.ask("status")), console=console, auto_refresh=False) as display,
-    ):
-        # Nothing can be drawn over in a pipe: rich prints the last screen when Live ends, and never learns
-        # that the reader has gone.
-        while console.is_terminal:
-            time.sleep(_REFRESH_S)
-            display.update(screen(client.ask("status")), refresh=True)
+    socket = find_socket(rig)
+    if not in_lines and not is_terminal():
+        from analysis.reporting.daemon_screen import screen  # noqa: PLC0415
+        from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+
+        with Client(socket) as client:
+            PlainConsole().print(screen(client.ask("status")))
+        return
+
+    from analysis.live.daemon_source import DaemonSource  # noqa: PLC0415
+    from analysis.live.loop import DaemonPlayer, print_lines, watch  # noqa: PLC0415
+    from analysis.live.view import LiveView  # noqa: PLC0415
+
+    with DaemonSource(socket) as source:
+        daemon = DaemonPlayer(source)
+        if in_lines:
+            print_lines(daemon, LiveView(), say, as_json=as_json)
+        else:
+            watch(daemon, LiveView())

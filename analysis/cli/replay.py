@@ -40,7 +40,7 @@ def replay(
     capture = read_capture(log)
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        played = Replay(rig, capture, directory / "out-of-step.txt")
+        played = Replay.open(rig, capture, directory / "out-of-step.txt")
         (directory / "rig.yaml").write_text(played.rig_text(text), encoding="utf-8")
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None

@@ -35,7 +35,7 @@ class Correction:
         return self.nominal + self.delta
 
 
-def joint_zeros(rig: Rig, found: Sequence[Support]) -> list[Correction]:
+def joint_zeros(found: Sequence[Support]) -> list[Correction]:
     """Return the changes of the controller's angle of each joint at an unchanged posture, which is its mastering."""
     return _summed(found, "joint zero", {axis: {"q_deg": 0.0} for axis in range(1, 7)})
 

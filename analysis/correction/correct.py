@@ -40,4 +40,4 @@ def correct_rig(rig: Rig, path: Path | None) -> Corrections:
         given = read_path(path)
         q = np.radians(given.values) if given.joints else angles_for(rig, given.poses(), given.lines, str(path))
         targets = path, given, corrected(rig, found, q, given.lines, str(path))
-    return Corrections(rig, tuple(found), tuple(joint_zeros(rig, found)), tuple(link_constants(rig, found)), targets)
+    return Corrections(rig, tuple(found), tuple(joint_zeros(found)), tuple(link_constants(rig, found)), targets)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -86,6 +87,7 @@ def fit(
     weighting = weighting or equal_weighting(observations, len(free))
     placed = dict(setups or fit_setups([(model, one) for one in observations]))
     problem = _Problem(model, observations, tuple(free), placed, weighting)
+    problem = replace(problem, unexplained=problem.after_one_step())
     start = problem.start() if near is None else near.unknowns.copy()
     low, high = problem.bounds(start)
     found = least_squares(problem.residual, start, bounds=(low, high), x_scale="jac", jac=problem.jacobian)
@@ -98,26 +100,31 @@ def fit(
     return Fit(fitted, placed, residuals, problem.free, values, found.x, design)
 
 
+@dataclass(frozen=True)
 class _Problem:
-    """The vector of unknowns and its meaning: set-up terms by name, then free parameters in plausible sizes."""
+    """The vector of unknowns and its meaning: set-up terms by name, then free parameters in plausible sizes.
 
-    def __init__(
-        self,
-        model: Model,
-        observations: Sequence[Observation],
-        free: tuple[FreeParameter, ...],
-        setups: dict[str, SetUp],
-        weighting: Weighting,
-    ) -> None:
-        self.model, self.observations, self.free, self.setups = model, observations, free, setups
-        self.weighting = weighting
-        self._columns = columns_of({name: self._table(name) for name in setups})
-        self._owners = [
+    unexplained: the norm of all weighted residuals that a ball as far off as its prior allows costs.
+    """
+
+    model: Model
+    observations: Sequence[Observation]
+    free: tuple[FreeParameter, ...]
+    setups: dict[str, SetUp]
+    weighting: Weighting
+    unexplained: float = 0.0
+
+    @cached_property
+    def _columns(self) -> dict[str, list[int]]:
+        return columns_of({name: self._table(name) for name in self.setups})
+
+    @cached_property
+    def _owners(self) -> list[set[str]]:
+        """The set-ups that each term belongs to."""
+        return [
             {name for name, columns in self._columns.items() if k in columns}
             for k in range(1 + max(max(columns) for columns in self._columns.values()))
         ]
-        self._unexplained = 0.0
-        self._unexplained = self._after_one_step(self.start())
 
     def start(self) -> Array:
         """Return the starting vector (u,), in the units of the rig file (mm, degrees): zero changes of the set-up
@@ -176,16 +183,16 @@ class _Problem:
             J[rows[-1] :, k] = (self._prior(x + step) - self._prior(x)) / step[k]
         return J
 
-    def _after_one_step(self, start: Array) -> float:
-        """Return the norm of all weighted residuals after one linear step; a ball as far off as its prior allows costs
-        as much."""
+    def after_one_step(self) -> float:
+        """Return the norm of all weighted residuals after one linear step from the start."""
+        start = self.start()
         residual, J = self.residual(start), self.jacobian(start)
         step = np.linalg.lstsq(J, -residual, rcond=1e-4)[0]
         return float(np.linalg.norm(residual + J @ step))
 
     def _prior(self, x: Array) -> Array:
         rows = [
-            x[columns[:3]] / BALL_MM * self._unexplained
+            x[columns[:3]] / BALL_MM * self.unexplained
             for name, columns in self._columns.items()
             if not isinstance(self._table(name), PoseTable)
         ]

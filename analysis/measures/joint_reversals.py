@@ -17,7 +17,8 @@ from analysis.kinematics.arm import Array
 from analysis.noise.readings import noise_beneath
 from analysis.traces.laps import Laps
 
-_PROMINENCE_RAD = np.radians(0.05)
+PROMINENCE_RAD = float(np.radians(0.05))
+"""A joint that comes back by less stands."""
 _NOISES = 10.0
 _BEYOND = np.radians(40.0)
 _NEIGHBOURHOOD = np.radians(8.0)
@@ -75,7 +76,7 @@ def _extended(lap: Laps) -> tuple[Array, Array, Array]:
 def _of_joint(axis: int, phi: Array, joint: Array, rows: Array) -> list[Turn]:
     from scipy.signal import find_peaks  # noqa: PLC0415 - slow to import, needed here only
 
-    prominence = max(_PROMINENCE_RAD, _NOISES * noise_beneath(joint, 0.0))
+    prominence = max(PROMINENCE_RAD, _NOISES * noise_beneath(joint, 0.0))
     first = float(phi[0] + _BEYOND)  # the lap's own start
     found = []
     for sign in (1.0, -1.0):

@@ -88,7 +88,7 @@ def evaluate(
     bare = dataclasses.replace(arm, T_world_base=np.eye(4), T_flange_tool=np.eye(4))
     T = forward(bare, table.q)
     setup = fit_setup(T, table.xyz_mm)
-    position = _position_error(T, table.xyz_mm, setup)
+    position = position_error(T, table.xyz_mm, setup)
     rotation = None
     if table.rpy is not None:
         setup, rotation = _orientation(T, table.rpy, setup)
@@ -102,11 +102,11 @@ def evaluate(
     if len(again):
         seen = _padded(position, group, again)
         place = scatter_of(seen, 0.0)
-        figures, notes = of_scatter(_place_figures, seen, place), _few(group, again)
+        figures, notes = of_scatter(place_figures, seen, place), _few(group, again)
         if rotation is not None:
             turned = np.degrees(_padded(rotation, group, again))
             turn = scatter_of(turned, 0.0)
-            figures |= of_scatter(_turn_figures, turned, turn)
+            figures |= of_scatter(turn_figures, turned, turn)
     figures = _position_figures(position, setup, _noise(place, group, again, u_mm, TARGET_MM)) | figures
     if rotation is not None:
         of_turn = _noise(turn, group, again, np.nan if u_rad is None else float(np.degrees(u_rad)))
@@ -201,7 +201,9 @@ def _few(group: NDArray[np.int64], again: NDArray[np.int64]) -> list[str]:
     return [few] if most < RP_VISITS else []
 
 
-def _place_figures(x: Array) -> dict[str, Array]:
+def place_figures(x: Array) -> dict[str, Array]:
+    """Return scatter, AP and RP (...,) in mm of position errors x (..., g, 3, n) mm of n visits in g groups, NaN where
+    a visit is missing."""
     x = np.swapaxes(x, -1, -2)
     mean = np.nanmean(x, axis=-2, keepdims=True)
     away = np.linalg.norm(mean[..., 0, :], axis=-1)
@@ -215,7 +217,9 @@ def _place_figures(x: Array) -> dict[str, Array]:
     return figures
 
 
-def _turn_figures(x: Array) -> dict[str, Array]:
+def turn_figures(x: Array) -> dict[str, Array]:
+    """Return AP and RP (...,) in degrees about each axis, of orientation errors x (..., g, 3, n) in degrees of n visits
+    in g groups, NaN where a visit is missing."""
     x = np.swapaxes(x, -1, -2)
     figures = {}
     mean, thrice = np.abs(np.nanmean(x, axis=-2)), _thrice(x)
@@ -243,7 +247,9 @@ def _padded(values: Array, group: NDArray[np.int64], again: NDArray[np.int64]) -
     return x
 
 
-def _position_error(T: Array, xyz_mm: Array, setup: PoseSetUp) -> Array:
+def position_error(T: Array, xyz_mm: Array, setup: PoseSetUp) -> Array:
+    """Return the position errors (n, 3) mm, measured less fitted, in the arm's base, of flanges T (n, 4, 4) of the bare
+    arm at the measured places xyz_mm (n, 3)."""
     base = setup.T_world_base
     tool = T[:, :3, 3] + T[:, :3, :3] @ setup.T_flange_tool[:3, 3]
     error: Array = (xyz_mm - base[:3, 3]) @ base[:3, :3] - tool

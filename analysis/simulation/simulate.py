@@ -42,9 +42,6 @@ class Noise:
     scatter_mm: float = 0.001
 
 
-QUIET = Noise(0.0, 0.5, 0.0, 0.0)
-
-
 def simulate(
     rig: Rig,
     test: TestName,

@@ -23,9 +23,9 @@ from rigs.schema.vocabulary import CIRCLES
 
 _GAP = 4.0
 """A gap is this many times the usual distance between samples, …"""
-_MOVES_NS = 25e6
+MOVES_NS = 25e6
 """… and of a robot's longer than this: a quarter of a cycle of the quickest vibration an arm shows, some 10 Hz; …"""
-_JUMPS_NS = 5e6
+JUMPS_NS = 5e6
 """… of a gauge's longer than this: where a joint turns back, a play is crossed in some ten milliseconds."""
 _OFTEN = 0.05
 """Rows left out for gaps of a gauge are reported where they are a larger share than this, or a gap is as long as a
@@ -35,7 +35,7 @@ _STALLED = 5.0
 _STALLED_S = 1e-3
 """… and more than this: a shorter doubt is borne by the figures' uncertainty."""
 
-_WANDERS_S = 1e-3
+WANDERS_S = 1e-3
 """Deviations from the pace up to this size are not reported: the uncertainty of the figures includes them."""
 
 
@@ -87,11 +87,11 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
     keep = np.ones(len(rows_ns), dtype=bool)
     for name, track in zip([*names[1:], "robot"], [*gauges[1:], robot], strict=True):
         spanned = (rows_ns >= track.ns[0]) & (rows_ns <= track.ns[-1])
-        gaps_ns = _gaps_ns(rows_ns, track.ns, _MOVES_NS if track is robot else _JUMPS_NS)
-        keep &= spanned & (gaps_ns == 0)
-        gaps_ns = gaps_ns[spanned & (gaps_ns > 0)]
-        if _are_many(gaps_ns, len(rows_ns)):
-            doubts.append(f"{name}: {len(gaps_ns)} rows are left out at gaps")
+        gaps = gaps_ns(rows_ns, track.ns, MOVES_NS if track is robot else JUMPS_NS)
+        keep &= spanned & (gaps == 0)
+        gaps = gaps[spanned & (gaps > 0)]
+        if are_many(gaps, len(rows_ns)):
+            doubts.append(f"{name}: {len(gaps)} rows are left out at gaps")
     if keep.sum() < 2:
         raise FileError(
             str(path), "gauges and robot were never recorded at the same time", "record both through the whole test"
@@ -112,9 +112,9 @@ def _columns_at(rows_ns: Array, tracks: Sequence[_Track]) -> Array:
     return at_rows
 
 
-def _are_many(gaps_ns: Array, rows: int) -> bool:
-    """Whether gaps (n,) of the rows left out are more than what rigd itself makes a gauge wait."""
-    return len(gaps_ns) > 0 and bool(gaps_ns.max() > _MOVES_NS or len(gaps_ns) > _OFTEN * rows)
+def are_many(gaps: Array, rows: int) -> bool:
+    """Whether gaps (n,) ns of the rows left out are more than what rigd itself makes a gauge wait."""
+    return len(gaps) > 0 and bool(gaps.max() > MOVES_NS or len(gaps) > _OFTEN * rows)
 
 
 def _own_u_s(rows_ns: Array, gauges: Sequence[_Track], robot: _Track) -> Array:
@@ -130,7 +130,7 @@ def _gauge(path: Path, run: Run, rig: Rig, name: str, doubts: list[str]) -> _Tra
     """Readings (n, 1) mm of one gauge."""
     stream = _stream(path, run, [f"{name}_mm"], f"gauge {name}", LONGEST_MM)
     instants = gauge_instants(stream, dict(rig.gauges)[name])
-    _tell(name, instants, doubts)
+    doubts.extend(timing_doubts(name, instants))
     if doubtful := int(np.count_nonzero(stream["status"])):
         doubts.append(f"{name}: {doubtful} readings are marked doubtful by the gauge itself")
     values = stream[f"{name}_mm"][:, None]
@@ -146,26 +146,28 @@ def _robot(path: Path, run: Run, doubts: list[str]) -> _Track:
     columns = [f"q{axis}_deg" for axis in range(1, 7)]
     stream = _stream(path, run, columns, "the robot", LARGEST_DEG)
     instants = robot_instants(stream)
-    _tell("robot", instants, doubts)
+    doubts.extend(timing_doubts("robot", instants))
     q_deg = np.stack([stream[column] for column in columns], axis=1)
     return _track("robot", instants, np.radians(q_deg), is_reading(q_deg, LARGEST_DEG), doubts)
 
 
-def _tell(name: str, instants: Instants, doubts: list[str]) -> None:
+def timing_doubts(name: str, instants: Instants) -> list[str]:
+    """What a person should know before trusting the times of an instrument, in words."""
+    doubts = []
     if instants.restarts:
         doubts.append(f"{name}: its clock restarted {instants.restarts} times and is fitted in pieces")
     if instants.wrong:
         doubts.append(
             f"{name}: {instants.wrong} stamps of its clock are impossible; these rows take the time of their arrival"
         )
-    if instants.wanders_s > _WANDERS_S:
+    if instants.wanders_s > WANDERS_S:
         doubts.append(
             f"{name}: its messages deviate from their steady pace by {1e3 * instants.wanders_s:.1f} ms: it waited, or "
             "they came later for good; the uncertainty covers both; record again on a computer that is less busy"
         )
     if instants.held:
         doubts.append(f"{name}: its adapter holds bytes back, which adds uncertainty; set its latency_timer to 1 ms")
-    doubts.extend(f"{name}: {words}" for words in instants.doubts)
+    return [*doubts, *(f"{name}: {words}" for words in instants.doubts)]
 
 
 def _track(name: str, instants: Instants, values: Array, sound: Mask, doubts: list[str]) -> _Track:
@@ -197,9 +199,9 @@ def _stream(path: Path, run: Run, columns: Sequence[str], what: str, largest: fl
     raise FileError(str(path), f"holds no readings of {what}", "connect it, check it with rig status, and record again")
 
 
-def _gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:
-    """How far apart the two of `times` (m,) are that rows (n,) lie between: 0 where no further than usual, or hardly,
-    and where a row is of one of those times. Both increase."""
+def gaps_ns(rows: Array, times: Array, short_ns: float) -> Array:
+    """How far apart (n,) ns the two of `times` (m,) ns are that rows (n,) ns lie between: 0 where no further than
+    usual, or hardly, and where a row is of one of those times. Both increase."""
     apart = np.diff(times)
     wide = np.flatnonzero(apart > max(short_ns, _GAP * np.median(apart)))
     begins, ends = np.searchsorted(rows, times[wide], side="right"), np.searchsorted(rows, times[wide + 1], side="left")

@@ -124,7 +124,7 @@ def _requested(stream: Columns, went_through: Array, set_out: Array, timing: Tim
     held = _is_held(window, stream["requested_ns"][1:] > stream["last_byte_ns"][:-1])
     if np.isfinite(stream["device_time_s"]).all():
         return _asked_with_clock(stream["device_time_s"], went_through, set_out, held)
-    return _asked(went_through, window, held)
+    return asked_instants(went_through, window, held)
 
 
 def _of_own_cycle(asked: Instants, values: Array, timing: Timing) -> Instants:
@@ -179,7 +179,7 @@ def robot_instants(stream: Columns) -> Instants:
     """
     if (stream["requested_ns"] >= 0).all():
         asked_ns = stream["requested_ns"].astype(float)
-        return _asked(asked_ns, np.maximum(stream["first_byte_ns"] - asked_ns, 0.0), held=False)
+        return asked_instants(asked_ns, np.maximum(stream["first_byte_ns"] - asked_ns, 0.0), held=False)
     fitted = _by_any_clock(stream["device_time_s"], stream["first_byte_ns"].astype(float))
     return _listened(fitted, float(np.median(np.diff(fitted.ns))))
 
@@ -235,8 +235,9 @@ def _by_any_clock(device_s: Array, host_ns: Array) -> FittedClock:
     return through_clock(device_s, host_ns) if np.isfinite(device_s).all() else through_pace(host_ns)
 
 
-def _asked(went_through: Array, window: Array, held: bool) -> Instants:
-    """Between the request and the answer, as the clocks of two computers are compared (NTP): in the middle.
+def asked_instants(went_through: Array, window: Array, held: bool) -> Instants:
+    """Between the request and the answer, as the clocks of two computers are compared (NTP): in the middle of windows
+    (n,) ns after the request went through (n,) ns.
 
     Behind an adapter that holds bytes back only the quickest answer of the run shows how long the instrument takes: the
     time that another takes beyond that is the adapter's.

@@ -13,7 +13,7 @@ import numpy as np
 
 from analysis.geometry.circle import SENSE, CircleFrame, frame_of
 from analysis.geometry.programs import circle_of
-from analysis.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.kinematics.arm import Arm, Array, Mask, arm_of, forward
 from analysis.traces.tables import CircleTable
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -126,6 +126,13 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
     )
 
 
+def is_on_circle(tool: Array, frame: CircleFrame) -> Mask:
+    """Whether (n,) the tool at (n, 3) mm is on the circle, as near as a program drives it."""
+    radius, height = np.linalg.norm(tool - frame.centre, axis=1), (tool - frame.centre) @ frame.n
+    on: Mask = np.maximum(np.abs(radius - frame.radius), np.abs(height)) <= _RADIUS_OFF_MM
+    return on
+
+
 def _ways(ahead: Array) -> list[tuple[int, int]]:
     """Rows (begin, end) of each way that a path of circle angles (n,) goes before it turns back for good."""
     step = max(1, len(ahead) // _SEEN)
@@ -183,8 +190,7 @@ def _places(arm: Arm, t_s: Array, q: Array) -> Array:
 def _on_circle(t_s: Array, tool: Array, frame: CircleFrame) -> list[slice]:
     """Rows (n,) while the tool (n, 3) was on the circle, stretch by stretch: not on the way to it or from it, where it
     may pass any angle. A row or two that jump off belong to their stretch, and are found there."""
-    radius, height = np.linalg.norm(tool - frame.centre, axis=1), (tool - frame.centre) @ frame.n
-    rows = np.flatnonzero(np.maximum(np.abs(radius - frame.radius), np.abs(height)) <= _RADIUS_OFF_MM)
+    rows = np.flatnonzero(is_on_circle(tool, frame))
     if not len(rows):
         return []
     left = np.flatnonzero((np.diff(rows) > 1) & (np.diff(t_s[rows]) > _AWAY_S))

@@ -14,6 +14,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TextIO
 
 from daq.acquisition.streams import Stream
 from daq.wire.capture import HEAD, Mark, Piece
@@ -31,19 +32,24 @@ class CaptureWriter(threading.Thread):
     """Writes the capture of one daemon, from its start to `stop`."""
 
     def __init__(self, path: Path, streams: Sequence[Stream]) -> None:
-        """Creates the file. Raises FileError where it is there already or cannot be made."""
         super().__init__(name="capture", daemon=True)
-        self._path = path
+        self._path, self._streams = path, streams
+        self._file: TextIO
         self._lock = threading.Lock()
         self._pieces: deque[Piece] = deque()
         self._left_out: Counter[str] = Counter()
         self._stop_asked = threading.Event()
         self._open = True
+        self._size = 0
+
+    def start(self) -> None:
+        """Create the file, then begin. Raises FileError where it is there already or cannot be made."""
         try:
-            self._file = path.open("x", encoding="utf-8")
+            self._file = self._path.open("x", encoding="utf-8")
         except OSError as error:
-            raise FileError(str(path), error.strerror or str(error), "give --capture another file") from None
-        self._size = self._file.write("".join(f"{line}\n" for line in [HEAD, *map(_described, streams)]))
+            raise FileError(str(self._path), error.strerror or str(error), "give --capture another file") from None
+        self._size = self._file.write("".join(f"{line}\n" for line in [HEAD, *map(_described, self._streams)]))
+        super().start()
 
     def captured(self, stream: str, link: ByteLink) -> ByteLink:
         """Return the link, with every piece that passes it recorded."""

@@ -21,10 +21,14 @@ def out_of_step_line(stream: str, off_ns: float) -> str:
 
 
 class ReplayMarks:
-    """Reads the file from where it ends now."""
+    """Reads what is added to the file, once it has been skipped to its end."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self._read = 0
+
+    def skip(self) -> None:
+        """Leave out what is there already."""
         self._read = len(self._lines())
 
     def read_new(self) -> list[tuple[str, Fault]]:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from daq.protocol.conversation import Fault, FaultKind, Item, Samples, packed
+from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Samples, packed
 
 _ROOM = 200_000
 """Items held for a stalled disk: minutes at 500 Hz, some 100 MB at the worst."""
@@ -24,6 +24,8 @@ _FEW = 8
 """The number of samples up to which objects cost less than arrays."""
 _RATE_OVER = 200
 """Deliveries over which the rate is taken."""
+_RECENT = 1000
+"""Samples that a live view may still ask for after they were drained: a tenth of a second at 10 kHz."""
 STALL_NS = 500_000_000
 """A reader goes round in 0.3 s at most (`daq.wire.session`); a busy computer adds some tenths."""
 
@@ -65,6 +67,8 @@ class StreamBuffer:
     _arrivals: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_OVER))
     """The last deliveries: stamp of the last sample, and number of samples until then."""
     _last_fault: str = ""
+    _recent: deque[Sample | Samples] = field(default_factory=deque)
+    _recent_size: int = 0
 
     def deliver(self, items: Sequence[Item]) -> None:
         """Keep items that the reader has received."""
@@ -139,12 +143,30 @@ class StreamBuffer:
                 self._waiting,
             )
 
+    def recent(self, after: int) -> tuple[int, Sequence[Sample]]:
+        """Return the number of the newest sample, counted since the daemon started, and the samples after number
+        `after`, as far as they are still kept."""
+        with self._lock:
+            newest, kept = self._counters["samples"], list(self._recent)
+        wanted, found, taken = newest - after, 0, list[Item]()
+        while kept and found < wanted:
+            taken.append(kept.pop())
+            found += size_of(taken[-1])
+        return newest, samples_of(taken[::-1])[-wanted:] if wanted > 0 else []
+
+    def _keep_recent(self, item: Sample | Samples) -> None:
+        self._recent.append(item)
+        self._recent_size += size_of(item)
+        while self._recent_size - size_of(self._recent[0]) >= _RECENT:
+            self._recent_size -= size_of(self._recent.popleft())
+
     def _note(self, item: Item) -> None:
         if isinstance(item, Fault):
             self._counters[item.kind] += item.count
             self._last_fault = item.detail
             return
         self._counters["samples"] += size_of(item)
+        self._keep_recent(item)
         if isinstance(item, Samples):
             for name, values in zip(self.columns, item.values.T, strict=True):
                 good = np.flatnonzero(~np.isnan(values))

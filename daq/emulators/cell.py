@@ -15,7 +15,7 @@ from typing import Protocol
 
 import yaml
 
-from daq.acquisition.streams import ROBOT, streams_of
+from daq.acquisition.streams import ROBOT, Stream, streams_of
 from daq.emulators.own_cycle import STEADY, Unsteady
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.punctual import Punctual
@@ -67,16 +67,23 @@ class Cell:
     share a port, `robot`. names: a directory where serial ports get names that outlast their ttys, as udev makes them.
     """
 
-    def __init__(
-        self,
+    @classmethod
+    def open(
+        cls,
         rig: Rig,
         devices: Mapping[str, Callable[[], Device]],
         adversity: Adversity = NONE,
         names: Path | None = None,
         *,
         paced: bool = True,
-    ) -> None:
-        """paced: see `PtyLine`."""
+    ) -> Cell:
+        """Open the ports of a cell that is switched off. paced: see `PtyLine.open`."""
+        cell = cls()
+        for stream in streams_of(rig):
+            cell._open_port(stream, devices[stream.name], adversity, names and names / stream.name, paced)
+        return cell
+
+    def __init__(self) -> None:
         self._stop = threading.Event()
         self._threads: list[threading.Thread] = []
         self._devices: dict[str, list[Device]] = {}
@@ -86,19 +93,6 @@ class Cell:
         self._silenced: set[str] = set()
         self.ports: dict[str, str] = {}
         """The ports by the names of the rig file: `g1`, `g2`, `feedback`."""
-        late_ms = adversity.jitter_ms
-        for stream in streams_of(rig):
-            name, make = stream.name, self._noted(stream.name, devices[stream.name])
-            if udp_address(stream.port):
-                port = self._serve(name, UdpPort(make, calls=stream.listens, jitter_ms=late_ms))
-            elif tcp_address(stream.port):
-                port = self._serve(name, TcpPort(make, late_ms if name == ROBOT else 0.0))
-            else:
-                port = self._serve_pty(
-                    name, make, PtyLine(stream.line, adversity.latency_ms, names and names / name, paced=paced), paced
-                )
-            called = ["feedback"] if name == ROBOT else name.split("_")
-            self.ports.update(dict.fromkeys(called, port))
 
     def start(self) -> None:
         """Switch everything on."""
@@ -143,6 +137,20 @@ class Cell:
             (data["feedback"] if name == "feedback" else data["gauges"][name])["port"] = port
         written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
         return written
+
+    def _open_port(
+        self, stream: Stream, make: Callable[[], Device], adversity: Adversity, link: Path | None, paced: bool
+    ) -> None:
+        name, made, late_ms = stream.name, self._noted(stream.name, make), adversity.jitter_ms
+        if udp_address(stream.port):
+            port = self._serve(name, UdpPort.open(made, calls=stream.listens, jitter_ms=late_ms))
+        elif tcp_address(stream.port):
+            port = self._serve(name, TcpPort.open(made, late_ms if name == ROBOT else 0.0))
+        else:
+            line = PtyLine.open(stream.line, adversity.latency_ms, link, paced=paced)
+            port = self._serve_pty(name, made, line, paced)
+        called = ["feedback"] if name == ROBOT else name.split("_")
+        self.ports.update(dict.fromkeys(called, port))
 
     def _noted(self, name: str, make: Callable[[], Device]) -> Callable[[], Device]:
         self._devices[name] = []

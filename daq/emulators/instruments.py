@@ -52,7 +52,7 @@ def emulated(
         return OwnClock(partial(feedback.device, rig.feedback), shown, adversity.drift_ppm)
 
     devices = {"_".join(group): gauge_device(rig, motion, group, adversity.unsteady) for group in gauge_groups(rig)}
-    return Cell(rig, devices | {ROBOT: controller}, adversity, names)
+    return Cell.open(rig, devices | {ROBOT: controller}, adversity, names)
 
 
 def gauge_device(rig: Rig, motion: Motion, group: Sequence[str], unsteady: Unsteady = STEADY) -> Callable[[], Device]:

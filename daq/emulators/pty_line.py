@@ -32,8 +32,18 @@ _ISPEED, _OSPEED = 4, 5
 class PtyLine:
     """A pty whose far end, `port`, a program opens as its serial port, by its `name` where it has one."""
 
-    def __init__(self, line: Line, latency_ms: float = 0.0, name: Path | None = None, *, paced: bool = True) -> None:
-        """paced: not where what is sent comes at the pace of the line already, as from a capture."""
+    @classmethod
+    def open(cls, line: Line, latency_ms: float = 0.0, name: Path | None = None, *, paced: bool = True) -> PtyLine:
+        """Create the pty, plugged in. paced: not where what is sent comes at the pace of the line already, as from a
+        capture."""
+        made = cls(os.openpty(), line, latency_ms, name, paced)
+        made.plug()
+        return made
+
+    def __init__(self, ends: tuple[int, int], line: Line, latency_ms: float, name: Path | None, paced: bool) -> None:
+        """ends: descriptors of the instrument's end and of the far end."""
+        self._master, self._slave = ends
+        self.port = str(name or os.ttyname(self._slave))
         self._line = line
         self._adapter = LatencyTimer(latency_ms, time.monotonic_ns())
         self._character_ns = line.character_ns if paced else 0
@@ -41,9 +51,6 @@ class PtyLine:
         self.free_ns = 0
         """When it has sent, or will have sent, all that it was given."""
         self._set_out_ns: int | None = None
-        self._master, self._slave = os.openpty()
-        self.port = str(name or os.ttyname(self._slave))
-        self.plug()
 
     def plug(self) -> None:
         """Create the pty, under its name."""

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import gc
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -34,40 +35,53 @@ Player = StreamingPlayer | AnsweringPlayer
 
 
 class Replay:
-    """The instruments of a rig as they were captured, in a `cell` to start and to stop.
+    """The instruments of a rig as they were captured, in a `cell` to start and to stop."""
 
-    marks: the file that records what is out of step; None if it is not wanted. Raises FileError where the capture
-    holds nothing of a stream of the rig, OSError where the file cannot be made.
-    """
+    @classmethod
+    def open(cls, rig: Rig, capture: Capture, marks: Path | None = None) -> Replay:
+        """Open the ports of a capture. marks: the file that records what is out of step; None if it is not wanted.
 
-    def __init__(self, rig: Rig, capture: Capture, marks: Path | None = None) -> None:
-        streams = streams_of(rig)
-        self._time = Timebase()
-        self._end_ns = max((piece.at_ns for piece in capture.pieces), default=0)
+        Raises FileError where the capture holds nothing of a stream of the rig, OSError where the file cannot be made.
+        """
+        streams, timebase = streams_of(rig), Timebase()
         heard = {stream.name: _pieces(rig, stream, capture) for stream in streams}
         may_ns = bearable_ns(
             [_u_ns(stream, heard[stream.name]) for stream in streams if stream.name != ROBOT],
             *(_u_ns(stream, heard[stream.name]) for stream in streams if stream.name == ROBOT),
         )
-        self._marks = marks.absolute() if marks else None
-        self.steps = {
-            stream.name: Steps(may_ns, asked=_is_asked(stream), out_of_step=partial(self._mark, stream.name))
+        marked = Marks(marks.absolute() if marks else None)
+        marked.begin()
+        steps = {
+            stream.name: Steps(may_ns, asked=_is_asked(stream), out_of_step=partial(marked.add, stream.name))
             for stream in streams
         }
-        """How well each stream keeps its time."""
-        self._replayed = {
-            stream.name: _replayed(stream, heard[stream.name], self._time, self.steps[stream.name])
-            for stream in streams
+        replayed = {
+            stream.name: _replayed(stream, heard[stream.name], timebase, steps[stream.name]) for stream in streams
         }
-        self.cell = Cell(rig, self._replayed, paced=False)
-        self.unmarked = ""
-        """Why a mark could not be written: the replay then ends, since what is out of step could not be recorded."""
-        if self._marks:
-            self._marks.write_text("", encoding="utf-8")
         # A long capture is a million objects that stay: looking for garbage among them would stop every instrument for
         # a tenth of a second now and then.
         gc.collect()
         gc.freeze()
+        end_ns = max((piece.at_ns for piece in capture.pieces), default=0)
+        return cls(Cell.open(rig, replayed, paced=False), timebase, end_ns, replayed, steps, marked)
+
+    def __init__(
+        self,
+        cell: Cell,
+        timebase: Timebase,
+        end_ns: int,
+        replayed: Mapping[str, ReplayedStream],
+        steps: Mapping[str, Steps],
+        marks: Marks,
+    ) -> None:
+        """end_ns: the time of the last piece; steps: how well each stream keeps its time."""
+        self.cell, self.steps = cell, steps
+        self._time, self._end_ns, self._replayed, self._marks = timebase, end_ns, replayed, marks
+
+    @property
+    def unmarked(self) -> str:
+        """Why a mark could not be written: the replay then ends, since what is out of step could not be recorded."""
+        return self._marks.failure
 
     @property
     def done(self) -> bool:
@@ -82,18 +96,34 @@ class Replay:
 
     def rig_text(self, text: str) -> str:
         """Return the rig file's text with the ports of this cell and the file that says what is out of step."""
-        data = yaml.safe_load(self.cell.rig_text(text)) | ({"replay": str(self._marks)} if self._marks else {})
+        data = yaml.safe_load(self.cell.rig_text(text)) | (
+            {"replay": str(self._marks.path)} if self._marks.path else {}
+        )
         written: str = yaml.safe_dump(data, sort_keys=False, allow_unicode=True, width=110)
         return written
 
-    def _mark(self, stream: str, off_ns: float) -> None:
-        if self._marks is None:
+
+@dataclass
+class Marks:
+    """The file that records what is out of step, if one is wanted; `failure` says why a mark could not be written."""
+
+    path: Path | None
+    failure: str = ""
+
+    def begin(self) -> None:
+        """Empty the file. Raises OSError."""
+        if self.path is not None:
+            self.path.write_text("", encoding="utf-8")
+
+    def add(self, stream: str, off_ns: float) -> None:
+        """Record that a stream was out of step for a second, by this much."""
+        if self.path is None:
             return
         try:
-            with self._marks.open("a", encoding="utf-8") as file:
+            with self.path.open("a", encoding="utf-8") as file:
                 file.write(out_of_step_line(stream, off_ns))
         except OSError as error:
-            self.unmarked = error.strerror or str(error)
+            self.failure = error.strerror or str(error)
 
 
 class ReplayedStream:

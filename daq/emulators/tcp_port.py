@@ -21,13 +21,18 @@ _ACCEPT_S = 0.2
 class TcpPort:
     """Listens on loopback at a free port and serves each client that connects."""
 
-    def __init__(self, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> None:
+    @classmethod
+    def open(cls, device: Callable[[], Conversation], jitter_ms: float = 0.0) -> TcpPort:
+        """Listen at a free port."""
+        return cls(socket.create_server(("127.0.0.1", 0)), device, jitter_ms)
+
+    def __init__(self, server: socket.socket, device: Callable[[], Conversation], jitter_ms: float) -> None:
         self._device = device
         self._jitter_ms = jitter_ms
         self._hang_up = threading.Event()
         self.plugged = threading.Event()
         self.plugged.set()
-        self._server = socket.create_server(("127.0.0.1", 0))
+        self._server = server
         self._address = self._server.getsockname()
         self.port = f"tcp://127.0.0.1:{self._address[1]}"
 

@@ -25,15 +25,20 @@ _HOST = "127.0.0.1"
 class UdpPort:
     """A UDP port on loopback. `port` is what the rig file names: a free port of the host if the controller calls."""
 
-    def __init__(self, device: Callable[[], Conversation], *, calls: bool, jitter_ms: float = 0.0) -> None:
+    @classmethod
+    def open(cls, device: Callable[[], Conversation], *, calls: bool, jitter_ms: float = 0.0) -> UdpPort:
+        """Find a free port."""
+        with _bound(0) as sock:
+            return cls(int(sock.getsockname()[1]), device, calls, jitter_ms)
+
+    def __init__(self, number: int, device: Callable[[], Conversation], calls: bool, jitter_ms: float) -> None:
         self._device = device
         self._jitter_ms = jitter_ms
         self._calls = calls
         self._hang_up = threading.Event()
         self.plugged = threading.Event()
         self.plugged.set()
-        with _bound(0) as sock:
-            self._number = int(sock.getsockname()[1])
+        self._number = number
         self.port = f"udp://{_HOST}:{self._number}"
 
     def serve(self, stop: threading.Event) -> None:

@@ -73,6 +73,28 @@ class AutomaticStatus(_Answer):
     why_not: str
 
 
+class StreamSamples(_Answer):
+    """The latest samples of a stream. rows: stamp in ns, then a value for each column, None where there is none."""
+
+    newest: int
+    columns: list[str]
+    rows: list[list[Number | None]]
+
+    @model_validator(mode="after")
+    def _of_one_width(self) -> StreamSamples:
+        if any(len(row) != 1 + len(self.columns) or row[0] is None for row in self.rows):
+            raise ValueError("a row has another number of values than there are columns, or no stamp")
+        return self
+
+
+class Samples(_Answer):
+    """The latest samples of all streams."""
+
+    now_ns: Number
+    streams: dict[str, StreamSamples]
+    rig_lines: list[str]
+
+
 class NotRecording(_Answer):
     """Nothing is recorded. missed: samples of each stream since a recording waits for the disk."""
 
@@ -101,6 +123,7 @@ class Status(_Answer):
 
 _OF_COMMAND: dict[str, type[_Answer]] = {
     "status": Status,
+    "samples": Samples,
     "metrics": Metrics,
     "record_start": Started,
     "record_stop": Stopped,

@@ -29,15 +29,16 @@ _RESTART = "see its log, then start it again: rigd RIG"
 
 
 class Client:
-    """A connection to one daemon; use it in a `with` statement."""
+    """A connection to one daemon, in a `with` statement."""
 
     def __init__(self, path: Path) -> None:
-        """Connect. Raises CellError where no daemon answers, or one that this user has no reason to trust."""
         self._path = path
-        self._sock = _connect(path)
+        self._sock: socket.socket
         self._unread = b""
 
     def __enter__(self) -> Client:
+        """Connect. Raises CellError where no daemon answers, or one that this user has no reason to trust."""
+        self._sock = _connect(self._path)
         return self
 
     def __exit__(self, *_: object) -> None:

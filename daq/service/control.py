@@ -85,7 +85,7 @@ class _Connection:
 
 
 class ControlServer:
-    """Serves the socket in threads of its own, one for each connection, until it is closed."""
+    """Serves the socket in threads of its own, one for each connection, from `start` until it is closed."""
 
     def __init__(self, path: Path, answer: Answer) -> None:
         self._path, self._answer = path, answer
@@ -94,8 +94,12 @@ class ControlServer:
         self._changed = threading.Condition()
         self._closing = threading.Event()
         self._warnings = RateLimitedLog()
-        self._listener = _listen(path)
         self._thread = threading.Thread(target=self._accept_all, name="control", daemon=True)
+        self._listener: socket.socket
+
+    def start(self) -> None:
+        """Listen, and accept connections. Raises CellError where the socket cannot be made."""
+        self._listener = _listen(self._path)
         self._thread.start()
 
     def close(self) -> None:

@@ -28,6 +28,7 @@ from daq.service.control import ControlServer
 from daq.service.instance_lock import InstanceLock
 from daq.service.maintenance import Maintenance, RunRetention
 from daq.service.metrics import metrics_text
+from daq.service.recent_samples import recent_samples
 from daq.service.sd_notify import notify, watchdog_s
 from daq.store import RunWriter
 from daq.store.records import Ending
@@ -57,38 +58,46 @@ class Daemon:
         capture: Path | None = None,
         metrics: Path | None = None,
     ) -> None:
-        """Take the lock, open every link, start reading. Raises CellError that names every port that fails.
-
-        metrics: the file for Prometheus's node_exporter, or None.
-        """
-        self._rig, self._rig_text, self._runs = rig, rig_text, runs
+        """metrics: the file for Prometheus's node_exporter, or None."""
+        self._rig, self._rig_text, self._runs, self._socket_path = rig, rig_text, runs, socket_path
         self._streams = streams_of(rig)
+        self._buffers = {stream.name: StreamBuffer(stream.name, stream.columns) for stream in self._streams}
+        self._recorder = Recorder(self._buffers, self._create, self._after_round, self._on_items)
+        self._arbiter = Arbiter(self._recorder, rig.automatic)
+        self._drift = {stream.name: DriftMonitor() for stream in self._streams}
+        self._retention = RunRetention(runs, rig.name, rig.retention) if rig.retention else None
+        self._maintenance = Maintenance(metrics, lambda: metrics_text(self._status()), self._retention)
+        self._replay = ReplayMarks(Path(rig.replay)) if rig.replay else None
+        self._control = ControlServer(socket_path, self.answer)
+        self._capture = CaptureWriter(capture, self._streams) if capture else None
+        self._startup_recovery = StartupRecovery(runs)
+        self._lock: InstanceLock
+        self._readers: list[Reader]
+
+    def start(self) -> None:
+        """Take the lock, open every link, start reading. Raises CellError that names every port that fails."""
         with ExitStack() as undo:
-            self._lock = InstanceLock(rig.name, socket_path.with_suffix(".lock"))
+            self._lock = InstanceLock.take(self._rig.name, self._socket_path.with_suffix(".lock"))
             undo.callback(self._lock.release)
             links = self._open_links()
             for link in links.values():
                 undo.callback(link.close)
-            self._buffers = {stream.name: StreamBuffer(stream.name, stream.columns) for stream in self._streams}
-            self._recorder = Recorder(self._buffers, self._create, self._after_round, self._on_items)
-            self._arbiter = Arbiter(self._recorder, rig.automatic)
-            self._drift = {stream.name: DriftMonitor() for stream in self._streams}
-            self._retention = RunRetention(runs, rig.name, rig.retention) if rig.retention else None
-            self._maintenance = Maintenance(metrics, lambda: metrics_text(self._status()), self._retention)
-            self._replay = ReplayMarks(Path(rig.replay)) if rig.replay else None
-            self._control = ControlServer(socket_path, self.answer)
+            self._control.start()
             undo.callback(self._control.close)
-            self._capture = CaptureWriter(capture, self._streams) if capture else None
-            self._readers = [Reader(s, self._buffers[s.name], links[s.name], self._capture) for s in self._streams]
+            self._maintenance.start()
+            undo.callback(self._maintenance.stop)
+            if self._capture:
+                self._capture.start()
             undo.pop_all()
-        self._startup_recovery = StartupRecovery(runs)
-        _warn_if_not_writable(runs)
+        self._readers = [Reader(s, self._buffers[s.name], links[s.name], self._capture) for s in self._streams]
+        if self._replay:
+            self._replay.skip()
+        _warn_if_not_writable(self._runs)
         keep_stamps_prompt()
-        threads = (*self._readers, self._recorder, self._maintenance, self._startup_recovery)
-        for thread in (*threads, *filter(None, [self._capture])):
+        for thread in (*self._readers, self._recorder, self._startup_recovery):
             thread.start()
         ports = ", ".join(f"{stream.name} on {stream.port}" for stream in self._streams)
-        log.info("serving %s: %s; control socket %s", rig.name, ports, socket_path)
+        log.info("serving %s: %s; control socket %s", self._rig.name, ports, self._socket_path)
         notify(f"READY=1\nSTATUS=reading {plain(ports)}")
 
     def close(self, exit_status: Ending, why: str) -> Path | None:
@@ -116,6 +125,8 @@ class Daemon:
         match request.get("command"):
             case "status":
                 return self._status()
+            case "samples":
+                return recent_samples(request, self._buffers, self._rig_text)
             case "metrics":
                 return {"text": metrics_text(self._status())}
             case "record_start":
@@ -124,7 +135,7 @@ class Daemon:
                 ended = self._arbiter.stop()
                 return {"run": str(ended.path), "counters": ended.counters}
             case other:
-                known = "known: status, metrics, record_start, record_stop"
+                known = "known: status, samples, metrics, record_start, record_stop"
                 raise CellError("rigd", f"unknown command {_short(other)}", known)
 
     def _open_links(self) -> dict[str, Link]:

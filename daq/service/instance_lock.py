@@ -20,22 +20,28 @@ _LONGEST_ID = 20
 class InstanceLock:
     """Ensures one daemon for each rig, by an flock that the system releases whatever happens to the daemon."""
 
-    def __init__(self, rig: str, path: Path) -> None:
+    @classmethod
+    def take(cls, rig: str, path: Path) -> InstanceLock:
         """Raises CellError if another daemon holds it, or if the place is not safe."""
         try:
             path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
             _hold_private(path.parent)
-            self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
+            fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o600)
         except OSError as error:
             what = "is a symbolic link" if path.is_symlink() else error.strerror or str(error)
             raise CellError(str(path), what, "give another --socket") from None
+        lock = cls(fd)
         try:
-            self._take(rig, path)
+            lock._hold(rig, path)
         except BaseException:
-            os.close(self._fd)
+            lock.release()
             raise
+        return lock
 
-    def _take(self, rig: str, path: Path) -> None:
+    def __init__(self, fd: int) -> None:
+        self._fd = fd
+
+    def _hold(self, rig: str, path: Path) -> None:
         found = os.fstat(self._fd)
         if not stat.S_ISREG(found.st_mode) or found.st_nlink != 1 or found.st_size > _LONGEST_ID:
             raise CellError(str(path), "exists already and is not the lock of a rigd", "give another --socket")

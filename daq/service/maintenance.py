@@ -30,17 +30,20 @@ class Maintenance(threading.Thread):
     """Writes the metrics every ten seconds and applies the retention every ten minutes, until it is stopped."""
 
     def __init__(self, metrics: Path | None, text: Callable[[], str], retention: RunRetention | None) -> None:
-        """Raises CellError if the metrics file cannot be written."""
         super().__init__(name="keep house", daemon=True)
         self._metrics, self._text, self._retention = metrics, text, retention
         self._stop_asked = threading.Event()
         self._warned = False
-        if metrics is not None:
+
+    def start(self) -> None:
+        """Write the metrics, then begin. Raises CellError if the metrics file cannot be written."""
+        if self._metrics is not None:
             try:
-                write_atomically(metrics, text())
+                write_atomically(self._metrics, self._text())
             except OSError as error:
                 what = f"cannot be written: {error.strerror or error}"
-                raise CellError(str(metrics), what, "give another --metrics") from None
+                raise CellError(str(self._metrics), what, "give another --metrics") from None
+        super().start()
 
     def stop(self) -> None:
         """Ask the thread to end; join it afterwards."""

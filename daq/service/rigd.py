@@ -58,6 +58,7 @@ def rigd(
         rig, text = load(rig_file)
         socket = socket or socket_directory() / f"{rig.name}.sock"
         daemon = Daemon(rig, text, (runs or _runs()).absolute(), socket, capture, metrics or _metrics())
+        daemon.start()
     except RigError as error:
         for line in error.lines():
             typer.echo(journal.with_severity(f"error: {plain(line)}", journal.ERROR), err=True)

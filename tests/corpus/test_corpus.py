@@ -39,7 +39,7 @@ def test_the_daemon_hears_the_same_over_ptys_and_sockets(tmp_path: Path) -> None
         played = {}
         for name in ON_WIRES:
             text, capture, expected = _case(name)
-            replay = Replay(parse(text, name), capture)
+            replay = Replay.open(parse(text, name), capture)
             (tmp_path / name).mkdir()
             bench = stack.enter_context(Bench(tmp_path / name, text, cell=replay.cell)).start()
             played[name] = bench, replay, expected
@@ -69,7 +69,7 @@ def test_a_rig_of_which_the_capture_knows_nothing_is_refused() -> None:
     text, capture, _ = _case(NAMES[0])
     other = Capture(tuple(piece for piece in capture.pieces if piece.stream != "robot"), cut=False)
     with pytest.raises(FileError, match="holds nothing of robot"):
-        Replay(parse(text, "x"), other)
+        Replay.open(parse(text, "x"), other)
 
 
 def test_the_command_serves_a_capture_until_all_is_said(tmp_path: Path) -> None:

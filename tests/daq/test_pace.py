@@ -5,7 +5,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from tests.support.bench import BIN
+
+pytestmark = pytest.mark.alone  # every sample counts at full pace
 
 SCRIPT = Path(__file__).parents[2] / "dev" / "pace.py"
 

@@ -98,6 +98,7 @@ def test_a_table_has_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     columns = [f"q{axis}_deg" for axis in range(1, 7)] + ["x_mm", "y_mm", "z_mm"]
     table.write_text("\n".join([",".join(columns), *[",".join("1" * 9)] * 100]))
     paper, _ = load("paper-fanuc")
+    # private: a table of that many cells would take minutes to write
     monkeypatch.setattr(analysis.files.read, "_MOST_CELLS", 400)
     with pytest.raises(FileError, match=r"has more than 400 cells.*; import it in several runs"):
         read_csv(table, "pose", paper)

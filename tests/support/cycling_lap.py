@@ -60,13 +60,16 @@ def record(runs: Path, rig: Rig, rig_text: str, driven: Trace, wires: dict[str, 
         streams=columns,
     )
 
+    # Contiguous columns: np.interp copies others at each of the many thousand instants.
+    joints_deg, gauges_mm = np.degrees(driven.q).T.copy(), driven.g_mm.T.copy()
+
     def joints(now_ns: int) -> list[float]:
-        return [float(np.interp(now_ns / S - _BEGIN_S, driven.t_s, np.degrees(q))) for q in driven.q.T]
+        return [float(np.interp(now_ns / S - _BEGIN_S, driven.t_s, joint)) for joint in joints_deg]
 
     for place, (name, gauge) in enumerate(rig.gauges):
 
         def reading(now_ns: int, place: int = place) -> list[float]:
-            at = np.interp(now_ns / S - _BEGIN_S, driven.t_s, driven.g_mm[:, place])
+            at = np.interp(now_ns / S - _BEGIN_S, driven.t_s, gauges_mm[place])
             return [float(at + noise.normal(0.0, 5e-4))]
 
         chance = random.Random(f"{name} {seed}")

@@ -84,7 +84,7 @@ def simulated(gauge: Gauge, requests: int, seed: int, slowest: float = SLOWEST) 
 def wired(gauge: Gauge, requests: int, seed: int) -> Late:
     """So many requests over a pty through the daemon's reader: a reading must be taken within its own exchange."""
     instrument, dice, stop = Numbered(), random.Random(seed), Event()
-    line = PtyLine(gauge.line)
+    line = PtyLine.open(gauge.line)
     device = _Dawdling(daq.gauges.device([gauge], instrument.read), dice)
     stream = Stream("g1", ("g1_mm",), line.port, gauge.line, partial(daq.gauges.host, [gauge]))
     buffer, items = StreamBuffer(stream.name, stream.columns), list[Item]()

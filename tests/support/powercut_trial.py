@@ -82,6 +82,7 @@ def _one_round(writer: RunWriter, watch: Watched, random: Random) -> None:
 
 def _append(writer: RunWriter, random: Random) -> None:
     for stream, columns in STREAMS.items():
+        # private _writers: the count of rows that the trial expects is that of the writer itself
         stream_writer = writer._writers[stream]
         first = stream_writer.rows + len(stream_writer.pending)
         writer.append(stream, samples(random.choice((0, 1, 4, 30)), len(columns), first))

@@ -82,6 +82,7 @@ def finished(runs: Path, batches: int = 5, chunk_rows: int = 8) -> Path:
 
 def crash(writer: RunWriter) -> Path:
     """What a kill leaves of a run: files as they are, and nobody holding the lock."""
+    # private _writers, _ledger, _lock: given up as the system does it when a process is killed
     for stream_writer in writer._writers.values():
         stream_writer.release()
     writer._ledger.close()

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.diagnose import _next_test, diagnose
-from analysis.diagnosis.diagnosis import Diagnosis, Named, Rival
+from analysis.diagnosis.diagnose import diagnose
+from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.diagnosis.prepared_runs import prepare_runs
-from analysis.diagnosis.search import search
 from analysis.traces.laps import laps_of
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, RadialTable
@@ -181,13 +180,10 @@ def test_a_program_out_of_reach_costs_the_next_test_only() -> None:
             "hemisphere": RIG.tests.hemisphere.model_copy(update={"centre_mm": (9000.0, 0.0, 0.0)}),
         }
     )
-    one = Rival(JointOffset(axis=3, offset_deg=0.2), {}, 0.5)
-    name = Named(JointOffset(axis=5, offset_deg=0.2), {}, 0.5, (one,), 100.0, "", 100.0, True, None)
-    used = circles(seed=36, count=1)
-    look = search(prepare_runs(RIG, used)[0][0], lambda doing: None)
-    test, doubts = _next_test(RIG.model_copy(update={"tests": far}), [name], used, look)
-    assert test is None and len(doubts) == 1
-    assert doubts[0].startswith("no further test is possible with this rig file")
+    runs = circles((JointOffset(axis=5, offset_deg=0.05),), seed=17)
+    found = diagnose(RIG.model_copy(update={"tests": far}), runs, [], [], lambda doing: None)
+    assert found.verdict == "ambiguous" and found.next_test is None
+    assert any(doubt.startswith("no further test is possible with this rig file") for doubt in found.doubts)
 
 
 def test_every_name_is_material_where_nothing_is_tolerated() -> None:

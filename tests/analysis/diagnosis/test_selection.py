@@ -96,6 +96,7 @@ def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch:
         swaps.append(replace(state, level=state.level / 2))
         return swaps[-1]
 
+    # private: rivals that are likelier after every swap cannot be made of readings
     monkeypatch.setattr("analysis.diagnosis.rivals._moves", lambda *_: True)
     monkeypatch.setattr(
         "analysis.diagnosis.rivals.rival_odds",

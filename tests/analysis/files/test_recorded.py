@@ -117,12 +117,13 @@ def stopped(runs: Path, *, share: float = 1.0) -> Path:
     )
     t_s, q = stops(repeatability_stops(load("paper-errors")[0]), dwell_s=1.0)
     stopped_s = t_s[np.flatnonzero(np.diff(t_s) > 0.9)]
+    joints_deg = np.degrees(q).T.copy()
     for number, at_s in enumerate(np.arange(0.0, t_s[-1], 0.05).tolist()):
         at = 5_000_000_000 + int(at_s * 1e9)
         if at_s < share * t_s[-1]:
             swings = at_s - stopped_s[stopped_s <= at_s].max(initial=0.0) < 0.3
             writer.append("g1", [Sample((float(swings) + 1e-3 * (number % 2),), NO_TIME, at, at, 7, math.nan, 0)])
-        joints = tuple(float(np.interp(at_s, t_s, np.degrees(joint))) for joint in q.T)
+        joints = tuple(float(np.interp(at_s, t_s, joint)) for joint in joints_deg)
         writer.append("robot", [Sample(joints, NO_TIME, at, at, 60, math.nan, 0)])
     writer.close("complete", "told to", {})
     return writer.path

@@ -99,7 +99,7 @@ def test_the_readme_of_the_measured_ur10() -> None:
     for seed in range(200):
         order = np.random.default_rng(seed).permutation(len(T))
         fit, rest = order[:442], order[442:]
-        error = pose._position_error(T[rest], table.xyz_mm[rest], pose.fit_setup(T[fit], table.xyz_mm[fit]))
+        error = pose.position_error(T[rest], table.xyz_mm[rest], pose.fit_setup(T[fit], table.xyz_mm[fit]))
         held_out.append(np.sqrt((error**2).sum(axis=1).mean()))
     print(np.min(held_out), np.mean(held_out), np.max(held_out))
     assert np.mean(held_out) == pytest.approx(0.775, abs=0.01)
@@ -113,10 +113,10 @@ def test_a_tool_that_never_turns_is_told_to_hide_the_base() -> None:
 
 def test_visits_are_grouped_and_judged_by_iso_9283() -> None:
     x = np.array([[[0.0, 0, 0], [0, 0, 0], [1, 2, 3]]])
-    figures = pose._place_figures(x)
+    figures = pose.place_figures(x)
     assert figures["ap_mm"] == pytest.approx(2.0)
     assert figures["rp_mm"] == pytest.approx(2 / 3 + 3 * np.std([1, 0, 1], ddof=1))
-    turned = pose._turn_figures(x)
+    turned = pose.turn_figures(x)
     assert (turned["ap_c_deg"], turned["rp_c_deg"], turned["rp_a_deg"]) == (2.0, 3.0, 0.0)
     q = np.zeros((5, 6))
     q[3:, 2] = 0.1
@@ -128,7 +128,7 @@ def test_stacked_groups_give_what_each_gives() -> None:
     """Monte Carlo stacks groups along a leading axis; figures must not mix the draws."""
     x = np.random.default_rng(1).normal(0, 1, (7, 5, 3, 3))
     x[:, 2, :, 2] = np.nan
-    for plain in (pose._place_figures, pose._turn_figures):
+    for plain in (pose.place_figures, pose.turn_figures):
         for name, values in plain(x).items():
             np.testing.assert_allclose(values, [plain(one)[name] for one in x], err_msg=name)
 

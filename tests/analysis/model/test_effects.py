@@ -260,4 +260,5 @@ def test_a_file_without_a_whole_effect_is_refused(
     vars(module).update(held)
     monkeypatch.setitem(sys.modules, "rigs.effects.half", module)
     with pytest.raises(ImportError, match=message):
+        # private: it is called for the files of the folder, when that is imported
         rigs.effects._class_in("half")

@@ -169,7 +169,7 @@ def test_a_temperature_that_is_assumed_is_said(tmp_path: Path) -> None:
 
 def test_an_emulated_gauge_is_wrong_as_its_certificate_says() -> None:
     far = PLAIN | {"correction_mm": [[-50, -0.5], [50, -0.5]]}
-    shown = [EmulatedRobot(_rig(g1=one), 1).gauge_mm("g1", 0) for one in (PLAIN, far)]
+    shown = [EmulatedRobot.of_rig(_rig(g1=one), 1).gauge_mm("g1", 0) for one in (PLAIN, far)]
     assert shown[1] - shown[0] == pytest.approx(0.5)
 
 

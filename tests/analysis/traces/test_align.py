@@ -52,18 +52,18 @@ def test_a_gauge_is_not_bridged_over_a_hole_in_which_a_play_is_crossed_a_robot_i
     at = np.arange(0.0, 200e6, 2.3e6)
     with_hole, rows = at[(at < 80e6) | (at > 98e6)], at[:-1] + 1e6
     inside = (rows > with_hole[with_hole < 80e6].max()) & (rows < with_hole[with_hole > 98e6].min())
-    gaps_ns = align._gaps_ns(rows, with_hole, align._JUMPS_NS)
+    gaps_ns = align.gaps_ns(rows, with_hole, align.JUMPS_NS)
     assert np.array_equal(gaps_ns > 0, inside) and gaps_ns.max() == pytest.approx(20.7e6)
-    assert not align._gaps_ns(rows, with_hole, align._MOVES_NS).any()
-    assert not align._gaps_ns(with_hole, with_hole, align._JUMPS_NS).any(), "read in one answer, before and after it"
+    assert not align.gaps_ns(rows, with_hole, align.MOVES_NS).any()
+    assert not align.gaps_ns(with_hole, with_hole, align.JUMPS_NS).any(), "read in one answer, before and after it"
 
 
 def test_what_rigd_itself_makes_a_gauge_wait_is_no_doubt() -> None:
     """After half a second's readings each 2.3 ms, one wait of at most 17 ms."""
     rows = 20 * 217
     waits = np.repeat(2.3e6 + 17e6 * np.linspace(0, 1, 20), 4)
-    assert not align._are_many(waits, rows) and not align._are_many(np.empty(0), rows)
-    assert align._are_many(np.append(waits, 26e6), rows) and align._are_many(np.tile(waits, 3), rows)
+    assert not align.are_many(waits, rows) and not align.are_many(np.empty(0), rows)
+    assert align.are_many(np.append(waits, 26e6), rows) and align.are_many(np.tile(waits, 3), rows)
 
 
 def test_a_robot_that_never_told_all_its_joints_is_refused(tmp_path: Path) -> None:

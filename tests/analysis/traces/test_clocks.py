@@ -150,7 +150,7 @@ def test_behind_an_adapter_that_holds_bytes_back_only_a_computer_held_up_makes_a
     window = 3e6 + np.random.default_rng(1).uniform(0.0, held_ms * 1e6, 400)
     window[:2] = 3e6
     window[200] = 300e6
-    found = clocks._asked(np.arange(400) * 20e6, window, held=True)
+    found = clocks.asked_instants(np.arange(400) * 20e6, window, held=True)
     assert np.count_nonzero(found.own_u_s) == 1 and found.own_u_s[200] == pytest.approx(
         beyond_s / np.sqrt(12), rel=0.02
     )

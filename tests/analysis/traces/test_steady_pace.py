@@ -65,7 +65,7 @@ def test_numbers_of_no_pace_at_all_too(steps_ns: list[int], period_ns: int) -> N
 
 SYLVAC_NS, QUICK_NS = 20.6e6, 0.25e6
 ADAPTERS_MS = (0, 1, 16)
-TOLD_S = align._WANDERS_S
+TOLD_S = align.WANDERS_S
 
 
 def arrived(rng: np.random.Generator, sent_ns: Array, adapter_ms: float) -> Array:
@@ -152,9 +152,11 @@ def test_a_computer_held_up_for_seconds_is_no_wait_where_the_lateness_is_made_up
 
 
 def test_a_pace_that_is_left_is_told() -> None:
-    doubts: list[str] = []
-    for wanders_s in (0.0, 0.5 * TOLD_S, 5.24e-3):
-        align._tell("g1", Instants(np.empty(0), 0.0, np.empty(0), wanders_s=wanders_s), doubts)
+    doubts = [
+        doubt
+        for wanders_s in (0.0, 0.5 * TOLD_S, 5.24e-3)
+        for doubt in align.timing_doubts("g1", Instants(np.empty(0), 0.0, np.empty(0), wanders_s=wanders_s))
+    ]
     assert [doubt.split(":")[:2] for doubt in doubts] == [
         ["g1", " its messages deviate from their steady pace by 5.2 ms"]
     ]

@@ -89,6 +89,7 @@ def test_a_capture_that_grows_too_long_or_loses_its_disk_ends_and_says_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr(capture_writer, "LARGEST", 3000)
+    # private: the list holds minutes of a stalled disk
     monkeypatch.setattr(capture_writer, "_ROOM", 10)
     found = capture_writer.CaptureWriter(tmp_path / "log", [])
     for number in range(15):

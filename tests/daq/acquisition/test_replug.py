@@ -28,6 +28,8 @@ from rigs.schema.links import Line
 from tests.support.bench import PATIENCE_S, rig_text
 from tests.support.replugging import KINDS, Clockwork, replug, wrong
 
+pytestmark = pytest.mark.alone  # nothing but the outage may be wrong
+
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_cable_comes_back_and_nothing_is_wrong(tmp_path: Path, kind: str) -> None:
@@ -100,6 +102,7 @@ def test_names_that_go_while_they_are_listed_end_no_reader(monkeypatch: pytest.M
 
 
 def test_an_outage_is_one_fault_and_each_of_its_reasons_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    # private _FIRST_PAUSE_S, _LONGEST_PAUSE_S: an outage takes seconds with the real pauses
     monkeypatch.setattr(daq.acquisition.reader, "_FIRST_PAUSE_S", 0.001)
     monkeypatch.setattr(daq.acquisition.reader, "_LONGEST_PAUSE_S", 0.001)
     gauge = streams_of(parse(rig_text(), "bench"))[0]
@@ -148,6 +151,7 @@ def test_faults_held_back_to_be_told_as_one_are_told_when_the_link_is_lost() -> 
     stream = streams_of(parse(rig_text("sylvac"), "bench"))[0]
     buffer = StreamBuffer(stream.name, stream.columns)
     link = _Breaking(b"ERR0\r", 50)
+    # private _read: what the thread does until its link is lost, without the thread
     Reader(stream, buffer, link)._read(link)
     counters = dict(buffer.state().counters)
     counters.pop("stalled", None)  # a busy computer holds the reader up, which is counted

@@ -19,6 +19,8 @@ from daq.store import read_run, verify
 from daq.wire.links import LinkLost
 from tests.support.bench import Bench
 
+pytestmark = pytest.mark.alone  # no stall but the one that is made
+
 S = 1_000_000_000
 
 
@@ -123,6 +125,7 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
     stream: Any = SimpleNamespace(name="robot", port="tcp://x:1", host=Costly)
     link: Any = Endless()
     reader = Reader(stream, StreamBuffer("robot", ()), link)
+    # private _stop_asked, _read: what the thread does until its link is lost, with the pauses it asks for
     monkeypatch.setattr(reader, "_stop_asked", SimpleNamespace(is_set=lambda: False, wait=lambda s: True))
     clock.monotonic = lambda: now_s
     reader._read(link)

@@ -194,7 +194,7 @@ def _all(end: ByteLink) -> bytes:
 def test_an_emulated_line_garbles_both_ways_at_another_baud() -> None:
     def exchanged(host: str) -> tuple[bytes, bytes]:
         """What each end heard of the other."""
-        far = PtyLine(Line.model_validate("4800 7E2"))
+        far = PtyLine.open(Line.model_validate("4800 7E2"))
         link = open_link("g1", far.port, Line.model_validate(host))
         try:
             link.write(b"?\r")

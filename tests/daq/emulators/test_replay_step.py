@@ -190,6 +190,7 @@ def test_the_daemon_hears_what_is_added_and_whole(tmp_path: Path) -> None:
     assert ReplayMarks(file).read_new() == []
     file.write_text(out_of_step_line("g1", 3e6))
     followed = ReplayMarks(file)
+    followed.skip()
     assert followed.read_new() == []
     with file.open("a") as marks:
         marks.write(out_of_step_line("robot", -4.2e6) + "nonsense\n" + "g1 +7")

@@ -17,6 +17,8 @@ import daq.gauges
 from daq.protocol.conversation import Conversation
 from daq.protocol.framing import LIMIT
 from rigs.schema.feedback import carries_signal
+
+# private _data, _rtde, _rtu, _tcp: frames as the conversations of the other tests have them
 from tests.daq.protocol.test_conversations import (
     ANGLES,
     BAUMER_REPLY,

@@ -34,6 +34,7 @@ def test_each_value_belongs_to_its_own_request(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name, gauge in CASES.items() if gauge.port != TCP])
 def test_without_the_drain_answers_are_one_behind(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    # private: the driver as it would be without the drain
     monkeypatch.setattr(Polled, "_give_up", lambda self, items, now_ns: self._ask(items, now_ns))
     monkeypatch.setattr(Resync, "ask", lambda self: self.asked)
     assert simulated(CASES[name], 500, 7).shifted > 50

@@ -156,8 +156,10 @@ def test_a_recording_that_cannot_be_ends_none(tmp_path: Path) -> None:
     recorder, arbiter, buffers = _by_hand(tmp_path)
     _signal_on(arbiter, buffers, range(50, 200))
     arbiter.after_round()
+    # private _io, _creator: the test waits for the thread that makes runs
     recorder._io._creator.submit(lambda: None).result()
     name = recorder.state()["recording"]
+    # private: a gauge that fell silent long ago
     buffers["g1_g2"]._last["g2_mm"] = (2.0, 0)
     with pytest.raises(CellError, match="g2: no reading"):
         arbiter.start(Label(name="mine", test="yaw", direction="cw"))

@@ -56,6 +56,7 @@ class Written:
         """Some readings, then the writer's turn; the state after it."""
         self.deliver(count)
         for _ in range(4):  # of a sync and of the closing of a chunk: begun, and what became of it
+            # private _round, _io, _thread, _creator: the test takes the place of the recorder, waits for the disk
             self.recorder._round()
             self.recorder._io._thread.submit(lambda: None).result()
             self.begun()
@@ -64,12 +65,14 @@ class Written:
     @property
     def writer(self) -> RunWriter:
         """Of the run that takes what comes."""
+        # private _current, _writers: the writer of the run whose disk fails
         current = self.recorder._current
         assert current and current.writer
         return current.writer
 
     def retry(self) -> None:
         """Let the next round try another run, without the pause."""
+        # private _state: the pause until another run is tried is over at once
         state = self.recorder._state
         assert isinstance(state.phase, Waiting)
         self.recorder._state = replace(state, phase=replace(state.phase, due_s=0.0))
@@ -116,6 +119,7 @@ def test_the_log_names_a_direction_where_there_is_one(tmp_path: Path, caplog: py
 @pytest.fixture
 def written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Written:
     monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 0.02)
+    # private _SYNC_S, _INTERVAL_S, _SLOW_S, _ROOM: the real limits take seconds and thousands of readings
     monkeypatch.setattr(daq.recording.io_worker, "_SYNC_S", 0.0)
     monkeypatch.setattr(daq.recording.rate_limited_log, "_INTERVAL_S", 0.0)
     return Written(tmp_path)

@@ -71,6 +71,7 @@ class Recordings(RuleBasedStateMachine):
         self.folder = Path(tempfile.mkdtemp(prefix="rig-recorder-"))
         self.buffers = {name: StreamBuffer(name, columns) for name, columns in COLUMNS.items()}
         self.recorder = Recorder(self.buffers, self._create, lambda: None)
+        # private _io, _thread, _creator, _round: the test takes the place of the recorder's threads
         self.recorder._io.shut_down()
         self.disk, self.creator = ByHand(), ByHand()
         self.recorder._io._thread, self.recorder._io._creator = self.disk, self.creator  # type: ignore[assignment]
@@ -107,6 +108,7 @@ class Recordings(RuleBasedStateMachine):
         """Readings and a round, in which a pause is over; then the disk does all that it was asked, or nothing."""
         self.deliver()
         self._drained()
+        # private _state, _runs: the machine's own state decides what may be done next
         state = self.recorder._state
         if isinstance(state.phase, Waiting):
             self.recorder._state = replace(state, phase=replace(state.phase, due_s=0.0))
@@ -219,6 +221,7 @@ class Recordings(RuleBasedStateMachine):
 
 
 def test_each_reading_is_in_one_run_or_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+    # private: a sync at every round
     monkeypatch.setattr(daq.recording.io_worker, "_SYNC_S", 0.0)
     tried = (Phase.explicit, Phase.reuse, Phase.generate)  # to shrink a failure takes minutes, its steps are printed
     few = settings(max_examples=100, stateful_step_count=40, deadline=None, phases=tried)

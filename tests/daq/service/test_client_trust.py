@@ -174,15 +174,15 @@ def test_a_directory_that_others_can_write_is_no_place_for_a_socket(tmp_path: Pa
     outer.mkdir()
     with answering(outer / "rigd" / "cell.sock", json.dumps(STATUS).encode() + b"\n") as path:
         outer.chmod(0o777)
-        with pytest.raises(CellError, match=f"{outer} can be written by other users; chmod go-w"):
-            Client(path)
+        with pytest.raises(CellError, match=f"{outer} can be written by other users; chmod go-w"), Client(path):
+            pass
         outer.chmod(0o1777)  # as /tmp: nobody can replace what is another's
         with Client(path) as client:
             assert client.ask("status")["rig"] == "cell"
         outer.chmod(0o700)
         path.chmod(0o666)
-        with pytest.raises(CellError, match="lets every user of this computer control rigd"):
-            Client(path)
+        with pytest.raises(CellError, match="lets every user of this computer control rigd"), Client(path):
+            pass
 
 
 @ROOT_ONLY
@@ -190,8 +190,8 @@ def test_a_socket_that_another_user_put_there_is_refused(tmp_path: Path) -> None
     tmp_path.chmod(0o1777)
     with answering(tmp_path / "rigd" / "cell.sock", json.dumps(STATUS).encode() + b"\n") as path:
         os.chown(path.parent, SOMEBODY, SOMEBODY)
-        with pytest.raises(CellError, match=rf"belongs to another user \(number {SOMEBODY}\)"):
-            Client(path)
+        with pytest.raises(CellError, match=rf"belongs to another user \(number {SOMEBODY}\)"), Client(path):
+            pass
         link = tmp_path / "link"
         link.symlink_to(path.parent)
         for made in (path.parent, link):
@@ -199,8 +199,8 @@ def test_a_socket_that_another_user_put_there_is_refused(tmp_path: Path) -> None
         with Client(link / "cell.sock") as client:
             assert client.ask("status")["rig"] == "cell"
         os.chown(link, SOMEBODY, SOMEBODY, follow_symlinks=False)
-        with pytest.raises(CellError, match="belongs to another user"):
-            Client(link / "cell.sock")
+        with pytest.raises(CellError, match="belongs to another user"), Client(link / "cell.sock"):
+            pass
 
 
 @ROOT_ONLY
@@ -232,8 +232,11 @@ def test_a_program_of_another_user_behind_a_trusted_name_is_refused(tmp_path: Pa
         assert os.read(ready, 1)
         for place in (folder, folder / "s"):
             os.chown(place, 0, 0)
-        with pytest.raises(CellError, match=rf"a program of another user \(number {SOMEBODY}\) answers here"):
-            Client(folder / "s")
+        with (
+            pytest.raises(CellError, match=rf"a program of another user \(number {SOMEBODY}\) answers here"),
+            Client(folder / "s"),
+        ):
+            pass
     finally:
         os.close(end)
         os.waitpid(poser, 0)
@@ -244,7 +247,7 @@ def test_a_program_of_another_user_behind_a_trusted_name_is_refused(tmp_path: Pa
 def lock(path: Path) -> None:
     from daq.service.instance_lock import InstanceLock  # noqa: PLC0415 - where it is in this version
 
-    InstanceLock("cell", path).release()
+    InstanceLock.take("cell", path).release()
 
 
 def test_a_lock_spoils_nothing_that_it_finds(tmp_path: Path) -> None:

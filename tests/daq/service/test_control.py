@@ -24,7 +24,7 @@ def test_what_is_no_socket_is_left_where_it_is(tmp_path: Path) -> None:
     folder.mkdir()
     for path in (file, folder):
         with pytest.raises(CellError, match="is not a socket; give another --socket"):
-            ControlServer(path, lambda _: {})
+            ControlServer(path, lambda _: {}).start()
     assert file.read_text() == "precious"
 
 
@@ -43,13 +43,13 @@ def test_a_lock_on_a_disk_that_takes_no_more_is_a_lock(tmp_path: Path, monkeypat
 
     with monkeypatch.context() as patch:
         patch.setattr(os, "write", full)
-        lock = InstanceLock("cell", tmp_path / "cell.lock")
+        lock = InstanceLock.take("cell", tmp_path / "cell.lock")
     with pytest.raises(CellError, match="process unknown"):
-        InstanceLock("cell", tmp_path / "cell.lock")
+        InstanceLock.take("cell", tmp_path / "cell.lock")
     lock.release()
-    lock = InstanceLock("cell", tmp_path / "cell.lock")
+    lock = InstanceLock.take("cell", tmp_path / "cell.lock")
     with pytest.raises(CellError, match=f"process {os.getpid()}"):
-        InstanceLock("cell", tmp_path / "cell.lock")
+        InstanceLock.take("cell", tmp_path / "cell.lock")
     lock.release()
 
 
@@ -57,6 +57,7 @@ def test_a_daemon_that_hangs_is_told_from_none(tmp_path: Path, monkeypatch: pyte
     """It takes a few connections and answers none; then the system takes no more."""
     monkeypatch.setattr(daq.service.client, "socket_directory", lambda: tmp_path)
     monkeypatch.setattr(daq.service.client, "ANSWERS_S", 0.1)
+    # private: the real limit is seconds
     monkeypatch.setattr(daq.service.client, "_CONNECT_S", 0.1)
     path = tmp_path / "hanging.sock"
     with socket.socket(socket.AF_UNIX) as hanging:
@@ -66,8 +67,8 @@ def test_a_daemon_that_hangs_is_told_from_none(tmp_path: Path, monkeypatch: pyte
             with pytest.raises(CellError, match="has not answered"):
                 client.ask("status")
             assert find_socket("hanging") == path
-            with pytest.raises(CellError, match="other clients are waiting already"):
-                Client(path)
+            with pytest.raises(CellError, match="other clients are waiting already"), Client(path):
+                pass
 
 
 def test_an_operator_of_another_encoding_is_recorded(tmp_path: Path) -> None:

@@ -22,12 +22,15 @@ from daq.service.control import ControlServer
 from daq.store import read_run
 from tests.support.bench import BIN, Bench
 
+pytestmark = pytest.mark.alone  # a run beside a flood has no stalls
+
 PATIENCE_S = 10.0
 
 
 @contextlib.contextmanager
 def served(path: Path, answer: Callable[[dict[str, Any]], dict[str, Any]] = lambda _: {}) -> Iterator[Path]:
     server = ControlServer(path, answer)
+    server.start()
     try:
         yield path
     finally:
@@ -72,6 +75,7 @@ def test_silent_connections_lock_nobody_out(tmp_path: Path) -> None:
 def test_where_all_are_busy_a_new_one_is_refused_and_none_is_cut_off(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # private _MOST_OF_A_USER, _IDLE_S, _LINE_S: the real limits are many connections and half a minute
     monkeypatch.setattr(control, "_MOST_OF_A_USER", 3)
     begun, may_answer = threading.Semaphore(0), threading.Event()
 

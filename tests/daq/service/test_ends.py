@@ -35,6 +35,7 @@ def test_a_client_that_waits_when_the_daemon_ends_gets_its_answer_and_no_other(t
         return {"run": "x", "counters": {}}
 
     server = ControlServer(tmp_path / "socket", answer)
+    server.start()
     answers: list[object] = []
 
     def client() -> None:

@@ -24,6 +24,7 @@ BUILDING = ("hatchling", "packaging", "pathspec", "pluggy", "trove_classifiers")
 
 
 def _python_with_pip() -> str:
+    # private: the Python that made this environment, which `sys` names nowhere else
     for python in (getattr(sys, "_base_executable", sys.executable), "/usr/bin/python3"):
         if not subprocess.run([python, "-m", "pip", "--version"], capture_output=True, check=False).returncode:
             return python

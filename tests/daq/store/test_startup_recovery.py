@@ -89,6 +89,7 @@ def test_a_directory_that_nobody_may_look_into_keeps_no_run_from_being_recovered
     writer = RunWriter.create(tmp_path, name="lap", test="radial", direction=None, **WHO)
     writer.append("g1", [Sample((0.5,), 1, 2, 3, 8)])
     writer.sync()
+    # private _writers, _lock: files and lock are given up as the system does it when a process is killed
     for stream_writer in writer._writers.values():
         stream_writer.release()
     durable.close(writer._lock)  # as the system does when it is killed

@@ -144,6 +144,7 @@ def test_damaged_parquet_beside_its_recording_chunk(tmp_path: Path) -> None:
 
 def test_whole_parquet_is_not_replaced_by_a_torn_recording_chunk(tmp_path: Path) -> None:
     writer = record(tmp_path)
+    # private: the run is left between two steps of closing a chunk
     stream_writer = writer._writers["g1"]
     stream_writer.finish(stream_writer.unclosed()[0])
     path = crash(writer)

@@ -26,6 +26,8 @@ from rigs.load import parse
 from rigs.schema.links import Line
 from tests.support.bench import PATIENCE_S, Bench, rig_text
 
+pytestmark = pytest.mark.alone  # time-outs of peers are fractions of a second
+
 LINE = Line(baud=9600, bits=8, parity="N", stop=1)
 
 

@@ -8,6 +8,8 @@ from random import Random
 from typing import Any
 
 from daq.service.control import reply
+
+# private _label: the daemon's reading of a request, without a daemon
 from daq.service.daemon import _label
 from tests.support.fuzz.mutation import mutated
 

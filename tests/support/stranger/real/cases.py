@@ -52,7 +52,7 @@ _TRIES = 300
 
 
 @dataclass(frozen=True)
-class _Run:
+class PlannedRun:
     """A line of runs.csv; number: of its set-up's runs, for levels and drift."""
 
     test: str
@@ -66,7 +66,7 @@ class _Run:
 
 
 @dataclass(frozen=True)
-class _Day:
+class Day:
     """Everything that is fixed before a run is made."""
 
     robot: str
@@ -85,7 +85,7 @@ def generate_real(kind: str, seed: int, directory: Path, truth_directory: Path, 
     """Write a case and seal its truth; gives the case's directory, `case-SEED` or `name` in `directory`."""
     drawn_as = "rate" if kind in RATES_HZ else kind
     rng = np.random.default_rng([seed, zlib.crc32(f"real {drawn_as}".encode())])
-    day, mode = _drawn_day(kind, rng)
+    day, mode = drawn_day(kind, rng)
     oracle = Oracle(sight_of(day.robot).placed(day.links), day.noise, day.levels, 2 * day.radials, LAPS)
     level = LEVEL.get(kind, 1.0)
     healthy = arms.healthy_arm(level, rng)
@@ -98,7 +98,7 @@ def generate_real(kind: str, seed: int, directory: Path, truth_directory: Path, 
     case = directory / (name or f"case-{seed:05d}")
     case.mkdir(parents=True)
     faults = [*hidden, *rest, *foreign]
-    _write(case, replace(day, links=_placed(day, faults)), faults, rng)
+    _write(case, replace(day, links=placed_links(day, faults)), faults, rng)
     truth = {
         "case": case.name,
         "world": "real",
@@ -121,7 +121,7 @@ def generate_real(kind: str, seed: int, directory: Path, truth_directory: Path, 
     return case
 
 
-def _drawn_day(kind: str, rng: np.random.Generator) -> tuple[_Day, dict[str, Any]]:
+def drawn_day(kind: str, rng: np.random.Generator) -> tuple[Day, dict[str, Any]]:
     robot = ROBOTS[rng.integers(len(ROBOTS))]
     sight = sight_of(robot)
     unseen, mode = elsewhere(sight, rng)
@@ -140,7 +140,7 @@ def _drawn_day(kind: str, rng: np.random.Generator) -> tuple[_Day, dict[str, Any
     levels = {
         setup: noises.drawn_levels(rng, 2 * REPEATS + 2, gauges, numbers) for setup, (_, gauges) in places.items()
     }
-    day = _Day(robot, cell, sight.track, unseen, links, levels, noise, targets, held_out, radials)
+    day = Day(robot, cell, sight.track, unseen, links, levels, noise, targets, held_out, radials)
     return day, mode
 
 
@@ -187,23 +187,23 @@ def _rms(moves: Mapping[str, float]) -> float:
     return float(np.sqrt(np.mean([mm**2 for mm in moves.values()])))
 
 
-def _runs(day: _Day, rng: np.random.Generator) -> list[_Run]:
+def _runs(day: Day, rng: np.random.Generator) -> list[PlannedRun]:
     """Set-up by set-up, in any order; within a set-up too, and its runs are numbered in it."""
     ways = [(way, k) for way in ("acw", "cw") for k in range(REPEATS)]
     blocks = []
     for test in ("yaw", "roll"):
-        block = [_Run(test, way, "train", number) for number, (way, _) in enumerate(ways)]
+        block = [PlannedRun(test, way, "train", number) for number, (way, _) in enumerate(ways)]
         if test == day.held_out:
-            block += [_Run(test, way, "held_out", 2 * REPEATS + k) for k, way in enumerate(("acw", "cw"))]
+            block += [PlannedRun(test, way, "held_out", 2 * REPEATS + k) for k, way in enumerate(("acw", "cw"))]
         blocks.append(block)
-    targets = [_Run("radial", "", "train", k) for k in range(day.radials)]
-    blocks.append([*targets, _Run("repeatability", "", "train", day.radials)])
-    blocks.append([_Run("yaw", way, "unseen", k) for k, way in enumerate(("acw", "cw"))])
+    targets = [PlannedRun("radial", "", "train", k) for k in range(day.radials)]
+    blocks.append([*targets, PlannedRun("repeatability", "", "train", day.radials)])
+    blocks.append([PlannedRun("yaw", way, "unseen", k) for k, way in enumerate(("acw", "cw"))])
     shuffled = [blocks[k] for k in rng.permutation(len(blocks))]
     return [block[k] for block in shuffled for k in rng.permutation(len(block))]
 
 
-def _placed(day: _Day, faults: Sequence[Fault]) -> dict[str, Link]:
+def placed_links(day: Day, faults: Sequence[Fault]) -> dict[str, Link]:
     """The set-ups, as eccentric as they were drawn about where this arm really goes."""
     sight, (there, track) = sight_of(day.robot), day.unseen
     found = {}
@@ -217,7 +217,7 @@ def _placed(day: _Day, faults: Sequence[Fault]) -> dict[str, Link]:
     return found
 
 
-def _motion(day: _Day, run: _Run, rng: np.random.Generator) -> Motion:
+def motion_of(day: Day, run: PlannedRun, rng: np.random.Generator) -> Motion:
     if run.test == "radial":
         once = np.roll(np.arange(len(day.targets["q"])), int(rng.integers(len(day.targets["q"]))))
         order = np.tile(once, 2)
@@ -229,7 +229,7 @@ def _motion(day: _Day, run: _Run, rng: np.random.Generator) -> Motion:
     return circle(cell, track, run.test, 1 if run.direction == "acw" else -1, LAPS)
 
 
-def _write(case: Path, day: _Day, faults: Sequence[Fault], rng: np.random.Generator) -> None:
+def _write(case: Path, day: Day, faults: Sequence[Fault], rng: np.random.Generator) -> None:
     for name, data in (("rig", day.cell.data), ("unseen", day.unseen[0].data)):
         (case / f"{name}.yaml").write_text(yaml.safe_dump(data, sort_keys=False, allow_unicode=True), encoding="utf-8")
     known: dict[tuple[str, str, bool], Program] = {}
@@ -237,15 +237,17 @@ def _write(case: Path, day: _Day, faults: Sequence[Fault], rng: np.random.Genera
     for number, run in enumerate(_runs(day, rng), start=1):
         key = (run.test, run.direction, run.use == "unseen")
         if key not in known or run.test == "radial":
-            known[key] = program(day.cell, _motion(day, run, rng), day.links[run.setup], faults)
+            known[key] = program(day.cell, motion_of(day, run, rng), day.links[run.setup], faults)
         table = f"{number:02d}-{'-'.join(filter(None, [run.test, run.direction]))}.csv"
-        _read(case / table, day, run, known[key], faults, rng)
+        write_readings(case / table, day, run, known[key], faults, rng)
         lines.append([table, run.test, run.direction, run.use, "unseen.yaml" if run.use == "unseen" else "rig.yaml"])
     with (case / "runs.csv").open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows(lines)
 
 
-def _read(path: Path, day: _Day, run: _Run, made: Program, faults: Sequence[Fault], rng: np.random.Generator) -> None:
+def write_readings(
+    path: Path, day: Day, run: PlannedRun, made: Program, faults: Sequence[Fault], rng: np.random.Generator
+) -> None:
     """One run as a table: the program at the run's own instants, its scatter and its noise.
 
     What does not depend on the instants has draws of its own, so that one case at two rates differs in nothing else.

@@ -14,7 +14,7 @@ from tests.support.stranger.cell import ROBOTS
 from tests.support.stranger.faults import Fault
 from tests.support.stranger.gauges import Link
 from tests.support.stranger.real import arm as arms
-from tests.support.stranger.real.cases import _Day, _drawn_day, _motion, _placed, _read, _Run
+from tests.support.stranger.real.cases import Day, PlannedRun, drawn_day, motion_of, placed_links, write_readings
 from tests.support.stranger.real.noise import CellNoise, Levels
 from tests.support.stranger.real.programs import program
 from tests.support.stranger.sight import REPEATS
@@ -43,18 +43,18 @@ def generate_known(robot: str, fault: Fault, noise: Noise, seed: int, directory:
     """Write three runs of yaw and roll each way and of the hemisphere, each target visited twice, of a healthy arm with
     one fault; gives the size that the arm has of it, its healthy share in it."""
     rng = np.random.default_rng([seed, ROBOTS.index(robot)])
-    day = _drawn_day("one", rng)[0]
+    day = drawn_day("one", rng)[0]
     while day.robot != robot:
-        day = _drawn_day("one", rng)[0]
+        day = drawn_day("one", rng)[0]
     levels = {setup: _levels(noise, link, day) for setup, link in day.links.items()}
     whole, rest = arms.plant(arms.healthy_arm(1.0, rng), fault)
     faults = [whole, *rest]
     day = replace(day, noise=_QUIET, levels=levels)
-    _write(directory, replace(day, links=_placed(day, faults)), faults, rng)
+    _write(directory, replace(day, links=placed_links(day, faults)), faults, rng)
     return whole.size
 
 
-def _levels(noise: Noise, link: Link, day: _Day) -> Levels:
+def _levels(noise: Noise, link: Link, day: Day) -> Levels:
     stops = {int(k): noise.stops_mm * np.sqrt(3) for k in day.targets["target"]}
     shape = (2 * REPEATS + 2, len(link.zeros))
     return Levels(
@@ -63,17 +63,19 @@ def _levels(noise: Noise, link: Link, day: _Day) -> Levels:
     )  # fmt: skip
 
 
-def _write(case: Path, day: _Day, faults: Sequence[Fault], rng: np.random.Generator) -> None:
+def _write(case: Path, day: Day, faults: Sequence[Fault], rng: np.random.Generator) -> None:
     case.mkdir(parents=True)
     (case / "rig.yaml").write_text(yaml.safe_dump(day.cell.data, sort_keys=False, allow_unicode=True), encoding="utf-8")
     lines = [["file", "test", "direction", "use", "rig"]]
     for setup, ways in (("yaw", ("acw", "cw")), ("roll", ("acw", "cw")), ("radial", ("",))):
         for way in ways:
             number = REPEATS * ways.index(way)
-            made = program(day.cell, _motion(day, _Run(setup, way, "train", number), rng), day.links[setup], faults)
+            made = program(
+                day.cell, motion_of(day, PlannedRun(setup, way, "train", number), rng), day.links[setup], faults
+            )
             for k in range(REPEATS):
                 table = f"{'-'.join(filter(None, [setup, way]))}-{k}.csv"
-                _read(case / table, day, _Run(setup, way, "train", number + k), made, faults, rng)
+                write_readings(case / table, day, PlannedRun(setup, way, "train", number + k), made, faults, rng)
                 lines.append([table, setup, way, "train", "rig.yaml"])
     with (case / "runs.csv").open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows(lines)

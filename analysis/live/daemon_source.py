@@ -1,0 +1,157 @@
+"""What a running daemon sends, asked for ten times a second in a thread of its own, so that keys and screen never wait.
+
+A daemon that goes is waited for, and asked again when it is back. Asking costs its readers little: what an answer may
+hold is bounded (`daq.service.recent_samples`), and its whole state is asked for twice a second only.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.live.cell import Cell, cell_of
+from analysis.live.rows import GAUGES, NO_TRACKS, ROBOT, Joiner, Track
+from analysis.live.view import Reading, Update
+from daq.service.client import Client
+from rigs.errors import CellError, RigError
+from rigs.load import parse
+
+_ASK_S, _STATE_S = 0.1, 0.5
+_RETRY_S = 0.5
+_MOST_WAITING = 100
+"""Updates that are kept for a screen that cannot be drawn."""
+_JOINTS = [f"q{axis}_deg" for axis in range(1, 7)]
+
+
+class Asking:
+    """One connection to a daemon and what it has sent: answers in, updates out."""
+
+    def __init__(self, client: Client, rig_lines: list[str] | None = None) -> None:
+        """rig_lines: the rig file of the connection before, which need not be read again if it is the same."""
+        self._client, self.rig_lines = client, rig_lines
+        self._after: dict[str, int] = {}
+        self._joiner: Joiner = NO_TRACKS
+        self._knows_rig = False
+        self._state_due_s = 0.0
+
+    def update(self, now_s: float) -> Update:
+        """Ask, and return what is new. Raises CellError where the daemon does not answer."""
+        answer = self._client.ask("samples", after=self._after, rig=not self._knows_rig)
+        self._after = {name: stream["newest"] for name, stream in answer["streams"].items()}
+        cell, notice = None, ""
+        if not self._knows_rig and answer["rig_lines"] != self.rig_lines:
+            cell, notice = _cell(answer["rig_lines"])
+            self.rig_lines = answer["rig_lines"]
+        self._knows_rig = True
+        state = None
+        if now_s >= self._state_due_s:
+            state, self._state_due_s = self._client.ask("status"), now_s + _STATE_S
+        self._joiner, rows = self._joiner.joined(tracks_of(answer["streams"]))
+        now_ns = answer["now_ns"]
+        readings = {
+            name: Reading(float(track.values[-1, 0]), max(0.0, now_ns / 1e9 - float(track.t_s[-1])))
+            for name, track in self._joiner.tracks.items()
+            if name in GAUGES
+        }
+        return Update(rows=rows, readings=readings, state=state, cell=cell, notice=notice)
+
+
+class DaemonSource:
+    """A daemon by its socket; it may go and come back."""
+
+    def __init__(self, socket: Path) -> None:
+        """Raises CellError where no daemon answers now."""
+        self._socket = socket
+        self._updates: SimpleQueue[Update] = SimpleQueue()
+        self._ended = threading.Event()
+        self._client: Client | None = Client(socket)
+        self._thread = threading.Thread(target=self._ask, name="ask rigd", daemon=True)
+        self._heard_s = time.monotonic()
+
+    def __enter__(self) -> DaemonSource:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+
+    def updates(self) -> list[Update]:
+        """Return what has come since the last call; after some seconds of nothing, that nothing comes."""
+        found: list[Update] = []
+        with suppress(Empty):
+            while True:
+                found.append(self._updates.get_nowait())
+        now_s = time.monotonic()
+        if found:
+            self._heard_s = now_s
+        elif now_s - self._heard_s > 2.0:
+            return [Update(lost=f"rigd has not answered for {now_s - self._heard_s:.0f} s")]
+        return found
+
+    def request(self, command: str, fields: Mapping[str, Any], told: Callable[[dict[str, Any]], str]) -> None:
+        """Send a request of a person; its answer, or the error, comes as a notice."""
+
+        def ask() -> None:
+            try:
+                with Client(self._socket) as client:
+                    notice = told(client.ask(command, **fields))
+            except RigError as error:
+                notice = str(error)
+            self._updates.put(Update(notice=notice))
+
+        threading.Thread(target=ask, name=f"ask rigd to {command}", daemon=True).start()
+
+    def _ask(self) -> None:
+        rig_lines: list[str] | None = None
+        while not self._ended.is_set():
+            try:
+                with self._client or Client(self._socket) as client:
+                    asking = Asking(client, rig_lines)
+                    while not self._ended.wait(_ASK_S):
+                        if self._updates.qsize() > _MOST_WAITING:  # the terminal takes nothing: held by Ctrl-S
+                            continue
+                        self._updates.put(asking.update(time.monotonic()))
+                        rig_lines = asking.rig_lines
+            except CellError as error:
+                self._updates.put(Update(lost=f"waiting for rigd: {error.what}"))
+            except RigError as error:
+                self._updates.put(Update(lost=f"{error.what}: this rigd is older than rig live; restart it"))
+            self._client = None
+            self._ended.wait(_RETRY_S)
+
+
+def tracks_of(streams: Mapping[str, Any]) -> dict[str, Track]:
+    """Return the samples of a `samples` answer by instrument, in mm and rad."""
+    found = {}
+    for stream in streams.values():
+        if not stream["rows"]:
+            continue
+        values = np.array(stream["rows"], dtype=float)
+        columns = dict(zip(stream["columns"], values.T[1:], strict=True))
+        for name in GAUGES:
+            if f"{name}_mm" in columns:
+                found[name] = _track(values[:, 0], columns[f"{name}_mm"][:, None])
+        if all(joint in columns for joint in _JOINTS):
+            found[ROBOT] = _track(values[:, 0], np.radians(np.stack([columns[joint] for joint in _JOINTS], axis=1)))
+    return {name: track for name, track in found.items() if len(track.t_s)}
+
+
+def _track(t_ns: Array, values: Array) -> Track:
+    there = np.isfinite(values).all(axis=1)
+    return Track(t_ns[there] / 1e9, values[there])
+
+
+def _cell(rig_lines: list[str]) -> tuple[Cell | None, str]:
+    """What the daemon's rig file says, or why it cannot be read here."""
+    try:
+        return cell_of(parse("\n".join(rig_lines), "the rig file of rigd")), ""
+    except RigError as error:
+        return None, f"no circle and no angle: {error}"

@@ -1,0 +1,112 @@
+"""The present figures of a view as plain values and as one line, for `--json` and `--plain`."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from analysis.geometry.ball_link import angle
+from analysis.live.controls import Units
+from analysis.live.joints import moves, speeds
+from analysis.live.sweeps import ErrorCurve
+from analysis.live.view import LiveView
+from rigs.schema.vocabulary import CIRCLES
+
+OLD_S = 2.0
+"""A reading that is older is marked: a frozen number must not look alive."""
+
+
+def angle_deg(view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> float | None:
+    """Return the angle between link and tool by the last readings less their zeros; None where there is none."""
+    if view.cell is None or not view.cell.has_angle or not {"g1", "g2"} <= view.readings.keys():
+        return None
+    g1, g2 = (np.array(view.readings[name].mm - zero) for name, zero in zip(("g1", "g2"), zero_mm, strict=True))
+    return float(np.degrees(angle(g1, g2, view.cell.baseline_mm)))
+
+
+def angle_name(view: LiveView) -> str:
+    """Return what the angle is called: yaw or roll while such a test is recorded or played."""
+    return view.test if view.test in CIRCLES else "angle"
+
+
+def phi_deg(view: LiveView) -> float | None:
+    """Return the circle angle now; None off the circle."""
+    return None if not len(view.phi) or math.isnan(view.phi[-1]) else math.degrees(view.phi[-1])
+
+
+def lap_share(view: LiveView) -> float | None:
+    """Return how much of the present lap is driven; None where the tool does not move along the circle."""
+    return None if view.cell is None else view.lap.share(view.cell.start_rad, view.cell.lead_rad)
+
+
+def shown_curves(view: LiveView) -> tuple[ErrorCurve, ErrorCurve]:
+    """Return the error curves acw and cw in degrees, or in mm where the rig has one gauge."""
+    per = math.degrees(1.0) if view.cell is not None and view.cell.has_angle else 1.0
+    curves = [sweep.curve() for sweep in (view.acw, view.cw)]
+    acw, cw = (ErrorCurve(one.phi, one.error * per, one.is_whole, one.less_sine, one.band * per) for one in curves)
+    return acw, cw
+
+
+def figures(view: LiveView) -> dict[str, Any]:
+    """Return the present figures; None where one cannot be had."""
+    state, gauges = view.state, {}
+    for k, name in enumerate(("g1", "g2")):
+        if name in view.readings:
+            reading, extremes = view.readings[name], view.extremes_mm
+            low, high = (None, None) if extremes is None else (_known(extremes[k, 0]), _known(extremes[k, 1]))
+            gauges[name] = {
+                "mm": reading.mm,
+                "age_s": round(reading.age_s, 3),
+                "min_mm": low,
+                "max_mm": high,
+                "trend_mm_s": _known(float(view.trends_mm_s[k])),
+            }
+    return {
+        "rig": view.cell.name if view.cell else None,
+        "lost": view.lost or None,
+        "recording": view.name,
+        "test": view.test,
+        "direction": view.direction,
+        "played_s": view.played.at_s if view.played else None,
+        "gauges": gauges,
+        "angle_deg": angle_deg(view),
+        "phi_deg": phi_deg(view),
+        "sense": {1: "acw", -1: "cw", 0: None}[view.lap.sense],
+        "lap_share": lap_share(view),
+        f"band_{'deg' if view.cell is not None and view.cell.has_angle else 'mm'}": {
+            name: _known(curve.band) if len(curve.phi) else None
+            for name, curve in zip(("acw", "cw"), shown_curves(view), strict=True)
+        },
+        "joints_deg": [_known(float(np.degrees(q))) for q in view.rows.q[-1]] if len(view.rows) else [],
+        "joints_sense": [moves(float(speed)) for speed in speeds(view.rows)],
+        "reversals": len(view.reversals),
+        "connected": {name: one["connected"] for name, one in state["streams"].items()} if state else {},
+        "rate_hz": {name: round(one["rate_hz"], 2) for name, one in state["streams"].items()} if state else {},
+    }
+
+
+def plain_line(view: LiveView, units: Units) -> str:
+    """Return the present figures in one line for a screen reader or a log."""
+    if view.lost:
+        return view.lost
+    parts = [f"at {view.played.at_s:.1f} s"] if view.played else []
+    for name, reading in view.readings.items():
+        old = f" ({reading.age_s:.0f} s old)" if reading.age_s > OLD_S else ""
+        parts.append(f"{name} {reading.mm * units.per_mm:.{units.decimals}f} {units.name}{old}")
+    if (degrees := angle_deg(view)) is not None:
+        parts.append(f"{angle_name(view)} {degrees:.4f}°")
+    if (phi := phi_deg(view)) is not None:
+        share, sense = lap_share(view), {1: " acw", -1: " cw", 0: ""}[view.lap.sense]
+        parts.append(f"φ {phi:.1f}°{sense}" + (f", {100 * share:.0f} % of the lap" if share is not None else ""))
+    parts.append(f"{len(view.reversals)} reversals")
+    if view.state and (lost := [name for name, one in view.state["streams"].items() if not one["connected"]]):
+        parts.append(f"lost: {', '.join(lost)}")
+    if view.name and not view.played:
+        parts.append(f"recording {view.name}")
+    return "; ".join(parts)
+
+
+def _known(value: float) -> float | None:
+    return round(float(value), 6) if math.isfinite(value) else None

@@ -1,0 +1,80 @@
+"""Progress of a lap as it is driven: the sense of motion, how far it is, and how many laps were driven.
+
+A lap begins at the start angle, after the lead-in, as in `analysis.traces.laps`. The sense is known 2° after the tool
+has begun to move or turned back, which is more than the noise of any feedback.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+
+_TURNS_BACK_RAD = math.radians(2.0)
+_EARLY_RAD = math.radians(20.0)
+"""A program may begin so much before its lead-in, as `analysis.traces.laps` allows for one that finds its start."""
+_TURN = 2 * math.pi
+_WHOLE_RAD = _TURN - math.radians(2.0)
+"""A lap that was driven so far is counted: the row at its very end may be missing."""
+
+
+@dataclass(frozen=True)
+class LapProgress:
+    """phi_rad: unwrapped circle angle of the last row, nan off the circle; sense: 1 acw, -1 cw, 0 unknown; extreme_rad:
+    the furthest in this sense; from_rad: where the motion in this sense began; driven: laps completed of each sense."""
+
+    phi_rad: float = math.nan
+    sense: int = 0
+    extreme_rad: float = math.nan
+    from_rad: float = math.nan
+    acw: int = 0
+    cw: int = 0
+
+    def after(self, phi: Array, start_rad: float, lead_rad: float) -> tuple[LapProgress, Array, Array]:
+        """Return the progress after rows at circle angles phi (n,) rad, and at each row the sense of motion (n,) and
+        the share (n,) of the lap that is driven, nan where the tool does not move along the circle."""
+        state, senses, shares = self, [], []
+        for angle in phi.tolist():
+            state = state._moved(angle)
+            share = state.share(start_rad, lead_rad)
+            senses.append(state.sense)
+            shares.append(math.nan if share is None else share)
+        return state, np.array(senses, dtype=float), np.array(shares)
+
+    def share(self, start_rad: float, lead_rad: float) -> float | None:
+        """Return how much of the present lap is driven, below 0 in the lead-in and above 1 after it; None where the
+        tool does not move along the circle."""
+        if self.sense == 0 or math.isnan(self.phi_rad):
+            return None
+        ahead = self.sense * (self.phi_rad - start_rad)
+        begun = self.sense * (self.from_rad - start_rad)
+        # A way begins at the lead-in, or anywhere in the lap where the view was begun late.
+        return (ahead - _TURN * math.floor((begun + lead_rad + _EARLY_RAD) / _TURN)) / _TURN
+
+    def _moved(self, phi: float) -> LapProgress:
+        if math.isnan(phi):
+            return self.ended()
+        if math.isnan(self.phi_rad):
+            return replace(self, phi_rad=phi, sense=0, extreme_rad=phi, from_rad=phi)
+        here = self.phi_rad + math.remainder(phi - self.phi_rad, _TURN)
+        away = here - self.extreme_rad
+        moved = replace(self, phi_rad=here)
+        if self.sense * away > 0:
+            return replace(moved, extreme_rad=here)
+        if abs(away) <= _TURNS_BACK_RAD:
+            return moved
+        from_rad = self.extreme_rad if self.sense else self.from_rad
+        return replace(moved.counted(), sense=1 if away > 0 else -1, extreme_rad=here, from_rad=from_rad)
+
+    def counted(self) -> LapProgress:
+        """Return the progress with the whole laps of the motion that ends now counted."""
+        laps = int((abs(self.extreme_rad - self.from_rad) + _TURN - _WHOLE_RAD) / _TURN) if self.sense else 0
+        return replace(self, acw=self.acw + laps * (self.sense > 0), cw=self.cw + laps * (self.sense < 0))
+
+    def ended(self) -> LapProgress:
+        """Return the progress after the tool has left the circle."""
+        off = replace(self.counted(), phi_rad=math.nan, sense=0)
+        return replace(off, extreme_rad=math.nan, from_rad=math.nan)

@@ -1,0 +1,117 @@
+"""A recorded run as it is played: its rows by the alignment that `rig analyse` uses, up to a time that grows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from analysis.kinematics.arm import Array
+from analysis.live.cell import Cell, cell_of
+from analysis.live.rows import Rows
+from analysis.live.view import LiveView, Played, Reading, Update
+from analysis.traces.align import align
+from analysis.traces.csv_tables import table_from
+from analysis.traces.tables import CircleTable
+from daq.store import Run, read_run
+from rigs.errors import FileError
+from rigs.load import parse
+from rigs.rig import Rig
+from rigs.schema.vocabulary import Direction, TestName
+
+_MOST_HZ = 100.0
+"""Rows a second that are shown; a screen shows ten."""
+_BETWEEN_S = 1.0
+"""From one run to the next in the view."""
+SPEEDS = (0.125, 64.0)
+"""The slowest and the quickest play."""
+
+
+@dataclass(frozen=True)
+class PlayedRun:
+    """A run and where it is played. rig_sha256: of its rig file; at_s: since its first row; shown: how many rows have
+    been shown; begins_s: time of its first row in the view."""
+
+    name: str
+    test: TestName
+    direction: Direction | None
+    cell: Cell
+    rig_sha256: str
+    rows: Rows
+    speed: float
+    begins_s: float = 0.0
+    at_s: float = 0.0
+    shown: int = 0
+    paused: bool = False
+
+    @property
+    def ended(self) -> bool:
+        """Whether all of it has been shown."""
+        return self.shown >= len(self.rows)
+
+    def followed_by(self, other: PlayedRun) -> tuple[PlayedRun, Update]:
+        """Return another run at the time, speed and pause of this one, and what is new with it."""
+        begins_s = self.begins_s + float(self.rows.t_s[-1]) + _BETWEEN_S
+        cell = other.cell if other.rig_sha256 != self.rig_sha256 else None
+        label = (other.name, other.test, other.direction)
+        return replace(other, begins_s=begins_s, speed=self.speed, paused=self.paused), Update(cell=cell, label=label)
+
+    def begun(self) -> LiveView:
+        """Return the view before the first row."""
+        return LiveView(self.cell).labelled(self.name, self.test, self.direction)
+
+    def after(self, seconds: float) -> tuple[PlayedRun, Update]:
+        """Return the run after so many seconds of watching, and what is new."""
+        at_s = self.at_s if self.paused or self.ended else self.at_s + self.speed * seconds
+        until = int(np.searchsorted(self.rows.t_s, at_s, side="right"))
+        at_s = min(at_s, float(self.rows.t_s[-1]))
+        new = self.rows.taken(slice(self.shown, until))
+        new = replace(new, t_s=new.t_s + self.begins_s)
+        run = replace(self, at_s=at_s, shown=max(until, self.shown))
+        played = Played(self.name, at_s, float(self.rows.t_s[-1]), self.speed, self.paused, run.ended)
+        return run, Update(rows=new, readings=_readings(self.rows, run.shown), played=played)
+
+    def sped(self, factor: float) -> PlayedRun:
+        """Return the run at another speed, within `SPEEDS`."""
+        return replace(self, speed=float(np.clip(self.speed * factor, *SPEEDS)))
+
+
+def played_run(path: Path, speed: float) -> PlayedRun:
+    """Read a run to be played. Raises FileError where it cannot be read, or holds no times."""
+    run = read_run(path)
+    rig = parse(run.manifest.rig_text, f"{path}, rig file")
+    rows = _recorded(path, run, rig) if run.table is None else _imported(path, run, run.table)
+    step = max(1, int(np.ceil(len(rows) / max(float(np.ptp(rows.t_s)), 1e-9) / _MOST_HZ)))
+    rows = rows.taken(slice(None, None, step))
+    rows = replace(rows, t_s=rows.t_s - rows.t_s[0])
+    manifest = run.manifest
+    return PlayedRun(manifest.name, manifest.test, manifest.direction, cell_of(rig), manifest.rig_sha256, rows, speed)
+
+
+def _recorded(path: Path, run: Run, rig: Rig) -> Rows:
+    aligned = align(path, run, rig)
+    return Rows(aligned.t_s, _two(aligned.g_mm), aligned.q)
+
+
+def _imported(path: Path, run: Run, rows: pa.Table) -> Rows:
+    table = table_from(rows, run.manifest.test, run.manifest.direction, str(path))
+    if not isinstance(table, CircleTable):
+        what = f"is an imported {run.manifest.test} table, which holds targets and no motion"
+        raise FileError(str(path), what, "play a circle, or a run that rigd recorded")
+    return Rows(table.t_s, _two(table.g_mm), table.q)
+
+
+def _two(g_mm: Array) -> Array:
+    """Readings (n, 2) mm of readings (n, k): nan for a gauge that the test does not use."""
+    both = np.full((len(g_mm), 2), np.nan)
+    both[:, : g_mm.shape[1]] = g_mm
+    return both
+
+
+def _readings(rows: Rows, shown: int) -> dict[str, Reading]:
+    if not shown:
+        return {}
+    last = rows.g_mm[shown - 1]
+    return {f"g{k + 1}": Reading(float(mm), 0.0) for k, mm in enumerate(last) if np.isfinite(mm)}

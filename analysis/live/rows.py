@@ -1,0 +1,111 @@
+"""Samples of several streams as rows: both gauges and the joints at the instants of gauge 1, as they come.
+
+`analysis.traces.align` does the same of a whole run, with fitted clocks. Here a sample's time is when its first byte
+came, which is enough to watch by. A stream that is silent is not waited for; its values are nan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+
+GAUGES = ("g1", "g2")
+ROBOT = "robot"
+_SILENT_S = 1.0
+"""A stream this far behind the others is not waited for; an instrument that is asked answers several times a second."""
+_GAP_S = 0.5
+"""No row is made between two samples that are further apart: a line across missing data is not a measurement."""
+
+
+@dataclass(frozen=True)
+class Rows:
+    """t_s (n,) in order; g_mm (n, 2) and q (n, 6) rad, nan where there is no value."""
+
+    t_s: Array
+    g_mm: Array
+    q: Array
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    def taken(self, rows: slice) -> Rows:
+        """Return some of the rows."""
+        return Rows(self.t_s[rows], self.g_mm[rows], self.q[rows])
+
+    def followed_by(self, newer: Rows, most: int) -> Rows:
+        """Return the last `most` of these rows and newer ones."""
+        if not len(newer):
+            return self
+        parts = ((self.t_s, newer.t_s), (self.g_mm, newer.g_mm), (self.q, newer.q))
+        return Rows(*(np.concatenate(pair)[-most:] for pair in parts))
+
+
+NO_ROWS = Rows(np.empty(0), np.empty((0, 2)), np.empty((0, 6)))
+
+
+@dataclass(frozen=True)
+class Track:
+    """Samples of one instrument: t_s (n,) in order, values (n, k) in mm or rad."""
+
+    t_s: Array
+    values: Array
+
+
+@dataclass(frozen=True)
+class Joiner:
+    """What is kept of each instrument until all of them have samples as late; until_s: time of the last row."""
+
+    tracks: Mapping[str, Track]
+    until_s: float = -np.inf
+
+    def joined(self, new: Mapping[str, Track]) -> tuple[Joiner, Rows]:
+        """Return the joiner with new samples of the instruments, and the rows that can be made now."""
+        tracks = {**self.tracks, **{name: _later(self.tracks.get(name), track) for name, track in new.items()}}
+        tracks = {name: track for name, track in tracks.items() if len(track.t_s)}
+        if not tracks:
+            return self, NO_ROWS
+        newest_s = max(float(track.t_s[-1]) for track in tracks.values())
+        awake = {name: track for name, track in tracks.items() if track.t_s[-1] > newest_s - _SILENT_S}
+        lead = next(awake[name] for name in (*GAUGES, ROBOT) if name in awake)
+        ready_s = min(float(track.t_s[-1]) for track in awake.values())
+        t_s = lead.t_s[(lead.t_s > self.until_s) & (lead.t_s <= ready_s)]
+        gauges = [_at(t_s, awake.get(name), 1) for name in GAUGES]
+        rows = Rows(t_s, np.concatenate(gauges, axis=1), _at(t_s, awake.get(ROBOT), 6))
+        until_s = float(t_s[-1]) if len(t_s) else self.until_s
+        kept = {name: _since(track, ready_s - _SILENT_S) for name, track in tracks.items()}
+        return replace(self, tracks=kept, until_s=until_s), rows
+
+
+NO_TRACKS = Joiner({})
+
+
+def _later(track: Track | None, newer: Track) -> Track:
+    """A track with newer samples; what is out of order is left out."""
+    if track is None or not len(track.t_s):
+        return newer
+    later = newer.t_s > track.t_s[-1]
+    return Track(
+        np.concatenate([track.t_s, newer.t_s[later]]), np.concatenate([track.values, newer.values[later]], axis=0)
+    )
+
+
+def _since(track: Track, since_s: float) -> Track:
+    """The samples from a time on, and the last before it, from which the next rows are interpolated."""
+    first = max(0, int(np.searchsorted(track.t_s, since_s)) - 1)
+    return Track(track.t_s[first:], track.values[first:])
+
+
+def _at(t_s: Array, track: Track | None, count: int) -> Array:
+    """Values (n, count) at times t_s (n,); nan outside a track and in its gaps."""
+    if track is None:
+        return np.full((len(t_s), count), np.nan)
+    values = np.stack([np.interp(t_s, track.t_s, column) for column in track.values.T], axis=1)
+    after = np.searchsorted(track.t_s, t_s).clip(0, len(track.t_s) - 1)
+    before = (np.searchsorted(track.t_s, t_s, side="right") - 1).clip(0)
+    values[track.t_s[after] - track.t_s[before] > _GAP_S] = np.nan
+    values[(t_s < track.t_s[0]) | (t_s > track.t_s[-1])] = np.nan
+    return values

@@ -1,0 +1,125 @@
+"""The model behind the screen, on simulated laps: its figures beside those of `rig analyse`."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from analysis import evaluate, load_run
+from analysis.live.controls import UNITS
+from analysis.live.figures import angle_deg, figures, phi_deg, plain_line, shown_curves
+from analysis.live.played_run import played_run
+from analysis.live.rows import Rows
+from analysis.live.view import LiveView, Reading, Update
+from analysis.measures.joint_reversals import turns
+from analysis.traces.laps import laps_of
+from analysis.traces.tables import CircleTable
+from tests.support.simulated_laps import lap_run, watched, watched_lap
+
+
+@pytest.fixture(scope="module")
+def acw(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return lap_run(tmp_path_factory.mktemp("acw"))
+
+
+@pytest.fixture(scope="module")
+def whole(acw: Path) -> LiveView:
+    return watched_lap(acw)
+
+
+def test_the_band_is_that_of_the_analysis(acw: Path, whole: LiveView) -> None:
+    curve, other = shown_curves(whole)
+    measured = evaluate(load_run(acw)).figures["band_deg"]
+    assert curve.is_whole and not len(other.phi)
+    # A circle angle holds the last reading of either lap there; without noise that is the curve.
+    assert curve.band == pytest.approx(measured.value, rel=0.02)
+
+
+def test_the_error_has_the_shape_that_the_analysis_finds(acw: Path, whole: LiveView) -> None:
+    curve, _ = shown_curves(whole)
+    expected = evaluate(load_run(acw)).curve.error_deg
+    assert np.abs(curve.error - expected).max() < 0.1 * np.ptp(expected)
+
+
+def test_the_reversals_are_those_of_the_analysis(acw: Path, whole: LiveView) -> None:
+    measured = load_run(acw)
+    assert isinstance(measured.table, CircleTable)
+    expected = {(turn.axis, round(np.degrees(turn.phi))) for turn in turns(laps_of(measured.table, measured.rig, "x"))}
+    seen = [(one.axis, np.degrees(one.phi_rad)) for one in whole.reversals]
+    for axis, phi in expected:
+        # The wrist that turns all the way round turns back only where the program does.
+        assert any(axis == other and abs((phi - at + 180) % 360 - 180) < 3 for other, at in seen), (axis, phi)
+
+
+def test_a_way_back_is_no_measurement(acw: Path) -> None:
+    unlabelled = watched(played_run(acw, 1.0), view=LiveView(played_run(acw, 1.0).cell))
+    assert len(unlabelled.cw.curve().phi) and not len(watched_lap(acw).cw.curve().phi)
+
+
+def test_before_half_a_lap_the_mean_alone_is_taken_off(acw: Path) -> None:
+    early, _ = shown_curves(watched_lap(acw, 5.0))
+    assert len(early.phi) and not early.less_sine and not early.is_whole
+    later, _ = shown_curves(watched_lap(acw, 14.0))
+    assert later.less_sine and not later.is_whole and later.band < early.band
+
+
+def test_extremes_and_trend_are_of_the_readings(whole: LiveView, acw: Path) -> None:
+    rows = played_run(acw, 1.0).rows
+    assert whole.extremes_mm is not None
+    assert whole.extremes_mm[:, 0] == pytest.approx(rows.g_mm.min(axis=0))
+    assert whole.extremes_mm[:, 1] == pytest.approx(rows.g_mm.max(axis=0))
+    rising = LiveView().after(Update(rows=ramp(0.25)))
+    assert rising.trends_mm_s == pytest.approx([0.25, -0.25])
+
+
+def ramp(slope_mm_s: float) -> Rows:
+    t_s = np.arange(0.0, 3.0, 0.1)
+    return Rows(t_s, np.outer(t_s, [slope_mm_s, -slope_mm_s]), np.full((len(t_s), 6), np.nan))
+
+
+def test_restarting_forgets_curves_and_extremes(whole: LiveView) -> None:
+    fresh = whole.restarted()
+    assert fresh.extremes_mm is None and not fresh.reversals and not len(fresh.acw.curve().phi)
+    assert len(fresh.rows) == len(whole.rows)
+
+
+def test_the_next_recording_of_a_direction_replaces_its_curve_alone(whole: LiveView) -> None:
+    other = whole.labelled("b", "yaw", "cw")
+    assert len(other.acw.curve().phi)
+    assert not len(whole.labelled("c", "yaw", "acw").acw.curve().phi)
+    assert not len(other.labelled("d", "roll", "cw").acw.curve().phi)
+    assert len(whole.labelled(None, None, None).acw.curve().phi)
+
+
+def state(**faults: int) -> dict[str, Any]:
+    stream = {"connected": True, "rate_hz": 1.0, "counters": faults, "last": {}, "age_s": {}, "last_fault": "no answer"}
+    return {"rig": "cell", "recording": None, "streams": {"g1": stream}, "automatic": None, "last_end": ""}
+
+
+def test_new_faults_become_events_and_old_ones_do_not() -> None:
+    view = LiveView().after(Update(state=state(silent=3)))
+    assert not view.events
+    view = view.after(Update(state=state(silent=5, garbled=1)))
+    assert [event.words for event in view.events] == ["g1: 2 silent, 1 garbled: no answer"]
+    lost = state(silent=5, garbled=1)
+    lost["streams"]["g1"]["connected"] = False
+    assert view.after(Update(state=lost)).events[-1].words == "g1: connection lost"
+
+
+def test_figures_are_plain_and_say_what_is_missing(whole: LiveView) -> None:
+    found = figures(whole)
+    assert found["direction"] == "acw" and set(found["gauges"]) == {"g1", "g2"}
+    assert len(found["joints_deg"]) == 6
+    nothing = figures(LiveView())
+    assert nothing["angle_deg"] is None and nothing["phi_deg"] is None and nothing["gauges"] == {}
+    assert plain_line(LiveView(lost="gone"), UNITS[0]) == "gone"
+    assert "0.1000 mm" in plain_line(LiveView(readings={"g1": Reading(0.1, 0.0)}), UNITS[0])
+    assert "5 s old" in plain_line(LiveView(readings={"g1": Reading(0.1, 5.0)}), UNITS[0])
+
+
+def test_the_angle_follows_the_zero_of_the_view(whole: LiveView) -> None:
+    zeros = (whole.readings["g1"].mm, whole.readings["g2"].mm)
+    assert angle_deg(whole) != pytest.approx(0.0, abs=1e-3)
+    assert angle_deg(whole, zeros) == pytest.approx(0.0, abs=1e-12)
+    assert phi_deg(whole) is not None

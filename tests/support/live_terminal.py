@@ -1,0 +1,87 @@
+"""A program in a terminal of any size: what it shows, what is typed, and what a change of size leaves behind."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import select
+import struct
+import subprocess
+import termios
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import pyte
+
+PATIENCE_S = 40.0
+
+
+class Terminal:
+    """A pty with an emulated screen; use it in a `with` statement."""
+
+    def __init__(self, command: Sequence[str | Path], width: int, height: int, env: Mapping[str, str]) -> None:
+        self.master, self._slave = os.openpty()
+        self.screen = pyte.Screen(width, height)
+        self._stream = pyte.ByteStream(self.screen)
+        self.received = b""
+        self.resize(width, height)
+        self.before = termios.tcgetattr(self._slave)
+        self.process = subprocess.Popen(
+            command,
+            stdin=self._slave,
+            stdout=self._slave,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+            env={**os.environ, "TERM": "xterm-256color", "LANG": "C.UTF-8", **env},
+        )
+
+    def __enter__(self) -> Terminal:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.process.poll() is None:
+            self.process.kill()
+        self.process.communicate()
+        os.close(self.master)
+        os.close(self._slave)
+
+    def resize(self, width: int, height: int) -> None:
+        """Change the size, as a window does: what is outside is cut off, the rest stays until it is drawn over."""
+        self.screen.resize(height, width)
+        fcntl.ioctl(self.master, termios.TIOCSWINSZ, struct.pack("HHHH", height, width, 0, 0))
+
+    def type(self, text: str) -> None:
+        """Press keys."""
+        os.write(self.master, text.encode())
+
+    def read(self, seconds: float) -> None:
+        """Take what comes within a time."""
+        if select.select([self.master], [], [], seconds)[0]:
+            data = os.read(self.master, 1 << 16)
+            self.received += data
+            self._stream.feed(data)
+
+    def text(self) -> str:
+        """What is on the screen."""
+        return "\n".join(self.screen.display)
+
+    def until(self, shown: Callable[[str], bool], why: str = "") -> str:
+        """Wait until the screen shows something; return its text."""
+        end_s = time.monotonic() + PATIENCE_S
+        while not shown(self.text()):
+            assert time.monotonic() < end_s, f"{why}\n{self.text()}"
+            self.read(0.2)
+        return self.text()
+
+    def ended(self) -> int:
+        """Wait for the program to end; return its exit code. stderr stays unread."""
+        end_s = time.monotonic() + PATIENCE_S
+        while self.process.poll() is None:
+            assert time.monotonic() < end_s, self.text()
+            self.read(0.1)
+        return self.process.returncode
+
+    def is_as_before(self) -> bool:
+        """Whether the terminal's settings are those it had before the program ran."""
+        return termios.tcgetattr(self._slave) == self.before
