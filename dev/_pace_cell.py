@@ -1,8 +1,8 @@
 """The instruments of `pace`, in a process of their own: it notes when each message was handed to the system.
 
-    _pace_cell.py RIG OUT [--rate HZ] [--flood]
+    _pace_cell.py RIG OUT [--rate HZ] [--answer-ms MS] [--flood]
 
-Two ILD1420 on ptys that stream at `--rate`, or without it two gauges on Modbus TCP that answer at once; a controller
+Two ILD1420 on ptys that stream at `--rate`, or without it two gauges on Modbus TCP that answer; a controller
 that streams RTDE, or with `--flood` one that sends lines as fast as they are taken. Every reading is its own number.
 The output begins with the rig file's text with the ports of this cell. A line of input ends the sending; then OUT has
 the instants of every number.
@@ -127,9 +127,10 @@ class Controller:
 
 
 class Answering:
-    """A gauge on Modbus TCP that answers each request at once, with no more work than that takes."""
+    """A gauge on Modbus TCP that answers each request after so long, with no more work than that takes."""
 
-    def __init__(self) -> None:
+    def __init__(self, answer_ms: float) -> None:
+        self._answer_s = answer_ms / 1e3
         listener = socket.create_server(("127.0.0.1", 0))
         self.port = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
         threading.Thread(target=self._serve, args=(listener,), daemon=True).start()
@@ -140,6 +141,8 @@ class Answering:
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             with contextlib.suppress(OSError):  # the reader has gone
                 while request := connection.recv(260):
+                    if self._answer_s:
+                        time.sleep(self._answer_s)
                     connection.sendall(request[:4] + b"\0\7" + request[6:8] + b"\4" + _ONE)
 
 
@@ -178,10 +181,11 @@ def main(
     rig: Path,
     out: Path,
     rate: Annotated[float, typer.Option(help="Readings a second of the gauges that stream.")] = 0.0,
+    answer_ms: Annotated[float, typer.Option(help="How long a gauge that is polled takes to answer.")] = 0.0,
     flood: Annotated[bool, typer.Option("--flood")] = False,
 ) -> None:
     """Serve the instruments until a line of input."""
-    gauges = {name: Streaming(rate) if rate else Answering() for name in ("g1", "g2")}
+    gauges = {name: Streaming(rate) if rate else Answering(answer_ms) for name in ("g1", "g2")}
     servers = {**gauges, "robot": Flooding() if flood else Controller()}
     ports = {name: server.port for name, server in servers.items()}
     print(rig_text(rig, ports), end="\0", flush=True)

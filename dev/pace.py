@@ -252,7 +252,15 @@ def polling(seconds: float, turns: int) -> None:
     """Print how often both readers poll two gauges on Modbus TCP: without a limit, at a limit, and beside a flood."""
     beside_flood = {"rigd": READERS["rigd"]}
     cells = [
-        ("as often as they answer", rig_text({**_POLLED, "rate_hz": _NO_LIMIT_HZ}), READERS, ()),
+        *(
+            (
+                f"answered in {answer_ms} ms",
+                rig_text({**_POLLED, "rate_hz": _NO_LIMIT_HZ}),
+                READERS,
+                ("--answer-ms", answer_ms),
+            )
+            for answer_ms in ("0", "1")
+        ),
         *(
             (f"at most {hz:g} Hz{where}", rig_text({**_POLLED, "rate_hz": hz}, robot), beside_flood, options)
             for where, robot, options in (("", None, ()), (", beside a flood", _LINES, ("--flood",)))

@@ -81,6 +81,7 @@ def test_a_delivery_that_ends_with_a_fault_counts_for_the_rate_as_well(buffer: S
 def test_a_block_that_finds_no_room_is_counted_sample_by_sample(
     buffer: StreamBuffer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    # private: the room is minutes of readings
     monkeypatch.setattr("daq.acquisition.stream_buffer._ROOM", 500)
     block = Samples.of([Sample((float(k),), -1, k, k, 3) for k in range(200)])
     for _ in range(4):
