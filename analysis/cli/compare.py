@@ -1,27 +1,62 @@
-"""`rig compare RUN…`: simulation and measurement laid over each other."""
+"""`rig compare RUN…`: simulation and measurement laid over each other; `--against RUN…`: before and after a repair."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from analysis.cli import app
 from analysis.cli.console import say, say_json
+from rigs.errors import FileError
+
+_AGAINST = "--against"
 
 
-@app.command()
+class _ManyAgainst(TyperCommand):
+    """A command whose option --against takes all the runs that follow it, as a shell's wildcard gives them."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        return super().parse_args(ctx, _one_each(args))
+
+
+def _one_each(arguments: Sequence[str]) -> list[str]:
+    """The arguments with --against before each of the runs that follow it, up to the next option."""
+    found, is_against = [], False
+    for one in arguments:
+        if one.startswith("-"):
+            is_against = one == _AGAINST
+            found += [] if is_against else [one]
+        else:
+            found += [_AGAINST, one] if is_against else [one]
+    return [*found, _AGAINST] if arguments and arguments[-1] == _AGAINST else found
+
+
+@app.command(cls=_ManyAgainst)
 def compare(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
+    against: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="RUN…", help="Runs before a repair, if RUN… are those after it; default: the simulation."),
+    ] = None,
     rig_file: Annotated[
         str | None, typer.Option("--rig", help="Rig file of the model to compare with; default: that of the first run.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     plot: Annotated[Path | None, typer.Option(help="Directory for a picture of each run; default: write none.")] = None,
 ) -> None:
-    """Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by side."""
+    """Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by side.
 
+    With --against: show by how much each figure differs from runs before a repair, and whether the spread explains it.
+    """
+    if against:
+        if rig_file or plot:
+            raise FileError(_AGAINST, "compares runs and draws no simulation", "leave --rig and --plot out")
+        _before_and_after(runs, against, as_json)
+        return
     import analysis  # noqa: PLC0415
     from analysis.reporting import comparison_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
@@ -34,3 +69,16 @@ def compare(
         say_json(found.to_dict())
     else:
         PlainConsole().print(comparison_report.as_tables(found))
+
+
+def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bool) -> None:
+    from analysis.cli.run_paths import distinct  # noqa: PLC0415
+    from analysis.history.before_after import differences  # noqa: PLC0415
+    from analysis.history.screen import as_differences  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+
+    found = differences(list(distinct(after)), list(distinct(before)))
+    if as_json:
+        say_json({"differences": [one.to_dict() for one in found]})
+    else:
+        PlainConsole().print(as_differences(found))

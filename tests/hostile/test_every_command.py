@@ -117,7 +117,11 @@ def cases() -> dict[str, Case]:
             [*runs(cell), "--fit", "joint_offset", "-o", own / "out.yaml"],
         ],
         "check": lambda cell, own: [[cell / "rig.yaml"], [cell / EVIL.replace("/", "|")], [cell]],
-        "compare": lambda cell, own: [[*runs(cell), "--plot", own / "compared"], [first(cell), "--json"]],
+        "compare": lambda cell, own: [
+            [*runs(cell), "--plot", own / "compared"],
+            [first(cell), "--json"],
+            [first(cell), "--against", EVIL],
+        ],
         "correct": lambda cell, own: [[cell / "rig.yaml", "-o", own / "corrections"], [cell / "rig.yaml", "-o", cell]],
         "diagnose": lambda cell, own: [[cell / "no run"], [first(cell), "--hold-out", first(cell)]],
         "doctor": lambda cell, own: [[cell / "rig.yaml"], [cell / "rig.yaml", "--json"]],
@@ -126,6 +130,12 @@ def cases() -> dict[str, Case]:
         "export": lambda cell, own: [
             *([first(cell), "--to", to, "-o", own / f"out.{to}"] for to in ("csv", "parquet", "mcap")),
             [first(cell), "--to", "csv", "-o", cell / EVIL / "out.csv"],
+        ],
+        "history": lambda cell, own: [
+            ["rig", "--data", cell / "yaw", "-o", own / "page.html"],
+            [EVIL, "--data", cell / "yaw"],
+            ["rig", "--data", cell / "yaw", "--json"],
+            ["rig", "--data", cell / "yaw", "--figure", EVIL],
         ],
         "import": lambda cell, own: [
             [cell / "rig.yaml", "--rig", cell / "rig.yaml", "--test", "pose", "-o", own / "made"],

@@ -1,0 +1,84 @@
+"""`rig history ROBOT`: every figure of a robot over its runs, what changed and when."""
+
+from __future__ import annotations
+
+import sys
+import time
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app
+from analysis.cli.console import say, say_json
+
+_SILENT_S = 1.0
+"""Nothing is shown of what takes no longer."""
+
+
+@app.command()
+def history(
+    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of its rig file, or of the robot in it.")],
+    data: Annotated[Path, typer.Option(metavar="DIR", help="Directory that holds the runs.")] = Path("runs"),
+    figure: Annotated[
+        str | None, typer.Option(metavar="NAME", help="One figure, as band_deg; default: those that show the robot.")
+    ] = None,
+    since: Annotated[
+        datetime | None, typer.Option(metavar="DATE", formats=["%Y-%m-%d"], help="First day; default: all runs.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    as_csv: Annotated[bool, typer.Option("--csv", help="Print a line of CSV for each run and figure.")] = False,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE.html", help="Page to write; default: write none.")
+    ] = None,
+) -> None:
+    """Show each figure of a robot over time, and report what changed by more than the scatter between its runs."""
+    from analysis.history.collect import collect  # noqa: PLC0415
+    from analysis.history.history import history_of  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
+
+    if as_json and as_csv:
+        raise FileError("--json and --csv", "cannot both be printed", "give one of them")
+    collected = collect(data, robot, _Progress())
+    found = history_of(collected, figure, since.date() if since else None)
+    if output:
+        from analysis.history.page import write_page  # noqa: PLC0415
+
+        write_page(found, output)
+        say(f"page: {output}", err=True)
+    from analysis.history import screen  # noqa: PLC0415
+
+    if as_json:
+        say_json(screen.as_object(found))
+    elif as_csv:
+        import io  # noqa: PLC0415
+
+        from analysis.files.write import write_csv  # noqa: PLC0415
+
+        text = io.BytesIO()
+        write_csv(screen.as_table(found.series), text)
+        for line in text.getvalue().decode().splitlines():
+            say(line)
+    else:
+        from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+
+        PlainConsole().print(screen.as_screen(found))
+
+
+class _Progress:
+    """How many runs are evaluated, on standard error, once it takes longer than a second."""
+
+    def __init__(self) -> None:
+        self._began_s = time.monotonic()
+        self._shown = False
+
+    def __call__(self, done: int, total: int) -> None:
+        if time.monotonic() - self._began_s < _SILENT_S:
+            return
+        line = f"evaluating runs that are new or have changed: {done} of {total}"
+        if sys.stderr.isatty():
+            typer.echo(f"\r{line}", err=True, nl=done == total)
+        elif not self._shown:
+            say(line, err=True)
+        self._shown = True

@@ -1,0 +1,155 @@
+"""From a directory of runs to the records of one robot: what is known is read, what is new is evaluated and kept."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from analysis.history.history_file import FILE, Unusable, read_records, write_records
+from analysis.history.records import Record, fingerprint_of, in_time, record_of, record_without_figures
+from daq.store import Manifest, RunInfo, survey
+from rigs.errors import CellError, FileError
+from rigs.load import parse
+
+Progress = Callable[[int, int], None]
+"""Called with how many of how many runs are evaluated."""
+Job = tuple[Path, Manifest, str]
+_FEW = 4
+"""Runs that one process evaluates before others would have started."""
+_SAVED_EVERY = 50
+"""Runs after which what is evaluated is saved: a minute of work at most is lost."""
+_REASONS = {
+    "damaged": "its manifest or marks cannot be read",
+    "crashed": "it was cut off: rig recover makes it readable",
+    "recording": "it is being recorded",
+}
+
+
+@dataclass(frozen=True)
+class Collected:
+    """The runs of a robot in order of time, those without figures, and what a person should know of the file."""
+
+    robot: str
+    runs: tuple[Record, ...]
+    broken: tuple[Record, ...]
+    notes: tuple[str, ...]
+
+
+def collect(directory: Path, robot: str, progress: Progress) -> Collected:
+    """The records of every run of a robot, by the name of its rig file or of the robot in it.
+
+    Raises FileError where there is no such directory or no run of the robot.
+    """
+    file = directory / FILE
+    notes: list[str] = []
+    try:
+        known, why = read_records(file)
+        usable = True
+    except Unusable as error:
+        known, why, usable = {}, "", False
+        notes.append(_in_memory(file, str(error)))
+    if why:
+        notes.append(f"{file} {why}: it is made again from the runs")
+    found = list(survey(directory))
+    broken = [record_without_figures(run, _REASONS["damaged"]) for run in found if run.manifest is None]
+    mine = [run for run in found if run.manifest is not None and _is_of(run.manifest, robot)]
+    if not mine:
+        raise FileError(str(directory), f"holds no run of {robot}", _remedy(found))
+    records, jobs = _sorted_out(mine, known, broken)
+    gone = sorted(known.keys() - {run.path.name for run in found})
+    for fresh in _evaluated(jobs, progress):
+        records += fresh
+        if usable and (fresh or gone or why):
+            try:
+                write_records(file, fresh, gone, from_new=bool(why))
+                gone, why = [], ""
+            except Unusable as error:
+                usable = False
+                notes.append(_in_memory(file, str(error)))
+    broken += [record for record in records if record.problem]
+    runs, copies = _once(in_time(record for record in records if not record.problem))
+    notes += [f"{copy.name} is a copy of {original.name} and is left out" for copy, original in copies]
+    return Collected(robot, tuple(runs), tuple(sorted(broken, key=lambda one: one.name)), tuple(notes))
+
+
+def _in_memory(file: Path, why: str) -> str:
+    return f"{file} cannot be used ({why}): every run is evaluated again each time"
+
+
+def _sorted_out(
+    runs: Sequence[RunInfo], known: dict[str, Record], broken: list[Record]
+) -> tuple[list[Record], list[Job]]:
+    """Records that still hold, and runs to evaluate; runs that cannot be read are added to broken."""
+    records, jobs = [], []
+    for run in runs:
+        assert run.manifest is not None  # noqa: S101 - as chosen by the caller
+        if run.status in _REASONS:
+            broken.append(record_without_figures(run, _REASONS[run.status]))
+            continue
+        try:
+            fingerprint = fingerprint_of(run.path)
+        except (OSError, FileError) as error:
+            broken.append(record_without_figures(run, str(error)))
+            continue
+        record = known.get(run.path.name)
+        if record is not None and record.fingerprint == fingerprint:
+            records.append(record)
+        else:
+            jobs.append((run.path, run.manifest, fingerprint))
+    return records, jobs
+
+
+def _evaluated(jobs: Sequence[Job], progress: Progress) -> Iterator[list[Record]]:
+    """The records of runs in pieces worth saving, at least one, on every core where there are more than a few."""
+    if len(jobs) <= _FEW:
+        yield [_record(job) for job in jobs]
+        return
+    try:
+        with ProcessPoolExecutor(min(os.cpu_count() or 1, len(jobs))) as pool:
+            piece: list[Record] = []
+            for done, record in enumerate(pool.map(_record, jobs), 1):
+                piece.append(record)
+                progress(done, len(jobs))
+                if len(piece) == _SAVED_EVERY or done == len(jobs):
+                    yield piece
+                    piece = []
+    except BrokenProcessPool:
+        what = "a process that evaluates runs was ended by the system"
+        raise CellError("memory", what, "close other programs, and start again") from None
+
+
+def _record(job: Job) -> Record:
+    return record_of(*job)
+
+
+def _once(records: Sequence[Record]) -> tuple[list[Record], list[tuple[Record, Record]]]:
+    """Each run once, and copies of a directory with their originals."""
+    first: dict[str, Record] = {}
+    copies = []
+    for record in records:
+        original = first.setdefault(record.fingerprint, record)
+        if original is not record:
+            copies.append((record, original))
+    return list(first.values()), copies
+
+
+def _is_of(manifest: Manifest, robot: str) -> bool:
+    return robot in (manifest.rig_name, _robot_name(manifest.rig_text))
+
+
+@lru_cache(maxsize=64)
+def _robot_name(rig_text: str) -> str:
+    try:
+        return parse(rig_text, "rig file").robot.name
+    except FileError:
+        return ""
+
+
+def _remedy(found: Sequence[RunInfo]) -> str:
+    names = sorted({run.manifest.rig_name for run in found if run.manifest})
+    return f"give one of {', '.join(names)}" if names else "give the directory that holds the runs: --data DIR"

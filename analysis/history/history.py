@@ -1,0 +1,123 @@
+"""The history of a robot: each figure of each test over its runs, with what changed and when."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import date
+
+import numpy as np
+
+from analysis.history.changes import Change, Trend, trend_of
+from analysis.history.collect import Collected
+from analysis.history.records import Record
+from analysis.kinematics.arm import Array
+from analysis.measures.quantity import Quantity
+from analysis.reporting.labels import label
+from rigs.errors import FileError
+
+WATCHED = (
+    *("band_deg", "circular_deviation_mm"),
+    *(f"play_j{axis}_deg" for axis in range(1, 7)),
+    *("band_mm", "spread_mean_mm", "rp_mean_mm"),
+    *("uni_mean_mm", "bi_mean_mm", "reversal_mean_mm"),
+    *("rms_mm", "rms_deg", "repeat_mm"),
+)
+"""Figures that show the robot, one of each kind. The others repeat these, or show how ball and gauges were mounted."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """A figure of one test and program over its runs (n), in order of time."""
+
+    title: str
+    figure: str
+    runs: tuple[Record, ...]
+    trend: Trend
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """The figure of each run."""
+        return tuple(run.figures[self.figure] for run in self.runs)
+
+    @property
+    def values(self) -> Array:
+        """The figure (n,) in its unit."""
+        return np.array([one.value for one in self.quantities])
+
+    @property
+    def unit(self) -> str:
+        """The unit as people write it."""
+        return self.quantities[0].sign
+
+    @property
+    def label(self) -> str:
+        """What the figure is called where people read it."""
+        return label_of(self.figure)
+
+
+@dataclass(frozen=True)
+class History:
+    """Everything that `rig history` shows. few: series with too few runs to show a change."""
+
+    collected: Collected
+    series: tuple[Series, ...]
+
+    @property
+    def robot(self) -> str:
+        """The robot by the name that was asked for."""
+        return self.collected.robot
+
+    @property
+    def changed(self) -> list[tuple[Series, Change]]:
+        """Every change in order of time; of those at one time the most certain first."""
+        found = [(series, change) for series in self.series for change in series.trend.changes]
+        return sorted(found, key=lambda one: (one[0].runs[one[1].first].when.timestamp(), one[1].chance))
+
+
+def label_of(figure: str) -> str:
+    """What a figure is called where people read it, as `play of axis 2`."""
+    if figure.startswith("play_j"):
+        return f"play of axis {figure[len('play_j')]}"
+    return label(figure).strip()
+
+
+def history_of(collected: Collected, figure: str | None = None, since: date | None = None) -> History:
+    """The series of a robot's runs and their changes; figure: this one alone, by the name of docs/figures.md; since:
+    runs from this day on. Raises FileError where nothing is left."""
+    runs = [run for run in collected.runs if since is None or run.when.date() >= since]
+    names = {name for run in runs for name in run.figures}
+    if not runs:
+        problem = "no run has figures" if since is None else f"no run since {since} has figures"
+        raise FileError(collected.robot, problem, "see rig runs, or give an earlier --since")
+    if figure is not None and figure not in names:
+        raise FileError("--figure", f"no run has a figure {figure!r}", f"give one of {', '.join(sorted(names))}")
+    wanted = [name for name in WATCHED if name in names] if figure is None else [figure]
+    picked = [
+        (title, name, own)
+        for title, group in _programs(runs)
+        for name in wanted
+        if (own := tuple(run for run in group if name in run.figures and np.isfinite(run.figures[name].value)))
+    ]
+    series = tuple(Series(title, name, own, _trend(own, name, len(picked))) for title, name, own in picked)
+    return History(collected, series)
+
+
+def _trend(runs: Sequence[Record], figure: str, series: int) -> Trend:
+    quantities = [run.figures[figure] for run in runs]
+    u = np.array([one.u for one in quantities])
+    return trend_of(np.array([one.value for one in quantities]), np.nan_to_num(u, posinf=0.0), series)
+
+
+def _programs(runs: Iterable[Record]) -> list[tuple[str, list[Record]]]:
+    """Runs of one test, direction, placement and program, each group with its title."""
+    groups: dict[tuple[str, str, str], list[Record]] = {}
+    for run in runs:
+        groups.setdefault((run.title, run.placement, run.program), []).append(run)
+    several = {title for title, *_ in groups if len({key[2] for key in groups if key[0] == title}) > 1}
+    found = []
+    for (title, placement, program), group in sorted(groups.items()):
+        words = [title, *([f"at {placement}"] if placement else [])]
+        words += [f"program {program}"] if title in several else []
+        found.append((", ".join(words), group))
+    return found

@@ -1,0 +1,153 @@
+"""`history.sqlite` beside the runs: their figures, so that a run is evaluated once.
+
+It holds nothing that the runs do not: deleted, damaged or of another version, it is made again with the same content.
+SQLite's own locks and journal order what two processes write, and what a crash cuts off.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import sqlite3
+from collections.abc import Iterable
+from contextlib import closing, suppress
+from datetime import datetime
+from importlib import metadata
+from pathlib import Path
+
+from analysis.history.records import Record
+from analysis.measures.quantity import Quantity
+
+FILE = "history.sqlite"
+VERSION = 1
+"""Version of the tables below and of the figures in them."""
+_OURS = 0x52494748
+"""SQLite's application_id, `RIGH`: a database of somebody else is left alone."""
+_MOST_BYTES = 1_000_000_000
+"""Some 300 000 runs of 40 figures; a larger file is not ours."""
+_WAIT_S = 10.0
+_OF_THE_SYSTEM = {
+    sqlite3.SQLITE_PERM,
+    sqlite3.SQLITE_BUSY,
+    sqlite3.SQLITE_LOCKED,
+    sqlite3.SQLITE_READONLY,
+    sqlite3.SQLITE_IOERR,
+    sqlite3.SQLITE_FULL,
+    sqlite3.SQLITE_CANTOPEN,
+}
+"""Errors of disk, rights and locks: the file itself may be good, and is left as it is."""
+_TABLES = """
+create table made_by (rig text not null);
+create table runs (
+    name blob primary key, fingerprint text not null, rig text not null, started text not null, test text not null,
+    direction text not null, placement text not null, program text not null, problem text not null) without rowid;
+create table figures (
+    run blob not null references runs (name) on delete cascade, figure text not null, value real, u real,
+    unit text not null, samples integer not null, noise text not null,
+    primary key (run, figure)) without rowid;
+"""
+
+
+class Unusable(Exception):
+    """The file can be neither read nor made, and why; the history then lives in memory only."""
+
+
+def read_records(path: Path) -> tuple[dict[str, Record], str]:
+    """The records in the file by name, and in words why it has to be made again, if so. Raises Unusable."""
+    if not path.exists():
+        return {}, ""
+    if not path.is_file():  # a FIFO would be waited for
+        raise Unusable("it is not a regular file")
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise sqlite3.DatabaseError("is too large")
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=_WAIT_S)) as file:
+            _check_owner(file)
+            if _version(file) != VERSION or file.execute("select rig from made_by").fetchall() != [(_rig(),)]:
+                return {}, "was made by another version of rig"
+            return _records(file), ""
+    except (sqlite3.Error, TypeError, ValueError) as error:
+        if getattr(error, "sqlite_errorcode", 0) & 0xFF in _OF_THE_SYSTEM:
+            raise Unusable(str(error)) from None
+        return {}, f"was damaged ({error})"
+
+
+def write_records(path: Path, records: Iterable[Record], gone: Iterable[str], *, from_new: bool) -> None:
+    """Add records to the file and remove those of runs that are gone. from_new: make the file again. Raises
+    Unusable."""
+    try:
+        if from_new:
+            for name in (path, path.with_name(path.name + "-journal")):
+                name.unlink(missing_ok=True)
+        with closing(sqlite3.connect(path, timeout=_WAIT_S, isolation_level=None)) as file:
+            file.execute("pragma foreign_keys = on")
+            file.execute("begin immediate")
+            _check_owner(file)
+            if _version(file) != VERSION:
+                for statement in _TABLES.split(";\n"):
+                    file.execute(statement)
+                file.execute("insert into made_by values (?)", (_rig(),))
+                file.execute(f"pragma application_id = {_OURS}")
+                file.execute(f"pragma user_version = {VERSION}")
+            file.executemany("delete from runs where name = ?", [(os.fsencode(name),) for name in gone])
+            for record in records:
+                _insert(file, record)
+            file.execute("commit")
+    except (sqlite3.Error, OSError) as error:
+        raise Unusable(str(error)) from None
+
+
+def _check_owner(file: sqlite3.Connection) -> None:
+    """Raises Unusable for a database that another program has made."""
+    tables = file.execute("select count(*) from sqlite_master").fetchone()[0]
+    if tables and file.execute("pragma application_id").fetchone()[0] != _OURS:
+        raise Unusable("it is the database of another program")
+
+
+def _version(file: sqlite3.Connection) -> int:
+    return int(file.execute("pragma user_version").fetchone()[0])
+
+
+def _rig() -> str:
+    with suppress(metadata.PackageNotFoundError):
+        return metadata.version("rig")
+    return "not installed"
+
+
+def _insert(file: sqlite3.Connection, record: Record) -> None:
+    name = os.fsencode(record.name)
+    file.execute("delete from runs where name = ?", (name,))
+    row = (record.fingerprint, record.rig, record.started, record.test, record.direction, record.placement)
+    file.execute(
+        "insert into runs values (?, ?, ?, ?, ?, ?, ?, ?, ?)", (name, *row, record.program, _text(record.problem))
+    )
+    file.executemany(
+        "insert into figures values (?, ?, ?, ?, ?, ?, ?)",
+        [(name, figure, one.value, one.u, one.unit, one.samples, one.noise) for figure, one in record.figures.items()],
+    )
+
+
+def _text(text: str) -> str:
+    """The text with lone surrogates, which no database stores, as their escapes."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def _records(file: sqlite3.Connection) -> dict[str, Record]:
+    figures: dict[bytes, dict[str, Quantity]] = {}
+    for run, figure, value, u, unit, samples, noise in file.execute("select * from figures order by run, figure"):
+        quantity = Quantity(_number(value), _number(u), unit, samples, noise)
+        figures.setdefault(run, {})[figure] = quantity
+    records = {}
+    for row in file.execute("select * from runs order by name"):
+        name, fingerprint, rig, started, test, direction, placement, program, problem = row
+        label = (os.fsdecode(name), fingerprint, rig, started, test, direction, placement)
+        record = Record(*label, program, problem, figures.get(name, {}))
+        if not problem:
+            datetime.fromisoformat(started)  # raises ValueError, which is damage
+        records[record.name] = record
+    return records
+
+
+def _number(value: float | None) -> float:
+    """SQLite stores nan as null."""
+    return math.nan if value is None else float(value)

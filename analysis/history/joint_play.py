@@ -1,0 +1,158 @@
+"""The play of each joint in a circle run: how far the readings jump where the joint turns back.
+
+Play is all that makes the lap jump where a joint turns back; the rest of a robot's error is smooth along the lap. The
+angle and the distance of a lap are therefore fitted by low orders and, for each joint that turns back, by the readings
+that the model gives for a play there less those without. A wide play is crossed over many degrees, so that its shape
+depends on its size: the shapes are computed for some widths, and the sizes are those of nonlinear least squares between
+them. Where gravity holds the gears on one side, no jump shows and the figure is near zero. Source: Y. T. Oh, Applied
+Sciences 9 (2019), 3.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
+
+from analysis.geometry.ball_link import angle
+from analysis.kinematics.arm import Array
+from analysis.measures.joint_reversals import turns
+from analysis.measures.link_angle import CircleResult
+from analysis.measures.quantity import Quantity
+from analysis.measures.reduction import PHI
+from analysis.measures.results import Result
+from analysis.model.predict import model_of, nominal_setup, path_of, predict
+from analysis.traces.laps import Laps
+from analysis.traces.tables import CircleTable
+from rigs.effects import Backlash, Effect
+from rigs.rig import Rig
+
+_SMOOTH = 12
+"""Orders that count as smooth: offsets, links and set-up make orders up to 3, eccentric gears some more."""
+_WIDTHS_DEG = np.concatenate([0.0025 * 2 ** np.arange(0.0, 6.1, 0.5), [0.32]])
+"""Plays that the readings are computed for; between them they go smoothly."""
+_BOTH_WAYS_DEG = np.concatenate([-_WIDTHS_DEG[::-1], [0.0], _WIDTHS_DEG])
+_ROWS = 3000
+"""Rows of a lap that the model is computed for: four a node."""
+_INDEPENDENT = 72
+"""Pieces of a lap that err independently: a jump is judged by a neighbourhood of some 5°."""
+_WORST_U_DEG = 0.05
+"""A play known no better than this is left out: its jumps are too small, or too close to those of another joint."""
+
+
+@dataclass(frozen=True)
+class _Jumps:
+    """What plays make of a lap, smoothly in their widths: of each axis curves (2 widths + 1, 2 NODES) mm, from the
+    widest negative play, a mirror image that noise may look like, over none to the widest."""
+
+    curves: Array
+    by_width: tuple[CubicSpline, ...]
+
+    @classmethod
+    def through(cls, wider: Array) -> _Jumps:
+        """The jumps through the curves (axes, widths, 2 NODES) mm of plays of _WIDTHS_DEG."""
+        curves = np.concatenate([-wider[:, ::-1], np.zeros_like(wider[:, :1]), wider], axis=1)
+        return cls(curves, tuple(CubicSpline(_BOTH_WAYS_DEG, one) for one in curves))
+
+    def of(self, sizes_deg: Array) -> Array:
+        """The curve (2 NODES,) mm of plays (axes,) in degrees."""
+        curves = [one(size) for one, size in zip(self.by_width, sizes_deg, strict=True)]
+        together: Array = np.sum(curves, axis=0)
+        return together
+
+    def slopes(self, sizes_deg: Array) -> Array:
+        """Its derivatives (2 NODES, axes) in mm for each degree."""
+        return np.stack([one(size, 1) for one, size in zip(self.by_width, sizes_deg, strict=True)], axis=1)
+
+
+def joint_plays(result: Result) -> dict[str, Quantity]:
+    """`play_j1_deg` … of the joints that turn back, of a yaw or roll run; nothing for other tests.
+
+    u holds the noise within the run and what the fit leaves unexplained.
+    """
+    found, table = result.found, result.measured.table
+    if not isinstance(found, CircleResult) or not isinstance(table, CircleTable):
+        return {}
+    axes = sorted({turn.axis for turn in turns(found.laps)})
+    if not axes:
+        return {}
+    half_mm = result.measured.rig.gauges.baseline_mm / 2
+    basis = np.linalg.qr(_smooth())[0]
+
+    def rough(curves: Array) -> Array:
+        """Curves (..., 2 NODES) mm without what is smooth in them."""
+        left: Array = curves - (curves @ basis) @ basis.T
+        return left
+
+    by_play = _by_play(found.laps, table, result.measured.rig, half_mm)
+    wider = rough(np.array([[by_play(axis, width) for width in _WIDTHS_DEG.tolist()] for axis in axes]))
+    jumps = _Jumps.through(wider)
+    lap = rough(np.concatenate([found.curve.y * half_mm, found.distance.curve.y]))
+    errors = rough(np.concatenate([found.curve.errors * half_mm, found.distance.curve.errors], axis=1))
+    sizes_deg = _fitted(lap, jumps)
+    left = lap - jumps.of(sizes_deg)
+    solve = np.linalg.pinv(jumps.slopes(sizes_deg))
+    of_fit = np.sqrt((solve**2).sum(axis=1) * float(left.var()) * len(PHI) / _INDEPENDENT)
+    u = np.hypot((errors @ solve.T).std(axis=0), of_fit)
+    return {
+        f"play_j{axis}_deg": Quantity(float(sizes_deg[k]), float(u[k]), "deg", found.samples, found.curve.noise.source)
+        for k, axis in enumerate(axes)
+        if u[k] < _WORST_U_DEG
+    }
+
+
+def _fitted(lap: Array, jumps: _Jumps) -> Array:
+    """Sizes (axes,) in degrees that fit a lap (2 NODES,) mm: the best of two beginnings, from no play and from the
+    widths that explain most of it one after the other, since plays of joints that turn back together look alike."""
+    none = np.zeros(len(jumps.curves))
+    start, left = none.copy(), lap
+    for _ in start:
+        gaps = np.where(start[:, None] == 0, ((left - jumps.curves) ** 2).sum(axis=2), np.inf)
+        axis, width = np.unravel_index(np.argmin(gaps), gaps.shape)
+        if gaps[axis, width] >= left @ left:
+            break
+        start[axis] = 0.99 * _BOTH_WAYS_DEG[width]
+        left = lap - jumps.of(start)
+
+    def gap(sizes: Array) -> Array:
+        return jumps.of(sizes) - lap
+
+    widest = float(_WIDTHS_DEG[-1])
+    found = [least_squares(gap, one, jumps.slopes, bounds=(-widest, widest), x_scale=0.01) for one in (none, start)]
+    sizes_deg: Array = min(found, key=lambda one: float(one.cost)).x
+    return sizes_deg
+
+
+def _by_play(laps: Laps, table: CircleTable, rig: Rig, half_mm: float) -> Callable[[int, float], Array]:
+    """What a play of an axis, in degrees, makes of angle and distance (2 NODES,) mm along the first lap."""
+    lap = laps.first
+    # With the lead-in, since a play is where the joint came from; to the end of the first lap.
+    upto = int(np.searchsorted(table.t_s, lap.t_s[-1], side="right"))
+    rows = slice(None, upto, max(1, len(lap.t_s) // _ROWS))
+    way = replace(table, t_s=table.t_s[rows], q=table.q[rows], g_mm=table.g_mm[rows])
+    inside = way.t_s >= lap.t_s[0]
+    phi = np.interp(way.t_s[inside], lap.t_s, lap.phi)
+
+    def nodes(effects: tuple[Effect, ...]) -> Array:
+        model = model_of(rig, effects)
+        g_mm = predict(model, way, path_of(model, way), nominal_setup(rig, way))[inside]
+        turned = angle(g_mm[:, 0], g_mm[:, 1], 2 * half_mm) * half_mm
+        return np.concatenate([np.interp(PHI, phi, y, period=2 * np.pi) for y in (turned, g_mm.mean(axis=1))])
+
+    without = nodes(())
+
+    def curve(axis: int, width_deg: float) -> Array:
+        return nodes((Backlash(axis=axis, width_deg=width_deg),)) - without
+
+    return curve
+
+
+def _smooth() -> Array:
+    """Low orders (2 NODES, orders), of length 1, of angle and distance, each its own."""
+    orders = np.arange(1, _SMOOTH + 1) * PHI[:, None]
+    one = np.concatenate([np.ones((len(PHI), 1)), np.cos(orders), np.sin(orders)], axis=1)
+    none = np.zeros_like(one)
+    return np.block([[one, none], [none, one]])

@@ -1,0 +1,73 @@
+"""A history as one page that needs no other file: the sentences, and a picture of each figure over time."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from markupsafe import Markup
+
+from analysis.history.history import History, Series
+from analysis.history.words import doubts, remarks, sentences
+from analysis.reporting.sheet import Sheet
+from rigs.errors import FileError
+from rigs.text import plain_lines
+
+_MOST = 60
+"""Pictures on a page, those with changes first: some 20 kB each."""
+_METADATA = ("Creator", "Date", "Format", "Type")
+_DAY_S = 86400.0
+_INK, _CHANGE, _WILD = "#1f5fa8", "#d95f02", "#999999"
+
+
+def write_page(history: History, path: Path) -> None:
+    """Write the page. Raises FileError where it cannot be written."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415 - slow, needed here only
+
+    environment = Environment(
+        loader=PackageLoader("analysis"), autoescape=True, undefined=StrictUndefined, finalize=_shown
+    )
+    shown = sorted(history.series, key=lambda series: not series.trend.changes)
+    html = environment.get_template("history.html").render(
+        robot=history.robot,
+        sentences=sentences(history),
+        remarks=remarks(history),
+        doubts=doubts(history),
+        left_out=max(0, len(shown) - _MOST),
+        pictures=[(series, _picture(series)) for series in shown[:_MOST]],
+    )
+    try:
+        path.write_text(html, encoding="utf-8")
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), "give another -o") from None
+
+
+def _shown(value: object) -> object:
+    """Text is plain before it is escaped for HTML; a picture is HTML already."""
+    return plain_lines(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+
+
+def _picture(series: Series) -> Markup:
+    """An SVG of a figure over time: runs with their 2 u, the levels that were found, wild runs as crosses."""
+    when = np.array([run.when.timestamp() / _DAY_S for run in series.runs])  # matplotlib's own days since 1970
+    values, wild = series.values, series.trend.wild
+    u = np.nan_to_num(np.array([one.u for one in series.quantities]), posinf=0.0)
+    figure = Sheet(8, 2.2)
+    axes = figure.subplots()
+    axes.errorbar(when[~wild], values[~wild], 2 * u[~wild], fmt=".", ms=3, lw=0.6, color=_INK)
+    axes.plot(when[wild], values[wild], "x", ms=4, color=_WILD)
+    for change in series.trend.changes:
+        ends = [when[change.first], when[change.last]]
+        axes.plot(ends, [change.before, change.after], "-o", ms=3, color=_CHANGE, lw=1.8)
+    axes.xaxis_date()
+    axes.set_ylabel(series.unit)
+    axes.grid(color="#dddddd", lw=0.5)
+    axes.spines[["top", "right"]].set_visible(False)
+    drawn = io.StringIO()
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": series.figure}):  # text as text, and always the same
+        figure.savefig(drawn, format="svg", metadata=dict.fromkeys(_METADATA))
+    # Its text is the axis' numbers and unit alone, which matplotlib has escaped.
+    return Markup(re.sub(r"^.*?(?=<svg)", "", drawn.getvalue(), flags=re.S))  # noqa: S704

@@ -1,0 +1,128 @@
+"""A run as the history keeps it: what it was, its figures, or why it has none."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from analysis.history.joint_play import joint_plays
+from analysis.measures.quantity import Quantity
+from analysis.measures.results import result_of
+from analysis.traces.loading import load_measured
+from daq.store import Manifest, RunInfo
+from daq.store.ledger import LEDGER
+from daq.store.manifest import MANIFEST
+from rigs.errors import FileError
+from rigs.files import read_bytes
+from rigs.rig import Rig
+from rigs.schema.vocabulary import CIRCLES
+
+_PLACES = {"repeatability": "hemisphere", "radial": "hemisphere"} | dict.fromkeys(CIRCLES, "circle")
+_MOST_BYTES = 1_000_000_000
+"""The largest ledger, as the store has it."""
+_NOT_OF_THE_PROGRAM = {"eccentricity_mm", "laps", "visits"}
+"""What differs between cells and runs of one program, and changes only how well a figure is known."""
+
+
+@dataclass(frozen=True)
+class Record:
+    """A run: the name of its directory, its fingerprint, when it began (ISO 8601), what was driven, and its figures;
+    problem: why it has none, one line. program: a short digest of circle or hemisphere in its rig file."""
+
+    name: str
+    fingerprint: str
+    rig: str
+    started: str
+    test: str
+    direction: str
+    placement: str
+    program: str = ""
+    problem: str = ""
+    figures: dict[str, Quantity] = field(default_factory=dict)
+
+    @property
+    def title(self) -> str:
+        """Test and direction, as `yaw acw`."""
+        return f"{self.test} {self.direction}".strip()
+
+    @property
+    def when(self) -> datetime:
+        """When the run began, in the zone that its manifest gives, UTC without one. Raises ValueError."""
+        when = datetime.fromisoformat(self.started)
+        return when if when.tzinfo else when.replace(tzinfo=UTC)
+
+
+def fingerprint_of(run: Path) -> str:
+    """The SHA-256 of a run's manifest, ledger and file sizes; the ledger holds the SHA-256 of every chunk.
+
+    Raises OSError or FileError.
+    """
+    found = hashlib.sha256()
+    for name in (MANIFEST, LEDGER):
+        path = run / name
+        found.update(hashlib.sha256(read_bytes(path, _MOST_BYTES) if path.exists() else b"").digest())
+    for path in sorted((*run.glob("*.parquet"), *run.glob("*.arrow"))):
+        found.update(f"{path.name} {path.stat().st_size}\n".encode("utf-8", "surrogateescape"))
+    return found.hexdigest()
+
+
+def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
+    """Evaluate a run by itself, so that its record does not depend on the other runs; never raises for a bad run."""
+    program, problem = "", ""
+    figures: dict[str, Quantity] = {}
+    try:
+        datetime.fromisoformat(manifest.started)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)  # a figure that becomes nan is no result
+            measured = load_measured(path)
+            program = _program(measured.rig, manifest.test)
+            result = result_of(measured)
+            figures = result.figures | joint_plays(result)
+    except FileError as error:
+        problem = error.what
+    except (ArithmeticError, ValueError, RuntimeWarning, np.linalg.LinAlgError) as error:
+        problem = f"the computation failed: {error}"
+    return _plain_record(path, manifest, fingerprint, program, problem, figures)
+
+
+def record_without_figures(run: RunInfo, problem: str) -> Record:
+    """A run that cannot be evaluated as it lies there."""
+    if run.manifest is None:
+        return Record(run.path.name, "", "", "", "", "", "", problem=problem)
+    return _plain_record(run.path, run.manifest, "", "", problem, {})
+
+
+def _plain_record(
+    path: Path, manifest: Manifest, fingerprint: str, program: str, problem: str, figures: dict[str, Quantity]
+) -> Record:
+    return Record(
+        path.name,
+        fingerprint,
+        manifest.rig_name,
+        manifest.started,
+        manifest.test,
+        manifest.direction or "",
+        manifest.placement,
+        program,
+        problem,
+        figures,
+    )
+
+
+def _program(rig: Rig, test: str) -> str:
+    """A digest of what the robot drives; figures of different programs are not comparable."""
+    part = getattr(rig.tests, _PLACES[test]) if test in _PLACES else None
+    driven = part.model_dump(mode="json", exclude=_NOT_OF_THE_PROGRAM) if part else {}
+    return hashlib.sha256(json.dumps(driven, sort_keys=True).encode()).hexdigest()[:8]
+
+
+def in_time(records: Iterable[Record]) -> list[Record]:
+    """Records in the order in which the runs began."""
+    return sorted(records, key=lambda record: (record.when.timestamp(), record.name))

@@ -1,0 +1,149 @@
+"""A history on a terminal, as JSON and as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from analysis.frames import for_json, table_of_rows
+from analysis.history.before_after import Difference
+from analysis.history.history import History, Series, label_of
+from analysis.history.words import dates, doubts, remarks, sentences
+from analysis.kinematics.arm import Array
+from analysis.measures.quantity import Quantity
+from analysis.reporting.wide_tables import whole
+
+_BARS = "▁▂▃▄▅▆▇█"
+_WIDTH = 20
+"""Characters of a sparkline; each is the median of as many runs as there are for one."""
+
+
+def as_screen(history: History) -> RenderableType:
+    """The sentences, a line for each figure, and what stands behind them."""
+    found = [Text(sentence, style="bold") for sentence in sentences(history)]
+    lines = [Text(line, style="dim") for line in remarks(history)]
+    return Group(*found, _table(history), *lines, *(Text(line, style="yellow") for line in doubts(history)))
+
+
+def _table(history: History) -> Table:
+    days = [run.when.date() for series in history.series for run in series.runs]
+    title = f"{history.robot} · {min(days)} to {max(days)}" if days else history.robot
+    table = Table(title=title, title_style="dim", header_style="bold", box=None, padding=(0, 1))
+    table.add_column("")
+    table.add_column("")
+    for heading in ("runs", "first", "last", "spread"):
+        table.add_column(heading, justify="right")
+    table.add_column("over the runs")
+    table.add_column("")
+    before = ""
+    for series in history.series:
+        style = "bold" if series.trend.changes else ""
+        name = "" if series.title == before else series.title
+        table.add_row(name, series.label, *_cells(series), sparkline(series.values), _mark(series), style=style)
+        before = series.title
+    return whole(table)
+
+
+def as_differences(found: Sequence[Difference]) -> RenderableType:
+    """Before and after a repair: a sentence for each figure that changed, and a line for each that was compared."""
+    larger = [Text(one.sentence, style="bold") for one in found if one.is_larger]
+    if not larger:
+        larger = [Text("No figure differs by more than the spread between runs explains.", style="bold")]
+    table = Table(header_style="bold", box=None, padding=(0, 1))
+    table.add_column("")
+    table.add_column("")
+    for heading in ("before", "after", "difference", "u"):
+        table.add_column(heading, justify="right")
+    table.add_column("")
+    table.add_column("more than the spread")
+    title = ""
+    for one in found:
+        by = one.difference
+        is_known = bool(np.isfinite(by.u))
+        verdict = ("yes" if one.is_larger else "no") if is_known else "not known: repeat the runs"
+        cells = [by.rounded(value) for value in (one.before, one.after, by.value)]
+        cells += [by.rounded(by.u) if is_known else "", by.sign, verdict]
+        name = "" if one.title == title else one.title
+        table.add_row(name, label_of(one.figure), *cells, style="bold" if one.is_larger else "")
+        title = one.title
+    counts = f"{max(one.runs_before for one in found)} runs before, {max(one.runs_after for one in found)} after"
+    u = f"u is the standard uncertainty by the spread between runs; {counts}"
+    return Group(*larger, whole(table), Text(u, style="dim"))
+
+
+def _cells(series: Series) -> tuple[str, str, str, str]:
+    quantities = series.quantities
+    by = Quantity(0.0, series.trend.spread or quantities[-1].u, quantities[-1].unit)
+    first, last = (by.rounded(one.value) for one in (quantities[0], quantities[-1]))
+    return str(len(quantities)), first, f"{last} {series.unit}", by.rounded(series.trend.spread)
+
+
+def _mark(series: Series) -> str:
+    return "".join("↑" if one.after > one.before else "↓" for one in series.trend.changes)
+
+
+def sparkline(values: Array, width: int = _WIDTH) -> str:
+    """A line of small bars for values (n,) in any unit, from least to largest; flat where all are alike."""
+    pieces = np.array_split(values, min(width, len(values)))
+    heights = np.array([np.median(piece) for piece in pieces])
+    low, span = heights.min(), np.ptp(heights)
+    if span == 0:
+        return _BARS[0] * len(heights)
+    return "".join(_BARS[round(float((one - low) / span) * (len(_BARS) - 1))] for one in heights)
+
+
+def as_object(history: History) -> dict[str, Any]:
+    """The same for scripts: every point, change and run without figures; units stand in the names of the figures."""
+    plain: dict[str, Any] = for_json(
+        {
+            "robot": history.robot,
+            "sentences": sentences(history),
+            "remarks": remarks(history),
+            "series": [_series_object(series) for series in history.series],
+            "without_figures": {one.name: one.problem for one in history.collected.broken},
+            "notes": list(history.collected.notes),
+        }
+    )
+    return plain
+
+
+def _series_object(series: Series) -> dict[str, Any]:
+    return {
+        "title": series.title,
+        "figure": series.figure,
+        "spread": series.trend.spread,
+        "points": _points(series),
+        "changes": [
+            {
+                "after_run": series.runs[one.first].name,
+                "by_run": series.runs[one.last].name,
+                "when": dates(series, one),
+                "before": one.before,
+                "after": one.after,
+                "u": one.u,
+                "chance": one.chance,
+                "may_go_on": one.is_last,
+            }
+            for one in series.trend.changes
+        ],
+    }
+
+
+def _points(series: Series) -> list[dict[str, Any]]:
+    return [
+        {"run": run.name, "started": run.started, "value": one.value, "u": one.u, "alone": bool(alone)}
+        for run, one, alone in zip(series.runs, series.quantities, series.trend.wild, strict=True)
+    ]
+
+
+def as_table(all_series: Sequence[Series]) -> pa.Table:
+    """A row for each run and figure: title, figure, run, started, value, u, alone."""
+    columns = ("title", "figure", "run", "started", "value", "u", "alone")
+    rows = [{"title": one.title, "figure": one.figure} | point for one in all_series for point in _points(one)]
+    return table_of_rows(columns, rows)

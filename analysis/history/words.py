@@ -1,0 +1,126 @@
+"""A history in plain sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+
+from analysis.history.changes import FALSE_ALARMS, NEWEST, Change
+from analysis.history.history import History, Series
+from analysis.history.shapes import FEWEST
+from analysis.measures.quantity import Quantity
+
+_MOST_NAMED = 5
+_MONTHS = ("Jan", "Feb", "March", "April", "May", "June", "July", "Aug", "Sept", "Oct", "Nov", "Dec")
+
+
+def sentences(history: History) -> list[str]:
+    """What changed and when, a sentence each; or that nothing did."""
+    groups = _together(history.changed)
+    if groups:
+        return [_sentence(group) for group in groups]
+    if all(is_short(series) for series in history.series):
+        return []
+    return ["No figure changed by more than its scatter between runs explains."]
+
+
+def remarks(history: History) -> list[str]:
+    """What stands behind the sentences: how much was looked at, what was left out, what is too short."""
+    runs = {run.name for series in history.series for run in series.runs}
+    short = sum(map(is_short, history.series))
+    lines = [
+        f"{_count(len(history.series), 'series', 'series')} of {_count(len(runs), 'run')} looked at; of a robot that "
+        f"does not change, {FALSE_ALARMS:.0%} of histories report a change"
+    ]
+    if short:
+        lines.append(f"{short} of the series have fewer than {2 * FEWEST} runs, too few to show a change")
+    if any(len(series.runs) > NEWEST for series in history.series):
+        lines.append(f"changes are looked for in the newest {NEWEST} runs of a series")
+    wild: dict[str, list[str]] = {}
+    for series in history.series:
+        for run, is_wild in zip(series.runs, series.trend.wild, strict=True):
+            if is_wild:
+                wild.setdefault(run.name, []).append(f"{series.label} of {series.title}")
+    lines += [f"run {name} stands alone, and is left out of {_listed(of)}" for name, of in wild.items()][:_MOST_NAMED]
+    if len(wild) > _MOST_NAMED:
+        lines.append(f"{len(wild) - _MOST_NAMED} further runs stand alone in a series and are left out of it")
+    return lines
+
+
+def doubts(history: History) -> list[str]:
+    """Runs that have no figures, and what is to be known of the file of the history."""
+    broken = history.collected.broken
+    lines = list(history.collected.notes)
+    if broken:
+        verb = "has" if len(broken) == 1 else "have"
+        lines.append(f"{_count(len(broken), 'run')} {verb} no figures and {'is' if verb == 'has' else 'are'} left out:")
+        lines += [f"  {one.name}: {one.problem}" for one in broken[:_MOST_NAMED]]
+        if len(broken) > _MOST_NAMED:
+            lines.append(f"  and {len(broken) - _MOST_NAMED} more, which --json names")
+    return lines
+
+
+def is_short(series: Series) -> bool:
+    """Whether a series has too few runs to show a change."""
+    return len(series.runs) < 2 * FEWEST
+
+
+def dates(series: Series, change: Change) -> str:
+    """When a change was, as `between 3 and 17 May 2026`; clock times where it was within a day."""
+    first, last = series.runs[change.first].when, series.runs[change.last].when
+    if first.date() == last.date():
+        return f"on {_day(first)} between {first:%H:%M} and {last:%H:%M}"
+    same_year, same_month = first.year == last.year, (first.year, first.month) == (last.year, last.month)
+    begin = str(first.day) if same_month else f"{first.day} {_MONTHS[first.month - 1]}"
+    return f"between {begin if same_year else _day(first)} and {_day(last)}"
+
+
+def _day(when: datetime) -> str:
+    return f"{when.day} {_MONTHS[when.month - 1]} {when.year}"
+
+
+def _together(changed: Sequence[tuple[Series, Change]]) -> list[list[tuple[Series, Change]]]:
+    """Changes of one figure in several tests at one time and in one sense, the most certain first."""
+    groups: list[list[tuple[Series, Change]]] = []
+    for one in changed:
+        group = next((group for group in groups if _alike(group[0], one)), None)
+        if group is None:
+            groups.append([one])
+        else:
+            group.append(one)
+    return [sorted(group, key=lambda one: one[1].chance) for group in groups]
+
+
+def _alike(one: tuple[Series, Change], other: tuple[Series, Change]) -> bool:
+    (series, change), (its_series, its) = one, other
+    if (
+        series.figure != its_series.figure
+        or series is its_series
+        or (change.after > change.before) != (its.after > its.before)
+    ):
+        return False
+    begin = max(series.runs[change.first].when, its_series.runs[its.first].when)
+    end = min(series.runs[change.last].when, its_series.runs[its.last].when)
+    return begin <= end
+
+
+def _sentence(group: Sequence[tuple[Series, Change]]) -> str:
+    series, change = group[0]
+    size = Quantity(change.after - change.before, change.u, series.quantities[0].unit)
+    verb = "rose" if change.after > change.before else "fell"
+    also = [f"{one.title}" for one, _ in group[1:]]
+    seen = f"; {_listed(also)} show{'s' * (len(also) == 1)} it too" if also else ""
+    when = f"{dates(series, change)}{', and may go on' if change.is_last else ''}"
+    return (
+        f"{series.label[0].upper()}{series.label[1:]} {verb} from {size.rounded(change.before)} to "
+        f"{size.rounded(change.after)} {series.unit} {when} ({series.title}: by {size}; "
+        f"runs {series.runs[change.first].name} and {series.runs[change.last].name}{seen})."
+    )
+
+
+def _count(count: int, one: str, several: str = "") -> str:
+    return f"{count} {one if count == 1 else several or one + 's'}"
+
+
+def _listed(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"

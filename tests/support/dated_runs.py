@@ -1,0 +1,24 @@
+"""Simulated run directories of a robot whose axis 3 has a play, at days of one's choice."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from analysis import save_run
+from analysis.simulation.simulated_runs import simulated_run
+from rigs.effects import Backlash
+from rigs.load import load
+from rigs.schema.vocabulary import Direction
+from tests.support.rewritten_runs import rewrite
+
+BEGAN = datetime(2026, 5, 1, 9, tzinfo=UTC)
+
+
+def dated_run(directory: Path, day: int, play_deg: float, direction: Direction = "acw") -> Path:
+    """A yaw run so many days after BEGAN; its day is the seed of its noise."""
+    rig, text = load("ur10e")
+    run = simulated_run(rig, text, "yaw", direction, day, [Backlash(axis=3, width_deg=play_deg)])
+    path = save_run(run, directory / f"{day:03d}-{direction}")
+    rewrite(path, {"started": (BEGAN + timedelta(days=day)).isoformat()}, "")
+    return path
