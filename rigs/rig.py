@@ -11,6 +11,7 @@ from rigs.schema.certificate import Ball, Link, Temperature
 from rigs.schema.declared_tests import Tests
 from rigs.schema.feedback import Feedback, carries_signal
 from rigs.schema.gauges import Gauges
+from rigs.schema.limits import Limits
 from rigs.schema.part import Part
 from rigs.schema.recording_rules import Automatic, Retention
 from rigs.schema.robot import Robot
@@ -33,6 +34,7 @@ class Rig(Part):
     temperature: Temperature | None = None
     tests: Tests = Tests()
     effects: tuple[AnyEffect, ...] = ()
+    limits: Limits = Limits()
     automatic: Automatic | None = None
     retention: Retention | None = None
     replay: str = ""

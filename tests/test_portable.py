@@ -33,13 +33,16 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(done.stdout.strip())
 
 
-def test_a_recorded_run_is_verified_and_analysed_with_report_and_pictures(recorded: Path, tmp_path: Path) -> None:
+def test_a_recorded_run_is_verified_and_analysed_with_page_and_pictures(recorded: Path, tmp_path: Path) -> None:
     assert _rig("verify", recorded).stdout == f"{recorded}: whole\n"
-    done = _rig("analyse", recorded, "--json", "--plot", tmp_path / "report")
+    done = _rig("analyse", recorded, "--json", "--plot", tmp_path / "pictures")
     assert done.returncode == 0, done.stderr
     here = json.loads(done.stdout)["runs"][0]
     assert here["test"] == "yaw"
-    assert {"report.html"} <= {path.name for path in (tmp_path / "report").iterdir()}
+    assert {path.suffix for path in (tmp_path / "pictures").iterdir()} == {".png"}
+    page = _rig("report", recorded, "--no-diagnosis", "-o", tmp_path / "page.html")
+    assert page.returncode == 0, page.stderr
+    assert "Verdict" in (tmp_path / "page.html").read_text(encoding="utf-8")
     on_linux = subprocess.run(
         [Path(sys.executable).parent / "rig", "analyse", recorded, "--json"], capture_output=True, text=True, check=True
     )

@@ -138,6 +138,7 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     record,  # noqa: F401
     relabel,  # noqa: F401
     replay,  # noqa: F401
+    report,  # noqa: F401
     runs,  # noqa: F401
     simulate,  # noqa: F401
 )

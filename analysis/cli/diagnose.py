@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from analysis.cli import app
 from analysis.cli.console import say, say_json
+
+if TYPE_CHECKING:
+    from analysis import Diagnosis, Measured
 
 
 @app.command()
@@ -39,55 +40,69 @@ def diagnose(
         typer.Option(
             "--output",
             "-o",
-            metavar="DIR",
-            help="Directory for the extended rig file, JSON and picture; default: write none.",
+            metavar="DIR|FILE.html",
+            help="Directory for the extended rig file, JSON and picture, or the page of rig report; default: none.",
         ),
     ] = None,
 ) -> None:
     """Find where simulation and measurement differ, name the missing effects, and verify that they close the gap."""
-
     import analysis  # noqa: PLC0415
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.cli.run_paths import distinct, load_runs  # noqa: PLC0415
-    from analysis.reporting import diagnosis_report  # noqa: PLC0415
-    from analysis.reporting.diagnosis_screen import as_screen  # noqa: PLC0415
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
+    from analysis.reporting.diagnosis_report import hold_empty  # noqa: PLC0415
+    from analysis.reporting.page.write_page import is_page  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
-    if output:
-        diagnosis_report.hold_empty(output)
+    if output and not is_page(output):
+        hold_empty(output)
     held, other = distinct(hold_out or ()), distinct(unseen or ())
-    used = [path for path in distinct(runs) if path not in held | other]
-    if not used:
-        raise FileError(
-            "RUN…", "is held out or unseen, like every other run, and a diagnosis needs at least one", "hold out fewer"
-        )
-    measured, judges, elsewhere = (load_runs(paths) for paths in (used, held, other))
+    measured, judges, elsewhere = (load_runs(paths) for paths in (_used(runs, held | other), held, other))
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
-    with _progress(quiet=as_json) as progress:
+    with progress_of(quiet=as_json) as progress:
         found = analysis.diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
         )
+    _show(found, as_json=as_json)
+    if output:
+        _write(found, measured, text, output)
+
+
+def _used(runs: list[Path], judging: dict[Path, None]) -> list[Path]:
+    """The runs that names are looked for in. Raises FileError where none is left."""
+    from analysis.cli.run_paths import distinct  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
+
+    used = [path for path in distinct(runs) if path not in judging]
+    if not used:
+        what = "is held out or unseen, like every other run, and a diagnosis needs at least one"
+        raise FileError("RUN…", what, "hold out fewer")
+    return used
+
+
+def _show(found: Diagnosis, *, as_json: bool) -> None:
+    from analysis.reporting.diagnosis_screen import as_screen  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+
     if as_json:
         say_json(found.to_dict())
     else:
         PlainConsole().print(as_screen(found))
-    written = diagnosis_report.write(found, text, output) if output else []
+
+
+def _write(found: Diagnosis, measured: list[Measured], text: str, output: Path) -> None:
+    """Write the page, or the directory; the rig file with what was missing comes last there."""
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
+    from analysis.reporting.diagnosis_report import write  # noqa: PLC0415
+    from analysis.reporting.page.report import gather  # noqa: PLC0415
+    from analysis.reporting.page.write_page import is_page, write_page  # noqa: PLC0415
+
+    if is_page(output):
+        with progress_of() as progress:
+            written = [write_page(gather(measured, found.rig, found=found, progress=progress), output)]
+    else:
+        written = write(found, text, output)
     for path in written:
         say(f"wrote {path}", err=True)
-    if written and written[-1].suffix == ".yaml":
+    if written[-1].suffix == ".yaml":
         model = written[-1]
         say(f"next: rig diagnose RUN… --rig {model}, or rig correct {model} -o corrections", err=True)
-
-
-@contextmanager
-def _progress(*, quiet: bool) -> Iterator[Callable[[str], None]]:
-    """What to call with what is being done: shown on a terminal and nowhere else."""
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-
-    console = PlainConsole(stderr=True)
-    if quiet or not console.is_terminal:
-        yield lambda doing: None
-        return
-    with console.status("reading the runs") as status:
-        yield status.update

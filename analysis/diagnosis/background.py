@@ -125,6 +125,12 @@ class Background:
         found: Array = self._root[:, None] * whole * self._root
         return found
 
+    @cached_property
+    def spent(self) -> Array:
+        """The energy of each band (b,), in variances of the noise, that the uncertainty of the coefficients hides, with
+        no terms fitted beside them."""
+        return np.einsum("bij,ji->b", self.columns.K, self.covariance)
+
     def posterior(self, known: FittedTerms) -> Posterior:
         """Return the posterior of all coefficients beside the fitted terms, of which T is (N, q)."""
         return Posterior(self, known)
@@ -155,10 +161,22 @@ class Posterior:
         products = weighed.products(weighed)
         self.known_covariance = np.linalg.inv(products[:q, :q] + known.precision)
         self.known = self.known_covariance @ (products[:q, q] + known.precision @ known.mean)
-        taken = background.taken(weighed)
-        self.mean = taken[:, q] - taken[:, :q] @ self.known
-        self.A = background.covariance + taken[:, :q] @ self.known_covariance @ taken[:, :q].T
+        self._fitted, taken = T, background.taken(weighed)
+        self._taken = taken[:, :q]
+        self.mean = taken[:, q] - self._taken @ self.known
+        self.A = background.covariance + self._taken @ self.known_covariance @ self._taken.T
         self.residual = r - T @ self.known - background.columns.X @ self.mean
+
+    @property
+    def spent(self) -> Array:
+        """The energy of each band (b,), in variances of the noise, that the uncertainty of all coefficients hides.
+
+        What a fitted term adds to the readings is what the columns leave of it, since they take back the rest.
+        """
+        columns = self.background.columns
+        left = self._fitted - columns.X @ self._taken
+        each = np.einsum("ni,ij,nj->n", left, self.known_covariance, left)
+        return self.background.spent + np.asarray(np.bincount(columns.band, each), dtype=float)
 
     @property
     def healthy_share(self) -> Array:

@@ -132,4 +132,4 @@ class Hyperparameters:
         columns = self.columns
         raw = posterior.background.weight * state.strength[columns.band] * posterior.residual**2
         energy = np.asarray(np.bincount(columns.band, raw), dtype=float)
-        return energy, np.einsum("bij,ji->b", columns.K, posterior.A)
+        return energy, posterior.spent

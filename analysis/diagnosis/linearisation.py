@@ -22,6 +22,10 @@ _STEP_DEG = 1e-4
 metre by 2 µm, and far from the limits of floating-point arithmetic."""
 _STEP_MM = 0.01
 """Step of the derivatives by a set-up term. Readings are linear over such a step."""
+_INDISTINCT = 0.005
+"""Singular value of a combination of set-up terms, as a share of the largest, below which it is not moved. A ball along
+the normal of its circle shows a thousandth of what it shows across, so other errors would move it by metres; the ball
+of a hemisphere shows a hundredth along its weakest direction, with fewer readings."""
 _READING = ("setup", "gauge")
 """Stages of effects that do not move the tool."""
 
@@ -48,6 +52,7 @@ class Linearisation:
         self.rows = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)]
         self.y = np.concatenate([block.white(block.y_mm) for block in blocks])
         self.U = self._setup_columns()
+        self._best_moves = np.linalg.pinv(self.U, rcond=_INDISTINCT)
         self.Z = self._scatter_columns()
         self.band = np.concatenate([block.band for block in blocks])
 
@@ -57,13 +62,28 @@ class Linearisation:
             return np.empty((len(self.y), 0))
         return np.concatenate([self._added(k, effects) for k in range(len(self.blocks))])
 
-    def residual(self, effects: Sequence[Effect], setups: Mapping[str, SetUp] | None = None) -> Array:
+    def residual(self, effects: Sequence[Effect]) -> Array:
         """Return the whitened residual (N,) with `effects` in place of the known ones, all of them on the simulator
-        together."""
-        placed = setups or self.setups
+        together.
+
+        A large effect moves the ball by a millimetre, over which readings are not linear. So they are simulated where
+        the set-ups fit best with these effects, and taken back to the set-ups of this linearisation along their slopes.
+        """
+        responses = [self.response_of(k, effects) for k in range(len(self.blocks))]
+        moved = self._best_moves @ self._left(responses, self.setups)
+        return self._left(responses, self.setups_moved_by(moved)) + self.U @ moved
+
+    def residual_at(self, effects: Sequence[Effect], setups: Mapping[str, SetUp]) -> Array:
+        """Return the whitened residual (N,) with `effects` in place of the known ones in given set-ups."""
+        return self._left([self.response_of(k, effects) for k in range(len(self.blocks))], setups)
+
+    def _left(
+        self, responses: Sequence[Callable[[Mapping[str, SetUp]], Array]], setups: Mapping[str, SetUp]
+    ) -> Array:
+        """Return the whitened residual (N,) of the responses of all blocks in given set-ups."""
         return np.concatenate([
-            block.white(block.y_mm) - block.whitened(self.response_of(k, effects)(placed))
-            for k, block in enumerate(self.blocks)
+            block.white(block.y_mm) - block.whitened(response(setups))
+            for block, response in zip(self.blocks, responses, strict=True)
         ])  # fmt: skip
 
     def simulated_with(self, effects: Sequence[Effect]) -> Linearisation:

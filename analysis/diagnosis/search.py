@@ -74,7 +74,7 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
         known = state.refined.effects
         moved = selection.posterior(state).mean[selection.columns.set_ups]
         setups = linear.setups_moved_by(moved)
-        bent = linear.residual(known, setups) - (state.refined.residual - linear.U @ moved)
+        bent = linear.residual_at(known, setups) - (state.refined.residual - linear.U @ moved)
         if float(np.sqrt(np.mean(bent**2))) < _BENT:
             break
     progress("comparing names with their rivals")

@@ -11,6 +11,8 @@ import numpy as np
 from analysis.kinematics.arm import Array
 from analysis.noise.cell import NoiseSource
 
+_EXACT = 1e-9
+"""Above the rounding error of a logarithm, so that 0.1 counts as 10⁻¹."""
 _SIGNS = {"deg": "°", "deg/Nm": "°/Nm", "hz": "Hz"}
 
 
@@ -38,8 +40,11 @@ class Quantity:
 
     def rounded(self, value: float) -> str:
         """A value to the digits that this figure's uncertainty leaves."""
-        digits = 4 if not 0 < self.u < np.inf else max(0, 1 - int(np.floor(np.log10(self.u))))
-        return f"{value:.{digits}f}"
+        if not 0 < self.u < np.inf:
+            return f"{value:.4f}"
+        two_digits = float(f"{self.u:.1e}")  # 0.0998 is 0.10, with its last digit one place further up
+        digits = 1 - int(np.floor(np.log10(two_digits) + _EXACT))
+        return f"{round(value, digits) + 0.0:.{max(0, digits)}f}"
 
 
 def from_draws(value: float, draws: Array, unit: str, samples: int = 0, noise: NoiseSource = "measured") -> Quantity:

@@ -14,12 +14,23 @@ from analysis.measures.lap_curve import at_resolution
 from analysis.measures.link_angle import CircleResult
 from analysis.measures.reduction import PHI
 from analysis.measures.result_curves import JointReversal, PoseCurve, RadialCurve, RepeatabilityCurve
-from analysis.measures.results import Result
+from analysis.measures.results import Result, by_test
 from analysis.reporting.sheet import Sheet
+from rigs.errors import FileError
 
 _INK = {"acw": "#d95f02", "cw": "#1f5fa8"}
 _GREY = "#777777"
 _LEAST_BINS = 20
+
+
+def save_all_pictures(results: Sequence[Result], directory: Path) -> list[Path]:
+    """Write the pictures of all runs, test by test; returns their paths. Raises FileError where nothing can be
+    written."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        return [path for group in by_test(results) for path in save_pictures(group, directory)]
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give another --plot") from None
 
 
 def save_pictures(results: Sequence[Result], directory: Path) -> list[Path]:

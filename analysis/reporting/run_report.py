@@ -1,11 +1,9 @@
-"""What people and scripts read: tables, the JSON object and the HTML report of analysed runs."""
+"""What people and scripts read of analysed runs: tables and the JSON object."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,8 +19,6 @@ from analysis.measures.results import Result, by_test
 from analysis.reporting.labels import LEADING, in_order, label
 from analysis.reporting.truth import TruthComparison, all_agree, verdict
 from analysis.reporting.wide_tables import whole
-from rigs.errors import FileError
-from rigs.text import plain_lines
 
 
 @dataclass(frozen=True)
@@ -61,7 +57,7 @@ def as_tables(
         if each or truths or len(repeated) < len({result.title for result in group}):
             parts.append(_Abreast(group, known))
         each_word = "; ± of single runs with --each" if repeated and not each else ""
-        parts.append(Text(_what_u_is(group, repeated) + each_word, style="dim"))
+        parts.append(Text(what_u_is(group, repeated) + each_word, style="dim"))
         parts += [Text(line, style="dim") for line in in_words(pairs_of(group), group)]
         doubts += [(result, why) for one in together for result, why in one.left_out]
     if truths:
@@ -70,7 +66,7 @@ def as_tables(
     return Group(*parts)
 
 
-def _what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
+def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
     """What the uncertainties of a group mean: of means, and of runs that nothing repeats."""
     if not repeated:
         return ONE_RUN
@@ -177,7 +173,7 @@ def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthCompari
         {
             "runs": runs,
             "between_runs": [_pooled_object(one) for group in groups for one in pooled(group)],
-            "remarks": [_what_u_is(group, [one for one in pooled(group) if one.figures]) for group in groups],
+            "remarks": [what_u_is(group, [one for one in pooled(group) if one.figures]) for group in groups],
             "acw_against_cw": [_pairs_object(both, group) for group in groups if (both := pairs_of(group))],
         }
     )
@@ -212,42 +208,3 @@ def _pairs_object(both: Pairs, group: Sequence[Result]) -> dict[str, Any]:
         "lag": None if both.lag is None else asdict(both.lag),
         "refused": list(both.refused),
     }
-
-
-def write_report(results: Sequence[Result], directory: Path) -> Path:
-    """Pictures and report.html, which needs no other file. Raises FileError where nothing can be written."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415 - slow, needed here only
-
-    from analysis.reporting.plots import save_pictures  # noqa: PLC0415
-
-    environment = Environment(
-        loader=PackageLoader("analysis"), autoescape=True, undefined=StrictUndefined, finalize=_shown
-    )
-    environment.filters["label"] = label
-    report = directory / "report.html"
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        sections = [
-            {
-                "results": group,
-                "names": in_order(name for result in group for name in result.figures),
-                "means": [one for one in pooled(group) if one.figures],
-                "left_out": [(result, why) for one in pooled(group) for result, why in one.left_out],
-                "pair": (both := pairs_of(group)),
-                "time": _lags(group),
-                "what_u_is": _what_u_is(group, [one for one in pooled(group) if one.figures]),
-                "remarks": [line for line in in_words(both, group) if not line.startswith("acw against cw")],
-                "pictures": [base64.b64encode(path.read_bytes()).decode() for path in save_pictures(group, directory)],
-            }
-            for group in by_test(results)
-        ]
-        html = environment.get_template("report.html").render(sections=sections, leading=LEADING)
-        report.write_text(html, encoding="utf-8")
-    except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --plot") from None
-    return report
-
-
-def _shown(value: object) -> object:
-    """Return what a template shows of a value: text is plain before it is escaped for HTML."""
-    return plain_lines(value) if isinstance(value, str) else value

@@ -45,7 +45,7 @@ def test_laps_are_recorded_analysed_and_agree_with_the_truth(
                 robot.start(direction)  # type: ignore[arg-type]
                 assert robot.finished.wait(30)
             assert bench.run("rig", "record", "stop").returncode == 0
-            done = bench.run("rig", "analyse", path, "--json", "--truth", "truth.json", "--plot", "report")
+            done = bench.run("rig", "analyse", path, "--json", "--truth", "truth.json", "--plot", "pictures")
             if "the lap has no data" not in done.stderr or stalls.worst_s < BAD_S:
                 break
         else:
@@ -55,8 +55,7 @@ def test_laps_are_recorded_analysed_and_agree_with_the_truth(
     assert run["direction"] == direction and run["samples"] > 100
     for name, comparison in run["truth"].items():
         assert abs(comparison["deviation_u"]) < 4, (name, run["figures"][name], comparison)
-    report = (tmp_path / "report" / "report.html").read_text()
-    assert report.count("data:image/png;base64,") == 2 and f"yaw {direction}" in report
+    assert len(list((tmp_path / "pictures").glob("*.png"))) == 2
 
 
 def test_the_command_emulate_serves_a_cell_that_rigd_reads(tmp_path: Path) -> None:

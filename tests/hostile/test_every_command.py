@@ -160,6 +160,10 @@ def cases() -> dict[str, Case]:
             [first(cell), "--placement", EVIL],
         ],
         "replay": lambda cell, own: [[cell / "rig.yaml", cell / "rig.yaml", "-o", own / "played"]],
+        "report": lambda cell, own: [
+            [*runs(cell), "-o", own / "page.html", "--lang", "de"],
+            [first(cell), "--no-diagnosis", "-o", own / EVIL.replace("/", "|")],
+        ],
         "runs": lambda cell, own: [[cell / "yaw"], [cell / "yaw", "--json"], [cell / EVIL]],
         "keep": lambda cell, own: [[shutil.copytree(first(cell), own / (EVIL.replace("/", "|") + BYTES))]],
         "recover": lambda cell, own: [[first(cell)], [cell / EVIL]],

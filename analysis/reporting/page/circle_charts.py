@@ -1,0 +1,77 @@
+"""Pictures of yaw and roll: acw and cw over each other, straight and polar, of the angle and of the distance."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from analysis.measures.link_angle import CircleResult
+from analysis.measures.reduction import PHI
+from analysis.measures.result_curves import CircleCurve
+from analysis.measures.results import Result
+from analysis.reporting.page.chart import Chart, Frame, Line, Role, marks_of
+from analysis.reporting.page.texts import Texts
+
+_FRAMES: tuple[Frame, ...] = ("straight", "polar")
+_DIRECTIONS: tuple[Role, ...] = ("acw", "cw")
+_EACH_DEG = 2.0
+"""A joint's curve turns slowly: a point each so many degrees draws it."""
+_JOINT_ROLES: tuple[Role, ...] = ("acw", "cw", "after", "quiet", "fifth", "sixth")
+
+
+def circle_charts(group: Sequence[Result], texts: Texts) -> list[Chart]:
+    """The error of the angle and of the distance, along the circle and around it."""
+    test = group[0].test
+    marks = marks_of([(one.phi_deg, one.joint) for one in group[0].reversals])
+    charts = []
+    for frame in _FRAMES:
+        for part, unit, label in (("angle", "°", "error_angle"), ("distance", "µm", "error_distance")):
+            lines = tuple(_line(group, role, part, texts) for role in _DIRECTIONS if _curves(group, role))
+            title = texts(f"chart_{part}_{frame}", test=texts(f"test_{test}"))
+            caption = texts(f"caption_{part}_{frame}")
+            y_label = f"{texts(label)} / {unit}"
+            charts.append(Chart(title, caption, frame, texts("circle_angle"), y_label, unit, lines, marks))
+    return charts
+
+
+def _curves(group: Sequence[Result], direction: str) -> list[CircleCurve]:
+    """The curves of all runs of a direction."""
+    curves = [one.curve for one in group if one.measured.run.manifest.direction == direction]
+    return [curve for curve in curves if isinstance(curve, CircleCurve)]
+
+
+def _line(group: Sequence[Result], direction: Role, part: str, texts: Texts) -> Line:
+    """The mean over the runs of a direction."""
+    curves = _curves(group, direction)
+    many = f" ({texts('mean_of_runs', count=len(curves))})" if len(curves) > 1 else ""
+    values = [curve.error_deg if part == "angle" else 1e3 * curve.deviation_mm for curve in curves]
+    return Line(f"{direction}{many}", direction, np.degrees(PHI), np.mean(values, axis=0))
+
+
+def joint_chart(group: Sequence[Result], texts: Texts) -> Chart:
+    """Each joint's angle over the circle, less its mean, from the first run's own feedback."""
+    marks = marks_of([(one.phi_deg, one.joint) for one in group[0].reversals])
+    found = next(one.found for one in group if isinstance(one.found, CircleResult))
+    names = [axis.name for axis in group[0].measured.rig.robot.axes]
+    lap = found.laps.first
+    order = np.argsort(lap.phi % (2 * np.pi))
+    phi_deg, q = np.degrees(lap.phi % (2 * np.pi))[order], np.degrees(lap.q[order])
+    at_deg = np.arange(0.0, 360.0, _EACH_DEG)
+    lines = []
+    for axis, role in enumerate(_JOINT_ROLES):
+        whole_turn = abs(q[:, axis].max() - q[:, axis].min()) > 300.0
+        if not whole_turn:  # a joint that goes round with the circle would hide the others
+            curve = np.interp(at_deg, phi_deg, q[:, axis])
+            lines.append(Line(f"J{axis + 1} {names[axis]}", role, at_deg, curve - curve.mean()))
+    caption = texts("caption_joints")
+    return Chart(
+        texts("chart_joints"),
+        caption,
+        "straight",
+        texts("circle_angle"),
+        texts("joint_angle"),
+        "°",
+        tuple(lines),
+        marks,
+    )

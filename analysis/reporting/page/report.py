@@ -1,0 +1,66 @@
+"""All that the page is made of, gathered once: results, measured beside simulated, and the diagnosis."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from analysis.api import Compared, Diagnosis, Measured, Result, RigError, compare, diagnose, evaluate_runs
+from analysis.measures.pose import PoseResult
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+
+@dataclass(frozen=True)
+class Report:
+    """Runs of one robot, evaluated. rig: the model and the limits; simulated: the runs beside the model; corrected:
+    beside the model with the effects found, None where nothing was found; undiagnosed: why there is no diagnosis."""
+
+    rig: Rig
+    results: tuple[Result, ...]
+    simulated: Compared | None
+    corrected: Compared | None
+    found: Diagnosis | None
+    undiagnosed: str
+
+
+def gather(
+    runs: Sequence[Measured],
+    rig: Rig | None = None,
+    *,
+    diagnosed: bool = True,
+    found: Diagnosis | None = None,
+    progress: Callable[[str], None],
+) -> Report:
+    """Evaluate, compare and diagnose runs. found: a diagnosis made already; diagnosed: whether to make one.
+
+    Runs that cannot be compared or diagnosed are reported all the same, with the reason. Raises FileError for runs that
+    cannot be evaluated or are of several robots.
+    """
+    model = rig if rig is not None else runs[0].rig
+    for run in runs:
+        if run.rig.robot.name != model.robot.name:
+            what = f"is of {run.rig.robot.name}, and the report is about {model.robot.name}"
+            raise FileError(str(run.path), what, "make a report for each robot")
+    progress("evaluating the runs")
+    results = tuple(evaluate_runs(runs))
+    undiagnosed = ""
+    if found is None and diagnosed:
+        try:
+            found = diagnose(runs, rig=model, progress=progress)
+        except RigError as error:
+            undiagnosed = str(error)
+    progress("simulating the runs")
+    simulated, corrected = _compared(results, model), None
+    if found is not None and found.standing:
+        corrected = _compared(results, found.extended_rig)
+    return Report(model, results, simulated, corrected, found, undiagnosed)
+
+
+def _compared(results: Sequence[Result], rig: Rig) -> Compared | None:
+    """The runs beside a model; None where it cannot be simulated beside them, as of poses."""
+    runs = [result.measured for result in results if not isinstance(result.found, PoseResult)]
+    try:
+        return compare(runs, rig) if runs else None
+    except RigError:
+        return None

@@ -1,0 +1,142 @@
+"""The part of the page about one test: its own words, figures, reversals, pictures and doubts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import get_args
+
+import numpy as np
+
+from analysis.measures.joint_reversals import apart, turns
+from analysis.measures.link_angle import CircleResult
+from analysis.measures.pooled import pairs_of, pooled
+from analysis.measures.results import Result, by_test
+from analysis.reporting.labels import LEADING, in_order
+from analysis.reporting.page.chart import Picture
+from analysis.reporting.page.circle_charts import circle_charts, joint_chart
+from analysis.reporting.page.columns import Column, columns_of, shown
+from analysis.reporting.page.model_charts import simulated_charts
+from analysis.reporting.page.report import Report
+from analysis.reporting.page.target_charts import target_charts
+from analysis.reporting.page.texts import Texts
+from analysis.reporting.run_report import in_words, what_u_is
+from rigs.schema.vocabulary import TestName
+
+_ORDER = get_args(TestName)
+_MOST_DRAWN = 2
+"""Runs at targets that are drawn: browsers show no more than some sixteen rotatable pictures."""
+_NOMINAL_DEG = 30.0
+"""A turn of a joint belongs to the nominal one of the same sense that is not further away."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """A figure of each column, with the standard deviation between runs below it where they were repeated."""
+
+    label: str
+    cells: tuple[tuple[str, str], ...]
+    leads: bool
+
+
+@dataclass(frozen=True)
+class ReversalRow:
+    """A joint turns back: where by its own feedback, where by the rig file, and from rising to falling or otherwise."""
+
+    joint: str
+    measured: str
+    nominal: str
+    upper: bool
+
+
+@dataclass(frozen=True)
+class Section:
+    """One test of one place; words: what the test is and how its pictures are read."""
+
+    test: str
+    title: str
+    words: str
+    columns: tuple[Column, ...]
+    rows: tuple[Row, ...]
+    remarks: tuple[str, ...]
+    doubts: tuple[str, ...]
+    reversals: tuple[ReversalRow, ...]
+    pictures: tuple[Picture, ...]
+
+
+def sections_of(report: Report, texts: Texts) -> list[Section]:
+    """A section for each test, in the order of the vocabulary."""
+    groups = sorted(by_test(report.results), key=lambda group: _ORDER.index(group[0].test))
+    first_circle = next((group for group in groups if isinstance(group[0].found, CircleResult)), None)
+    joints = [joint_chart(first_circle, texts)] if first_circle else []  # yaw and roll have one circle
+    return [_section(report, group, joints if group is first_circle else [], texts) for group in groups]
+
+
+def _section(report: Report, group: Sequence[Result], joints: Sequence[Picture], texts: Texts) -> Section:
+    """joints: the picture of the joint angles, where it belongs to this test."""
+    test = group[0].test
+    circle = isinstance(group[0].found, CircleResult)
+    drawn = group[:_MOST_DRAWN]
+    own = circle_charts(group, texts) if circle else [one for result in drawn for one in target_charts(result, texts)]
+    columns = columns_of(group, texts)
+    place = group[0].measured.run.manifest.placement
+    return Section(
+        test=test,
+        title=texts(f"test_{test}") + (f" · {place}" if place else ""),
+        words=texts(f"about_{test}")
+        + (f" {texts('first_drawn', count=_MOST_DRAWN)}" if not circle and len(group) > _MOST_DRAWN else ""),
+        columns=tuple(columns),
+        rows=tuple(_rows(columns, texts)),
+        remarks=_remarks(group),
+        doubts=_doubts(group),
+        reversals=_reversals(group[0]) if circle else (),
+        pictures=(*own, *simulated_charts(report, group, texts), *joints),
+    )
+
+
+def _rows(columns: Sequence[Column], texts: Texts) -> list[Row]:
+    rows = []
+    for name in in_order(name for column in columns for name in column.figures):
+        cells = []
+        for column in columns:
+            figure = column.figures.get(name)
+            value = shown(name, figure, texts) if figure else ""
+            sd = column.sd.get(name, "")
+            cells.append((value, f"{texts('sd')} {sd}" if sd and figure and value == str(figure) else ""))
+        rows.append(Row(texts.label(name), tuple(cells), name in LEADING))
+    return rows
+
+
+def _remarks(group: Sequence[Result]) -> tuple[str, ...]:
+    """What u means here, and what was seen of lags and pairs."""
+    lines = [line for line in in_words(pairs_of(group), group) if not line.startswith("acw against cw")]
+    lines = [what_u_is(group, [one for one in pooled(group) if one.figures]), *lines]
+    return tuple(f"{line[:1].upper()}{line[1:]}." for line in lines)
+
+
+def _doubts(group: Sequence[Result]) -> tuple[str, ...]:
+    """What limits the trust in the figures, with the runs that it is of; each doubt once."""
+    said: dict[str, list[str]] = {}
+    for result in group:
+        for doubt in result.doubts:
+            said.setdefault(doubt, []).append(result.name)
+    for one in pooled(group):
+        for result, why in one.left_out:
+            said.setdefault(why, []).append(result.name)
+    return tuple(f"{', '.join(names)}: {doubt}" for doubt, names in said.items())
+
+
+def _reversals(result: Result) -> tuple[ReversalRow, ...]:
+    """The turns of the joints by the run's own feedback, each beside the nominal one."""
+    if not isinstance(result.found, CircleResult):
+        return ()
+    names = [axis.name for axis in result.measured.rig.robot.axes]
+    rows = []
+    for turn in sorted(turns(result.found.laps), key=lambda turn: turn.phi):
+        same = [one for one in result.reversals if (one.joint, one.upper) == (turn.axis, turn.upper)]
+        away = {one.phi_deg: abs(np.degrees(apart(turn.phi, np.radians(one.phi_deg)))) for one in same}
+        near = min(away, key=lambda phi: away[phi], default=None)
+        nominal = f"{near:.1f}°" if near is not None and away[near] < _NOMINAL_DEG else ""
+        joint = f"J{turn.axis} {names[turn.axis - 1]}"
+        rows.append(ReversalRow(joint, f"{np.degrees(turn.phi):.1f}°", nominal, turn.upper))
+    return tuple(rows)

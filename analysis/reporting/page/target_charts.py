@@ -1,0 +1,96 @@
+"""Pictures of tests at targets: the hemisphere about its least-squares sphere, repeatability, and poses."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.measures.result_curves import PoseCurve, RadialCurve, RepeatabilityCurve
+from analysis.measures.results import Result
+from analysis.reporting.page.chart import Chart, Line, Picture, SphereChart
+from analysis.reporting.page.texts import Texts
+
+_GRID = (13, 37)
+"""Nodes of the drawn surface in polar angle and azimuth: each 7.5° and 10° of a hemisphere."""
+_NEAR = 4
+"""Targets that a node of the surface is interpolated from."""
+
+
+def target_charts(result: Result, texts: Texts) -> list[Picture]:
+    """The pictures of one run."""
+    match result.curve:
+        case RadialCurve() as curve:
+            return [_sphere(result, curve, texts), _by_target(result, curve, texts)]
+        case RepeatabilityCurve() as curve:
+            return [_repeatability(result, curve, texts)]
+        case PoseCurve() as curve:
+            return [_poses(result, curve, texts)]
+    return []
+
+
+def directions(polar_deg: Array, azimuth_deg: Array) -> Array:
+    """Unit vectors (..., 3) in the hemisphere's frame: z to its middle, x to azimuth 0."""
+    polar, azimuth = np.radians(polar_deg), np.radians(azimuth_deg)
+    return np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), np.cos(polar)], axis=-1)
+
+
+def interpolated(targets: Array, values_mm: Array, nodes: Array) -> Array:
+    """Values (...,) mm at nodes (..., 3) from those (t,) at targets (t, 3): weighted by the inverse square of the angle
+    between, over the nearest (Shepard 1968), so that the surface passes through every target."""
+    angle = np.arccos(np.clip(nodes @ targets.T, -1.0, 1.0))
+    near = np.argsort(angle, axis=-1)[..., :_NEAR]
+    weight = 1.0 / np.maximum(np.take_along_axis(angle, near, axis=-1), 1e-6) ** 2
+    mean: Array = (weight * values_mm[near]).sum(axis=-1) / weight.sum(axis=-1)
+    return mean
+
+
+def _sphere(result: Result, curve: RadialCurve, texts: Texts) -> SphereChart:
+    used = curve.used
+    targets = directions(curve.polar_deg, curve.azimuth_deg)
+    polar, azimuth = np.meshgrid(
+        np.linspace(0.0, float(curve.polar_deg.max()), _GRID[0]), np.linspace(0.0, 360.0, _GRID[1]), indexing="ij"
+    )
+    grid = directions(polar, azimuth)
+    names = tuple(
+        f"{texts('target')} {number}: {1e3 * deviation:+.1f} µm"
+        for number, deviation in zip(curve.target[used], curve.deviation_mm[used], strict=True)
+    )
+    chart = SphereChart(
+        texts("chart_sphere"), "", result.figures["radius_mm"].value, grid,
+        interpolated(targets[used], curve.deviation_mm[used], grid), targets[used], curve.deviation_mm[used], names,
+        (texts("sphere"), texts("surface"), texts("targets")),
+    )  # fmt: skip
+    caption = texts("caption_sphere", times=f"{float(f'{chart.magnified:.2g}'):g}")
+    return SphereChart(**{**vars(chart), "caption": caption})
+
+
+def _by_target(result: Result, curve: RadialCurve, texts: Texts) -> Chart:
+    half_um = 500 * curve.spread_mm if "spread_mm" in result.figures else None
+    x = curve.target.astype(float)
+    line = Line(texts("measured"), "measured", x, 1e3 * curve.deviation_mm, points=True, half=half_um)
+    y_label = f"{texts('error_radius')} / µm"
+    caption = texts("caption_targets")
+    return Chart(texts("chart_targets"), caption, "targets", texts("target"), y_label, "µm", (line,))
+
+
+def _repeatability(result: Result, curve: RepeatabilityCurve, texts: Texts) -> Chart:
+    """Every reading by target and side of approach, from the middle of its target's readings."""
+    targets, place = np.unique(curve.target, return_inverse=True)
+    middle = np.array([curve.reading_mm[place == k].mean() for k in range(len(targets))])
+    away_um = 1e3 * (curve.reading_mm - middle[place])
+    lines = []
+    for side, aside, role in (("out", -0.12, "acw"), ("in", 0.12, "cw")):
+        here = curve.approach == side
+        lines.append(Line(texts(f"from_{side}"), role, place[here] + aside, away_um[here], points=True))  # type: ignore[arg-type]
+    ticks = tuple((float(k), str(target)) for k, target in enumerate(targets))
+    y_label = f"{texts('reading')} / µm"
+    caption = texts("caption_repeatability")
+    title = texts("chart_repeatability")
+    return Chart(title, caption, "targets", texts("target"), y_label, "µm", tuple(lines), ticks=ticks)
+
+
+def _poses(result: Result, curve: PoseCurve, texts: Texts) -> Chart:
+    number = np.arange(1.0, len(curve.distance_mm) + 1)
+    line = Line(texts("measured"), "measured", number, curve.distance_mm, points=True)
+    y_label = f"{texts('error_position')} / mm"
+    return Chart(texts("chart_pose"), texts("caption_pose"), "targets", texts("pose"), y_label, "mm", (line,))

@@ -1,0 +1,42 @@
+"""The fixed texts of the page in a language: `analysis/templates/texts.LANGUAGE.yaml`, the same keys in each.
+
+What the analysis says in words of its own, as doubts and remedies, stays English.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from importlib import resources
+from typing import Literal, get_args
+
+import yaml
+
+from analysis.reporting.labels import label
+
+Language = Literal["en", "de", "ko"]
+LANGUAGES: tuple[Language, ...] = get_args(Language)
+
+
+@dataclass(frozen=True)
+class Texts:
+    """The words by key, the labels of figures by name, and a sentence for each kind of effect."""
+
+    language: Language
+    words: dict[str, str]
+    labels: dict[str, str]
+    effects: dict[str, str]
+
+    def __call__(self, key: str, **values: object) -> str:
+        """A text with values in its places."""
+        return self.words[key].format(**values)
+
+    def label(self, name: str) -> str:
+        """The label of a figure, the English one where this language has none."""
+        return self.labels.get(name) or label(name)
+
+
+def texts_of(language: Language) -> Texts:
+    """The texts of a language."""
+    file = resources.files("analysis") / "templates" / f"texts.{language}.yaml"
+    read = yaml.safe_load(file.read_text(encoding="utf-8"))
+    return Texts(language, read["words"], read["labels"], read["effects"])

@@ -1,0 +1,150 @@
+"""The page as one HTML file: rendered from templates, pictures and plotting library inside, no request to anywhere.
+
+A Content-Security-Policy allows the two scripts of the page by their SHA-256 and nothing else. plotly's script is
+large, so it lies in the page compressed and the browser unpacks it; what needs no script (text, tables, the still
+pictures) is plain HTML and SVG.
+"""
+
+from __future__ import annotations
+
+import base64
+import datetime as dt
+import gzip
+import hashlib
+import json
+from collections.abc import Sequence
+from importlib import metadata, resources
+from pathlib import Path
+from typing import Any
+
+from markupsafe import Markup
+
+from analysis.reporting.page.chart import Picture
+from analysis.reporting.page.findings import diagnosis_words, findings_of, micrometres, open_question
+from analysis.reporting.page.live_chart import colours, live
+from analysis.reporting.page.model_charts import diagnosis_charts
+from analysis.reporting.page.report import Report
+from analysis.reporting.page.sections import sections_of
+from analysis.reporting.page.still_chart import still
+from analysis.reporting.page.texts import Language, Texts, texts_of
+from analysis.reporting.page.trace import RunTrace, instruments_of, runs_of
+from analysis.reporting.page.verdict import judge, rule, verdict_sentence
+from analysis.traces.loading import SIMULATED
+from rigs.errors import FileError
+from rigs.text import plain_lines
+
+
+def is_page(file: Path) -> bool:
+    """Whether a name is that of a page."""
+    return file.suffix.lower() in (".html", ".htm")
+
+
+def hold_page(file: Path) -> None:
+    """Raises FileError unless a file can be a page: its name says so, since browsers go by the name."""
+    if not is_page(file):
+        raise FileError(str(file), "is not the name of a page", "give --output FILE.html")
+
+
+def write_page(report: Report, file: Path, language: Language = "en") -> Path:
+    """Write the page of a report, in place of a file that is there. Raises FileError where nothing can be written."""
+    html = rendered(report, texts_of(language))
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(html, encoding="utf-8")
+    except OSError as error:
+        raise FileError(str(file), error.strerror or str(error), "give another --output") from None
+    return file
+
+
+def rendered(report: Report, texts: Texts) -> str:
+    """The page as HTML; all text in it is plain and escaped."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415 - slow, needed here only
+
+    environment = Environment(
+        loader=PackageLoader("analysis"), autoescape=True, undefined=StrictUndefined, finalize=_plain,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    environment.filters["um"] = micrometres
+    sections, runs = sections_of(report, texts), runs_of(report.results)
+    gaps = diagnosis_charts(report.found, texts) if report.found else []
+    pictures = [picture for section in sections for picture in section.pictures] + list(gaps)
+    verdict = judge(report.results, report.rig.limits, report.found, texts)
+    return environment.get_template("report.html").render(
+        t=texts,
+        measured_on=_measured_on(runs, texts),
+        report=report,
+        verdict=verdict,
+        verdict_sentence=verdict_sentence(verdict, texts),
+        rule=rule(texts),
+        findings=findings_of(report.found, texts) if report.found else [],
+        open_question=open_question(report.found) if report.found else "",
+        sections=sections,
+        gaps=gaps,
+        still=_still_uri,
+        runs=runs,
+        instruments=instruments_of(report.rig),
+        diagnosis_words=diagnosis_words(report.found) if report.found else "",
+        simulated_only=all(one.source.startswith(SIMULATED) for one in runs),
+        version=_version(),
+        written=dt.datetime.now(dt.UTC),
+        style=_template("report.css"),
+        **_scripts(pictures),
+    )
+
+
+def _measured_on(runs: Sequence[RunTrace], texts: Texts) -> str:
+    """The day or the days of the runs."""
+    days = sorted(run.started[:10] for run in runs)
+    span = days[0] if days[0] == days[-1] else f"{days[0]} – {days[-1]}"
+    return texts("measured_on", days=span, count=len(runs))
+
+
+def _scripts(pictures: Sequence[Picture]) -> dict[str, Any]:
+    """The page's script, plotly and the data of the pictures, and the hashes by which the browser allows the first
+    two."""
+    from plotly.offline import get_plotlyjs  # noqa: PLC0415 - slow, needed here only
+
+    plotly, script = get_plotlyjs(), _template("report.js")
+    drawn = {
+        "pictures": {f"p{number}": live(picture) for number, picture in enumerate(pictures)},
+        "colours": {"light": colours(dark=False), "dark": colours(dark=True)},
+    }
+    places = {id(picture): f"p{number}" for number, picture in enumerate(pictures)}
+    return {
+        "script": script,
+        "script_hashes": Markup(f"{_hash(script)} {_hash(plotly)}"),  # noqa: S704 - base64 of a hash
+        "plotly": _packed(plotly),
+        "data": _packed(json.dumps(drawn)),
+        "place": lambda picture: places[id(picture)],
+    }
+
+
+def _packed(text: str) -> str:
+    return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode()
+
+
+def _hash(script: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+
+
+def _still_uri(picture: Picture) -> str:
+    """The still picture as the address of an image, in which no script can run."""
+    return "data:image/svg+xml;base64," + base64.b64encode(still(picture).encode()).decode()
+
+
+def _template(name: str) -> Markup:
+    """A file of the page's own style or script, which goes into the page as it is."""
+    text = (resources.files("analysis") / "templates" / name).read_text(encoding="utf-8")
+    return Markup(text)  # noqa: S704 - a file of this package
+
+
+def _version() -> str:
+    try:
+        return metadata.version("rig")
+    except metadata.PackageNotFoundError:
+        return ""
+
+
+def _plain(value: object) -> object:
+    """What a template shows of a value: foreign text is plain before it is escaped."""
+    return value if isinstance(value, Markup) or not isinstance(value, str) else plain_lines(value)

@@ -1,0 +1,140 @@
+"""Tolerances of a cell, `limits` of a rig file, and the rule that decides whether a measured figure is within one.
+
+A limit bounds the size of a figure from above. The rule is that of ISO 14253-1: the uncertainty of a measurement counts
+against the party that claims something. A figure conforms where value and uncertainty together lie below the limit,
+and fails where the value lies above the limit by more than the uncertainty.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from rigs.schema.part import Part
+from rigs.schema.vocabulary import TestName
+
+Standing = Literal["pass", "watch", "fail"]
+COVERAGE = 2.0
+"""Expanded uncertainty U = 2 u, about 95 % (JCGM 100, 6.2), by which ISO 14253-1 moves a limit."""
+
+
+class Limit(Part):
+    """Bounds of a figure's size, in its unit: above `watch` someone should look, above `fail` someone must act."""
+
+    watch: float | None = Field(default=None, gt=0, le=1e4)
+    fail: float | None = Field(default=None, gt=0, le=1e4)
+
+    @model_validator(mode="after")
+    def _some_and_ordered(self) -> Limit:
+        if self.watch is None and self.fail is None:
+            raise ValueError("give watch, fail or both")
+        if self.watch is not None and self.fail is not None and self.watch >= self.fail:
+            raise ValueError(f"watch {self.watch:g} is not below fail {self.fail:g}; swap them")
+        return self
+
+    def standing(self, value: float, u: float) -> Standing:
+        """Return where a figure with standard uncertainty u stands.
+
+        It passes where |value| + 2 u is within the lower bound and fails where |value| - 2 u is beyond `fail`. In
+        between, or where u is not known, neither is proven, and it is to be watched.
+        """
+        size = abs(value)
+        expanded = COVERAGE * u if math.isfinite(u) else math.inf
+        if self.fail is not None and size - expanded > self.fail:
+            return "fail"
+        lower = self.watch if self.watch is not None else self.fail
+        return "pass" if lower is not None and size + expanded <= lower else "watch"
+
+    def straddled(self, value: float, u: float) -> bool:
+        """Return whether the uncertainty reaches over a bound, so that another measurement may decide otherwise."""
+        expanded = COVERAGE * u if math.isfinite(u) else math.inf
+        return any(abs(abs(value) - bound) < expanded for bound in (self.watch, self.fail) if bound is not None)
+
+
+def _single(given: Any) -> Any:
+    """Return a mapping for a single number, which is the limit beyond which a figure fails."""
+    return {"fail": given} if isinstance(given, int | float) and not isinstance(given, bool) else given
+
+
+Bound = Annotated[Limit | None, BeforeValidator(_single)]
+
+
+class CircleLimits(Part):
+    """Limits of yaw or roll; the hysteresis is of acw against cw."""
+
+    band_deg: Bound = None
+    range_deg: Bound = None
+    hysteresis_max_deg: Bound = None
+    hysteresis_mean_deg: Bound = None
+    circular_deviation_mm: Bound = None
+    hysteresis_max_mm: Bound = None
+    hysteresis_mean_mm: Bound = None
+
+
+class RadialLimits(Part):
+    """Limits of the hemisphere test."""
+
+    band_mm: Bound = None
+    held_band_mm: Bound = None
+    spread_mm: Bound = None
+    spread_mean_mm: Bound = None
+    ap_mm: Bound = None
+    rp_mm: Bound = None
+    rp_mean_mm: Bound = None
+
+
+class RepeatabilityLimits(Part):
+    """Limits of the repeatability test."""
+
+    uni_mm: Bound = None
+    uni_mean_mm: Bound = None
+    bi_mm: Bound = None
+    bi_mean_mm: Bound = None
+    rp_mm: Bound = None
+    rp_mean_mm: Bound = None
+    r_out_mm: Bound = None
+    r_in_mm: Bound = None
+    r_mm: Bound = None
+    reversal_mm: Bound = None
+    reversal_mean_mm: Bound = None
+
+
+class PoseLimits(Part):
+    """Limits of the poses of a tracker."""
+
+    rms_mm: Bound = None
+    mean_mm: Bound = None
+    max_mm: Bound = None
+    rms_deg: Bound = None
+    max_deg: Bound = None
+    repeat_mm: Bound = None
+    ap_mm: Bound = None
+    ap_mean_mm: Bound = None
+    rp_mm: Bound = None
+    rp_mean_mm: Bound = None
+
+
+class Limits(Part):
+    """Limits by test and figure (docs/figures.md)."""
+
+    yaw: CircleLimits = CircleLimits()
+    roll: CircleLimits = CircleLimits()
+    radial: RadialLimits = RadialLimits()
+    repeatability: RepeatabilityLimits = RepeatabilityLimits()
+    pose: PoseLimits = PoseLimits()
+    data_sheet_rp_mm: float | None = Field(default=None, gt=0, le=10)
+    """Pose repeatability RP (ISO 9283) of the arm's data sheet, the limit of each `rp_mm` that has none of its own."""
+
+    def of(self, test: TestName, figure: str) -> Limit | None:
+        """Return the limit of a figure of a test, None where there is none."""
+        given = getattr(getattr(self, test), figure, None)
+        if isinstance(given, Limit):
+            return given
+        return Limit(fail=self.data_sheet_rp_mm) if self.from_data_sheet(test, figure) else None
+
+    def from_data_sheet(self, test: TestName, figure: str) -> bool:
+        """Return whether the limit of a figure is the data sheet's."""
+        own = getattr(getattr(self, test), figure, None)
+        return figure == "rp_mm" and own is None and self.data_sheet_rp_mm is not None

@@ -1,0 +1,164 @@
+"""The page: one file that says the verdict first, makes no request, and shows foreign text as text."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from analysis import load_run
+from analysis.cli import app
+from analysis.reporting.page.circle_charts import circle_charts
+from analysis.reporting.page.report import Report, gather
+from analysis.reporting.page.still_chart import still
+from analysis.reporting.page.target_charts import directions, interpolated, target_charts
+from analysis.reporting.page.texts import texts_of
+from analysis.reporting.page.write_page import rendered
+from rigs.errors import FileError
+from rigs.load import load, load_hidden
+from tests.support.handmade_diagnosis import diagnosis
+from tests.support.written_runs import write_simulated
+
+RIG, TEXT = load("ur10e")
+HIDDEN = load_hidden("ur10e").within(RIG)
+MOST_BYTES = 3_000_000
+EVIL = '<script>alert(1)</script>"\x1b[31m\u202e'
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    """A run of each test of a robot with play in its base, which its rig file does not know."""
+    folder = tmp_path_factory.mktemp("runs")
+    made = [*write_simulated(HIDDEN, TEXT, "yaw", ("acw", "cw"), [1], folder)]
+    for test in ("radial", "repeatability"):
+        made += write_simulated(HIDDEN, TEXT, test, (None,), [1], folder)  # type: ignore[arg-type]
+    return made
+
+
+@pytest.fixture(scope="module")
+def report(runs: list[Path]) -> Report:
+    return gather([load_run(run) for run in runs], progress=lambda doing: None)
+
+
+@pytest.fixture(scope="module")
+def page(report: Report) -> str:
+    return rendered(report, texts_of("en"))
+
+
+def _text(page: str) -> str:
+    body = re.sub(r"<(script|style)\b.*?</\1>|<[^>]*>", " ", page, flags=re.DOTALL)
+    return " ".join(body.split())
+
+
+def test_the_page_names_the_hidden_play_before_anything_else(page: str) -> None:
+    text = _text(page)
+    first = text[text.index("Verdict") :][:900]
+    assert re.search(r"Base \(axis 1\) has play of 0\.00(79|80)\d* ± 0\.0000\d+ °", first), first
+    assert "What to do Inspect the reducer of joint 1" in first
+    assert re.search(r"It makes \d\d µm of the \d\d µm of the error", first)
+    places = [text.index(heading) for heading in ("Verdict", "Figures against their limits", "Trace")]
+    assert places == sorted(places)
+
+
+def test_the_page_asks_for_nothing_and_allows_two_scripts_alone(page: str) -> None:
+    assert len(page.encode()) < MOST_BYTES
+    assert re.findall(r"""(?:src|href)=["'](?!data:)""", page) == []
+    policy = re.search(r'Content-Security-Policy" content="([^"]*)"', page)
+    assert policy and policy[1].startswith("default-src 'none'") and "unsafe-eval" not in policy[1]
+    allowed = re.findall(r"'sha256-([^']*)'", policy[1])
+    scripts = re.findall(r'<script type="text/javascript">(.*?)</script>', page, flags=re.DOTALL)
+    packed = re.search(r'id="plotly">([^<]*)<', page)
+    assert packed and len(scripts) == 1
+    scripts.append(gzip.decompress(base64.b64decode(packed[1])).decode())
+    assert [base64.b64encode(hashlib.sha256(one.encode()).digest()).decode() for one in scripts] == allowed
+
+
+def test_every_picture_is_there_live_and_still(page: str) -> None:
+    packed = re.search(r'id="data">([^<]*)<', page)
+    assert packed
+    pictures = json.loads(gzip.decompress(base64.b64decode(packed[1])))["pictures"]
+    assert page.count('class="live"') == page.count('class="still"') == len(pictures) > 10
+    assert all(f'id="{name}"' in page for name in pictures)
+    kinds = {trace["type"] for picture in pictures.values() for trace in picture["data"]}
+    assert kinds == {"scatter", "scatterpolar", "surface", "scatter3d"}
+
+
+def test_the_trace_has_the_hash_of_each_file(page: str, runs: list[Path]) -> None:
+    for run in runs:
+        for file in run.glob("*.parquet"):
+            assert hashlib.sha256(file.read_bytes()).hexdigest() in page
+    assert "none stated" in _text(page)  # the gauges of the shipped rig have no certificate
+
+
+@pytest.mark.parametrize(("language", "words"), [("de", "Was zu tun ist"), ("ko", "조치")])
+def test_fixed_texts_are_in_the_language_asked_for(report: Report, language: str, words: str) -> None:
+    text = rendered(replace(report, results=report.results[-1:]), texts_of(language))  # type: ignore[arg-type]
+    assert words in text and f'<html lang="{language}">' in text
+
+
+def test_foreign_text_is_shown_as_text(report: Report) -> None:
+    robot = report.rig.robot.model_copy(update={"name": EVIL})
+    page = rendered(replace(report, rig=report.rig.model_copy(update={"robot": robot})), texts_of("en"))
+    assert "<script>" not in page and "\x1b" not in page and "\u202e" not in page
+    assert "&lt;script&gt;alert(1)" in page
+
+
+def test_runs_that_show_nothing_are_not_called_healthy(report: Report) -> None:
+    small = replace(report, results=report.results[-1:], found=diagnosis("not_testable_here", curves=(), maps=()))
+    text = _text(rendered(small, texts_of("en")))
+    assert "cannot show whether an effect is missing" in text and "healthy robot" not in text
+
+
+def test_a_report_is_about_one_robot(runs: list[Path]) -> None:
+    other = load("paper-fanuc")[0]
+    with pytest.raises(FileError, match="make a report for each robot"):
+        gather([load_run(runs[0])], other, progress=lambda doing: None)
+
+
+def test_the_command_writes_the_page_and_refuses_another_name(runs: list[Path], tmp_path: Path) -> None:
+    arguments = ["report", *map(str, runs[:2]), "--no-diagnosis", "-o"]
+    done = CliRunner().invoke(app, [*arguments, str(tmp_path / "page.html")])
+    assert done.exit_code == 0, done.exception
+    assert "--no-diagnosis" in _text((tmp_path / "page.html").read_text(encoding="utf-8"))
+    refused = CliRunner().invoke(app, [*arguments, str(tmp_path / "page.pdf")])
+    assert isinstance(refused.exception, FileError) and "FILE.html" in str(refused.exception)
+
+
+def test_diagnose_writes_the_same_page(runs: list[Path], tmp_path: Path) -> None:
+    done = CliRunner().invoke(app, ["diagnose", *map(str, runs), "-o", str(tmp_path / "page.html")])
+    assert done.exit_code == 0, done.exception
+    assert "Base (axis 1) has play of" in _text((tmp_path / "page.html").read_text(encoding="utf-8"))
+
+
+def test_acw_and_cw_are_laid_over_each_other_straight_and_polar(report: Report) -> None:
+    circles = [result for result in report.results if result.test == "yaw"]
+    charts = circle_charts(circles, texts_of("en"))
+    assert [chart.frame for chart in charts] == ["straight", "straight", "polar", "polar"]
+    assert all([line.role for line in chart.lines] == ["acw", "cw"] for chart in charts)
+    at_deg = [mark.at_deg for mark in charts[0].marks]
+    assert at_deg == [one.phi_deg for one in circles[0].reversals]
+    assert {"J1", "J5"} <= {name for mark in charts[0].marks for name in mark.text.split(", ")}
+
+
+def test_a_still_picture_keeps_its_numbers_and_is_the_same_each_time(report: Report) -> None:
+    (sphere, targets) = target_charts(next(one for one in report.results if one.test == "radial"), texts_of("en"))
+    first = still(targets)
+    assert first == still(targets) and first.startswith("<svg") and len(first) < 60_000
+    assert "least-squares sphere" in still(sphere)
+
+
+def test_the_surface_passes_through_the_targets() -> None:
+    polar_deg, azimuth_deg = np.array([0.0, 30.0, 60.0, 60.0]), np.array([0.0, 90.0, 0.0, 180.0])
+    targets = directions(polar_deg, azimuth_deg)
+    values = np.array([1.0, -2.0, 3.0, 4.0])
+    np.testing.assert_allclose(interpolated(targets, values, targets), values, atol=1e-6)
+    between = interpolated(targets, values, directions(np.array([45.0]), np.array([45.0])))
+    assert values.min() < between[0] < values.max()

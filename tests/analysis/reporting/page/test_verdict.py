@@ -1,0 +1,71 @@
+"""The verdict: the worst figure decides, uncertainty leaves it open, and a fault that was found is never a pass."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from analysis import Result, evaluate_runs, load_run
+from analysis.reporting.page.texts import texts_of
+from analysis.reporting.page.verdict import judge, verdict_sentence
+from rigs.load import load, load_hidden
+from rigs.schema.limits import CircleLimits, Limit, Limits
+from tests.support.handmade_diagnosis import diagnosis
+from tests.support.written_runs import write_simulated
+
+TEXTS = texts_of("en")
+RIG, TEXT = load("ur10e")
+
+
+@pytest.fixture(scope="module")
+def laps(tmp_path_factory: pytest.TempPathFactory) -> list[Result]:
+    """One yaw run in each direction of a robot with play."""
+    folder = tmp_path_factory.mktemp("laps")
+    runs = write_simulated(load_hidden("ur10e").within(RIG), TEXT, "yaw", ("acw", "cw"), [1], folder)
+    return evaluate_runs([load_run(run) for run in runs])
+
+
+def _limits(**of_yaw: Limit) -> Limits:
+    return Limits(yaw=CircleLimits.model_validate({name: limit.model_dump() for name, limit in of_yaw.items()}))
+
+
+def test_without_limits_nothing_is_judged(laps: list[Result]) -> None:
+    verdict = judge(laps, Limits(), None, TEXTS)
+    assert (verdict.overall, verdict.judged) == ("unjudged", ())
+    assert "add limits" in verdict_sentence(verdict, TEXTS)
+
+
+def test_each_direction_and_the_pair_are_judged_and_the_worst_decides(laps: list[Result]) -> None:
+    wide, narrow = Limit(fail=100.0), Limit(fail=1e-4)
+    verdict = judge(laps, _limits(band_deg=wide, circular_deviation_mm=narrow), None, TEXTS)
+    assert verdict.overall == "fail"
+    assert [one.title for one in verdict.judged[:3]] != ["", "", ""]
+    assert {one.standing for one in verdict.judged} == {"pass", "fail"}
+    assert len(verdict.judged) == 5  # acw, cw and both together for G; acw and cw for the band
+    assert verdict.judged[0].standing == "fail" and verdict.judged[-1].standing == "pass"
+    sentence = verdict_sentence(verdict, TEXTS)
+    assert sentence.startswith("3 of 5 figures with a limit fail. Yaw") and "fail above 0.0001 mm" in sentence
+
+
+def test_a_figure_whose_uncertainty_reaches_over_its_limit_does_not_pass(laps: list[Result]) -> None:
+    band = laps[0].figures["band_deg"]
+    for at in (band.value + band.u, band.value - band.u):
+        verdict = judge(laps[:1], _limits(band_deg=Limit(fail=at)), None, TEXTS)
+        assert verdict.overall == "watch" and verdict.judged[0].straddled
+    assert judge(laps[:1], _limits(band_deg=Limit(fail=band.value + 3 * band.u)), None, TEXTS).overall == "pass"
+
+
+@pytest.mark.parametrize(
+    ("found", "overall"), [("named", "watch"), ("outside_library", "watch"), ("within_tolerance", "pass")]
+)
+def test_a_fault_within_all_limits_is_to_be_watched(laps: list[Result], found: str, overall: str) -> None:
+    verdict = judge(laps, _limits(band_deg=Limit(fail=100.0)), diagnosis(found), TEXTS)  # type: ignore[arg-type]
+    assert verdict.overall == overall
+    assert ("fault was found" in verdict_sentence(verdict, TEXTS)) == (overall == "watch")
+
+
+def test_the_data_sheet_is_named_where_it_is_the_limit(tmp_path: Path) -> None:
+    (run,) = write_simulated(RIG, TEXT, "repeatability", (None,), [1], tmp_path)
+    (one,) = judge(evaluate_runs([load_run(run)]), RIG.limits, None, TEXTS).judged
+    assert (one.name, one.of_data_sheet, one.standing) == ("rp_mm", True, "pass")

@@ -1,0 +1,85 @@
+"""Limits of a rig file: read with one number or two, refused in one line, and decided with the uncertainty."""
+
+import pytest
+
+from analysis import evaluate, simulate
+from rigs.load import SHIPPED, load, parse
+from rigs.problems import RigFileError
+from rigs.schema.limits import CircleLimits, Limit, Limits, RadialLimits, RepeatabilityLimits
+from rigs.schema.vocabulary import TestName
+
+TEXT = (SHIPPED / "paper-fanuc.yaml").read_text()
+
+
+def test_one_number_is_a_fail_and_two_are_watch_and_fail() -> None:
+    limits = parse(
+        f"{TEXT}\nlimits:\n  yaw: {{band_deg: {{watch: 0.1, fail: 0.2}}}}\n  radial: {{band_mm: 1}}\n", "x"
+    ).limits
+    assert limits.of("yaw", "band_deg") == Limit(watch=0.1, fail=0.2)
+    assert limits.of("radial", "band_mm") == Limit(fail=1.0)
+    assert limits.of("roll", "band_deg") is None
+    assert limits.of("yaw", "amplitude_deg") is None
+
+
+def test_the_data_sheet_limits_what_has_no_limit_of_its_own() -> None:
+    limits = load("ur10e")[0].limits
+    assert limits.of("repeatability", "rp_mm") == Limit(fail=0.05)
+    assert limits.from_data_sheet("repeatability", "rp_mm")
+    own = Limits(data_sheet_rp_mm=0.05, repeatability=RepeatabilityLimits(rp_mm=Limit(fail=0.02)))
+    assert own.of("repeatability", "rp_mm") == Limit(fail=0.02)
+    assert not own.from_data_sheet("repeatability", "rp_mm")
+
+
+@pytest.mark.parametrize(
+    ("limits", "told"),
+    [
+        ("{yaw: {band_dge: 0.1}}", "did you mean band_deg?"),
+        ("{jaw: {}}", "did you mean yaw?"),
+        ("{yaw: {band_deg: {watch: 0.2, fail: 0.1}}}", "watch 0.2 is not below fail 0.1; swap them"),
+        ("{yaw: {band_deg: {}}}", "give watch, fail or both"),
+        ("{yaw: {band_deg: 0}}", "greater than 0"),
+        ("{yaw: {band_deg: narrow}}", "must be a mapping of keys to values"),
+        ("{yaw: {band_deg: {fail: .nan}}}", "finite"),
+    ],
+)
+def test_a_limit_that_cannot_be_is_one_line(limits: str, told: str) -> None:
+    with pytest.raises(RigFileError) as caught:
+        parse(f"{TEXT}\nlimits: {limits}\n", "cell.yaml")
+    assert len(caught.value.problems) == 1
+    assert told in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "standing", "straddled"),
+    [
+        (0.4, 0.04, "pass", False),
+        (0.45, 0.04, "watch", True),  # below watch, yet U reaches over it
+        (0.7, 0.04, "watch", False),
+        (1.05, 0.04, "watch", True),  # above fail, yet not proven
+        (1.1, 0.04, "fail", False),
+        (-1.1, 0.04, "fail", False),
+        (0.4, float("nan"), "watch", True),
+        (9.0, float("nan"), "watch", True),
+    ],
+)
+def test_a_figure_is_decided_with_its_uncertainty(value: float, u: float, standing: str, *, straddled: bool) -> None:
+    limit = Limit(watch=0.5, fail=1.0)
+    assert limit.standing(value, u) == standing
+    assert limit.straddled(value, u) == straddled
+
+
+def test_without_a_fail_nothing_fails_and_without_a_watch_fail_is_the_bound() -> None:
+    assert Limit(watch=0.5).standing(9.0, 0.1) == "watch"
+    assert Limit(fail=0.5).standing(0.4, 0.04) == "pass"
+    assert Limit(fail=0.5).standing(0.6, 0.04) == "fail"
+
+
+@pytest.mark.parametrize(
+    ("test", "named"),
+    [("yaw", CircleLimits), ("radial", RadialLimits), ("repeatability", RepeatabilityLimits)],
+)
+def test_what_can_have_a_limit_is_a_figure(test: TestName, named: type[CircleLimits | RadialLimits]) -> None:
+    figures = set(evaluate(simulate("ur10e", test, "acw" if test == "yaw" else None)).figures)
+    of_pairs = {"hysteresis_max_deg", "hysteresis_mean_deg", "hysteresis_max_mm", "hysteresis_mean_mm", "range_deg"}
+    of_many_visits = {"rp_mm", "rp_mean_mm"}
+    assert set(named.model_fields) - of_pairs - of_many_visits <= figures
