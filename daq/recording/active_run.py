@@ -15,7 +15,7 @@ from pathlib import Path
 
 from daq.acquisition.host_clock import HOST
 from daq.acquisition.plausibility import PlausibilityCheck
-from daq.acquisition.stream_buffer import faults_of, samples_of
+from daq.acquisition.stream_buffer import faults_of, samples_of, size_of
 from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.recording.label import Label
 from daq.recording.rate_limited_log import RateLimitedLog
@@ -128,7 +128,9 @@ class ActiveRun:
 
     def is_behind(self, stream: str) -> bool:
         """Return whether so much of a stream is in memory that no more of it should be drained."""
-        return self.writer.is_behind(stream) if self.writer else len(self._kept[stream]) >= MOST_PENDING
+        if self.writer:
+            return self.writer.is_behind(stream)
+        return sum(map(size_of, self._kept[stream])) >= MOST_PENDING
 
     def begin(self, writer: RunWriter, dropped: Mapping[str, Fault]) -> dict[str, list[Fault]]:
         """Write what was kept, and what is in no run since the one before. Returns the faults that were found here."""

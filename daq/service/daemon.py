@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from daq.acquisition.capture_writer import CaptureWriter
 from daq.acquisition.clock_drift import DriftMonitor
 from daq.acquisition.host_clock import HOST
+from daq.acquisition.prompt import keep_stamps_prompt
 from daq.acquisition.reader import Reader
 from daq.acquisition.replay_marks import ReplayMarks
 from daq.acquisition.stream_buffer import StreamBuffer, samples_of
@@ -92,6 +93,7 @@ class Daemon:
         if self._replay:
             self._replay.skip()
         _warn_if_not_writable(self._runs)
+        keep_stamps_prompt()
         for thread in (*self._readers, self._recorder, self._startup_recovery):
             thread.start()
         ports = ", ".join(f"{stream.name} on {stream.port}" for stream in self._streams)
