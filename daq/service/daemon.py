@@ -171,7 +171,7 @@ class Daemon:
             "rig": self._rig.name,
             "baseline_mm": self._rig.gauges.baseline_mm,
             "streams": {s.name: {"port": s.port, **vars(self._buffers[s.name].state())} for s in self._streams},
-            HOST: dict(self._recorder.host_faults),
+            HOST: dict(self._recorder.host.counts),
             "clocks": {name: vars(clock) for name, watch in self._drift.items() if (clock := watch.state())},
             "automatic": self._arbiter.state(),
             "retention": self._retention.state() if self._retention else None,

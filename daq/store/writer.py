@@ -1,11 +1,10 @@
 """The recording of a run, from its first row to its exit status.
 
-One thread owns a writer. It appends rows and writes them, which a kill does not reach. What takes the disk's
-time is `Work` for another thread: to sync, which what came so far then survives a power cut by, and to close a
-chunk that is full. One piece at a time. A disk that refuses makes a `CellError` and condemns the writer,
-because after a failed fsync it is unknown what is on the disk; what was synced before stays readable,
-`close` saves what it still can, and `rig recover` does the rest. `NearlyFull` comes before that: it
-condemns nothing, and the run can be closed whole.
+One thread owns a writer. It appends rows and writes them, which a kill does not reach. What takes the disk's time is
+`Work` for another thread, one piece at a time: to sync, so that what came so far survives a power cut, and to close a
+chunk that is full. A disk that refuses makes a `CellError` and condemns the writer, because after a failed fsync it is
+unknown what is on the disk; what was synced before stays readable, `close` saves what it still can, and `rig recover`
+does the rest. `NearlyFull` comes before that: it condemns nothing, and the run can be closed whole.
 """
 
 from __future__ import annotations
@@ -97,8 +96,7 @@ class RunWriter:
         A name that begins with a UTC time of its own is the directory's as it is.
 
         streams: value columns of each sample stream. follows: the run that this one goes on from.
-        Raises FileError for names that cannot be used, CellError when the disk refuses (NearlyFull when
-        it soon would).
+        Raises FileError for unusable names, CellError when the disk refuses (NearlyFull when it soon would).
         """
         manifest = new_manifest(
             name=name,
@@ -228,8 +226,8 @@ class RunWriter:
             rows={stream: writer.rows for stream, writer in self._writers.items()},
             counters={stream: self._counted(stream, counts) for stream, counts in counters.items()},
         )
-        unsealed = _attempt(partial(self._ledger.append, Entry(seal=seal)))
-        problems += [unsealed] if unsealed else []
+        if unsealed := _attempt(partial(self._ledger.append, Entry(seal=seal))):
+            problems.append(unsealed)
         self._count_lost(sealed=not unsealed)
         for writer in self._writers.values():
             writer.release()
@@ -245,8 +243,8 @@ class RunWriter:
                 self.lost[row[0]] += row[1].count
 
     def _counted(self, stream: str, counts: Mapping[str, int]) -> dict[str, int]:
-        told = {str(kind): count for kind, count in counts.items()}
-        return {**told, "samples": self._writers[stream].rows} if stream in self._writers else told
+        rows = {"samples": self._writers[stream].rows} if stream in self._writers else {}
+        return {str(kind): count for kind, count in counts.items()} | rows
 
     def _write(self) -> None:
         for writer in self._writers.values():

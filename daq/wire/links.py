@@ -295,8 +295,6 @@ def _serial_problem(error: serial.SerialException) -> tuple[str, str]:
 
 
 def _ports() -> str:
-    names: list[str] = []
-    with contextlib.suppress(OSError):  # no such directory, or gone with its last port
-        names = sorted(map(str, Path("/dev/serial/by-id").iterdir()))
+    names = sorted(map(str, Path("/dev/serial/by-id").glob("*")))
     names = names or sorted(str(path) for kind in ("ttyUSB*", "ttyACM*") for path in Path("/dev").glob(kind))
     return ", ".join(names) or "none"

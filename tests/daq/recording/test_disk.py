@@ -205,8 +205,8 @@ def test_what_a_run_was_to_count_as_dropped_is_not_forgotten_where_its_disk_fail
     for name in COLUMNS:
         counters = [load_manifest(path).counters.get(name, {}) for path in runs]
         counted = sum(count.get("samples", 0) + count.get("dropped", 0) for count in counters)
-        assert counted + written.recorder.lost[name] == written.delivered
-        assert bool(written.recorder.lost[name]) is not resumed
+        assert counted + written.recorder.losses.counts[name] == written.delivered
+        assert bool(written.recorder.losses.counts[name]) is not resumed
 
 
 def test_what_no_run_follows_to_count_is_in_the_log_and_in_the_status(
@@ -216,7 +216,7 @@ def test_what_no_run_follows_to_count_is_in_the_log_and_in_the_status(
     written.deliver(7)
     with failing(errno.EIO, "pwrite", "fsync"), pytest.raises(CellError, match="Input/output error"):
         written.recorder.stop_run().result()
-    assert written.recorder.lost == dict.fromkeys(COLUMNS, 7)
+    assert written.recorder.losses.counts == dict.fromkeys(COLUMNS, 7)
     assert written.buffers["g1"].state().counters["dropped"] == 7
     assert f"g1: dropped: 7 samples are in no run: {written.path.name} could not be closed" in caplog.text
     recover(written.path)
@@ -236,7 +236,7 @@ def test_what_a_run_has_lost_is_counted_where_it_closes_after_the_recording_was_
     closing.set()
     disk.submit(lambda: None).result()
     assert len(read_run(written.path).streams["g1"]["g1_mm"]) == 10
-    assert written.recorder.lost == dict.fromkeys(COLUMNS, 10)
+    assert written.recorder.losses.counts == dict.fromkeys(COLUMNS, 10)
 
 
 def _plain() -> dict[str, Any]:

@@ -197,8 +197,9 @@ class Recordings(RuleBasedStateMachine):
                 dropped[stream] += load_manifest(path).counters.get(stream, {}).get("dropped", 0)
         for stream, found in held.items():
             assert max(found.values(), default=1) == 1, "no reading is in two runs"
-            count = found.total() + dropped[stream] + self.recorder.lost[stream]
-            assert count == self.taken, (stream, count, self.taken, found.total(), dict(dropped), self.recorder.lost)
+            lost = self.recorder.losses.counts
+            count = found.total() + dropped[stream] + lost[stream]
+            assert count == self.taken, (stream, count, self.taken, found.total(), dict(dropped), lost)
 
 
 def test_each_reading_is_in_one_run_or_counted(monkeypatch: pytest.MonkeyPatch) -> None:
