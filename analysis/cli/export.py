@@ -50,15 +50,17 @@ def _export(path: Path, to: Format, output: Path) -> None:
     from daq.store import mark_exported, read_run  # noqa: PLC0415
     from rigs.errors import RigError  # noqa: PLC0415
 
+    doubts: tuple[str, ...] = ()
     with progress_of(f"exporting {path}"):
         run = read_run(path)
         if to == "mcap":
             write_new(output, partial(write_mcap, run))
         else:
             measured = measured_of(run)
-            for doubt in measured.doubts:
-                say(f"note: {doubt}", err=True)
+            doubts = measured.doubts
             write_new(output, partial(write_csv if to == "csv" else write_parquet, measured.to_table()))
+    for doubt in doubts:
+        say(f"note: {doubt}", err=True)
     try:
         mark_exported(path, to, output)
     except RigError as error:

@@ -13,7 +13,8 @@ from rigs.text import plain
 def progress_of(doing: str = "reading the runs") -> Iterator[Callable[[str], None]]:
     """Show what is being done on standard error; give the function to call when something else is.
 
-    Nothing is shown where standard error is no terminal. Results are printed after it, not within.
+    Nothing is shown where standard error is no terminal. Everything else is printed after it: within, it would stand
+    on the same line.
     """
     if not sys.stderr.isatty():
         yield lambda doing: None
