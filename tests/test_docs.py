@@ -61,7 +61,7 @@ def _commands() -> list[tuple[str, ...]]:
 def test_80_columns_hold_the_help_of_every_command_whole(command: tuple[str, ...]) -> None:
     done = CliRunner().invoke(app, [*command, "--help"], env={"COLUMNS": "80"})
     assert done.exit_code == 0
-    assert "…" not in done.stdout.replace("RUN…", "").replace(" … ", "")
+    assert "…" not in re.sub(r"[A-Z]+…| … ", "", done.stdout)  # RUN… is one or several
     # typer keeps the line breaks of a docstring: one written 120 columns wide is broken there and at 80.
     for paragraph in re.split(r"\n\s*\n", done.stdout.partition("╭")[0].strip()):
         assert all(len(line.rstrip()) > 50 for line in paragraph.splitlines()[:-1]), paragraph
