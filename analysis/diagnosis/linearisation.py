@@ -77,9 +77,7 @@ class Linearisation:
         """Return the whitened residual (N,) with `effects` in place of the known ones in given set-ups."""
         return self._left([self.response_of(k, effects) for k in range(len(self.blocks))], setups)
 
-    def _left(
-        self, responses: Sequence[Callable[[Mapping[str, SetUp]], Array]], setups: Mapping[str, SetUp]
-    ) -> Array:
+    def _left(self, responses: Sequence[Callable[[Mapping[str, SetUp]], Array]], setups: Mapping[str, SetUp]) -> Array:
         """Return the whitened residual (N,) of the responses of all blocks in given set-ups."""
         return np.concatenate([
             block.white(block.y_mm) - block.whitened(response(setups))

@@ -29,8 +29,9 @@ _ITERATIONS = 2
 """Largest number of iterations. Chosen: the second one starts from set-ups fitted with the names, and each costs a full
 search."""
 _BENT = 3.0
-"""Root mean square, in standard deviations of the noise, of the nonlinear residual beyond the linear prediction after
-the set-ups are moved, above which the search is repeated. Chosen: smaller errors do not support an effect."""
+"""Root mean square, in standard deviations of the noise, by which the names move the set-ups beyond what is linear,
+above which the search is repeated: then the slopes of everything else have changed too. Chosen: smaller errors do not
+support an effect."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,7 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
         known = state.refined.effects
         moved = selection.posterior(state).mean[selection.columns.set_ups]
         setups = linear.setups_moved_by(moved)
-        bent = linear.residual_at(known, setups) - (state.refined.residual - linear.U @ moved)
+        bent = linear.residual_at(known, linear.setups) - linear.residual(known)
         if float(np.sqrt(np.mean(bent**2))) < _BENT:
             break
     progress("comparing names with their rivals")

@@ -7,8 +7,12 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Sequence
+
+import numpy as np
 
 from analysis.files.table_problems import quoted
+from analysis.kinematics.arm import Array
 from analysis.traces.table_layout import COUNTS, WORDS
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
@@ -16,6 +20,8 @@ _COUNT = re.compile(r"\+?[0-9]{1,9}(\.0*)?")
 _LARGEST = 1e12
 """No angle, length or time of a measurement is larger, in any unit that someone may have taken by mistake."""
 _OTHER_WORDS = {"ccw": "acw", "counterclockwise": "acw", "anticlockwise": "acw", "clockwise": "cw"}
+_OF_NUMBERS = re.compile(r"[0-9+\-.eE \t,]*")
+"""Where a text has no other characters, float() and `value` agree on whether it is a number."""
 Value = float | int | str
 
 
@@ -27,6 +33,17 @@ def value(column: str, text: str) -> Value:
     if column in WORDS:
         return _word(text, WORDS[column])
     return _count(text) if column in COUNTS else _number(text)
+
+
+def numbers(texts: Sequence[str]) -> Array | None:
+    """The values (n,) of cells of a column of numbers; None where `value` has to look at them one by one."""
+    if not _OF_NUMBERS.fullmatch(",".join(texts)):
+        return None
+    try:
+        found = np.fromiter(map(float, texts), dtype=float, count=len(texts))
+    except ValueError:
+        return None
+    return found if np.abs(found).max(initial=0.0) <= _LARGEST else None
 
 
 def _number(text: str) -> float:

@@ -1,7 +1,8 @@
-"""Reading a table file: bytes to text, text to rows, rows to columns, every bad row named.
+"""Reading a table file: bytes to rows, rows to columns, every bad row named.
 
 The file's own columns stay in their order; known ones become numbers, counts and words, extra ones stay
-the text they are.
+the text they are. Rows become columns of Arrow a batch at a time: as objects of Python, a table takes ten times the
+memory, and where that ends, each of millions of small requests for more is refused by the system on its own.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from analysis.files.cells import Value, value
+from analysis.files.columns import Columns, Row, column_type, columns_of
 from analysis.files.header import check_header
 from analysis.files.sequence import check_sequence
-from analysis.files.table_problems import TableFileError, TableProblem
-from analysis.traces.table_layout import COMMANDED, COUNTS, JOINTS, LAYOUTS, WORDS, JointSource
-from daq.store.schema import ColumnType, table_schema
+from analysis.files.table_problems import Problems, TableFileError, TableProblem
+from analysis.traces.table_layout import COMMANDED, JOINTS, LAYOUTS, JointSource
+from daq.store.schema import table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.rig import Rig
@@ -28,9 +29,7 @@ from rigs.schema.vocabulary import Direction, TestName
 
 MOST_BYTES = 256_000_000
 _MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000
-"""The largest table, which takes some 2 GB while it is read; half an hour at 1 kHz with 9 columns has 16 million."""
-Row = tuple[int, list[str]]
-"""Line on which a row begins, counted from 1, and its fields."""
+"""The largest table, which takes some 0.5 GB while it is read; half an hour at 1 kHz with 9 columns has 16 million."""
 
 
 @dataclass(frozen=True)
@@ -56,23 +55,24 @@ def read_csv(
     Raises FileError for a file that cannot be read, TableFileError with every mistake in it.
     """
     data = _bytes(path)
-    table = parse_csv(_text(str(path), data), str(path), test, rig, direction, joints)
+    table = parse_csv(data, str(path), test, rig, direction, joints)
     words = table["direction"][0].as_py() if "direction" in LAYOUTS[test].required else None
     return TableFile(path, hashlib.sha256(data).hexdigest(), words, table)
 
 
 def parse_csv(
-    text: str,
+    data: bytes,
     where: str,
     test: TestName,
     rig: Rig,
     direction: Direction | None = None,
     joints: JointSource = "measured",
 ) -> pa.Table:
-    """The table in the text of a file; `where` names it in errors. See `read_csv`."""
+    """The table in the bytes of a file; `where` names it in errors. See `read_csv`."""
     if direction and "direction" not in LAYOUTS[test].required:
         raise FileError(where, f"is of a {test} test, which has no direction", "leave --direction out")
-    rows = _rows(text, where)
+    _require_text(where, data)
+    rows = _rows(data, where)
     _, names = next(rows, (1, []))
     if not any(names):
         raise FileError(where, "is empty", "give a table with a header line")
@@ -81,15 +81,16 @@ def parse_csv(
     if joints == "commanded":
         names = _commanded(names, where)
     check_header(where, names, test, direction is not None)
-    columns, lines, problems = _columns(rows, names, test, where)
-    if not lines and not problems:
+    problems = Problems()
+    columns, lines = columns_of(_whole_rows(rows, names, where, problems), names, test, problems)
+    if not len(lines) and not problems.count:
         raise FileError(where, "has a header and no rows", "give the measured rows")
     if direction and "direction" not in columns:
         columns = _with_direction(columns, direction, len(lines))
-    problems += check_sequence(columns, lines, test, rig, direction)
-    if problems:
-        raise TableFileError(where, problems)
-    return pa.table(columns, schema=table_schema({name: _type(name, test) for name in columns}))
+    problems.add(check_sequence(columns, lines, test, rig, direction))
+    if problems.count:
+        raise TableFileError(where, problems.first, count=problems.count)
+    return pa.table(columns, schema=table_schema({name: column_type(name, test) for name in columns}))
 
 
 def _commanded(names: list[str], where: str) -> list[str]:
@@ -109,24 +110,24 @@ def _bytes(path: Path) -> bytes:
         raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
 
 
-def _text(where: str, data: bytes) -> str:
+def _require_text(where: str, data: bytes) -> None:
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise FileError(where, "is UTF-16", "save it as UTF-8")
     if data.startswith(b"PAR1"):
         raise FileError(where, "is a Parquet file", "give the table as CSV")
     try:
-        text = data.decode("utf-8-sig")
+        if not data.isascii():
+            data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise FileError(where, f"line {line} is not UTF-8", "save it as UTF-8") from None
-    if "\0" in text:
+    if b"\0" in data:
         raise FileError(where, "contains zero bytes, which a text file cannot", "give the table as UTF-8 text")
-    return text
 
 
-def _rows(text: str, where: str) -> Iterator[Row]:
+def _rows(data: bytes, where: str) -> Iterator[Row]:
     """Rows that hold anything, in order. Raises TableFileError where quotes do not match."""
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    reader = csv.reader(io.TextIOWrapper(io.BytesIO(data), encoding="utf-8-sig", newline=""), strict=True)
     begin = 1
     try:
         for fields in reader:
@@ -138,31 +139,20 @@ def _rows(text: str, where: str) -> Iterator[Row]:
         raise TableFileError(where, [problem]) from None
 
 
-def _columns(
-    rows: Iterator[Row], names: list[str], test: TestName, where: str
-) -> tuple[dict[str, list[Value | None]], list[int], list[TableProblem]]:
-    """Columns by name, None where a cell is bad; the line of each row; what is bad."""
-    columns: dict[str, list[Value | None]] = {name: [] for name in names}
-    known = set(LAYOUTS[test].known)
-    lines: list[int] = []
-    problems: list[TableProblem] = []
+def _whole_rows(rows: Iterator[Row], names: list[str], where: str, problems: Problems) -> Iterator[Row]:
+    """Rows with a field for each name; the others are problems. Raises FileError for more rows than a table has."""
+    most_rows = _MOST_CELLS // len(names)
+    found = 0
     for line, fields in rows:
-        if len(lines) * len(names) > _MOST_CELLS:
+        if len(fields) != len(names):
+            what = f"has {len(fields)} fields, the header {len(names)}{_why(fields, names)}"
+            problems.add([TableProblem(line, "", what)])
+            continue
+        if found > most_rows:
             what = f"has more than {_MOST_CELLS} cells, the first {line} lines alone"
             raise FileError(where, what, "import it in several runs")
-        if len(fields) != len(names):
-            problems.append(
-                TableProblem(line, "", f"has {len(fields)} fields, the header {len(names)}{_why(fields, names)}")
-            )
-            continue
-        lines.append(line)
-        for name, text in zip(names, fields, strict=True):
-            try:
-                columns[name].append(value(name, text) if name in known else text)
-            except ValueError as error:
-                columns[name].append(None)
-                problems.append(TableProblem(line, name, str(error)))
-    return columns, lines, problems
+        found += 1
+        yield line, fields
 
 
 def _why(fields: list[str], names: list[str]) -> str:
@@ -171,18 +161,10 @@ def _why(fields: list[str], names: list[str]) -> str:
     return "; is the line cut off?"
 
 
-def _with_direction(
-    columns: dict[str, list[Value | None]], direction: Direction, rows: int
-) -> dict[str, list[Value | None]]:
-    completed: dict[str, list[Value | None]] = {}
+def _with_direction(columns: Columns, direction: Direction, rows: int) -> Columns:
+    completed: dict[str, pa.ChunkedArray] = {}
     for name, values in columns.items():
         completed[name] = values
         if name == "t_s":
-            completed["direction"] = [direction] * rows
+            completed["direction"] = pa.chunked_array([pa.repeat(direction, rows)])
     return completed
-
-
-def _type(name: str, test: TestName) -> ColumnType:
-    if name not in LAYOUTS[test].known or name in WORDS:
-        return "string"
-    return "int64" if name in COUNTS else "double"

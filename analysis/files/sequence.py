@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
 
-from analysis.files.cells import Value
+from analysis.files.columns import Columns
 from analysis.files.table_problems import TableProblem
 from analysis.kinematics.arm import Array
 from analysis.measures.rig_agreement import target_count
@@ -21,78 +22,62 @@ _ROUNDING_DEG = 2.0
 """… and by more than this has jumped: times are rounded, and speeds in rig files are nominal. …"""
 _LARGEST_STEP_DEG = 120.0
 """… And so has one that moves further than this between neighbouring samples, however slow they are."""
-Columns = Mapping[str, Sequence[Value | None]]
 
 
 def check_sequence(
-    columns: Columns, lines: list[int], test: TestName, rig: Rig, direction: Direction | None
-) -> list[TableProblem]:
-    """Mistakes between rows, and beside the rig; cells that are None are left out, they are mistakes already."""
-    problems: list[TableProblem] = []
+    columns: Columns, lines: np.ndarray, test: TestName, rig: Rig, direction: Direction | None
+) -> Iterator[TableProblem]:
+    """Mistakes between rows, and beside the rig; cells that are null are left out, they are mistakes already.
+
+    lines: the number of each row's line (n,).
+    """
     known = LAYOUTS[test].known
     if "t_s" in known and "t_s" in columns:
-        problems += _time(_numbers(columns["t_s"]), lines)
+        yield from _time(columns["t_s"].to_numpy(), lines)
     if "target" in known and rig.tests.hemisphere:
-        problems += _targets(columns["target"], lines, target_count(rig.tests.hemisphere))
+        yield from _targets(columns["target"].to_numpy(), lines, target_count(rig.tests.hemisphere))
     if "direction" in known:
-        problems += _one_direction(columns["direction"], lines, direction)
-        t_s = _numbers(columns["t_s"])
+        yield from _one_direction(columns["direction"], lines, direction)
+        t_s = columns["t_s"].to_numpy()
         for axis, name in zip(rig.robot.axes, JOINTS, strict=True):
-            problems += _jumps(name, t_s, _numbers(columns[name]), lines, axis.speed_deg_s)
-    return problems
+            yield from _jumps(name, t_s, columns[name].to_numpy(), lines, axis.speed_deg_s)
 
 
-def _numbers(values: Sequence[Value | None]) -> Array:
-    return np.array([np.nan if value is None else value for value in values], dtype=float)
-
-
-def _time(t_s: Array, lines: list[int]) -> list[TableProblem]:
+def _time(t_s: Array, lines: np.ndarray) -> Iterator[TableProblem]:
     there = np.flatnonzero(np.isfinite(t_s))
-    back = np.flatnonzero(np.diff(t_s[there]) <= 0)
-    return [
-        TableProblem(
-            lines[there[k + 1]], "t_s", f"time does not increase: {t_s[there[k + 1]]:g} after {t_s[there[k]]:g}"
-        )
-        for k in back
-    ]
+    for k in np.flatnonzero(np.diff(t_s[there]) <= 0):
+        what = f"time does not increase: {t_s[there[k + 1]]:g} after {t_s[there[k]]:g}"
+        yield TableProblem(int(lines[there[k + 1]]), "t_s", what)
 
 
-def _targets(values: Sequence[Value | None], lines: list[int], count: int) -> list[TableProblem]:
-    return [
-        TableProblem(line, "target", f"{value} is not one of the {count} targets of the rig's hemisphere")
-        for line, value in zip(lines, values, strict=True)
-        if isinstance(value, int) and value > count
-    ]
+def _targets(target: Array, lines: np.ndarray, count: int) -> Iterator[TableProblem]:
+    for k in np.flatnonzero(target > count):
+        what = f"{target[k]:.0f} is not one of the {count} targets of the rig's hemisphere"
+        yield TableProblem(int(lines[k]), "target", what)
 
 
-def _one_direction(values: Sequence[Value | None], lines: list[int], direction: Direction | None) -> list[TableProblem]:
-    named = Counter(value for value in values if value is not None)
-    if not named:
-        return []
-    if direction and set(named) == {"acw" if direction == "cw" else "cw"}:
-        return [TableProblem(lines[0], "direction", f"the table says {values[0]}; leave --direction out")]
-    first = next(value for value in values if value is not None)
-    other = [k for k, value in enumerate(values) if value not in (first, None)]
-    if not other:
-        return []
-    message = f"{values[other[0]]} after {first}: a file may hold one direction only; split it here"
-    return [TableProblem(lines[other[0]], "direction", message)]
+def _one_direction(words: pa.ChunkedArray, lines: np.ndarray, direction: Direction | None) -> Iterator[TableProblem]:
+    named = pc.unique(words.drop_null()).to_pylist()
+    if direction and named == ["acw" if direction == "cw" else "cw"]:
+        yield TableProblem(int(lines[0]), "direction", f"the table says {named[0]}; leave --direction out")
+    elif len(named) > 1:
+        what = f"{named[1]} after {named[0]}: a file may hold one direction only; split it here"
+        yield TableProblem(int(lines[pc.index(words, named[1]).as_py()]), "direction", what)
 
 
-def _jumps(name: str, t_s: Array, q_deg: Array, lines: list[int], speed_deg_s: float) -> list[TableProblem]:
+def _jumps(name: str, t_s: Array, q_deg: Array, lines: np.ndarray, speed_deg_s: float) -> Iterator[TableProblem]:
     there = np.flatnonzero(np.isfinite(t_s) & np.isfinite(q_deg))
     step, gap_s = np.diff(q_deg[there]), np.diff(t_s[there])
     reachable = _SPEED_FACTOR * speed_deg_s * np.maximum(gap_s, 0.0) + _ROUNDING_DEG
     jump = (np.abs(step) > np.minimum(reachable, _LARGEST_STEP_DEG)) & (gap_s > 0)
-    problems, came = [], -2
+    came = -2
     for k in np.flatnonzero(jump).tolist():
         # A single bad row jumps there and back: it is named, the good one after it is not.
         if came == k - 1 and step[k] * step[k - 1] < 0:
             came = -2
             continue
         came = k
-        problems.append(TableProblem(lines[there[k + 1]], name, _jump(step[k], gap_s[k])))
-    return problems
+        yield TableProblem(int(lines[there[k + 1]]), name, _jump(step[k], gap_s[k]))
 
 
 def _jump(step: float, gap_s: float) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 from rigs.errors import FileError
 
@@ -22,16 +23,41 @@ class TableProblem:
         return f"{place}: {self.message}"
 
 
-class TableFileError(FileError):
-    """A table with mistakes, all of them in `problems`, in order of lines."""
+@dataclass
+class Problems:
+    """The mistakes found so far: how many, and the first of them in order of lines; a bad file may have millions."""
 
-    def __init__(self, path: str, problems: list[TableProblem], remedy: str = "correct the file") -> None:
-        self.problems = sorted(problems)
-        shown = [str(problem) for problem in self.problems[:_SHOWN]]
-        if len(self.problems) > _SHOWN:
-            shown.append(f"… and {len(self.problems) - _SHOWN} more, {len(self.problems)} mistakes in all")
-        count = "1 mistake" if len(problems) == 1 else f"{len(problems)} mistakes"
-        super().__init__(path, f"{count}: " + " | ".join(shown), remedy)
+    count: int = 0
+    _kept: list[TableProblem] = field(default_factory=list)
+
+    def add(self, found: Iterable[TableProblem]) -> None:
+        """Count problems, and keep those that may be among the first."""
+        for problem in found:
+            self.count += 1
+            self._kept.append(problem)
+            if len(self._kept) > 50 * _SHOWN:
+                self._kept = self.first
+
+    @property
+    def first(self) -> list[TableProblem]:
+        """The problems that are shown, in order."""
+        return sorted(self._kept)[:_SHOWN]
+
+
+class TableFileError(FileError):
+    """A table with mistakes; the first of them in `problems`, in order of lines."""
+
+    def __init__(
+        self, path: str, problems: list[TableProblem], remedy: str = "correct the file", count: int | None = None
+    ) -> None:
+        """count: of all mistakes, where problems are the first of them only."""
+        total = len(problems) if count is None else count
+        self.problems = sorted(problems)[:_SHOWN]
+        shown = [str(problem) for problem in self.problems]
+        if total > _SHOWN:
+            shown.append(f"… and {total - _SHOWN} more, {total} mistakes in all")
+        mistakes = "1 mistake" if total == 1 else f"{total} mistakes"
+        super().__init__(path, f"{mistakes}: " + " | ".join(shown), remedy)
         self.shown = shown
 
     def lines(self) -> list[str]:

@@ -10,15 +10,13 @@ the distances from that mean; of each rotation, largest |mean| and 3 S.
 
 Uncertainties: the scatter of one row is what poses visited again show, each its own, with tails
 (`analysis.noise.target_scatter`); where none was, the instrument's is assumed. Of the errors, that scatter through the
-fit, for these poses as they stood; of AP and RP, how far they may lie from their expectation, were the visits made
-again.
-Nothing is corrected for noise here: the standards' figures are what their formulas give.
+fit; of AP and RP, how far they may lie from their expectation, were the visits made again. Nothing is corrected for
+noise here: the standards' figures are what their formulas give.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +37,7 @@ SAME_RAD = float(np.radians(0.1))
 """Poses whose joints all lie within this are visits of one pose; what they still differ by is taken off."""
 _FEWEST = 6
 _BLIND = 1e-3
-"""These poses do not determine a direction whose singular value is a smaller share of the largest (lengths and turns
-scaled alike)."""
+"""Share of the largest singular value (lengths and turns scaled alike) below which no direction is determined."""
 
 
 @dataclass(frozen=True)
@@ -55,8 +52,7 @@ class PoseSetUp:
 
 @dataclass(frozen=True)
 class PoseResult:
-    """position_mm (n, 3), rotation (n, 3) rad or None: measured less fitted, in the arm's base; group (n,): number of
-    the group of visits, from 0."""
+    """position_mm (n, 3), rotation (n, 3) rad or None: measured less fitted, in the arm's base; group (n,), from 0."""
 
     setup: PoseSetUp
     position_mm: Array
@@ -85,7 +81,7 @@ def evaluate(
     rotations about the arm's x, y, z (a, b, c as in the standard). Raises FileError.
     """
     _hold(table, where)
-    bare = dataclasses.replace(arm, T_world_base=np.eye(4), T_flange_tool=np.eye(4))
+    bare = replace(arm, T_world_base=np.eye(4), T_flange_tool=np.eye(4))
     T = forward(bare, table.q)
     setup = fit_setup(T, table.xyz_mm)
     position = position_error(T, table.xyz_mm, setup)
@@ -112,7 +108,7 @@ def evaluate(
         of_turn = _noise(turn, group, again, np.nan if u_rad is None else float(np.degrees(u_rad)))
         figures |= _rotation_figures(rotation, np.radians(of_turn))
     if place is None:
-        figures = {name: dataclasses.replace(figure, noise="assumed") for name, figure in figures.items()}
+        figures = {name: replace(figure, noise="assumed") for name, figure in figures.items()}
     return PoseResult(setup, position, rotation, group, figures, len(T), _blind(setup) + tuple(notes))
 
 
@@ -166,7 +162,7 @@ def _noise(
         return level * rng.standard_normal((DRAWS, len(group), 3))
     place = np.searchsorted(again, group).clip(max=len(again) - 1)
     place = np.where(again[place] == group, place, rng.integers(len(again), size=len(group)))
-    return dataclasses.replace(scatter, sd_mm=scatter.sd_mm[:, place]).again(rng, (3,))
+    return replace(scatter, sd_mm=scatter.sd_mm[:, place]).again(rng, (3,))
 
 
 def _position_figures(position: Array, setup: PoseSetUp, noise_mm: Array) -> dict[str, Quantity]:
@@ -265,7 +261,7 @@ def _orientation(T: Array, rpy: Array, setup: PoseSetUp) -> tuple[PoseSetUp, Arr
     tool = (flange.inv() * seen).mean()
     left: Array = (seen * (flange * tool).inv()).as_rotvec()
     whole = _frame(tool.as_matrix(), setup.T_flange_tool[:3, 3])
-    return dataclasses.replace(setup, T_flange_tool=whole), left
+    return replace(setup, T_flange_tool=whole), left
 
 
 def _aligned(points: Array, seen: Array) -> Array:
@@ -299,6 +295,6 @@ def _hold(table: PoseTable, where: str) -> None:
         raise FileError(where, "the robot stood still in all rows", "give poses from the whole working space")
     if np.ptp(table.xyz_mm, axis=0).max() == 0:
         raise FileError(where, "the instrument reported the same place in all rows", "check that it follows the target")
-    if np.abs(table.q).max() > 4 * np.pi:
-        angle = f"a joint at {np.degrees(np.abs(table.q).max()):.0f}° is impossible"
+    if (most := np.abs(table.q).max()) > 4 * np.pi:
+        angle = f"a joint at {np.degrees(most):.0f}° is impossible"
         raise FileError(where, angle, "check the unit of q: files hold degrees")

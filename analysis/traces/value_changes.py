@@ -62,7 +62,8 @@ class Bounds:
 def changes(asked_ns: Array, values: Array) -> Bounds:
     """Where answers at asked_ns (n,) show another value (n, k) than the one before; no number equals no number."""
     row = np.flatnonzero(_changed(values)) + 1
-    steps = np.nan_to_num(np.abs(values[row] - values[row - 1])).max(axis=1, initial=0.0)
+    with np.errstate(over="ignore"):  # readings may be as large as a double: their difference is then infinite
+        steps = np.nan_to_num(np.abs(values[row] - values[row - 1])).max(axis=1, initial=0.0)
     resolution = steps[steps > 0].min(initial=np.inf)
     near = np.lib.stride_tricks.sliding_window_view(np.pad(steps, 2, mode="edge"), 5) if len(steps) else steps[:, None]
     jumps = np.median(near, axis=1) >= _JUMP * resolution

@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 import statistics
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from daq.protocol.conversation import Sample
+import numpy as np
+
+from daq.protocol.conversation import Sample, Samples
 
 _WINDOW_S = 10.0
 _WINDOWS = 60
@@ -39,13 +41,12 @@ class DriftMonitor:
         self._least = self._most = math.nan
         self._late_s = math.nan
 
-    def feed(self, samples: Iterable[Sample]) -> None:
+    def feed(self, samples: Sequence[Sample]) -> None:
         """Take samples in order of arrival; those without a time of their own are ignored."""
-        for sample in samples:
-            if math.isnan(sample.device_time_s):
-                continue
-            host_s = sample.first_byte_ns / 1e9
-            offset_s = host_s - sample.device_time_s
+        block = Samples.of(samples)
+        timed = block.chosen(~np.isnan(block.device_time_s))
+        hosts_s = timed.first_byte_ns / 1e9
+        for host_s, offset_s in zip(hosts_s.tolist(), (hosts_s - timed.device_time_s).tolist(), strict=True):
             if abs(offset_s - self._least) > _LEAP_S:
                 self._minima.clear()
                 self._begun_s = math.nan

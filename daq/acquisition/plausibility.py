@@ -16,7 +16,10 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from daq.protocol.conversation import Fault, FaultKind, Item, Sample
+import numpy as np
+
+from daq.acquisition.stream_buffer import samples_of
+from daq.protocol.conversation import Fault, FaultKind, Item, Samples
 
 STUCK_S = 10.0
 STUCK_READINGS = 20
@@ -54,21 +57,20 @@ class PlausibilityCheck:
 
     def check(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
         """Take what came on a stream since the last call, in order; return what is doubtful about it."""
-        samples = [item for item in items if isinstance(item, Sample)]
+        samples = samples_of(items)
         if "q1_deg" in columns:
             self._follow(samples)
             return []
         doubts = self._intermittent(stream, items)
         for place, column in enumerate(columns if self.touching else ()):
             gauge = self._gauges.setdefault(column, _GaugeState())
-            for sample in samples:
-                doubts += self._update(column, gauge, sample.values[place], sample.last_byte_ns)
+            doubts += self._update(column, gauge, samples, place)
             doubts += self._sticking(column, gauge, samples)
         return doubts
 
-    def _follow(self, samples: Sequence[Sample]) -> None:
+    def _follow(self, samples: Samples) -> None:
         """How far the robot has moved, by the joint that moved most; once a call is often enough."""
-        if not samples:
+        if not len(samples):
             return
         joints = samples[-1].values[:6]  # a signal may follow
         moved_deg = max((abs(b - a) for a, b in zip(self._joints, joints, strict=False)), default=math.inf)
@@ -76,19 +78,24 @@ class PlausibilityCheck:
             self._travel_deg += moved_deg if self._joints else 0.0
             self._joints = joints
 
-    def _update(self, column: str, gauge: _GaugeState, value_mm: float, at_ns: int) -> list[Fault]:
-        if value_mm == gauge.reading or math.isnan(value_mm):
-            gauge.count += value_mm == gauge.reading
+    def _update(self, column: str, gauge: _GaugeState, samples: Samples, place: int) -> list[Fault]:
+        """Take the readings of a gauge; a head in error shows none."""
+        good = ~np.isnan(samples.values[:, place]) if len(samples) else np.zeros(0, bool)
+        readings_mm, stamps_ns = samples.values[good, place] if good.any() else np.empty(0), samples.last_byte_ns[good]
+        steps_mm = np.abs(np.diff(readings_mm, prepend=gauge.reading))
+        (moved,) = np.nonzero(steps_mm != 0)  # nan, the step to the very first reading, is one
+        if not moved.size:
+            gauge.count += len(readings_mm)
             return []
-        freed = [_doubtful(at_ns, f"{_name(column)} moves again", 0)] if gauge.reported else []
-        step_mm = abs(value_mm - gauge.reading)
-        gauge.finest_mm = gauge.finest_mm if math.isnan(step_mm) else min(gauge.finest_mm, step_mm)
-        gauge.reading, gauge.since_ns, gauge.count, gauge.reported = value_mm, at_ns, 1, False
-        gauge.travel_deg = self._travel_deg
+        freed = [_doubtful(int(stamps_ns[moved[0]]), f"{_name(column)} moves again", 0)] if gauge.reported else []
+        gauge.finest_mm = float(np.fmin.reduce(steps_mm[moved], initial=gauge.finest_mm))
+        last = int(moved[-1])
+        gauge.reading, gauge.since_ns, gauge.reported = float(readings_mm[last]), int(stamps_ns[last]), False
+        gauge.count, gauge.travel_deg = len(readings_mm) - last, self._travel_deg
         return freed
 
-    def _sticking(self, column: str, gauge: _GaugeState, samples: Sequence[Sample]) -> list[Fault]:
-        if gauge.reported or not samples or gauge.count < STUCK_READINGS:
+    def _sticking(self, column: str, gauge: _GaugeState, samples: Samples) -> list[Fault]:
+        if gauge.reported or not len(samples) or gauge.count < STUCK_READINGS:
             return []
         now_ns = samples[-1].last_byte_ns
         seconds, moved_deg = (now_ns - gauge.since_ns) / 1e9, self._travel_deg - gauge.travel_deg
@@ -111,7 +118,7 @@ class PlausibilityCheck:
                         _doubtful(item.at_ns, f"{stream} {what}: does the whole motion lie within its range?")
                     )
                     times.clear()
-            if error or isinstance(item, Sample):
+            if error or not isinstance(item, Fault):
                 self._in_error[stream] = error
         return doubts
 

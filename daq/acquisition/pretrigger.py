@@ -6,7 +6,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 
-from daq.protocol.conversation import Item, Sample
+from daq.protocol.conversation import Fault, Item, Samples, packed
 
 KEPT_NS = 5_000_000_000
 
@@ -15,22 +15,27 @@ class PretriggerBuffer:
     """Holds the items of the last five seconds and of the rounds since then: some thousands for each stream."""
 
     def __init__(self, streams: Iterable[str]) -> None:
-        self._items: dict[str, deque[Item]] = {name: deque() for name in streams}
+        self._items: dict[str, deque[Samples | Fault]] = {name: deque() for name in streams}
 
     def add(self, stream: str, items: Sequence[Item]) -> None:
         """Keep items that have come on a stream."""
-        self._items[stream].extend(items)
+        self._items[stream].extend(packed(items))
 
     def trim(self) -> None:
         """Drop what is five seconds older than the newest item; once a round, so that a long round stays whole."""
         for kept in self._items.values():
-            while kept and _at_ns(kept[0]) < _at_ns(kept[-1]) - KEPT_NS:
+            while kept and _newest_ns(kept[0]) < _newest_ns(kept[-1]) - KEPT_NS:
                 kept.popleft()
 
-    def since(self, stream: str, since_ns: int) -> list[Item]:
+    def since(self, stream: str, since_ns: int) -> list[Samples | Fault]:
         """Return what came from `since_ns` on, in order."""
-        return [item for item in self._items[stream] if _at_ns(item) >= since_ns]
+        cut = (
+            item.chosen(item.first_byte_ns >= since_ns) if isinstance(item, Samples) else item
+            for item in self._items[stream]
+            if _newest_ns(item) >= since_ns
+        )
+        return list(cut)
 
 
-def _at_ns(item: Item) -> int:
-    return item.first_byte_ns if isinstance(item, Sample) else item.at_ns
+def _newest_ns(item: Samples | Fault) -> int:
+    return int(item.first_byte_ns[-1]) if isinstance(item, Samples) else item.at_ns

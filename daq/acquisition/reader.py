@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from daq.acquisition.capture_writer import CaptureWriter
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream
-from daq.protocol.conversation import Fault, FaultKind, Item, Sample
+from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.wire.capture import Mark
 from daq.wire.links import Link, LinkLost
 from daq.wire.session import run_conversation
@@ -37,8 +37,8 @@ class Reader(threading.Thread):
         self._pause_s = _FIRST_PAUSE_S
         self._lost_ns: int | None = None
         """When the present outage began; None while the link is up."""
-        self._used_s = 0.0
-        """Processor time of this thread when it last went round."""
+        self._used_s = self._looked_s = 0.0
+        """Processor time of this thread when it was last looked at, and when that was."""
         self._reasons: set[str] = set()
         """Why the port did not open, as reported in this outage."""
 
@@ -90,16 +90,19 @@ class Reader(threading.Thread):
             self._back_off()
 
     def _give_way(self) -> None:
-        """Pause for as long as the last round took the processor, if that was long: one thread at a time runs Python.
+        """Pause for as long as the last rounds took the processor, if that was long: one thread at a time runs Python.
 
         What a stream that floods sends meanwhile waits in the system, and its sender with it where the link is TCP.
         """
+        if time.monotonic() - self._looked_s < _BUSY_S:
+            return
         before_s, self._used_s = self._used_s, time.thread_time()
         if self._used_s - before_s > _BUSY_S:
             time.sleep(self._used_s - before_s)
+        self._looked_s = time.monotonic()
 
     def _deliver(self, items: Sequence[Item]) -> None:
-        if self._lost_ns is not None and any(isinstance(item, Sample) for item in items):
+        if self._lost_ns is not None and not all(isinstance(item, Fault) for item in items):
             self._end_outage(self._lost_ns)
         self._buffer.deliver(items)
 

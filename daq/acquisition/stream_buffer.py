@@ -14,16 +14,20 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from daq.protocol.conversation import Fault, FaultKind, Item, Sample
+import numpy as np
+
+from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Samples, packed
 
 _ROOM = 200_000
 """Items held for a stalled disk: minutes at 500 Hz, some 100 MB at the worst."""
+_FEW = 8
+"""The number of samples up to which objects cost less than arrays."""
 _RATE_OVER = 200
 """Deliveries over which the rate is taken."""
 _RECENT = 1000
 """Samples that a live view may still ask for after they were drained: a tenth of a second at 10 kHz."""
 STALL_NS = 500_000_000
-"""A reader goes round in 0.2 s at most (`daq.wire.session`); a busy computer adds some tenths."""
+"""A reader goes round in 0.3 s at most (`daq.wire.session`); a busy computer adds some tenths."""
 
 
 @dataclass(frozen=True)
@@ -55,26 +59,35 @@ class StreamBuffer:
     _opening: bool = False
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _items: deque[Item] = field(default_factory=deque)
+    _waiting: int = 0
+    """Samples and faults among them."""
     _dropped: int = 0
     _counters: Counter[str] = field(default_factory=Counter)
     _last: dict[str, tuple[float, int]] = field(default_factory=dict)
     _arrivals: deque[tuple[int, int]] = field(default_factory=lambda: deque(maxlen=_RATE_OVER))
     """The last deliveries: stamp of the last sample, and number of samples until then."""
     _last_fault: str = ""
-    _recent: deque[Sample] = field(default_factory=lambda: deque(maxlen=_RECENT))
+    _recent: deque[Sample | Samples] = field(default_factory=deque)
+    _recent_size: int = 0
 
     def deliver(self, items: Sequence[Item]) -> None:
         """Keep items that the reader has received."""
+        if len(items) > _FEW:
+            items = packed(items)
         with self._lock:
             for item in items:
                 self._note(item)
-                if len(self._items) < _ROOM:
+                size = size_of(item)
+                if self._waiting + size <= _ROOM:
                     self._items.append(item)
+                    self._waiting += size
                 else:
-                    self._dropped += 1
-                    self._counters[FaultKind.DROPPED] += 1
-            if items and isinstance(items[-1], Sample):
-                self._arrivals.append((items[-1].last_byte_ns, self._counters["samples"]))
+                    self._dropped += size
+                    self._counters[FaultKind.DROPPED] += size
+            newest = next((item for item in reversed(items) if not isinstance(item, Fault)), None)
+            if newest is not None:
+                last = newest[-1] if isinstance(newest, Samples) else newest
+                self._arrivals.append((last.last_byte_ns, self._counters["samples"]))
 
     def count(self, faults: Sequence[Fault]) -> None:
         """Count faults that the recorder found itself and has written into the run; they are not delivered again."""
@@ -82,15 +95,16 @@ class StreamBuffer:
             for fault in faults:
                 self._note(fault)
 
-    def drain(self) -> list[Item]:
+    def drain(self) -> list[Samples | Fault]:
         """Return everything since the last call, in order, for the recorder."""
         with self._lock:
-            items = list(self._items)
-            self._items.clear()
-            if self._dropped:
-                detail = f"{self._dropped} items found no room while the disk was behind"
-                items.append(Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, self._dropped))
-                self._dropped = 0
+            taken, self._items = self._items, deque()
+            self._waiting = 0
+            dropped, self._dropped = self._dropped, 0
+        items = packed(taken)
+        if dropped:
+            detail = f"{dropped} items found no room while the disk was behind"
+            items.append(Fault(FaultKind.DROPPED, time.monotonic_ns(), detail, dropped))
         return items
 
     def beat(self) -> None:
@@ -126,24 +140,39 @@ class StreamBuffer:
                 {name: (now - at) / 1e9 for name, (_, at) in self._last.items()},
                 dict(self._counters),
                 self._last_fault,
-                len(self._items),
+                self._waiting,
             )
 
-    def recent(self, after: int) -> tuple[int, list[Sample]]:
+    def recent(self, after: int) -> tuple[int, Sequence[Sample]]:
         """Return the number of the newest sample, counted since the daemon started, and the samples after number
         `after`, as far as they are still kept."""
         with self._lock:
-            newest = self._counters["samples"]
-            kept = list(self._recent) if newest > after else []
-        return newest, kept[-(newest - after) :] if newest > after else []
+            newest, kept = self._counters["samples"], list(self._recent)
+        wanted, found, taken = newest - after, 0, list[Item]()
+        while kept and found < wanted:
+            taken.append(kept.pop())
+            found += size_of(taken[-1])
+        return newest, samples_of(taken[::-1])[-wanted:] if wanted > 0 else []
+
+    def _keep_recent(self, item: Sample | Samples) -> None:
+        self._recent.append(item)
+        self._recent_size += size_of(item)
+        while self._recent_size - size_of(self._recent[0]) >= _RECENT:
+            self._recent_size -= size_of(self._recent.popleft())
 
     def _note(self, item: Item) -> None:
         if isinstance(item, Fault):
             self._counters[item.kind] += item.count
             self._last_fault = item.detail
             return
-        self._counters["samples"] += 1
-        self._recent.append(item)
+        self._counters["samples"] += size_of(item)
+        self._keep_recent(item)
+        if isinstance(item, Samples):
+            for name, values in zip(self.columns, item.values.T, strict=True):
+                good = np.flatnonzero(~np.isnan(values))
+                if good.size:
+                    self._last[name] = (float(values[good[-1]]), int(item.last_byte_ns[good[-1]]))
+            return
         for name, value in zip(self.columns, item.values, strict=True):
             if not math.isnan(value):
                 self._last[name] = (value, item.last_byte_ns)
@@ -155,9 +184,14 @@ class StreamBuffer:
         return (until - before) * 1e9 / (last_ns - first_ns) if last_ns > first_ns else 0.0
 
 
-def samples_of(items: Sequence[Item]) -> list[Sample]:
+def size_of(item: Item) -> int:
+    """Return how many samples or faults an item is."""
+    return len(item) if isinstance(item, Samples) else 1
+
+
+def samples_of(items: Sequence[Item]) -> Samples:
     """Return the samples among items."""
-    return [item for item in items if isinstance(item, Sample)]
+    return Samples.joined([item for item in packed(items) if isinstance(item, Samples)])
 
 
 def faults_of(items: Sequence[Item]) -> list[Fault]:

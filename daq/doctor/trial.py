@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.acquisition.streams import Stream
 from daq.doctor.finding import Finding, doubtful, ok, wrong
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
@@ -56,13 +58,13 @@ class Trial:
     @property
     def samples(self) -> list[Sample]:
         """The readings that came."""
-        return [item for item in self.items if isinstance(item, Sample)]
+        return list(samples_of(self.items))
 
     @property
     def understood(self) -> bool:
         """Whether both sides understand each other: mostly readings, or the instrument's own errors."""
-        said = sum(isinstance(item, Sample) or item.kind is FaultKind.DEVICE_ERROR for item in self.items)
-        garbled = sum(isinstance(item, Fault) and item.kind is FaultKind.GARBLED for item in self.items)
+        kinds = Counter(fault.kind for fault in faults_of(self.items))
+        said, garbled = len(samples_of(self.items)) + kinds[FaultKind.DEVICE_ERROR], kinds[FaultKind.GARBLED]
         return said >= _ENOUGH and said > garbled
 
     @property

@@ -15,12 +15,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from daq.gauges import Read
-from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Step
+from daq.protocol.conversation import NO_SAMPLES, NO_TIME, Arrival, Device, Fault, FaultKind, Host, Samples, Step
 from daq.protocol.framing import Lines, Message
 from daq.protocol.pace import Pace
-from daq.protocol.streamed import Reaction, Streamed
+from daq.protocol.streamed import QuicklyStreamed, Reaction
 from daq.protocol.texts import Reading, Trouble, items_of
 from rigs.schema.serial_gauges import MicroEpsilonILD1420
 
@@ -35,7 +39,7 @@ _MORE = Trouble("the sensor sends more than the distance; select the distance al
 def host(gauges: Sequence[MicroEpsilonILD1420]) -> Host:
     """Return our side of the conversation; a line carries one sensor."""
     (gauge,) = gauges
-    return Streamed(_ILD1420Dialect(gauge), gauge.timeout_s)
+    return QuicklyStreamed(_ILD1420Dialect(gauge), gauge.timeout_s)
 
 
 def device(gauges: Sequence[MicroEpsilonILD1420], read: Read) -> Device:
@@ -59,6 +63,14 @@ class _Values:
     def clear(self) -> None:
         self._bytes.clear()
         self._lost = True
+
+    def take_begun(self) -> list[Arrival] | None:
+        """Return the bytes of a value that has begun, which are then no longer held; None while the stream is lost."""
+        if self._lost:
+            return None
+        begun = [(bytes(self._bytes), self._first_ns)] if self._bytes else []
+        self._bytes.clear()
+        return begun
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
         found: list[Message | Fault] = []
@@ -111,8 +123,41 @@ class _ILD1420Dialect:
         reading = _distance(message.data, self._gauge) if before and self._alone else _MORE
         return Reaction(items_of(message, NO_TIME, [reading]))
 
+    def read_run(self, arrivals: Sequence[Arrival]) -> tuple[Samples, Sequence[Arrival]]:
+        begun = self.frames.take_begun() if self._alone else None
+        if begun is None:
+            return NO_SAMPLES, arrivals
+        arrivals = [*begun, *arrivals]
+        data = np.frombuffer(b"".join(piece for piece, _ in arrivals), np.uint8)
+        values = data[: len(data) // 3 * 3].reshape(-1, 3)
+        codes = (values & 0x3F) @ np.array([1, 1 << 6, 1 << 12])
+        plain = (values >> 6 == (_LOW, _MIDDLE, _HIGH)).all(axis=1) & (codes >= _FIRST) & (codes <= _LAST)
+        count = int(np.append(plain, False).argmin())
+        pieces_ns = np.array([at_ns for _, at_ns in arrivals])
+        at_ns = np.repeat(pieces_ns, [len(piece) for piece, _ in arrivals])[: 3 * count].reshape(-1, 3)
+        samples = Samples(
+            _mm(codes[:count], self._gauge)[:, np.newaxis],
+            np.full(count, NO_TIME),
+            at_ns[:, 0],
+            at_ns[:, 2],
+            np.full(count, 3),
+            np.full(count, math.nan),
+            np.zeros(count, np.int64),
+        )
+        return samples, _after(3 * count, arrivals)
+
     def silent(self) -> Reaction:
         return Reaction(send=_START)
+
+
+def _after(size: int, arrivals: Sequence[Arrival]) -> list[Arrival]:
+    """Return what is left of the arrivals after so many bytes."""
+    left = []
+    for data, at_ns in arrivals:
+        if size < len(data):
+            left.append((data[size:], at_ns))
+        size = max(0, size - len(data))
+    return left
 
 
 def _distance(data: bytes, gauge: MicroEpsilonILD1420) -> Reading:
@@ -123,6 +168,11 @@ def _distance(data: bytes, gauge: MicroEpsilonILD1420) -> Reading:
     if not _FIRST <= x <= _LAST:
         where = "before" if x < _FIRST else "behind"
         return Trouble(f"the target is {where} the measuring range, or mastering is on; move it, or switch that off")
+    return float(_mm(x, gauge))
+
+
+def _mm(x: float | NDArray[np.int64], gauge: MicroEpsilonILD1420) -> Any:
+    """Return the distance of a code, or of several, less the gauge's zero."""
     return (102 / 65520 * x - 1) / 100 * gauge.range_mm - gauge.zero_mm
 
 

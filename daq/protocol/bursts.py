@@ -25,6 +25,8 @@ class Bursts:
 
     def merge(self, items: Sequence[Item], now_ns: int) -> list[Item]:
         """Return the items of one message, with repeated faults held back and those that are due added."""
+        if not self._open and not any(isinstance(item, Fault) for item in items):
+            return list(items)
         coming = {_sameness(item) for item in items if isinstance(item, Fault)}
         merged = [fault for key in list(self._open) if key not in coming for fault in self._close(key)]
         for item in items:

@@ -12,9 +12,15 @@ Times are integer nanoseconds on the host's monotonic clock.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from enum import StrEnum
-from typing import Protocol
+from itertools import groupby, starmap
+from operator import attrgetter
+from typing import Any, Protocol, overload, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
 
 NO_TIME = -1
 """A stamp that does not exist: the request of a device that streams by itself."""
@@ -84,7 +90,79 @@ class Fault:
     count: int = 1
 
 
-Item = Sample | Fault
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples(Sequence[Sample]):
+    """Many samples in order, as arrays, which cost next to nothing by the thousand.
+
+    values: (n, columns); every other field: (n,).
+    """
+
+    values: NDArray[np.float64]
+    requested_ns: NDArray[np.int64]
+    first_byte_ns: NDArray[np.int64]
+    last_byte_ns: NDArray[np.int64]
+    size: NDArray[np.int64]
+    device_time_s: NDArray[np.float64]
+    status: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, samples: Sequence[Sample]) -> Samples:
+        """Return these samples as a block."""
+        if isinstance(samples, cls):
+            return samples
+        if not samples:
+            return NO_SAMPLES
+        columns: Iterator[Any] = map(np.array, zip(*map(_FIELDS, samples), strict=True), _KINDS)
+        return cls(*columns)
+
+    @classmethod
+    def joined(cls, blocks: Sequence[Samples]) -> Samples:
+        """Return all samples of these blocks, in order."""
+        full = [block for block in blocks if len(block)]
+        if len(full) < 2:
+            return full[0] if full else NO_SAMPLES
+        return cls(*(np.concatenate(parts) for parts in zip(*map(_FIELDS, full), strict=True)))
+
+    def chosen(self, which: slice | NDArray[np.bool_]) -> Samples:
+        """Return some of the samples, stamps in ns as they are: those of a slice, or where the mask (n,) is true."""
+        return Samples(*(column[which] for column in _FIELDS(self)))
+
+    def __len__(self) -> int:
+        return len(self.last_byte_ns)
+
+    def __iter__(self) -> Iterator[Sample]:
+        values, *others = (column.tolist() for column in _FIELDS(self))
+        return starmap(Sample, zip(map(tuple, values), *others, strict=True))
+
+    @overload
+    def __getitem__(self, place: int) -> Sample: ...
+    @overload
+    def __getitem__(self, place: slice) -> Samples: ...
+    def __getitem__(self, place: int | slice) -> Sample | Samples:
+        if isinstance(place, slice):
+            return self.chosen(place)
+        values, *others = (column[place].tolist() for column in _FIELDS(self))
+        return Sample(tuple(values), *others)
+
+
+_FIELDS: attrgetter[tuple[Any, ...]] = attrgetter(*(field.name for field in fields(Sample)))
+"""The fields of a sample, and those of a block, which have the same names, in order."""
+_KINDS = (np.float64, np.int64, np.int64, np.int64, np.int64, np.float64, np.int64)
+_NONE: list[Any] = [np.empty(0, kind) for kind in _KINDS[1:]]
+NO_SAMPLES = Samples(np.empty((0, 0)), *_NONE)
+
+Item = Sample | Samples | Fault
+Arrival = tuple[bytes, int]
+"""Bytes that came at once, and when."""
+
+
+def packed(items: Sequence[Item]) -> list[Samples | Fault]:
+    """Return the items in their order, with single samples that follow one another as a block."""
+    found: list[Samples | Fault] = []
+    for kind, group in groupby(items, type):
+        alike: list[Any] = list(group)
+        found += [Samples.of(alike)] if kind is Sample else alike
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +189,20 @@ class Conversation(Protocol):
 
     def tick(self, now_ns: int) -> Step:
         """`wake_ns` has passed and no bytes came."""
+
+
+@runtime_checkable
+class Gathering(Protocol):
+    """A conversation that only listens, to so many messages that several are better read at once.
+
+    What it makes of arrivals is what it would make of them one by one.
+    """
+
+    gather_ns: int
+    """For how long arrivals may be gathered from the first of them on; each has its own stamp."""
+
+    def received_all(self, arrivals: Sequence[Arrival]) -> Step:
+        """These bytes came, in order."""
 
 
 class Host(Conversation, Protocol):

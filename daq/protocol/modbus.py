@@ -11,6 +11,7 @@ from __future__ import annotations
 import logging
 import math
 import re
+import struct
 from collections.abc import Sequence
 from typing import Literal, Protocol
 
@@ -31,6 +32,8 @@ _ASCII = re.compile(rb":(?:[0-9A-Fa-f]{2}){3,}")
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
 """It logs each frame that it cannot decode; here that is a fault, reported at a limited rate."""
 _DATATYPE = {datatype.name.lower(): datatype for datatype in ModbusClientMixin.DATATYPE}
+_NUMBER = {name: struct.Struct(f">{datatype.value[0]}") for name, datatype in _DATATYPE.items() if datatype.value[1]}
+_WORDS = {count: struct.Struct(f">{count}H") for count in (1, 2, 4)}
 
 
 class Block(Protocol):
@@ -75,6 +78,7 @@ class Wire:
         self.resync = resync or Resync(block.count)
         """Which answer is expected on a serial line."""
         self._block = block
+        self._requests: dict[int, bytes] = {}
         codec = DecodePDU(is_server=serving)
         self._framer: FramerSocket | FramerAscii | FramerRTU
         self._ending = b""
@@ -91,10 +95,16 @@ class Wire:
 
     def request(self, number: int) -> bytes:
         """Return the request for the whole block; on a serial line it may be a probe, a read of another length."""
-        b = self._block
-        kind = _REQUEST[b.function]
-        count = b.count if self.numbered else self.resync.ask()
-        return self.encode(kind(dev_id=b.unit, transaction_id=number, address=b.address, count=count))
+        if self.numbered:
+            return number.to_bytes(2, "big") + self._request(self._block.count)[2:]
+        return self._request(self.resync.ask())
+
+    def _request(self, count: int) -> bytes:
+        """The request for so many registers, which differs from the one before by its transaction id only."""
+        if count not in self._requests:
+            b = self._block
+            self._requests[count] = self.encode(_REQUEST[b.function](dev_id=b.unit, address=b.address, count=count))
+        return self._requests[count]
 
     def open(self, frame: bytes) -> tuple[int, int, bytes]:
         """Return unit, transaction id and content of a frame; the content is empty if the frame is damaged."""
@@ -104,7 +114,7 @@ class Wire:
         return unit, number, content
 
     def decode(self, content: bytes) -> ModbusPDU | None:
-        """Decode the content of a register read or an exception."""
+        """Decode the content of a request."""
         return self._framer.decoder.decode(content)
 
     def _rtu_reply_length(self, head: bytes) -> int | None:
@@ -114,6 +124,19 @@ class Wire:
         if function & 0x80:
             return 5
         return 5 + size if size / 2 in (self._block.count, *self.resync.counts) else None
+
+
+def exception_of(content: bytes) -> int | None:
+    """Return the code of an exception; None for any other content."""
+    return content[1] if len(content) == 2 and content[0] & 0x80 else None
+
+
+def registers_of(content: bytes) -> tuple[int, ...] | None:
+    """Return the registers of an answer to a read; None for any other content, also of another length than it says."""
+    size = len(content) - 2
+    if size < 0 or size % 2 or content[0] & 0x80 or content[1] != size:
+        return None
+    return struct.unpack(f">{size // 2}H", content[2:])
 
 
 def _tcp_length(head: bytes) -> int | None:
@@ -150,9 +173,9 @@ class RtuRequests:
 def unpack(registers: Sequence[int], register: Register, block: Block) -> float:
     """Return one value of the block."""
     start = register.address - block.address
-    words = list(registers[start : start + register.count])
-    value = ModbusClientMixin.convert_from_registers(words, _DATATYPE[register.type], block.word_order)
-    assert isinstance(value, int | float)  # noqa: S101 - the numeric types give numbers
+    words = registers[start : start + register.count]
+    in_order = words if block.word_order == "big" else words[::-1]
+    value: float = _NUMBER[register.type].unpack(_WORDS[len(words)].pack(*in_order))[0]
     return value
 
 

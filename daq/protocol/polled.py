@@ -9,7 +9,8 @@ nothing has come for `timeout_s`. So it is
 - after bytes that make no sense, since the real answer may be among them,
 - when more than the answer came.
 
-It also is where nothing is asked because a given `rate_hz` allows no further request yet, and now and then for up to
+It also is where nothing is asked because a given `rate_hz` allows no further request yet (a request that is made a
+little late puts off none of those after it, or a busy computer would never reach that rate), and now and then for up to
 `STIR_NS`, each time for another time: after `STIR` requests, half a second (`STIR_EVERY_NS`) apart at the least, since
 it makes a hole in the readings of a quick instrument. An adapter that holds bytes back (FTDI's latency
 timer, 16 ms) falls into step with requests that follow each answer at once; then no answer of a run comes as
@@ -99,6 +100,8 @@ class Polled:
         """Since the line was stirred."""
         self._stirs = 0
         self._stirred_ns = 0
+        self._due_ns = 0
+        """The earliest time of the next request."""
         self._wake_ns = 0
         self._quiet_ns = self._timeout_ns
         self._discarded = 0
@@ -149,9 +152,9 @@ class Polled:
             return self._drain(items, now_ns, discarded=surplus, reporting=True)
         if then is Then.PAUSE:
             return self._drain(items, now_ns, quiet_ns=PAUSE_NS, reporting=True)
-        early_ns = max(self._requested_ns + self._period_ns - now_ns, self._stirring_ns(now_ns))
-        if early_ns > 0:
-            return self._drain(items, now_ns, quiet_ns=early_ns, reporting=True)
+        self._due_ns = max(self._due_ns, now_ns + self._stirring_ns(now_ns))
+        if self._due_ns > now_ns:
+            return self._drain(items, now_ns, quiet_ns=self._due_ns - now_ns, reporting=True)
         return self._ask(items, now_ns)
 
     def _stirring_ns(self, now_ns: int) -> int:
@@ -164,6 +167,8 @@ class Polled:
     def _ask(self, items: Sequence[Item], now_ns: int) -> Step:
         self._requested_ns = now_ns
         self._requests += 1
+        late = now_ns - self._due_ns > self._period_ns
+        self._due_ns = (now_ns if late else self._due_ns) + self._period_ns
         self._wake_ns = now_ns + self._timeout_ns
         return Step(self._dialect.request(), tuple(items), self._wake_ns)
 

@@ -16,7 +16,7 @@ from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, ReadInpu
 
 from daq.protocol.conversation import Fault, FaultKind, Sample, Step
 from daq.protocol.framing import Message
-from daq.protocol.modbus import Block, Wire, pack, unpack
+from daq.protocol.modbus import Block, Wire, exception_of, pack, registers_of, unpack
 from daq.protocol.polled import Reply, Then
 from daq.protocol.resync import Resync
 from rigs.schema.modbus import StatusRegister
@@ -73,9 +73,10 @@ class RegisterDialect:
     def _answer(self, content: bytes, message: Message, requested_ns: int) -> Reply:
         """What a sound answer of this instrument means, or one to an earlier request."""
         at_ns, resync = message.last_byte_ns, self.resync
-        pdu = self._wire.decode(content)
-        other = pdu is None or (not pdu.isError() and len(pdu.registers) != resync.asked)
-        if pdu is None or (other and self._wire.numbered):
+        refusal, registers = exception_of(content), registers_of(content)
+        known = refusal is not None or registers is not None
+        other = refusal is None and len(registers or ()) != resync.asked
+        if not known or (other and self._wire.numbered):
             return _garbled(f"{message.size} bytes answer a read of {self._block.count} registers", at_ns)
         if other:
             detail = "an answer came too late, recognised by its length, and was ignored; increase timeout_s"
@@ -86,9 +87,9 @@ class RegisterDialect:
         if resync.doubtful:
             detail = "an answer came that may belong to an earlier request, and was ignored; increase timeout_s"
             return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.DRAIN)
-        if pdu.isError():
-            return Reply((_refusal(pdu.exception_code, at_ns),), Then.PAUSE)
-        item = self._reading(pdu.registers, message, requested_ns)
+        if registers is None:
+            return Reply((_refusal(refusal or 0, at_ns),), Then.PAUSE)
+        item = self._reading(registers, message, requested_ns)
         return Reply((item,), Then.ASK if isinstance(item, Sample) else Then.PAUSE)
 
 

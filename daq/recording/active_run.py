@@ -15,7 +15,7 @@ from pathlib import Path
 
 from daq.acquisition.host_clock import HOST
 from daq.acquisition.plausibility import PlausibilityCheck
-from daq.acquisition.stream_buffer import faults_of, samples_of
+from daq.acquisition.stream_buffer import faults_of, samples_of, size_of
 from daq.protocol.conversation import Fault, FaultKind, Item
 from daq.recording.label import Label
 from daq.recording.rate_limited_log import RateLimitedLog
@@ -25,6 +25,12 @@ from daq.store.records import Ending
 from daq.store.startup_recovery import recover_and_log
 from daq.store.writer import MOST_PENDING
 from rigs.errors import CellError, FileError, RigError
+
+
+def samples_in(items: Sequence[Item]) -> int:
+    """Return the number of samples that items stand for: those among them, and those that were dropped before."""
+    dropped = sum(fault.count for fault in faults_of(items) if fault.kind is FaultKind.DROPPED)
+    return len(samples_of(items)) + dropped
 
 
 @dataclass(frozen=True)
@@ -39,14 +45,15 @@ class EndedRun:
 class Gap:
     """The time between a run that the disk ended and the one that follows.
 
-    previous: that run; device: of its disk. taken: samples of each stream that were put into it; missed: those that
-    came since and are in no run.
+    previous: that run; device: of its disk. taken: samples of each stream that it had to account for; lost: those of
+    them that it could not save, known when it is closed; missed: those that came since and are in no run.
     """
 
     previous: Path
     device: int
     why: str
     taken: Counter[str]
+    lost: Counter[str] = field(default_factory=Counter)
     missed: Counter[str] = field(default_factory=Counter)
 
     def require_disk(self) -> None:
@@ -75,12 +82,16 @@ class Gap:
     def dropped(self) -> dict[str, Fault]:
         """Return a fault for each stream whose samples are in no run: missed since, or taken and not held by that run.
 
-        Where the manifest of that run cannot be read, all that were taken count.
+        What that run was to count as dropped, from the run before it, was lost with it if its disk failed too soon.
+        Where its manifest cannot be read, all that were taken count.
         """
         held: Counter[str] = Counter()
         with suppress(FileError):
-            for chunk in load_manifest(self.previous).chunks:
+            manifest = load_manifest(self.previous)
+            for chunk in manifest.chunks:
                 held[chunk.stream] += chunk.rows
+            for name, counter in manifest.counters.items():
+                held[name] += counter.get(FaultKind.DROPPED, 0)
         after, now_ns = f"samples not recorded after {self.previous.name}: {self.why}", time.monotonic_ns()
         lost = +self.missed + (self.taken - held)
         return {name: Fault(FaultKind.DROPPED, now_ns, f"{count} {after}", count) for name, count in lost.items()}
@@ -110,12 +121,16 @@ class ActiveRun:
 
     @property
     def taken(self) -> Counter[str]:
-        """The number of samples of each stream that were put into it."""
-        return Counter({name: counter["samples"] for name, counter in self.counters.items()})
+        """The number of samples of each stream that it has to account for: put into it, or counted as dropped."""
+        return Counter(
+            {name: counter["samples"] + counter[FaultKind.DROPPED] for name, counter in self.counters.items()}
+        )
 
     def is_behind(self, stream: str) -> bool:
         """Return whether so much of a stream is in memory that no more of it should be drained."""
-        return self.writer.is_behind(stream) if self.writer else len(self._kept[stream]) >= MOST_PENDING
+        if self.writer:
+            return self.writer.is_behind(stream)
+        return sum(map(size_of, self._kept[stream])) >= MOST_PENDING
 
     def begin(self, writer: RunWriter, dropped: Mapping[str, Fault]) -> dict[str, list[Fault]]:
         """Write what was kept, and what is in no run since the one before. Returns the faults that were found here."""
@@ -127,10 +142,15 @@ class ActiveRun:
             found[name] += [fault, *self.put(name, [fault])]
         return found
 
+    @property
+    def kept(self) -> Counter[str]:
+        """The number of samples of each stream that it has in memory until it begins."""
+        return Counter({name: samples_in(items) for name, items in self._kept.items()})
+
     def refuse(self, error: Exception) -> None:
         """Report to those who wait for the run that it does not start. What it kept counts as missed."""
         if self.gap:
-            self.gap.missed.update({name: len(samples_of(items)) for name, items in self._kept.items()})
+            self.gap.missed.update(self.kept)
         self.begun.set_exception(error)
         self.ended.set_exception(error)
 

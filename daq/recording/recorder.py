@@ -10,22 +10,21 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from functools import partial
 from pathlib import Path
 from typing import Literal
 
-from daq.acquisition.host_clock import HOST, HostClockMonitor, read_clocks
 from daq.acquisition.pretrigger import PretriggerBuffer
-from daq.acquisition.stall_watch import StallWatch
-from daq.acquisition.stream_buffer import StreamBuffer, faults_of, samples_of
+from daq.acquisition.stream_buffer import StreamBuffer, faults_of
 from daq.protocol.conversation import Fault, Item
 from daq.recording import machine
-from daq.recording.active_run import ActiveRun, EndedRun, Gap
+from daq.recording.active_run import ActiveRun, EndedRun, Gap, samples_in
+from daq.recording.host_watch import HostWatch
 from daq.recording.io_worker import IoWorker
 from daq.recording.label import Label
+from daq.recording.losses import Losses
 from daq.recording.machine import Close, Create, GiveUp, Recording, Reject, State, Suspend, Waiting
 from daq.recording.rate_limited_log import RateLimitedLog
 from daq.recording.readings import require_readings
@@ -67,20 +66,18 @@ class Recorder(threading.Thread):
         """What is missed while a recording waits for the disk."""
         self._warnings = RateLimitedLog()
         self._io = IoWorker(self._warnings)
-        self._host_clock, self._stalls = HostClockMonitor(read_clocks()), StallWatch()
-        self.host_faults: Counter[str] = Counter()
-        """Faults of the computer itself, by kind, since the daemon started."""
+        self.host, self.losses = HostWatch(self._warnings), Losses(buffers, self._warnings)
         self.last_end = ""
 
     def run(self) -> None:
         """Do a round every quarter of a second, later only if one takes longer: the body of the thread."""
-        self._stalls.start()
+        self.host.start()
         pause_s = _ROUND_S
         while not self._stop_asked.wait(pause_s):
             begun = time.monotonic()
             self._round()
             pause_s = max(_LEAST_PAUSE_S, _ROUND_S - (time.monotonic() - begun))
-        self._stalls.stop()
+        self.host.stop()
         self._round()
 
     def _round(self) -> None:
@@ -215,7 +212,7 @@ class Recorder(threading.Thread):
         what = f"{label.test} {label.direction}" if label.direction else label.test
         log.info("recording %s (%s) to %s%s", label.name, what, writer.path, after)
         for name, faults in run.begin(writer, dropped).items():
-            self._report(name, faults)
+            self.losses.report(name, faults)
         self._apply(machine.Created(number))  # first, so that `state` sees no moment with neither
         run.begun.set_result(writer.path)
 
@@ -229,6 +226,8 @@ class Recorder(threading.Thread):
             self._warnings.warn("recording", "waits", f"{error} (samples missed: {run.gap.missed_text()})")
         elif run.gap:
             self._give_up(run.gap)
+        else:
+            self.losses.add(run.kept, f"{run.label.name} did not begin")
 
     def _drain_buffers(self, *, sync: bool) -> None:
         """Drain every buffer into the run, if there is one; at its end also those of streams that are behind."""
@@ -241,10 +240,12 @@ class Recorder(threading.Thread):
             self._on_items(name, items)
             self._pretrigger.add(name, items)
             if run is not None:
-                self._report(name, run.put(name, items))
+                self.losses.report(name, run.put(name, items))
             elif self._gap is not None:
-                self._gap.missed[name] += len(samples_of(items))
-        self._check_host(run)
+                self._gap.missed[name] += samples_in(items)
+        host_faults = self.host.check()
+        if run is not None:
+            run.put_host(host_faults)
         if sync and run is not None and run.writer is not None:
             run.writer.write()
             self._io.advance(run.writer)
@@ -261,30 +262,31 @@ class Recorder(threading.Thread):
             told = f"the recording was waiting for the disk and is given up, samples missed: {gap.missed_text()}"
             log.warning("%s: %s", gap.previous, told)
             self.last_end += f"; {told}"
+            self.losses.add(gap.missed + gap.lost, f"nothing followed {gap.previous.name}")
 
-    def _report(self, name: str, faults: Sequence[Fault]) -> None:
-        """Log and count faults of a stream that were found here and are in the run already."""
-        self._warnings.warn_faults(name, faults)
-        self._buffers[name].count(faults)
-
-    def _check_host(self, run: ActiveRun | None) -> None:
-        """Report that the wall clock was set, that the computer slept, or that rigd stood still."""
-        faults = self._host_clock.check(read_clocks()) + self._stalls.take()
-        self._warnings.warn_faults(HOST, faults)
-        self.host_faults.update(fault.kind for fault in faults)
-        if run is not None:
-            run.put_host(faults)
+    def _settle(self, run: ActiveRun) -> None:
+        """Count what a run that is closed has lost, unless a run that follows will."""
+        if run.writer is None or not run.writer.lost.total():
+            return
+        with self._lock:
+            if self._gap and self._gap.previous == run.writer.path:
+                self._gap.lost.update(run.writer.lost)
+            else:
+                self.losses.add(run.writer.lost, f"{run.writer.path.name} could not be closed")
 
     def _close_run(self, run: ActiveRun, ending: Ending, why: str) -> None:
         """Close the run; called in the disk's thread. Those who wait for its end receive the error if it cannot be
         written."""
         path = run.begun.result()
         try:
-            run.close(ending, why)
+            try:
+                run.close(ending, why)
+            finally:
+                self._settle(run)
         except CellError as error:
             self.last_end = f"failed: {error}"
             log.error("recording ended, %s", self.last_end)
-            run.ended.set_exception(CellError(str(path), self.last_end, f"make room, then: rig recover {path}"))
+            run.ended.set_exception(CellError(str(path), self.last_end, f"remove the cause, then: rig recover {path}"))
         except Exception as error:
             self.last_end = "failed: not closed because of an internal error"
             log.exception("%s: not closed because of an internal error; run: rig recover %s", path, path)

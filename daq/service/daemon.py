@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from daq.acquisition.capture_writer import CaptureWriter
 from daq.acquisition.clock_drift import DriftMonitor
 from daq.acquisition.host_clock import HOST
+from daq.acquisition.prompt import keep_stamps_prompt
 from daq.acquisition.reader import Reader
 from daq.acquisition.replay_marks import ReplayMarks
 from daq.acquisition.stream_buffer import StreamBuffer, samples_of
@@ -92,6 +93,7 @@ class Daemon:
         if self._replay:
             self._replay.skip()
         _warn_if_not_writable(self._runs)
+        keep_stamps_prompt()
         for thread in (*self._readers, self._recorder, self._startup_recovery):
             thread.start()
         ports = ", ".join(f"{stream.name} on {stream.port}" for stream in self._streams)
@@ -169,7 +171,7 @@ class Daemon:
             "rig": self._rig.name,
             "baseline_mm": self._rig.gauges.baseline_mm,
             "streams": {s.name: {"port": s.port, **vars(self._buffers[s.name].state())} for s in self._streams},
-            HOST: dict(self._recorder.host_faults),
+            HOST: dict(self._recorder.host.counts),
             "clocks": {name: vars(clock) for name, watch in self._drift.items() if (clock := watch.state())},
             "automatic": self._arbiter.state(),
             "retention": self._retention.state() if self._retention else None,

@@ -31,6 +31,15 @@ _AS_IT_IS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getatt
 """A lock that is a link or a FIFO, in a run from elsewhere, is neither followed nor waited for."""
 
 
+def remedy(error: Exception, otherwise: str) -> str:
+    """Return what to do about an error: where no descriptor is left, or a lock is a link, the disk is not at fault."""
+    if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
+        return "close what holds file descriptors (connections, other programs), or raise their limit (LimitNOFILE)"
+    if isinstance(error, OSError) and error.errno == errno.ELOOP:
+        return "remove that link"
+    return otherwise
+
+
 def free_bytes(path: Path) -> int:
     """Return the bytes that this user still has free on the disk of path."""
     if not hasattr(os, "statvfs"):
@@ -55,8 +64,15 @@ def make_directory(path: Path) -> None:
 
 
 def discard(path: Path) -> None:
-    """Delete a directory in which nothing was recorded, as far as the disk allows it."""
-    shutil.rmtree(path, ignore_errors=True)
+    """Delete a directory of files in which nothing was recorded, as far as the disk allows it.
+
+    With a single descriptor, since the lack of others may be why nothing was recorded.
+    """
+    with suppress(OSError):
+        for file in path.iterdir():
+            remove(file)
+    with suppress(OSError):
+        os.rmdir(path)  # noqa: PTH106 - through os, like every change in here
 
 
 def sync_directory(path: Path) -> None:

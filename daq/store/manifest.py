@@ -46,6 +46,10 @@ _IN_LEDGER = {"chunks", "anchors", "rows", "counters", "exit_status", "reason", 
 """The fields that follow from the ledger, in a run of version 2."""
 _MOST_BYTES = 100_000_000
 """The largest manifest; its first version had 250 bytes for each chunk: a month of recording had 10 000."""
+try:
+    _RIG_VERSION = metadata.version("rig")  # now, since it opens files: a recording may begin when none can be opened
+except metadata.PackageNotFoundError:
+    _RIG_VERSION = "not installed"
 
 
 def in_one_line(text: str) -> str:
@@ -221,7 +225,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
             placement=placement,
             follows=follows,
             host=socket.gethostname(),
-            software={"rig": _rig_version(), "python": platform.python_version(), "pyarrow": pa.__version__},
+            software={"rig": _RIG_VERSION, "python": platform.python_version(), "pyarrow": pa.__version__},
             clock=clock_now(),
             started=iso_now(),
             streams=dict(streams),
@@ -273,10 +277,3 @@ def clock_now() -> Clock:
     """Read both clocks now."""
     now = read_clocks()
     return Clock(monotonic_ns=now.monotonic_ns, unix_ns=now.wall_ns, bracket_ns=now.bracket_ns)
-
-
-def _rig_version() -> str:
-    try:
-        return metadata.version("rig")
-    except metadata.PackageNotFoundError:
-        return "not installed"

@@ -69,10 +69,16 @@ def recover(path: Path) -> Recovery:
         finally:
             durable.close(held)
     except (OSError, pa.ArrowException) as error:
-        short = isinstance(error, OSError) and error.errno in (errno.ENOMEM, errno.EFBIG)
-        remedy = "use a computer with more memory" if short else "make room or repair the disk and try again"
-        remedy += "; nothing was lost"
-        raise CellError(str(path), f"cannot be recovered: {error}", remedy) from error
+        raise CellError(str(path), f"cannot be recovered: {error}", f"{_remedy(error)}; nothing was lost") from error
+
+
+def _remedy(error: Exception) -> str:
+    match getattr(error, "errno", None):
+        case errno.ENOMEM:
+            return "use a computer with more memory"
+        case errno.EFBIG:
+            return "move that file elsewhere"
+    return durable.remedy(error, "make room or repair the disk and try again")
 
 
 def _repaired(path: Path) -> Recovery:
@@ -214,7 +220,10 @@ class _Repair:
         listed = next((c for c in self.manifest.chunks if c.file == file.name), None)
         if listed:
             return listed if sha256(data) == listed.sha256 else None
-        table = from_parquet(data)
+        try:
+            table = from_parquet(data)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(file)) from error
         if table is None or not table.num_rows or not table.schema.equals(self._schema(stream)):
             return None
         return describe(file.name, stream, table, data)

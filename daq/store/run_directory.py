@@ -25,16 +25,18 @@ def create_run_directory(runs: Path, manifest: Manifest) -> tuple[Path, int, Led
     durable.make_directories(runs)
     require_room(runs, TO_BEGIN_BYTES)
     path = _fresh_directory(runs, manifest.name)
-    held = durable.lock(path)
     try:
-        manifest.save(path)
-        durable.sync_directory(runs)
-        ledger = Ledger.create(path, manifest.opening())
+        held = durable.lock(path)
+        try:
+            manifest.save(path)
+            durable.sync_directory(runs)
+            return path, held, Ledger.create(path, manifest.opening())
+        except OSError:
+            durable.close(held)
+            raise
     except OSError:
-        durable.close(held)
         durable.discard(path)
         raise
-    return path, held, ledger
 
 
 def _fresh_directory(runs: Path, name: str) -> Path:

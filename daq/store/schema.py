@@ -19,7 +19,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import pyarrow as pa
 
-from daq.protocol.conversation import Fault, Sample
+from daq.protocol.conversation import Fault, Sample, Samples
 
 Array: TypeAlias = "pa.Array[Any]"
 FAULTS = "faults"
@@ -65,25 +65,18 @@ def table_schema(columns: Mapping[str, ColumnType]) -> pa.Schema:
 
 def batch_of(rows: Sequence[Row], schema: pa.Schema, first: int) -> pa.RecordBatch:
     """Return rows of one stream as a batch whose `sequence` starts at `first`."""
-    samples = [row for row in rows if isinstance(row, Sample)]
-    faults = [row for row in rows if not isinstance(row, Sample)]
-    arrays = _sample_arrays(samples) if samples else _fault_arrays(faults)
+    faults = [] if isinstance(rows, Samples) else [row for row in rows if not isinstance(row, Sample)]
+    arrays = _fault_arrays(faults) if faults else _sample_arrays(Samples.of(rows))  # type: ignore[arg-type] # no faults
     sequence = np.arange(first, first + len(rows), dtype=np.int64)
     place = schema.get_field_index("sequence")
     return pa.record_batch([*arrays[:place], pa.array(sequence), *arrays[place:]], schema=schema)
 
 
-def _sample_arrays(samples: Sequence[Sample]) -> list[Array]:
-    names = [name for name in SAMPLE_COLUMNS if name != "sequence"]
-    fixed = [_numbers([getattr(s, name) for s in samples], SAMPLE_COLUMNS[name]) for name in names]
-    values = np.array([s.values for s in samples], dtype=np.float64)
-    return [*fixed, *(pa.array(np.ascontiguousarray(column)) for column in values.T)]
-
-
-def _numbers(values: list[Any], kind: pa.DataType) -> Array:
+def _sample_arrays(samples: Samples) -> list[Array]:
     # A device's unsigned 32-bit status wraps and keeps its bits: an odd code must not end a recording.
-    wide = np.array(values, dtype=np.float64 if kind == pa.float64() else np.int64)
-    return pa.array(wide.astype(kind.to_pandas_dtype()))
+    kinds = {name: kind.to_pandas_dtype() for name, kind in SAMPLE_COLUMNS.items() if name != "sequence"}
+    fixed = [pa.array(getattr(samples, name).astype(kind)) for name, kind in kinds.items()]
+    return [*fixed, *(pa.array(np.ascontiguousarray(column)) for column in samples.values.T)]
 
 
 def _fault_arrays(faults: Sequence[tuple[str, Fault]]) -> list[Array]:

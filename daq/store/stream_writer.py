@@ -11,13 +11,15 @@ from __future__ import annotations
 
 import errno
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import cast
 
 import pyarrow as pa
 
+from daq.protocol.conversation import Samples
 from daq.store import durable
 from daq.store.chunk import END, Salvage, frame, head, salvage, table_of, to_parquet
 from daq.store.records import Chunk, chunk_name, sha256
@@ -44,6 +46,13 @@ class OpenChunk:
         """Whether all of it is on the disk, under its name."""
         return self.named and self.synced == self.size
 
+    @property
+    def has_vanished(self) -> bool:
+        """Whether its name is gone; not where the disk does not answer."""
+        with suppress(OSError):
+            return not durable.is_named(self.fd, self.path)
+        return False
+
     def append(self, data: bytes) -> None:
         """Append complete frames or nothing."""
         try:
@@ -59,6 +68,32 @@ class OpenChunk:
         if not self.ended:
             self.append(END)
             self.ended = True
+
+
+class Pending:
+    """Rows that wait to be written: samples in blocks, or faults."""
+
+    def __init__(self) -> None:
+        self._parts: list[Sequence[Row]] = []
+        self._count = 0
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __iter__(self) -> Iterator[Row]:
+        return iter(self.rows())
+
+    def extend(self, rows: Iterable[Row]) -> None:
+        """Take rows behind those that wait."""
+        part = rows if isinstance(rows, Samples) else list(rows)
+        self._parts.append(part)
+        self._count += len(part)
+
+    def rows(self) -> Sequence[Row]:
+        """Return all of them."""
+        if all(isinstance(part, Samples) for part in self._parts):
+            return Samples.joined(cast("list[Samples]", self._parts))
+        return [row for part in self._parts for row in part]
 
 
 @dataclass(frozen=True)
@@ -90,7 +125,7 @@ class StreamWriter:
     run: Path
     stream: str
     schema: pa.Schema
-    pending: list[Row] = field(default_factory=list)
+    pending: Pending = field(default_factory=Pending)
     rows: int = 0
     chunks: int = 0
     open: OpenChunk | None = None
@@ -103,6 +138,10 @@ class StreamWriter:
     def unclosed(self) -> list[OpenChunk]:
         """Return the chunks that are not Parquet files yet, in order."""
         return [chunk for chunk in (self.full, self.open) if chunk]
+
+    def lost(self) -> int:
+        """Return the rows that go when the files are closed: pending, or in a file that has no name any more."""
+        return len(self.pending) + sum(chunk.rows for chunk in self.unclosed() if chunk.has_vanished)
 
     def bytes_to_close(self) -> int:
         """Return the bytes needed at most to write what is pending, and then a Parquet file beside each chunk.
@@ -118,12 +157,12 @@ class StreamWriter:
             if self.full or not self.open.is_synced:
                 return
             self.full, self.open = self.open, None
-        if not self.pending:
+        if not len(self.pending):
             return
         chunk = self.open or self._begin()
-        batch = batch_of(self.pending, self.schema.remove_metadata(), self.rows)
+        batch = batch_of(self.pending.rows(), self.schema.remove_metadata(), self.rows)
         chunk.append(frame(batch, chunk.frames))
-        self.pending = []
+        self.pending = Pending()
         chunk.frames += 1
         chunk.rows += batch.num_rows
         self.rows += batch.num_rows

@@ -1,18 +1,17 @@
 """The recording of a run, from its first row to its exit status.
 
-One thread owns a writer. It appends rows and writes them, which a kill does not reach. What takes the disk's
-time is `Work` for another thread: to sync, which what came so far then survives a power cut by, and to close a
-chunk that is full. One piece at a time. A disk that refuses makes a `CellError` and condemns the writer,
-because after a failed fsync it is unknown what is on the disk; what was synced before stays readable,
-`close` saves what it still can, and `rig recover` does the rest. `NearlyFull` comes before that: it
-condemns nothing, and the run can be closed whole.
+One thread owns a writer. It appends rows and writes them, which a kill does not reach. What takes the disk's time is
+`Work` for another thread, one piece at a time: to sync, so that what came so far survives a power cut, and to close a
+chunk that is full. A disk that refuses makes a `CellError` and condemns the writer, because after a failed fsync it is
+unknown what is on the disk; what was synced before stays readable, `close` saves what it still can, and `rig recover`
+does the rest. `NearlyFull` comes before that: it condemns nothing, and the run can be closed whole.
 """
 
 from __future__ import annotations
 
 import os
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -21,7 +20,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from daq.protocol.conversation import Fault, Sample
+from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.store import durable
 from daq.store.chunk import with_opening
 from daq.store.ledger import Entry, Ledger
@@ -73,6 +72,8 @@ class RunWriter:
     _failure: CellError | None = None
     _anchors: deque[Clock] = field(default_factory=deque)
     """Anchors that are not in the ledger yet."""
+    lost: Counter[str] = field(default_factory=Counter)
+    """After `close`: samples of each stream that it could not save, themselves or as a count of dropped ones."""
 
     @classmethod
     def create(  # noqa: PLR0913 - what a manifest needs to know
@@ -95,8 +96,7 @@ class RunWriter:
         A name that begins with a UTC time of its own is the directory's as it is.
 
         streams: value columns of each sample stream. follows: the run that this one goes on from.
-        Raises FileError for names that cannot be used, CellError when the disk refuses (NearlyFull when
-        it soon would).
+        Raises FileError for unusable names, CellError when the disk refuses (NearlyFull when it soon would).
         """
         manifest = new_manifest(
             name=name,
@@ -112,7 +112,7 @@ class RunWriter:
         try:
             path, held, ledger = create_run_directory(runs, manifest)
         except OSError as error:
-            remedy = "make room or choose another directory"
+            remedy = durable.remedy(error, "make room or choose another directory")
             raise CellError(str(runs), f"cannot be written: {_words(error)}", remedy) from error
         writers = {
             stream: StreamWriter(path, stream, with_opening(schema_of(stream, columns), manifest.opening()))
@@ -226,7 +226,9 @@ class RunWriter:
             rows={stream: writer.rows for stream, writer in self._writers.items()},
             counters={stream: self._counted(stream, counts) for stream, counts in counters.items()},
         )
-        problems += [problem] if (problem := _attempt(partial(self._ledger.append, Entry(seal=seal)))) else []
+        if unsealed := _attempt(partial(self._ledger.append, Entry(seal=seal))):
+            problems.append(unsealed)
+        self._count_lost(sealed=not unsealed)
         for writer in self._writers.values():
             writer.release()
         self._ledger.close()
@@ -234,9 +236,15 @@ class RunWriter:
         if problems:
             raise _refused(self.path, problems[0]) from problems[0]
 
+    def _count_lost(self, *, sealed: bool) -> None:
+        self.lost.update({stream: self._writers[stream].lost() for stream in self.manifest.streams})
+        for row in [] if sealed else self._writers[FAULTS].pending:  # recovery counts the faults that are stored
+            if isinstance(row, tuple) and row[1].kind is FaultKind.DROPPED:
+                self.lost[row[0]] += row[1].count
+
     def _counted(self, stream: str, counts: Mapping[str, int]) -> dict[str, int]:
-        told = {str(kind): count for kind, count in counts.items()}
-        return {**told, "samples": self._writers[stream].rows} if stream in self._writers else told
+        rows = {"samples": self._writers[stream].rows} if stream in self._writers else {}
+        return {str(kind): count for kind, count in counts.items()} | rows
 
     def _write(self) -> None:
         for writer in self._writers.values():
@@ -287,5 +295,6 @@ def _words(error: Exception) -> str:
 
 
 def _refused(run: Path, error: Exception) -> CellError:
-    remedy = f"make room or repair the disk; what was synced is safe: `rig recover {run}`"
-    return CellError(str(run), f"cannot be written: {_words(error)}", remedy)
+    remedy = durable.remedy(error, "make room or repair the disk")
+    safe = f"what was synced is safe: `rig recover {run}`"
+    return CellError(str(run), f"cannot be written: {_words(error)}", f"{remedy}; {safe}")

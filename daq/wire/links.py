@@ -28,7 +28,7 @@ from typing import Any
 
 import serial
 
-from daq.protocol.conversation import Fault, FaultKind, Item, Sample
+from daq.protocol.conversation import Fault, FaultKind, Item
 from rigs.errors import CellError
 from rigs.schema.links import Line, tcp_address, udp_address
 
@@ -69,7 +69,7 @@ class Link:
     def read(self, timeout_s: float) -> bytes:
         """Return what has come, waiting at most `timeout_s` for it; empty if nothing came. Raises LinkLost."""
         try:
-            if not select.select([self], [], [], max(0.0, timeout_s))[0]:
+            if not select.select([self._fd], [], [], max(0.0, timeout_s))[0]:
                 self._check_alive()
                 return b""
             data = os.read(self._fd, 65536)
@@ -90,9 +90,11 @@ class Link:
         """Send all of the data. Raises LinkLost, also if the line accepts nothing for some seconds."""
         try:
             while data:
-                if not select.select([], [self], [], _WRITE_S)[1]:
-                    raise LinkLost("the line does not accept data")
-                data = data[os.write(self._fd, data) :]
+                try:
+                    data = data[os.write(self._fd, data) :]
+                except BlockingIOError:
+                    if not select.select([], [self._fd], [], _WRITE_S)[1]:
+                        raise LinkLost("the line does not accept data") from None
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None
 
@@ -157,7 +159,7 @@ class UdpLink(Link):
         if self._peer_is_fixed:
             return
         for item in items:
-            if isinstance(item, Sample):
+            if not isinstance(item, Fault):
                 self._peer = self._sender
             elif item.kind is FaultKind.SILENT:
                 self._peer = None
@@ -293,8 +295,6 @@ def _serial_problem(error: serial.SerialException) -> tuple[str, str]:
 
 
 def _ports() -> str:
-    names: list[str] = []
-    with contextlib.suppress(OSError):  # no such directory, or gone with its last port
-        names = sorted(map(str, Path("/dev/serial/by-id").iterdir()))
+    names = sorted(map(str, Path("/dev/serial/by-id").glob("*")))
     names = names or sorted(str(path) for kind in ("ttyUSB*", "ttyACM*") for path in Path("/dev").glob(kind))
     return ", ".join(names) or "none"

@@ -1,4 +1,9 @@
-"""Runs a conversation on a link: the one loop behind every gauge, every robot and every emulator."""
+"""Runs a conversation on a link: the one loop behind every gauge, every robot and every emulator.
+
+Between the arrival of bytes and their stamp stand one `select` and one `read`. Where a conversation gathers
+(`daq.protocol.conversation.Gathering`) nothing else happens for some time: bytes are stamped as they come, and read
+together.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +11,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from daq.protocol.conversation import Conversation, Item, Step
+from daq.protocol.conversation import Arrival, Conversation, Gathering, Item, Step
+from daq.wire.links import LinkLost
 
 _LONGEST_WAIT_S = 0.2
 """The limit lets a request to stop take effect, and keeps the watchdog fed on a silent link."""
@@ -32,8 +38,9 @@ def run_conversation(
     """Run the conversation on the link until `ended` is true or the conversation hangs up. Raises LinkLost.
 
     The stamp is taken before a write and right after a read, so that the device's reading lies between
-    the two whatever the scheduler does. `alive` is called at least every 0.2 s.
+    the two whatever the scheduler does. `alive` is called at least every 0.2 s, and as much later as is gathered.
     """
+    gathering = conversation if isinstance(conversation, Gathering) else None
     step = conversation.connected(time.monotonic_ns())
     while True:
         if step.items:
@@ -45,12 +52,33 @@ def run_conversation(
         alive()
         data = link.read(_wait_s(step))
         now_ns = time.monotonic_ns()
-        if data:
+        if data and gathering:
+            arrivals, lost = _gathered(link, (data, now_ns), gathering.gather_ns)
+            step = gathering.received_all(arrivals)
+            if lost:
+                deliver(step.items)
+                raise lost
+        elif data:
             step = conversation.received(data, now_ns)
         elif step.wake_ns is not None and now_ns >= step.wake_ns:
             step = conversation.tick(now_ns)
         else:
             step = Step(wake_ns=step.wake_ns)
+
+
+def _gathered(link: ByteLink, first: Arrival, gather_ns: int) -> tuple[list[Arrival], LinkLost | None]:
+    """Read on, and do nothing but stamp; return what came, and how the link was lost if it was."""
+    arrivals = [first]
+    now_ns, until_ns = first[1], first[1] + gather_ns
+    try:
+        while now_ns < until_ns:
+            data = link.read((until_ns - now_ns) / 1e9)
+            now_ns = time.monotonic_ns()
+            if data:
+                arrivals.append((data, now_ns))
+    except LinkLost as error:
+        return arrivals, error
+    return arrivals, None
 
 
 def _wait_s(step: Step) -> float:

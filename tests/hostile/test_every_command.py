@@ -22,7 +22,7 @@ from typer.main import get_command
 
 from analysis import cli
 from rigs.load import SHIPPED
-from tests.support.rewritten_runs import rewrite
+from tests.support.store_cases import edit_manifest, ledger_records, put_ledger
 
 EVIL = "a\x1b]0;owned\x07\x1b[31m$\\frac{$[/bold]\nrun: whole\r\u202e{{7*7}}<script>"
 """A title for the terminal, a colour, broken mathematics, markup, a forged line, reversed reading, a template, HTML."""
@@ -74,8 +74,13 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Path:
         code, _, told = ran("simulate", folder / "rig.yaml", "--test", test, "-o", folder / test, *options)
         assert code == 0, told
     for run in runs(folder):
-        rewrite(run, {"operator": EVIL, "host": EVIL, "software": {EVIL: EVIL}, "follows": EVIL}, reason=EVIL)
+        edit_manifest(run, {"operator": EVIL, "host": EVIL, "software": {EVIL: EVIL}, "follows": EVIL})
+        put_ledger(run, [_with_reason(record) for record in ledger_records(run)])
     return folder
+
+
+def _with_reason(record: dict[str, Any]) -> dict[str, Any]:
+    return {"seal": record["seal"] | {"reason": EVIL}} if "seal" in record else record
 
 
 def runs(folder: Path) -> list[Path]:

@@ -80,6 +80,20 @@ def test_means_and_covariances_are_those_of_the_joint_normal_law() -> None:
     np.testing.assert_allclose(found.healthy_share, X[:, :4] @ found.mean[:4], atol=1e-9)
 
 
+@pytest.mark.parametrize("alike", [0.0, 0.999], ids=["of its own", "nearly a column"])
+def test_the_energy_that_uncertain_coefficients_hide_is_that_of_the_joint_normal_law(alike: float) -> None:
+    terms = alike * X[:, 4:6] + (1 - alike) * T
+    prior = np.zeros((11, 11))
+    prior[:9, :9], prior[9:, 9:] = np.diag(VARIANCE), np.linalg.inv(PRECISION)
+    columns = np.concatenate([X, terms], axis=1)
+    across = prior @ columns.T
+    joint = prior - across @ np.linalg.solve(np.diag(1 / WEIGHT) + columns @ across, across.T)
+    wanted = np.bincount(BAND, np.einsum("ni,ij,nj->n", columns, joint, columns))
+    found = BACKGROUND.posterior(FittedTerms(Y, terms, PRECISION, MEAN)).spent
+    np.testing.assert_allclose(found, wanted, rtol=1e-6)
+    np.testing.assert_allclose(BACKGROUND.spent, np.bincount(BAND, ((X @ BACKGROUND.covariance) * X).sum(axis=1)))
+
+
 @pytest.mark.parametrize("k", [0, 2])
 def test_a_cavitys_gain_is_a_difference_of_log_evidence(k: int) -> None:
     """Of a form of several sizes over its healthy share, everything else as it is."""

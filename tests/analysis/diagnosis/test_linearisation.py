@@ -24,7 +24,7 @@ from rigs.effects import (
     ServoLag,
     TransmissionError,
 )
-from tests.support.diagnosis_cells import Array, healthy, holding, planted, poses, seen, table_of, white
+from tests.support.diagnosis_cells import Array, circles, healthy, holding, planted, poses, seen, table_of, white
 
 SMALL = (
     JointOffset(axis=3, offset_deg=0.01),
@@ -108,16 +108,30 @@ def test_the_residual_is_exact_for_large_effects_and_moved_set_ups() -> None:
         parts.append(block.whitened(grown.g_mm[block.one.rows] - base))
     there = holding(linear, np.concatenate(parts))
     whole = np.linalg.norm(np.concatenate(parts))
-    assert np.linalg.norm(there.residual(effects, {"yaw": planted()})) < 1e-3 * whole
-    assert np.linalg.norm(there.residual(effects[:1], {"yaw": planted()})) > 1e-2 * whole
+    assert np.linalg.norm(there.residual_at(effects, {"yaw": planted()})) < 1e-3 * whole
+    assert np.linalg.norm(there.residual_at(effects[:1], {"yaw": planted()})) > 1e-2 * whole
     off = replace(planted(), zeros_mm=np.array([0.1, 0.0]))
-    assert np.linalg.norm(there.residual(effects, {"yaw": off})) > 10
+    assert np.linalg.norm(there.residual_at(effects, {"yaw": off})) > 10
 
 
 def test_nothing_named_leaves_the_residual() -> None:
     linear = healthy()
     y = white(linear, 1)
-    np.testing.assert_allclose(holding(linear, y).residual(()), y, atol=1e-9)
+    # What noise moves the set-up by shows in second order.
+    np.testing.assert_allclose(holding(linear, y).residual(()), y, atol=1e-3)
+    np.testing.assert_allclose(holding(linear, y).residual_at((), linear.setups), y, atol=1e-9)
+
+
+def test_a_large_effect_moves_the_set_up_on_the_simulator() -> None:
+    """A zero wrong by a degree moves the ball that fits best by millimetres, over which readings are not linear."""
+    offset = (JointOffset(axis=3, offset_deg=1.0),)
+    runs = seen(circles(offset, seed=91))
+    setups, _ = fit_run_setups(runs)
+    assert np.linalg.norm(setups["yaw"].ball - planted().ball) > 1.0
+    linear = Linearisation(blocks_of(runs, setups), setups)
+    left, still = linear.residual(offset), linear.residual_at(offset, setups)
+    left, still = (float(np.sqrt(np.mean(linear.without_set_up(one) ** 2))) for one in (left, still))
+    assert left < 3 < 30 < still
 
 
 def test_jolts_at_every_sample_are_an_offset() -> None:

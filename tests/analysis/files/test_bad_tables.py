@@ -22,7 +22,7 @@ from tests.support.written_runs import import_table
 def refusal(text: str, test: TestName, direction: Direction | None = None) -> list[str]:
     """What is told of a table, a line for each mistake."""
     with pytest.raises(FileError) as caught:
-        parse_csv(text, "t.csv", test, rig(), direction)
+        parse_csv(text.encode(), "t.csv", test, rig(), direction)
     assert all("\n" not in line for line in caught.value.lines())
     assert "\n" not in str(caught.value)
     return caught.value.lines()
@@ -135,7 +135,7 @@ def test_one_file_holds_one_direction() -> None:
 def test_the_direction_of_the_command() -> None:
     text = csv_text(plain("yaw", "cw"))
     assert "the table says cw; leave --direction out" in refusal(text, "yaw", "acw")[0]
-    assert parse_csv(text, "t.csv", "yaw", rig(), "cw").num_rows
+    assert parse_csv(text.encode(), "t.csv", "yaw", rig(), "cw").num_rows
     assert refusal(csv_text(plain("radial")), "radial", "cw") == [
         "t.csv: is of a radial test, which has no direction; leave --direction out"
     ]
@@ -192,7 +192,8 @@ def test_another_separator() -> None:
         "t.csv: separates its columns by semicolons; "
         "save it with commas and decimal points: sed 'y/,;/.,/' t.csv > TABLE.csv"
     ]
-    assert parse_csv(other.translate(str.maketrans(",;", ".,")), "t.csv", "pose", rig()).num_rows, "the remedy works"
+    converted = other.translate(str.maketrans(",;", ".,")).encode()
+    assert parse_csv(converted, "t.csv", "pose", rig()).num_rows, "the remedy works"
     assert "separates its columns by tabs" in refusal(text.replace(",", "\t"), "pose")[0]
 
 
@@ -294,7 +295,7 @@ def test_any_mutation_gives_a_table_or_one_of_our_errors(data: st.DataObject) ->
     text = data.draw(st.composite(mutated)(test))
     direction: Direction | None = data.draw(st.sampled_from([None, "cw"]))
     try:
-        columns = parse_csv(text, "t.csv", test, rig(), direction)
+        columns = parse_csv(text.encode(), "t.csv", test, rig(), direction)
         words = columns["direction"][0].as_py() if test in ("yaw", "roll") else None
         check_units(table_from(columns, test, words, "t.csv"), rig(), "t.csv")
     except FileError as error:

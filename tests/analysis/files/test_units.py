@@ -30,7 +30,7 @@ def check(rows: Rows, test: TestName, cell: Rig | None = None) -> list[str]:
 
 
 def read(rows: Rows, test: TestName, cell: Rig) -> Table:
-    columns = parse_csv(csv_text(rows), "t.csv", test, cell)
+    columns = parse_csv(csv_text(rows).encode(), "t.csv", test, cell)
     words = columns["direction"][0].as_py() if test in ("yaw", "roll") else None
     return table_from(columns, test, words, "t.csv")
 

@@ -40,7 +40,7 @@ def evaluated(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         names.append(job[0].name)
         return record_of(*job)
 
-    monkeypatch.setattr(module, "_record", noted)
+    monkeypatch.setattr(module, "_record", noted)  # private: counts the runs that are evaluated
     return names
 
 
@@ -88,7 +88,7 @@ def test_without_a_usable_file_the_history_is_the_same(runs: Path) -> None:
 def test_many_runs_on_all_cores_are_the_same(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     alone = collect(runs, "ur10e", silent)
     (runs / FILE).unlink()
-    monkeypatch.setattr(module, "_FEW", 0)
+    monkeypatch.setattr(module, "_FEW", 0)  # private: few runs would share one core
     counts: list[tuple[int, int]] = []
     assert collect(runs, "ur10e", lambda done, total: counts.append((done, total))) == alone
     assert counts == [(1, 3), (2, 3), (3, 3)]

@@ -97,7 +97,7 @@ def test_a_run_keeps_the_step_and_tells_the_right_time_after_it(tmp_path: Path, 
     anchor = Clock(monotonic_ns=now[0].monotonic_ns, unix_ns=now[0].wall_ns, bracket_ns=0)
     buffer.deliver([Sample((1.0,), -1, now[0].monotonic_ns, now[0].monotonic_ns, 8)])
     ended = recorder.stop_run().result()
-    assert ended.counters == {"g1": {"samples": 1}, HOST: {"clock": 1}} and recorder.host_faults == {"clock": 1}
+    assert ended.counters == {"g1": {"samples": 1}, HOST: {"clock": 1}} and recorder.host.counts == {"clock": 1}
     run = read_run(path)
     assert [(fault["stream"], fault["kind"], fault["at_ns"]) for fault in run.faults] == [
         (HOST, "clock", now[0].monotonic_ns)

@@ -13,8 +13,8 @@ import pytest
 
 from daq.acquisition.reader import Reader
 from daq.acquisition.stall_watch import StallWatch
-from daq.acquisition.stream_buffer import STALL_NS, StreamBuffer
-from daq.protocol.conversation import Fault, FaultKind, Sample, Step
+from daq.acquisition.stream_buffer import STALL_NS, StreamBuffer, faults_of, samples_of
+from daq.protocol.conversation import Fault, FaultKind, Sample, Samples, Step
 from daq.store import read_run, verify
 from daq.wire.links import LinkLost
 from tests.support.bench import Bench
@@ -66,9 +66,35 @@ def test_samples_that_come_in_batches_have_a_rate(buffer: StreamBuffer) -> None:
     assert buffer.state().rate_hz == pytest.approx(4000)
 
 
+def test_a_delivery_that_ends_with_a_fault_counts_for_the_rate_as_well(buffer: StreamBuffer) -> None:
+    """As of a flood whose last line is cut, at every read."""
+    now_ns = time.monotonic_ns()
+    for round_ in range(11):
+        at_ns = now_ns - (10 - round_) * S // 10
+        sample, fault = Sample((0.0,), -1, at_ns, at_ns, 3), Fault(FaultKind.GARBLED, at_ns, "cut")
+        buffer.deliver([*[sample] * 400, fault])
+        buffer.deliver([fault])
+    state = buffer.state()
+    assert state.rate_hz == pytest.approx(4000) and state.waiting == 11 * 402
+
+
+def test_a_block_that_finds_no_room_is_counted_sample_by_sample(
+    buffer: StreamBuffer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # private: the room is minutes of readings
+    monkeypatch.setattr("daq.acquisition.stream_buffer._ROOM", 500)
+    block = Samples.of([Sample((float(k),), -1, k, k, 3) for k in range(200)])
+    for _ in range(4):
+        buffer.deliver([block])
+    items = buffer.drain()
+    (fault,) = faults_of(items)
+    assert len(samples_of(items)) == 400 and (fault.kind, fault.count) == (FaultKind.DROPPED, 400)
+    assert buffer.state().counters == {"samples": 800, "dropped": 400} and buffer.state().last == {"g1_mm": 199.0}
+
+
 def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its link always has more, and what it brings takes 50 ms of the processor; at last it brings one message."""
-    used_s, paused = 0.0, []
+    used_s, now_s, paused = 0.0, 1000.0, []
     rounds = [b"flood", b"flood", b"one"]
 
     class Endless:
@@ -87,8 +113,9 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
             return Step()
 
         def received(self, data: bytes, now_ns: int) -> Step:
-            nonlocal used_s
-            used_s += 0.05 if data == b"flood" else 0.00003
+            nonlocal used_s, now_s
+            took_s = 0.05 if data == b"flood" else 0.00003
+            used_s, now_s = used_s + took_s, now_s + took_s
             return Step()
 
         def lost(self, now_ns: int) -> tuple[()]:
@@ -101,7 +128,7 @@ def test_a_stream_that_floods_gives_the_others_as_long_as_it_took(monkeypatch: p
     reader = Reader(stream, StreamBuffer("robot", ()), link)
     # private _stop_asked, _read: what the thread does until its link is lost, with the pauses it asks for
     monkeypatch.setattr(reader, "_stop_asked", SimpleNamespace(is_set=lambda: False, wait=lambda s: True))
-    clock.monotonic = time.monotonic
+    clock.monotonic = lambda: now_s
     reader._read(link)
     assert paused == [pytest.approx(0.05), pytest.approx(0.05)]
 

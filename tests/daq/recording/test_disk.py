@@ -24,7 +24,7 @@ from daq.protocol.conversation import Sample
 from daq.recording.label import Label
 from daq.recording.machine import Recording, Waiting
 from daq.recording.recorder import Recorder
-from daq.store import RunWriter, durable, load_manifest, read_run, verify
+from daq.store import RunWriter, durable, load_manifest, read_run, recover, verify
 from rigs.errors import CellError
 from tests.support.failing_disk import COLUMNS, failing
 
@@ -174,6 +174,69 @@ def test_a_disk_that_fails_ends_the_run_and_another_follows_when_it_is_back(
     former, _ = written.accounted()
     assert load_manifest(former).exit_status in ("failed", "recovered")
     assert "recording: waits: " in caplog.text and "samples missed: 10 of g1" in caplog.text
+
+
+@pytest.mark.parametrize("resumed", [True, False])
+def test_what_a_run_was_to_count_as_dropped_is_not_forgotten_where_its_disk_fails_at_once(
+    written: Written, monkeypatch: pytest.MonkeyPatch, resumed: bool
+) -> None:
+    """A chunk vanishes, and the run that follows is lost before its first write, with the count that it was to hold."""
+    monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 1e9)
+    written.round()
+    (written.path / "g1-0001.arrow").unlink()
+    written.round()
+    written.round()  # its readings are missed
+    written.retry()
+    written.recorder._round()
+    written.begun()
+    with failing(errno.EIO, "pwrite", "fsync", "mkdir"):
+        if resumed:
+            written.round()
+        else:
+            with pytest.raises(CellError):
+                written.recorder.stop_run().result()
+    if resumed:
+        written.retry()
+        written.until_it_goes_on()
+    runs = list(written.runs.iterdir())
+    for path in runs:
+        recover(path)
+        assert verify(path) == []
+    for name in COLUMNS:
+        counters = [load_manifest(path).counters.get(name, {}) for path in runs]
+        counted = sum(count.get("samples", 0) + count.get("dropped", 0) for count in counters)
+        assert counted + written.recorder.losses.counts[name] == written.delivered
+        assert bool(written.recorder.losses.counts[name]) is not resumed
+
+
+def test_what_no_run_follows_to_count_is_in_the_log_and_in_the_status(
+    written: Written, caplog: pytest.LogCaptureFixture
+) -> None:
+    written.round()
+    written.deliver(7)
+    with failing(errno.EIO, "pwrite", "fsync"), pytest.raises(CellError, match="Input/output error"):
+        written.recorder.stop_run().result()
+    assert written.recorder.losses.counts == dict.fromkeys(COLUMNS, 7)
+    assert written.buffers["g1"].state().counters["dropped"] == 7
+    assert f"g1: dropped: 7 samples are in no run: {written.path.name} could not be closed" in caplog.text
+    recover(written.path)
+    assert len(read_run(written.path).streams["g1"]["g1_mm"]) == 10, "the rest is there"
+
+
+def test_what_a_run_has_lost_is_counted_where_it_closes_after_the_recording_was_given_up(written: Written) -> None:
+    """Its disk is back by then: the run closes without an error, and without what could not be written."""
+    closing, disk = threading.Event(), written.recorder._io._thread
+    written.round()
+    with failing(errno.EIO, "pwrite", "fsync"):
+        disk.submit(closing.wait)
+        written.deliver()
+        written.recorder._round()
+        with pytest.raises(CellError, match="nothing is being recorded"):
+            written.recorder.stop_run()
+    closing.set()
+    disk.submit(lambda: None).result()
+    assert len(read_run(written.path).streams["g1"]["g1_mm"]) == 10
+    assert written.recorder.losses.counts == dict.fromkeys(COLUMNS, 10)
 
 
 def _plain() -> dict[str, Any]:

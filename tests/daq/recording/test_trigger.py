@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import pytest
 
 from daq.acquisition.pretrigger import PretriggerBuffer
+from daq.acquisition.stream_buffer import samples_of
 from daq.protocol.conversation import NO_TIME, Sample
 from daq.recording.trigger import Command, StartRun, StopRun, Trigger
 from rigs.schema.recording_rules import Rule
@@ -230,9 +231,14 @@ def test_five_seconds_and_the_whole_last_round_are_at_hand() -> None:
     recent = PretriggerBuffer(["robot"])
     stamps = [number * S // 10 for number in range(1000)]
     samples = [Sample((1.0,), NO_TIME, at_ns, at_ns, 60) for at_ns in stamps]
-    recent.add("robot", samples[:800])
-    assert recent.since("robot", 0) == samples[:800], "a disk that was behind takes nothing away"
+
+    def since(at_ns: int) -> list[int]:
+        return [sample.first_byte_ns for sample in samples_of(recent.since("robot", at_ns))]
+
+    for first in range(0, 800, 10):
+        recent.add("robot", samples[first : first + 10])
+    assert since(0) == stamps[:800], "a disk that was behind takes nothing away"
     recent.trim()
     recent.add("robot", samples[800:])
-    assert recent.since("robot", 0) == samples[749:]
-    assert recent.since("robot", 80 * S) == samples[800:]
+    assert since(0) == stamps[740:], "the round in which the five seconds begin is whole"
+    assert since(80 * S) == stamps[800:]

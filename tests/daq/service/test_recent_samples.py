@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from daq.acquisition.stream_buffer import StreamBuffer
-from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample, Samples
 from daq.service.answers import read_answer
 from daq.service.client import Client
 from daq.service.control import LONGEST_ANSWER
@@ -52,6 +52,16 @@ def test_many_are_thinned_evenly_to_the_newest() -> None:
     assert len(found) <= MOST and found[-1] == 990
     assert len({b - a for a, b in pairwise(found)}) == 1
     assert len(numbers(asked(delivered(5000)))) <= MOST
+
+
+def test_blocks_of_a_quick_stream_are_cut_where_the_client_is_and_bounded() -> None:
+    buffer = StreamBuffer("g1", ("g1_mm",))
+    for first in range(0, 4800, 240):
+        block = [Sample((float(k),), NO_TIME, k, k, 3) for k in range(first + 1, first + 241)]
+        buffer.deliver([Samples.of(block)])
+    assert numbers(asked(buffer, 4790)) == list(range(4791, 4801))
+    newest, kept = buffer.recent(0)
+    assert newest == 4800 and [kept[0].values, kept[-1].values] == [(3601.0,), (4800.0,)]
 
 
 def test_a_client_of_a_daemon_before_gets_nothing_until_it_asks_anew() -> None:

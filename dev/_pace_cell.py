@@ -1,0 +1,204 @@
+"""The instruments of `pace`, in a process of their own: it notes when each message was handed to the system.
+
+    _pace_cell.py RIG OUT [--rate HZ] [--answer-ms MS] [--flood]
+
+Two ILD1420 on ptys that stream at `--rate`, or without it two gauges on Modbus TCP that answer; a controller
+that streams RTDE, or with `--flood` one that sends lines as fast as they are taken. Every reading is its own number.
+The output begins with the rig file's text with the ports of this cell. A line of input ends the sending; then OUT has
+the instants of every number.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import socket
+import struct
+import sys
+import termios
+import threading
+import time
+import tty
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+import yaml
+
+from daq.feedback import ur_rtde
+from daq.protocol.conversation import Step
+from rigs.load import find, parse
+
+SPAN = 64_000
+"""Numbers that fit into the range of an ILD1420; then they begin again."""
+STEP_DEG = 1e-6
+_FIRST_CODE = 643
+_RANGE_MM = 10.0
+_LINES = 1000 * b"7,1.00000,2.00000,3.00000,4.00000,5.00000,6.00000\r\n"
+_ONE = struct.pack(">f", 1.0)
+_MOST_PAUSE_S = 0.05
+
+
+def numbers_of(values_mm: np.ndarray) -> np.ndarray:
+    """Return the numbers from the readings of a gauge in order, counted on where they begin again."""
+    codes = np.round((values_mm / _RANGE_MM * 100 + 1) * 65520 / 102).astype(int) - _FIRST_CODE
+    return codes[0] + np.concatenate([[0], np.cumsum(np.diff(codes) % SPAN)])
+
+
+def _encoded() -> bytes:
+    """All readings in a row, three bytes each, twice over: any piece of up to SPAN readings is a slice."""
+    codes = np.arange(_FIRST_CODE, _FIRST_CODE + SPAN)
+    parts = np.stack([tag << 6 | codes >> 6 * tag & 0x3F for tag in range(3)], axis=1)
+    return 2 * parts.astype(np.uint8).tobytes()
+
+
+class Streaming:
+    """A gauge on a pty: message k is due k periods after the first byte that it hears."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._master, slave = os.openpty()
+        tty.setraw(slave, termios.TCSANOW)
+        os.set_blocking(self._master, False)
+        self._slave, self.port = slave, os.ttyname(slave)
+        self._rate_hz, self._start_ns, self._readings = rate_hz, 0, _encoded()
+        self.sent_ns: list[tuple[int, int]] = []
+
+    def act(self) -> int:
+        """Send what is due; return when more is."""
+        now_ns = time.monotonic_ns()
+        if not self._start_ns:
+            if not select.select([self._master], [], [], 0)[0]:
+                return now_ns + 10_000_000
+            self._start_ns = now_ns
+        first = len(self.sent_ns)
+        due = int((now_ns - self._start_ns) * self._rate_hz / 1e9) + 1 - first
+        if due > 0:
+            begin = 3 * (first % SPAN)
+            before_ns = time.monotonic_ns()
+            with contextlib.suppress(BlockingIOError):  # lost, as on a line whose reader is too slow
+                os.write(self._master, self._readings[begin : begin + 3 * due])
+            self.sent_ns += [(before_ns, time.monotonic_ns())] * due
+        return self._start_ns + round(len(self.sent_ns) * 1e9 / self._rate_hz)
+
+
+class Controller:
+    """RTDE by the emulated controller; its joints show the number of the packet."""
+
+    def __init__(self) -> None:
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self._listener.setblocking(False)
+        self.port = f"tcp://127.0.0.1:{self._listener.getsockname()[1]}"
+        self._device = ur_rtde.device(parse(find("ur10e").read_text(), "pace").feedback, self._read)
+        self._socket: socket.socket | None = None
+        self._wake_ns: int | None = None
+        self._count = 0
+        self.sent_ns: list[tuple[int, int]] = []
+
+    def _read(self, now_ns: int) -> list[float]:
+        self._count += 1
+        return [(self._count - 1) * STEP_DEG] * 6
+
+    def act(self) -> int:
+        now_ns = time.monotonic_ns()
+        if self._socket is None:
+            try:
+                self._socket, _ = self._listener.accept()
+            except BlockingIOError:
+                return now_ns + 10_000_000
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._device.connected(now_ns)
+        if self._wake_ns is None:
+            if not select.select([self._socket], [], [], 0)[0]:
+                return now_ns + 1_000_000
+            self._do(self._device.received(self._socket.recv(4096), now_ns))
+        elif now_ns >= self._wake_ns:
+            self._do(self._device.tick(now_ns))
+        return self._wake_ns or now_ns
+
+    def _do(self, step: Step) -> None:
+        assert self._socket is not None
+        self._wake_ns = step.wake_ns
+        before_ns = time.monotonic_ns()
+        self._socket.sendall(step.send)
+        self.sent_ns += [(before_ns, time.monotonic_ns())] * (self._count - len(self.sent_ns))
+
+
+class Answering:
+    """A gauge on Modbus TCP that answers each request after so long, with no more work than that takes."""
+
+    def __init__(self, answer_ms: float) -> None:
+        self._answer_s = answer_ms / 1e3
+        listener = socket.create_server(("127.0.0.1", 0))
+        self.port = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+        threading.Thread(target=self._serve, args=(listener,), daemon=True).start()
+
+    def _serve(self, listener: socket.socket) -> None:
+        while True:
+            connection, _ = listener.accept()
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            with contextlib.suppress(OSError):  # the reader has gone
+                while request := connection.recv(260):
+                    if self._answer_s:
+                        time.sleep(self._answer_s)
+                    connection.sendall(request[:4] + b"\0\7" + request[6:8] + b"\4" + _ONE)
+
+
+class Flooding:
+    """A program on a controller that prints lines as fast as they are taken."""
+
+    def __init__(self) -> None:
+        listener = socket.create_server(("127.0.0.1", 0))
+        self.port = f"tcp://127.0.0.1:{listener.getsockname()[1]}"
+        threading.Thread(target=self._serve, args=(listener,), daemon=True).start()
+
+    def _serve(self, listener: socket.socket) -> None:
+        connection, _ = listener.accept()
+        with contextlib.suppress(OSError):  # the reader has gone
+            while True:
+                connection.sendall(_LINES)
+
+
+def rig_text(rig: Path, ports: dict[str, str]) -> str:
+    """Return the rig file's text with these ports."""
+    data = yaml.safe_load(rig.read_text())
+    for name in ("g1", "g2"):
+        data["gauges"][name]["port"] = ports[name]
+    data["feedback"]["port"] = ports["robot"]
+    return yaml.safe_dump(data)
+
+
+def _stopped() -> Iterator[bool]:
+    asked = threading.Event()
+    threading.Thread(target=lambda: (sys.stdin.readline(), asked.set()), daemon=True).start()
+    while True:
+        yield asked.is_set()
+
+
+def main(
+    rig: Path,
+    out: Path,
+    rate: Annotated[float, typer.Option(help="Readings a second of the gauges that stream.")] = 0.0,
+    answer_ms: Annotated[float, typer.Option(help="How long a gauge that is polled takes to answer.")] = 0.0,
+    flood: Annotated[bool, typer.Option("--flood")] = False,
+) -> None:
+    """Serve the instruments until a line of input."""
+    gauges = {name: Streaming(rate) if rate else Answering(answer_ms) for name in ("g1", "g2")}
+    servers = {**gauges, "robot": Flooding() if flood else Controller()}
+    ports = {name: server.port for name, server in servers.items()}
+    print(rig_text(rig, ports), end="\0", flush=True)
+    noting = {name: server for name, server in servers.items() if isinstance(server, Streaming | Controller)}
+    for stopped in _stopped():
+        if stopped:
+            break
+        due_ns = min((server.act() for server in noting.values()), default=time.monotonic_ns() + 10_000_000)
+        time.sleep(min(_MOST_PAUSE_S, max(0, due_ns - time.monotonic_ns()) / 1e9))
+    np.savez(out, **{name: np.array(server.sent_ns) for name, server in noting.items()})
+    print("sent", flush=True)
+    sys.stdin.readline()  # a pty that is closed loses what nobody has read yet
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,51 @@
+"""Where no file descriptor is left, that is what a person is told: the disk is well."""
+
+from __future__ import annotations
+
+import os
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from daq.store import recover
+from rigs.errors import CellError
+from tests.support.store_cases import crash, record, samples, start, sync
+
+REMEDY = r"Too many open files.*; close what holds file descriptors"
+
+
+@contextmanager
+def no_descriptor(but: int = 0) -> Iterator[None]:
+    """A process that can open no more files, but so many."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    free = [os.open("/dev/null", os.O_RDONLY) for _ in range(but + 1)]
+    for fd in free:
+        os.close(fd)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (free[but], hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+@pytest.mark.parametrize("but", [0, 1, 2])
+def test_a_run_that_cannot_begin_asks_for_descriptors_and_begins_when_there_are_some(tmp_path: Path, but: int) -> None:
+    with no_descriptor(but), pytest.raises(CellError, match=REMEDY) as refused:
+        start(tmp_path)
+    assert "make room" not in str(refused.value)
+    assert not any(tmp_path.iterdir()), "no directory without a manifest is left"
+    start(tmp_path).close("complete", "", {})
+
+
+def test_a_run_that_cannot_go_on_asks_for_descriptors(tmp_path: Path) -> None:
+    writer = record(tmp_path)
+    with no_descriptor(), pytest.raises(CellError, match=REMEDY) as refused:
+        writer.append("g1", samples(4))
+        sync(writer)
+    assert "disk" not in str(refused.value)
+    left = crash(writer)
+    with no_descriptor(), pytest.raises(CellError, match=rf"{REMEDY}.*; nothing was lost"):
+        recover(left)
