@@ -38,11 +38,11 @@ def judged_words(values: list[float], u: float = 0.0005) -> tuple[str, list[str]
 
 
 def test_a_figure_that_crosses_is_reported_with_its_day() -> None:
-    table, lines = judged_words([0.005, 0.006, 0.024, 0.0205, 0.025, 0.026])
-    assert table == "beyond 0.02 since 2026-05-05"  # on the 4th the uncertainty reached over the limit
+    table, lines = judged_words([0.024, 0.006, 0.0205, 0.024, 0.0205, 0.026])
+    assert table == "beyond 0.02 since 2026-05-04"  # on the 3rd and 5th the uncertainty reaches over the limit
     assert lines == [
-        "Range with the sine of yaw acw has been beyond its limit of 0.02 ° since 5 May 2026 (run lap-5): the newest "
-        "run has 0.02600 ± 0.00050 °; 3 of 6 runs beyond, from 3 May 2026 to 6 May 2026."
+        "Range with the sine of yaw acw has been beyond its limit of 0.02 ° since 4 May 2026 (run lap-4): the newest "
+        "run has 0.02600 ± 0.00050 °; 3 of 6 runs beyond, from 1 May 2026 to 6 May 2026."
     ]
 
 
