@@ -86,6 +86,12 @@ def test_every_link_in_the_documents_leads_somewhere(page: Path) -> None:
         assert (page.parent / target).exists(), target
 
 
+def test_the_index_lists_every_page() -> None:
+    linked = set(re.findall(r"\]\(([^)#:]+)", (ROOT / "docs" / "README.md").read_text()))
+    pages = {page.relative_to(ROOT / "docs").as_posix() for page in PAGES if page.is_relative_to(ROOT / "docs")}
+    assert {page for page in pages if not page.startswith("decisions/")} - linked == {"README.md"}
+
+
 def _rows() -> dict[str, list[str]]:
     """The table of gauges in the rig file's page: name, and what, line, keys."""
     text = (ROOT / "docs" / "rig-file.md").read_text().partition("## gauges")[2].partition("\n## ")[0]

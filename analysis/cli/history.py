@@ -33,6 +33,9 @@ def history(
     since: Annotated[
         datetime | None, typer.Option(metavar="DATE", formats=["%Y-%m-%d"], help="First day; default: all runs.")
     ] = None,
+    rig_file: Annotated[
+        str | None, typer.Option("--rig", help="Rig file with the limits; default: that of the newest run.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="Print a line of CSV for each run and figure.")] = False,
     output: Annotated[
@@ -43,11 +46,13 @@ def history(
     from analysis.history.collect import collect  # noqa: PLC0415
     from analysis.history.history import history_of  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
+    from rigs.load import load  # noqa: PLC0415
 
     if as_json and as_csv:
         raise FileError("--json and --csv", "cannot both be printed", "give one of them")
     collected = collect(data, robot, _Progress())
-    found = history_of(collected, figure, since.date() if since else None)
+    limits = load(rig_file)[0].limits if rig_file else None
+    found = history_of(collected, figure, since.date() if since else None, limits)
     if output:
         from analysis.history.page import write_page  # noqa: PLC0415
 
