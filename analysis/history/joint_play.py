@@ -27,7 +27,7 @@ from analysis.measures.results import Result
 from analysis.model.predict import model_of, nominal_setup, path_of, predict
 from analysis.traces.laps import Laps
 from analysis.traces.tables import CircleTable
-from rigs.effects import Backlash, Effect
+from rigs.effects import Effect, play_of_joint
 from rigs.rig import Rig
 
 _SMOOTH = 12
@@ -146,7 +146,7 @@ def _by_play(laps: Laps, table: CircleTable, rig: Rig, half_mm: float) -> Callab
     without = nodes(())
 
     def curve(axis: int, width_deg: float) -> Array:
-        return nodes((Backlash(axis=axis, width_deg=width_deg),)) - without
+        return nodes((play_of_joint(axis, width_deg),)) - without
 
     return curve
 

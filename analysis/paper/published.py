@@ -39,4 +39,4 @@ def gears(effects: Sequence[Effect]) -> tuple[Effect, ...]:
 
 def datum_and_play(effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """Only the datum errors and the plays: what the paper's simulation of figure 8 had."""
-    return tuple(effect for effect in effects if is_play(effect) or effect.effect == "joint_offset")
+    return tuple(effect for effect in effects if is_play(effect) or effect.turning(1, 0.0))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
+from rigs.schema.effect import AT_AXIS
 from rigs.schema.effect import Effect as Effect
 from rigs.schema.effect import Found as Found
 from rigs.schema.effect import bounds as bounds
@@ -46,6 +47,12 @@ else:
 def turned(axis: int, angle_deg: float) -> Effect:
     """The effect that turns a joint (1 … 6) by a constant: what scatters, and what derivatives are taken by."""
     return next(one for cls in VOCABULARY.values() if (one := cls.turning(axis, angle_deg)))
+
+
+def play_of_joint(axis: int, width_deg: float) -> Effect:
+    """The effect that is a play of a joint (1 … 6)."""
+    cls = next(cls for cls in VOCABULARY.values() if cls.PLACE == AT_AXIS and cls.STRAIGHT == 0)
+    return cls.model_validate({"effect": cls.model_fields["effect"].default, "axis": axis, "width_deg": width_deg})
 
 
 def swing(frequency_hz: float, amplitude_mm: float) -> Effect:
