@@ -19,8 +19,8 @@ _CROSSED: dict[Standing, tuple[tuple[Standing, ...], Standing]] = {
     "watch": (("watch", "fail"), "pass"),
     "fail": (("fail",), "pass"),
 }
-"""By the standing of a series: how its first run since the crossing stands against the bound that decides, and how the
-last one before it."""
+"""How the first run since the crossing stands against the bound that decides, and how the last one before it, for each
+standing of a series."""
 
 
 @dataclass(frozen=True)
