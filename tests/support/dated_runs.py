@@ -10,7 +10,7 @@ from analysis.simulation.simulated_runs import simulated_run
 from rigs.effects import Backlash
 from rigs.load import load
 from rigs.schema.vocabulary import Direction
-from tests.support.rewritten_runs import rewrite
+from tests.support.store_cases import edit_manifest
 
 BEGAN = datetime(2026, 5, 1, 9, tzinfo=UTC)
 
@@ -20,5 +20,5 @@ def dated_run(directory: Path, day: int, play_deg: float, direction: Direction =
     rig, text = load("ur10e")
     run = simulated_run(rig, text, "yaw", direction, day, [Backlash(axis=3, width_deg=play_deg)])
     path = save_run(run, directory / f"{day:03d}-{direction}")
-    rewrite(path, {"started": (BEGAN + timedelta(days=day)).isoformat()}, "")
+    edit_manifest(path, {"started": (BEGAN + timedelta(days=day)).isoformat()})
     return path

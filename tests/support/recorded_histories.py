@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis import read_table, save_run
-from tests.support.rewritten_runs import rewrite
+from tests.support.store_cases import edit_manifest
 from tests.support.stranger.cell import read_cell
 from tests.support.stranger.draw import background
 from tests.support.stranger.faults import Fault, name_of
@@ -53,6 +53,6 @@ def recorded_history(directory: Path, seed: int, runs: int, begin: int, grown_de
         table = directory / f"{k:03d}.csv"
         write_table(table, motion, g_mm + added(noise, motion.t[motion.rows], 2, rng), noise.encoder_deg)
         run = save_run(read_table(table, "ur10e", "yaw", "acw"), directory / f"run-{k:03d}")
-        rewrite(run, {"started": (_BEGAN + timedelta(days=2 * k)).isoformat()}, "")
+        edit_manifest(run, {"started": (_BEGAN + timedelta(days=2 * k)).isoformat()})
         table.unlink()
     return f"play_j{axis}_deg"

@@ -23,5 +23,14 @@ def test_a_play_is_found_at_its_joint(axis: int, width_deg: float, direction: Di
     assert others and all(abs(one.value) < max(3 * one.u, 0.003) for one in others)
 
 
+@pytest.mark.parametrize(("direction", "seed"), [("cw", 5), ("cw", 8), ("acw", 6), ("acw", 11)])
+def test_a_play_between_the_widths_of_the_model_is_no_play_of_another_joint(direction: Direction, seed: int) -> None:
+    """With widths a factor of 1.41 apart these laps gave 0.023° with a play of joint 5 of -0.004°."""
+    run = simulate("ur10e", "yaw", direction, seed=seed, effects=[Backlash(axis=1, width_deg=0.024)])
+    plays = joint_plays(evaluate(run))
+    assert abs(plays["play_j1_deg"].value - 0.024) < 3 * plays["play_j1_deg"].u
+    assert abs(plays["play_j5_deg"].value) < 0.001
+
+
 def test_other_tests_have_no_plays() -> None:
     assert joint_plays(evaluate(simulate("ur10e", "repeatability", seed=1))) == {}
