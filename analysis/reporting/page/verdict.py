@@ -120,8 +120,9 @@ def example_limits(verdict: Verdict) -> str:
 
 
 def _bounds(one: Judged, texts: Texts) -> str:
-    """The limits of a figure, and that its uncertainty reaches over one of them."""
-    bounds = (("watch_above", one.limit.watch), ("fail_above", one.limit.fail))
+    """The limit that a figure fails, or those between which it is, and that its uncertainty reaches over one."""
+    watch = None if one.standing == "fail" else one.limit.watch
+    bounds = (("watch_above", watch), ("fail_above", one.limit.fail))
     words = [f"{texts(key)} {bound:g} {one.figure.sign}" for key, bound in bounds if bound is not None]
     return ", ".join([*words, *([texts("not_proven")] if one.straddled else [])])
 
