@@ -55,6 +55,10 @@ class Canvas:
         if width == 2:
             cells[column + 1] = ("", style)
 
+    def dim(self, row: int, column: int) -> None:
+        """Show a cell dim, in no colour."""
+        self._cells[row][column] = (self.at(row, column), "dim")
+
     def _clear(self, cells: list[_Cell], place: int) -> None:
         if cells[place][0] == "" and place:
             cells[place - 1] = (" ", "")
@@ -86,6 +90,12 @@ class Area:
                 self.canvas.put(self.top + row, self.left + column, character, style)
             column += size
         return column
+
+    def dim(self) -> None:
+        """Show what has been drawn here dim, in no colour."""
+        for row in range(self.height):
+            for column in range(self.width):
+                self.canvas.dim(self.top + row, self.left + column)
 
     def part(self, top: int, left: int, width: int, height: int) -> Area:
         """Return a rectangle of this one, no larger than what there is of it."""

@@ -90,5 +90,7 @@ def _legend(view: LiveView, controls: Controls, curves: tuple[ErrorCurve, ErrorC
     for name, curve in zip(("acw", "cw"), curves, strict=True):
         more = "" if curve.is_whole or not len(curve.phi) else "…"
         words.append(f"{name} {curve.band * factor:.4f}{unit}{more}" if len(curve.phi) else f"{name} –")
+    if not any(len(curve.phi) for curve in curves):
+        return words
     less = "sine" if all(curve.less_sine for curve in curves if len(curve.phi)) else "mean"
     return [*words, f"less {less}", f"reach {scale * factor:g}{unit}"]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import get_args
 
-from analysis.live.view import Reading
+from analysis.live.view import LiveView, Reading
 from rigs.schema.vocabulary import CIRCLES, Direction, TestName
 
 REDRAW = "\x0c"
@@ -130,6 +130,14 @@ class Controls:
         if key == "s" and self.label is not None:
             return controls, Start(self.label)
         return controls._set(key, readings, helped=self.shows_help), _ACTIONS.get(key)
+
+    def told(self, notice: str, before: LiveView, view: LiveView) -> Controls:
+        """Return the controls with a notice for their message. Without one, a message is dropped once the daemon has
+        gone or come back, or a recording has begun or ended: it speaks of what was before."""
+        if notice:
+            return replace(self, message=notice)
+        changed = (bool(before.lost), before.name) != (bool(view.lost), view.name)
+        return replace(self, message="") if changed else self
 
     def _set(self, key: str, readings: Mapping[str, Reading], *, helped: bool) -> Controls:
         """The controls after a key that changes them. helped: whether the help was shown when it was pressed."""

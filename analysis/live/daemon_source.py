@@ -68,15 +68,16 @@ class DaemonSource:
     """A daemon by its socket; it may go and come back."""
 
     def __init__(self, socket: Path) -> None:
-        """Raises CellError where no daemon answers now."""
         self._socket = socket
         self._updates: SimpleQueue[Update] = SimpleQueue()
         self._ended = threading.Event()
-        self._client: Client | None = Client(socket)
         self._thread = threading.Thread(target=self._ask, name="ask rigd", daemon=True)
         self._heard_s = time.monotonic()
 
     def __enter__(self) -> DaemonSource:
+        """Begin to ask. Raises CellError where no daemon answers now."""
+        with Client(self._socket):
+            pass
         self._thread.start()
         return self
 
@@ -113,7 +114,7 @@ class DaemonSource:
         rig_lines: list[str] | None = None
         while not self._ended.is_set():
             try:
-                with self._client or Client(self._socket) as client:
+                with Client(self._socket) as client:
                     asking = Asking(client, rig_lines)
                     while not self._ended.wait(_ASK_S):
                         if self._updates.qsize() > _MOST_WAITING:  # the terminal takes nothing: held by Ctrl-S
@@ -124,7 +125,6 @@ class DaemonSource:
                 self._updates.put(Update(lost=f"waiting for rigd: {error.what}"))
             except RigError as error:
                 self._updates.put(Update(lost=f"{error.what}: this rigd is older than rig live; restart it"))
-            self._client = None
             self._ended.wait(_RETRY_S)
 
 

@@ -67,6 +67,7 @@ def figures(view: LiveView) -> dict[str, Any]:
         "rig": view.cell.name if view.cell else None,
         "lost": view.lost or None,
         "recording": view.name,
+        "cut": view.cut or None,
         "test": view.test,
         "direction": view.direction,
         "played_s": view.played.at_s if view.played else None,
@@ -81,7 +82,8 @@ def figures(view: LiveView) -> dict[str, Any]:
         },
         "joints_deg": [_known(float(np.degrees(q))) for q in view.rows.q[-1]] if len(view.rows) else [],
         "joints_sense": [moves(float(speed)) for speed in speeds(view.rows)],
-        "reversals": len(view.reversals),
+        "reversals": sum(view.reversal_counts),
+        "joints_reversals": list(view.reversal_counts),
         "connected": {name: one["connected"] for name, one in state["streams"].items()} if state else {},
         "rate_hz": {name: round(one["rate_hz"], 2) for name, one in state["streams"].items()} if state else {},
     }
@@ -100,11 +102,13 @@ def plain_line(view: LiveView, units: Units) -> str:
     if (phi := phi_deg(view)) is not None:
         share, sense = lap_share(view), {1: " acw", -1: " cw", 0: ""}[view.lap.sense]
         parts.append(f"φ {phi:.1f}°{sense}" + (f", {100 * share:.0f} % of the lap" if share is not None else ""))
-    parts.append(f"{len(view.reversals)} reversals")
+    parts.append(f"{sum(view.reversal_counts)} reversals")
     if view.state and (lost := [name for name, one in view.state["streams"].items() if not one["connected"]]):
         parts.append(f"lost: {', '.join(lost)}")
     if view.name and not view.played:
         parts.append(f"recording {view.name}")
+    if view.cut:
+        parts.append(view.cut)
     return "; ".join(parts)
 
 

@@ -44,8 +44,8 @@ def draw_gauge(area: Area, view: LiveView, controls: Controls, k: int, scale: in
     if controls.zero_mm[k]:
         zero = controls.zero_mm[k] * units.per_mm
         column = area.put(0, column, f"  less {zero:.{units.decimals}f}", "bold")
-    old = reading.age_s > OLD_S or bool(view.lost)
-    if reading.age_s > OLD_S:
+    old = reading.age_s > OLD_S
+    if old:
         area.put(0, column + 2, f"{reading.age_s:.0f} s old", "yellow")
     else:
         _trend(area, view, units, k, column + 2)

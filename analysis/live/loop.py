@@ -107,8 +107,8 @@ def watch(source: Source, view: LiveView) -> None:
     controls = Controls()
     with _ends_in_order(), suppress(KeyboardInterrupt), keys_of(sys.stdin) as keys, Painter(sys.stdout) as painter:
         while True:
-            view, notice = _advanced(view, source)
-            controls = replace(controls, message=notice) if notice else controls
+            before, (view, notice) = view, _advanced(view, source)
+            controls = controls.told(notice, before, view)
             painter.paint(screen(view, controls, *size_of(sys.stdout)))
             for key in keys.within(_TICK_S):
                 controls, action = controls.pressed(key, view.readings)

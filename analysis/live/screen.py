@@ -38,7 +38,7 @@ def _small(area: Area, view: LiveView, controls: Controls) -> None:
     for row, words in enumerate(rows[: area.height]):
         area.put(row, 0, words)
     if area.height > len(rows):
-        draw_foot(area.part(area.height - 1, 0, area.width, 1), view, controls)
+        draw_foot(area.part(len(rows), 0, area.width, area.height - len(rows)), view, controls)
 
 
 def _whole(area: Area, view: LiveView, controls: Controls) -> None:
@@ -50,7 +50,7 @@ def _whole(area: Area, view: LiveView, controls: Controls) -> None:
     fixed = 1 + gauge_rows(scale) + links + 1
     trace = max(3, (area.height - fixed) // 4)
     heights = (1, gauge_rows(scale), area.height - fixed - trace, trace, links, 1)
-    head, gauges, middle, below, foot, last = area.rows(*heights)
+    head, gauges, middle, below, foot, _ = area.rows(*heights)
     draw_head(head, view)
     parts = gauges.columns(*[area.width // figures] * figures)
     for k in range(2):
@@ -60,7 +60,9 @@ def _whole(area: Area, view: LiveView, controls: Controls) -> None:
     _middle(middle, view, controls, with_angle=figures == 2)
     draw_trace(below, view, controls)
     draw_links(foot, view)
-    draw_foot(last, view, controls)
+    if view.lost:  # what is shown is the last that is known
+        area.part(1, 0, area.width, area.height - 2).dim()
+    draw_foot(area, view, controls)
 
 
 def _middle(area: Area, view: LiveView, controls: Controls, *, with_angle: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from analysis.live.controls import KEYS, Controls
 from analysis.live.figures import OLD_S
 from analysis.live.joints import JointReversal, moves, speeds
 from analysis.live.view import Event, LiveView
+from rigs.text import plain
 
 _LITTLE_DISK = 0.05
 """Share of a disk below which its room is shown as a warning."""
@@ -33,10 +35,10 @@ def draw_head(area: Area, view: LiveView) -> None:
         column = area.put(0, column, words, "bold green") + 2
         area.put(0, column, " ".join(filter(None, (view.test, view.direction))))
     elif view.state:
-        _recording(area, column, view.state)
+        _recording(area, column, view.state, view.cut)
 
 
-def _recording(area: Area, column: int, state: dict[str, Any]) -> None:
+def _recording(area: Area, column: int, state: dict[str, Any], cut: str) -> None:
     if state["recording"]:
         what = " ".join(filter(None, (state["test"], state["direction"])))
         words = f"● recording {state['recording']} ({what}) {state['seconds']:.0f} s"
@@ -47,6 +49,8 @@ def _recording(area: Area, column: int, state: dict[str, Any]) -> None:
         area.put(0, column, f"{state['waiting']} waits for the disk", "bold red")
     elif state.get("beginning"):
         area.put(0, column, f"{state['beginning']} begins", "yellow")
+    elif cut:
+        area.put(0, column, cut, "bold yellow")
     elif (automatic := state["automatic"]) is not None:
         why = f"; not started: {automatic['why_not']}" if automatic["why_not"] else ""
         area.put(0, column, f"automatic, waits for {'; '.join(automatic['waits_for'])}{why}", "dim")
@@ -61,8 +65,7 @@ def draw_joints(area: Area, view: LiveView) -> None:
         return
     names = view.cell.axes if view.cell else tuple(f"joint {axis}" for axis in range(1, 7))
     speed = speeds(view.rows)
-    last = {one.axis: one for one in view.reversals}
-    counts = {axis: sum(one.axis == axis for one in view.reversals) for axis in last}
+    last = view.last_reversals
     for k, name in enumerate(names):
         sense = moves(float(speed[k]))
         column = area.put(k, 1, f"{k + 1} ", "bold")
@@ -71,19 +74,22 @@ def draw_joints(area: Area, view: LiveView) -> None:
         column = area.put(k, 24, {1: "▲", -1: "▼", 0: "■"}[sense], "" if sense else "dim")
         column = area.put(k, column + 1, f"{math.degrees(speed[k]):+6.1f}°/s" if sense else "   stands", "dim")
         if k + 1 in last:
-            area.put(k, 37, f"{counts[k + 1]} rev, last {_place(last[k + 1])}", direction_colour(last[k + 1].sense))
+            area.put(
+                k, 37, f"{view.reversal_counts[k]} rev, last {_place(last[k + 1])}", direction_colour(last[k + 1].sense)
+            )
 
 
 def draw_events(area: Area, view: LiveView) -> None:
-    """Draw what happened, the latest first: reversals and faults."""
-    area.put(0, 1, "reversals and faults", "bold")
+    """Draw what happened, the latest first: reversals, faults, and what became of daemon and recording."""
+    area.put(0, 1, "what happened", "bold")
     now_s = float(view.rows.t_s[-1]) if len(view.rows) else 0.0
     for row, event in enumerate(reversed(view.events[-max(0, area.height - 1) :] if area.height > 1 else ()), start=1):
         area.put(row, 1, f"{now_s - event.t_s:6.1f} s ago  {_words(event, view)}", _style(event))
 
 
 def draw_links(area: Area, view: LiveView) -> None:
-    """Draw a row for each stream: connected, rate, clock and faults; the last row is disk and recording."""
+    """Draw a row for each stream: connected, rate, clock and faults; the last row is disk and recording. Of a daemon
+    that is lost, they are the last known."""
     state = view.state
     if state is None:
         return
@@ -91,7 +97,7 @@ def draw_links(area: Area, view: LiveView) -> None:
     for row, (name, stream) in enumerate(rows):
         column = area.put(row, 1, f"{name:<6}"[:12], "bold")
         words, style = ("connected", "green") if stream["connected"] else ("lost     ", "bold red")
-        column = area.put(row, column + 1, words, style)
+        column = area.put(row, column + 1, *(("last known", "") if view.lost else (words, style)))
         column = area.put(row, column + 1, f"{stream['rate_hz']:6.1f} Hz")
         old = [name for name, age_s in stream["age_s"].items() if age_s > OLD_S]
         if old and stream["connected"]:
@@ -105,18 +111,21 @@ def draw_links(area: Area, view: LiveView) -> None:
 
 
 def draw_foot(area: Area, view: LiveView, controls: Controls) -> None:
-    """Draw one row: the label that is typed, a message, or the keys."""
+    """Draw the label that is typed, or the keys, in the last row, and a message over the rows above it; where there is
+    one row alone, the message takes it."""
+    row = area.height - 1
     if controls.prompt is not None:
-        column = area.put(0, 1, "label (name test direction, Esc to leave): ", "bold")
-        column = area.put(0, column, controls.prompt)
-        column = area.put(0, column, "█")
-        area.put(0, column + 2, controls.message, "yellow")
-    elif controls.message:
-        area.put(0, 1, controls.message, "yellow")
+        column = area.put(row, 1, "label (name test direction, Esc to leave): ", "bold")
+        column = area.put(row, column, controls.prompt)
+        area.put(row, column, "█")
     elif view.played:
-        area.put(0, 1, "space pause  + - speed  u units  z zero  r restart  ? help  q quit", "dim")
+        area.put(row, 1, "space pause  + - speed  u units  z zero  r restart  ? help  q quit", "dim")
     else:
-        area.put(0, 1, "s start  e end  l label  z zero  u units  r restart  ? help  q quit", "dim")
+        area.put(row, 1, "s start  e end  l label  z zero  u units  r restart  ? help  q quit", "dim")
+    lines = wrap(plain(controls.message), max(1, area.width - 2))
+    top = max(0, row - len(lines))
+    for k, line in enumerate(lines[: max(1, row)]):
+        area.put(top + k, 0, f" {line}".ljust(area.width), "yellow")
 
 
 def draw_help(area: Area) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -62,7 +62,7 @@ class Update:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened: a reversal of a joint, or words about a fault."""
+    """Something that happened: a reversal of a joint, or words about a fault, a recording or the daemon."""
 
     t_s: float
     words: str
@@ -74,7 +74,9 @@ class LiveView:
     """Everything that a screen can show.
 
     extremes_mm (2, 2): smallest and largest reading of each gauge, nan before the first. test, direction and name are
-    those of the recording, or of the run that is played; shown_test: that of the curves.
+    those of the recording, or of the run that is played; shown_test: that of the curves. reversal_counts: of each
+    joint since the view began, however many events are kept; last_reversals: the last one by joint (1 … 6). cut: what
+    is said of a recording whose daemon went while it ran, until the next begins.
     """
 
     cell: Cell | None = None
@@ -87,8 +89,11 @@ class LiveView:
     cw: Sweep = field(default_factory=Sweep)
     joints: JointMotion = field(default_factory=JointMotion)
     events: tuple[Event, ...] = ()
+    reversal_counts: tuple[int, ...] = (0,) * 6
+    last_reversals: Mapping[int, JointReversal] = field(default_factory=dict)
     state: dict[str, Any] | None = None
     lost: str = ""
+    cut: str = ""
     played: Played | None = None
     name: str | None = None
     test: str | None = None
@@ -97,9 +102,10 @@ class LiveView:
 
     def after(self, update: Update) -> LiveView:
         """Return the view after an update."""
-        view = replace(self, lost=update.lost, played=update.played)
+        view = replace(self._with_loss(update), played=update.played)
         if update.cell is not None:
-            view = replace(LiveView(update.cell, state=self.state, events=self.events), played=update.played)
+            events = tuple(event for event in view.events if event.reversal is None)
+            view = LiveView(update.cell, state=self.state, cut=self.cut, events=events, played=update.played)
         if update.label is not None:
             view = view.labelled(*update.label)
         if update.state is not None:
@@ -129,7 +135,15 @@ class LiveView:
     def restarted(self) -> LiveView:
         """Return the view with extremes, curves and counts begun again; rows and state stay."""
         return replace(
-            self, extremes_mm=None, lap=LapProgress(), acw=Sweep(), cw=Sweep(), events=(), joints=JointMotion()
+            self,
+            extremes_mm=None,
+            lap=LapProgress(),
+            acw=Sweep(),
+            cw=Sweep(),
+            joints=JointMotion(),
+            events=(),
+            reversal_counts=(0,) * 6,
+            last_reversals={},
         )
 
     @property
@@ -152,13 +166,29 @@ class LiveView:
 
     @property
     def reversals(self) -> list[JointReversal]:
-        """The reversals that happened, in order."""
+        """The reversals among the events, in order."""
         return [event.reversal for event in self.events if event.reversal]
 
-    def _with_state(self, state: dict[str, Any]) -> LiveView:
+    def _with_events(self, events: Iterable[Event]) -> LiveView:
+        return replace(self, events=(*self.events, *events)[-_KEPT_EVENTS:])
+
+    def _with_words(self, words: Iterable[str]) -> LiveView:
         at_s = float(self.rows.t_s[-1]) if len(self.rows) else 0.0
-        faults = [Event(at_s, words) for words in _new_faults(self.state, state)]
-        view = replace(self, state=state, events=(*self.events, *faults)[-_KEPT_EVENTS:])
+        return self._with_events(Event(at_s, one) for one in words)
+
+    def _with_loss(self, update: Update) -> LiveView:
+        """Only what the daemon reads shows that it is back: a refused request comes while it is lost as well."""
+        lost = self.lost if not update.lost and update.readings is None else update.lost
+        if bool(lost) == bool(self.lost):
+            return replace(self, lost=lost)
+        during = f" while {self.name} is recorded" if self.name else ""
+        words = f"rigd does not answer{during}" if lost else "rigd answers again"
+        return replace(self, lost=lost)._with_words([words])
+
+    def _with_state(self, state: dict[str, Any]) -> LiveView:
+        words = [*_recording_changes(self.state, state), *_new_faults(self.state, state)]
+        cut = _cut(self.state, state) or ("" if state["recording"] or state.get("last_end") else self.cut)
+        view = replace(self, state=state, cut=cut)._with_words(words)
         if state["recording"] is None:
             return view.labelled(None, None, None)
         return view.labelled(state["recording"], state["test"], state["direction"])
@@ -175,15 +205,23 @@ class LiveView:
         phi = self.cell.phi(rows.q)
         lap, sense, share = self.lap.after(phi, self.cell.start_rad, self.cell.lead_rad)
         joints, turned = self.joints.after(rows, phi, sense)
-        events = tuple(Event(one.t_s, "", one) for one in turned)
         values = np.where(_is_in_lap(share, self.cell.lead_rad), self.cell.error_source(rows.g_mm), np.nan)
-        view = replace(view, lap=lap, joints=joints, events=(*self.events, *events)[-_KEPT_EVENTS:])
         return replace(
-            view,
+            view._with_reversals(turned),
+            lap=lap,
+            joints=joints,
             phi=np.concatenate([self.phi, phi])[-_KEPT_ROWS:],
             acw=self._swept(self.acw, "acw", phi, np.where(sense > 0, values, np.nan)),
             cw=self._swept(self.cw, "cw", phi, np.where(sense < 0, values, np.nan)),
         )
+
+    def _with_reversals(self, turned: Sequence[JointReversal]) -> LiveView:
+        counts = tuple(
+            count + sum(one.axis == axis for one in turned) for axis, count in enumerate(self.reversal_counts, start=1)
+        )
+        last = {**self.last_reversals, **{one.axis: one for one in turned}}
+        view = replace(self, reversal_counts=counts, last_reversals=last)
+        return view._with_events(Event(one.t_s, "", one) for one in turned)
 
     def _swept(self, sweep: Sweep, direction: Direction, phi: Array, values: Array) -> Sweep:
         """A way back between two laps is no measurement in the other direction."""
@@ -196,6 +234,32 @@ def _is_in_lap(share: Array, lead_rad: float) -> Mask:
     lead = lead_rad / (2 * np.pi)
     inside: Mask = (share >= 0) & ((share < 1) | (share % 1 > lead))
     return inside
+
+
+def _recording_changes(before: dict[str, Any] | None, state: dict[str, Any]) -> list[str]:
+    """What has become of the recording, in words."""
+    if before is None or _run_of(before) == _run_of(state):
+        return []
+    words = []
+    if before["recording"]:
+        why = f": {state['last_end']}" if state.get("last_end") else ""
+        words.append(_cut(before, state) or f"recording {before['recording']} ended{why}")
+    if state["recording"]:
+        words.append(f"recording {state['recording']} began: {_run_of(state)}")
+    return words
+
+
+def _cut(before: dict[str, Any] | None, state: dict[str, Any]) -> str:
+    """What is said of a recording whose daemon has gone: one that knows of no end has been started since it began."""
+    if before is None or not before["recording"] or state["recording"] or state["last_end"]:
+        return ""
+    return f"recording {before['recording']} was cut: rigd was started again"
+
+
+def _run_of(state: dict[str, Any]) -> str | None:
+    """The run that is recorded; of two recordings of one name, it differs."""
+    run: str | None = state.get("run", state["recording"])
+    return run
 
 
 def _new_faults(before: dict[str, Any] | None, state: dict[str, Any]) -> list[str]:

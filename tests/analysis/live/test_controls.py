@@ -14,7 +14,7 @@ from analysis.live.controls import (
     Stop,
     label_of,
 )
-from analysis.live.view import Reading
+from analysis.live.view import LiveView, Reading
 
 READINGS = {"g1": Reading(0.5, 0.0), "g2": Reading(-0.25, 0.0)}
 
@@ -68,3 +68,19 @@ def test_units_go_round() -> None:
 def test_every_other_key_is_an_action_or_nothing() -> None:
     assert typed("er +-q?x")[1] == [Stop(), Restart(), Pause(), Speed(2.0), Speed(0.5), Quit()]
     assert typed("?")[0].shows_help and not typed("??")[0].shows_help and not typed("?x")[0].shows_help
+
+
+@pytest.mark.parametrize(
+    ("before", "view"),
+    [
+        (LiveView(), LiveView(name="lap")),
+        (LiveView(name="lap"), LiveView()),
+        (LiveView(), LiveView(lost="gone")),
+        (LiveView(lost="gone"), LiveView()),
+    ],
+)
+def test_a_message_does_not_outlive_the_state_it_speaks_of(before: LiveView, view: LiveView) -> None:
+    controls = Controls().told("recording to runs/lap", before, before)
+    assert controls.told("", before, before).message == "recording to runs/lap"
+    assert not controls.told("", before, view).message
+    assert controls.told("refused", before, view).message == "refused"

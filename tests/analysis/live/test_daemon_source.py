@@ -157,8 +157,8 @@ def test_a_rig_file_that_cannot_be_read_leaves_the_readings(path: Path) -> None:
 
 
 def test_without_a_daemon_it_does_not_begin(path: Path) -> None:
-    with pytest.raises(CellError):
-        DaemonSource(path)
+    with pytest.raises(CellError), DaemonSource(path):
+        pass
 
 
 def test_a_refused_recording_is_a_notice(path: Path) -> None:
@@ -196,11 +196,15 @@ def test_a_real_daemon_is_watched_recorded_lost_and_found_again(tmp_path: Path) 
             terminal.until(lambda text: "recording lap (radial)" in text, "start")
             terminal.type("e")
             terminal.until(lambda text: "not recording" in text, "end")
+            terminal.type("s")
+            terminal.until(lambda text: "recording lap (radial)" in text, "second start")
             bench.signalled(signal.SIGKILL)
-            terminal.until(lambda text: "waiting for rigd" in text, "loss")
+            terminal.until(lambda text: "waiting for rigd" in text and "last known" in text, "loss")
             bench.start()
             terminal.until(lambda text: "waiting for rigd" not in text and "robot  connected" in text, "return")
+            text = terminal.until(lambda text: "recording lap was cut" in text, "cut")
+            assert "recording to" not in text and "not recording" in text and "s start" in text
             terminal.type("q")
             assert terminal.ended() == 0 and terminal.is_as_before()
-        (run,) = (tmp_path / "runs").glob("*_lap")
-        assert load_manifest(run).exit_status == "complete"
+        ended, _ = sorted((tmp_path / "runs").glob("*_lap*"))
+        assert load_manifest(ended).exit_status == "complete"

@@ -1,12 +1,15 @@
 """The screen at any size: exactly as large as the terminal, and whole in what it says."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.cells import cell_len
+from rich.segment import Segment
 
 from analysis.live.canvas import Canvas
-from analysis.live.controls import UNITS, Controls
+from analysis.live.controls import UNITS, Controls, label_of
 from analysis.live.large_digits import height_of, put_large, width_of
 from analysis.live.screen import screen
 from analysis.live.view import LiveView, Played, Reading
@@ -99,6 +102,49 @@ def test_what_cannot_be_shown_is_said() -> None:
 def test_a_loss_of_the_daemon_is_on_every_size(views: list[LiveView]) -> None:
     for width, height in ((30, 5), (80, 24), (250, 70)):
         assert "gone" in "\n".join(screen(LiveView(lost="gone"), Controls(), width, height).lines())
+
+
+def connected_state() -> dict[str, object]:
+    stream = {"connected": True, "rate_hz": 95.2, "counters": {}, "last": {}, "age_s": {}, "last_fault": ""}
+    return {"rig": "ur10e", "recording": None, "streams": {"g1": stream}, "automatic": None, "last_end": ""}
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40), (250, 70)])
+def test_all_figures_are_dim_while_the_daemon_is_lost(views: list[LiveView], width: int, height: int) -> None:
+    view = replace(views[3], played=None, state=connected_state())
+    assert "connected" in "\n".join(screen(view, Controls(), width, height).lines())
+    canvas = screen(replace(view, lost="gone"), Controls(), width, height)
+    text = "\n".join(canvas.lines())
+    assert "last known" in text and "connected" not in text and "95.2 Hz" in text
+    lines: list[list[Segment]] = [[]]
+    for segment in PlainConsole(width=width).render(canvas):
+        if segment.text == "\n":
+            lines.append([])
+        else:
+            lines[-1].append(segment)
+    assert {str(segment.style) for line in lines[1:-1] for segment in line} == {"dim"}
+    assert "bold red" in {str(segment.style) for segment in lines[0]}
+
+
+def test_a_wrong_label_is_explained_whole_at_80_columns() -> None:
+    controls = Controls(prompt="monday yaw")
+    for text in ("monday yaw", "monday", "monday radial acw"):
+        _, wrong = label_of(text)
+        lines = screen(LiveView(), replace(controls, message=wrong), 80, 24).lines()
+        shown = " ".join(" ".join(lines[-4:-1]).split())
+        assert wrong in shown and "monday yaw█" in lines[-1]
+
+
+@pytest.mark.parametrize(("width", "height"), [(80, 24), (30, 10)])
+def test_a_message_leaves_the_keys_in_sight(width: int, height: int) -> None:
+    lines = screen(LiveView(), Controls(message="recording to runs/lap"), width, height).lines()
+    assert "recording to runs/lap" in lines[-2] and "s start" in lines[-1]
+
+
+def test_without_a_curve_no_reach_and_no_sine_are_shown(views: list[LiveView]) -> None:
+    standing = LiveView(views[3].cell)
+    text = "\n".join(screen(standing, Controls(), 250, 70).lines())
+    assert "reach" not in text and "less" not in text and "0.0001" not in text and "acw –" in text
 
 
 def test_without_colour_nothing_but_text_is_sent(views: list[LiveView], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,7 @@
 """The model behind the screen, on simulated laps: its figures beside those of `rig analyse`."""
 
+import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -7,14 +9,17 @@ import numpy as np
 import pytest
 
 from analysis import evaluate, load_run
-from analysis.live.controls import UNITS
+from analysis.live.cell import cell_of
+from analysis.live.controls import UNITS, Controls
 from analysis.live.figures import angle_deg, figures, phi_deg, plain_line, shown_curves
 from analysis.live.played_run import played_run
 from analysis.live.rows import Rows
-from analysis.live.view import LiveView, Reading, Update
+from analysis.live.screen import screen
+from analysis.live.view import Event, LiveView, Reading, Update
 from analysis.measures.joint_reversals import turns
 from analysis.traces.laps import laps_of
 from analysis.traces.tables import CircleTable
+from rigs.load import load
 from tests.support.simulated_laps import lap_run, watched, watched_lap
 
 
@@ -105,6 +110,72 @@ def test_new_faults_become_events_and_old_ones_do_not() -> None:
     lost = state(silent=5, garbled=1)
     lost["streams"]["g1"]["connected"] = False
     assert view.after(Update(state=lost)).events[-1].words == "g1: connection lost"
+
+
+def recording(name: str, run: str) -> dict[str, Any]:
+    return {**state(), "recording": name, "run": run, "test": "yaw", "direction": "acw", "seconds": 1.0}
+
+
+def words_after(*updates: Update) -> list[str]:
+    view = LiveView().after(Update(state=state(), readings={}))
+    for update in updates:
+        view = view.after(update)
+    return [event.words for event in view.events]
+
+
+def test_a_recording_that_was_cut_is_an_event() -> None:
+    begun = Update(state=recording("lap", "runs/1_lap"), readings={})
+    lost, back = Update(lost="waiting for rigd"), Update(readings={})
+    words = words_after(begun, lost, lost, Update(notice="refused"), lost, back, Update(state=state(), readings={}))
+    assert words == [
+        "recording lap began: runs/1_lap",
+        "rigd does not answer while lap is recorded",
+        "rigd answers again",
+        "recording lap was cut: rigd was started again",
+    ]
+
+
+def test_a_cut_recording_is_said_until_the_next_begins() -> None:
+    begun, ended = (Update(state=one, readings={}) for one in (recording("lap", "runs/1_lap"), state()))
+    view = LiveView().after(begun).after(Update(lost="waiting for rigd")).after(ended).after(ended)
+    assert figures(view)["cut"] == "recording lap was cut: rigd was started again"
+    assert "recording lap was cut" in plain_line(view, UNITS[0])
+    assert "recording lap was cut" in screen(view, Controls(), 80, 24).lines()[0]
+    assert figures(view.after(begun))["cut"] is None
+
+
+def test_a_recording_that_ended_is_no_cut() -> None:
+    begun = Update(state=recording("lap", "runs/1_lap"), readings={})
+    ended = Update(state={**state(), "last_end": "complete: asked for"}, readings={})
+    assert words_after(begun, begun, ended, ended)[1:] == ["recording lap ended: complete: asked for"]
+    another = Update(state=recording("lap", "runs/2_lap"), readings={})
+    assert words_after(begun, another)[1:] == ["recording lap ended", "recording lap began: runs/2_lap"]
+
+
+def test_a_refused_request_does_not_end_a_loss() -> None:
+    view = LiveView(lost="waiting for rigd").after(Update(notice="no daemon answers"))
+    assert view.lost and not view.after(Update(readings={})).lost
+
+
+def test_reversals_are_counted_beyond_the_events_that_are_kept() -> None:
+    q = np.zeros((1201, 6))
+    q[:, 2] = np.radians(np.arange(1201) % 2 * 5.0)
+    view = LiveView(cell_of(load("ur10e")[0])).after(Update(rows=Rows(np.arange(1201.0), np.zeros((1201, 2)), q)))
+    noisy = view.after(Update(state=state(silent=0)))
+    for count in range(1, 300):
+        noisy = noisy.after(Update(state=state(silent=count)))
+    assert noisy.reversal_counts == (0, 0, 1199, 0, 0, 0) and noisy.last_reversals[3].t_s == 1199.0
+    found = json.loads(json.dumps(figures(noisy)))
+    assert found["reversals"] == 1199 and found["joints_reversals"] == [0, 0, 1199, 0, 0, 0]
+    assert "1199 reversals" in plain_line(noisy, UNITS[0])
+    fresh = noisy.restarted()
+    assert fresh.reversal_counts == (0,) * 6 and not fresh.last_reversals
+
+
+def test_another_rig_file_begins_curves_and_reversals_again(whole: LiveView) -> None:
+    assert whole.cell is not None
+    other = replace(whole, events=(*whole.events, Event(0.0, "g1: lost"))).after(Update(cell=whole.cell))
+    assert not other.reversals and sum(other.reversal_counts) == 0 and other.events == (Event(0.0, "g1: lost"),)
 
 
 def test_figures_are_plain_and_say_what_is_missing(whole: LiveView) -> None:
