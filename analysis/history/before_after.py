@@ -74,6 +74,18 @@ class Difference:
         return plain
 
 
+def headlines(found: Sequence[Difference]) -> list[str]:
+    """What is said first: a sentence for each figure that changed, or why there is none; and what is not known."""
+    larger = [one.sentence for one in found if one.is_larger]
+    unknown = sum(not np.isfinite(one.difference.u) for one in found)
+    repeat = "record two or more runs on at least one side."
+    if unknown == len(found):
+        return [f"The spread between runs is not known, so no difference can be judged: {repeat}"]
+    none = ["No figure differs by more than the spread between runs explains."]
+    rest = [f"Figures without a known spread between runs, not judged: {unknown}; {repeat}"] if unknown else []
+    return [*(larger or none), *rest]
+
+
 def differences(after: Sequence[Path], before: Sequence[Path]) -> list[Difference]:
     """The differences of all figures that runs on both sides have, by test and program.
 

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.frames import for_json, table_of_rows
-from analysis.history.before_after import Difference
+from analysis.history.before_after import Difference, headlines
 from analysis.history.history import History, Series, label_of
 from analysis.history.limits import judge
 from analysis.history.words import against_limit, dates, doubts, remarks, sentences
@@ -57,9 +57,7 @@ def _table(history: History) -> Table:
 
 def as_differences(found: Sequence[Difference]) -> RenderableType:
     """Before and after a repair: a sentence for each figure that changed, and a line for each that was compared."""
-    larger = [Text(one.sentence, style="bold") for one in found if one.is_larger]
-    if not larger:
-        larger = [Text("No figure differs by more than the spread between runs explains.", style="bold")]
+    found_first = [Text(sentence, style="bold") for sentence in headlines(found)]
     table = Table(header_style="bold", box=None, padding=(0, 1))
     table.add_column("")
     table.add_column("")
@@ -77,9 +75,9 @@ def as_differences(found: Sequence[Difference]) -> RenderableType:
         name = "" if one.title == title else one.title
         table.add_row(name, label_of(one.figure), *cells, style="bold" if one.is_larger else "")
         title = one.title
-    counts = f"{max(one.runs_before for one in found)} runs before, {max(one.runs_after for one in found)} after"
+    counts = f"runs: {max(one.runs_before for one in found)} before, {max(one.runs_after for one in found)} after"
     u = f"u is the standard uncertainty by the spread between runs; {counts}"
-    return Group(*larger, whole(table), Text(u, style="dim"))
+    return Group(*found_first, whole(table), Text(u, style="dim"))
 
 
 def _cells(series: Series) -> tuple[str, str, str, str]:

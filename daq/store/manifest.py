@@ -250,6 +250,8 @@ def load_manifest(run: Path) -> Manifest:
     except FileNotFoundError:
         if any(run.glob(f"*/{MANIFEST}")):
             raise FileError(str(run), "is not a run but holds runs", f"give one of them, as {run}/NAME") from None
+        if not any(parse_chunk(file.name) for file in run.iterdir()):
+            raise FileError(str(run), "holds no run", "give the directory of a run") from None
         raise FileError(str(run), "has no manifest.json", f"run `rig recover {run}`") from None
     except ValidationError as error:
         what = f"is damaged or of another version: {first_error(error)}"

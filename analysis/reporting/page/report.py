@@ -23,6 +23,11 @@ class Report:
     found: Diagnosis | None
     undiagnosed: str
 
+    @property
+    def title(self) -> str:
+        """The robot that was measured: the name of its rig, which no other robot has, and its type."""
+        return f"{self.results[0].measured.rig.name} – {self.rig.robot.name}"
+
 
 def gather(
     runs: Sequence[Measured],
@@ -38,10 +43,7 @@ def gather(
     cannot be evaluated or are of several robots.
     """
     model = rig if rig is not None else runs[0].rig
-    for run in runs:
-        if run.rig.robot.name != model.robot.name:
-            what = f"is of {run.rig.robot.name}, and the report is about {model.robot.name}"
-            raise FileError(str(run.path), what, "make a report for each robot")
+    _hold_one_robot(runs, model)
     progress("evaluating the runs")
     results = tuple(evaluate_runs(runs))
     undiagnosed = ""
@@ -55,6 +57,17 @@ def gather(
     if found is not None and found.standing:
         corrected = _compared(results, found.extended_rig)
     return Report(model, results, simulated, corrected, found, undiagnosed)
+
+
+def _hold_one_robot(runs: Sequence[Measured], model: Rig) -> None:
+    """Two robots of one type differ in the names of their rigs; the model may have a rig file of its own."""
+    for run in runs:
+        if run.rig.robot.name != model.robot.name:
+            what = f"is of {run.rig.robot.name}, and the report is about {model.robot.name}"
+            raise FileError(str(run.path), what, "make a report for each robot")
+        if run.rig.name != runs[0].rig.name:
+            what = f"is of rig {run.rig.name}, and the report is about rig {runs[0].rig.name}"
+            raise FileError(str(run.path), what, "make a report for each robot")
 
 
 def _compared(results: Sequence[Result], rig: Rig) -> Compared | None:

@@ -28,8 +28,9 @@ from analysis.reporting.page.sections import sections_of
 from analysis.reporting.page.still_chart import still
 from analysis.reporting.page.texts import Language, Texts, texts_of
 from analysis.reporting.page.trace import RunTrace, instruments_of, runs_of
-from analysis.reporting.page.verdict import judge, rule, verdict_sentence
+from analysis.reporting.page.verdict import example_limits, judge, rule, verdict_sentence
 from analysis.traces.loading import SIMULATED
+from daq.store import durable
 from rigs.errors import FileError
 from rigs.text import plain_lines
 
@@ -46,11 +47,14 @@ def hold_page(file: Path) -> None:
 
 
 def write_page(report: Report, file: Path, language: Language = "en") -> Path:
-    """Write the page of a report, in place of a file that is there. Raises FileError where nothing can be written."""
+    """Write the page of a report, in place of a file that is there, which stays until the new one is whole.
+
+    Raises FileError where nothing can be written.
+    """
     html = rendered(report, texts_of(language))
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(html, encoding="utf-8")
+        durable.replace(file.resolve(), html.encode())
     except OSError as error:
         raise FileError(str(file), error.strerror or str(error), "give another --output") from None
     return file
@@ -75,6 +79,8 @@ def rendered(report: Report, texts: Texts) -> str:
         report=report,
         verdict=verdict,
         verdict_sentence=verdict_sentence(verdict, texts),
+        example_limits="" if verdict.judged else example_limits(verdict),
+        has_data_sheet=report.rig.limits.data_sheet_rp_mm is not None,
         rule=rule(texts),
         findings=findings_of(report.found, texts) if report.found else [],
         open_question=open_question(report.found) if report.found else "",

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.history.before_after import differences
+from analysis.history.before_after import differences, headlines
 from analysis.history.collect import collect
 from analysis.history.history_file import FILE, write_records
 from analysis.history.records import Record
@@ -42,6 +42,14 @@ def test_one_run_a_side_shows_no_spread_and_says_so(runs: list[Path]) -> None:
     for one in differences(runs[3:4], runs[:1]):
         assert not one.is_larger and not np.isfinite(one.difference.u)
         assert "repeat them" in one.sentence and one.to_dict()["difference"]["u"] is None
+
+
+def test_without_a_known_spread_it_is_not_said_that_nothing_differs(runs: list[Path]) -> None:
+    (line,) = headlines(differences(runs[3:4], runs[:1]))
+    assert line.startswith("The spread between runs is not known") and "record two or more runs" in line
+    several = headlines(differences(runs[1:3], [runs[0]]))
+    assert several == ["No figure differs by more than the spread between runs explains."]
+    assert "known" not in " ".join(headlines(differences(runs[3:], runs[:3])))
 
 
 def test_a_history_beside_the_runs_lends_its_spread(tmp_path: Path) -> None:

@@ -294,6 +294,9 @@ def test_a_directory_that_holds_runs_is_told_from_a_run_without_manifest(tmp_pat
     path = finished(tmp_path / "runs")
     with pytest.raises(FileError, match="is not a run but holds runs; give one of them"):
         read_run(path.parent)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(FileError, match="holds no run; give the directory of a run"):
+        read_run(tmp_path / "empty")
     (path / "manifest.json").unlink()
     with pytest.raises(FileError, match=r"has no manifest\.json; run `rig recover"):
         read_run(path)

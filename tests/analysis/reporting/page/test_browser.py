@@ -101,6 +101,17 @@ def test_on_paper_every_picture_is_there_and_no_table_is_wider(opened: Browser) 
         opened.send("Emulation.setEmulatedMedia", media="")
 
 
+def test_a_telephone_scrolls_in_its_tables_and_not_the_page(page: Path, tmp_path: Path) -> None:
+    with browser(tmp_path / "profile") as one:
+        one.send("Page.navigate", url=page.as_uri())
+        one.until(DRAWN)  # wide first, as on a screen that is turned or a window that is made smaller
+        one.send("Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=1, mobile=False)
+        one.until("innerWidth === 390")
+        assert one.value("document.documentElement.scrollWidth") <= 390
+        one.until("[...document.querySelectorAll('.live .main-svg')].every(svg => svg.clientWidth <= 390)")
+        assert one.value("[...document.querySelectorAll('table')].every(table => table.closest('.wide'))")
+
+
 def test_dark_paper_has_light_ink(opened: Browser) -> None:
     line = "getComputedStyle(document.querySelector('figure.straight .lines path')).stroke"
     light = opened.value(line)

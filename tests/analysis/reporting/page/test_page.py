@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import base64
+import errno
 import gzip
 import hashlib
 import json
+import os
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +23,7 @@ from analysis.reporting.page.report import Report, gather
 from analysis.reporting.page.still_chart import still
 from analysis.reporting.page.target_charts import directions, interpolated, target_charts
 from analysis.reporting.page.texts import texts_of
-from analysis.reporting.page.write_page import rendered
+from analysis.reporting.page.write_page import rendered, write_page
 from rigs.errors import FileError
 from rigs.load import load, load_hidden
 from tests.support.handmade_diagnosis import diagnosis
@@ -121,6 +123,42 @@ def test_a_report_is_about_one_robot(runs: list[Path]) -> None:
     other = load("paper-fanuc")[0]
     with pytest.raises(FileError, match="make a report for each robot"):
         gather([load_run(runs[0])], other, progress=lambda doing: None)
+
+
+def test_two_robots_of_one_type_do_not_share_a_page(runs: list[Path], tmp_path: Path) -> None:
+    line2 = RIG.model_copy(update={"name": "line2"})
+    (other,) = write_simulated(line2, TEXT.replace("name: ur10e", "name: line2", 1), "yaw", ("acw",), [1], tmp_path)
+    with pytest.raises(FileError, match="is of rig line2, and the report is about rig ur10e; make a report for each"):
+        gather([load_run(runs[0]), load_run(other)], progress=lambda doing: None)
+
+
+def test_title_and_heading_name_the_rig_and_the_robot(page: str) -> None:
+    assert "<h1>ur10e – Universal Robots UR10e</h1>" in page
+    assert "<title>ur10e – Universal Robots UR10e ·" in page
+
+
+def test_a_page_without_a_verdict_says_which_limits_it_needs(report: Report) -> None:
+    text = _text(rendered(replace(report, results=report.results[:1]), texts_of("en")))
+    assert "limits: yaw: circular_deviation_mm: {watch: 0.05" in text and "a run of the repeatability test" in text
+
+
+def test_a_full_disk_keeps_the_old_page(report: Report, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "page.html"
+    file.write_text("old", encoding="utf-8")
+    write_full = os.pwrite
+
+    def full(fd: int, data: bytes | memoryview, offset: int) -> int:
+        if offset:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return write_full(fd, memoryview(data)[:1000], offset)
+
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "pwrite", full)
+        with pytest.raises(FileError, match="No space left on device"):
+            write_page(report, file)
+    assert file.read_text(encoding="utf-8") == "old" and list(tmp_path.iterdir()) == [file]
+    write_page(report, file)
+    assert file.read_text(encoding="utf-8").startswith("<!doctype html>")
 
 
 def test_the_command_writes_the_page_and_refuses_another_name(runs: list[Path], tmp_path: Path) -> None:

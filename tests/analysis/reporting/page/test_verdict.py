@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import get_args
 
 import pytest
+import yaml
 
 from analysis import Result, evaluate_runs, load_run
-from analysis.reporting.page.texts import texts_of
-from analysis.reporting.page.verdict import judge, verdict_sentence
+from analysis.reporting.page.texts import LANGUAGES, Language, texts_of
+from analysis.reporting.page.verdict import Verdict, example_limits, judge, verdict_sentence
 from rigs.load import load, load_hidden
 from rigs.schema.limits import CircleLimits, Limit, Limits
+from rigs.schema.vocabulary import TestName
 from tests.support.handmade_diagnosis import diagnosis
 from tests.support.written_runs import write_simulated
 
@@ -33,7 +36,22 @@ def _limits(**of_yaw: Limit) -> Limits:
 def test_without_limits_nothing_is_judged(laps: list[Result]) -> None:
     verdict = judge(laps, Limits(), None, TEXTS)
     assert (verdict.overall, verdict.judged) == ("unjudged", ())
-    assert "add limits" in verdict_sentence(verdict, TEXTS)
+    assert (
+        verdict_sentence(verdict, TEXTS) == "The rig file gives no limits for these tests (Yaw), so nothing was judged."
+    )
+
+
+def test_the_example_of_limits_makes_every_test_judged() -> None:
+    verdict = Verdict("unjudged", (), False, get_args(TestName))
+    limits = Limits.model_validate(yaml.safe_load(example_limits(verdict))["limits"])
+    assert all(getattr(limits, test).model_fields_set for test in verdict.tests)
+
+
+def test_the_example_of_limits_for_one_test_has_three_lines(laps: list[Result]) -> None:
+    lines = example_limits(judge(laps, Limits(), None, TEXTS))
+    assert lines.count("\n") == 3
+    limits = Limits.model_validate(yaml.safe_load(lines)["limits"])
+    assert judge(laps, limits, None, TEXTS).judged
 
 
 def test_each_direction_and_the_pair_are_judged_and_the_worst_decides(laps: list[Result]) -> None:
@@ -45,7 +63,26 @@ def test_each_direction_and_the_pair_are_judged_and_the_worst_decides(laps: list
     assert len(verdict.judged) == 5  # acw, cw and both together for G; acw and cw for the band
     assert verdict.judged[0].standing == "fail" and verdict.judged[-1].standing == "pass"
     sentence = verdict_sentence(verdict, TEXTS)
-    assert sentence.startswith("3 of 5 figures with a limit fail. Yaw") and "fail above 0.0001 mm" in sentence
+    assert sentence.startswith("Figures that fail: 3 of 5 with a limit. Yaw")
+    assert sentence.count("fail above 0.0001 mm") == 3 and "more" not in sentence
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_up_to_three_figures_are_named_and_the_others_counted(laps: list[Result], language: Language) -> None:
+    texts = texts_of(language)
+    narrow = Limit(fail=1e-6)
+    verdict = judge(laps, _limits(band_deg=narrow, circular_deviation_mm=narrow), None, texts)
+    sentence = verdict_sentence(verdict, texts)
+    assert len(verdict.with_standing("fail")) == 5
+    assert [one.named(texts) in sentence for one in verdict.judged] == [True] * 3 + [False] * 2
+    assert texts("and_more", count=2) in sentence
+
+
+def test_a_single_figure_is_not_spoken_of_as_several(laps: list[Result]) -> None:
+    for bound, overall in ((100.0, "pass"), (1e-6, "fail")):
+        verdict = judge(laps[:1], _limits(band_deg=Limit(fail=bound)), None, TEXTS)
+        assert (verdict.overall, len(verdict.judged)) == (overall, 1)
+        assert "1 figures" not in verdict_sentence(verdict, TEXTS)
 
 
 def test_a_figure_whose_uncertainty_reaches_over_its_limit_does_not_pass(laps: list[Result]) -> None:
