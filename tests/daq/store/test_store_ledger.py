@@ -244,7 +244,7 @@ def test_a_failed_end_promises_rows_and_recovery_says_which_of_them_are_missing(
     assert recover(path).nothing_to_do
 
 
-@pytest.mark.parametrize("name", ["g1-0001.arrow", "ledger.jsonl"])
+@pytest.mark.parametrize("name", ["g1-0001.arrow", "ledger.jsonl", "manifest.json"])
 @pytest.mark.parametrize("moved", [False, True])
 def test_a_file_that_vanishes_is_noticed_at_the_next_write_and_no_row_is_lost(
     tmp_path: Path, name: str, moved: bool
