@@ -12,8 +12,9 @@ from typing import Annotated, NoReturn
 import typer
 from typer.exceptions import TyperException
 
+from analysis.cli.commands import Group
+from analysis.cli.console import say_error
 from rigs.errors import CellError, FileError, RigError
-from rigs.text import plain
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _OF_A_CELL = ("fcntl", "grp", "resource", "termios", "tty")
@@ -24,8 +25,8 @@ _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 matrices are small, so two threads took 27.5 s of processor time where one takes 9.8 s (two cores, measured)."""
 
 app = typer.Typer(
+    cls=Group,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     help="Robot metrology with a ball link and two digital probes: record, analyse, compare.",
 )
@@ -73,7 +74,7 @@ def main() -> None:
 
 
 def _fail(error: RigError) -> NoReturn:
-    sys.stderr.writelines(f"error: {plain(line)}\n" for line in error.lines())
+    say_error(error)
     sys.exit(error.exit_code)
 
 

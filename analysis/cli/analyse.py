@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 
-@app.command()
+@command(app, "rig analyse runs/lap-acw runs/lap-cw --plot pictures")
 def analyse(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories.")
+    ],
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     plot: Annotated[
         Path | None, typer.Option(help="Directory for pictures; default: write none. A page: rig report.")
@@ -28,16 +32,23 @@ def analyse(
 ) -> None:
     """Evaluate runs of any test (yaw, roll, radial, repeatability, pose); every figure has its uncertainty."""
     from analysis import evaluate_runs, load_run  # noqa: PLC0415
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.reporting.run_report import as_object, as_tables  # noqa: PLC0415
     from analysis.reporting.truth import compare  # noqa: PLC0415
 
-    results = evaluate_runs([load_run(run) for run in runs])
-    truths = compare(results, truth) if truth else []
-    if plot:
-        from analysis.reporting.plots import save_all_pictures  # noqa: PLC0415
+    with progress_of() as progress:
+        measured = [load_run(run) for run in runs]
+        progress(f"evaluating {len(runs)} runs")
+        results = evaluate_runs(measured)
+        truths = compare(results, truth) if truth else []
+        pictures: Iterable[Path] = ()
+        if plot:
+            from analysis.reporting.plots import save_all_pictures  # noqa: PLC0415
 
-        for picture in save_all_pictures(results, plot):
-            say(f"wrote {picture}", err=True)
+            progress("drawing the pictures")
+            pictures = list(save_all_pictures(results, plot))
+    for picture in pictures:
+        say(f"wrote {picture}", err=True)
     if as_json:
         say_json(as_object(results, truths))
         return

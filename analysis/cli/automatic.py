@@ -7,14 +7,18 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say
 
 
-@app.command()
+@command(app, "rig automatic runs/lap-acw runs/lap-cw >> cell.yaml")
 def automatic(
     paths: Annotated[
-        list[Path], typer.Argument(metavar="RUN", help="Run directories as recorded, one for each program.")
+        list[Path],
+        typer.Argument(
+            metavar="RUN…", autocompletion=completion.runs, help="Run directories as recorded, one for each program."
+        ),
     ],
 ) -> None:
     """Print the section `automatic` of a rig file, by which the robot's signal or motion starts runs like these."""

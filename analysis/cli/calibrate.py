@@ -7,13 +7,16 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 
-@app.command()
+@command(app, "rig calibrate runs/* --fit joint_offset -o fitted.yaml")
 def calibrate(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one robot.")
+    ],
     fit: Annotated[
         str,
         typer.Option(
@@ -21,11 +24,19 @@ def calibrate(
         ),
     ],
     rig_file: Annotated[
-        str | None, typer.Option("--rig", help="Rig file of the model to start from; default: that of the first run.")
+        str | None,
+        typer.Option(
+            "--rig",
+            autocompletion=completion.rig_files,
+            help="Rig file of the model to start from; default: that of the first run.",
+        ),
     ] = None,
     hold_out: Annotated[
         list[Path] | None,
-        typer.Option(help="Run directory to judge the fit by, not used in it; repeatable; default: none."),
+        typer.Option(
+            autocompletion=completion.runs,
+            help="Run directory to judge the fit by, not used in it; repeatable; default: none.",
+        ),
     ] = None,
     share: Annotated[
         float,
@@ -42,6 +53,7 @@ def calibrate(
     """Estimate the sizes of chosen effects by least squares on the simulator; the set-up is always fitted as well."""
 
     import analysis  # noqa: PLC0415
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.cli.run_paths import distinct, load_runs  # noqa: PLC0415
     from analysis.reporting import calibration_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
@@ -56,7 +68,8 @@ def calibrate(
         raise FileError("--hold-out", "holds out every run, and a fit needs one", "hold out fewer")
     measured, judges = load_runs(used), load_runs(aside)
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
-    found = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, share=share, groups=groups, seed=seed)
+    with progress_of(f"fitting {fit} to {len(measured)} runs"):
+        found = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, share=share, groups=groups, seed=seed)
     if output:
         calibration_report.write_rig(found, text, [path.name for path in used], output)
     if as_json:

@@ -6,13 +6,19 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say
 
 
-@app.command()
+@command(app, "rig check cell.yaml")
 def check(
-    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
+    rig_file: Annotated[
+        str,
+        typer.Argument(
+            metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."
+        ),
+    ],
 ) -> None:
     """Check a rig file: report every mistake with its line, and whether the robot can drive the circle."""
     import datetime as dt  # noqa: PLC0415

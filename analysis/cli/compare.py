@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import Command, command
 from analysis.cli.console import say, say_json
 from rigs.errors import FileError
 
 _AGAINST = "--against"
 
 
-class _ManyAgainst(TyperCommand):
+class _ManyAgainst(Command):
     """A command whose option --against takes all the runs that follow it, as a shell's wildcard gives them."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -35,15 +35,26 @@ def _one_each(arguments: Sequence[str]) -> list[str]:
     return [*found, _AGAINST] if arguments and arguments[-1] == _AGAINST else found
 
 
-@app.command(cls=_ManyAgainst)
+@command(app, "rig compare runs/after-* --against runs/before-*", cls=_ManyAgainst)
 def compare(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one robot.")
+    ],
     against: Annotated[
         list[Path] | None,
-        typer.Option(metavar="RUN…", help="Runs before a repair, if RUN… are those after it; default: the simulation."),
+        typer.Option(
+            metavar="RUN…",
+            autocompletion=completion.runs,
+            help="Runs before a repair, if RUN… are those after it; default: the simulation.",
+        ),
     ] = None,
     rig_file: Annotated[
-        str | None, typer.Option("--rig", help="Rig file of the model to compare with; default: that of the first run.")
+        str | None,
+        typer.Option(
+            "--rig",
+            autocompletion=completion.rig_files,
+            help="Rig file of the model to compare with; default: that of the first run.",
+        ),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     plot: Annotated[Path | None, typer.Option(help="Directory for a picture of each run; default: write none.")] = None,
@@ -58,12 +69,18 @@ def compare(
         _before_and_after(runs, against, as_json)
         return
     import analysis  # noqa: PLC0415
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.reporting import comparison_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
-    found = analysis.compare([analysis.load_run(path) for path in runs], rig_file)
+    with progress_of() as progress:
+        measured = [analysis.load_run(path) for path in runs]
+        progress(f"simulating {len(measured)} runs")
+        found = analysis.compare(measured, rig_file)
     if plot:
-        for path in comparison_report.save_pictures(found.runs, plot):
+        with progress_of("drawing the pictures"):
+            pictures = list(comparison_report.save_pictures(found.runs, plot))
+        for path in pictures:
             say(path, err=True)
     if as_json:
         say_json(found.to_dict())
@@ -72,12 +89,14 @@ def compare(
 
 
 def _before_and_after(after: Sequence[Path], before: Sequence[Path], as_json: bool) -> None:
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.cli.run_paths import distinct  # noqa: PLC0415
     from analysis.history.before_after import differences  # noqa: PLC0415
     from analysis.history.screen import as_differences  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
-    found = differences(list(distinct(after)), list(distinct(before)))
+    with progress_of():
+        found = differences(list(distinct(after)), list(distinct(before)))
     if as_json:
         say_json({"differences": [one.to_dict() for one in found]})
     else:

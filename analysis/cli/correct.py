@@ -7,14 +7,20 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 
-@app.command()
+@command(app, "rig correct found/cell.yaml -o corrections")
 def correct(
     rig_file: Annotated[
-        str, typer.Argument(metavar="RIG", help="Rig file that holds effects found by rig diagnose or rig calibrate.")
+        str,
+        typer.Argument(
+            metavar="RIG",
+            autocompletion=completion.rig_files,
+            help="Rig file that holds effects found by rig diagnose or rig calibrate.",
+        ),
     ],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the corrections to.")],
     path: Annotated[
@@ -28,14 +34,16 @@ def correct(
 ) -> None:
     """Write joint zeros, link constants and corrected targets, each only where the effects support it."""
 
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.correction.correct import correct_rig  # noqa: PLC0415
     from analysis.reporting import correction_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
-    found = correct_rig(rig, path)
-    written = correction_report.write(found, directory)
+    with progress_of("correcting"):
+        found = correct_rig(rig, path)
+        written = correction_report.write(found, directory)
     if as_json:
         say_json(correction_report.as_object(found, written))
     else:

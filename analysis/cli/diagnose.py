@@ -7,26 +7,40 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 if TYPE_CHECKING:
     from analysis import Diagnosis, Measured
 
 
-@app.command()
+@command(app, "rig diagnose runs/* -o found")
 def diagnose(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one robot.")
+    ],
     rig_file: Annotated[
-        str | None, typer.Option("--rig", help="Rig file of the model to start from; default: that of the first run.")
+        str | None,
+        typer.Option(
+            "--rig",
+            autocompletion=completion.rig_files,
+            help="Rig file of the model to start from; default: that of the first run.",
+        ),
     ] = None,
     hold_out: Annotated[
         list[Path] | None,
-        typer.Option(help="Run directory to judge by, not used to find effects; repeatable; default: none."),
+        typer.Option(
+            autocompletion=completion.runs,
+            help="Run directory to judge by, not used to find effects; repeatable; default: none.",
+        ),
     ] = None,
     unseen: Annotated[
         list[Path] | None,
-        typer.Option(help="Run directory at another place or radius, to judge by; repeatable; default: none."),
+        typer.Option(
+            autocompletion=completion.runs,
+            help="Run directory at another place or radius, to judge by; repeatable; default: none.",
+        ),
     ] = None,
     tolerance_um: Annotated[
         float | None,
@@ -58,7 +72,7 @@ def diagnose(
     held, other = distinct(hold_out or ()), distinct(unseen or ())
     measured, judges, elsewhere = (load_runs(paths) for paths in (_used(runs, held | other), held, other))
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
-    with progress_of(quiet=as_json) as progress:
+    with progress_of() as progress:
         found = analysis.diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
         )

@@ -7,16 +7,23 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
-_SERVED = Path("/etc/rig")
+SERVED = Path("/etc/rig")
+"""Where the rig files of services are."""
 _COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
 
 
-@app.command()
+@command(app, "rig doctor cell.yaml")
 def doctor(
-    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
+    rig_file: Annotated[
+        str,
+        typer.Argument(
+            metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."
+        ),
+    ],
     runs: Annotated[Path | None, typer.Option(help="Directory of the runs; default: that of rigd.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
 ) -> None:
@@ -33,7 +40,7 @@ def doctor(
 
     rig, _ = load(rig_file)
     path = find(rig_file).absolute()
-    unit = f"rigd@{path.stem}" if path.parent == _SERVED else None
+    unit = f"rigd@{path.stem}" if path.parent == SERVED else None
     findings = []
     for finding in examine(rig, (runs or _runs(unit)).absolute(), unit):
         findings.append(finding)

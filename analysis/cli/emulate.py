@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say
 
 if TYPE_CHECKING:
@@ -25,9 +26,14 @@ HiddenEffects = Annotated[
 ]
 
 
-@app.command()
+@command(app, "rig emulate ur10e -o cell")
 def emulate(
-    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
+    rig_file: Annotated[
+        str,
+        typer.Argument(
+            metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."
+        ),
+    ],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for rig.yaml and truth.json.")] = Path(
         "cell"
     ),

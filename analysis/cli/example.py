@@ -10,10 +10,11 @@ from typing import Annotated
 import typer
 
 from analysis.cli import app
+from analysis.cli.commands import command
 from analysis.cli.console import say
 
 
-@app.command()
+@command(app, "rig example rigs")
 def example(
     folder: Annotated[
         Path, typer.Argument(metavar="DIR", help="Directory for the files; it is created if it does not exist.")

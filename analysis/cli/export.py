@@ -1,4 +1,4 @@
-"""`rig export RUN`: the table of a run for other programs, or its streams for plotting."""
+"""`rig export RUN…`: the tables of runs for other programs, or their streams for plotting."""
 
 from __future__ import annotations
 
@@ -7,35 +7,60 @@ from typing import Annotated, Literal
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say
+from analysis.cli.several import for_each
 
 Format = Literal["csv", "parquet", "mcap"]
 
 
-@app.command()
+@command(app, "rig export runs/lap-acw --to parquet -o lap-acw.parquet")
 def export(
-    path: Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")],
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories.")
+    ],
     to: Annotated[Format, typer.Option(help="Format: csv or parquet for the table, mcap for the raw streams.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="File to write.")],
+    output: Annotated[
+        Path,
+        typer.Option("--output", "-o", help="File to write; of several runs, the directory for a file named as each."),
+    ],
 ) -> None:
-    """Write the table of a run as CSV or Parquet, or its raw streams as MCAP for Foxglove and PlotJuggler."""
+    """Write the table of each run as CSV or Parquet, or its raw streams as MCAP for Foxglove and PlotJuggler."""
+    from rigs.errors import FileError  # noqa: PLC0415
+
+    if len(paths) == 1:
+        _export(paths[0], to, output)
+        return
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(str(output), error.strerror or str(error), "give another --output") from None
+    for_each(paths, lambda path: _export(path, to, output / f"{path.name}.{to}"))
+
+
+def _export(path: Path, to: Format, output: Path) -> None:
+    """Write one file, and mark the run as exported."""
     from functools import partial  # noqa: PLC0415
 
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.files.mcap_export import write_mcap  # noqa: PLC0415
     from analysis.files.write import write_csv, write_new, write_parquet  # noqa: PLC0415
     from analysis.traces.loading import measured_of  # noqa: PLC0415
     from daq.store import mark_exported, read_run  # noqa: PLC0415
     from rigs.errors import RigError  # noqa: PLC0415
 
-    run = read_run(path)
-    if to == "mcap":
-        write_new(output, partial(write_mcap, run))
-    else:
-        measured = measured_of(run)
-        for doubt in measured.doubts:
-            say(f"note: {doubt}", err=True)
-        write_new(output, partial(write_csv if to == "csv" else write_parquet, measured.to_table()))
+    doubts: tuple[str, ...] = ()
+    with progress_of(f"exporting {path}"):
+        run = read_run(path)
+        if to == "mcap":
+            write_new(output, partial(write_mcap, run))
+        else:
+            measured = measured_of(run)
+            doubts = measured.doubts
+            write_new(output, partial(write_csv if to == "csv" else write_parquet, measured.to_table()))
+    for doubt in doubts:
+        say(f"note: {doubt}", err=True)
     try:
         mark_exported(path, to, output)
     except RigError as error:

@@ -10,22 +10,31 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 _SILENT_S = 1.0
 """Nothing is shown of what takes no longer."""
 
 
-@app.command()
+@command(app, "rig history ur10e --since 2026-01-01 -o history.html")
 def history(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of its rig file, or of the robot in it.")],
+    robot: Annotated[
+        str,
+        typer.Argument(
+            metavar="ROBOT", autocompletion=completion.robots, help="Name of its rig file, or of the robot in it."
+        ),
+    ],
     data: Annotated[Path, typer.Option(metavar="DIR", help="Directory that holds the runs.")] = Path("runs"),
     figure: Annotated[
         str | None, typer.Option(metavar="NAME", help="One figure, as band_deg; default: those that show the robot.")
     ] = None,
     since: Annotated[
         datetime | None, typer.Option(metavar="DATE", formats=["%Y-%m-%d"], help="First day; default: all runs.")
+    ] = None,
+    rig_file: Annotated[
+        str | None, typer.Option("--rig", help="Rig file with the limits; default: that of the newest run.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="Print a line of CSV for each run and figure.")] = False,
@@ -37,11 +46,13 @@ def history(
     from analysis.history.collect import collect  # noqa: PLC0415
     from analysis.history.history import history_of  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
+    from rigs.load import load  # noqa: PLC0415
 
     if as_json and as_csv:
         raise FileError("--json and --csv", "cannot both be printed", "give one of them")
     collected = collect(data, robot, _Progress())
-    found = history_of(collected, figure, since.date() if since else None)
+    limits = load(rig_file)[0].limits if rig_file else None
+    found = history_of(collected, figure, since.date() if since else None, limits)
     if output:
         from analysis.history.page import write_page  # noqa: PLC0415
 
@@ -67,18 +78,15 @@ def history(
 
 
 class _Progress:
-    """How many runs are evaluated, on standard error, once it takes longer than a second."""
+    """How many runs are evaluated, on a terminal, once it takes longer than a second.
+
+    Not `progress_of`: the runs are evaluated in forked processes, which must not inherit a display's thread and locks.
+    """
 
     def __init__(self) -> None:
         self._began_s = time.monotonic()
-        self._shown = False
 
     def __call__(self, done: int, total: int) -> None:
-        if time.monotonic() - self._began_s < _SILENT_S:
-            return
-        line = f"evaluating runs that are new or have changed: {done} of {total}"
-        if sys.stderr.isatty():
+        if sys.stderr.isatty() and time.monotonic() - self._began_s >= _SILENT_S:
+            line = f"evaluating runs that are new or have changed: {done} of {total}"
             typer.echo(f"\r{line}", err=True, nl=done == total)
-        elif not self._shown:
-            say(line, err=True)
-        self._shown = True

@@ -1,4 +1,4 @@
-"""`rig import TABLE`: a table of measurements from elsewhere as a run."""
+"""`rig import TABLE…`: tables of measurements from elsewhere as runs."""
 
 from __future__ import annotations
 
@@ -7,18 +7,29 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say
+from analysis.cli.several import for_each
 from analysis.traces.table_layout import JointSource
 from rigs.schema.vocabulary import Direction, TestName
 
 
-@app.command("import")
+@command(app, "rig import laps.csv --rig cell.yaml --test yaw -o runs/lap-acw", name="import")
 def import_(
-    table: Annotated[Path, typer.Argument(metavar="TABLE", help="CSV file with the columns of docs/tables.md.")],
-    rig_file: Annotated[str, typer.Option("--rig", help="Rig file, or the name of a shipped rig.")],
-    test: Annotated[TestName, typer.Option(help="Test that the table is of.")],
-    run: Annotated[Path, typer.Option("--output", "-o", help="Run directory to create.")],
+    tables: Annotated[
+        list[Path], typer.Argument(metavar="TABLE…", help="CSV files with the columns of docs/tables.md.")
+    ],
+    rig_file: Annotated[
+        str, typer.Option("--rig", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig.")
+    ],
+    test: Annotated[TestName, typer.Option(help="Test that the tables are of.")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", help="Run directory to create; of several tables, the directory for a run named as each."
+        ),
+    ],
     direction: Annotated[
         Direction | None, typer.Option(help="Direction of yaw and roll; default: the column direction of the table.")
     ] = None,
@@ -30,17 +41,26 @@ def import_(
         JointSource, typer.Option(help="Joint angles to use: columns qN_deg, or qN_commanded_deg.")
     ] = "measured",
 ) -> None:
-    """Create a run from a table of measurements; every bad row is reported with its line and the reason."""
+    """Create a run from each table of measurements; every bad row is reported with its line and the reason."""
     import getpass  # noqa: PLC0415
 
     from analysis import read_table, save_run  # noqa: PLC0415
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
 
-    if run.exists():
-        raise FileError(str(run), "exists already", "give the run a directory of its own")
     operator = operator or getpass.getuser()
-    measured = read_table(table, rig_file, test, direction, operator=operator, placement=placement, joints=joints)
-    save_run(measured, run)
-    for doubt in measured.doubts:
-        say(f"doubt: {doubt}", err=True)
-    say(run)
+
+    def make_run(table: Path) -> None:
+        run = output / table.stem if len(tables) > 1 else output
+        if run.exists():
+            raise FileError(str(run), "exists already", "give the run a directory of its own")
+        with progress_of(f"reading {table}"):
+            measured = read_table(
+                table, rig_file, test, direction, operator=operator, placement=placement, joints=joints
+            )
+            save_run(measured, run)
+        for doubt in measured.doubts:
+            say(f"doubt: {doubt}", err=True)
+        say(run)
+
+    for_each(tables, make_run)

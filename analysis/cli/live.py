@@ -10,17 +10,23 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.record import RigName
 
 
-@app.command()
+@command(app, "rig live --run runs/lap-acw --speed 4")
 def live(
     rig: RigName = None,
     run: Annotated[
         list[Path] | None,
-        typer.Option("--run", metavar="RUN", help="Recorded run to play; give it again for the next; default: none."),
+        typer.Option(
+            "--run",
+            metavar="RUN",
+            autocompletion=completion.runs,
+            help="Recorded run to play; give it again for the next; default: none.",
+        ),
     ] = None,
     speed: Annotated[float, typer.Option(min=0.125, max=64, help="Speed of --run, as a multiple of real time.")] = 1.0,
     plain: Annotated[bool, typer.Option("--plain", help="Print a line each second instead of a screen.")] = False,

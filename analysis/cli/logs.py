@@ -6,17 +6,23 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from rigs.text import plain
 
 if TYPE_CHECKING:
     from daq.service.journal import Entry
 
 
-@app.command()
+@command(app, "rig logs cell --since today")
 def logs(
     rig: Annotated[
-        str | None, typer.Argument(metavar="RIG", help="NAME of rigd@NAME, or its rig file; default: all services.")
+        str | None,
+        typer.Argument(
+            metavar="RIG",
+            autocompletion=completion.services,
+            help="NAME of rigd@NAME, or its rig file; default: all services.",
+        ),
     ] = None,
     since: Annotated[
         str | None, typer.Option(help="Time of the first entry: today, -1h, '2026-11-20 08:00'; default: the oldest.")

@@ -7,11 +7,12 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 
-@app.command()
+@command(app, "rig paper --plot figures")
 def paper(
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
     plot: Annotated[
@@ -19,22 +20,29 @@ def paper(
         typer.Option(help="Directory for the data figures of the paper; default: write none."),
     ] = None,
     rig_file: Annotated[
-        str, typer.Option("--rig", help="Rig file, or the name of a shipped rig, to simulate.")
+        str,
+        typer.Option(
+            "--rig", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig, to simulate."
+        ),
     ] = "paper-errors",
 ) -> None:
     """Simulate and evaluate the tests of the paper, and show its figures beside those computed here."""
 
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.paper.paper_table import as_object, as_table  # noqa: PLC0415
     from analysis.paper.rows import rows_of  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, text = load(rig_file)
-    rows = rows_of(rig)
+    with progress_of("simulating and evaluating the tests of the paper"):
+        rows = rows_of(rig)
     if plot:
         from analysis.paper.pictures import save  # noqa: PLC0415
 
-        for path in save(rig, text, rows, plot):
+        with progress_of("drawing the figures"):
+            figures = list(save(rig, text, rows, plot))
+        for path in figures:
             say(path, err=True)
     if as_json:
         say_json(as_object(rig, rows))

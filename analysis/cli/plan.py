@@ -6,15 +6,21 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say_json
 
 _LEAST_COLUMNS = 80
 
 
-@app.command()
+@command(app, "rig plan cell.yaml --tests yaw,radial --runs 5")
 def plan(
-    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
+    rig_file: Annotated[
+        str,
+        typer.Argument(
+            metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."
+        ),
+    ],
     tests: Annotated[
         str | None,
         typer.Option(help="Tests, separated by commas: yaw, roll, radial, repeatability; default: the first three."),
@@ -26,6 +32,7 @@ def plan(
 ) -> None:
     """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most."""
 
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.diagnosis.plan import plan as planned  # noqa: PLC0415
     from analysis.diagnosis.plan import tests_named  # noqa: PLC0415
     from analysis.reporting import plan_report  # noqa: PLC0415
@@ -33,7 +40,8 @@ def plan(
     from rigs.load import load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
-    found = planned(rig, tests_named(rig, tests), runs)
+    with progress_of("simulating the tests"):
+        found = planned(rig, tests_named(rig, tests), runs)
     if as_json:
         say_json(plan_report.as_object(found))
     else:

@@ -1,19 +1,37 @@
-"""What is being done, shown on a terminal while it takes long, and nowhere else."""
+"""What is being done and for how long, shown on a terminal while it takes, and nowhere else."""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+from rigs.text import plain
+
 
 @contextmanager
-def progress_of(*, quiet: bool = False) -> Iterator[Callable[[str], None]]:
-    """What to call with what is being done."""
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+def progress_of(doing: str = "reading the runs") -> Iterator[Callable[[str], None]]:
+    """Show what is being done on standard error; give the function to call when something else is.
 
-    console = PlainConsole(stderr=True)
-    if quiet or not console.is_terminal:
+    Nothing is shown where standard error is no terminal. Everything else is printed after it: within, it would stand
+    on the same line.
+    """
+    if not sys.stderr.isatty():
         yield lambda doing: None
         return
-    with console.status("reading the runs") as status:
-        yield status.update
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn  # noqa: PLC0415
+
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+
+    words = TextColumn("{task.description}", markup=False)
+    # Redirected, what is printed to a file within would land on the terminal.
+    with Progress(
+        SpinnerColumn(),
+        words,
+        TimeElapsedColumn(),
+        console=PlainConsole(stderr=True),
+        transient=True,
+        redirect_stdout=False,
+    ) as shown:
+        task = shown.add_task(plain(doing), total=None)
+        yield lambda doing: shown.update(task, description=plain(doing))

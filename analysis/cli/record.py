@@ -6,19 +6,25 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import Group, command
 from analysis.cli.console import say, say_json
 from rigs.schema.vocabulary import Direction, TestName
 
-record = typer.Typer(no_args_is_help=True, help="Start and stop a recording of the running daemon.")
+record = typer.Typer(cls=Group, no_args_is_help=True, help="Start and stop a recording of the running daemon.")
 app.add_typer(record, name="record")
 
 RigName = Annotated[
-    str | None, typer.Option("--rig", help="Name of the rig whose daemon is meant; default: the only one that runs.")
+    str | None,
+    typer.Option(
+        "--rig",
+        autocompletion=completion.daemons,
+        help="Name of the rig whose daemon is meant; default: the only one that runs.",
+    ),
 ]
 
 
-@record.command()
+@command(record, "rig record start lap-acw --test yaw --direction acw")
 def start(
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the run: letters, digits, . _ and -.")],
     test: Annotated[TestName, typer.Option(help="Test that the robot will drive.")],
@@ -47,7 +53,7 @@ def start(
         say(client.ask("record_start", **fields)["run"])
 
 
-@record.command()
+@command(record, "rig record stop")
 def stop(rig: RigName = None) -> None:
     """Stop the recording and print its run directory; its faults are reported on standard error."""
     from daq.service.client import Client, find_socket  # noqa: PLC0415
@@ -61,7 +67,7 @@ def stop(rig: RigName = None) -> None:
             say(f"{stream}: {', '.join(faults)} while recording", err=True)
 
 
-@app.command()
+@command(app, "rig status")
 def status(
     rig: RigName = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
@@ -82,7 +88,7 @@ def status(
     PlainConsole().print(screen(state))
 
 
-@app.command()
+@command(app, "rig metrics --rig cell")
 def metrics(rig: RigName = None) -> None:
     """Print the daemon's rates, faults, queues, disk and clocks in the text format of Prometheus."""
     from daq.service.client import Client, find_socket  # noqa: PLC0415

@@ -7,14 +7,18 @@ from typing import Annotated, Literal
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say
+from analysis.cli.several import for_each
 from rigs.schema.vocabulary import Direction
 
 
-@app.command()
+@command(app, "rig relabel runs/lap-3 --direction cw")
 def relabel(
-    paths: Annotated[list[Path], typer.Argument(metavar="RUN", help="Run directories.")],
+    paths: Annotated[
+        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories.")
+    ],
     test: Annotated[
         Literal["yaw", "roll", "radial", "repeatability"] | None,
         typer.Option(help="Test that the robot drove; default: unchanged."),
@@ -33,8 +37,11 @@ def relabel(
 
     if test is None and direction is None and operator is None and placement is None:
         raise typer.BadParameter("give --test, --direction, --operator or --placement")
-    for path in paths:
+
+    def correct(path: Path) -> None:
         manifest = relabel_run(path, test=test, direction=direction, operator=operator, placement=placement)
         words = " ".join(filter(None, (manifest.test, manifest.direction)))
         place = f" at {manifest.placement}" if manifest.placement else ""
         say(f"{path}: {words}{place}, measured by {manifest.operator or 'an unnamed operator'}")
+
+    for_each(paths, correct)

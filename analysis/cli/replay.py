@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say
 
 if TYPE_CHECKING:
@@ -16,10 +17,15 @@ if TYPE_CHECKING:
     from daq.emulators import Replay
 
 
-@app.command()
+@command(app, "rig replay cell.capture cell.yaml -o replayed")
 def replay(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="File that `rigd --capture` wrote.")],
-    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file that the capture was made with.")],
+    rig_file: Annotated[
+        str,
+        typer.Argument(
+            metavar="RIG", autocompletion=completion.rig_files, help="Rig file that the capture was made with."
+        ),
+    ],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for rig.yaml.")] = Path("replayed"),
 ) -> None:
     """Serve the instruments of a capture on ptys and local ports, at the times of the capture, until its end.

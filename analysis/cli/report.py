@@ -7,17 +7,24 @@ from typing import Annotated, Literal
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say
 
 
-@app.command()
+@command(app, "rig report runs/* -o report.html")
 def report(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN…", help="Run directories of one robot.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one robot.")
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE.html", help="The page to write.")],
     rig_file: Annotated[
         str | None,
-        typer.Option("--rig", help="Rig file with the model and the limits; default: that of the first run."),
+        typer.Option(
+            "--rig",
+            autocompletion=completion.rig_files,
+            help="Rig file with the model and the limits; default: that of the first run.",
+        ),
     ] = None,
     lang: Annotated[Literal["en", "de", "ko"], typer.Option(help="Language of the fixed texts.")] = "en",
     diagnosis: Annotated[

@@ -1,4 +1,4 @@
-"""`rig runs`, `rig keep`, `rig recover`, `rig verify`: which runs there are, which stay, and whether one is whole."""
+"""`rig runs`, `rig keep`, `rig recover`, `rig verify`: which runs there are, which stay, and whether they are whole."""
 
 from __future__ import annotations
 
@@ -7,13 +7,17 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
+from analysis.cli.several import for_each
 
-RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="Run directory.")]
+RunPaths = Annotated[
+    list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories.")
+]
 
 
-@app.command()
+@command(app, "rig runs /var/lib/rigd-cell/runs")
 def runs(
     directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory that holds the runs.")] = Path("runs"),
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON list instead of text.")] = False,
@@ -21,10 +25,12 @@ def runs(
     """List runs with size and age, whether they were exported, and whether they are kept."""
     import time  # noqa: PLC0415
 
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.reporting.runs_list import listed, row  # noqa: PLC0415
     from daq.store import survey  # noqa: PLC0415
 
-    found = [row(run, time.time()) for run in survey(directory)]
+    with progress_of():
+        found = [row(run, time.time()) for run in survey(directory)]
     if as_json:
         say_json(found)
         return
@@ -39,9 +45,9 @@ def runs(
     PlainConsole(width=max(whole, PlainConsole().width)).print(table)
 
 
-@app.command()
+@command(app, "rig keep runs/lap-acw runs/lap-cw")
 def keep(
-    paths: Annotated[list[Path], typer.Argument(metavar="RUN", help="Run directories.")],
+    paths: RunPaths,
     no_more: Annotated[
         bool,
         typer.Option("--not", help="Remove the mark, so that retention may delete the runs once they are exported."),
@@ -50,17 +56,25 @@ def keep(
     """Mark runs as kept: rigd never deletes them, whatever the rig file says of retention."""
     from daq.store import mark_kept  # noqa: PLC0415
 
-    for path in paths:
+    def mark(path: Path) -> None:
         mark_kept(path, not no_more)
         say(f"{path}: {'not kept any more' if no_more else 'kept'}")
 
+    for_each(paths, mark)
 
-@app.command()
-def recover(path: RunPath) -> None:
-    """Recover a run that was cut off: keep every verified batch, and report what is lost."""
+
+@command(app, "rig recover runs/lap-acw")
+def recover(paths: RunPaths) -> None:
+    """Recover runs that were cut off: keep every verified batch, and report what is lost."""
+    for_each(paths, _recover)
+
+
+def _recover(path: Path) -> None:
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from daq.store import recover as recover_run  # noqa: PLC0415
 
-    done = recover_run(path)
+    with progress_of(f"recovering {path}"):
+        done = recover_run(path)
     for stream, rows in done.rows.items():
         say(f"{stream}: {rows} rows recovered")
     for note in done.notes:
@@ -70,12 +84,18 @@ def recover(path: RunPath) -> None:
     say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {path}")
 
 
-@app.command()
-def verify(path: RunPath) -> None:
-    """Report whether a run is whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
+@command(app, "rig verify runs/*")
+def verify(paths: RunPaths) -> None:
+    """Report which runs are whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
+    for_each(paths, _verify)
+
+
+def _verify(path: Path) -> None:
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from daq.store import judge  # noqa: PLC0415
 
-    verdict = judge(path)
+    with progress_of(f"verifying {path}"):
+        verdict = judge(path)
     for line in verdict.lines:
         say(line, err=True)
     say(verdict.summary)

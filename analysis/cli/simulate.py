@@ -7,15 +7,21 @@ from typing import Annotated, Literal
 
 import typer
 
-from analysis.cli import app
+from analysis.cli import app, completion
+from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.emulate import HiddenEffects
 from rigs.schema.vocabulary import CIRCLES, Direction
 
 
-@app.command()
+@command(app, "rig simulate ur10e --test yaw --runs 3 -o simulated")
 def simulate(
-    rig_file: Annotated[str, typer.Argument(metavar="RIG", help="Rig file, or the name of a shipped rig.")],
+    rig_file: Annotated[
+        str,
+        typer.Argument(
+            metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."
+        ),
+    ],
     test: Annotated[Literal["yaw", "roll", "radial", "repeatability"], typer.Option(help="Test to simulate.")],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the runs to.")],
     direction: Annotated[Literal["cw", "acw", "both"], typer.Option(help="Direction of yaw and roll.")] = "both",
@@ -29,6 +35,7 @@ def simulate(
     from itertools import product  # noqa: PLC0415
 
     import analysis  # noqa: PLC0415
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.files.write import write_csv, write_new  # noqa: PLC0415
 
     directions: tuple[Direction | None, ...] = ("acw", "cw") if direction == "both" else (direction,)
@@ -37,12 +44,13 @@ def simulate(
             raise typer.BadParameter(f"the {test} test has no direction", param_hint="--direction")
         directions = (None,)
     for number, one in product(range(seed, seed + runs), directions):
-        run = analysis.simulate(rig_file, test, one, seed=number, effects=effects)
-        path = directory / run.path
-        if csv:
-            path = path.with_suffix(".csv")
-            directory.mkdir(parents=True, exist_ok=True)
-            write_new(path, partial(write_csv, run.to_table()))
-        else:
-            analysis.save_run(run, path)
+        with progress_of(f"simulating {test}, seed {number}"):
+            run = analysis.simulate(rig_file, test, one, seed=number, effects=effects)
+            path = directory / run.path
+            if csv:
+                path = path.with_suffix(".csv")
+                directory.mkdir(parents=True, exist_ok=True)
+                write_new(path, partial(write_csv, run.to_table()))
+            else:
+                analysis.save_run(run, path)
         say(path)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
@@ -52,9 +53,14 @@ class Linearisation:
         self.rows = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)]
         self.y = np.concatenate([block.white(block.y_mm) for block in blocks])
         self.U = self._setup_columns()
-        self._best_moves = np.linalg.pinv(self.U, rcond=_INDISTINCT)
         self.Z = self._scatter_columns()
         self.band = np.concatenate([block.band for block in blocks])
+
+    @cached_property
+    def _best_moves(self) -> Array:
+        """The terms of the set-ups (s, N) mm that fit whitened readings best."""
+        found: Array = np.asarray(np.linalg.pinv(self.U, rcond=_INDISTINCT), dtype=float)
+        return found
 
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the whitened readings, (N, p)."""

@@ -75,7 +75,7 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
         known = state.refined.effects
         moved = selection.posterior(state).mean[selection.columns.set_ups]
         setups = linear.setups_moved_by(moved)
-        bent = linear.residual_at(known, linear.setups) - linear.residual(known)
+        bent = linear.residual_at(known, linear.setups) - state.refined.residual
         if float(np.sqrt(np.mean(bent**2))) < _BENT:
             break
     progress("comparing names with their rivals")

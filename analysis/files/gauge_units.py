@@ -22,6 +22,8 @@ _ECCENTRIC_MM = 0.2
 """A smaller eccentricity may differ between the two by the robot's own errors."""
 _LIKE_STATED = 0.3
 """Robots of 0.1 mm make the eccentricity differ from the stated one by less than this share; units, by 25 times it."""
+_AS_FAR = 2.0
+"""Gauges in one unit travel as far as one another within this factor, and 25 times as far in two."""
 FACTORS = {"inches": 1 / 25.4, "µm": 1000.0}
 """What a length in mm reads in another unit."""
 
@@ -39,7 +41,7 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
     waves = _waves(table, T, circle)
     if waves is None:
         return
-    yield from _one_other_unit(waves)
+    yield from _one_other_unit(waves, table.g_mm)
     yield from _both_other_units(waves.mean(axis=0), circle)
     if table.test == "yaw":
         yield from _swapped(waves, circle.radius_mm, rig.gauges.baseline_mm)
@@ -58,14 +60,18 @@ def _waves(table: CircleTable, T: Array, circle: Circle) -> Array | None:
     return waves
 
 
-def _one_other_unit(waves: Array) -> Iterator[tuple[str, str]]:
-    """Both gauges follow the one ball, and so see waves of the same size that point to the same side."""
+def _one_other_unit(waves: Array, g_mm: Array) -> Iterator[tuple[str, str]]:
+    """Both gauges (n, 2) follow the one ball, and so see waves of the same size that point to the same side, and travel
+    as far: errors of a robot may cancel the wave of one gauge, but not what else it shows."""
+    low, high = np.quantile(g_mm, [0.05, 0.95], axis=0)  # a chip under a probe is no travel
+    travel = high - low
     size = np.linalg.norm(waves, axis=1)
     if size.min() <= 0 or size.max() < _ECCENTRIC_MM or waves[0] @ waves[1] < 0:
         return
     for unit, factor in FACTORS.items():
         for k, ratio in enumerate((size[0] / size[1], size[1] / size[0])):
-            if abs(ratio / factor - 1) < 0.1:
+            as_far = 1 / _AS_FAR < travel[k] / factor / max(travel[1 - k], 1e-9) < _AS_FAR
+            if abs(ratio / factor - 1) < 0.1 and as_far:
                 what = f"g{k + 1}_mm is in {unit}: its wave over the circle is {ratio:.3g} times the other gauge's"
                 yield what, "convert it to mm"
 

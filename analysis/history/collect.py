@@ -15,6 +15,8 @@ from analysis.history.records import Record, fingerprint_of, in_time, record_of,
 from daq.store import Manifest, RunInfo, survey
 from rigs.errors import CellError, FileError
 from rigs.load import parse
+from rigs.rig import Rig
+from rigs.schema.limits import Limits
 
 Progress = Callable[[int, int], None]
 """Called with how many of how many runs are evaluated."""
@@ -32,12 +34,14 @@ _REASONS = {
 
 @dataclass(frozen=True)
 class Collected:
-    """The runs of a robot in order of time, those without figures, and what a person should know of the file."""
+    """The runs of a robot in order of time, those without figures, what a person should know of the file, and the
+    limits in the rig file of the newest run."""
 
     robot: str
     runs: tuple[Record, ...]
     broken: tuple[Record, ...]
     notes: tuple[str, ...]
+    limits: Limits
 
 
 def collect(directory: Path, robot: str, progress: Progress) -> Collected:
@@ -74,7 +78,10 @@ def collect(directory: Path, robot: str, progress: Progress) -> Collected:
     broken += [record for record in records if record.problem]
     runs, copies = _once(in_time(record for record in records if not record.problem))
     notes += [f"{copy.name} is a copy of {original.name} and is left out" for copy, original in copies]
-    return Collected(robot, tuple(runs), tuple(sorted(broken, key=lambda one: one.name)), tuple(notes))
+    newest = next((run.manifest for run in mine if runs and run.path.name == runs[-1].name), None)
+    rig = _rig_of(newest.rig_text) if newest else None
+    broken.sort(key=lambda one: one.name)
+    return Collected(robot, tuple(runs), tuple(broken), tuple(notes), rig.limits if rig else Limits())
 
 
 def _in_memory(file: Path, why: str) -> str:
@@ -139,15 +146,19 @@ def _once(records: Sequence[Record]) -> tuple[list[Record], list[tuple[Record, R
 
 
 def _is_of(manifest: Manifest, robot: str) -> bool:
-    return robot in (manifest.rig_name, _robot_name(manifest.rig_text))
+    if robot == manifest.rig_name:
+        return True
+    rig = _rig_of(manifest.rig_text)
+    return rig is not None and rig.robot.name == robot
 
 
 @lru_cache(maxsize=64)
-def _robot_name(rig_text: str) -> str:
+def _rig_of(rig_text: str) -> Rig | None:
+    """The rig of a run, None where its rig file cannot be read."""
     try:
-        return parse(rig_text, "rig file").robot.name
+        return parse(rig_text, "rig file")
     except FileError:
-        return ""
+        return None
 
 
 def _remedy(found: Sequence[RunInfo]) -> str:

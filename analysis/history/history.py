@@ -15,6 +15,7 @@ from analysis.kinematics.arm import Array
 from analysis.measures.quantity import Quantity
 from analysis.reporting.labels import label
 from rigs.errors import FileError
+from rigs.schema.limits import Limit, Limits
 
 WATCHED = (
     *("band_deg", "circular_deviation_mm"),
@@ -28,12 +29,13 @@ WATCHED = (
 
 @dataclass(frozen=True)
 class Series:
-    """A figure of one test and program over its runs (n), in order of time."""
+    """A figure of one test and program over its runs (n), in order of time; limit: that of the rig file, if any."""
 
     title: str
     figure: str
     runs: tuple[Record, ...]
     trend: Trend
+    limit: Limit | None = None
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -82,9 +84,11 @@ def label_of(figure: str) -> str:
     return label(figure).strip()
 
 
-def history_of(collected: Collected, figure: str | None = None, since: date | None = None) -> History:
+def history_of(
+    collected: Collected, figure: str | None = None, since: date | None = None, limits: Limits | None = None
+) -> History:
     """The series of a robot's runs and their changes; figure: this one alone, by the name of docs/figures.md; since:
-    runs from this day on. Raises FileError where nothing is left."""
+    runs from this day on; limits: instead of those of the newest run. Raises FileError where nothing is left."""
     runs = [run for run in collected.runs if since is None or run.when.date() >= since]
     names = {name for run in runs for name in run.figures}
     if not runs:
@@ -92,15 +96,25 @@ def history_of(collected: Collected, figure: str | None = None, since: date | No
         raise FileError(collected.robot, problem, "see rig runs, or give an earlier --since")
     if figure is not None and figure not in names:
         raise FileError("--figure", f"no run has a figure {figure!r}", f"give one of {', '.join(sorted(names))}")
-    wanted = [name for name in WATCHED if name in names] if figure is None else [figure]
+    tolerances = collected.limits if limits is None else limits
     picked = [
         (title, name, own)
         for title, group in _programs(runs)
-        for name in wanted
+        for name in (_wanted(group, tolerances) if figure is None else [figure])
         if (own := tuple(run for run in group if name in run.figures and np.isfinite(run.figures[name].value)))
     ]
-    series = tuple(Series(title, name, own, _trend(own, name, len(picked))) for title, name, own in picked)
+    series = tuple(
+        Series(title, name, own, _trend(own, name, len(picked)), tolerances.of(own[0].test, name))
+        for title, name, own in picked
+    )
     return History(collected, series)
+
+
+def _wanted(group: Sequence[Record], limits: Limits) -> list[str]:
+    """The figures of runs of one test that are watched, and those that have a limit."""
+    names = {name for run in group for name in run.figures}
+    limited = sorted(name for name in names.difference(WATCHED) if limits.of(group[0].test, name) is not None)
+    return [*(name for name in WATCHED if name in names), *limited]
 
 
 def _trend(runs: Sequence[Record], figure: str, series: int) -> Trend:

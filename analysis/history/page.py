@@ -11,16 +11,19 @@ import numpy as np
 from markupsafe import Markup
 
 from analysis.history.history import History, Series
-from analysis.history.words import doubts, remarks, sentences
+from analysis.history.limits import judge
+from analysis.history.words import against_limit, doubts, remarks, sentences
 from analysis.reporting.sheet import Sheet
 from rigs.errors import FileError
 from rigs.text import plain_lines
 
 _MOST = 60
-"""Pictures on a page, those with changes first: some 20 kB each."""
+"""Pictures on a page, those beyond a limit and those with changes first: some 20 kB each."""
+_IN_SIGHT = 2.0
+"""A limit is drawn up to so many times the largest run: one further away would press the runs flat."""
 _METADATA = ("Creator", "Date", "Format", "Type")
 _DAY_S = 86400.0
-_INK, _CHANGE, _WILD = "#1f5fa8", "#d95f02", "#999999"
+_INK, _CHANGE, _WILD, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 
 
 def write_page(history: History, path: Path) -> None:
@@ -30,14 +33,14 @@ def write_page(history: History, path: Path) -> None:
     environment = Environment(
         loader=PackageLoader("analysis"), autoescape=True, undefined=StrictUndefined, finalize=_shown
     )
-    shown = sorted(history.series, key=lambda series: not series.trend.changes)
+    shown = sorted(history.series, key=lambda series: (not _is_beyond(series), not series.trend.changes))
     html = environment.get_template("history.html").render(
         robot=history.robot,
         sentences=sentences(history),
         remarks=remarks(history),
         doubts=doubts(history),
         left_out=max(0, len(shown) - _MOST),
-        pictures=[(series, _picture(series)) for series in shown[:_MOST]],
+        pictures=[(series, against_limit(series), _picture(series)) for series in shown[:_MOST]],
     )
     try:
         path.write_text(html, encoding="utf-8")
@@ -48,6 +51,11 @@ def write_page(history: History, path: Path) -> None:
 def _shown(value: object) -> object:
     """Text is plain before it is escaped for HTML; a picture is HTML already."""
     return plain_lines(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+
+
+def _is_beyond(series: Series) -> bool:
+    judged = judge(series)
+    return judged is not None and judged.standing == "fail"
 
 
 def _picture(series: Series) -> Markup:
@@ -62,6 +70,10 @@ def _picture(series: Series) -> Markup:
     for change in series.trend.changes:
         ends = [when[change.first], when[change.last]]
         axes.plot(ends, [change.before, change.after], "-o", ms=3, color=_CHANGE, lw=1.8)
+    bounds = ((series.limit.watch, ":"), (series.limit.fail, "--")) if series.limit else ()
+    for bound, style in bounds:
+        if bound is not None and bound <= _IN_SIGHT * np.max(np.abs(values)):
+            axes.axhline(bound, ls=style, lw=1.0, color=_LIMIT)
     axes.xaxis_date()
     axes.set_ylabel(series.unit)
     axes.grid(color="#dddddd", lw=0.5)

@@ -14,7 +14,8 @@ from rich.text import Text
 from analysis.frames import for_json, table_of_rows
 from analysis.history.before_after import Difference
 from analysis.history.history import History, Series, label_of
-from analysis.history.words import dates, doubts, remarks, sentences
+from analysis.history.limits import judge
+from analysis.history.words import against_limit, dates, doubts, remarks, sentences
 from analysis.kinematics.arm import Array
 from analysis.measures.quantity import Quantity
 from analysis.reporting.wide_tables import whole
@@ -39,13 +40,17 @@ def _table(history: History) -> Table:
     table.add_column("")
     for heading in ("runs", "first", "last", "spread"):
         table.add_column(heading, justify="right")
-    table.add_column("over the runs")
+    table.add_column("over the runs", no_wrap=True)
     table.add_column("")
+    is_limited = any(series.limit for series in history.series)
+    if is_limited:
+        table.add_column("limit")
     before = ""
     for series in history.series:
         style = "bold" if series.trend.changes else ""
         name = "" if series.title == before else series.title
-        table.add_row(name, series.label, *_cells(series), sparkline(series.values), _mark(series), style=style)
+        limit = [against_limit(series)] if is_limited else []
+        table.add_row(name, series.label, *_cells(series), sparkline(series.values), _mark(series), *limit, style=style)
         before = series.title
     return whole(table)
 
@@ -132,6 +137,21 @@ def _series_object(series: Series) -> dict[str, Any]:
             }
             for one in series.trend.changes
         ],
+        "limit": _limit_object(series),
+    }
+
+
+def _limit_object(series: Series) -> dict[str, Any] | None:
+    judged = judge(series)
+    if judged is None:
+        return None
+    return {
+        "watch": judged.limit.watch,
+        "fail": judged.limit.fail,
+        "standing": judged.standing,
+        "since": judged.since.started,
+        "since_run": judged.since.name,
+        "beyond": [run.name for run in judged.beyond],
     }
 
 

@@ -7,6 +7,7 @@ from datetime import datetime
 
 from analysis.history.changes import FALSE_ALARMS, NEWEST, Change
 from analysis.history.history import History, Series
+from analysis.history.limits import judge
 from analysis.history.shapes import FEWEST
 from analysis.measures.quantity import Quantity
 
@@ -15,13 +16,14 @@ _MONTHS = ("Jan", "Feb", "March", "April", "May", "June", "July", "Aug", "Sept",
 
 
 def sentences(history: History) -> list[str]:
-    """What changed and when, a sentence each; or that nothing did."""
+    """What lies beyond its limit and since when, then what changed and when, a sentence each; or that nothing did."""
+    limited = [line for series in history.series for line in _limit_sentences(series)]
     groups = _together(history.changed)
     if groups:
-        return [_sentence(group) for group in groups]
+        return [*limited, *(_sentence(group) for group in groups)]
     if all(is_short(series) for series in history.series):
-        return []
-    return ["No figure changed by more than its scatter between runs explains."]
+        return limited
+    return [*limited, "No figure changed by more than its scatter between runs explains."]
 
 
 def remarks(history: History) -> list[str]:
@@ -63,6 +65,34 @@ def doubts(history: History) -> list[str]:
 def is_short(series: Series) -> bool:
     """Whether a series has too few runs to show a change."""
     return len(series.runs) < 2 * FEWEST
+
+
+def against_limit(series: Series) -> str:
+    """Where a series stands against its limit, as `beyond 0.1 since 2026-05-03`; empty where it has none."""
+    judged = judge(series)
+    if judged is None:
+        return ""
+    word = {"pass": "within", "watch": "watch", "fail": "beyond"}[judged.standing]
+    since = "" if judged.standing == "pass" else f" since {judged.since.when.date()}"
+    return f"{word} {judged.bound:g}{since}"
+
+
+def _limit_sentences(series: Series) -> list[str]:
+    """Since when a series has been beyond its limit or not proven within, or that it was beyond and has come back."""
+    judged = judge(series)
+    if judged is None or (judged.standing == "pass" and not judged.beyond):
+        return []
+    figure = f"{series.label[0].upper()}{series.label[1:]} of {series.title}"
+    since = f"{judged.bound:g} {series.unit} since {_day(judged.since.when)} (run {judged.since.name})"
+    said = {
+        "pass": f"was beyond its limit, and has been within {since}",
+        "watch": f"has not been proven within its limit of {since}",
+        "fail": f"has been beyond its limit of {since}",
+    }[judged.standing]
+    beyond = judged.beyond
+    days = f"from {_day(beyond[0].when)} to {_day(beyond[-1].when)}" if beyond else ""
+    among = f"; {len(beyond)} of {_count(judged.count, 'run')} beyond, {days}" if beyond else ""
+    return [f"{figure} {said}: the newest run has {judged.newest.figures[series.figure]}{among}."]
 
 
 def dates(series: Series, change: Change) -> str:

@@ -41,7 +41,7 @@ class Quantity:
     def rounded(self, value: float) -> str:
         """A value to the digits that this figure's uncertainty leaves."""
         if not 0 < self.u < np.inf:
-            return f"{value:.4f}"
+            return f"{round(value, 4) + 0.0:.4f}"  # adding 0 turns −0 into 0
         two_digits = float(f"{self.u:.1e}")  # 0.0998 is 0.10, with its last digit one place further up
         digits = 1 - int(np.floor(np.log10(two_digits) + _EXACT))
         return f"{round(value, digits) + 0.0:.{max(0, digits)}f}"

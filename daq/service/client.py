@@ -126,9 +126,7 @@ def find_socket(rig: str | None = None) -> Path:
 
     A daemon that was killed leaves its socket behind, where nothing answers any more.
     """
-    places = [socket_directory(), *Path("/run").glob("rigd-*")]
-    found = sorted({path for place in places for path in place.glob("*.sock") if rig in (None, path.stem)})
-    found = [path for path in found if _is_served(path)]
+    found = [path for path in sockets() if rig in (None, path.stem) and _is_served(path)]
     if len(found) == 1:
         return found[0]
     if not found:
@@ -136,6 +134,12 @@ def find_socket(rig: str | None = None) -> Path:
         raise CellError("rigd", f"no daemon runs{whom} that this user can see", "start it: rigd RIG")
     names = ", ".join(path.stem for path in found)
     raise CellError("rigd", f"several daemons run ({names})", "say which: --rig NAME")
+
+
+def sockets() -> list[Path]:
+    """Return the sockets of the daemons that this user can see, in order of name, also those where nothing answers."""
+    places = [socket_directory(), *Path("/run").glob("rigd-*")]
+    return sorted({path for place in places for path in place.glob("*.sock")})
 
 
 def _is_served(path: Path) -> bool:

@@ -13,7 +13,6 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from rigs.schema.part import Part
-from rigs.schema.vocabulary import TestName
 
 Standing = Literal["pass", "watch", "fail"]
 COVERAGE = 2.0
@@ -127,14 +126,14 @@ class Limits(Part):
     data_sheet_rp_mm: float | None = Field(default=None, gt=0, le=10)
     """Pose repeatability RP (ISO 9283) of the arm's data sheet, the limit of each `rp_mm` that has none of its own."""
 
-    def of(self, test: TestName, figure: str) -> Limit | None:
+    def of(self, test: str, figure: str) -> Limit | None:
         """Return the limit of a figure of a test, None where there is none."""
         given = getattr(getattr(self, test), figure, None)
         if isinstance(given, Limit):
             return given
         return Limit(fail=self.data_sheet_rp_mm) if self.from_data_sheet(test, figure) else None
 
-    def from_data_sheet(self, test: TestName, figure: str) -> bool:
+    def from_data_sheet(self, test: str, figure: str) -> bool:
         """Return whether the limit of a figure is the data sheet's."""
         own = getattr(getattr(self, test), figure, None)
         return figure == "rp_mm" and own is None and self.data_sheet_rp_mm is not None

@@ -19,6 +19,7 @@ from analysis.history.collect import Collected
 from analysis.history.records import Record
 from analysis.kinematics.arm import Array
 from analysis.measures.quantity import Quantity
+from rigs.schema.limits import Limits
 
 CIRCLES = (("yaw", "acw"), ("yaw", "cw"), ("roll", "acw"), ("roll", "cw"))
 _CIRCLE_FIGURES = {
@@ -99,9 +100,9 @@ def drawn_history(
     ]
 
 
-def collected(runs: Sequence[Record]) -> Collected:
-    """Runs as they come from a directory."""
-    return Collected("ur10e", tuple(runs), (), ())
+def collected(runs: Sequence[Record], limits: Limits | None = None) -> Collected:
+    """Runs as they come from a directory, and the limits in their rig file."""
+    return Collected("ur10e", tuple(runs), (), (), limits or Limits())
 
 
 def _weather(days: Array, rng: np.random.Generator) -> Array:

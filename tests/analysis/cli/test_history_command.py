@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import yaml
 from typer.testing import CliRunner
 
 from analysis import cli
@@ -17,6 +18,7 @@ from analysis.history.history import history_of
 from analysis.history.page import write_page
 from analysis.history.words import remarks, sentences
 from rigs.errors import FileError
+from rigs.load import SHIPPED
 from tests.support.dated_runs import dated_run
 from tests.support.figure_histories import Growth, collected, drawn_history
 
@@ -48,6 +50,18 @@ def test_recorded_files_become_a_sentence_a_table_and_a_page(runs: Path, tmp_pat
     html = page.read_text()
     assert html.count("<svg") >= 5 and "Play of axis 3 rose" in html
     assert not re.search(r'(src|href)="(?!#)', re.sub(r'xlink:href="#', 'xlink:here="#', html)), "needs no other file"
+
+
+def test_a_limit_stands_in_the_table_and_on_the_page_with_its_day(runs: Path, tmp_path: Path) -> None:
+    limited = tmp_path / "limited.yaml"
+    shipped = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    limited.write_text(yaml.safe_dump(shipped | {"limits": {"yaw": {"circular_deviation_mm": 0.02}}}))
+    page = tmp_path / "page.html"
+    shown = " ".join(ran("history", "ur10e", "--data", runs, "--rig", limited, "-o", page).split())
+    told = "of yaw acw has been beyond its limit of 0.02 mm since 1 May 2026 (run 000-acw)"
+    assert told in shown and "beyond 0.02" in shown.partition("limit")[2]
+    assert told in page.read_text() and "limit: beyond 0.02 since 2026-05-01" in page.read_text()
+    assert "limit" not in ran("history", "ur10e", "--data", runs), "the rig file of the runs has none"
 
 
 def test_json_and_csv_hold_every_point(runs: Path) -> None:

@@ -1,0 +1,59 @@
+"""Where a series stands against the limits of the rig file, and since when.
+
+Each run is judged by the rule of the report (ISO 14253-1, `rigs.schema.limits`) with its own uncertainty. A series
+stands where its newest run stands. It crossed a bound at the first run proven beyond it after the last one proven
+within, and came back the other way round: a run whose uncertainty reaches over the bound moves no date. Wild runs are
+left out, as they are from the search for changes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from analysis.history.history import Series
+from analysis.history.records import Record
+from rigs.schema.limits import Limit, Standing
+
+_CROSSED: dict[Standing, tuple[tuple[Standing, ...], Standing]] = {
+    "pass": (("pass",), "fail"),
+    "watch": (("watch", "fail"), "pass"),
+    "fail": (("fail",), "pass"),
+}
+"""By the standing of a series: how its first run since the crossing stands against the bound that decides, and how the
+last one before it."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A series against its limit. standing: of the newest run; bound: that decided it; since: the first run after the
+    crossing; beyond: every run that fails, in order of time; count: how many runs were judged."""
+
+    limit: Limit
+    standing: Standing
+    bound: float
+    since: Record
+    newest: Record
+    beyond: tuple[Record, ...]
+    count: int
+
+
+def judge(series: Series) -> Judged | None:
+    """Return where a series stands, None where it has no limit."""
+    if series.limit is None:
+        return None
+    kept = zip(series.runs, series.quantities, series.trend.wild, strict=True)
+    runs = [(run, one) for run, one, is_wild in kept if not is_wild]
+    standings = [series.limit.standing(one.value, one.u) for _, one in runs]
+    bound = _deciding(series.limit, standings[-1])
+    against = [Limit(fail=bound).standing(one.value, one.u) for _, one in runs]
+    after, before = _CROSSED[standings[-1]]
+    crossed = max((k for k, one in enumerate(against) if one == before), default=-1) + 1
+    since = next(k for k in range(crossed, len(runs)) if against[k] in after)
+    beyond = tuple(run for (run, _), one in zip(runs, standings, strict=True) if one == "fail")
+    return Judged(series.limit, standings[-1], bound, runs[since][0], runs[-1][0], beyond, len(runs))
+
+
+def _deciding(limit: Limit, standing: Standing) -> float:
+    """The bound that decided: `fail` where a figure is beyond it, else the lower one, in the figure's unit."""
+    bounds = [one for one in (limit.watch, limit.fail) if one is not None]
+    return bounds[-1] if standing == "fail" else bounds[0]

@@ -1,0 +1,97 @@
+"""The one table of exit codes, in docs/command-line.md, against the code and against what commands end with."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from analysis import cli
+from rigs.errors import CellError, FileError, RigError
+
+ROOT = Path(__file__).parents[3]
+PAGE = (ROOT / "docs" / "command-line.md").read_text()
+TABLE = {int(code): words for code, words in re.findall(r"^\| (\d+) \| (.+) \|$", PAGE, re.M)}
+SOURCES = [
+    *sorted((ROOT / "analysis" / "cli").glob("*.py")),
+    ROOT / "daq" / "service" / "rigd.py",
+    ROOT / "rigs" / "errors.py",
+]
+
+
+def _codes(source: str) -> set[int]:
+    """The numbers that a program is ended with: in Exit(…), sys.exit(…), ends.put(…), _End(…) and exit_code = …."""
+    found: set[int] = set()
+    for node in ast.walk(ast.parse(source)):
+        ends = isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] in (
+            "Exit",
+            "exit",
+            "put",
+            "_End",
+        )
+        is_set = isinstance(node, ast.Assign) and ast.unparse(node.targets[0]).endswith("exit_code")
+        if ends or is_set:
+            numbers = (one.value for one in ast.walk(node) if isinstance(one, ast.Constant))
+            found |= {one for one in numbers if type(one) is int}
+    return found
+
+
+def test_the_table_has_every_code_of_the_programs_and_no_other() -> None:
+    assert set(TABLE) == {0}.union(*(_codes(path.read_text()) for path in SOURCES))
+    assert sorted(TABLE) == list(TABLE), "in order"
+
+
+def test_no_other_page_has_such_a_table() -> None:
+    others = [page for page in ROOT.glob("docs/**/*.md") if "| 130 |" in page.read_text()]
+    assert [page.name for page in others] == ["command-line.md"]
+
+
+def ended(*words: str | Path) -> int:
+    """What a command ends with, called as a person calls it."""
+    before = sys.argv
+    sys.argv = ["rig", *map(str, words)]
+    try:
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+    finally:
+        sys.argv = before
+    return int(end.value.code or 0)
+
+
+def test_what_commands_end_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    assert ended("check", "ur10e") == 0
+    assert ended("no-such-command") == 2
+    assert ended("verify") == 2, "an argument is missing"
+    assert ended("analyse", tmp_path / "nothing") == 3
+    assert ended("verify", tmp_path / "nothing") == 3
+    assert ended("status", "--rig", "nobody") == 4, "no daemon"
+
+
+@pytest.mark.parametrize(
+    ("failure", "code"),
+    [
+        (KeyboardInterrupt(), 130),
+        (MemoryError(), 4),
+        (OSError(28, "No space left on device"), 4),
+        (ZeroDivisionError("0"), 3),
+        (FileError("a", "b", "c"), 3),
+        (CellError("a", "b", "c"), 4),
+        (RigError("a", "b", "c"), 1),
+    ],
+    ids=lambda value: type(value).__name__,
+)
+def test_what_failures_end_with(failure: BaseException, code: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    import rigs.load  # noqa: PLC0415
+
+    def fail(*_: object) -> None:
+        raise failure
+
+    if isinstance(failure, OSError):  # the buffer of standard output is given up after it: not that of the tests
+        monkeypatch.setattr("os.dup2", lambda *_: None)
+    monkeypatch.setattr(rigs.load, "load", fail)
+    assert ended("check", "ur10e") == code
+    assert code in TABLE

@@ -1,0 +1,74 @@
+"""Several runs in one command: a failure costs only its own part, and the exit code is the highest of all."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from analysis.cli import app
+from daq.store import read_run
+from rigs.load import SHIPPED
+from tests.support.store_cases import crash, finished, record
+from tests.support.table_cases import csv_text, plain
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> list[Path]:
+    """A whole run, a directory that is no run, and another whole run."""
+    whole = finished(tmp_path / "runs")
+    return [whole, tmp_path / "nothing", Path(shutil.copytree(whole, tmp_path / "copy"))]
+
+
+def ran(*words: str | Path) -> Result:
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.mark.parametrize("command", [["recover"], ["keep"], ["relabel", "--operator", "ada"]])
+def test_a_path_that_is_no_run_costs_the_others_nothing(command: list[str], runs: list[Path]) -> None:
+    done = ran(*command, *runs)
+    assert done.exit_code == 3
+    assert [line.partition(":")[0] for line in done.stdout.splitlines()] == [str(runs[0]), str(runs[2])]
+    (error,) = done.stderr.splitlines()
+    assert error.startswith(f"error: {runs[1]}")
+
+
+def test_verify_goes_on_behind_a_damaged_run(runs: list[Path]) -> None:
+    next(runs[0].glob("g1-*.parquet")).unlink()
+    done = ran("verify", *runs)
+    assert done.exit_code == 3
+    assert done.stdout.splitlines() == [*(f"{run}: not whole" for run in runs[:2]), f"{runs[2]}: whole"]
+    assert ran("verify", runs[2], runs[2]).stdout.splitlines() == [f"{runs[2]}: whole"], "the same run twice"
+
+
+def test_every_run_of_several_is_recovered(tmp_path: Path) -> None:
+    cut = [crash(record(tmp_path / name)) for name in "ab"]
+    done = ran("recover", *cut)
+    assert done.exit_code == 0 and all(f"{path}: recovered" in done.stdout for path in cut)
+
+
+def test_several_tables_become_runs_named_as_they_are(tmp_path: Path) -> None:
+    text = csv_text(plain("roll", "cw"))
+    for name, content in (("a", text), ("b", text.replace('"cw"', '"ccw"')), ("c", text)):
+        (tmp_path / f"{name}.csv").write_text(content)
+    tables = [tmp_path / f"{name}.csv" for name in "abc"]
+    options = ("--rig", SHIPPED / "ur10e.yaml", "--test", "roll", "-o", tmp_path / "runs")
+    done = ran("import", *tables, *options)
+    assert done.exit_code == 3 and "b.csv, line 2, direction" in done.stderr
+    made = [tmp_path / "runs" / "a", tmp_path / "runs" / "c"]
+    assert done.stdout.splitlines() == list(map(str, made)) and not (tmp_path / "runs" / "b").exists()
+    assert all(read_run(path).manifest.test == "roll" for path in made)
+    again = ran("import", *tables[::2], *options)
+    assert again.exit_code == 3 and again.stderr.count("exists already") == 2
+
+
+def test_several_runs_are_exported_to_a_directory(runs: list[Path], tmp_path: Path) -> None:
+    done = ran("export", *runs, "--to", "mcap", "-o", tmp_path / "out")
+    assert done.exit_code == 3 and str(runs[1]) in done.stderr
+    assert sorted(file.name for file in (tmp_path / "out").iterdir()) == sorted(
+        f"{run.name}.mcap" for run in (runs[0], runs[2])
+    )
+    taken = ran("export", runs[0], runs[2], "--to", "mcap", "-o", next((tmp_path / "out").iterdir()))
+    assert taken.exit_code != 0 and "give another --output" in str(taken.exception)

@@ -1,0 +1,84 @@
+"""The snippets of docs/other-programs.md read a recorded run as the page says, in each program that is there."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from typer.testing import CliRunner
+
+from analysis.cli import app
+from tests.support.recorded_lap import recorded
+
+PAGE = (Path(__file__).parents[1] / "docs" / "other-programs.md").read_text(encoding="utf-8")
+
+
+def snippet(language: str) -> str:
+    """The one block of a language on the page."""
+    (block,) = re.findall(rf"```{language}\n(.*?)```", PAGE, re.S)
+    return str(block)
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A directory with the run that the page names, and the table that its command writes."""
+    directory = tmp_path_factory.mktemp("work")
+    (directory / "runs").mkdir()
+    recorded(directory / "recorded").rename(directory / "runs" / "monday-acw")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(directory)
+        _, *words = snippet("sh").partition("#")[0].split()
+        assert CliRunner().invoke(app, words).exit_code == 0
+    return directory
+
+
+def angles_deg(work: Path) -> tuple[float, float]:
+    """The lowest and the highest angle of the lap, apart from the snippets."""
+    lap = pq.read_table(work / "lap.parquet")
+    apart_mm = lap["g2_mm"].to_numpy() - lap["g1_mm"].to_numpy()
+    angle_deg = np.degrees(np.arctan2(apart_mm, 50.0))
+    return float(angle_deg.min()), float(angle_deg.max())
+
+
+def readings(work: Path) -> int:
+    """How many readings of g1 the store of the run lists."""
+    return sum(pq.read_metadata(chunk).num_rows for chunk in (work / "runs" / "monday-acw").glob("g1-*.parquet"))
+
+
+def check(printed: str, work: Path) -> None:
+    """What the snippets for pandas and MATLAB print."""
+    lowest, highest = re.search(r"degrees: (\S+) to (\S+)", printed).groups()  # type: ignore[union-attr]
+    assert (float(lowest), float(highest)) == pytest.approx(angles_deg(work), abs=1e-6)
+    assert re.search(rf"readings: {readings(work)} doubtful: 0\b", printed)
+
+
+@pytest.mark.parametrize("language", ["python", "sql", "matlab"])
+def test_a_snippet_has_about_ten_lines(language: str) -> None:
+    assert 7 <= len([line for line in snippet(language).splitlines() if line.strip()]) <= 11
+
+
+def test_pandas(work: Path) -> None:
+    pytest.importorskip("pandas", reason="pandas is not installed")
+    script = [sys.executable, "-W", "error", "-c", snippet("python")]
+    check(subprocess.run(script, cwd=work, capture_output=True, text=True, check=True).stdout, work)
+
+
+def test_duckdb(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    duckdb = pytest.importorskip("duckdb", reason="DuckDB is not installed")
+    monkeypatch.chdir(work)
+    lap, stream = snippet("sql").strip().removesuffix(";").split(";\n")
+    assert duckdb.sql(lap).fetchall() == [pytest.approx(angles_deg(work))]
+    ((count, doubtful, per_s, slowest_ms),) = duckdb.sql(stream).fetchall()
+    assert (count, doubtful) == (readings(work), 0)
+    assert 10 < per_s < 1000 and slowest_ms == pytest.approx(20.0)  # one answer of the lap took so long
+
+
+@pytest.mark.skipif(shutil.which("matlab") is None, reason="MATLAB is not installed")
+def test_matlab(work: Path) -> None:
+    (work / "snippet.m").write_text(snippet("matlab"), encoding="utf-8")
+    done = subprocess.run(["matlab", "-batch", "snippet"], cwd=work, capture_output=True, text=True, check=True)
+    check(done.stdout, work)
