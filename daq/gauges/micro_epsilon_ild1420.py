@@ -24,7 +24,7 @@ from daq.gauges import Read
 from daq.protocol.conversation import NO_SAMPLES, NO_TIME, Arrival, Device, Fault, FaultKind, Host, Samples, Step
 from daq.protocol.framing import Lines, Message
 from daq.protocol.pace import Pace
-from daq.protocol.streamed import QuicklyStreamed, Reaction
+from daq.protocol.streamed import QuicklyStreamed, Reaction, split
 from daq.protocol.texts import Reading, Trouble, items_of
 from rigs.schema.serial_gauges import MicroEpsilonILD1420
 
@@ -144,20 +144,10 @@ class _ILD1420Dialect:
             np.full(count, math.nan),
             np.zeros(count, np.int64),
         )
-        return samples, _after(3 * count, arrivals)
+        return samples, split(arrivals, 3 * count)[1]
 
     def silent(self) -> Reaction:
         return Reaction(send=_START)
-
-
-def _after(size: int, arrivals: Sequence[Arrival]) -> list[Arrival]:
-    """Return what is left of the arrivals after so many bytes."""
-    left = []
-    for data, at_ns in arrivals:
-        if size < len(data):
-            left.append((data[size:], at_ns))
-        size = max(0, size - len(data))
-    return left
 
 
 def _distance(data: bytes, gauge: MicroEpsilonILD1420) -> Reading:

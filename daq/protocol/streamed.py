@@ -96,6 +96,11 @@ class Streamed:
         return Step(send, (*items, *self._bursts.end()), hang_up=True)
 
 
+_FIRST_SLOWLY_BYTES = 48
+"""Bytes that are read one by one where arrays cannot, before they are tried again: some values. Twice as many each
+time, so that the tries on a garbled stream stay few."""
+
+
 class QuickDialect(StreamedDialect, Protocol):
     """What one peer adds that sends thousands of messages a second."""
 
@@ -117,14 +122,30 @@ class QuicklyStreamed(Streamed):
     def received_all(self, arrivals: Sequence[Arrival]) -> Step:
         if self._over:
             return Step(hang_up=True)
-        send, items = b"", list[Item]()
-        samples, rest = self._quick.read_run(arrivals)
-        if len(samples):
-            items = [*self._bursts.end(), samples]
-            self._wake_ns = int(samples.last_byte_ns[-1]) + self._timeout_ns
-        for data, at_ns in rest:
-            step = self.received(data, at_ns)
-            send, items = send + step.send, [*items, *step.items]
-            if step.hang_up:
-                return Step(send, tuple(items), hang_up=True)
+        send, items, rest, slowly = b"", list[Item](), arrivals, _FIRST_SLOWLY_BYTES
+        while rest:
+            samples, rest = self._quick.read_run(rest)
+            if len(samples):
+                items += [*self._bursts.end(), samples]
+                self._wake_ns = int(samples.last_byte_ns[-1]) + self._timeout_ns
+            begin, rest = split(rest, slowly)
+            slowly *= 2
+            for data, at_ns in begin:
+                step = self.received(data, at_ns)
+                send += step.send
+                items += step.items
+                if step.hang_up:
+                    return Step(send, tuple(items), hang_up=True)
         return Step(send, tuple(items), self._wake_ns)
+
+
+def split(arrivals: Sequence[Arrival], size: int) -> tuple[list[Arrival], list[Arrival]]:
+    """Return the first so many bytes of the arrivals, and those after them, each with its stamp."""
+    before, after = list[Arrival](), list[Arrival]()
+    for data, at_ns in arrivals:
+        if data[:size]:
+            before.append((data[:size], at_ns))
+        if data[size:]:
+            after.append((data[size:], at_ns))
+        size = max(0, size - len(data))
+    return before, after

@@ -74,8 +74,9 @@ class Gap:
         """Return what is in no run, after recovering the previous one. Raises CellError if its disk is away."""
         self.require_disk()
         try:
-            recover_and_log(self.previous)
-        except RigError as error:
+            if self.previous.is_dir():
+                recover_and_log(self.previous)
+        except (OSError, RigError) as error:
             warnings.warn("recording", "former", str(error))
         return self.dropped()
 

@@ -17,6 +17,9 @@ from daq.recording.label import Label
 from daq.store.records import Ending
 
 FIRST_PAUSE_S = 5.0
+"""So long, since a disk that is full or fails needs somebody."""
+REMOVED_PAUSE_S = 0.1
+"""After a run whose directory was removed: its disk takes another at once. Not 0, which means a recording's first."""
 LONGEST_PAUSE_S = 60.0
 MOST_LEAVING = 2
 """With so many runs that were stopped before the disk made them, none is begun: what each has kept is in memory."""
@@ -96,11 +99,12 @@ class Refused:
 
 @dataclass(frozen=True)
 class Failed:
-    """The disk is nearly full, or took what came last no more."""
+    """The disk is nearly full, or took what came last no more. removed: the run's directory is gone."""
 
     ending: Ending
     why: str
     now_s: float
+    removed: bool = False
 
 
 @dataclass(frozen=True)
@@ -208,8 +212,9 @@ def _moved(phase: Phase, event: Event) -> tuple[Phase, tuple[Action, ...]]:
             return IDLE, ()
         case Refused(_, now_s), Beginning(recording, _, pause_s):
             return Waiting(recording, min(2 * pause_s, LONGEST_PAUSE_S), now_s + pause_s), ()
-        case Failed(ending, why, now_s), Running(recording, run):
-            waiting = Waiting(recording, FIRST_PAUSE_S, now_s + FIRST_PAUSE_S, closing=run)
+        case Failed(ending, why, now_s, removed), Running(recording, run):
+            pause_s = REMOVED_PAUSE_S if removed else FIRST_PAUSE_S
+            waiting = Waiting(recording, pause_s, now_s + pause_s, closing=run)
             return waiting, (Close(run, ending, why), Suspend(run, why))
         case Closed(run), Waiting(closing=closing) if run == closing:
             return replace(phase, closing=None), ()

@@ -31,6 +31,7 @@ from daq.recording.readings import require_readings
 from daq.recording.status import rejection, status_of
 from daq.store import NearlyFull, RunWriter
 from daq.store.records import Ending
+from daq.store.run_directory import RunRemoved
 from rigs.errors import CellError, RigError
 
 log = logging.getLogger("rigd")
@@ -89,7 +90,7 @@ class Recorder(threading.Thread):
             except NearlyFull as error:
                 self._apply(machine.Failed("interrupted", error.what, time.monotonic()))
             except CellError as error:
-                self._apply(machine.Failed("failed", str(error), time.monotonic()))
+                self._apply(machine.Failed("failed", str(error), time.monotonic(), isinstance(error, RunRemoved)))
             for number in [number for number, run in self._runs.items() if run.ended.done()]:
                 del self._runs[number]
                 self._apply(machine.Closed(number))
@@ -286,7 +287,8 @@ class Recorder(threading.Thread):
         except CellError as error:
             self.last_end = f"failed: {error}"
             log.error("recording ended, %s", self.last_end)
-            run.ended.set_exception(CellError(str(path), self.last_end, f"remove the cause, then: rig recover {path}"))
+            repair = CellError(str(path), self.last_end, f"remove the cause, then: rig recover {path}")
+            run.ended.set_exception(error if isinstance(error, RunRemoved) else repair)
         except Exception as error:
             self.last_end = "failed: not closed because of an internal error"
             log.exception("%s: not closed because of an internal error; run: rig recover %s", path, path)

@@ -8,6 +8,7 @@ docs/decisions/0017-a-run-proves-that-it-is-whole.md.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -62,9 +63,30 @@ def _entry(line: bytes, before: str) -> Entry | None:
     match = _LINE.fullmatch(line)
     if match is None or match["digest"].decode() != sha256(before.encode() + b"{" + match["rest"] + b"}"):
         return None
+    return _content(match)
+
+
+def _content(line: re.Match[bytes]) -> Entry | None:
     with suppress(ValidationError):
-        return Entry.model_validate_json(b"{" + match["rest"] + b"}")
+        return Entry.model_validate_json(b"{" + line["rest"] + b"}")
     return None
+
+
+def claimed_rows(data: bytes, opening: str | None) -> Counter[str]:
+    """Return the rows of each sample stream that a ledger's seals claim, also in lines that do not verify.
+
+    A seal holds that number twice, as rows and as samples: the smaller counts, so that a damaged digit makes no row
+    missing. opening: SHA-256 of the run's manifest; the ledger of another run claims nothing.
+    """
+    found, claimed = verified(data), Counter[str]()
+    if found.entries and found.entries[0].opening != opening:
+        return claimed
+    for line in data.split(b"\n"):
+        entry = _content(match) if (match := _LINE.fullmatch(line)) else None
+        if entry and entry.seal:
+            samples = {stream: counts.get("samples", 0) for stream, counts in entry.seal.counters.items()}
+            claimed |= Counter(entry.seal.rows) & Counter(samples)
+    return claimed
 
 
 def line_of(entry: Entry, before: str) -> tuple[bytes, str]:

@@ -1,8 +1,9 @@
-"""The directory of a new run: its name, the writer's lock on it, its manifest, and its ledger."""
+"""The directory of a run that is recorded: its name, the writer's lock on it, its manifest, its ledger, and its end."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from itertools import count
@@ -10,11 +11,34 @@ from pathlib import Path
 
 from daq.store import durable
 from daq.store.ledger import Ledger
-from daq.store.manifest import Manifest
+from daq.store.manifest import MANIFEST, Manifest
 from daq.store.room import TO_BEGIN_BYTES, require_room
+from rigs.errors import CellError
 
 _TIMED = re.compile(r"[0-9]{8}T[0-9]{6}[.0-9]*Z")
 """The UTC time that some names begin with; their directories are named after them alone."""
+_WHO_DELETES = "find out what deletes or moves runs"
+
+
+class RunRemoved(CellError):
+    """The error for a run whose directory is gone while it is recorded."""
+
+    def __init__(self, run: Path) -> None:
+        super().__init__(str(run), "the directory was removed during the recording", _WHO_DELETES)
+
+
+def require_files(run: Path, open_files: Mapping[Path, int]) -> None:
+    """Raise RunRemoved for a run that is gone, CellError where its manifest or an open file is. Raises OSError.
+
+    open_files: descriptor of each by its path.
+    """
+    if not run.is_dir():
+        raise RunRemoved(run)
+    vanished = [path for path, fd in open_files.items() if not durable.is_named(fd, path)]
+    if not (run / MANIFEST).exists():
+        vanished.append(run / MANIFEST)
+    if vanished:
+        raise CellError(str(vanished[0]), "has vanished during the recording", _WHO_DELETES)
 
 
 def create_run_directory(runs: Path, manifest: Manifest) -> tuple[Path, int, Ledger]:

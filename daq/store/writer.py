@@ -28,7 +28,7 @@ from daq.store.manifest import Manifest, clock_now, new_manifest
 from daq.store.memory import give_back
 from daq.store.records import Clock, Ending, Seal, iso_now
 from daq.store.room import MARGIN_BYTES, require_room
-from daq.store.run_directory import create_run_directory
+from daq.store.run_directory import RunRemoved, create_run_directory, require_files
 from daq.store.schema import FAULTS, schema_of
 from daq.store.stream_writer import OpenChunk, StreamWriter
 from rigs.errors import CellError
@@ -152,19 +152,13 @@ class RunWriter:
         """Hand everything taken so far to the operating system: that survives a kill.
 
         Raises NearlyFull, with nothing written, while there is still the room to close; else CellError, also for a
-        file that has vanished, after which everything can still be closed.
+        file that has vanished, after which everything can still be closed, and RunRemoved if the directory is gone.
         """
         with self._guarded():
-            self._require_files()
+            chunks = {chunk.path: chunk.fd for writer in self._writers.values() if (chunk := writer.open)}
+            require_files(self.path, {self._ledger.path: self._ledger.fd, **chunks})
             require_room(self.path, self.room_to_close() + MARGIN_BYTES)
             self._write()
-
-    def _require_files(self) -> None:
-        """Raise CellError for an open file that is not there under its name any more."""
-        chunks = {chunk.path: chunk.fd for writer in self._writers.values() if (chunk := writer.open)}
-        for path, fd in {self._ledger.path: self._ledger.fd, **chunks}.items():
-            if not durable.is_named(fd, path):
-                raise CellError(str(path), "has vanished during the recording", "find out what deletes or moves runs")
 
     def sync(self) -> None:
         """Write, and return when everything written so far is on the disk. Raises the errors of `write`."""
@@ -295,6 +289,8 @@ def _words(error: Exception) -> str:
 
 
 def _refused(run: Path, error: Exception) -> CellError:
+    if isinstance(error, FileNotFoundError):
+        return RunRemoved(run)
     remedy = durable.remedy(error, "make room or repair the disk")
     safe = f"what was synced is safe: `rig recover {run}`"
     return CellError(str(run), f"cannot be written: {_words(error)}", f"{remedy}; {safe}")

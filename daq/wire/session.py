@@ -16,6 +16,8 @@ from daq.wire.links import LinkLost
 
 _LONGEST_WAIT_S = 0.2
 """The limit lets a request to stop take effect, and keeps the watchdog fed on a silent link."""
+_MOST_GATHERED_BYTES = 65_536
+"""As much as one read of a link brings: a peer that floods is decoded in pieces of some 2 ms each."""
 
 
 class ByteLink(Protocol):
@@ -68,14 +70,15 @@ def run_conversation(
 
 def _gathered(link: ByteLink, first: Arrival, gather_ns: int) -> tuple[list[Arrival], LinkLost | None]:
     """Read on, and do nothing but stamp; return what came, and how the link was lost if it was."""
-    arrivals = [first]
+    arrivals, size = [first], len(first[0])
     now_ns, until_ns = first[1], first[1] + gather_ns
     try:
-        while now_ns < until_ns:
+        while now_ns < until_ns and size < _MOST_GATHERED_BYTES:
             data = link.read((until_ns - now_ns) / 1e9)
             now_ns = time.monotonic_ns()
             if data:
                 arrivals.append((data, now_ns))
+                size += len(data)
     except LinkLost as error:
         return arrivals, error
     return arrivals, None

@@ -93,6 +93,18 @@ def _plain(items: list[Item]) -> list[object]:
     return [one if isinstance(one, Fault) else (one.values, one.first_byte_ns, one.last_byte_ns) for one in singles]
 
 
+@pytest.mark.parametrize("begin", [b"", b"OUTPUT RS422\r\n->"])
+@pytest.mark.parametrize("damage", [b"", b"\xff", b"\x00"])
+def test_arrays_are_used_again_once_a_stream_is_in_step(begin: bytes, damage: bytes) -> None:
+    conversation = gauges.host([GAUGE])
+    assert isinstance(conversation, Gathering)
+    conversation.connected(0)
+    values = begin + _value(1000) * 5000 + damage + _value(1000) * 5000
+    items = conversation.received_all([(values, 1)]).items
+    singly = [item for item in items if isinstance(item, Sample)]
+    assert len(samples_of(items)) >= 9995 and len(singly) < 100
+
+
 def test_arrays_are_used() -> None:
     conversation = gauges.host([GAUGE])
     assert isinstance(conversation, Gathering)

@@ -270,12 +270,17 @@ def test_a_chunk_that_vanishes_ends_its_run_whole_and_another_follows(
     assert len(read_run(former).streams["g1"]["g1_mm"]) == 20
 
 
-def test_a_run_that_is_deleted_is_followed_by_another_and_counts_as_dropped(written: Written) -> None:
-    """Its disk is there all the time, so nothing has to be mounted."""
+def test_a_run_that_is_deleted_is_followed_by_another_and_counts_as_dropped(
+    written: Written, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Its disk is there all the time, so nothing has to be mounted and nothing waited for."""
+    monkeypatch.setattr(daq.recording.machine, "FIRST_PAUSE_S", 1e9)
     written.round()
     shutil.rmtree(written.path)
     written.round()
     written.until_it_goes_on()
+    assert "the directory was removed during the recording" in caplog.text and "another run follows" in caplog.text
+    assert not any(word in caplog.text for word in ("make room", "rig recover", "no such run"))
     (follower,) = written.runs.iterdir()
     read, counters = read_run(follower).streams["g1"]["g1_mm"], load_manifest(follower).counters["g1"]
     assert read.tolist() == list(range(counters["dropped"], written.delivered)) and counters["dropped"] >= 20

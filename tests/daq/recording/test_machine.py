@@ -190,6 +190,11 @@ def test_pauses_double_up_to_a_minute() -> None:
     assert pauses == [FIRST_PAUSE_S, 5, 10, 20, 40, LONGEST_PAUSE_S, LONGEST_PAUSE_S]
 
 
+def test_a_run_that_was_removed_is_followed_at_once() -> None:
+    state = _after(Start(MINE), Created(1), replace(FULL, removed=True), Closed(1))
+    assert step(state, Tick(0.2))[1] == (Create(2, MINE, resumes=True),)
+
+
 def test_a_run_that_is_tried_again_has_the_run_before_closed() -> None:
     waiting = _after(Start(MINE), Created(1), FULL)
     assert step(waiting, Tick(LONG_S)) == (waiting, ())

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from analysis.cli import app
 from daq.store import judge, load_manifest, read_run, recover, relabel, verify
-from daq.store.ledger import Entry, line_of, verified
+from daq.store.ledger import Entry, Ledger, line_of, verified
 from rigs.errors import CellError, FileError
 from tests.support.store_cases import (
     assert_holds,
@@ -140,6 +140,49 @@ def test_nothing_changes_in_a_ledger_unseen(whole: Path, run: Path, data: st.Dat
         shutil.rmtree(copy)
 
 
+def without_g1(run: Path) -> list[bytes]:
+    """The lines of its ledger, after the files of g1 and the lines about them are gone."""
+    for file in run.glob("g1-*"):
+        file.unlink()
+    lines = (run / "ledger.jsonl").read_bytes().splitlines(keepends=True)
+    return [line for line in lines if b'"file":"g1-' not in line]
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_a_seal_that_cannot_be_verified_still_says_how_many_rows_are_missing(
+    run: Path, monkeypatch: pytest.MonkeyPatch, interrupted: bool
+) -> None:
+    (run / "ledger.jsonl").write_bytes(b"".join(without_g1(run)))
+    assert said(run).startswith("not whole")
+    if interrupted:
+        with monkeypatch.context() as patch, pytest.raises(CellError):
+            patch.setattr(Ledger, "resume", refuse_to_open)
+            recover(run)
+    recover(run)
+    assert said(run).splitlines() == [
+        "recovered: 20 rows are known to be missing",
+        "rows 0 to 19 of g1 are missing",
+    ]
+    assert recover(run).nothing_to_do
+
+
+def refuse_to_open(run: Path) -> None:
+    raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+
+def test_a_damaged_first_line_does_not_hide_what_the_seal_says(run: Path) -> None:
+    (run / "ledger.jsonl").write_bytes(b"x" + b"".join(without_g1(run)))
+    recover(run)
+    assert "rows 0 to 19 of g1 are missing" in said(run)
+
+
+def test_a_seal_of_another_run_claims_nothing(run: Path, tmp_path: Path) -> None:
+    shutil.copy(finished(tmp_path / "other") / "ledger.jsonl", run / "ledger.jsonl.torn")
+    (run / "ledger.jsonl").write_bytes(b"".join(without_g1(run)[:-1]))
+    recover(run)
+    assert said(run) == "recovered: no rows are known to be missing"
+
+
 def test_a_ledger_that_is_gone_is_made_anew_from_the_chunks(run: Path) -> None:
     (run / "ledger.jsonl").unlink()
     assert "ledger.jsonl: is missing or damaged from its first line on; run `rig recover" in said(run)
@@ -201,7 +244,7 @@ def test_a_failed_end_promises_rows_and_recovery_says_which_of_them_are_missing(
     assert recover(path).nothing_to_do
 
 
-@pytest.mark.parametrize("name", ["g1-0001.arrow", "ledger.jsonl"])
+@pytest.mark.parametrize("name", ["g1-0001.arrow", "ledger.jsonl", "manifest.json"])
 @pytest.mark.parametrize("moved", [False, True])
 def test_a_file_that_vanishes_is_noticed_at_the_next_write_and_no_row_is_lost(
     tmp_path: Path, name: str, moved: bool

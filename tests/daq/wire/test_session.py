@@ -65,6 +65,12 @@ def test_what_was_gathered_when_the_link_was_lost_is_delivered_with_the_stamp_of
     assert len(stamps_ns) == 3 and before_ns < stamps_ns[0] <= stamps_ns[1] <= stamps_ns[2] <= time.monotonic_ns()
 
 
+def test_a_gathering_ends_after_as_many_bytes_as_one_read_brings() -> None:
+    conversation = Gathered()
+    _run(conversation, Pieces(*[bytes(10_000)] * 14))
+    assert [sum(len(data) for data, _ in arrivals) for arrivals in conversation.calls] == [70_000, 70_000]
+
+
 def test_a_gathering_ends_after_its_time() -> None:
     conversation = Gathered()
     conversation.gather_ns = 0
