@@ -12,7 +12,7 @@ from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 
 
-@command(app, "rig calibrate runs/* -o fitted.yaml")
+@command(app, "rig calibrate runs/* --fit EFFECT -o fitted.yaml")
 def calibrate(
     runs: Annotated[
         list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one robot.")

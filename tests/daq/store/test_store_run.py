@@ -146,7 +146,7 @@ def test_missing_run_and_manifest(tmp_path: Path) -> None:
             act(tmp_path / "none")
     with pytest.raises(FileError, match="File name too long"):
         read_run(tmp_path / ("x" * 300))
-    with pytest.raises(FileError, match=r"no manifest\.json"):
+    with pytest.raises(FileError, match="holds no run"):
         read_run(tmp_path)
     assert "no manifest.json" in verify(tmp_path)[0]
 
