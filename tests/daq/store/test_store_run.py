@@ -148,7 +148,7 @@ def test_missing_run_and_manifest(tmp_path: Path) -> None:
         read_run(tmp_path / ("x" * 300))
     with pytest.raises(FileError, match="holds no run"):
         read_run(tmp_path)
-    assert "no manifest.json" in verify(tmp_path)[0]
+    assert "holds no run" in verify(tmp_path)[0]
 
 
 def test_flipped_bit_in_parquet(run: Path) -> None:
