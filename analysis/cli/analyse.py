@@ -8,17 +8,16 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app, completion
+from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson, Runs
 
 
 @command(app, "rig analyse runs/lap-acw runs/lap-cw --plot pictures")
 def analyse(
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories.")
-    ],
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    runs: Runs,
+    as_json: AsJson = False,
     plot: Annotated[
         Path | None, typer.Option(help="Directory for pictures; default: write none. A page: rig report.")
     ] = None,

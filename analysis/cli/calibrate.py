@@ -10,27 +10,19 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson, ModelRig, RobotRuns
 
 
 @command(app, "rig calibrate runs/* --fit EFFECT -o fitted.yaml")
 def calibrate(
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one robot.")
-    ],
+    runs: RobotRuns,
     fit: Annotated[
         str,
         typer.Option(
             help="Effects to fit, separated by commas: NAME for all axes, NAME:AXIS for one; see docs/simulation.md."
         ),
     ],
-    rig_file: Annotated[
-        str | None,
-        typer.Option(
-            "--rig",
-            autocompletion=completion.rig_files,
-            help="Rig file of the model to start from; default: that of the first run.",
-        ),
-    ] = None,
+    rig_file: ModelRig = None,
     hold_out: Annotated[
         list[Path] | None,
         typer.Option(
@@ -48,7 +40,7 @@ def calibrate(
         Path | None,
         typer.Option("--output", "-o", help="Rig file to write, extended by the fitted effects; default: none."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Estimate the sizes of chosen effects by least squares on the simulator; the set-up is always fitted as well."""
 

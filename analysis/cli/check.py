@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
-from analysis.cli import app, completion
+from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
+from analysis.cli.options import RigArgument
 
 
 @command(app, "rig check cell.yaml")
 def check(
-    rig_file: Annotated[
-        str,
-        typer.Argument(
-            metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."
-        ),
-    ],
+    rig_file: RigArgument,
 ) -> None:
     """Check a rig file: report every mistake with its line, and whether the robot can drive the circle."""
     import datetime as dt  # noqa: PLC0415

@@ -11,6 +11,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import Command, command
 from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson, ModelRig, RobotRuns
 from rigs.errors import FileError
 
 _AGAINST = "--against"
@@ -37,9 +38,7 @@ def _one_each(arguments: Sequence[str]) -> list[str]:
 
 @command(app, "rig compare runs/after-* --against runs/before-*", cls=_ManyAgainst)
 def compare(
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one robot.")
-    ],
+    runs: RobotRuns,
     against: Annotated[
         list[Path] | None,
         typer.Option(
@@ -48,15 +47,8 @@ def compare(
             help="Runs before a repair, if RUN… are those after it; default: the simulation.",
         ),
     ] = None,
-    rig_file: Annotated[
-        str | None,
-        typer.Option(
-            "--rig",
-            autocompletion=completion.rig_files,
-            help="Rig file of the model to compare with; default: that of the first run.",
-        ),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    rig_file: ModelRig = None,
+    as_json: AsJson = False,
     plot: Annotated[Path | None, typer.Option(help="Directory for a picture of each run; default: write none.")] = None,
 ) -> None:
     """Simulate each run from its own feedback, fit the set-up, and show measured and simulated side by side.

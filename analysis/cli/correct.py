@@ -10,6 +10,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson
 
 
 @command(app, "rig correct found/cell.yaml -o corrections")
@@ -30,7 +31,7 @@ def correct(
             "(roll-pitch-yaw about fixed axes, in the world frame of the rig file); default: none."
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write joint zeros, link constants and corrected targets, each only where the effects support it."""
 

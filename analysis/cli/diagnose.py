@@ -10,6 +10,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson, ModelRig, RobotRuns
 
 if TYPE_CHECKING:
     from analysis import Diagnosis, Measured
@@ -17,17 +18,8 @@ if TYPE_CHECKING:
 
 @command(app, "rig diagnose runs/* -o found")
 def diagnose(
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one robot.")
-    ],
-    rig_file: Annotated[
-        str | None,
-        typer.Option(
-            "--rig",
-            autocompletion=completion.rig_files,
-            help="Rig file of the model to start from; default: that of the first run.",
-        ),
-    ] = None,
+    runs: RobotRuns,
+    rig_file: ModelRig = None,
     hold_out: Annotated[
         list[Path] | None,
         typer.Option(
@@ -48,7 +40,7 @@ def diagnose(
             min=0.0, help="Smallest change of readings, in µm, worth a name; default: the scatter of one run."
         ),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    as_json: AsJson = False,
     output: Annotated[
         Path | None,
         typer.Option(

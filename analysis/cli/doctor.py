@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app, completion
+from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson, RigArgument
 
 SERVED = Path("/etc/rig")
 """Where the rig files of services are."""
@@ -18,14 +19,9 @@ _COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
 
 @command(app, "rig doctor cell.yaml")
 def doctor(
-    rig_file: Annotated[
-        str,
-        typer.Argument(
-            metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."
-        ),
-    ],
+    rig_file: RigArgument,
     runs: Annotated[Path | None, typer.Option(help="Directory of the runs; default: that of rigd.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Report what is wrong with a cell: ports, line settings, rates, clocks, disk, service.
 

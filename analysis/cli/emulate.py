@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from analysis.cli import app, completion
+from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
+from analysis.cli.options import RigArgument
 
 if TYPE_CHECKING:
     from queue import SimpleQueue
@@ -28,12 +29,7 @@ HiddenEffects = Annotated[
 
 @command(app, "rig emulate ur10e -o cell")
 def emulate(
-    rig_file: Annotated[
-        str,
-        typer.Argument(
-            metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."
-        ),
-    ],
+    rig_file: RigArgument,
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory for rig.yaml and truth.json.")] = Path(
         "cell"
     ),

@@ -7,9 +7,10 @@ from typing import Annotated, Literal
 
 import typer
 
-from analysis.cli import app, completion
+from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
+from analysis.cli.options import Runs
 from analysis.cli.several import for_each
 
 Format = Literal["csv", "parquet", "mcap"]
@@ -17,9 +18,7 @@ Format = Literal["csv", "parquet", "mcap"]
 
 @command(app, "rig export runs/lap-acw --to parquet -o lap-acw.parquet")
 def export(
-    paths: Annotated[
-        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories.")
-    ],
+    paths: Runs,
     to: Annotated[Format, typer.Option(help="Format: csv or parquet for the table, mcap for the raw streams.")],
     output: Annotated[
         Path,

@@ -13,6 +13,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson
 
 _SILENT_S = 1.0
 """Nothing is shown of what takes no longer."""
@@ -36,7 +37,7 @@ def history(
     rig_file: Annotated[
         str | None, typer.Option("--rig", help="Rig file with the limits; default: that of the newest run.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    as_json: AsJson = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="Print a line of CSV for each run and figure.")] = False,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE.html", help="Page to write; default: write none.")

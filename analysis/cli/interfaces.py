@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say_json
+from analysis.cli.options import AsJson
 
 
 @command(app, "rig interfaces")
 def interfaces(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List the gauge and robot interfaces: instruments, line settings, source of the protocol, and what is in doubt."""
     from dataclasses import asdict  # noqa: PLC0415

@@ -10,11 +10,12 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson
 
 
 @command(app, "rig paper --plot figures")
 def paper(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    as_json: AsJson = False,
     plot: Annotated[
         Path | None,
         typer.Option(help="Directory for the data figures of the paper; default: write none."),

@@ -6,21 +6,17 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app, completion
+from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say_json
+from analysis.cli.options import AsJson, RigArgument
 
 _LEAST_COLUMNS = 80
 
 
 @command(app, "rig plan cell.yaml --tests yaw,radial --runs 5")
 def plan(
-    rig_file: Annotated[
-        str,
-        typer.Argument(
-            metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."
-        ),
-    ],
+    rig_file: RigArgument,
     tests: Annotated[
         str | None,
         typer.Option(help="Tests, separated by commas: yaw, roll, radial, repeatability; default: the first three."),
@@ -28,7 +24,7 @@ def plan(
     runs: Annotated[
         int, typer.Option(min=1, max=1000, help="Number of runs of each test, for circles in each direction.")
     ] = 3,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most."""
 

@@ -9,6 +9,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import Group, command
 from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson
 from rigs.schema.vocabulary import Direction, TestName
 
 record = typer.Typer(cls=Group, no_args_is_help=True, help="Start and stop a recording of the running daemon.")
@@ -70,7 +71,7 @@ def stop(rig: RigName = None) -> None:
 @command(app, "rig status")
 def status(
     rig: RigName = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object instead of text.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show what the daemon reads and records now."""
 

@@ -7,18 +7,17 @@ from typing import Annotated, Literal
 
 import typer
 
-from analysis.cli import app, completion
+from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
+from analysis.cli.options import Runs
 from analysis.cli.several import for_each
 from rigs.schema.vocabulary import Direction
 
 
 @command(app, "rig relabel runs/lap-3 --direction cw")
 def relabel(
-    paths: Annotated[
-        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories.")
-    ],
+    paths: Runs,
     test: Annotated[
         Literal["yaw", "roll", "radial", "repeatability"] | None,
         typer.Option(help="Test that the robot drove; default: unchanged."),

@@ -10,13 +10,12 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say
+from analysis.cli.options import RobotRuns
 
 
 @command(app, "rig report runs/* -o report.html")
 def report(
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one robot.")
-    ],
+    runs: RobotRuns,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE.html", help="The page to write.")],
     rig_file: Annotated[
         str | None,

@@ -7,14 +7,11 @@ from typing import Annotated
 
 import typer
 
-from analysis.cli import app, completion
+from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
+from analysis.cli.options import Runs
 from analysis.cli.several import for_each
-
-RunPaths = Annotated[
-    list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories.")
-]
 
 
 @command(app, "rig runs /var/lib/rigd-cell/runs")
@@ -47,7 +44,7 @@ def runs(
 
 @command(app, "rig keep runs/lap-acw runs/lap-cw")
 def keep(
-    paths: RunPaths,
+    paths: Runs,
     no_more: Annotated[
         bool,
         typer.Option("--not", help="Remove the mark, so that retention may delete the runs once they are exported."),
@@ -64,7 +61,7 @@ def keep(
 
 
 @command(app, "rig recover runs/lap-acw")
-def recover(paths: RunPaths) -> None:
+def recover(paths: Runs) -> None:
     """Recover runs that were cut off: keep every verified batch, and report what is lost."""
     for_each(paths, _recover)
 
@@ -85,7 +82,7 @@ def _recover(path: Path) -> None:
 
 
 @command(app, "rig verify runs/*")
-def verify(paths: RunPaths) -> None:
+def verify(paths: Runs) -> None:
     """Report which runs are whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
     for_each(paths, _verify)
 

@@ -7,21 +7,17 @@ from typing import Annotated, Literal
 
 import typer
 
-from analysis.cli import app, completion
+from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.emulate import HiddenEffects
+from analysis.cli.options import RigArgument
 from rigs.schema.vocabulary import CIRCLES, Direction
 
 
 @command(app, "rig simulate ur10e --test yaw --runs 3 -o simulated")
 def simulate(
-    rig_file: Annotated[
-        str,
-        typer.Argument(
-            metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."
-        ),
-    ],
+    rig_file: RigArgument,
     test: Annotated[Literal["yaw", "roll", "radial", "repeatability"], typer.Option(help="Test to simulate.")],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the runs to.")],
     direction: Annotated[Literal["cw", "acw", "both"], typer.Option(help="Direction of yaw and roll.")] = "both",

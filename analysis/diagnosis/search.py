@@ -73,11 +73,10 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
         progress("selecting effects")
         state = selection.select(selection.initial_state(known))
         known = state.refined.effects
-        moved = selection.posterior(state).mean[selection.columns.set_ups]
-        setups = linear.setups_moved_by(moved)
-        bent = linear.residual_at(known, linear.setups) - state.refined.residual
+        bent = linear.residual_at(known, setups) - state.refined.residual
         if float(np.sqrt(np.mean(bent**2))) < _BENT:
             break
+        setups = linear.setups_moved_by(selection.posterior(state).mean[selection.columns.set_ups])
     progress("comparing names with their rivals")
     state, odds = compare_with_rivals(selection, state)
     return SearchResult(linear, selection, state, selection.posterior(state), odds)

@@ -87,7 +87,8 @@ def wild_runs(values: Array, u: Array) -> Mask:
     medians = np.median(np.lib.stride_tricks.sliding_window_view(values, _WINDOW), axis=1)
     half = _WINDOW // 2
     away = np.abs(values - medians[np.clip(np.arange(count) - half, 0, len(medians) - 1)])
-    wild: Mask = away > _WILD * np.maximum(_TO_SD * float(np.median(away)), np.maximum(u, np.median(u)))
+    scale = max(_TO_SD * float(np.median(away)), float(np.median(u)))
+    wild: Mask = away > _WILD * scale
     return wild
 
 

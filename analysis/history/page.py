@@ -13,9 +13,8 @@ from markupsafe import Markup
 from analysis.history.history import History, Series
 from analysis.history.limits import judge
 from analysis.history.words import against_limit, doubts, remarks, sentences
+from analysis.reporting.html_page import environment, write_html
 from analysis.reporting.sheet import Sheet
-from rigs.errors import FileError
-from rigs.text import plain_lines
 
 _MOST = 60
 """Pictures on a page, those beyond a limit and those with changes first: some 20 kB each."""
@@ -28,29 +27,20 @@ _INK, _CHANGE, _WILD, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 
 def write_page(history: History, path: Path) -> None:
     """Write the page. Raises FileError where it cannot be written."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415 - slow, needed here only
-
-    environment = Environment(
-        loader=PackageLoader("analysis"), autoescape=True, undefined=StrictUndefined, finalize=_shown
-    )
     shown = sorted(history.series, key=lambda series: (not _is_beyond(series), not series.trend.changes))
-    html = environment.get_template("history.html").render(
-        robot=history.robot,
-        sentences=sentences(history),
-        remarks=remarks(history),
-        doubts=doubts(history),
-        left_out=max(0, len(shown) - _MOST),
-        pictures=[(series, against_limit(series), _picture(series)) for series in shown[:_MOST]],
+    html = (
+        environment()
+        .get_template("history.html")
+        .render(
+            robot=history.robot,
+            sentences=sentences(history),
+            remarks=remarks(history),
+            doubts=doubts(history),
+            left_out=max(0, len(shown) - _MOST),
+            pictures=[(series, against_limit(series), _picture(series)) for series in shown[:_MOST]],
+        )
     )
-    try:
-        path.write_text(html, encoding="utf-8")
-    except OSError as error:
-        raise FileError(str(path), error.strerror or str(error), "give another -o") from None
-
-
-def _shown(value: object) -> object:
-    """Text is plain before it is escaped for HTML; a picture is HTML already."""
-    return plain_lines(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+    write_html(html, path)
 
 
 def _is_beyond(series: Series) -> bool:

@@ -19,7 +19,7 @@ from analysis.kinematics.arm import Array
 from analysis.paper.paper_table import written
 from analysis.paper.rows import DIRECTIONS, Row
 from analysis.paper.simulated_figures import SimulatedFigures, figures_of
-from analysis.reporting.plots import mark_reversals
+from analysis.reporting.plots import label_axes, mark_reversals
 from analysis.reporting.sheet import Sheet
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -81,18 +81,11 @@ def _sheet(title: str, rows: Sequence[Row], height_inch: float) -> Sheet:
 def _circle_panels(figure: FigureBase, count: int, y: str) -> list[Axes]:
     panels: list[Axes] = list(figure.subplots(count, 1, sharex=True, sharey=True, squeeze=False)[:, 0])
     for axes in panels:
-        _plain(axes, "", y)
+        label_axes(axes, "", y)
         axes.set_xlim(0, 360)
         axes.set_xticks(range(0, 361, 30))
     panels[-1].set_xlabel("circle angle φ / °")
     return panels
-
-
-def _plain(axes: Axes, x: str, y: str) -> None:
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    axes.grid(color="#dddddd", lw=0.5)
-    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _curve(result: Result) -> CircleCurve:
@@ -165,7 +158,7 @@ def _joints(figure: FigureBase, simulated: SimulatedFigures) -> None:
     lap = simulated.joints
     panels = list(figure.subplots(3, 2, sharex=True).flat)
     for axes, name, q_deg in zip(panels, lap.names, lap.q_deg.T, strict=True):
-        _plain(axes, "", f"{name} / °")
+        label_axes(axes, "", f"{name} / °")
         axes.plot(lap.phi_deg, q_deg, color=_INK["cw"], lw=1.2)
         axes.set_xlim(0, 360)
         axes.set_xticks(range(0, 361, 60))
@@ -223,7 +216,7 @@ def _radial(figure: FigureBase, result: Result) -> None:
     axes.axhline(0, color="black", lw=0.8)
     axes.vlines(curve.target, 0, curve.deviation_mm, color="red", lw=0.8)
     axes.plot(curve.target, curve.deviation_mm, "o", color="red", ms=4)
-    _plain(axes, "target", "deviation from the sphere / mm")
+    label_axes(axes, "target", "deviation from the sphere / mm")
 
 
 def _repeatability(figure: FigureBase, simulated: SimulatedFigures) -> None:
@@ -236,7 +229,7 @@ def _repeatability(figure: FigureBase, simulated: SimulatedFigures) -> None:
         here = curve.approach == side
         axes.plot(place[here] + aside, curve.reading_mm[here], "o", ms=4, color=_INK[ink], label=name)
     axes.set_xticks(range(len(targets)), [str(target) for target in targets])
-    _plain(axes, "target", "reading / mm")
+    label_axes(axes, "target", "reading / mm")
     axes.legend(fontsize=8)
 
 

@@ -105,7 +105,7 @@ def radial_figure(result: Result, curve: RadialCurve) -> Figure:
     )  # fmt: skip
     if not curve.used.all():
         axes.plot(curve.target[~curve.used], deviation[~curve.used], "x", color="red", label="left out")
-    _plain(axes, "target", "deviation from the sphere / mm")
+    label_axes(axes, "target", "deviation from the sphere / mm")
     text = f"radius {result.figures['radius_mm']}\nerror band {result.figures['band_mm']}"
     axes.text(0.01, 0.98, text, transform=axes.transAxes, va="top", fontsize=9)
     axes.margins(y=0.22)
@@ -124,7 +124,7 @@ def repeatability_figure(result: Result, curve: RepeatabilityCurve) -> Figure:
         ink = _INK["acw" if side == "out" else "cw"]
         axes.plot(place[here] + aside, curve.reading_mm[here], "o", ms=4, color=ink, alpha=0.8, label=name)
     axes.set_xticks(range(len(targets)), [str(target) for target in targets])
-    _plain(axes, "target", "reading / mm")
+    label_axes(axes, "target", "reading / mm")
     text = f"uni-directional {result.figures['uni_mm']}\nbi-directional {result.figures['bi_mm']}"
     axes.text(0.01, 0.98, text, transform=axes.transAxes, va="top", fontsize=9)
     axes.margins(y=0.25)
@@ -138,14 +138,15 @@ def pose_figure(result: Result, curve: PoseCurve) -> Figure:
     along, often = figure.subplots(1, 2, width_ratios=(2, 1), sharey=True)
     error = curve.distance_mm
     along.plot(np.arange(1, len(error) + 1), error, ".", ms=3, color=_INK["cw"])
-    _plain(along, "pose", "position error / mm")
+    label_axes(along, "pose", "position error / mm")
     often.hist(error, bins=max(_LEAST_BINS, len(error) // 25), orientation="horizontal", color=_INK["cw"], alpha=0.7)
-    _plain(often, "poses", "")
+    label_axes(often, "poses", "")
     along.text(0.01, 0.98, f"rms {result.figures['rms_mm']}", transform=along.transAxes, va="top", fontsize=9)
     return figure
 
 
-def _plain(axes: Axes, x: str, y: str) -> None:
+def label_axes(axes: Axes, x: str, y: str) -> None:
+    """Name the axes of a panel, with their units, and draw a grid instead of a box."""
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     axes.grid(color="#dddddd", lw=0.5)

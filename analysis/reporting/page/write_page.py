@@ -19,6 +19,7 @@ from typing import Any
 
 from markupsafe import Markup
 
+from analysis.reporting.html_page import environment, write_html
 from analysis.reporting.page.chart import Picture
 from analysis.reporting.page.findings import diagnosis_words, findings_of, micrometres, open_question
 from analysis.reporting.page.live_chart import colours, live
@@ -30,9 +31,7 @@ from analysis.reporting.page.texts import Language, Texts, texts_of
 from analysis.reporting.page.trace import RunTrace, instruments_of, runs_of
 from analysis.reporting.page.verdict import example_limits, judge, rule, verdict_sentence
 from analysis.traces.loading import SIMULATED
-from daq.store import durable
 from rigs.errors import FileError
-from rigs.text import plain_lines
 
 
 def is_page(file: Path) -> bool:
@@ -51,29 +50,19 @@ def write_page(report: Report, file: Path, language: Language = "en") -> Path:
 
     Raises FileError where nothing can be written.
     """
-    html = rendered(report, texts_of(language))
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        durable.replace(file.resolve(), html.encode())
-    except OSError as error:
-        raise FileError(str(file), error.strerror or str(error), "give another --output") from None
+    write_html(rendered(report, texts_of(language)), file)
     return file
 
 
 def rendered(report: Report, texts: Texts) -> str:
     """The page as HTML; all text in it is plain and escaped."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined  # noqa: PLC0415 - slow, needed here only
-
-    environment = Environment(
-        loader=PackageLoader("analysis"), autoescape=True, undefined=StrictUndefined, finalize=_plain,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    environment.filters["um"] = micrometres
+    pages = environment()
+    pages.filters["um"] = micrometres
     sections, runs = sections_of(report, texts), runs_of(report.results)
     gaps = diagnosis_charts(report.found, texts) if report.found else []
     pictures = [picture for section in sections for picture in section.pictures] + list(gaps)
     verdict = judge(report.results, report.rig.limits, report.found, texts)
-    return environment.get_template("report.html").render(
+    return pages.get_template("report.html").render(
         t=texts,
         measured_on=_measured_on(runs, texts),
         report=report,
@@ -149,8 +138,3 @@ def _version() -> str:
         return metadata.version("rig")
     except metadata.PackageNotFoundError:
         return ""
-
-
-def _plain(value: object) -> object:
-    """What a template shows of a value: foreign text is plain before it is escaped."""
-    return value if isinstance(value, Markup) or not isinstance(value, str) else plain_lines(value)
