@@ -39,7 +39,7 @@ def program(
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.robot_programs.examine import demand_lines, demand_of  # noqa: PLC0415
     from analysis.robot_programs.planned import plans_of  # noqa: PLC0415
-    from analysis.robot_programs.write import feedback_note, programs_of, write_programs  # noqa: PLC0415
+    from analysis.robot_programs.write import feedback_note, make_room, programs_of, write_programs  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
@@ -47,6 +47,7 @@ def program(
         plans = plans_of(rig, test, dwell_s, _numbers(outputs))
         demands = [demand_of(plan) for plan in plans]
     files = programs_of(dialect, list(zip(plans, demands, strict=True)))
+    make_room(files, directory)
     names = [axis.name for axis in rig.robot.axes]
     for plan, demand in zip(plans, demands, strict=True):
         for line in demand_lines(plan, demand, names):

@@ -29,7 +29,7 @@ _BACK = 2.0
 PAUSE_S = 0.5
 """Standing where a program turns back."""
 JOINT_SPEED = np.radians(30.0)
-"""Of the fastest joint between targets, rad/s."""
+"""Speed of the fastest joint between targets, rad/s."""
 _SHORTEST_MOVE_S = 0.6
 
 

@@ -33,7 +33,7 @@ from rigs.schema.feedback import ABBEGM
 
 NEWLINE = "\r\n"
 _NAME_LENGTH = 30
-"""Of 32 characters; the module's name has two more than the procedure's."""
+"""A name has 32 characters, and the module's has two more than the procedure's."""
 _WIDTH = 76
 """A line of RAPID has 80 characters in the editor of the FlexPendant."""
 _QUATERNION_DECIMALS = 12
@@ -41,7 +41,7 @@ _NO_EXTERNAL = "[9E9,9E9,9E9,9E9,9E9,9E9]"
 _TURN_DEG_S, _OTHER_AXES = 500, "5000,1000"
 """Reorientation and external axes of the predefined speeddata."""
 _LIGHTEST_KG = 0.001
-"""Of tool0; RAPID refuses a tool without mass."""
+"""The mass of tool0; RAPID refuses a tool without one."""
 _JOINT_MOVE_MM_S = 250.0
 """Greatest speed of the tool in joint moves, that of manual mode at reduced speed (ISO 10218-1)."""
 

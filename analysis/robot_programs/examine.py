@@ -19,7 +19,7 @@ from analysis.robot_programs.ways import way_of
 from rigs.errors import FileError
 
 _STEP_RAD = np.radians(2.0)
-"""Of the fastest joint between samples of a joint move."""
+"""The fastest joint turns by so much between samples of a joint move."""
 _FULL_TURN_DEG = 300.0
 """A joint that swings by more winds cables and hoses by nearly a turn: 330° and more is where wrists without a hollow
 axis end (data sheets give ±165° and less for cables led outside)."""

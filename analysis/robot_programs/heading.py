@@ -1,4 +1,7 @@
-"""The comments at the head of every program: what a person checks before the robot moves."""
+"""The comments at the head of every program: what a person checks before the robot moves.
+
+They hold no semicolon and no quotation mark, which end a line or a text in one language or the other.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +23,10 @@ def heading(plan: Plan, demand: Demand, shown: str) -> list[str]:
     space = ", ".join(f"{axis} {a:.0f} to {b:.0f}" for axis, a, b in zip("XYZ", low, high, strict=True))
     joints = " ".join(f"{angle:.2f}" for angle in np.degrees(start_of(plan).q))
     return [
-        f"CHECK: override 10 % in the first run, 100 % to measure; keep {space} mm (base frame) clear for tool and "
-        "link, and the arm's way free",
-        f"{plan.name}: written by rig program; no robot has run it before you",
+        f"CHECK: override 10 % in the first run, 100 % to measure. Keep {space} mm (base frame) clear for tool and "
+        "link, and the way of the arm free",
+        f"{plan.name}: written by rig program, no robot has run it before you",
         f"link off until the robot stands at its start: joints {joints} deg",
-        f"the pendant then shows {shown}; if it does not, stop: base, tool or arm differ from the rig file",
+        f"the pendant then shows {shown}. If it does not, stop: base, tool or arm differ from the rig file",
         f"payload {plan.payload_kg:g} kg: set it on the controller",
     ]

@@ -35,7 +35,7 @@ from rigs.schema.feedback import KUKARSI
 
 NEWLINE = "\r\n"
 _NAME_LENGTH = 24
-"""Of every name in KRL."""
+"""Every name in KRL has so many characters at most."""
 _WIDTH = 100
 _FIRST_MM_S = 100.0
 """Speed of the tool until a move sets its own; a turn about the tool's origin has none."""
@@ -51,11 +51,25 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     moves = [line for step in plan.steps for line in _lines(plan, step, points)]
     sensor = isinstance(plan.feedback, KUKARSI)
     declared = ["DECL INT rsi_state", "DECL INT rsi_context"] if sensor else []
-    body = [*comments, *declared, *_settings(plan), *(_sensor_on() if sensor else []), *moves]
+    steps = _without_repeats([*_settings(plan), *(_sensor_on() if sensor else []), *moves])
+    body = [*comments, *declared, *steps]
     source = ["&ACCESS RVP", f"DEF {name}()", *body, *(["rsi_state = RSI_OFF()"] if sensor else []), "END", ""]
     data = [f"DECL {text.replace('@', point)}" for text, point in points.items()]
     listing = ["&ACCESS RVP", f"DEFDAT {name}", *data, "ENDDAT", ""]
     return {f"{name}.src": "\n".join(source), f"{name}.dat": "\n".join(listing)}
+
+
+def _without_repeats(lines: list[str]) -> list[str]:
+    """The same without settings of system variables to what they are; outputs are switched each time."""
+    kept, known = list[str](), dict[str, str]()
+    for line in lines:
+        name, assigned, value = line.partition(" = ")
+        if assigned and name.startswith("$") and not name.startswith("$OUT"):
+            if known.get(name) == value:
+                continue
+            known[name] = value
+        kept.append(line)
+    return kept
 
 
 def _settings(plan: Plan) -> list[str]:

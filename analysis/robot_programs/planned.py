@@ -55,19 +55,19 @@ RECORDED_AS: dict[ProgramTest, Literal["yaw", "roll", "radial", "repeatability"]
 }
 """The name under which a run of each program is recorded."""
 
-LONGEST_ARC_DEG = 60.0
-"""An arc is given by three points, and its orientation is interpolated between the ends. Controllers that turn the tool
-about one axis, or keep it fixed to the path, turn it exactly about the circle's axis however long the arc is, but below
-half a turn only; for one that interpolates its three angles instead, the error falls with the square of the length
-(docs/robot-programs.md gives the figures). Each end of an arc may disturb the motion, so arcs are not shorter."""
+LONGEST_ARC_DEG = 90.0
+"""An arc is given by three points, and controllers differ in how they turn the tool between its ends. About one axis is
+unambiguous below half a turn. Since the tool's x axis is the circle's normal, that turn is one of the three angles
+alone (W, C, Rx), so a controller that interpolates the angles turns it the same way. Shorter arcs would only add
+joints between arcs, each of which may disturb the motion."""
 _FINE_RAD = np.radians(1.0)
 """Step along the circle at which joint angles are followed."""
 _APPROACH_RAD_S = np.radians(10.0)
 """Fastest joint on the way to the start, from wherever the robot stands: slow enough to be stopped by hand."""
 _APPROACH_MM_S = 10.0
-"""Of the short ways of the repeatability test."""
+"""Speed of the short ways of the repeatability test."""
 _SAME_DECIMALS = 6
-"""Of joint angles in rad, beyond which they differ by rounding only."""
+"""Decimals of joint angles in rad beyond which they differ by rounding only."""
 _STAND_S = 3.0
 """Standing before the motion: automatic runs know it by a stand, and `still_s` is 2 s unless given."""
 

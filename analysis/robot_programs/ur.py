@@ -33,7 +33,7 @@ NEWLINE = "\n"
 _WIDTH = 100
 _NAME_LENGTH = 60
 _DECIMALS = 10
-"""Of metres and radians."""
+"""Metres and radians have so many decimals: 1e-7 mm."""
 _JOINT_ACCELERATION = 0.5
 """rad/s²; a third of PolyScope's default, since nothing hurries between targets."""
 _FIRST_CONFIGURABLE, _FIRST_OF_TOOL = 8, 16

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -73,14 +73,18 @@ def programs_of(dialect: DialectName, plans: Sequence[tuple[Plan, Demand]]) -> d
     return files
 
 
-def write_programs(dialect: DialectName, files: dict[str, str], directory: Path) -> list[Path]:
-    """Write the files into a directory, which is made; all of them or none. Raises FileError where one is there."""
+def make_room(files: Iterable[str], directory: Path) -> None:
+    """Make the directory for files of these names. Raises FileError where one is there already."""
     if taken := next((directory / name for name in files if (directory / name).exists()), None):
         raise FileError(str(taken), "exists already", "give another --output, or remove it first")
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+
+
+def write_programs(dialect: DialectName, files: dict[str, str], directory: Path) -> list[Path]:
+    """Write the files into a directory, all of them or none. Raises FileError where one is there already."""
     written: list[Path] = []
     try:
         for name, text in files.items():

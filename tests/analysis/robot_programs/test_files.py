@@ -36,7 +36,7 @@ def test_the_first_comment_is_the_override_and_the_clearance(dialect: DialectNam
     text = next(iter(programs_of(dialect, [(plan, demand_of(plan))]).values()))
     comments = re.findall(r"^\s*(?:\d+:)?\s*(?:[#;'!] ?)(.*?)(?: ;)?$", text, re.M)
     first = " ".join(comments[:8])
-    assert first.startswith("CHECK: override 10 % in the first run, 100 % to measure; keep X ")
+    assert first.startswith("CHECK: override 10 % in the first run, 100 % to measure. Keep X ")
     assert "mm (base frame) clear" in first and text.isascii()
 
 

@@ -55,6 +55,13 @@ def test_the_program_without_a_slip_is_taken(dialect: DialectName) -> None:
     assert run(dialect, program(dialect), rig_of("ur10e"))
 
 
+def test_a_semicolon_ends_a_line_of_a_teach_pendant_program() -> None:
+    files = program("fanuc")
+    (name,) = files
+    with pytest.raises(ProgramError):
+        run("fanuc", {name: files[name].replace("!CHECK:", "!CHECK;", 1)}, rig_of("ur10e"))
+
+
 def test_a_point_of_the_data_list_that_is_missing_is_refused() -> None:
     files = program("kuka")
     name = next(name for name in files if name.endswith(".dat"))

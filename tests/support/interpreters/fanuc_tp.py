@@ -44,7 +44,7 @@ def _lines(text: str) -> list[str]:
     lines, at = [], 0
     while at < len(text):
         found = _LINE.match(text, at)
-        if not found or int(found[1]) != len(lines) + 1:
+        if not found or int(found[1]) != len(lines) + 1 or ";" in found[2]:
             raise ProgramError(f"{text[at : at + 40]!r} is not line {len(lines) + 1}")
         lines.append(found[2])
         at = found.end()
