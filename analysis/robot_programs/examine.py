@@ -21,10 +21,9 @@ from rigs.errors import FileError
 _STEP_RAD = np.radians(2.0)
 """The fastest joint turns by so much between samples of a joint move."""
 _FULL_TURN_DEG = 300.0
-"""A joint that swings by more winds cables and hoses by nearly a turn: 330° and more is where wrists without a hollow
-axis end (data sheets give ±165° and less for cables led outside)."""
+"""A joint that swings by more winds its cables and hoses by nearly a turn. Chosen."""
 _NEAR_SINGULAR = 0.02
-"""Conditioning below which a path is reported as near a singularity, a tenth of that in mid-reach."""
+"""Conditioning below which a path is reported as near a singularity, a tenth of what the shipped circles have."""
 
 
 @dataclass(frozen=True)

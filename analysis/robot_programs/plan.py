@@ -99,7 +99,7 @@ class Comment:
 
 
 Move = JointMove | Line | Turn | Arc
-Step = JointMove | Line | Turn | Arc | Dwell | Signal | Hold | Comment
+Step = Move | Dwell | Signal | Hold | Comment
 
 
 @dataclass(frozen=True)
@@ -119,15 +119,13 @@ class SignalPlace:
 class Plan:
     """A program before it is written.
 
-    name: test, direction and rig; ball_mm (3,): the base-ball's nominal centre in the robot's base frame; radius_mm:
-    nominal distance of the tool from it.
+    name: test, direction and rig; ball_mm (3,): the base-ball's nominal centre in the robot's base frame.
     """
 
     name: str
     arm: Arm
     payload_kg: float
     ball_mm: Array
-    radius_mm: float
     signal_place: SignalPlace
     feedback: Feedback
     steps: tuple[Step, ...]

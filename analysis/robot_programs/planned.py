@@ -11,7 +11,6 @@ from typing import Literal
 import numpy as np
 
 from analysis.geometry.circle import frame_of
-from analysis.geometry.hemisphere import hemisphere_frame
 from analysis.geometry.programs import (
     PAUSE_S,
     circle_of,
@@ -44,6 +43,7 @@ from analysis.robot_programs.plan import (
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.feedback import URRTDE
+from rigs.schema.part import Vector
 from rigs.schema.vocabulary import Direction
 
 ProgramTest = Literal["circle", "roll", "hemisphere", "repeatability"]
@@ -152,10 +152,10 @@ def _targets(rig: Rig, q: Array) -> list[Target]:
 def _sphere(rig: Rig) -> tuple[Arm, Array, float]:
     """The arm, and the hemisphere's centre (3,) mm in its base frame and radius in mm."""
     arm, hemisphere = arm_of(rig.robot), hemisphere_of(rig)
-    return arm, _ball(arm, hemisphere_frame(hemisphere).centre), hemisphere.radius_mm
+    return arm, _ball(arm, hemisphere.centre_mm), hemisphere.radius_mm
 
 
-def _ball(arm: Arm, centre_mm: Array) -> Array:
+def _ball(arm: Arm, centre_mm: Vector) -> Array:
     """A place (3,) mm of the world in the base frame."""
     place: Array = (np.linalg.inv(arm.T_world_base) @ [*centre_mm, 1.0])[:3]
     return place
@@ -171,12 +171,7 @@ def _plan(
 ) -> Plan:
     """The plan with what every program begins and ends with."""
     arm = arm_of(rig.robot)
-    on_circle = test in ("circle", "roll")
-    centre, radius = (
-        (frame_of(circle_of(rig)).centre, circle_of(rig).radius_mm)
-        if on_circle
-        else (hemisphere_frame(hemisphere_of(rig)).centre, hemisphere_of(rig).radius_mm)
-    )
+    ball = circle_of(rig).centre_mm if test in ("circle", "roll") else hemisphere_of(rig).centre_mm
     number, automatic = _signal_of(rig, test, direction)
     hold = [] if automatic else [Hold("mount the ball link, start the recording, continue")]
     begin, end = ([Signal(number)], [Signal(0)]) if number else ([], [])
@@ -185,8 +180,7 @@ def _plan(
         name=" ".join(filter(None, [test, direction, rig.name])),
         arm=arm,
         payload_kg=rig.robot.payload_kg,
-        ball_mm=_ball(arm, centre),
-        radius_mm=radius,
+        ball_mm=_ball(arm, ball),
         signal_place=_signal_place(rig, number, outputs),
         feedback=rig.feedback,
         steps=tuple(steps),

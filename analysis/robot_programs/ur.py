@@ -36,6 +36,7 @@ _DECIMALS = 10
 """Metres and radians have so many decimals: 1e-7 mm."""
 _JOINT_ACCELERATION = 0.5
 """rad/s²; a third of PolyScope's default, since nothing hurries between targets."""
+OUTPUTS = range(18)
 _FIRST_CONFIGURABLE, _FIRST_OF_TOOL = 8, 16
 """How RTDE counts outputs: 0-7 standard, 8-15 configurable, 16 and 17 of the tool."""
 

@@ -15,6 +15,8 @@ from analysis.robot_programs.plan import Arc, Line, Turn, end_of
 _STEP_MM = 4.0
 _STEP_RAD = np.radians(4.0)
 """Half of this between samples; joints move smoothly in between."""
+_OPPOSITE = 1e-6
+"""Places whose middle is so near to the centre, in radii, are opposite: rounding would choose the way between them."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +61,16 @@ def way_of(begin: Array, step: Line | Turn | Arc) -> Way:
 
 
 def middle_of(begin: Array, end: Array, centre_mm: Array, radius_mm: float) -> Array:
-    """The pose (4, 4) half way between two on a sphere about centre_mm (3,), places in mm."""
-    aside = (begin[:3, 3] + end[:3, 3]) / 2 - centre_mm
+    """The pose (4, 4) half way between two on a sphere about centre_mm (3,), places in mm.
+
+    Between opposite places it is where the tool, turned half way, points to the centre.
+    """
     T = np.eye(4)
-    T[:3, 3] = centre_mm + radius_mm * aside / np.linalg.norm(aside)
     T[:3, :3] = _turned(rotation_vector(begin, end), np.array([0.5]))[0] @ begin[:3, :3]
+    aside = (begin[:3, 3] + end[:3, 3]) / 2 - centre_mm
+    if np.linalg.norm(aside) < _OPPOSITE * radius_mm:
+        aside = -T[:3, 2]
+    T[:3, 3] = centre_mm + radius_mm * aside / np.linalg.norm(aside)
     return T
 
 

@@ -22,20 +22,25 @@ DialectName = Literal["ur", "fanuc", "kuka", "abb", "yaskawa"]
 @dataclass(frozen=True)
 class Dialect:
     """write: the files of a plan by their names, lines ending with a line feed; newline: what the controller's files
-    end lines with; feedbacks: the interfaces that this maker's controllers serve, and what they need for that."""
+    end lines with; outputs: the numbers of its digital outputs; feedbacks: the interfaces that this maker's controllers
+    serve, and what they need for that."""
 
     write: Callable[[Plan, Demand], dict[str, str]]
     newline: str
+    outputs: range
     feedbacks: Mapping[type, str]
 
 
 _BY_ITSELF = "the controller serves it without the program"
+_FROM_ONE = range(1, 4097)
+"""Digital outputs count from 1; KUKA and Yaskawa have up to 4096, others fewer."""
 
 DIALECTS: dict[DialectName, Dialect] = {
-    "ur": Dialect(ur.write, ur.NEWLINE, {URRTDE: _BY_ITSELF, ModbusJoints: _BY_ITSELF}),
+    "ur": Dialect(ur.write, ur.NEWLINE, ur.OUTPUTS, {URRTDE: _BY_ITSELF, ModbusJoints: _BY_ITSELF}),
     "fanuc": Dialect(
         fanuc.write,
         fanuc.NEWLINE,
+        _FROM_ONE,
         {
             LineFeed: "translate RIGFEED.KL and start it before the program",
             FANUCStreamMotion: _BY_ITSELF,
@@ -45,14 +50,16 @@ DIALECTS: dict[DialectName, Dialect] = {
     "kuka": Dialect(
         kuka.write,
         kuka.NEWLINE,
+        _FROM_ONE,
         {KUKARSI: f"the program starts the RSI context {kuka.RSI_CONTEXT}, which you make", ModbusJoints: _BY_ITSELF},
     ),
     "abb": Dialect(
         abb.write,
         abb.NEWLINE,
+        _FROM_ONE,
         {ABBEGM: "the program starts the stream to the UdpUc device rig, which you set up", ModbusJoints: _BY_ITSELF},
     ),
-    "yaskawa": Dialect(yaskawa.write, yaskawa.NEWLINE, {ModbusJoints: _BY_ITSELF}),
+    "yaskawa": Dialect(yaskawa.write, yaskawa.NEWLINE, _FROM_ONE, {ModbusJoints: _BY_ITSELF}),
 }
 
 
@@ -64,9 +71,13 @@ def feedback_note(dialect: DialectName, feedback: Feedback) -> str:
 
 def programs_of(dialect: DialectName, plans: Sequence[tuple[Plan, Demand]]) -> dict[str, str]:
     """The text of each file by its name; what several plans share is one file. Raises FileError where two plans would
-    be one program."""
+    be one program, and for an output that the controller does not have."""
     files: dict[str, str] = {}
+    known = DIALECTS[dialect].outputs
     for plan, demand in plans:
+        if unknown := [number for number in plan.signal_place.outputs if number not in known]:
+            what = f"a controller of {dialect} has no digital output {unknown[0]}"
+            raise FileError(plan.name, what, f"give --outputs from {known.start} to {known.stop - 1}")
         for name, text in DIALECTS[dialect].write(plan, demand).items():
             if files.setdefault(name, text) != text:
                 raise FileError(name, "would hold two programs", "give the rig file a shorter name")

@@ -78,6 +78,19 @@ def test_the_command_writes_both_directions_and_nothing_twice(
     }
 
 
+def _commands() -> list[str]:
+    page = (SHIPPED.parent / "docs" / "robot-programs.md").read_text(encoding="utf-8")
+    return [line.split("#")[0] for line in re.findall(r"^rig program .*$", page, re.M)]
+
+
+@pytest.mark.parametrize("line", _commands())
+def test_the_commands_of_the_page_run(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "cell.yaml").write_bytes((SHIPPED / "ur10e.yaml").read_bytes())
+    assert ended(*line.split()[1:]) == 0
+    assert list((tmp_path / "programs").iterdir())
+
+
 @pytest.mark.parametrize(
     ("words", "code", "says"),
     [

@@ -90,6 +90,14 @@ def test_nothing_is_switched_that_was_not_named() -> None:
         plans_of(rig, "circle", 3.0)
 
 
+@pytest.mark.parametrize(("dialect", "number"), [("ur", 18), ("fanuc", 0), ("yaskawa", 5000)])
+def test_an_output_that_the_controller_does_not_have_is_refused(dialect: DialectName, number: int) -> None:
+    rig = rig_with(feedback=LINES, automatic={"rules": RULES})
+    plan = plans_of(rig, "circle", 3.0, (number, 1))[0]
+    with pytest.raises(FileError, match=f"has no digital output {number}; give --outputs"):
+        files_of(rig, dialect, plan)
+
+
 def test_the_lines_that_karel_prints_are_read_by_the_line_feed() -> None:
     rig = rig_with("paper-fanuc", feedback=LINES, automatic={"rules": RULES})
     files = files_of(rig, "fanuc", plans_of(rig, "circle", 3.0, (9, 10))[0])
@@ -150,6 +158,14 @@ def test_the_turns_of_the_wrist_are_reported() -> None:
     ways = 2 * 2 - 1
     assert f"{ways * 384 / 360:.1f} turns in all" in turning
     assert demand.distance_mm == pytest.approx([70, 70], abs=1e-6)
+
+
+def test_opposite_targets_are_joined_over_the_side_to_which_the_tool_leans() -> None:
+    tests = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))["tests"]
+    tests["repeatability"] = {"targets": [26, 32], "rounds": 1}  # 0° and 180° on the outermost ring
+    plan = plans_of(rig_with(tests=tests), "repeatability", 3.0)[0]
+    demand = demand_of(plan)
+    assert demand.distance_mm == pytest.approx([397, 403], abs=0.01) and demand.removals == 0
 
 
 def test_an_arc_goes_around_the_long_way_where_its_middle_lies_there() -> None:
