@@ -4,19 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
+from pydantic import ValidationError
 
-from analysis.arms.six_axes import DenavitHartenberg
+from analysis.arms.six_axes import DenavitHartenberg, SixAxes, denavit_hartenberg
 from analysis.kinematics.arm import Arm, Array, arm_of, forward
+from rigs.errors import FileError
 from rigs.schema.robot import JointAxis, Pose, Robot
+from rigs.text import plain
 
 _DECIMALS = 13
 """Decimals of mm and degrees as written: rounding by 1e-13 degrees moves a flange 3 m away by less than 1e-11 mm."""
 _CENTRE_DECIMALS = 3
 """Decimals of a centre of mass in mm: no source knows it to a micrometre."""
+TOLERANCE = 1e-9
+"""mm and rad that a section as written may differ from its source."""
 _ZERO = 1e-11
 """mm and degrees below which a constant is the rounding of zero: doubles of some metres hold 1e-12 mm."""
 
@@ -68,6 +74,29 @@ def robot_text(robot: Robot) -> str:
         rows = [f"    - {_flow(row)}" for row in value] if key == "coupling" else []
         lines += [f"  {key}:", *rows] if rows else [f"  {key}: {_flow(value)}"]
     return "\n".join(lines) + "\n"
+
+
+def section_of(name: str, axes: SixAxes, joints: Sequence[Joint], head: Sequence[str], path: Path) -> str:
+    """Return the section of axes and joints, under lines of comment. Raises FileError that names path."""
+    try:
+        section = robot_text(robot_of(name, denavit_hartenberg(axes), joints))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        raise FileError(str(path), f"{place}: {first['msg']}", "correct it: its units are metres and radians") from None
+    return "".join(f"# {plain(line)}\n" for line in head) + section
+
+
+def require_equal(T: Array, T_source: Array, tolerance_mm: float, path: Path) -> tuple[float, float]:
+    """Return the largest differences, mm and rad, of a section's poses (n, 4, 4) from its source's.
+
+    Raises FileError that names path where they are beyond the tolerances.
+    """
+    largest_mm, largest_rad = largest_difference(T, T_source)
+    if not (largest_mm <= tolerance_mm and largest_rad <= TOLERANCE):
+        what = f"as modified Denavit-Hartenberg it differs by {largest_mm:.1e} mm and {largest_rad:.1e} rad"
+        raise FileError(str(path), what, "nothing is written; please report it with this file")
+    return largest_mm, largest_rad
 
 
 def parsed(text: str) -> Robot:
@@ -126,8 +155,8 @@ def _pose(T: Array) -> Pose:
 
 def _flow(value: Any) -> str:
     """A value as YAML in one line, whole numbers without a point."""
-    plain = _whole(value)
-    text: str = yaml.safe_dump(plain, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
+    whole = _whole(value)
+    text: str = yaml.safe_dump(whole, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
     return text.strip().removesuffix("\n...").strip()
 
 

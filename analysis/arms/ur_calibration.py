@@ -16,27 +16,27 @@ from pathlib import Path
 import numpy as np
 
 from analysis.arms.robot_section import (
+    TOLERANCE,
     Joint,
     flange_poses,
     largest_difference,
     parsed,
     random_postures,
-    robot_of,
-    robot_text,
+    require_equal,
+    section_of,
 )
-from analysis.arms.six_axes import SixAxes, denavit_hartenberg
+from analysis.arms.six_axes import SixAxes
 from analysis.kinematics.arm import Array, arm_of, link_frames
 from rigs.arms import Arm
 from rigs.errors import FileError
 from rigs.files import read_bytes
 from rigs.schema.robot import Robot
-from rigs.text import plain
 
 MAKER = "Universal Robots"
-TOLERANCE = 1e-9
-"""mm and rad that the written section may differ from the constants of the file."""
 _ROUNDING = 1e-14
 """Share of the largest length in the file: its lengths are doubles, some ten times rounded where they cancel."""
+_LARGEST = 1e6
+"""No file has so many metres or radians; common normals of nearly parallel axes have some hundred."""
 _MOST_BYTES = 100_000
 """A calibration.conf has some 2000."""
 _REMEDY = "give calibration.conf of the controller, unchanged"
@@ -80,32 +80,28 @@ def calibrated(arm: Arm, path: Path) -> CalibratedArm:
         raise FileError(arm.name, "has no calibration.conf: only the arms of Universal Robots do", "leave it out")
     differences = read_calibration(path)
     classic = _classic(arm.robot, differences)
-    robot = robot_of(f"{arm.robot.name}, calibrated", denavit_hartenberg(classic.axes()), _joints(arm.robot))
-    head = plain(f"# {arm.maker} {arm.model} with its own calibration: {path.name}")
-    text = "\n".join([head, robot_text(robot)])
-    written = parsed(text)
+    head = f"{arm.maker} {arm.model} with its own calibration: {path.name}"
+    text = section_of(f"{arm.robot.name}, calibrated", classic.axes(), _joints(arm.robot), [head], path)
+    robot = parsed(text)
     q = random_postures(np.array([axis.limits_deg for axis in robot.axes]), _POSTURES)
-    poses = flange_poses(written, q)
-    largest_mm, largest_rad = largest_difference(poses, classic.frames(q)[:, 6])
+    poses = flange_poses(robot, q)
     tolerance_mm = TOLERANCE + _ROUNDING * float(np.abs(differences.d).max())
-    if not (largest_mm <= tolerance_mm and largest_rad <= TOLERANCE):
-        what = f"as modified Denavit-Hartenberg it differs by {largest_mm:.1e} mm and {largest_rad:.1e} rad"
-        raise FileError(str(path), what, "nothing is written; send us this file, please")
+    largest_mm, largest_rad = require_equal(poses, classic.frames(q)[:, 6], tolerance_mm, path)
     moved_mm, _ = largest_difference(poses, flange_poses(arm.robot, q))
-    return CalibratedArm(written, text, tuple(_doubts(differences, moved_mm)), moved_mm, largest_mm, largest_rad)
+    return CalibratedArm(robot, text, tuple(_doubts(differences, moved_mm)), moved_mm, largest_mm, largest_rad)
 
 
 def read_calibration(path: Path) -> Differences:
     """Return the differences that a calibration.conf holds. Raises FileError."""
     parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#",))
     try:
-        parser.read_string(read_bytes(path, _MOST_BYTES).decode())
+        parser.read_string(read_bytes(path, _MOST_BYTES).decode(), source=path.name)
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), _REMEDY) from None
     except UnicodeDecodeError:
         raise FileError(str(path), "is no text", _REMEDY) from None
     except configparser.Error as error:
-        raise FileError(str(path), error.message.splitlines()[0], _REMEDY) from None
+        raise FileError(str(path), error.message.splitlines()[0].rstrip("."), _REMEDY) from None
     if "mounting" not in parser:
         raise FileError(str(path), "has no section [mounting]", _REMEDY)
     section = dict(parser["mounting"])
@@ -121,7 +117,7 @@ def _six(section: dict[str, str], key: str, path: Path) -> Array:
         values = np.array(json.loads(section[key]), dtype=float)
     except (ValueError, TypeError, RecursionError, OverflowError):
         values = np.array([])
-    if values.shape != (6,) or not np.isfinite(values).all():
+    if values.shape != (6,) or not (np.abs(values) < _LARGEST).all():
         raise FileError(str(path), f"{key} is not a list of six numbers", _REMEDY)
     return values
 
@@ -181,5 +177,5 @@ def _doubts(differences: Differences, moved_mm: float) -> list[str]:
     if not differences.is_calibrated:
         said.append("calibration_status is 0: the arm was not calibrated")
     if moved_mm > _LARGE_MM:
-        said.append(f"it moves the flange by up to {moved_mm:.0f} mm: is the file of this kind of arm?")
+        said.append(f"that is more than {_LARGE_MM:g} mm: is the file of this kind of arm?")
     return said

@@ -8,19 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
-from analysis.arms.robot_section import flange_poses, largest_difference, parsed, random_postures, robot_of, robot_text
-from analysis.arms.six_axes import SixAxes, denavit_hartenberg
+from analysis.arms.robot_section import TOLERANCE, flange_poses, parsed, random_postures, require_equal, section_of
+from analysis.arms.six_axes import SixAxes
 from analysis.arms.urdf_chain import Chain, axes_of, chain_of, joints_of, others_of
 from analysis.arms.urdf_file import read_urdf, yourdfpy_module
 from analysis.kinematics.arm import Array
-from rigs.errors import FileError
 from rigs.schema.robot import Robot
-from rigs.text import plain
 
-TOLERANCE = 1e-9
-"""mm and rad that the written section may differ from the URDF."""
 _EXACT_RAD, _SLIGHT_RAD = 1e-6, 0.02
 """Axes are parallel or at right angles to a micrometre a metre, or say so where they are nearly so, within a degree."""
 _POSTURES = 200
@@ -48,35 +43,16 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
     urdf = read_urdf(path)
     chain = chain_of(urdf, base, tip, str(path))
     axes = axes_of(chain)
-    text = _section(urdf, chain, axes, path)
+    head = (
+        f"From {path.name}: {chain.base} to {chain.tip}. Joints count as in the URDF, which may not be as the",
+        "controller counts: compare zeros, signs, and J3 of a FANUC, and correct offset_deg and coupling.",
+    )
+    text = section_of(urdf.name, axes, joints_of(urdf, chain), head, path)
     robot = parsed(text)
-    largest_mm, largest_rad = _checked(robot, urdf, chain, path)
+    q = random_postures(np.array([axis.limits_deg for axis in robot.axes]), _POSTURES)
+    largest_mm, largest_rad = require_equal(flange_poses(robot, q), library_poses(urdf, chain, q), TOLERANCE, path)
     doubts = [*_slightly_off(axes, chain), *_left_out(others_of(urdf, chain))]
     return UrdfArm(robot, text, chain.base, chain.tip, tuple(doubts), largest_mm, largest_rad)
-
-
-def _section(urdf: Any, chain: Chain, axes: SixAxes, path: Path) -> str:
-    try:
-        section = robot_text(robot_of(urdf.name, denavit_hartenberg(axes), joints_of(urdf, chain)))
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        raise FileError(str(path), f"{place}: {first['msg']}", "correct it: URDF is in metres and radians") from None
-    head = (
-        f"# From {path.name}: {chain.base} to {chain.tip}. Joints count as in the URDF, which may not be as the",
-        "# controller counts: compare zeros, signs, and J3 of a FANUC, and correct offset_deg and coupling.",
-    )
-    return "\n".join([*map(plain, head), section])
-
-
-def _checked(robot: Robot, urdf: Any, chain: Chain, path: Path) -> tuple[float, float]:
-    """Largest differences (mm, rad) between the section and the library's forward kinematics. Raises FileError."""
-    q = random_postures(np.array([axis.limits_deg for axis in robot.axes]), _POSTURES)
-    largest_mm, largest_rad = largest_difference(flange_poses(robot, q), library_poses(urdf, chain, q))
-    if not (largest_mm <= TOLERANCE and largest_rad <= TOLERANCE):
-        what = f"as modified Denavit-Hartenberg it differs by {largest_mm:.1e} mm and {largest_rad:.1e} rad"
-        raise FileError(str(path), what, "nothing is written; send us this file, please")
-    return largest_mm, largest_rad
 
 
 def library_poses(urdf: Any, chain: Chain, q: Array) -> Array:
@@ -98,18 +74,18 @@ def library_poses(urdf: Any, chain: Chain, q: Array) -> Array:
 
 def _slightly_off(axes: SixAxes, chain: Chain) -> list[str]:
     """What to say of successive axes that are nearly, and not quite, parallel or at right angles."""
-    said = []
-    for one, joint, following in zip(range(5), chain.moving[:5], chain.moving[1:], strict=True):
-        z, z_next = axes.directions[one], axes.directions[one + 1]
+    found = []
+    for z, z_next, *joints in zip(
+        axes.directions[:5], axes.directions[1:], chain.moving[:5], chain.moving[1:], strict=True
+    ):
         sine, cosine = float(np.linalg.norm(np.cross(z, z_next))), abs(float(z @ z_next))
-        off = min(sine, cosine)
-        if _EXACT_RAD < off < _SLIGHT_RAD:
-            how = "parallel" if sine < cosine else "at right angles"
-            said.append(
-                f"the axes of {joint.name} and {following.name} are {np.degrees(off):.4f} degrees from {how}, and are "
-                "kept so; if the URDF was rounded (1.571 for 1.5707963267948966), correct it there"
-            )
-    return said
+        if _EXACT_RAD < (off := min(sine, cosine)) < _SLIGHT_RAD:
+            kind = "parallel" if sine < cosine else "a right angle"
+            found.append(f"{' and '.join(joint.name for joint in joints)} {np.degrees(off):.4f} degrees off {kind}")
+    if not found:
+        return []
+    remedy = "they are kept so; if the URDF was rounded (1.571 for 1.5707963267948966), correct it there"
+    return [f"axes are nearly, and not quite, as they are built: {', '.join(found)}; {remedy}"]
 
 
 def _left_out(names: Sequence[str]) -> list[str]:

@@ -110,7 +110,8 @@ def _require_a_turn(joint: Any, where: str) -> None:
     if joint.mimic is not None:
         raise FileError(where, f"{place} follows joint {joint.mimic.joint}", "write it as a joint of its own")
     if joint.type != "revolute":
-        raise FileError(where, f"{place} is {joint.type}", _NO_TURN.get(str(joint.type), "write type revolute"))
+        what = f"{place} is {joint.type}" if joint.type else f"{place} has no type"
+        raise FileError(where, what, _NO_TURN.get(str(joint.type), "write type revolute"))
     if np.linalg.norm(joint.axis) < 1e-6:
         raise FileError(where, f"{place} has an axis of no length", "write its direction, as 0 0 1")
     if limit is None or None in (limit.lower, limit.upper, limit.velocity):

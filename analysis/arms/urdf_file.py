@@ -19,8 +19,10 @@ _MOST_PARTS = 2000
 """Links and joints; a humanoid with both hands has some hundred."""
 _XACRO = "expand the macros first: xacro FILE > arm.urdf"
 _REMEDY = "give a URDF file, as xacro writes it"
-_UNREADABLE = (AttributeError, IndexError, KeyError, TypeError, ValueError)
-"""What yourdfpy raises where a part lacks a name, or has a word for a number."""
+_UNREADABLE = (AttributeError, IndexError, KeyError, TypeError, ValueError, ArithmeticError, RuntimeWarning)
+"""What yourdfpy raises where a part lacks a name, has a word for a number, or an angle without end."""
+_LARGEST = 1e6
+"""No arm has so many metres, radians or kilograms."""
 
 
 def yourdfpy_module() -> Any:
@@ -40,7 +42,8 @@ def read_urdf(path: Path) -> Any:
     try:
         robot = yourdfpy.URDF.load(io.BytesIO(data), build_scene_graph=False, load_meshes=False).robot
     except _UNREADABLE as error:
-        raise FileError(where, f"not readable as URDF: {type(error).__name__}: {error}", _REMEDY) from None
+        what = "a link or joint lacks its name, parent or child, or has a word for a number"
+        raise FileError(where, f"not readable as URDF ({error}): {what}", _REMEDY) from None
     _require_names(robot, where)
     for joint in robot.joints:
         _require_numbers(joint, where)
@@ -88,7 +91,7 @@ def _without_shapes(text: str, where: str) -> bytes:
             part.getparent().remove(part)
     if any("${" in value or "$(" in value for part in root.iter() for value in part.attrib.values()):
         raise FileError(where, "is xacro, not URDF: it has ${…} for numbers", _XACRO)
-    return bytes(etree.tostring(root))
+    return bytes(etree.tostring(root, encoding="utf-8"))
 
 
 def _require_names(robot: Any, where: str) -> None:
@@ -109,8 +112,8 @@ def _require_numbers(joint: Any, where: str) -> None:
     limit = joint.limit
     numbers = [*joint.axis, *([] if joint.origin is None else joint.origin.flat)]
     numbers += [] if limit is None else [one for one in (limit.lower, limit.upper, limit.velocity) if one is not None]
-    if len(joint.axis) != 3 or not all(map(math.isfinite, numbers)):
-        _not_numbers(f"joint {joint.name}", where)
+    if len(joint.axis) != 3 or not all(map(_is_possible, numbers)):
+        _impossible(f"joint {joint.name}", where)
 
 
 def _require_mass(link: Any, where: str) -> None:
@@ -118,9 +121,13 @@ def _require_mass(link: Any, where: str) -> None:
     if inertial is None or inertial.mass is None:
         return
     origin = [] if inertial.origin is None else inertial.origin.flat
-    if not all(map(math.isfinite, [inertial.mass, *origin])) or inertial.mass < 0:
-        _not_numbers(f"the mass of link {link.name}", where)
+    if not all(map(_is_possible, [inertial.mass, *origin])) or inertial.mass < 0:
+        _impossible(f"the mass of link {link.name}", where)
 
 
-def _not_numbers(place: str, where: str) -> NoReturn:
-    raise FileError(where, f"{place} has numbers that are none", "write finite numbers, and three where there are xyz")
+def _is_possible(number: float) -> bool:
+    return math.isfinite(number) and abs(number) < _LARGEST
+
+
+def _impossible(place: str, where: str) -> NoReturn:
+    raise FileError(where, f"{place} has numbers that no arm has", "write metres, radians and kg; an axis has three")

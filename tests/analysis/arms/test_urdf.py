@@ -68,14 +68,14 @@ def test_the_constants_are_those_of_the_library(tmp_path: Path) -> None:
 def test_the_right_angles_of_1571_are_named_and_kept(tmp_path: Path) -> None:
     chain = SOURCES["doosan-m1013"]["geometry"]
     assert isinstance(chain, Chain)
-    doubts = import_urdf(urdf(tmp_path, chain.urdf())).doubts
-    assert any("joint_1 and joint_2 are 0.0117 degrees from at right angles" in doubt for doubt in doubts)
+    (doubt,) = import_urdf(urdf(tmp_path, chain.urdf())).doubts
+    assert "joint_1 and joint_2 0.0117 degrees off a right angle, joint_3 and joint_4 0.0117" in doubt
 
 
 def test_axes_that_are_nearly_parallel_are_named_and_kept(tmp_path: Path) -> None:
     text = GOOD.replace('<axis xyz="0.0 1.0 0.0"/>', '<axis xyz="0.001 1.0 0.0"/>', 1)
     arm = import_urdf(urdf(tmp_path, text))
-    assert any("joint_2 and joint_3 are 0.0573 degrees from parallel" in doubt for doubt in arm.doubts)
+    assert any("joint_2 and joint_3 0.0573 degrees off parallel" in doubt for doubt in arm.doubts)
     assert max(abs(axis.a_mm) for axis in arm.robot.axes) < 1000
     assert any(axis.beta_deg for axis in arm.robot.axes)
     assert import_urdf(urdf(tmp_path, GOOD)).doubts == ()
@@ -148,14 +148,20 @@ BAD = {
     "limits in disorder": (GOOD.replace('lower="-3"', 'lower="3"', 1), "lower 3, upper 2.5 and velocity 3.5; write"),
     "velocity 0": (GOOD.replace('velocity="3.5"', 'velocity="0"', 1), "velocity 0; write the limits in order"),
     "no axis": (re.sub(AXIS, '<axis xyz="0 0 0"/>', GOOD, count=1), "joint joint_1 has an axis of no length"),
-    "axis of two": (re.sub(AXIS, '<axis xyz="0 1"/>', GOOD, count=1), "joint joint_1 has numbers that are none"),
-    "nan": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 nan"', 1), "joint joint_1 has numbers that are none"),
-    "a word": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 high"', 1), "not readable as URDF: ValueError"),
-    "millimetres": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 400"', 1), "correct it: URDF is in metres and radians"),
-    "limits in degrees": (GOOD.replace('upper="2.5"', 'upper="170"'), "correct it: URDF is in metres and radians"),
+    "axis of two": (re.sub(AXIS, '<axis xyz="0 1"/>', GOOD, count=1), "joint joint_1 has numbers that no arm has"),
+    "nan": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 nan"', 1), "joint joint_1 has numbers that no arm has"),
+    "infinite angle": (GOOD.replace('rpy="0.0 0.0 0.0"', 'rpy="0 0 inf"', 1), "not readable as URDF"),
+    "a large number": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 1e308"', 1), "joint joint_1 has numbers that no arm has"),
+    "no type": (GOOD.replace('type="revolute"', "", 1), "joint joint_1 has no type; write type revolute"),
+    "a word": (
+        GOOD.replace('"0.0 0.0 0.4"', '"0 0 high"', 1),
+        "(could not convert string to float: 'high'): a link or joint lacks",
+    ),
+    "millimetres": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 400"', 1), "correct it: its units are metres and radians"),
+    "limits in degrees": (GOOD.replace('upper="2.5"', 'upper="170"'), "correct it: its units are metres and radians"),
     "a negative mass": (
         GOOD.replace('<link name="link_1"/>', '<link name="link_1"><inertial><mass value="-1"/></inertial></link>'),
-        "the mass of link link_1 has numbers that are none",
+        "the mass of link link_1 has numbers that no arm has",
     ),
     "xacro elements": (
         '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm prefix=""/></robot>',
@@ -167,7 +173,10 @@ BAD = {
     "an empty file": ("", "not XML"),
     "half a file": (GOOD[: len(GOOD) // 2], "not XML"),
     "a robot of SDF": ("<sdf><model/></sdf>", "is no URDF: it is a <sdf>"),
-    "no name": (GOOD.replace('<robot name="chain">', "<robot>"), "not readable as URDF: KeyError: 'name'"),
+    "no name": (
+        GOOD.replace('<robot name="chain">', "<robot>"),
+        "not readable as URDF ('name'): a link or joint lacks its name",
+    ),
     "no parent": (GOOD.replace('<parent link="link_1"/>', ""), "not readable as URDF"),
     "no link": (GOOD.replace('<link name="link_3"/>', ""), "which is no link; correct its name"),
     "two links": (GOOD.replace('<link name="link_3"/>', '<link name="link_3"/>' * 2), "has two links named link_3"),
