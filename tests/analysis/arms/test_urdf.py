@@ -53,16 +53,21 @@ def test_the_section_is_the_chain_in_its_own_terms(name: str, tmp_path: Path) ->
     assert arm.largest_rad < 1e-9
 
 
-def test_the_constants_are_those_of_the_library(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["abb-irb-120", "abb-irb-1600"])
+def test_the_constants_are_those_of_the_library(name: str, tmp_path: Path) -> None:
     """Not only the same poses: the same lengths and angles, as a person would write them."""
-    found, ours = import_urdf(urdf(tmp_path, GOOD)).robot, load_arm("kuka-kr-6-r900-2").robot
-    assert [abs(axis.a_mm) for axis in found.axes] == [axis.a_mm for axis in ours.axes]
-    assert [abs(axis.alpha_deg) for axis in found.axes] == [abs(axis.alpha_deg) for axis in ours.axes]
-    assert sorted(abs(axis.d_mm) for axis in found.axes) == [0, 0, 0, 90, 400, 420]
-    assert found.tool == ours.tool
-    assert found.base == ours.base
-    assert found.axes[0].limits_deg == pytest.approx(np.degrees([-3, 2.5]))
-    assert found.axes[0].speed_deg_s == pytest.approx(np.degrees(3.5))
+    chain = SOURCES[name]["geometry"]
+    assert isinstance(chain, Chain)
+    found, ours = import_urdf(urdf(tmp_path, chain.urdf())).robot, load_arm(name).robot
+    for its, axis in zip(found.axes, ours.axes, strict=True):
+        constants = (its.a_mm, its.alpha_deg, its.beta_deg, its.offset_deg)
+        assert constants == pytest.approx((axis.a_mm, axis.alpha_deg, 0, axis.offset_deg), abs=1e-9)
+        assert its.limits_deg == pytest.approx(np.degrees([-3, 2.5]))
+        assert its.speed_deg_s == pytest.approx(np.degrees(3.5))
+    assert sum(axis.d_mm for axis in found.axes) == pytest.approx(
+        sum(axis.d_mm for axis in ours.axes) + 1000 * chain.base_m
+    )
+    assert (found.base, found.tool, found.coupling) == (ours.base, ours.tool, ours.coupling)
 
 
 def test_the_right_angles_of_1571_are_named_and_kept(tmp_path: Path) -> None:
