@@ -12,7 +12,7 @@ import yaml
 from pydantic import ValidationError
 
 from analysis.arms.six_axes import DenavitHartenberg, SixAxes, denavit_hartenberg
-from analysis.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.kinematics.arm import Array, arm_of, forward
 from rigs.errors import FileError
 from rigs.schema.robot import JointAxis, Pose, Robot
 from rigs.text import plain
@@ -110,9 +110,9 @@ def random_postures(limits_deg: Array, number: int) -> Array:
     return np.random.default_rng(0).uniform(low, high, (number, 6))
 
 
-def flange_poses(robot: Robot | Arm, q: Array) -> Array:
+def flange_poses(robot: Robot, q: Array) -> Array:
     """Return the poses (n, 4, 4) of the flange in the base frame, lengths in mm, at joint angles q (n, 6) rad."""
-    return forward(arm_of(robot) if isinstance(robot, Robot) else robot, q)
+    return forward(arm_of(robot), q)
 
 
 def largest_difference(T: Array, other: Array) -> tuple[float, float]:
@@ -146,10 +146,11 @@ def _vector(values: Array) -> tuple[float, float, float]:
 def _pose(T: Array) -> Pose:
     """A frame (4, 4) as position and fixed-axis roll-pitch-yaw."""
     R = T[:3, :3]
-    roll, yaw = np.arctan2(R[2, 1], R[2, 2]), np.arctan2(R[1, 0], R[0, 0])
-    pitch = np.arctan2(-R[2, 0], np.hypot(R[2, 1], R[2, 2]))
-    if np.hypot(R[2, 1], R[2, 2]) < 1e-9:  # pitch of 90 degrees: roll and yaw turn about the same line
-        roll, yaw = 0.0, np.arctan2(-R[0, 1], R[1, 1])
+    yaw = np.arctan2(R[1, 0], R[0, 0])
+    # Near a pitch of 90 degrees yaw is uncertain; what is left when it is undone makes up for that.
+    c, s = np.cos(yaw), np.sin(yaw)
+    pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
+    roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
     return Pose(xyz_mm=_vector(T[:3, 3]), rpy_deg=(_degrees(roll), _degrees(pitch), _degrees(yaw)))
 
 

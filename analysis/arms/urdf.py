@@ -11,10 +11,10 @@ import numpy as np
 
 from analysis.arms.robot_section import TOLERANCE, flange_poses, parsed, random_postures, require_equal, section_of
 from analysis.arms.six_axes import SixAxes
-from analysis.arms.urdf_chain import Chain, axes_of, chain_of, joints_of, others_of
+from analysis.arms.urdf_chain import Chain, axes_of, chain_of, joints_of, listed, others_of
 from analysis.arms.urdf_file import read_urdf, yourdfpy_module
 from analysis.kinematics.arm import Array
-from rigs.schema.robot import Robot
+from rigs.schema.robot import Pose, Robot
 
 _EXACT_RAD, _SLIGHT_RAD = 1e-6, 0.02
 """Axes are parallel or at right angles to a micrometre a metre, or say so where they are nearly so, within a degree."""
@@ -51,7 +51,7 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
     robot = parsed(text)
     q = random_postures(np.array([axis.limits_deg for axis in robot.axes]), _POSTURES)
     largest_mm, largest_rad = require_equal(flange_poses(robot, q), library_poses(urdf, chain, q), TOLERANCE, path)
-    doubts = [*_slightly_off(axes, chain), *_left_out(others_of(urdf, chain))]
+    doubts = [*_slightly_off(axes, chain), *_ends_elsewhere(robot), *_left_out(others_of(urdf, chain))]
     return UrdfArm(robot, text, chain.base, chain.tip, tuple(doubts), largest_mm, largest_rad)
 
 
@@ -88,7 +88,17 @@ def _slightly_off(axes: SixAxes, chain: Chain) -> list[str]:
     return [f"axes are nearly, and not quite, as they are built: {', '.join(found)}; {remedy}"]
 
 
+def _ends_elsewhere(robot: Robot) -> list[str]:
+    """What to say of a base or tip that is not on its axis: a person who writes another loses what is between."""
+    said = []
+    if robot.base != Pose():
+        said.append("axis 1 does not go through the base's origin: the way there is in base; keep it as part of yours")
+    if robot.tool != Pose():
+        said.append(
+            "the tip is not on axis 6: the way there is in tool; keep it as part of yours, or choose another --tip"
+        )
+    return said
+
+
 def _left_out(names: Sequence[str]) -> list[str]:
-    if not names:
-        return []
-    return [f"{len(names)} further moving joints are left out, with the masses on them: {', '.join(names)}"]
+    return [f"further moving joints are left out, with the masses on them: {listed(names)}"] if names else []

@@ -14,10 +14,10 @@ from analysis.kinematics.arm import Array
 from rigs.errors import FileError
 
 _NO_TURN = {
-    "prismatic": "it slides: such an arm cannot be described here",
+    "prismatic": "it slides: leave it out, with --base or --tip",
     "continuous": "it has no limits: write type revolute, with lower, upper and velocity",
-    "floating": "it moves freely: begin behind it, with --base",
-    "planar": "it slides: such an arm cannot be described here",
+    "floating": "it moves freely: leave it out, with --base or --tip",
+    "planar": "it slides: leave it out, with --base or --tip",
 }
 _REMEDY = "choose the ends of the arm with --base and --tip"
 _LISTED = 5
@@ -49,7 +49,7 @@ def chain_of(robot: Any, base: str | None, tip: str | None, where: str) -> Chain
     names = [link.name for link in robot.links]
     for name in (base, tip):
         if name is not None and name not in names:
-            raise FileError(where, f"has no link {name}", f"its links are {_listed(names)}")
+            raise FileError(where, f"has no link {name}", f"its links are {listed(names)}")
     above = {joint.child: joint for joint in robot.joints}
     start = base or ("base" if "base" in names else _root(names, above, where))
     end = tip or ("tool0" if "tool0" in names else _only_end(robot, start, above, where))
@@ -124,7 +124,7 @@ def _require_a_turn(joint: Any, where: str) -> None:
 def _root(names: Sequence[str], above: dict[str, Any], where: str) -> str:
     roots = [name for name in names if name not in above]
     if len(roots) != 1:
-        what = f"has {len(roots)} links that hang on no other" + (f": {_listed(roots)}" if roots else "")
+        what = f"has {len(roots)} links that hang on no other" + (f": {listed(roots)}" if roots else "")
         raise FileError(where, what, "choose the arm's own with --base")
     return roots[0]
 
@@ -137,7 +137,7 @@ def _only_end(robot: Any, start: str, above: dict[str, Any], where: str) -> str:
     if not moved:
         raise FileError(where, "has no moving joint", "give the URDF of a six-axis arm")
     if len(moved) > 1:
-        raise FileError(where, f"has {len(moved)} ends: {_listed(moved)}", "choose one with --tip")
+        raise FileError(where, f"has {len(moved)} ends: {listed(moved)}", "choose one with --tip")
     return moved[0]
 
 
@@ -195,5 +195,6 @@ def _in_mm(origin: Array | None) -> Array:
     return T
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
+    """Return the first few names, and how many more there are."""
     return ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")

@@ -56,6 +56,23 @@ def test_the_written_section_turns_about_the_axes(seed: int, tilt: float | None)
     assert all(abs(axis.a_mm) < 20_000 and abs(axis.d_mm) < 20_000 for axis in robot.axes)
 
 
+@pytest.mark.parametrize("off", [0.0, 1e-16, 1e-12, 1e-9, 3e-8, 1e-7, 1e-4])
+@pytest.mark.parametrize("way", [1, -1])
+def test_a_flange_that_points_its_x_along_axis_6_is_written_exactly(off: float, way: int) -> None:
+    """Its pitch is 90 degrees or nearly so, where roll and yaw turn about the same line."""
+    axes = some_axes(4, None)
+    z = way * axes.directions[5]
+    side = np.cross(z, [1.0, 2.0, 3.0])
+    side /= np.linalg.norm(side)
+    x = Rotation.from_rotvec(off * side).apply(z)
+    axes.T_base_flange[:3, :3] = np.column_stack([x, side, np.cross(x, side)])
+    robot = parsed(robot_text(robot_of("arm", denavit_hartenberg(axes), JOINTS)))
+    q = np.random.default_rng(5).uniform(-3, 3, (50, 6))
+    mm, rad = largest_difference(flange_poses(robot, q), product_of_turns(axes, q))
+    assert mm < 1e-9
+    assert rad < 1e-12
+
+
 def test_axes_that_meet_or_are_the_same_line_have_no_length_between_them() -> None:
     points = np.zeros((6, 3))
     directions = np.array([[0, 0, 1], [0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 0, -1], [1, 0, 0]], dtype=float)

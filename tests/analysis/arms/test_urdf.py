@@ -110,7 +110,17 @@ def test_meshes_are_not_needed_and_a_gripper_is_left_out(tmp_path: Path) -> None
     )
     arm = import_urdf(urdf(tmp_path, text))
     assert arm.robot == import_urdf(urdf(tmp_path, GOOD)).robot
-    assert arm.doubts == ("1 further moving joints are left out, with the masses on them: grip",)
+    assert arm.doubts == ("further moving joints are left out, with the masses on them: grip",)
+
+
+def test_ends_that_are_not_on_their_axes_are_named(tmp_path: Path) -> None:
+    arm = import_urdf(urdf(tmp_path, GOOD), tip="link_6")
+    assert arm.robot.tool.rpy_deg != (0, 0, 0)
+    assert ["the tip is not on axis 6" in doubt for doubt in arm.doubts] == [True]
+    aside = re.sub(r'xyz="0.0 0.0 0.4"', 'xyz="0.1 0.0 0.4"', GOOD)
+    arm = import_urdf(urdf(tmp_path, aside))
+    assert arm.robot.base.xyz_mm == (100, 0, 0)
+    assert ["axis 1 does not go through" in doubt for doubt in arm.doubts] == [True]
 
 
 def test_a_base_on_a_branch_of_its_own_is_the_base_frame(tmp_path: Path) -> None:

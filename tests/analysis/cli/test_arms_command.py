@@ -9,7 +9,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner, Result
 
-from analysis.cli import app
+from analysis.cli import app, completion
 from rigs.arms import arm_names, load_arm
 from rigs.errors import FileError
 from rigs.schema.robot import Robot
@@ -26,6 +26,10 @@ def test_the_table_names_every_arm() -> None:
     assert [name for name in arm_names() if f" {name} " not in done.stdout] == []
     assert f"{len(arm_names())} arms" in done.stdout
     assert max(map(len, done.stdout.splitlines())) <= 80
+
+
+def test_a_shell_completes_the_names() -> None:
+    assert completion.arms() == list(arm_names())
 
 
 def test_the_table_as_json_has_all_of_it() -> None:
