@@ -15,7 +15,11 @@ from tests.support.interpreters.machine import Array, Held, Machine, Pose, Progr
 
 _NAME = re.compile(r"[A-Z][A-Z0-9_]{0,35}")
 _NUMBER = r"(-?\d*\.?\d+)"
-_HEADER = re.compile(r"/PROG  (\S+)\n/ATTR\n((?:[A-Z_]+\t*= [^;\n]*;\n)*)/MN\n(.*\n)/POS\n((?:.*\n)?)/END\n", re.S)
+_HEADER = re.compile(
+    r"/PROG  (\S+)\n/ATTR\nCOMMENT\t\t= \"[^\"\n]*\";\nDEFAULT_GROUP\t= 1,\*,\*,\*,\*;\n"
+    r"/MN\n(.*\n)/POS\n((?:.*\n)?)/END\n",
+    re.S,
+)
 _LINE = re.compile(r" *(\d+):(.*?) ;\n", re.S)
 _POSITION = re.compile(r"P\[(\d+)\]\{\n   GP1:\n\tUF : (\d+), UT : (\d+),(.*?)\n\};\n", re.S)
 _JOINTS = re.compile(r"\n\t" + r",\s*".join(rf"J{axis}= *{_NUMBER} deg" for axis in range(1, 7)))
@@ -37,7 +41,7 @@ def run(text: str, machine: Machine) -> None:
     found = _HEADER.fullmatch(text.replace("\r\n", "\n"))
     if not found or not _NAME.fullmatch(found[1]):
         raise ProgramError("the sections /PROG /ATTR /MN /POS /END are not in order")
-    _Controller(_positions(found[4]), machine).obey(_lines(found[3]))
+    _Controller(_positions(found[3]), machine).obey(_lines(found[2]))
 
 
 def _lines(text: str) -> list[str]:

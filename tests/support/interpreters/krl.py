@@ -18,7 +18,7 @@ _TOKEN = re.compile(
     r"|(?P<mark><>|[{}(),=\[\]])"
 )
 _SETTINGS = {"$TOOL", "$BASE", "$VEL.CP", "$VEL.ORI1", "$VEL.ORI2", "$ACC.CP", "$APO.CDIS", "$ORI_TYPE", "$CIRC_TYPE"}
-_CALLS = {"BAS": ("#INITMOV", "0"), "RSI_CREATE": None, "RSI_ON": ("#RELATIVE",), "RSI_OFF": ()}
+_CALLS = {"BAS": ["#INITMOV", ",", "0"], "RSI_ON": ["#RELATIVE"], "RSI_OFF": []}
 
 
 def run(source: str, data: str, machine: Machine) -> None:
@@ -176,6 +176,6 @@ class _Controller:
             match arguments:
                 case [context, ",", variable, ",", "TRUE"] if context[0] == '"' and variable in self._variables:
                     return
-        elif name in _CALLS and _CALLS[name] == tuple(one for one in arguments if one != ","):
+        elif _CALLS.get(name) == arguments:
             return
         raise ProgramError(f"{name}({' '.join(arguments)}) is not known")
