@@ -112,17 +112,18 @@ def test_the_lines_that_karel_prints_are_read_by_the_line_feed() -> None:
 
 
 def printed(text: str) -> bytes:
-    """The line of a KAREL `WRITE`, whose items have a width and decimals after `::`."""
-    (items,) = re.findall(r"WRITE client \((.*), CR\)", text)
+    """The line of a KAREL `WRITE`, whose items have a width and decimals after `::`; what CR sends is not known."""
+    (items,) = re.findall(r"WRITE client \((.*)\)", text)
     line = ""
-    for literal, name, width, decimals in re.findall(
-        r"'([^']*)'|(clock|signal|joints\[\d\])::(\d+)(?:::(\d+))?", items
-    ):
+    item = r"'([^']*)'|CHR\((\d+)\)|(clock|signal|joints\[\d\])::(\d+)(?:::(\d+))?"
+    assert re.fullmatch(rf"(?:{item})(?:, (?:{item}))*", items)
+    for literal, code, name, width, decimals in re.findall(item, items):
         value = {"clock": 123, "signal": 2}.get(name) if name in ("clock", "signal") else None
         if name.startswith("joints"):
             value = 9.5 + int(name[7])
-        line += literal if value is None else f"{value:{width}.{decimals or 0}f}"
-    return f"{line}\r\n".encode()
+        character = chr(int(code)) if code else literal
+        line += character if value is None else f"{value:{width}.{decimals or 0}f}"
+    return line.encode()
 
 
 @pytest.mark.parametrize(
