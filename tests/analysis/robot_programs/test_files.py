@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from analysis.robot_programs.examine import demand_of
+from analysis.robot_programs.examine import Demand, demand_of
+from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import plans_of
 from analysis.robot_programs.text import fixed, identifier, wrapped
 from analysis.robot_programs.write import DIALECTS, DialectName, programs_of
@@ -20,20 +21,28 @@ LONG = "a-cell-with-a-name-of-sixty-three-characters-which-is-the-most-"
 LONGEST = {"ur": 60, "fanuc": 36, "kuka": 24, "abb": 32, "yaskawa": 32}
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
-def test_names_fit_the_controller_and_differ_between_directions(dialect: DialectName) -> None:
+@pytest.fixture(scope="module")
+def planned() -> list[tuple[Plan, Demand]]:
+    """Both directions of a circle, for a rig of the longest name."""
     rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")) | {"name": LONG[:63]}
-    plans = plans_of(parse(yaml.safe_dump(rig), "long"), "circle", 3.0)
-    files = programs_of(dialect, [(plan, demand_of(plan)) for plan in plans])
+    return [(plan, demand_of(plan)) for plan in plans_of(parse(yaml.safe_dump(rig), "long"), "circle", 3.0)]
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_names_fit_the_controller_and_differ_between_directions(
+    dialect: DialectName, planned: list[tuple[Plan, Demand]]
+) -> None:
+    files = programs_of(dialect, planned)
     names = {name.rpartition(".")[0] for name in files}
     assert len(names) == 2
     assert all(re.fullmatch(r"[A-Za-z]\w*", name) and len(name) <= LONGEST[dialect] for name in names)
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_the_first_comment_is_the_override_and_the_clearance(dialect: DialectName) -> None:
-    plan = plans_of(parse((SHIPPED / "paper-fanuc.yaml").read_text(), "paper"), "circle", 3.0)[0]
-    text = next(iter(programs_of(dialect, [(plan, demand_of(plan))]).values()))
+def test_the_first_comment_is_the_override_and_the_clearance(
+    dialect: DialectName, planned: list[tuple[Plan, Demand]]
+) -> None:
+    text = next(iter(programs_of(dialect, planned).values()))
     comments = re.findall(r"^\s*(?:\d+:)?\s*(?:[#;'!] ?)(.*?)(?: ;)?$", text, re.M)
     first = " ".join(comments[:8])
     assert first.startswith("CHECK: override 10 % in the first run, 100 % to measure. Keep X ")

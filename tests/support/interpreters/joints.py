@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -19,10 +21,19 @@ _ARM_MM = 500.0
 def postures(rig: Rig, events: list[Event], q: Array) -> list[tuple[Array, Posture]]:
     """Joint angles (6,) rad at the end of each move, with what its position says of them; q (6,) at the first."""
     found = []
+    flange, tool = flange_of(rig), pose_of(rig.robot.tool)
+
+    def missing(q: Array, pose: Pose) -> Array:
+        """How far the tool is from a pose (6,): in lengths of an arm, and rad."""
+        matrix, place = flange(q)
+        turn = Rotation.from_matrix(matrix)
+        away = place + turn.apply(tool.place) - pose.place
+        return np.concatenate([away / _ARM_MM, (turn * tool.turn * pose.turn.inv()).as_rotvec()])
+
     for event in events:
         if isinstance(event, Straight | Round):
             for place, turn in zip(*event.at(_SAMPLES), strict=True):
-                q = _reached(rig, q, Pose(place, turn))
+                q = _reached(missing, q, Pose(place, turn))
             end = event.end
         elif isinstance(event, Stood):
             q = q if event.q is None else event.q
@@ -34,19 +45,10 @@ def postures(rig: Rig, events: list[Event], q: Array) -> list[tuple[Array, Postu
     return found
 
 
-def _reached(rig: Rig, q: Array, pose: Pose) -> Array:
-    for _ in range(4):
-        error = _from(rig, q, pose)
-        columns = [(_from(rig, q + step, pose) - error) / _STEP_RAD for step in _STEP_RAD * np.eye(6)]
+def _reached(missing: Callable[[Array, Pose], Array], q: Array, pose: Pose) -> Array:
+    for _ in range(3):
+        error = missing(q, pose)
+        columns = [(missing(q + step, pose) - error) / _STEP_RAD for step in _STEP_RAD * np.eye(6)]
         q = q - np.linalg.solve(np.stack(columns, axis=1), error)
-    assert np.abs(_from(rig, q, pose)).max() < 1e-5
+    assert np.abs(missing(q, pose)).max() < 1e-5
     return q
-
-
-def _from(rig: Rig, q: Array, pose: Pose) -> Array:
-    """How far the tool is from a pose (6,): in lengths of an arm, and rad."""
-    tool = pose_of(rig.robot.tool)
-    matrix, place = flange_of(rig)(q)
-    turn = Rotation.from_matrix(matrix)
-    away = place + turn.apply(tool.place) - pose.place
-    return np.concatenate([away / _ARM_MM, (turn * tool.turn * pose.turn.inv()).as_rotvec()])
