@@ -131,6 +131,7 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     export,  # noqa: F401
     history,  # noqa: F401
     import_,  # noqa: F401
+    init,  # noqa: F401
     interfaces,  # noqa: F401
     live,  # noqa: F401
     logs,  # noqa: F401

@@ -1,0 +1,140 @@
+"""`rig init`: a rig file from what is plugged in and what a person answers."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app
+from analysis.cli.commands import command
+from analysis.cli.console import say, say_json
+from analysis.cli.progress import progress_of
+
+_INTERRUPTED = 130
+
+
+@command(app, "rig init cell.yaml --robot 192.168.1.20 --arm ur10e")
+def init(
+    rig_file: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file to write.")] = Path("cell.yaml"),
+    name: Annotated[str | None, typer.Option(help="Name of the rig; default: that of the file.")] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Host of the robot, tcp://host:port, or udp://address:port; default: asked for."
+        ),
+    ] = None,
+    port: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PORT",
+            help="Serial port or tcp://host:port of a gauge; may be repeated; default: all ports.",
+        ),
+    ] = None,
+    g1: Annotated[
+        str | None, typer.Option(metavar="PORT", help="Port of gauge 1, PORT#CHANNEL if shared; default: asked for.")
+    ] = None,
+    g2: Annotated[
+        str | None, typer.Option(metavar="PORT", help="Port of gauge 2, PORT#CHANNEL if shared; default: asked for.")
+    ] = None,
+    key: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help="Key of the rig file, as g1.range_mm=10; repeatable; default: none."),
+    ] = None,
+    baseline_mm: Annotated[
+        float | None, typer.Option(min=0.1, max=10_000, help="Distance between the gauges in mm; default: asked for.")
+    ] = None,
+    arm: Annotated[
+        str | None, typer.Option(help="Arm by name, or a file with a section robot; default: asked for.")
+    ] = None,
+    tool: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z,…", help="Ball on the flange, mm, then roll, pitch, yaw; default: asked for."),
+    ] = None,
+    circle_here: Annotated[
+        bool | None,
+        typer.Option("--circle-here/--circle-later", help="Whether the robot stands at the start of its circle."),
+    ] = None,
+    radius_mm: Annotated[float, typer.Option(min=1, max=2000, help="Radius of the circle in mm.")] = 70.0,
+    listen_s: Annotated[
+        float, typer.Option(min=0.2, max=60, help="Seconds to listen to a port before anything is asked.")
+    ] = 1.0,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print what was found as one JSON object, and write nothing.")
+    ] = False,
+) -> None:
+    """Look for gauges and robot, ask which is which, and write a checked rig file.
+
+    It only reads: ports are listened to first, then asked with each protocol's
+    own request. Answers are kept beside the rig file until that is written, so
+    that an interrupted rig init goes on where it was. Without a terminal, every
+    question has its option.
+    """
+    from analysis.cli.check import check  # noqa: PLC0415
+    from analysis.setup.answers import kept_in  # noqa: PLC0415
+    from analysis.setup.dialogue import Stopped, at_terminal  # noqa: PLC0415
+    from analysis.setup.options import Options, keys_of  # noqa: PLC0415
+    from analysis.setup.session import make_rig_file  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
+
+    keys = keys_of(key or ())
+    if g2 is not None and g1 is None:
+        raise FileError("--g2", "is given without --g1", "give both, or neither")
+    for gauge, place in (("g1", g1), ("g2", g2)):
+        if "interface" in keys[gauge] and place is None:
+            raise FileError(f"--key {gauge}.interface", f"is given without --{gauge}", f"give --{gauge} PORT as well")
+    options = Options(
+        path=rig_file,
+        name=name or _name_of(rig_file),
+        robot=robot,
+        ports=tuple(port or ()),
+        places=tuple(place for place in (g1, g2) if place is not None),
+        keys=keys,
+        baseline_mm=baseline_mm,
+        arm=arm,
+        tool=tool,
+        circle_here=circle_here,
+        radius_mm=radius_mm,
+        listen_s=listen_s,
+    )
+    if as_json:
+        say_json(_found(options))
+        return
+    try:
+        make_rig_file(options, at_terminal(say, progress_of))
+    except (KeyboardInterrupt, Stopped):
+        say("")
+        kept = f"the answers so far are in {kept_in(rig_file)}" if kept_in(rig_file).exists() else "nothing was written"
+        say(f"stopped; {kept}; run rig init {rig_file} again to go on", err=True)
+        raise typer.Exit(_INTERRUPTED) from None
+    check(str(rig_file))
+    say("next:")
+    for line in _next(rig_file):
+        say(f"  {line}")
+
+
+def _found(options: object) -> dict[str, object]:
+    from analysis.setup.gauge_questions import reports_of  # noqa: PLC0415
+    from analysis.setup.options import Options  # noqa: PLC0415
+    from daq.discovery import search_robot  # noqa: PLC0415
+
+    assert isinstance(options, Options)  # noqa: S101
+    robots = [search_robot(options.robot).to_dict()] if options.robot else []
+    with progress_of("looking at the ports") as doing:
+        ports = [report.to_dict() for report in reports_of(options, doing)]
+    return {"ports": ports, "robots": robots}
+
+
+def _name_of(rig_file: Path) -> str:
+    """A rig's name from that of its file: lower case, digits, - and _."""
+    return re.sub(r"[^a-z0-9_-]+", "-", rig_file.stem.lower()).strip("-_")[:63] or "cell"
+
+
+def _next(rig_file: Path) -> list[str]:
+    return [
+        f"rigd {rig_file}                     # in another terminal: reads gauges and robot",
+        "rig live                             # push each gauge once more; jog the robot",
+        "rig record start first-acw --test yaw --direction acw",
+    ]

@@ -1,0 +1,104 @@
+"""The text of a new rig file, with comments: what was found, what is nominal, and what is still to be measured."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Iterator
+from typing import Any
+
+import yaml
+
+from analysis.setup.answers import Answers
+from analysis.setup.arms import ChosenArm
+from rigs.schema.feedback import Feedback
+from rigs.schema.gauges import Gauge
+from rigs.schema.robot import IDENTITY, Robot
+from rigs.text import plain
+
+_BASELINE_MM = 50.0
+_NO_CIRCLE = """\
+# No circle yet. Put the ball link on, lead the robot to the start of the circle with the tool's z axis towards the
+# ball, and write centre, normal, radius and posture here:
+# tests:
+#   circle: {centre_mm: [x, y, z], normal: [0, 0, 1], radius_mm: 70, posture_deg: [q1, q2, q3, q4, q5, q6]}"""
+_CIRCLE = "from where the robot stood at its start, with the nominal arm: within some mm"
+
+
+def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> str:
+    """Return the rig file that the answers make, a line each; effects and certificates are left to later."""
+    return "\n".join(_lines(answers, arm, name, today)) + "\n"
+
+
+def placed(answers: Answers) -> dict[str, Gauge]:
+    """Return the gauges by name, at their places on the baseline: half of it to each side."""
+    half_mm = (answers.baseline_mm or _BASELINE_MM) / 2
+    signed = zip(("g1", "g2"), (half_mm, -half_mm), answers.gauges or (), strict=False)
+    return {name: gauge.model_copy(update={"offset_mm": at_mm}) for name, at_mm, gauge in signed}
+
+
+def _lines(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> Iterator[str]:
+    feedback = answers.feedback
+    assert feedback is not None  # noqa: S101 - the questions come first
+    yield f"# Written by rig init on {today}. Lengths are mm, angles degrees; after each edit run rig check."
+    yield f"name: {name}"
+    yield ""
+    yield f"robot: # nominal; from {plain(arm.source)}"
+    yield from _indented(_robot(arm.robot.model_copy(update={"tool": answers.tool or arm.robot.tool})), 2)
+    yield ""
+    yield "gauges:"
+    for gauge_name, gauge in placed(answers).items():
+        yield f"  {gauge_name}: # {gauge.origin.instruments}"
+        yield from _indented(_part(gauge, ("line", "offset_mm")), 4)
+        if gauge.origin.doubts:
+            yield f"    # not confirmed: {gauge.origin.doubts}"
+    yield ""
+    yield f"feedback: # {feedback.origin.instruments}"
+    yield from _indented(_part(feedback, ()), 2)
+    yield ""
+    if answers.circle is not None:
+        yield "tests:"
+        yield f"  circle: # {_CIRCLE}"
+        yield from _indented(_items(answers.circle.model_dump(mode="json", exclude_defaults=True)), 4)
+    else:
+        yield _NO_CIRCLE
+    if arm.repeatability_mm is not None:
+        yield ""
+        yield "limits:"
+        yield f"  data_sheet_rp_mm: {_flow(arm.repeatability_mm)} # pose repeatability by ISO 9283, data sheet"
+
+
+def _robot(robot: Robot) -> Iterator[str]:
+    yield f"name: {_flow(robot.name)}"
+    yield "axes: # modified Denavit-Hartenberg (Craig)"
+    for axis in robot.axes:
+        yield f"  - {_flow(axis.model_dump(mode='json', exclude_defaults=True))}"
+    if robot.coupling != IDENTITY:
+        yield "coupling: # theta = coupling @ q + offset_deg"
+        yield from (f"  - {_flow(list(row))}" for row in robot.coupling)
+    if robot.base != type(robot.base)():
+        yield f"base: {_flow(robot.base.model_dump(mode='json', exclude_defaults=True))}"
+    yield f"tool: {_flow(robot.tool.model_dump(mode='json'))} # the ball's place on the flange"
+    if robot.payload_kg:
+        yield f"payload_kg: {_flow(robot.payload_kg)}"
+
+
+def _part(part: Gauge | Feedback, always: tuple[str, ...]) -> Iterator[str]:
+    """The keys of an instrument that differ from their defaults, and those that a person looks for."""
+    whole = part.model_dump(mode="json")
+    differing = part.model_dump(mode="json", exclude_defaults=True)
+    wanted = {"interface", "port", *always, *differing}
+    return _items({key: value for key, value in whole.items() if key in wanted})
+
+
+def _items(fields: dict[str, Any]) -> Iterator[str]:
+    return (f"{key}: {_flow(value)}" for key, value in fields.items())
+
+
+def _flow(value: Any) -> str:
+    """A value as YAML in one line."""
+    text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=100_000, allow_unicode=True)
+    return text.removesuffix("...\n").strip()
+
+
+def _indented(lines: Iterator[str], by: int) -> Iterator[str]:
+    return (" " * by + line for line in lines)
