@@ -51,7 +51,9 @@ def init(
     ] = None,
     tool: Annotated[
         str | None,
-        typer.Option(metavar="X,Y,Z,…", help="Ball on the flange, mm, then roll, pitch, yaw; default: asked for."),
+        typer.Option(
+            metavar="POSE", help="Ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees; default: asked for."
+        ),
     ] = None,
     circle_here: Annotated[
         bool | None,

@@ -36,7 +36,7 @@ class Dialogue:
     def ask(self, question: str, option: str, read: Callable[[str], T], usual: str | None = None) -> T:
         """Ask until `read` understands the answer. option: what answers the question without a terminal.
 
-        Raises FileError where nobody can be asked, and Stopped.
+        Raises FileError without a terminal, and Stopped.
         """
         if not self.terminal:
             if usual is None:

@@ -32,7 +32,7 @@ _NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
 _RTDE, _STREAM_MOTION = 30004, 60015
 """The ports of Universal Robots' RTDE and of FANUC's Stream Motion."""
 _RATES_HZ = (500.0, 125.0)
-"""Of e-Series and CB3."""
+"""The rates of RTDE on e-Series and on CB3."""
 _CYCLES_MS: tuple[Literal[4, 12], ...] = (4, 12)
 
 
@@ -69,7 +69,7 @@ def joints_of(robot: Feedback) -> tuple[float, ...]:
 def _tries(address: str) -> Iterator[_Tried]:
     """Try what is possible at an address, one after the other."""
     if udp_address(address):
-        # Who is asked answers, or its computer says that nobody is there; only then is the port taken, to be called at.
+        # Who is asked answers, or its computer refuses; only then is the port taken, to be called at.
         yield _try(FANUCStreamMotion(interface="fanuc_stream_motion", port=address))
         for cycle_ms in _CYCLES_MS:
             yield _try(KUKARSI(interface="kuka_rsi", port=address, cycle_ms=cycle_ms))
