@@ -63,6 +63,9 @@ def init(
     listen_s: Annotated[
         float, typer.Option(min=0.2, max=60, help="Seconds to listen to a port before anything is asked.")
     ] = 1.0,
+    modbus_unit: Annotated[
+        list[int] | None, typer.Option(min=0, max=247, help="Modbus unit to ask; may be repeated; default: 1.")
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print what was found as one JSON object, and write nothing.")
     ] = False,
@@ -100,6 +103,7 @@ def init(
         circle_here=circle_here,
         radius_mm=radius_mm,
         listen_s=listen_s,
+        modbus_units=tuple(modbus_unit or (1,)),
     )
     if as_json:
         say_json(_found(options))
@@ -109,7 +113,7 @@ def init(
     except (KeyboardInterrupt, Stopped):
         say("")
         kept = f"the answers so far are in {kept_in(rig_file)}" if kept_in(rig_file).exists() else "nothing was written"
-        say(f"stopped; {kept}; run rig init {rig_file} again to go on", err=True)
+        say(f"stopped; {kept}; the same command again goes on there", err=True)
         raise typer.Exit(_INTERRUPTED) from None
     check(str(rig_file))
     say("next:")
@@ -136,7 +140,10 @@ def _name_of(rig_file: Path) -> str:
 
 def _next(rig_file: Path) -> list[str]:
     return [
-        f"rigd {rig_file}                     # in another terminal: reads gauges and robot",
-        "rig live                             # push each gauge once more; jog the robot",
+        f"rigd {rig_file}",
+        "in another terminal:",
+        "rig live        # push each gauge once more, and jog the robot",
         "rig record start first-acw --test yaw --direction acw",
+        "rig record stop",
+        "rig report runs/*first* -o first.html",
     ]

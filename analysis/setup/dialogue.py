@@ -12,6 +12,9 @@ from typing import TextIO, TypeVar
 from rigs.errors import FileError, RigError
 
 T = TypeVar("T")
+_EVERY_S = 0.1
+_TO_THE_END = "\x1b[K"
+"""Clears what an older, longer line has left."""
 Busy = Callable[[str], AbstractContextManager[Callable[[str], None]]]
 """Shows what is being done until it is left; gives the function to call when something else is."""
 
@@ -58,15 +61,16 @@ class Dialogue:
         self.screen.flush()
         return self._typed()
 
-    def line_or(self, prompt: str, happened: Callable[[], T | None], every_s: float = 0.1) -> str | T:
-        """Return what is typed, or what happens before. The prompt is written again where it changes."""
-        self.screen.write(prompt)
-        self.screen.flush()
-        while not select.select([self.keyboard], [], [], every_s)[0]:
+    def line_or(self, prompt: Callable[[], str], happened: Callable[[], T | None]) -> str | T:
+        """Return what is typed, or what happens before. The prompt is shown again and again, in its one line."""
+        while True:
+            self.screen.write(f"\r{prompt()}{_TO_THE_END}")
+            self.screen.flush()
+            if select.select([self.keyboard], [], [], _EVERY_S)[0]:
+                return self._typed()
             if (found := happened()) is not None:
                 self.screen.write("\n")
                 return found
-        return self._typed()
 
     def _typed(self) -> str:
         try:

@@ -17,6 +17,8 @@ from rigs.schema.gauges import Gauge
 from rigs.schema.part import Part
 
 _NAMES = ("g1", "g2")
+_MOST_SHOWN = 5
+"""Readings that a line of 80 columns holds."""
 _SIDES = {"g1": "+", "g2": "-"}
 
 
@@ -48,7 +50,7 @@ def reports_of(options: Options, doing: Callable[[str], None]) -> list[PortRepor
                 named[port] = named_attempts({**options.keys[name], "port": port})
             except ValidationError as error:
                 raise key_error(error, name) from None
-    return search(Wanted(ports, not ports, named, options.listen_s), doing)
+    return search(Wanted(ports, not ports, named, options.listen_s, options.modbus_units), doing)
 
 
 def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
@@ -99,10 +101,11 @@ def _chosen(found: Sequence[FoundGauge], options: Options, dialogue: Dialogue) -
         where = ", ".join(by_place)
         raise FileError("gauges", f"{len(found)} answer ({where})", "say which is which: --g1 PORT --g2 PORT")
     with Watch(found) as watch:
-        first = _pushed("g1", found, watch, dialogue)
-        others = [gauge for gauge in found if gauge is not first]
-        second = others[0] if len(others) == 1 else _pushed("g2", others, watch, dialogue)
-    return [first, second]
+        left = {str(number): gauge for number, gauge in enumerate(found, 1)}
+        first = left.pop(_pushed("g1", left, watch, dialogue))
+        if len(left) == 1:
+            return [first, *left.values()]
+        return [first, left[_pushed("g2", left, watch, dialogue)]]
 
 
 def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
@@ -115,22 +118,25 @@ def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
     raise FileError(place, f"has {len(matching)} gauges", f"add the channel: {channels}")
 
 
-def _pushed(name: str, found: Sequence[FoundGauge], watch: Watch, dialogue: Dialogue) -> FoundGauge:
-    """The gauge that is pushed, or whose number is typed."""
-    places = {gauge.place: gauge for gauge in found}
+def _pushed(name: str, left: dict[str, FoundGauge], watch: Watch, dialogue: Dialogue) -> str:
+    """The number of the gauge that is pushed, or that is typed. left: the gauges by their numbers in the list."""
+    numbers = {gauge.place: number for number, gauge in left.items()}
     while True:
         watch.rest()
-        prompt = f"Push gauge {name[1]}, on the {_SIDES[name]} side of the baseline, or type its number: "
-        answer = dialogue.line_or(prompt, lambda: watch.pushed([*places]))
-        if answer in places:
-            gauge = places[answer]
-        elif answer.isdecimal() and 1 <= int(answer) <= len(found):
-            gauge = found[int(answer) - 1]
-        else:
-            dialogue.say(f"error: {answer!r}: is not a gauge that is left; type 1 to {len(found)}, or push it")
-            continue
-        dialogue.say(f"{name}: {gauge.place}")
-        return gauge
+        dialogue.say(f"Push gauge {name[1]}, on the {_SIDES[name]} side of the baseline, or type its number:")
+        answer = dialogue.line_or(partial(_readings, watch, numbers), partial(watch.pushed, [*numbers]))
+        number = numbers.get(answer, answer)
+        if number in left:
+            dialogue.say(f"{name}: {left[number].place}")
+            return number
+        dialogue.say(f"error: {answer!r}: is not a gauge that is left; type one of {', '.join(left)}, or push it")
+
+
+def _readings(watch: Watch, numbers: dict[str, str]) -> str:
+    """The present readings in one line, as many as it holds, and room to type. numbers: of the gauges, by place."""
+    now_mm = watch.readings_mm()
+    shown = [f"{number} {now_mm[place]:+.4f}" for place, number in numbers.items() if place in now_mm]
+    return f"  {'   '.join(shown[:_MOST_SHOWN])}: "
 
 
 def _completed(found: FoundGauge, name: str, options: Options, dialogue: Dialogue) -> Gauge:

@@ -32,6 +32,7 @@ class Options:
     circle_here: bool | None
     radius_mm: float
     listen_s: float
+    modbus_units: tuple[int, ...]
 
 
 def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:

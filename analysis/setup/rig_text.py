@@ -48,12 +48,13 @@ def _lines(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> Itera
     yield "gauges:"
     for gauge_name, gauge in placed(answers).items():
         yield f"  {gauge_name}: # {gauge.origin.instruments}"
-        yield from _indented(_part(gauge, ("line", "offset_mm")), 4)
+        shared = ("channel",) if gauge.shares else ()
+        yield from _indented(_part(gauge, ("interface", "port", "line", *shared, "offset_mm")), 4)
         if gauge.origin.doubts:
             yield f"    # not confirmed: {gauge.origin.doubts}"
     yield ""
     yield f"feedback: # {feedback.origin.instruments}"
-    yield from _indented(_part(feedback, ()), 2)
+    yield from _indented(_part(feedback, ("interface", "port", "rate_hz", "cycle_ms", "fields")), 2)
     yield ""
     if answers.circle is not None:
         yield "tests:"
@@ -82,12 +83,11 @@ def _robot(robot: Robot) -> Iterator[str]:
         yield f"payload_kg: {_flow(robot.payload_kg)}"
 
 
-def _part(part: Gauge | Feedback, always: tuple[str, ...]) -> Iterator[str]:
-    """The keys of an instrument that differ from their defaults, and those that a person looks for."""
+def _part(part: Gauge | Feedback, first: tuple[str, ...]) -> Iterator[str]:
+    """The keys of an instrument: first those that a person looks for, then what differs from its default."""
     whole = part.model_dump(mode="json")
     differing = part.model_dump(mode="json", exclude_defaults=True)
-    wanted = {"interface", "port", *always, *differing}
-    return _items({key: value for key, value in whole.items() if key in wanted})
+    return _items({key: whole[key] for key in first if key in whole} | differing)
 
 
 def _items(fields: dict[str, Any]) -> Iterator[str]:

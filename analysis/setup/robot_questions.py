@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -85,10 +85,16 @@ def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
         chosen_arm(name)
         return name
 
-    question = f"Arm: {', '.join(arm_names())}, or a file with a section robot"
+    question = f"Arm: {', '.join(_likely_arms(answers))}, or a file with a section robot"
     given = options.arm or answers.arm
     name = read(given) if given else dialogue.ask(question, "--arm", read)
     return answers.model_copy(update={"arm": name})
+
+
+def _likely_arms(answers: Answers) -> Sequence[str]:
+    """The arms of the maker whose interface the robot speaks, or all: `kuka_rsi` is KUKA's."""
+    maker = answers.feedback.interface.partition("_")[0] if answers.feedback else ""
+    return [name for name in arm_names() if name.startswith(maker)] or arm_names()
 
 
 def ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:

@@ -21,6 +21,8 @@ from rigs.rig import Rig
 def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     """Ask what is open, and write the rig file. Raises FileError, CellError and Stopped; answers stay kept."""
     path = options.path
+    if not path.parent.is_dir():
+        raise FileError(str(path.parent), "is not a directory", "create it, or give another name")
     if path.exists():
         raise FileError(str(path), "exists already", "give another name, or edit it and run rig check")
     checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")

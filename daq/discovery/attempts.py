@@ -48,9 +48,9 @@ class Attempt:
         return self.gauges[0].interface
 
 
-def attempts(port: str) -> list[Attempt]:
+def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
     """Return what to try on a port that nothing is known of: listening, the makers' line settings, the usual ones."""
-    candidates = list(_candidates(port))
+    candidates = list(_candidates(port, modbus_units))
     listened = [Attempt(one, one[0].line, "nothing") for one in candidates if _streams(one)]
     asked = [one for one in candidates if not _streams(one)]
     declared = [Attempt(one, one[0].line, "requests") for one in asked if _has_line(one)]
@@ -89,7 +89,7 @@ def missing_keys(interface: str) -> list[str]:
     return [key for key, field in model.model_fields.items() if field.is_required() and key not in found]
 
 
-def _candidates(port: str) -> Iterator[tuple[Gauge, ...]]:
+def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge, ...]]:
     """The gauges that may be there, those that share an instrument together."""
     for model in models(Gauge):
         assert issubclass(model, Probe)  # noqa: S101 - every gauge is one
@@ -97,7 +97,8 @@ def _candidates(port: str) -> Iterator[tuple[Gauge, ...]]:
             continue
         if model is ModbusMap:
             example = load(_MODBUS_EXAMPLE)[0].gauges.g1
-            yield (example.model_copy(update={"port": port, "offset_mm": 0.0}),)
+            for unit in modbus_units:
+                yield (example.model_copy(update={"port": port, "offset_mm": 0.0, "unit": unit}),)
             continue
         needed = missing_keys(_name_of(model))
         if tcp_address(port) or any(key not in STAND_IN for key in needed):

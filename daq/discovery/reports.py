@@ -69,7 +69,9 @@ class FoundGauge:
     @property
     def lacks(self) -> tuple[str, ...]:
         """Keys that its owner still has to give; until then a reading is a percentage of the range."""
-        return tuple(key for key in missing_keys(self.gauge.interface) if getattr(self.gauge, key) == STAND_IN.get(key))
+        if self.sends == "all":  # named by a person, with its keys
+            return ()
+        return tuple(key for key in missing_keys(self.gauge.interface) if key in STAND_IN)
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values, for JSON."""

@@ -45,13 +45,14 @@ class Wanted:
     """What to search. ports: serial devices and TCP addresses that a person named; every: also all that are plugged in.
 
     named: what to try on a port whose instrument is known, in place of everything. listen_s: how long to listen at
-    each setting.
+    each setting. modbus_units: the units that are asked.
     """
 
     ports: tuple[str, ...] = ()
     every: bool = True
     named: Mapping[str, Sequence[Attempt]] = field(default_factory=dict)
     listen_s: float = LISTEN_S
+    modbus_units: tuple[int, ...] = (1,)
     root: Path = Path("/")
 
     def places(self) -> dict[str, str]:
@@ -92,7 +93,7 @@ def search_port(port: str, description: str, wanted: Wanted, progress: Progress,
         for finding in examine_port(port, port, wanted.root, served=False):
             if finding.verdict is Verdict.WRONG:
                 return _failed(report, finding.what.removeprefix(f"{port}: "), finding.remedy)
-    tried = wanted.named.get(port) or attempts(port)
+    tried = wanted.named.get(port) or attempts(port, wanted.modbus_units)
     try:
         with _as_it_was(port):
             return _tried(report, tried, wanted.listen_s, progress, stop)
@@ -131,7 +132,7 @@ def _tried(
             own_error = own_error or (attempt, trial)
     if best:
         ranked = sorted(best, key=lambda pair: evidence_of(pair[1].items).rank, reverse=True)
-        also = tuple(attempt.interface for attempt, _ in ranked[1:])
+        also = tuple(attempt.interface for attempt, _ in ranked[1:] if attempt.interface != ranked[0][0].interface)
         return _with_gauges(report, *ranked[0], also)
     if own_error:
         attempt, trial = own_error

@@ -23,10 +23,13 @@ _BAUMER = {
     if key != "port"
 }
 _ILD = {"interface": "micro_epsilon_ild1420", "range_mm": 10, "zero_mm": 5}
+_PLAIN = {"status": None, "clock_s": None, "clock_us": None}
 GAUGES: dict[str, list[dict[str, Any]]] = {
     "sylvac": [{"interface": "sylvac_opto_rs"}] * 2,
     "keyence": [{"interface": "keyence_dl_rs1a", "port": "/dev/one", "channel": channel} for channel in (1, 2)],
     "modbus": [_BAUMER] * 2,
+    "other registers at": [{**_BAUMER, "address": 300, "value": {"address": 302, "type": "float32"}, **_PLAIN}],
+    "modbus unit 7 at": [{**_BAUMER, "unit": 7}],
     "micro_epsilon": [_ILD] * 2,
     "keyence at 38400": [
         {"interface": "keyence_dl_rs1a", "port": "/dev/one", "channel": channel, "line": "38400 8N1"}

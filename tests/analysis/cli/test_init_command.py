@@ -198,6 +198,10 @@ def test_a_file_that_exists_already_is_left_alone(tmp_path: Path) -> None:
     assert (tmp_path / "cell.yaml").read_text() == "mine"
 
 
+def test_a_directory_that_is_not_there(tmp_path: Path) -> None:
+    assert "is not a directory" in one_line(ran(tmp_path, "none/cell.yaml"), 3)
+
+
 def test_two_gauges_and_nobody_to_push_them(tmp_path: Path) -> None:
     with switched_on("keyence", "ur") as unknown:
         done = ran(tmp_path, "cell.yaml", "--robot", unknown.robot, "--arm", "ur10e", *at_ports(unknown))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fcntl
 import os
+import signal
 import termios
 import threading
 from pathlib import Path
@@ -72,6 +73,21 @@ def test_other_line_settings_are_tried_where_the_makers_do_not_fit() -> None:
     assert [str(gauge.gauge.line) for gauge in report.gauges] == ["38400 8N1"] * 2
 
 
+def test_a_modbus_unit_with_registers_of_its_own() -> None:
+    with switched_on("other registers at") as unknown:
+        (port,) = unknown.gauge_ports
+        (report,) = searched(port, named=of("modbus_map", port))
+    assert report.problem == "modbus_map answers at 57600 8E1 with an error of its own"
+    assert "ILLEGAL_ADDRESS" in report.remedy and "check `address`" in report.remedy
+
+
+def test_a_modbus_unit_of_another_number() -> None:
+    with switched_on("modbus unit 7 at") as unknown:
+        (port,) = unknown.gauge_ports
+        (report,) = search(Wanted((port,), every=False, listen_s=LISTEN_S, modbus_units=(1, 7)), lambda doing: None)
+    assert [gauge.gauge.unit for gauge in report.gauges] == [7]  # type: ignore[union-attr]
+
+
 def test_ports_that_cannot_be_searched(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no port")
     missing, file = searched(str(tmp_path / "none"), str(tmp_path / "file"))
@@ -130,6 +146,22 @@ def test_a_port_keeps_the_settings_that_it_had() -> None:
             assert termios.tcgetattr(fd) == before
         finally:
             os.close(fd)
+
+
+def test_ctrl_c_ends_the_search_and_leaves_the_port_as_it_was() -> None:
+    with switched_on("tesa") as unknown:
+        (port,) = unknown.gauge_ports
+        fd = os.open(port, os.O_RDWR | os.O_NOCTTY)
+        try:
+            before = termios.tcgetattr(fd)
+            with pytest.raises(KeyboardInterrupt):
+                search(
+                    Wanted((port,), every=False, listen_s=LISTEN_S), lambda doing: signal.raise_signal(signal.SIGINT)
+                )
+            assert termios.tcgetattr(fd) == before
+        finally:
+            os.close(fd)
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("search")]
 
 
 def test_a_port_that_disappears_while_it_is_searched() -> None:
