@@ -7,9 +7,9 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from rigs.arms import arm_names, load_arm
 from rigs.errors import FileError
 from rigs.files import read_bytes
-from rigs.load import load, shipped
 from rigs.problems import RigFileError, problems_of
 from rigs.schema.part import Part
 from rigs.schema.robot import Robot
@@ -33,29 +33,28 @@ class _ArmFile(Part):
     robot: Robot
 
 
-def arm_names() -> tuple[str, ...]:
-    """Return the names of the arms that are known."""
-    return tuple(shipped())
-
-
 def chosen_arm(name: str) -> ChosenArm:
-    """Return an arm by its name, or from a file with a section `robot`. Raises FileError."""
+    """Return an arm of the library by its name, or from a file with a section `robot`. Raises FileError."""
     if name in arm_names():
-        rig, _ = load(name)
-        return ChosenArm(rig.robot, rig.limits.data_sheet_rp_mm, f"the shipped rig {name}")
-    path = Path(name)
+        return _of_library(name)
     try:
-        text = read_bytes(path, _MAX_BYTES).decode()
+        text = read_bytes(Path(name), _MAX_BYTES).decode()
     except UnicodeDecodeError as error:
         raise FileError(name, f"not UTF-8 at byte {error.start}", "save it as UTF-8") from None
-    except OSError:
-        known = ", ".join(arm_names())
-        raise FileError(name, "no such arm or file", f"give a file with a section robot, or one of {known}") from None
+    except FileNotFoundError:
+        return _of_library(name)  # which reports the names that are near
+    except OSError as error:
+        raise FileError(name, error.strerror or str(error), "give a file with a section robot") from None
     root, data = read_yaml(text, name)
     if not isinstance(data, dict) or "robot" not in data:
-        raise FileError(name, "lacks the section robot", "write it as in rig example, or choose an arm by its name")
+        raise FileError(name, "lacks the section robot", "see rig arms for one, or choose an arm by its name")
     section = {"robot": data["robot"]}
     try:
-        return ChosenArm(_ArmFile.model_validate(section).robot, None, f"the file {path.name}")
+        return ChosenArm(_ArmFile.model_validate(section).robot, None, f"the file {Path(name).name}")
     except ValidationError as error:
         raise RigFileError(name, problems_of(error, section, root, _ArmFile)) from None
+
+
+def _of_library(name: str) -> ChosenArm:
+    arm = load_arm(name)
+    return ChosenArm(arm.robot, arm.repeatability_mm, f"the arm library: {arm.maker} {arm.model}")

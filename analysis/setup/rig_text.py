@@ -6,13 +6,11 @@ import datetime as dt
 from collections.abc import Iterator
 from typing import Any
 
-import yaml
-
+from analysis.arms.robot_section import flow, robot_text
 from analysis.setup.answers import Answers
 from analysis.setup.arms import ChosenArm
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
-from rigs.schema.robot import IDENTITY, Robot
 from rigs.text import plain
 
 _BASELINE_MM = 50.0
@@ -42,8 +40,8 @@ def _lines(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> Itera
     yield f"# Written by rig init on {today}. Lengths are mm, angles degrees; after each edit run rig check."
     yield f"name: {name}"
     yield ""
-    yield f"robot: # nominal; from {plain(arm.source)}"
-    yield from _indented(_robot(arm.robot.model_copy(update={"tool": answers.tool or arm.robot.tool})), 2)
+    yield f"# Nominal arm, from {plain(arm.source)}; tool is the ball's place on the flange."
+    yield robot_text(arm.robot.model_copy(update={"tool": answers.tool or arm.robot.tool})).rstrip()
     yield ""
     yield "gauges:"
     for gauge_name, gauge in placed(answers).items():
@@ -65,22 +63,7 @@ def _lines(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> Itera
     if arm.repeatability_mm is not None:
         yield ""
         yield "limits:"
-        yield f"  data_sheet_rp_mm: {_flow(arm.repeatability_mm)} # pose repeatability by ISO 9283, data sheet"
-
-
-def _robot(robot: Robot) -> Iterator[str]:
-    yield f"name: {_flow(robot.name)}"
-    yield "axes: # modified Denavit-Hartenberg (Craig)"
-    for axis in robot.axes:
-        yield f"  - {_flow(axis.model_dump(mode='json', exclude_defaults=True))}"
-    if robot.coupling != IDENTITY:
-        yield "coupling: # theta = coupling @ q + offset_deg"
-        yield from (f"  - {_flow(list(row))}" for row in robot.coupling)
-    if robot.base != type(robot.base)():
-        yield f"base: {_flow(robot.base.model_dump(mode='json', exclude_defaults=True))}"
-    yield f"tool: {_flow(robot.tool.model_dump(mode='json'))} # the ball's place on the flange"
-    if robot.payload_kg:
-        yield f"payload_kg: {_flow(robot.payload_kg)}"
+        yield f"  data_sheet_rp_mm: {flow(arm.repeatability_mm)} # pose repeatability by ISO 9283, data sheet"
 
 
 def _part(part: Gauge | Feedback, first: tuple[str, ...]) -> Iterator[str]:
@@ -91,13 +74,7 @@ def _part(part: Gauge | Feedback, first: tuple[str, ...]) -> Iterator[str]:
 
 
 def _items(fields: dict[str, Any]) -> Iterator[str]:
-    return (f"{key}: {_flow(value)}" for key, value in fields.items())
-
-
-def _flow(value: Any) -> str:
-    """A value as YAML in one line."""
-    text: str = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, width=100_000, allow_unicode=True)
-    return text.removesuffix("...\n").strip()
+    return (f"{key}: {flow(value)}" for key, value in fields.items())
 
 
 def _indented(lines: Iterator[str], by: int) -> Iterator[str]:

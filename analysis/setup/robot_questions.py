@@ -9,11 +9,12 @@ from typing import Any
 
 from analysis.geometry.feasible import feasible_tests
 from analysis.setup.answers import Answers
-from analysis.setup.arms import arm_names, chosen_arm
+from analysis.setup.arms import chosen_arm
 from analysis.setup.circle import circle_from_start
 from analysis.setup.dialogue import Dialogue
 from analysis.setup.options import Options, checked
 from daq.discovery import RobotReport, joints_of, search_robot
+from rigs.arms import arm_names
 from rigs.errors import CellError, FileError
 from rigs.rig import Rig
 from rigs.schema.feedback import Feedback

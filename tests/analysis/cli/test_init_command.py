@@ -165,7 +165,7 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         person.answers("Distance", "-3")
         person.answers("is not a distance", "60")
         person.answers("Arm: ", "nonsense")
-        person.answers("no such arm or file", "ur10e")
+        person.answers("no arm of this name", "ur10e")
         person.answers("The ball", "1,2")
         person.answers("is not x,y,z", "0,0,150,0,90,0")
         person.answers("Does the robot", "perhaps")
