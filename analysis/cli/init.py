@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,7 +14,12 @@ from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.progress import progress_of
 
+if TYPE_CHECKING:
+    from analysis.setup.options import Options
+
 _INTERRUPTED = 130
+_MAKERS = ("ur", "fanuc", "kuka", "abb", "yaskawa")
+"""The controllers that rig program writes for; a feedback interface begins with the name of its maker."""
 
 
 @command(app, "rig init cell.yaml --robot 192.168.1.20 --arm ur10e")
@@ -112,21 +118,20 @@ def init(
         make_rig_file(options, at_terminal(say, progress_of))
     except (KeyboardInterrupt, Stopped):
         say("")
-        kept = f"the answers so far are in {kept_in(rig_file)}" if kept_in(rig_file).exists() else "nothing was written"
-        say(f"stopped; {kept}; the same command again goes on there", err=True)
+        kept = kept_in(rig_file)
+        what = f"the same command goes on with the answers in {kept}" if kept.exists() else "nothing was written"
+        say(f"stopped; {what}", err=True)
         raise typer.Exit(_INTERRUPTED) from None
     check(str(rig_file))
     say("next:")
-    for line in _next(rig_file):
+    for line in next_steps(rig_file):
         say(f"  {line}")
 
 
-def _found(options: object) -> dict[str, object]:
+def _found(options: Options) -> dict[str, object]:
     from analysis.setup.gauge_questions import reports_of  # noqa: PLC0415
-    from analysis.setup.options import Options  # noqa: PLC0415
     from daq.discovery import search_robot  # noqa: PLC0415
 
-    assert isinstance(options, Options)  # noqa: S101
     robots = [search_robot(options.robot).to_dict()] if options.robot else []
     with progress_of("looking at the ports") as doing:
         ports = [report.to_dict() for report in reports_of(options, doing)]
@@ -138,12 +143,26 @@ def _name_of(rig_file: Path) -> str:
     return re.sub(r"[^a-z0-9_-]+", "-", rig_file.stem.lower()).strip("-_")[:63] or "cell"
 
 
-def _next(rig_file: Path) -> list[str]:
+def next_steps(rig_file: Path) -> list[str]:
+    """Return what to do with a new rig file, a command a line."""
+    from rigs.load import load  # noqa: PLC0415
+
+    rig, _ = load(rig_file)
+    file = shlex.quote(str(rig_file))
+    begin = [f"rigd {file}", "# in another terminal:", "rig live  # push each gauge once more, and jog the robot"]
+    if rig.tests.circle is None:
+        return [
+            *begin,
+            "# jog the robot to three or more points of its circle, then Ctrl-C:",
+            f"rig circle fit --live --rig {file} --write",
+        ]
+    maker = rig.feedback.interface.partition("_")[0]
     return [
-        f"rigd {rig_file}",
-        "in another terminal:",
-        "rig live        # push each gauge once more, and jog the robot",
+        *begin,
+        f"rig program {file} --for {maker if maker in _MAKERS else '|'.join(_MAKERS)} --test circle -o programs",
         "rig record start first-acw --test yaw --direction acw",
+        "# start the robot's program, at reduced speed",
         "rig record stop",
+        f"rig circle fit runs/*first* --rig {file} --write",
         "rig report runs/*first* -o first.html",
     ]

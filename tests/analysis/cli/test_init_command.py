@@ -91,7 +91,8 @@ def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> Non
         (second, 20),
         (first, -20),
     ]
-    assert "good" in done.stdout and "next:" in done.stdout and "rigd" in done.stdout
+    assert "good" in done.stdout and "next:" in done.stdout
+    assert "rigd 'My Cell.yaml'" in done.stdout and "rig circle fit --live" in done.stdout
 
 
 def test_a_sensor_is_named_and_gets_its_keys(tmp_path: Path) -> None:
@@ -185,6 +186,8 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
         (["--key", "g3.units=mm"], 3, "SECTION.KEY=VALUE"),
         (["--key", "g1.units=[", "--robot", "x"], 3, "not YAML"),
         (["--baseline-mm", "0"], 2, "baseline-mm"),
+        (["--name", "My Cell", "--robot", "x"], 3, "--name"),
+        (["--key", "g1.interface=tesa_tt", "--robot", "x"], 3, "give --g1 PORT"),
     ],
 )
 def test_wrong_options_are_one_line(tmp_path: Path, given: Sequence[str], code: int, says: str) -> None:
