@@ -106,7 +106,7 @@ def test_a_sensor_is_named_and_gets_its_keys(tmp_path: Path) -> None:
             "--key",
             "feedback.rate_hz=125",
         ]
-        given = ["--robot", unknown.robot, "--g1", first, *keys, "--arm", "ur10e"]
+        given = ["--robot", unknown.robot, "--g1", first, *keys, "--arm", "ur10e", "--tool", "0,0,150"]
         done = ran(tmp_path, "cell.yaml", *given)
     assert done.returncode == 0, done.stderr
     rig, _ = load(tmp_path / "cell.yaml")
