@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
+from pydantic import ValidationError
+
 from daq import feedback
 from daq.acquisition.stream_buffer import faults_of
 from daq.acquisition.streams import JOINTS, ROBOT, Stream
@@ -46,12 +48,20 @@ class _Tried:
 
 
 def search_robot(address: str) -> RobotReport:
-    """Search a robot at `host`, `tcp://host:port`, or `udp://address:port`, which may be one of this computer."""
+    """Search a robot at a host, a `tcp://host:port` or serial port that prints lines, or a `udp://address:port`.
+
+    The UDP address may be one of this computer, which a controller calls.
+    """
     failed: list[str] = []
-    for tried in _tries(address):
-        if evidence_of(tried.trial.items).enough:
-            return _found(address, tried)
-        failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {_why_not(tried.trial)}")
+    try:
+        for tried in _tries(address):
+            if evidence_of(tried.trial.items).enough:
+                return _found(address, tried)
+            failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {_why_not(tried.trial)}")
+    except ValidationError:
+        return RobotReport(
+            address, problem="is not an address", remedy="give HOST, tcp://HOST:PORT or udp://ADDRESS:PORT"
+        )
     return RobotReport(address, problem="; ".join(dict.fromkeys(failed)), remedy=_remedy(address))
 
 
@@ -74,6 +84,9 @@ def _tries(address: str) -> Iterator[_Tried]:
         for cycle_ms in _CYCLES_MS:
             yield _try(KUKARSI(interface="kuka_rsi", port=address, cycle_ms=cycle_ms))
         yield _try(ABBEGM(interface="abb_egm", port=address))
+        return
+    if address.startswith("/"):
+        yield _line_feed(address)
         return
     host = address
     if tcp_address(address):

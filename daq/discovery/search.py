@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+from pydantic import TypeAdapter, ValidationError
 from serial.tools import list_ports
 
 from daq import gauges
@@ -28,6 +29,7 @@ from daq.doctor.ports import examine_port, port_names
 from daq.doctor.trial import Trial, try_line
 from daq.protocol.conversation import FaultKind, Host, Sample
 from rigs.schema.gauges import Gauge
+from rigs.schema.links import Port
 
 _ANSWER_S = 0.3
 """What an answer may take while it is tried: 9 characters at 4800 baud take 21 ms, an FTDI adapter holds them for 16
@@ -37,6 +39,7 @@ _CONFIRM_S = 0.5
 """For more readings, once a protocol fits."""
 LISTEN_S = 1.0
 
+_PORT: TypeAdapter[str] = TypeAdapter(Port)
 Progress = Callable[[str], None]
 
 
@@ -89,6 +92,10 @@ def search(wanted: Wanted, progress: Progress) -> list[PortReport]:
 def search_port(port: str, description: str, wanted: Wanted, progress: Progress, stop: threading.Event) -> PortReport:
     """Search one port."""
     report = PortReport(port, description)
+    try:
+        _PORT.validate_python(port)
+    except ValidationError:
+        return _failed(report, "is not a port", "write it as /dev/serial/by-id/… or tcp://host:502")
     if port.startswith("/"):
         for finding in examine_port(port, port, wanted.root, served=False):
             if finding.verdict is Verdict.WRONG:

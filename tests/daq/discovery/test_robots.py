@@ -44,6 +44,12 @@ def test_a_robot_that_is_not_there() -> None:
     assert report.feedback is None and "connection refused" in report.problem and report.remedy
 
 
+@pytest.mark.parametrize("address", ["a b", "", "tcp://host", "tcp://host:99999", "udp://x", "::1", "a/b"])
+def test_what_is_not_an_address(address: str) -> None:
+    report = search_robot(address)
+    assert report.problem == "is not an address" and "HOST" in report.remedy
+
+
 def test_a_controller_that_does_not_call() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))

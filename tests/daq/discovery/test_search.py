@@ -90,6 +90,8 @@ def test_a_modbus_unit_of_another_number() -> None:
 
 def test_ports_that_cannot_be_searched(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no port")
+    for port in searched("ttyUSB0", "tcp://host", "tcp://host:99999", "", "udp://127.0.0.1:5"):
+        assert port.problem == "is not a port" and "/dev/" in port.remedy
     missing, file = searched(str(tmp_path / "none"), str(tmp_path / "file"))
     assert "no such port" in missing.problem and "plug it in" in missing.remedy
     assert "not a serial" in file.problem, file
