@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import datetime as dt
-from typing import Annotated, BinaryIO
+from pathlib import Path
+from typing import Annotated
 
-from analysis.files.write import write_new
 from analysis.setup.answers import Answers, forget_answers, keep_answers, kept_in, load_answers
 from analysis.setup.arms import chosen_arm
 from analysis.setup.dialogue import Dialogue
@@ -13,7 +13,8 @@ from analysis.setup.gauge_questions import ask_baseline, ask_gauges
 from analysis.setup.options import Options, checked
 from analysis.setup.rig_text import rig_text
 from analysis.setup.robot_questions import ask_arm, ask_circle, ask_robot, ask_tool
-from rigs.errors import FileError
+from daq.store import durable
+from rigs.errors import CellError, FileError
 from rigs.load import parse
 from rigs.rig import Rig
 
@@ -23,8 +24,7 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     path = options.path
     if not path.parent.is_dir():
         raise FileError(str(path.parent), "is not a directory", "create it, or give another name")
-    if path.exists():
-        raise FileError(str(path), "exists already", "give another name, or edit it and run rig check")
+    _check_new(path)
     checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")
     answers = load_answers(path)
     if answers.count:
@@ -34,12 +34,18 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
         keep_answers(path, answers)
     answers = ask_circle(answers, options, dialogue, _rig(answers, options)[0])
     _, text = _rig(answers, options)
-    write_new(path, lambda file: _writes(file, text))
+    _check_new(path)
+    try:
+        durable.replace(path, text.encode())  # a power cut leaves no half of it
+    except OSError as error:
+        what = f"cannot be written: {error.strerror or error}"
+        raise CellError(str(path), what, "free some space; the same command goes on here") from None
     forget_answers(path)
 
 
-def _writes(file: BinaryIO, text: str) -> None:
-    file.write(text.encode())
+def _check_new(path: Path) -> None:
+    if path.exists() or path.is_symlink():
+        raise FileError(str(path), "exists already", "give another name, or edit it and run rig check")
 
 
 def _rig(answers: Answers, options: Options) -> tuple[Rig, str]:

@@ -199,6 +199,22 @@ def test_a_file_that_exists_already_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "cell.yaml").write_text("mine")
     assert "exists already" in one_line(ran(tmp_path, "cell.yaml"), 3)
     assert (tmp_path / "cell.yaml").read_text() == "mine"
+    (tmp_path / "link.yaml").symlink_to(tmp_path / "nowhere")
+    assert "exists already" in one_line(ran(tmp_path, "link.yaml"), 3)
+
+
+def test_a_file_that_appears_meanwhile_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "cell.yaml"
+    with switched_on("tesa", "ur") as unknown:
+        (port,) = unknown.gauge_ports
+        given = ["--robot", unknown.robot, "--g1", port, "--arm", "ur10e", "--tool", "0,0,150"]
+        with Terminal(command(path, *given, *QUICK), 80, 60, {}) as terminal:
+            person = Person(terminal)
+            person.asked("Does the robot")
+            path.write_text("mine")
+            person.types("n")
+            assert terminal.ended() == 3
+    assert path.read_text() == "mine"
 
 
 def test_a_directory_that_is_not_there(tmp_path: Path) -> None:
