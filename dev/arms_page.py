@@ -45,7 +45,7 @@ where the file has lengths of hundreds of metres that almost cancel. Centres of 
 ## An arm from a URDF
 
 ```sh
-pip install yourdfpy
+pip install pytransform3d
 rig import-urdf arm.urdf -o arm.yaml
 ```
 

@@ -153,6 +153,7 @@ BAD = {
     ),
     "prismatic": (GOOD.replace("revolute", "prismatic", 1), "joint joint_1 is prismatic; it slides"),
     "continuous": (GOOD.replace("revolute", "continuous", 1), "joint joint_1 is continuous; it has no limits: write"),
+    "floating": (GOOD.replace("revolute", "floating", 1), "joint joint_1 is floating; write type revolute, or remove"),
     "no such type": (GOOD.replace("revolute", "screw", 1), "joint joint_1 is screw; write type revolute"),
     "mimic": (
         GOOD.replace("<limit", '<mimic joint="joint_2"/><limit', 1),
@@ -163,20 +164,18 @@ BAD = {
     "limits in disorder": (GOOD.replace('lower="-3"', 'lower="3"', 1), "lower 3, upper 2.5 and velocity 3.5; write"),
     "velocity 0": (GOOD.replace('velocity="3.5"', 'velocity="0"', 1), "velocity 0; write the limits in order"),
     "no axis": (re.sub(AXIS, '<axis xyz="0 0 0"/>', GOOD, count=1), "joint joint_1 has an axis of no length"),
-    "axis of two": (re.sub(AXIS, '<axis xyz="0 1"/>', GOOD, count=1), "joint joint_1 has numbers that no arm has"),
-    "nan": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 nan"', 1), "joint joint_1 has numbers that no arm has"),
-    "infinite angle": (GOOD.replace('rpy="0.0 0.0 0.0"', 'rpy="0 0 inf"', 1), "not readable as URDF"),
-    "a large number": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 1e308"', 1), "joint joint_1 has numbers that no arm has"),
+    "axis of two": (re.sub(AXIS, '<axis xyz="0 1"/>', GOOD, count=1), "joint joint_1 has axis xyz='0 1'; write three"),
+    "nan": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 nan"', 1), "joint joint_1 has origin xyz='0 0 nan'; write three"),
+    "infinite angle": (GOOD.replace('rpy="0.0 0.0 0.0"', 'rpy="0 0 inf"', 1), "has origin rpy='0 0 inf'; write three"),
+    "a large number": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 1e308"', 1), "joint joint_1 has origin xyz='0 0 1e308'"),
+    "a speed in words": (GOOD.replace('velocity="3.5"', 'velocity="fast"', 1), "velocity='fast'; write a number that"),
     "no type": (GOOD.replace('type="revolute"', "", 1), "joint joint_1 has no type; write type revolute"),
-    "a word": (
-        GOOD.replace('"0.0 0.0 0.4"', '"0 0 high"', 1),
-        "(could not convert string to float: 'high'): a link or joint lacks",
-    ),
+    "a word": (GOOD.replace('"0.0 0.0 0.4"', '"0.4 high"', 1), "joint joint_1 has origin xyz='0.4 high'; write three"),
     "millimetres": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 400"', 1), "correct it: its units are metres and radians"),
     "limits in degrees": (GOOD.replace('upper="2.5"', 'upper="170"'), "correct it: its units are metres and radians"),
     "a negative mass": (
         GOOD.replace('<link name="link_1"/>', '<link name="link_1"><inertial><mass value="-1"/></inertial></link>'),
-        "the mass of link link_1 has numbers that no arm has",
+        "link link_1 has mass value='-1'; write a number that an arm has",
     ),
     "xacro elements": (
         '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm prefix=""/></robot>',
@@ -187,13 +186,13 @@ BAD = {
     "no XML": ("robot: {axes: []}\n", "not XML"),
     "an empty file": ("", "not XML"),
     "half a file": (GOOD[: len(GOOD) // 2], "not XML"),
-    "a robot of SDF": ("<sdf><model/></sdf>", "is no URDF: it is a <sdf>"),
+    "a robot of SDF": ("<sdf><model/></sdf>", "is not a URDF: it is a <sdf>"),
     "no name": (
         GOOD.replace('<robot name="chain">', "<robot>"),
-        "not readable as URDF ('name'): a link or joint lacks its name",
+        "not readable as URDF: Attribute 'name' is missing in robot tag; correct it",
     ),
-    "no parent": (GOOD.replace('<parent link="link_1"/>', ""), "not readable as URDF"),
-    "no link": (GOOD.replace('<link name="link_3"/>', ""), "which is no link; correct its name"),
+    "no parent": (GOOD.replace('<parent link="link_1"/>', ""), "No parent specified in joint 'joint_2'; correct it"),
+    "no link": (GOOD.replace('<link name="link_3"/>', ""), "'link_3' of joint 'joint_3' is not defined; correct it"),
     "two links": (GOOD.replace('<link name="link_3"/>', '<link name="link_3"/>' * 2), "has two links named link_3"),
     "two parents": (
         GOOD.replace("</robot>", SEVENTH.replace("link_7", "link_1").replace('<link name="link_1"/>', "") + "</robot>"),
@@ -267,6 +266,6 @@ def test_what_is_no_text_is_refused(what: str, tmp_path: Path) -> None:
 
 
 def test_a_computer_without_the_library_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "yourdfpy", None)
-    with pytest.raises(CellError, match=r"needs yourdfpy, which is missing; pip install"):
+    monkeypatch.setitem(sys.modules, "pytransform3d.urdf", None)
+    with pytest.raises(CellError, match=r"needs pytransform3d.urdf, which is missing; pip install"):
         import_urdf(urdf(tmp_path, GOOD))
