@@ -27,8 +27,6 @@ _MOST_PARTS = 2000
 """Links and joints; a humanoid with both hands has some hundred."""
 _LARGEST = 1e6
 """No arm has so many metres, radians or kilograms."""
-_MOST_SHOWN = 40
-"""Characters of an attribute in a message."""
 _TYPES = ("revolute", "continuous", "prismatic", "fixed")
 _NUMBERS = {
     ("origin", "xyz"): 3,
@@ -162,7 +160,7 @@ def _require_numbers(part: Any, where: str) -> None:
                 continue
             numbers = _numbers(words)
             if len(numbers) != count or (element.tag == "mass" and numbers[0] < 0):
-                what = f"{part.tag} {part.get('name')} has {element.tag} {key}={words[:_MOST_SHOWN]!r}"
+                what = f"{part.tag} {part.get('name')} has {element.tag} {key}={words!r}"
                 raise FileError(where, what, f"write {'three numbers' if count == 3 else 'a number'} that an arm has")
             element.set(key, " ".join(map(repr, numbers)))
 
