@@ -33,7 +33,7 @@ class Way:
 
 
 def straight(begin: Array, end: Array, speed_mm_s: float) -> Way:
-    """On a line from one pose to another."""
+    """On a line from one pose (4, 4) to another."""
     way_mm = end[:3, 3] - begin[:3, 3]
     length = float(np.linalg.norm(way_mm))
     share = _shares(length, 0.0)
@@ -41,14 +41,14 @@ def straight(begin: Array, end: Array, speed_mm_s: float) -> Way:
 
 
 def turned(begin: Array, end: Array, speed_rad_s: float) -> Way:
-    """About the tool's origin from one pose to another."""
+    """About the tool's origin from one pose (4, 4) to another."""
     angle = float(np.linalg.norm(rotation_vector(begin, end)))
     share = _shares(0.0, angle)
     return _way(begin, end, share, np.tile(begin[:3, 3], (len(share), 1)), angle / speed_rad_s)
 
 
 def around(begin: Array, via_mm: Array, end: Array, speed_mm_s: float) -> Way:
-    """On the circle from one pose through a place (3,) to another."""
+    """On the circle from one pose (4, 4) through a place (3,) mm to another."""
     centre, axis = _circle_through(begin[:3, 3], via_mm, end[:3, 3])
     arm = begin[:3, 3] - centre
     angle = _angle_about(axis, arm, end[:3, 3] - centre)

@@ -177,6 +177,12 @@ def cases() -> dict[str, Case]:
             [cell / "rig.yaml"],
             [cell / EVIL.replace("/", "|"), "-o", own / "made.yaml"],
         ],
+        "init": lambda cell, own: [
+            [own / "new.yaml", "--robot", "tcp://127.0.0.1:1", "--arm", EVIL],
+            [own / (EVIL.replace("/", "|") + BYTES), "--port", cell / EVIL, "--robot", EVIL, "--key", EVIL],
+            [cell / "rig.yaml"],
+            [own / "new.yaml", "--json", "--port", cell / EVIL],
+        ],
         "interfaces": lambda cell, own: [[], ["--json"]],
         "live": lambda cell, own: [[], ["--rig", EVIL]],
         "logs": lambda cell, own: [[], [EVIL], ["ur10e", "--since", EVIL]],
