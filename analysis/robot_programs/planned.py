@@ -64,6 +64,8 @@ alone (W, C, Rx), so a controller that interpolates the angles turns it the same
 joints between arcs, each of which may disturb the motion."""
 _FINE_RAD = np.radians(1.0)
 """Step along the circle at which a plan has joint angles, at most."""
+_Piece = tuple[Target, Target, Target, Array]
+"""Beginning, middle and end of an arc, and the joint angles (n, 6) rad along it."""
 _APPROACH_RAD_S = np.radians(10.0)
 """Fastest joint on the way to the start, from wherever the robot stands: slow enough to be stopped by hand."""
 _APPROACH_MM_S = 10.0
@@ -92,17 +94,13 @@ def _circle(rig: Rig, test: ProgramTest, direction: Direction, outputs: tuple[in
     factor = way_back(arm, fastest_joints(t_s, q))
     pieces = _pieces(rig, phi, q)
     there = _arcs(pieces, circle.speed_mm_s)
-    reverse = [(end, via, begin, q[::-1]) for begin, via, end, q in reversed(pieces)]
+    reverse = [(end, via, begin, along[::-1]) for begin, via, end, along in reversed(pieces)]
     back = _arcs(reverse, factor * circle.speed_mm_s)
     laps: list[Step] = [Comment(f"lap 1 of {circle.laps}"), *there]
     for number in range(2, circle.laps + 1):
         laps += [Comment("the way back"), Dwell(PAUSE_S), *back, Dwell(PAUSE_S)]
         laps += [Comment(f"lap {number} of {circle.laps}"), *there]
     return _plan(rig, test, direction, outputs, pieces[0][0], laps)
-
-
-_Piece = tuple[Target, Target, Target, Array]
-"""Beginning, middle and end of an arc, and the joint angles (n, 6) rad along it."""
 
 
 def _pieces(rig: Rig, phi: Array, q: Array) -> list[_Piece]:
