@@ -24,8 +24,6 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
 
-_UM_PER_MM = 1e3
-
 
 @dataclass(frozen=True)
 class Entry:
@@ -187,4 +185,4 @@ def _position_error_mm(rig: Rig, found: Sequence[Support], q: Array) -> Array:
 
 
 def _rms_um(distance_mm: Array) -> float:
-    return _UM_PER_MM * float(np.sqrt(np.mean(distance_mm**2)))
+    return 1e3 * float(np.sqrt(np.mean(distance_mm**2)))

@@ -22,7 +22,6 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 ControllerName = Literal["ur", "fanuc", "kuka", "abb", "yaskawa"]
-_AXES = 6
 _BY_FEEDBACK: dict[str, ControllerName] = {
     "ur_rtde": "ur",
     "kuka_rsi": "kuka",
@@ -156,6 +155,8 @@ CONTROLLERS: dict[ControllerName, Controller] = {
         "the sign of the pulses, pulses per degree and parameters for link constants were not found in public",
     ),
 }
+"""The controllers by name. Their signs follow from how each computes its reading, and the factors convert degrees and
+mm to its units; each states its public source."""
 
 
 def controller_of(rig: Rig) -> ControllerName | None:
@@ -180,6 +181,6 @@ def scale_of(text: str | None) -> tuple[float, ...] | None:
         scale = tuple(float(part) for part in text.split(","))
     except ValueError:
         scale = ()
-    if len(scale) != _AXES or not all(math.isfinite(one) and one for one in scale):
+    if len(scale) != 6 or not all(math.isfinite(one) and one for one in scale):
         raise FileError("--scale", f"{text!r} is not six numbers other than zero", "give one an axis, with commas")
     return scale

@@ -42,8 +42,8 @@ class FormInformation:
         self._place = {form.effects: form.columns for form in self.forms}
 
     def of(self, blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Array:
-        """Return the information (p, p) that runs hold, with their set-ups and scatter eliminated. Forms that they do
-        not show have none."""
+        """Return the information (p, p) that runs hold about the coefficients in healthy sizes, with their set-ups and
+        scatter eliminated. Forms that they do not show have none."""
         columns = Columns(Linearisation(without_bands(blocks), setups), self.candidates)
         other = columns.fixed > 0
         own, rest = np.flatnonzero(~other), np.flatnonzero(other)
@@ -55,6 +55,6 @@ class FormInformation:
         return whole
 
     def posterior(self, information: Array) -> FormPosterior:
-        """Return what is known of all forms in a healthy arm from runs with an information (p, p)."""
+        """Return what is known of all forms, in healthy sizes, from runs with an information (p, p)."""
         A = np.asarray(np.linalg.inv(information + np.diag(1 / self._variance)), dtype=float)
         return FormPosterior(self.forms, A, self._variance)

@@ -54,7 +54,7 @@ def _circles(found: Proposal) -> Table:
     table.add_column("circle")
     table.add_column("min", justify="right")
     table.add_column("makes testable", ratio=1)
-    table.add_column("tells apart", ratio=1)
+    table.add_column("separates", ratio=1)
     for number, one in enumerate(found.circles, start=1):
         pairs = ", ".join(" and ".join(pair) for pair in _separated(found, one))
         names = ", ".join(_testable(found, one))
