@@ -75,4 +75,4 @@ def correct(
     if name is None:
         say("next: --controller ur, fanuc, kuka, abb or yaskawa writes the controller's own parameters", err=True)
     if path:
-        say(f"next: rig program {rig_file} --for {name or 'MAKER'} --path {written[-1]}", err=True)
+        say(f"next: send the controller to q1_deg … q6_deg of {written[-1]}", err=True)

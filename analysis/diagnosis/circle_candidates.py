@@ -23,6 +23,13 @@ _SET_UP_MIN = 10.0
 """Minutes to move the ball, set the link and load the program for another circle. Chosen: somebody who has done it
 before."""
 
+_REASONS = {
+    "its limits": "beyond the limits of a joint",
+    "it can do": "too fast for a joint",
+    "singularity": "at a singularity",
+    "out of reach": "out of reach",
+}
+
 
 @dataclass(frozen=True)
 class CircleCandidate:
@@ -51,7 +58,7 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
         try:
             program = circle_program(other, "acw")
         except FileError as error:
-            refused[error.what.partition(" near ")[0]] += 1
+            refused[_reason(error.what)] += 1
             continue
         assert other.tests.circle is not None  # noqa: S101 - each has one
         start_deg = np.degrees(program.q[0]).round(2).tolist()
@@ -59,6 +66,11 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
         driven_min = len(tests) * 2 * runs * float(program.t_s[-1]) / 60
         found.append(CircleCandidate(ready, words, driven_min + _SET_UP_MIN))
     return CircleCandidates(tuple(found), refused)
+
+
+def _reason(what: str) -> str:
+    """Return the kind of reason why a circle cannot be driven, whatever the axis and its numbers."""
+    return next((kind for words, kind in _REASONS.items() if words in what), what)
 
 
 def _circles(rig: Rig, circle: Circle) -> Iterator[tuple[str, Rig]]:

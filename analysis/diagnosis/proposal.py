@@ -81,9 +81,7 @@ def propose(
     """
     circle_tests = [test for test in tests if test in CIRCLES]
     if not circle_tests:
-        raise FileError(
-            "--tests", "has no test on a circle", "give yaw, roll or both: circles are proposed beside them"
-        )
+        raise FileError("--tests", "has no test on a circle", "give yaw or roll: circles are proposed beside them")
     candidates = circle_candidates(rig, circle_tests, runs)
     progress("simulating the tests")
     blocks, setups = planned_blocks(rig, tests, runs)

@@ -46,7 +46,8 @@ def _judgements(found: Proposal) -> list[tuple[str, Judgement]]:
 
 def _count(judgement: Judgement) -> str:
     names, hidden = len(judgement.names), len(judgement.undetectable)
-    return f"{names - hidden} of {names} names are testable, {len(judgement.pairs)} pairs look alike"
+    pairs = "1 pair looks" if len(judgement.pairs) == 1 else f"{len(judgement.pairs) or 'no'} pairs look"
+    return f"{names - hidden} of {names} names are testable, {pairs} alike"
 
 
 def _circles(found: Proposal) -> Table:
