@@ -82,6 +82,8 @@ def _propose(
     from analysis.diagnosis.proposal import propose as proposed  # noqa: PLC0415
     from analysis.reporting import proposal_report  # noqa: PLC0415
 
+    if output:
+        proposal_report.hold_free(rig, output)
     with progress_of() as progress:
         found = proposed(rig, tests, runs, minutes, progress)
     written = proposal_report.write(found, text, output) if output else []

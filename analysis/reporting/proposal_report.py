@@ -21,6 +21,8 @@ from rigs.rig import Rig
 _MOST_REASONS = 3
 _MOST_NAME = 63
 """Length of a rig's name, by its schema."""
+_MOST_DIGITS = 2
+"""Digits of the number of a circle."""
 
 
 def as_table(found: Proposal) -> RenderableType:
@@ -111,6 +113,13 @@ def _circle(rig: Rig) -> dict[str, Any]:
     return rig.tests.circle.model_dump(mode="json")
 
 
+def hold_free(rig: Rig, directory: Path) -> None:
+    """Raise FileError where a directory holds proposed circles of a rig already: a proposal takes minutes."""
+    there = sorted(directory.glob(f"{_stem(rig, '')}*.yaml"))
+    if there:
+        raise FileError(str(there[0]), "exists already", "give another --output, or remove it first")
+
+
 def write(found: Proposal, text: str, directory: Path) -> list[Path]:
     """Write a rig file for each proposed circle: the given text with the circle's values. Raises FileError where one is
     there already."""
@@ -118,9 +127,7 @@ def write(found: Proposal, text: str, directory: Path) -> list[Path]:
 
     rigs = [_named(found, number) for number in range(1, len(found.circles) + 1)]
     paths = [directory / f"{rig.name}.yaml" for rig in rigs]
-    for path in paths:
-        if path.exists():
-            raise FileError(str(path), "exists already", "give another --output, or remove it first")
+    hold_free(found.rig, directory)
     texts = [with_values(text, _changes(found.rig, rig), rig, str(path)) for rig, path in zip(rigs, paths, strict=True)]
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -136,9 +143,14 @@ def _write_text(text: str, file: BinaryIO) -> None:
 
 
 def _named(found: Proposal, number: int) -> Rig:
-    ending = f"-circle-{number}"
-    name = found.rig.name[: _MOST_NAME - len(ending)] + ending
+    name = _stem(found.rig, str(number))
     return found.circles[number - 1].candidate.rig.model_copy(update={"name": name})
+
+
+def _stem(rig: Rig, number: str) -> str:
+    """Return the name of a rig with a proposed circle; without its number, what all of them begin with."""
+    room = _MOST_NAME - len("-circle-") - _MOST_DIGITS
+    return f"{rig.name[:room]}-circle-{number}"
 
 
 def _changes(rig: Rig, other: Rig) -> dict[Keys, Any]:
