@@ -12,9 +12,9 @@ from collections.abc import Sequence
 from daq.feedback import Read
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
-from daq.protocol.modbus import fits, pack, unpack
 from daq.protocol.numerals import are_angles
 from daq.protocol.polled import Polled
+from daq.protocol.register_values import fits, pack, unpack
 from daq.protocol.registers import RegisterDevice, RegisterDialect, Registers, pack_verdict, verdict
 from rigs.schema.feedback import ModbusJoints
 
@@ -43,7 +43,8 @@ def _reading(feedback: ModbusJoints, registers: Registers, message: Message, req
     read = [unpack(registers, joint, feedback) * joint.scale + joint.offset for joint in feedback.joints]
     angles_deg = tuple(value * _DEG_PER_UNIT[feedback.units] for value in read)
     if not are_angles(angles_deg):
-        return Fault(FaultKind.GARBLED, at_ns, f"angles {angles_deg}; left out; check `joints` and `word_order`")
+        detail = f"angles {angles_deg}; left out; check `joints`, `word_order` and `byte_order`"
+        return Fault(FaultKind.GARBLED, at_ns, detail)
     return Sample(angles_deg, requested_ns, message.first_byte_ns, at_ns, message.size, math.nan, code)
 
 

@@ -5,16 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import partial
+from itertools import product
+from typing import get_args
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
-from daq.protocol.modbus import fits, pack, unpack
 from daq.protocol.polled import Polled
+from daq.protocol.ranges import refusal
+from daq.protocol.register_values import fits, pack, unpack
 from daq.protocol.registers import Held, RegisterDevice, RegisterDialect, Registers, pack_verdict, verdict
 from daq.protocol.resync import Resync
-from rigs.schema.modbus import ModbusMap
+from rigs.schema.modbus import ModbusMap, Order
 from rigs.schema.probe import MM_PER_UNIT
+
+_FINE_MM = 1e-6
+"""A smaller number is hardly the reading of a gauge, and suggests no order."""
 
 
 def host(gauges: Sequence[ModbusMap]) -> Host:
@@ -45,11 +51,40 @@ def _reading(gauge: ModbusMap, registers: Registers, message: Message, requested
     if isinstance(code, Fault):
         return code
     raw = unpack(registers, gauge.value, gauge)
-    value_mm = (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
-    if not math.isfinite(value_mm):
+    if not math.isfinite(raw):
         return Fault(FaultKind.DEVICE_ERROR, at_ns, f"the gauge reads {raw}; check the head and `value`")
+    value_mm = _mm(raw, gauge)
+    if refused := refusal(value_mm, gauge):
+        kind, detail = refused
+        return Fault(kind, at_ns, detail + (_other_orders(registers, gauge) if kind is FaultKind.GARBLED else ""))
     clock_s = _clock_s(gauge, registers)
     return Sample((value_mm,), requested_ns, message.first_byte_ns, at_ns, message.size, clock_s, code)
+
+
+def _mm(raw: float, gauge: ModbusMap) -> float:
+    return (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
+
+
+def _other_orders(registers: Registers, gauge: ModbusMap) -> str:
+    """What else to check where the value is no length, with what it would be in the other orders."""
+    found = []
+    for orders in other_orders(gauge):
+        value_mm = _mm(unpack(registers, gauge.value, gauge.model_copy(update=orders)), gauge)
+        if abs(value_mm) > _FINE_MM and refusal(value_mm, gauge) is None:
+            found.append(f"{value_mm:.4g} mm with {', '.join(f'{key}: {order}' for key, order in orders.items())}")
+    would = f"; it would be {' or '.join(found)}" if found else ""
+    return f", `word_order`, `byte_order` and `value`{would}"
+
+
+def other_orders(gauge: ModbusMap) -> list[dict[str, Order]]:
+    """Return what to change of a gauge's orders to read its value in each other way that there is."""
+    ways: list[dict[str, Order]] = []
+    for word_order, byte_order in product(get_args(Order), repeat=2):
+        orders: dict[str, Order] = {"word_order": word_order, "byte_order": byte_order}
+        changed = {key: order for key, order in orders.items() if order != getattr(gauge, key)}
+        if changed and not (gauge.value.count == 1 and "word_order" in changed):
+            ways.append(changed)
+    return ways
 
 
 def _clock_s(gauge: ModbusMap, registers: Registers) -> float:

@@ -18,10 +18,13 @@ from daq.gauges.modbus_map import dialect, held
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
 from daq.protocol.polled import Polled, Reply, Then
+from daq.protocol.ranges import refusal
 from daq.protocol.registers import RegisterDevice
 from rigs.schema.modbus import ModbusMap, SolartronOrbit, ValueRegister
 
 _FLOATS = 8000
+_SHARED = ("port", "offset_mm", "units", "line", "framing", "unit", "function", "word_order", "byte_order", "timeout_s")
+"""What a gauge says of both its blocks."""
 _NO_PROBE = 247.0
 _STATUS = {
     18: "under range; move the probe into its range",
@@ -53,14 +56,13 @@ def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
 
 def _block(gauge: SolartronOrbit, parameter: int) -> ModbusMap:
     """One parameter as a register map."""
-    shared = {"port", "offset_mm", "units", "line", "framing", "unit", "function", "word_order", "timeout_s"}
     address = _FLOATS + parameter
     return ModbusMap(
         interface="modbus_map",
         address=address,
         count=2,
         value=ValueRegister(address=address, type="float32"),
-        **{name: getattr(gauge, name) for name in shared},
+        **{name: getattr(gauge, name) for name in _SHARED},
     )
 
 
@@ -75,6 +77,7 @@ class _OrbitDialect:
     reset = b""
 
     def __init__(self, gauge: SolartronOrbit) -> None:
+        self._gauge = gauge
         self._value = dialect(_block(gauge, gauge.parameter))
         self._status = dialect(_status_block(gauge), self._value.resync)
         self.frames = self._value.frames
@@ -102,6 +105,13 @@ class _OrbitDialect:
             return reply
         code = round(item.values[0])
         if code == 0:
-            return Reply((self._asked,))
+            return self._confirmed(self._asked)
         meaning = _STATUS.get(code, "an error of the gauge; see its manual")
         return Reply((Fault(FaultKind.DEVICE_ERROR, item.last_byte_ns, f"status {code}: {meaning}"),), Then.PAUSE)
+
+    def _confirmed(self, sample: Sample) -> Reply:
+        """A reading whose status is good."""
+        if refused := refusal(sample.values[0], self._gauge):
+            kind, detail = refused
+            return Reply((Fault(kind, sample.last_byte_ns, detail),), Then.PAUSE)
+        return Reply((sample,))

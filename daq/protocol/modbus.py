@@ -9,13 +9,11 @@ CR LF. RTU frames end with silence, which a pure protocol cannot see and adapter
 from __future__ import annotations
 
 import logging
-import math
 import re
 import struct
 from collections.abc import Sequence
 from typing import Literal, Protocol
 
-from pymodbus.client.mixin import ModbusClientMixin
 from pymodbus.framer import FramerAscii, FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
@@ -23,7 +21,7 @@ from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInput
 from daq.protocol.framing import Framer, Lines, Message, Sized
 from daq.protocol.resync import Resync
 from rigs.schema.links import tcp_address
-from rigs.schema.modbus import Register
+from rigs.schema.modbus import Order
 
 _REQUEST = {3: ReadHoldingRegistersRequest, 4: ReadInputRegistersRequest}
 _RTU_REQUEST = 8
@@ -31,9 +29,6 @@ _ASCII_END = b"\r\n"
 _ASCII = re.compile(rb":(?:[0-9A-Fa-f]{2}){3,}")
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
 """It logs each frame that it cannot decode; here that is a fault, reported at a limited rate."""
-_DATATYPE = {datatype.name.lower(): datatype for datatype in ModbusClientMixin.DATATYPE}
-_NUMBER = {name: struct.Struct(f">{datatype.value[0]}") for name, datatype in _DATATYPE.items() if datatype.value[1]}
-_WORDS = {count: struct.Struct(f">{count}H") for count in (1, 2, 4)}
 
 
 class Block(Protocol):
@@ -64,8 +59,12 @@ class Block(Protocol):
         """The number of registers."""
 
     @property
-    def word_order(self) -> Literal["big", "little"]:
+    def word_order(self) -> Order:
         """The order of the registers of a value."""
+
+    @property
+    def byte_order(self) -> Order:
+        """The order of the bytes of a register."""
 
 
 class Wire:
@@ -168,29 +167,3 @@ class RtuRequests:
             start += _RTU_REQUEST if good else 1
         del self._data[:start]
         return found
-
-
-def unpack(registers: Sequence[int], register: Register, block: Block) -> float:
-    """Return one value of the block."""
-    start = register.address - block.address
-    words = registers[start : start + register.count]
-    in_order = words if block.word_order == "big" else words[::-1]
-    value: float = _NUMBER[register.type].unpack(_WORDS[len(words)].pack(*in_order))[0]
-    return value
-
-
-def pack(registers: list[int], register: Register, block: Block, value: float) -> None:
-    """Put one value into the block."""
-    start = register.address - block.address
-    number = value if register.type == "float32" else round(value)
-    words = ModbusClientMixin.convert_to_registers(number, _DATATYPE[register.type], block.word_order)
-    registers[start : start + register.count] = words
-
-
-def fits(raw: float, register: Register) -> bool:
-    """Return whether the register's type can hold the value."""
-    if register.type == "float32":
-        return abs(raw) < 2.0**127
-    bits, signed = 16 * register.count, register.type.startswith("int")
-    lowest, span = (-(1 << bits - 1) if signed else 0), 1 << bits
-    return lowest <= round(raw) < lowest + span if math.isfinite(raw) else False

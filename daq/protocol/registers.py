@@ -16,8 +16,9 @@ from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, ReadInpu
 
 from daq.protocol.conversation import Fault, FaultKind, Sample, Step
 from daq.protocol.framing import Message
-from daq.protocol.modbus import Block, Wire, exception_of, pack, registers_of, unpack
+from daq.protocol.modbus import Block, Wire, exception_of, registers_of
 from daq.protocol.polled import Reply, Then
+from daq.protocol.register_values import pack, unpack
 from daq.protocol.resync import Resync
 from rigs.schema.modbus import StatusRegister
 

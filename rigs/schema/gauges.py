@@ -74,7 +74,7 @@ class Gauges(Part):
             return self
         if self.g1.interface == self.g2.interface and not self.g1.shares:
             raise ValueError(f"{self.g1.interface} carries one gauge a port, not two; give g2 its own port")
-        own = {"offset_mm", "channel", "accuracy_mm", "certificate", "calibrated"}
+        own = {"offset_mm", "channel", "accuracy_mm", "range_mm", "certificate", "calibrated"}
         if self.g1.model_dump(exclude=own) != self.g2.model_dump(exclude=own):
             raise ValueError(f"g1 and g2 share {self.g1.port} but differ in interface or settings; make them equal")
         if self.g1.channel == self.g2.channel:

@@ -13,7 +13,10 @@ from rigs.schema.probe import Probe
 
 SLOWEST_HZ = 0.5
 """A recording cannot start with a reading older than 3 s, and a connection of 10 s without one is lost."""
-Number = Literal["int16", "uint16", "int32", "uint32", "float32"]
+Number = Literal[
+    "int16", "uint16", "float16", "int32", "uint32", "float32", "int64", "uint64", "float64"
+]  # fmt: skip
+Order = Literal["big", "little"]
 
 
 class Register(Part):
@@ -25,7 +28,7 @@ class Register(Part):
     @property
     def count(self) -> int:
         """Registers it takes."""
-        return 1 if self.type.endswith("16") else 2
+        return int(self.type[-2:]) // 16
 
 
 class ValueRegister(Register):
@@ -57,7 +60,10 @@ class RegisterBlock(Part):
     function: Literal[3, 4] = 4
     address: int = Field(ge=0, le=65535)
     count: int = Field(ge=1, le=125)
-    word_order: Literal["big", "little"] = "big"
+    word_order: Order = "big"
+    """Which register of a value comes first: of 32 or 64 bits the one with the highest (big) or the lowest."""
+    byte_order: Order = "big"
+    """Which byte of a register comes first; Modbus says the higher (big), and some instruments swap them."""
     rate_hz: float = Field(default=500.0, ge=SLOWEST_HZ)
     """Most requests in a second; a serial line is slower by itself, TCP is not."""
 
@@ -119,7 +125,8 @@ class SolartronOrbit(Probe):
     framing: Literal["rtu", "ascii"] = "rtu"
     unit: int = Field(default=1, ge=0, le=247)
     function: Literal[3, 4] = 3
-    word_order: Literal["big", "little"] = "big"
+    word_order: Order = "big"
+    byte_order: Order = "big"
     parameter: int = Field(ge=0, le=7999)
     """Address of the reading in the maker's parameter map (503116, 503166)."""
     status_parameter: int = Field(ge=0, le=7999)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import datetime as dt
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from rigs.schema.certificate import GaugeCertificate
 from rigs.schema.links import Port
@@ -15,6 +15,16 @@ from rigs.schema.timing import Timing
 
 Units = Literal["mm", "um", "inch"]
 MM_PER_UNIT: dict[Units, float] = {"mm": 1.0, "um": 1e-3, "inch": 25.4}
+
+
+def _rising(limits_mm: tuple[float, float]) -> tuple[float, float]:
+    if not limits_mm[0] < limits_mm[1]:
+        raise ValueError("the first limit must be below the second; write [lowest, highest]")
+    return limits_mm
+
+
+Range = Annotated[tuple[Length, Length], AfterValidator(_rising)]
+"""The lowest and the highest reading, mm."""
 
 
 class Probe(Part):
@@ -35,6 +45,8 @@ class Probe(Part):
     """Place on the baseline, along y_T (yaw) or x_T (roll): +25 for gauge 1, -25 for gauge 2."""
     accuracy_mm: float = Field(default=0.0005, gt=0, le=10)
     """Standard uncertainty of one reading beside what all readings share, which the certificate has."""
+    range_mm: Range | None = None
+    """The lowest and the highest reading that the gauge can give; a reading outside is a fault, and left out."""
     certificate: GaugeCertificate | None = None
     calibrated: dt.date | None = None
     """When it was calibrated, in files older than `certificate`; nothing follows from it."""
@@ -42,3 +54,8 @@ class Probe(Part):
     """Without an answer for so long it counts as silent."""
     timing: Timing = Timing()
     """When a reading was latched; what the rig file states takes the place of all of the maker's default."""
+
+    @property
+    def limits_mm(self) -> tuple[float, float] | None:
+        """The lowest and the highest reading, where they are to be checked."""
+        return self.range_mm

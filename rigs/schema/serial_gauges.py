@@ -243,11 +243,15 @@ class MicroEpsilonILD1420(Probe):
     interface: Literal["micro_epsilon_ild1420"]
     line: Line = Line(baud=921600, bits=8, parity="N", stop=1)
     units: Literal["mm"] = "mm"
-    range_mm: float = Field(gt=0, le=1000)
+    range_mm: float = Field(gt=0, le=1000)  # type: ignore[assignment]  # its length says it all: it begins at 0
     """Its measuring range: 10, 25, 50, 100, 200 or 500."""
     zero_mm: float = Field(default=0.0, ge=0, le=1000)
     """The distance that reads as zero, from the start of the measuring range."""
     timing: Timing = Timing(latch="streamed")
+
+    @property
+    def limits_mm(self) -> None:
+        """None: a number that it sends is either within its range or an error."""
 
     @model_validator(mode="after")
     def _timed_as_it_sends(self) -> MicroEpsilonILD1420:

@@ -121,6 +121,8 @@ GAUGES: list[tuple[str, Sequence[Gauge], float]] = [
     ("modbus tcp", [modbus(port=TCP)], 1e-5),
     ("modbus scaled", [modbus(value=SCALED, word_order="big", function=3)], 1e-4),
     ("modbus without status", [modbus(**PLAIN)], 1e-5),
+    ("modbus swapped bytes", [modbus(byte_order="little")], 1e-5),
+    ("modbus 64 bits", [modbus(value={"address": 203, "type": "float64"})], 1e-9),
     ("modbus ascii", [modbus(framing="ascii")], 1e-5),
     *((f"tesa {u}", [gauge("tesa_tt", units=u)], resolution) for u, resolution in (("mm", 0.006), ("um", 1e-5))),
     *((f"mahr c1202 {u}", [gauge("mahr_c1202", units=u, channel=2)], 0.0003) for u in ("mm", "um", "inch")),
