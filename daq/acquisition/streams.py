@@ -57,7 +57,8 @@ def streams_of(rig: Rig) -> list[Stream]:
         group = [members[name] for name in names]
         columns, first = tuple(f"{name}_mm" for name in names), group[0]
         host = partial(gauges.host, group)
-        found.append(Stream("_".join(names), columns, first.port, first.line, host, _dead_s(first.timeout_s)))
+        dead_s = _dead_s(max(gauge.timeout_s for gauge in group))
+        found.append(Stream("_".join(names), columns, first.port, first.line, host, dead_s))
     robot = rig.feedback
     columns = (*JOINTS, SIGNAL) if carries_signal(robot) else JOINTS
     host = partial(feedback.host, robot)

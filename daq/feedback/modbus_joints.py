@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from daq.feedback import Read
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
+from daq.protocol.modbus import Wire
 from daq.protocol.numerals import are_angles
 from daq.protocol.polled import Polled
 from daq.protocol.register_values import fits, pack, unpack
@@ -27,12 +28,13 @@ def host(feedback: ModbusJoints) -> Host:
     def reading(registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
         return _reading(feedback, registers, message, requested_ns)
 
-    return Polled(RegisterDialect(feedback, reading), feedback.timeout_s, feedback.rate_hz)
+    wire = Wire(feedback.port, feedback.framing, serving=False)
+    return Polled(RegisterDialect(feedback, reading, wire), feedback.timeout_s, feedback.rate_hz)
 
 
 def device(feedback: ModbusJoints, read: Read) -> Device:
     """Return the controller's side of the conversation."""
-    return RegisterDevice(feedback, lambda now_ns: _registers(feedback, read(now_ns)))
+    return RegisterDevice([(feedback, lambda now_ns: _registers(feedback, read(now_ns)))])
 
 
 def _reading(feedback: ModbusJoints, registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:

@@ -43,7 +43,7 @@ class FaultKind(StrEnum):
     SKIPPED = "skipped"
     """The device's own clock or counter shows that messages are missing."""
     STRANGER = "stranger"
-    """A datagram from a sender that is not the peer; ignored."""
+    """Something of a third party, which is ignored: a datagram of another sender, a request of another master."""
     DISCONNECTED = "disconnected"
     """The link is gone or refuses to open."""
     DOUBTFUL = "doubtful"

@@ -43,7 +43,7 @@ class Framer(Protocol):
         """Whether a message has begun and not ended."""
 
 
-class _Pieces:
+class Pieces:
     """Bytes waiting, and when each piece of them came."""
 
     def __init__(self) -> None:
@@ -78,7 +78,7 @@ class Lines:
 
     def __init__(self, delimiter: bytes, *, joined_midway: bool = False) -> None:
         self._delimiter = delimiter
-        self._pieces = _Pieces()
+        self._pieces = Pieces()
         self._skipping = joined_midway
 
     @property
@@ -121,7 +121,7 @@ class Sized:
     def __init__(self, header: int, length: Callable[[bytes], int | None]) -> None:
         self._header = header
         self._length = length
-        self._pieces = _Pieces()
+        self._pieces = Pieces()
         self._lost = False
 
     @property

@@ -100,6 +100,7 @@ class TextDialect(Generic[ProbeT]):
     ) -> None:
         self.frames = frames
         self.check = check
+        self.babble = "is the instrument sending by itself?"
         self.reset = reset
         self._gauges = gauges
         self._request = request

@@ -17,6 +17,7 @@ Number = Literal[
     "int16", "uint16", "float16", "int32", "uint32", "float32", "int64", "uint64", "float64"
 ]  # fmt: skip
 Order = Literal["big", "little"]
+Framing = Literal["rtu", "ascii"]
 
 
 class Register(Part):
@@ -88,6 +89,8 @@ class ModbusMap(Probe, RegisterBlock):
         standing="confirmed",
     )
 
+    bus: ClassVar[bool] = True
+
     request_bytes = 8
     timing_source = (
         "the instrument's manual; of OM20 and OM30 p. 22-28: registers 207-208 hold the delay, and filters average up "
@@ -95,7 +98,7 @@ class ModbusMap(Probe, RegisterBlock):
     )
     interface: Literal["modbus_map"]
     line: Line = Line(baud=19200, bits=8, parity="E", stop=1)
-    framing: Literal["rtu", "ascii"] = "rtu"
+    framing: Framing = "rtu"
     """The framing of a serial line; TCP has its own."""
     value: ValueRegister
     status: StatusRegister | None = None
@@ -106,6 +109,11 @@ class ModbusMap(Probe, RegisterBlock):
     def _inside_the_block(self) -> ModbusMap:
         self.check_inside(value=self.value, status=self.status, clock_s=self.clock_s, clock_us=self.clock_us)
         return self
+
+    @property
+    def place(self) -> str:
+        """Which of the gauges on one line it is."""
+        return f"unit {self.unit}, {'holding' if self.function == 3 else 'input'} register {self.value.address}"
 
 
 class SolartronOrbit(Probe):
@@ -119,10 +127,12 @@ class SolartronOrbit(Probe):
         "parameter map; the unit is not sent: `units` must be the one set there",
     )
 
+    bus: ClassVar[bool] = True
+
     request_bytes = 8
     interface: Literal["solartron_orbit"]
     line: Line
-    framing: Literal["rtu", "ascii"] = "rtu"
+    framing: Framing = "rtu"
     unit: int = Field(default=1, ge=0, le=247)
     function: Literal[3, 4] = 3
     word_order: Order = "big"
@@ -139,3 +149,8 @@ class SolartronOrbit(Probe):
         if self.parameter == self.status_parameter:
             raise ValueError("parameter and status_parameter are the same; give the address of each")
         return self
+
+    @property
+    def place(self) -> str:
+        """Which of the probes on one line it is."""
+        return f"unit {self.unit}, parameter {self.parameter}"

@@ -33,6 +33,8 @@ class Probe(Part):
     origin: ClassVar[Origin]
     shares: ClassVar[bool] = False
     """Whether several gauges on one port come in one answer, distinguished by `channel`."""
+    bus: ClassVar[bool] = False
+    """Whether several gauges may be on one port, each asked by itself."""
     request_bytes: ClassVar[int] = 1
     """Characters of a request on a serial line, from which its wire time follows: at the least."""
     timing_source: ClassVar[str] = "no public source says when a reading is latched"
@@ -54,6 +56,11 @@ class Probe(Part):
     """Without an answer for so long it counts as silent."""
     timing: Timing = Timing()
     """When a reading was latched; what the rig file states takes the place of all of the maker's default."""
+
+    @property
+    def place(self) -> str:
+        """Which of the gauges on one port it is."""
+        return f"channel {self.channel}"
 
     @property
     def limits_mm(self) -> tuple[float, float] | None:
