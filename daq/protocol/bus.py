@@ -3,8 +3,8 @@
 Each has its own exchange of requests and answers (`daq.protocol.polled`), with its own time-out, rate and faults; here
 is decided whose turn it is. The line goes to the one that has waited longest since it may ask, so instruments of one
 rate are asked equally often. An answer names its instrument, so the next one is asked as soon as the time-out of a
-silent one has passed. The silent one rests for its time-out, and twice as long each time, up to `LONGEST_REST_NS`: what
-it costs the others is one time-out in each of these.
+silent one has passed. The silent one rests for its time-out, and after `PATIENCE` silences in a row twice as long each
+time, up to `LONGEST_REST_NS`: what it costs the others is one time-out in each of these.
 
 Between two exchanges the line rests for `gap_ns`, by which the instruments know where a frame begins, and for
 `QUIET_NS` after anything that could not be read, lest the rest of it meet the next request. What comes while nobody is
@@ -23,8 +23,9 @@ from daq.protocol.framing import Framer, Message
 from daq.protocol.polled import Polled
 from daq.protocol.stirring import Stirring
 
-LONGEST_REST_NS = 5_000_000_000
-"""As for a port that does not open (`daq.acquisition.reader`)."""
+PATIENCE = 3
+LONGEST_REST_NS = 2_000_000_000
+"""A gauge that was plugged in again is missed by its owner after some seconds."""
 QUIET_NS = 20_000_000
 """An adapter may hold the end of a message for 16 ms."""
 _MOST_QUIET_NS = 200_000_000
@@ -110,7 +111,8 @@ class Bus:
 
     def _rest_ns(self, member: Member) -> int:
         """How long a member rests after a time-out."""
-        return min((1 << min(member.silences, 16)) * member.timeout_ns, max(member.timeout_ns, LONGEST_REST_NS))
+        doublings = min(max(0, member.silences - PATIENCE), 16)
+        return min(member.timeout_ns << doublings, max(member.timeout_ns, LONGEST_REST_NS))
 
     def _next(self, items: Sequence[Item], now_ns: int) -> Step:
         """Let the member ask whose turn it is, if the line is free."""
