@@ -24,10 +24,10 @@ from rigs.rig import Rig
 from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap
 
-_UNITS = range(1, 248)
+UNITS = range(1, 248)
 _FIRST_UNITS = range(1, 17)
 """Numbers that most instruments are delivered with, or set to: tried at other line settings."""
-_SWEEP_S, _LONGEST_SWEEP_S = 0.1, 60.0
+SWEEP_S, _LONGEST_SWEEP_S = 0.1, 60.0
 """A unit answers within 0.1 s, or its answer is heard while the next is asked; a gateway may take longer to refuse."""
 _AROUND = 8
 """Registers before and after the described one."""
@@ -35,7 +35,7 @@ _LONGEST = 4
 """Registers of the longest number."""
 _BASES = (0, 30_001, 40_001, 300_001, 400_001)
 """What manuals add to the address on the wire, to say which kind of register it is."""
-_PASSES, _PASS_S = 40, 0.1
+_PASSES, PASS_S = 40, 0.1
 _NO_PATH = (10, 11)
 """Exceptions by which a gateway says that it has no such unit."""
 _SILENCE_S = 0.004
@@ -98,7 +98,7 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
             return wrong(name, f"{stream.port}: {error.what}", error.remedy)
         with closing(link), suppress(LinkLost):
             asker = Asker(link, Wire(stream.port, gauge.framing, serving=False))
-            _sweep(asker, gauge, _UNITS if line == stream.line else _FIRST_UNITS)
+            _sweep(asker, gauge, UNITS if line == stream.line else _FIRST_UNITS)
             if asker.heard:
                 say(f"{name}: move its probe to and fro now, about once a second, and no other; units: {_list(asker)}")
                 seen = _watch(asker, gauge)
@@ -111,7 +111,7 @@ def _sweep(asker: Asker, gauge: ModbusMap, units: range) -> None:
     until = time.monotonic() + _LONGEST_SWEEP_S
     for unit in (gauge.unit, *units):
         if time.monotonic() < until and unit not in asker.heard:
-            asker.read((unit, gauge.function), (gauge.value.address, gauge.value.count), _SWEEP_S)
+            asker.read((unit, gauge.function), (gauge.value.address, gauge.value.count), SWEEP_S)
 
 
 def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int, list[int]]]:
@@ -123,7 +123,7 @@ def _watch(asker: Asker, gauge: ModbusMap) -> dict[tuple[Place, Piece], dict[int
         for place, piece in pieces:
             if registers := asker.read(place, piece, gauge.timeout_s):
                 seen[place, piece].append(registers)
-        time.sleep(max(0.0, began + _PASS_S - time.monotonic()))
+        time.sleep(max(0.0, began + PASS_S - time.monotonic()))
     return {
         key: {key[1][0] + k: list(held) for k, held in enumerate(zip(*read, strict=True))} for key, read in seen.items()
     }

@@ -95,6 +95,9 @@ class _Counted:
         self._link.write(data)
         self.carried += len(data)
 
+    def set_dtr(self, on: bool) -> None:
+        self._link.set_dtr(on)
+
 
 Attempt = Callable[[Stream, Line, float, float], Trial]
 
@@ -149,6 +152,7 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
     if trial.error is not None:
         return wrong(stream.name, f"{stream.port}: {trial.error.what}", trial.error.remedy)
     how = f"{stream.port} at {stream.line}" if stream.port.startswith("/") else stream.port
+    how += f" with {stream.modem}" if stream.modem else ""
     if trial.samples and trial.understood:
         return _of_readings(stream, trial, how)
     if trial.understood:

@@ -74,7 +74,12 @@ class Pieces:
 
 
 class Lines:
-    """Messages that end in a delimiter; with `joined_midway` the bytes up to the first one are not a message."""
+    """Messages that end in a delimiter; with `joined_midway` the bytes up to the first one are not a message.
+
+    echo: what was sent, which some instruments and adapters send back before their answer; it is passed over.
+    """
+
+    echo = b""
 
     def __init__(self, delimiter: bytes, *, joined_midway: bool = False) -> None:
         self._delimiter = delimiter
@@ -93,6 +98,8 @@ class Lines:
         pieces, ending = self._pieces, len(self._delimiter)
         pieces.add(data, now_ns)
         found: list[Message | Fault] = []
+        if self.echo and pieces.data.startswith(self.echo):
+            pieces.take(len(self.echo))
         while (content := pieces.data.find(self._delimiter)) >= 0:
             message = pieces.take(content + ending, trailer=ending)
             if not self._skipping:

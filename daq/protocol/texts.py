@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
-from daq.protocol.framing import Framer, Message
+from daq.protocol.framing import Framer, Lines, Message
 from daq.protocol.polled import Reply, Then
 from daq.protocol.ranges import refusal
 from rigs.schema.probe import MM_PER_UNIT, Probe, Units
@@ -97,7 +97,12 @@ class TextDialect(Generic[ProbeT]):
         read: Callable[[bytes, ProbeT], Reading],
         check: str = CHECK,
         reset: bytes = b"",
+        *,
+        may_echo: bool = True,
     ) -> None:
+        """may_echo: whether a message that begins with the request is its echo, and not an answer."""
+        if may_echo and isinstance(frames, Lines):
+            frames.echo = request
         self.frames = frames
         self.check = check
         self.babble = "is the instrument sending by itself?"

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import AfterValidator, Field
 
 from rigs.schema.certificate import GaugeCertificate
-from rigs.schema.links import Port
+from rigs.schema.links import ModemLines, Port
 from rigs.schema.origin import Origin
 from rigs.schema.part import Length, Part
 from rigs.schema.timing import Timing
@@ -33,6 +33,8 @@ class Probe(Part):
     origin: ClassVar[Origin]
     shares: ClassVar[bool] = False
     """Whether several gauges on one port come in one answer, distinguished by `channel`."""
+    cables: ClassVar[dict[str, ModemLines]] = {}
+    """The modem lines of each kind of cable that takes its power from them."""
     bus: ClassVar[bool] = False
     """Whether several gauges may be on one port, each asked by itself."""
     request_bytes: ClassVar[int] = 1
@@ -56,6 +58,11 @@ class Probe(Part):
     """Without an answer for so long it counts as silent."""
     timing: Timing = Timing()
     """When a reading was latched; what the rig file states takes the place of all of the maker's default."""
+
+    @property
+    def modem(self) -> ModemLines | None:
+        """The modem lines that its cable needs; None where it needs none, and both are on."""
+        return None
 
     @property
     def place(self) -> str:

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from rigs.schema.links import Line
+from rigs.schema.links import Line, ModemLines
 from rigs.schema.origin import Origin
 from rigs.schema.probe import Probe
 from rigs.schema.timing import Timing
@@ -20,18 +20,32 @@ class SylvacOptoRS(Probe):
 
     origin: ClassVar[Origin] = Origin(
         instruments="Sylvac simplex and duplex cables (Opto-RS)",
-        source="maker's manuals",
+        source="maker's manuals; modem lines: Sylvac Opto instruments, user manual p. 12-13",
         standing="confirmed",
-        doubts="that OUT0 and OUT1 are not answered",
+        doubts="that OUT0 and OUT1 are not answered; of simplex cables how long DTR must be on between two requests, "
+        "and when the reading is taken",
     )
+    cables: ClassVar[dict[str, ModemLines]] = {
+        "duplex": ModemLines(dtr=True, rts=False),
+        "simplex": ModemLines(dtr=True, rts=True),
+    }
 
     request_bytes = 2
     interface: Literal["sylvac_opto_rs"]
     line: Line = Line(baud=4800, bits=7, parity="E", stop=2)
     mode: Literal["polled", "continuous"] = "polled"
+    cable: Literal["duplex", "simplex"] = "duplex"
+    """A simplex cable ignores commands, and is asked by DTR off for 120 ms; some four readings a second."""
+
+    @property
+    def modem(self) -> ModemLines:
+        """The lines that supply the cable."""
+        return self.cables[self.cable]
 
     @model_validator(mode="after")
     def _timed_as_it_sends(self) -> SylvacOptoRS:
+        if self.mode == "continuous" and self.cable == "simplex":
+            raise ValueError("a simplex cable cannot be told to send continuously; write mode: polled")
         if self.mode == "continuous":
             self.timing.require_unasked()
         return self

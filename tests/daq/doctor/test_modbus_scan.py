@@ -105,9 +105,9 @@ def _scanned(port: str, said: dict[str, Any]) -> Finding:
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Units up to 20, answers at once: the emulated gauge is on this computer."""
-    monkeypatch.setattr(modbus_scan, "_UNITS", range(1, 21))
-    monkeypatch.setattr(modbus_scan, "_SWEEP_S", 0.04)
-    monkeypatch.setattr(modbus_scan, "_PASS_S", 0.06)
+    monkeypatch.setattr(modbus_scan, "UNITS", range(1, 21))
+    monkeypatch.setattr(modbus_scan, "SWEEP_S", 0.04)
+    monkeypatch.setattr(modbus_scan, "PASS_S", 0.06)
 
 
 @pytest.mark.parametrize(("true", "said", "remedy"), [case[1:] for case in WRONG], ids=[case[0] for case in WRONG])
@@ -126,7 +126,7 @@ def test_a_gauge_behind_a_gateway() -> None:
 
 
 def test_a_gauge_at_another_line_setting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(modbus_scan, "_UNITS", range(1, 3))
+    monkeypatch.setattr(modbus_scan, "UNITS", range(1, 3))
     monkeypatch.setattr(modbus_scan, "USUAL", ("9600 8N1", "115200 8E1"))
     with _on_a_line({}) as port:
         finding = _scanned(port, {"line": "19200 8E1", "byte_order": "little"})
