@@ -157,6 +157,7 @@ FEEDBACKS: list[tuple[str, Feedback]] = [
     ("rsi onlysend", rsi(onlysend=True)),
     ("egm", egm()),
     ("j519", j519()),
+    *((f"j519 version {version}", j519(version=version)) for version in (1, 2, 4)),
     ("joints polled", joints()),
     ("joints polled rad", joints(units="rad", function=4, word_order="little", status=None)),
     ("joints polled scaled", joints(joints=TEN_MICRODEGREES)),
