@@ -97,7 +97,8 @@ def _of_piece(gauge: ModbusMap, unit: int, function: int, seen: Seen) -> Iterato
         layout = gauge.model_copy(update={"address": address, "word_order": word_order, "byte_order": byte_order})
         passes = zip(*(seen[address + k] for k in range(register.count)), strict=True)
         raw = np.array([unpack(words, register, layout) for words in passes], dtype=float)
-        readings_mm = (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
+        with np.errstate(over="ignore", invalid="ignore"):  # in a wrong order a number may be infinite, or none
+            readings_mm = (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
         if is_motion(readings_mm, gauge):
             changed = {key: read for key, (read, written) in said.items() if read != written}
             moving = [address + k for k in range(register.count) if len(set(seen[address + k])) > 1]

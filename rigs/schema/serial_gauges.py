@@ -124,7 +124,8 @@ class HeidenhainND287(Probe):
         instruments="Heidenhain ND 287",
         source="maker's manual p. 102-108",
         standing="confirmed",
-        doubts="baud; the unit is not sent: `units` must be that of its display; how a positive sign shows",
+        doubts="baud; the unit is not sent with a reading, and the answer to the question for it (`ESC A0800`) is not "
+        "known: `units` must be that of its display; how a positive sign shows",
     )
 
     request_bytes = 7
