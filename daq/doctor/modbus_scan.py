@@ -76,7 +76,7 @@ class Asker:
 
 
 def scan_modbus(rig: Rig, say: Callable[[str], None]) -> Iterator[Finding]:
-    """Yield what each Modbus gauge of a rig is found to be. say: tells a person what to do now."""
+    """Yield what each Modbus gauge of a rig is found to be. say: shows a person what to do now."""
     gauges = {name: gauge for name, gauge in rig.gauges if isinstance(gauge, ModbusMap)}
     if not gauges:
         yield doubtful("scan", "the rig file has no gauge of interface modbus_map", "scan a rig with Modbus gauges")
@@ -107,7 +107,7 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
 
 
 def _sweep(asker: Asker, gauge: ModbusMap, units: range) -> None:
-    """Ask every unit for something; whoever answers is heard."""
+    """Ask every unit for something; those that answer are heard."""
     until = time.monotonic() + _LONGEST_SWEEP_S
     for unit in (gauge.unit, *units):
         if time.monotonic() < until and unit not in asker.heard:

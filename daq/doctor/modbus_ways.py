@@ -1,4 +1,4 @@
-"""In which ways the registers of a Modbus unit can be read as the reading of a gauge that is being moved.
+"""The ways to read the registers of a Modbus unit as the reading of a gauge that is being moved.
 
 A number that is put together wrongly jumps over the whole range of its type, or does not move at all. One that moves
 steadily within the range of a gauge, while its probe is moved by hand, is its reading, or else the higher part of one.

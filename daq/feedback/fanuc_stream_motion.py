@@ -97,7 +97,7 @@ class _StreamMotionClient:
         self.frames = self._positions.frames
         self._version = version
         self._answered = False
-        """Whether the controller has told its version."""
+        """Whether the controller has stated its version."""
         self._asked = False
         """Whether the question for it was the last that was sent."""
 

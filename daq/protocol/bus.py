@@ -7,8 +7,8 @@ silent one has passed. The silent one rests for its time-out, and after `PATIENC
 time, up to `LONGEST_REST_NS`: what it costs the others is one time-out in each of these.
 
 Between two exchanges the line rests for `gap_ns`, by which the instruments know where a frame begins, and for
-`QUIET_NS` after anything that could not be read, lest the rest of it meet the next request. What comes while nobody is
-asked belongs to nobody, and is reported.
+`QUIET_NS` after anything that could not be read, lest the rest of it meet the next request. What comes while no
+instrument is asked belongs to none of them, and is reported.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class Bus:
     def __init__(
         self, members: Sequence[Member], frames: Framer, stray: Callable[[Message], Fault], gap_ns: int
     ) -> None:
-        """frames: which all members use; stray: gives the fault for a message that nobody asked for."""
+        """frames: which all members use; stray: gives the fault for a message that answers no request."""
         self._members = members
         self._frames = frames
         self._stray = stray
@@ -61,7 +61,7 @@ class Bus:
         """The rest between two exchanges."""
         self._asked: Member | None = None
         self._free_ns = self._idle_ns = 0
-        """When the line may be used again, and since when nobody is asked."""
+        """When the line may be used again, and since when no request is on it."""
         self._stirring = Stirring()
         self._bursts = Bursts()
 

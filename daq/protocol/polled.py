@@ -107,7 +107,7 @@ class Polled:
 
     @property
     def asking(self) -> bool:
-        """Whether an answer is awaited."""
+        """Whether a request is on the line."""
         return self._requested_ns != NO_TIME
 
     def connected(self, now_ns: int) -> Step:

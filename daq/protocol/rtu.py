@@ -21,7 +21,7 @@ _HEAD = 3
 _REQUESTS = range(1, 7)
 """Functions whose requests have so many bytes (Modbus application protocol V1.1b3, 6.1 to 6.6)."""
 _MOST_BYTES = 250
-"""Of the registers in an answer: 125 (the same, 6.3)."""
+"""The most that the registers in an answer take: there are 125 at most (the same, 6.3)."""
 _QUICK_BAUD, _QUICK_NS, _CHARACTERS = 19_200, 1_750_000, 3.5
 
 

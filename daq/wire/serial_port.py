@@ -1,7 +1,7 @@
 """Opening a serial device with pyserial: its line settings, its modem lines, and what to do where it does not open.
 
-pyserial has both modem lines on unless it is told otherwise. Cables that take their power from them are set before the
-first byte.
+pyserial has both modem lines on unless they are set otherwise. Those that a cable takes its power from are set before
+the first byte.
 """
 
 from __future__ import annotations

@@ -45,7 +45,7 @@ class SylvacOptoRS(Probe):
     @model_validator(mode="after")
     def _timed_as_it_sends(self) -> SylvacOptoRS:
         if self.mode == "continuous" and self.cable == "simplex":
-            raise ValueError("a simplex cable cannot be told to send continuously; write mode: polled")
+            raise ValueError("a simplex cable hears no command to send continuously; write mode: polled")
         if self.mode == "continuous":
             self.timing.require_unasked()
         return self
