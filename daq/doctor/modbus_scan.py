@@ -88,6 +88,7 @@ def scan_modbus(rig: Rig, say: Callable[[str], None]) -> Iterator[Finding]:
 
 def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str], None]) -> Finding:
     """Find one gauge, at the line settings of the rig file or else at others."""
+    say(f"{name}: every unit number is asked on {stream.port}, for up to half a minute")
     lines = [stream.line]
     if stream.port.startswith("/"):
         lines += [line for text in USUAL if (line := Line.model_validate(text)) != stream.line]
