@@ -102,7 +102,7 @@ def _mm(raw: float, gauge: ModbusMap) -> float:
 def _other_orders(registers: Registers, gauge: ModbusMap) -> str:
     """What else to check where the value is no length, with what it would be in the other orders."""
     found = []
-    for orders in other_orders(gauge):
+    for orders in _orders_but(gauge):
         value_mm = _mm(unpack(registers, gauge.value, gauge.model_copy(update=orders)), gauge)
         if abs(value_mm) > _FINE_MM and refusal(value_mm, gauge) is None:
             found.append(f"{value_mm:.4g} mm with {', '.join(f'{key}: {order}' for key, order in orders.items())}")
@@ -110,7 +110,7 @@ def _other_orders(registers: Registers, gauge: ModbusMap) -> str:
     return f", `word_order`, `byte_order` and `value`{would}"
 
 
-def other_orders(gauge: ModbusMap) -> list[dict[str, Order]]:
+def _orders_but(gauge: ModbusMap) -> list[dict[str, Order]]:
     """Return what to change of a gauge's orders to read its value in each other way that there is."""
     ways: list[dict[str, Order]] = []
     for word_order, byte_order in product(get_args(Order), repeat=2):
