@@ -15,7 +15,7 @@ from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
 from daq.protocol.modbus import Wire
 from daq.protocol.polled import Polled
-from daq.protocol.ranges import LEAST_MM, refusal
+from daq.protocol.ranges import refusal
 from daq.protocol.register_values import fits, pack, unpack
 from daq.protocol.registers import (
     Held,
@@ -29,10 +29,8 @@ from daq.protocol.registers import (
 from rigs.schema.modbus import ModbusMap, Order
 from rigs.schema.probe import MM_PER_UNIT
 
-_LEAST_SINGLE_MM = 1e-9
-"""Single precision takes lengths of 0.02 mm and more from each other in steps of this, or of more."""
 _BELIEVED = 20
-"""A sixth of the numbers in a wrong order are lengths all the same; so many in a row are not by chance."""
+"""A third of the numbers in a wrong order are lengths all the same; so many in a row are not by chance."""
 _FINE_MM = 1e-6
 """A smaller number is hardly the reading of a gauge, and suggests no order."""
 
@@ -66,7 +64,6 @@ class _Readings:
 
     def __init__(self, gauge: ModbusMap) -> None:
         self._gauge = gauge
-        self._least_mm = LEAST_MM if gauge.value.type == "float64" else _LEAST_SINGLE_MM
         self._mistrusted = 0
         """How many lengths have to come yet before the next one is believed."""
 
@@ -79,7 +76,7 @@ class _Readings:
         if not math.isfinite(raw):
             return Fault(FaultKind.DEVICE_ERROR, at_ns, f"the gauge reads {raw}; check the head and `value`")
         value_mm = _mm(raw, gauge)
-        refused = refusal(value_mm, gauge, self._least_mm)
+        refused = refusal(value_mm, gauge)
         if refused and refused[0] is FaultKind.GARBLED:
             self._mistrusted = _BELIEVED
             return Fault(FaultKind.GARBLED, at_ns, refused[1] + _other_orders(registers, gauge))

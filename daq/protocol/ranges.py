@@ -10,21 +10,18 @@ from daq.protocol.conversation import FaultKind
 from rigs.schema.part import LONGEST_MM
 from rigs.schema.probe import Probe
 
-LEAST_MM = 1e-20
+_LEAST_MM = 1e-20
 """What is left where double precision takes lengths of 0.1 mm from each other is some 1e-17 or nothing at all."""
 
 
-def is_length(value_mm: float, least_mm: float = LEAST_MM) -> bool:
+def is_length(value_mm: float) -> bool:
     """Return whether a number can be a length that was measured; nan and infinity cannot."""
-    return value_mm == 0 or least_mm < abs(value_mm) <= LONGEST_MM
+    return value_mm == 0 or _LEAST_MM < abs(value_mm) <= LONGEST_MM
 
 
-def refusal(value_mm: float, gauge: Probe, least_mm: float = LEAST_MM) -> tuple[FaultKind, str] | None:
-    """Return why the number is not a reading of this gauge, and what to check; None where it can be one.
-
-    least_mm: the smallest number beside zero that can be one.
-    """
-    if not is_length(value_mm, least_mm):
+def refusal(value_mm: float, gauge: Probe) -> tuple[FaultKind, str] | None:
+    """Return why the number is not a reading of this gauge, and what to check; None where it can be one."""
+    if not is_length(value_mm):
         return FaultKind.GARBLED, f"{value_mm:.3g} mm is no length that a gauge measures; check `units`"
     if gauge.limits_mm is None or gauge.limits_mm[0] <= value_mm <= gauge.limits_mm[1]:
         return None

@@ -128,6 +128,13 @@ def test_a_probe_in_a_wrong_order_that_moves_gives_no_readings(word_order: str, 
     assert len(passed) < 20 and all(place < 20 for place in passed), "before the first that is no length"
 
 
+@pytest.mark.parametrize("value_mm", [0.0, -1.96e-16, 3e-8])
+def test_what_arithmetic_leaves_of_zero_is_a_reading(value_mm: float) -> None:
+    """A gauge that reckons in double precision may send its rounding error in single."""
+    item = _read(_float_gauge(), _laid(value_mm, "float32", "big", "big"))
+    assert isinstance(item, Sample) and item.values[0] == pytest.approx(value_mm, abs=1e-12)
+
+
 def test_a_probe_in_the_right_order_gives_all_its_readings_also_through_zero() -> None:
     script = Script(daq.gauges.host([_float_gauge()]))
     travel_mm = np.float32(0.3) - np.linspace(0.2, 0.4, 2001, dtype=np.float32)
