@@ -15,13 +15,12 @@ from dataclasses import dataclass, field, replace
 from daq.acquisition.streams import Stream, streams_of
 from daq.doctor.finding import Finding, doubtful, ok, wrong
 from daq.doctor.modbus_ways import Piece, Place, Way, ways
-from daq.doctor.trial import USUAL
+from daq.doctor.trial import USUAL_LINES
 from daq.protocol.conversation import Fault
 from daq.protocol.modbus import Wire, exception_of, registers_of
 from daq.wire.links import Link, LinkLost
 from rigs.errors import CellError
 from rigs.rig import Rig
-from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap
 
 UNITS = range(1, 248)
@@ -91,7 +90,7 @@ def scan_gauge(name: str, gauge: ModbusMap, stream: Stream, say: Callable[[str],
     say(f"{name}: every unit number is asked on {stream.port}, for up to half a minute")
     lines = [stream.line]
     if stream.port.startswith("/"):
-        lines += [line for text in USUAL if (line := Line.model_validate(text)) != stream.line]
+        lines += [line for line in USUAL_LINES if line != stream.line]
     for line in lines:
         try:
             link = replace(stream, line=line).open()

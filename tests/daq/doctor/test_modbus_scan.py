@@ -21,6 +21,7 @@ from daq.emulators.pty_line import PtyLine
 from daq.emulators.tcp_port import TcpPort
 from daq.wire.session import run_conversation
 from rigs.load import SHIPPED, parse
+from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap
 from tests.support.drivers import PLAIN, modbus
 
@@ -127,7 +128,8 @@ def test_a_gauge_behind_a_gateway() -> None:
 
 def test_a_gauge_at_another_line_setting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(modbus_scan, "UNITS", range(1, 3))
-    monkeypatch.setattr(modbus_scan, "USUAL", ("9600 8N1", "115200 8E1"))
+    lines = tuple(map(Line.model_validate, ("9600 8N1", "115200 8E1")))
+    monkeypatch.setattr(modbus_scan, "USUAL_LINES", lines)
     with _on_a_line({}) as port:
         finding = _scanned(port, {"line": "19200 8E1", "byte_order": "little"})
     assert finding.remedy == "write line: 115200 8E1, byte_order: big", finding
