@@ -104,8 +104,8 @@ def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
 
 
 def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: str) -> tuple[Mask, CircleFrame]:
-    """Which bins (n,) lie on a circle while the tool goes along it, and the nearest circle of these. Raises FileError
-    for too few."""
+    """Whether each bin (n,) lies on a circle while the tool goes along it, and the nearest circle of those that do.
+    Raises FileError for too few."""
     on, _ = followed(circle, bins.places, bins.run, tolerance)
     way = np.gradient(bins.places, axis=0)
     radial = np.cross(circle.n, bins.places - circle.centre)
@@ -134,7 +134,7 @@ class Fit:
 
 
 def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, circle: CircleFrame) -> Fit:
-    """The circle by all rows of the bins that are on it (n,), with slow noise allowed for."""
+    """The circle by all rows of the bins that are on it, a mask (n,), with slow noise allowed for."""
     t_s, places, stretch = _rows(motions, arm, bins, on)
     largest = deviations(circle, places).largest
     sound = largest < max(_OUTLYING * float(np.median(largest)), _SMALLEST_MM)

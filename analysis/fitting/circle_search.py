@@ -18,7 +18,7 @@ from analysis.kinematics.arm import Array, Integers, Mask
 
 _POINTS = 600
 _TRIPLES = 1500
-"""Of a path of which the circle is a tenth, some hundred have all three points on it."""
+"""Some hundred have all three points on the circle, also where it is only a tenth of the path."""
 _BEST = 20
 _REFINED = 3
 _RADIUS_MM = (1.0, 2000.0)

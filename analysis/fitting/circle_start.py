@@ -22,7 +22,7 @@ _ALONG_NORMAL = float(np.cos(np.radians(30.0)))
 _CLEAR_RAD = np.radians(20.0)
 """A motion that ends nearer to where it began went both ways."""
 _HARDLY = 0.01
-"""Of a turn: a lap that lacks this is whole."""
+"""A lap that lacks this share of a turn is whole."""
 _SAME_START_RAD = np.radians(5.0)
 """A start this near to that of the rig file is the same: the ends of a program with a lead-in are seen to a degree."""
 _HELD_RAD = np.radians(2.0)
