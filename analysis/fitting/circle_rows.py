@@ -104,7 +104,7 @@ def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
 
 
 def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: str) -> tuple[Mask, CircleFrame]:
-    """Whether each bin (n,) lies on a circle while the tool goes along it, and the nearest circle of those that do.
+    """A mask (n,) of the bins that lie on a circle while the tool goes along it, and the nearest circle of these.
     Raises FileError for too few."""
     on, _ = followed(circle, bins.places, bins.run, tolerance)
     way = np.gradient(bins.places, axis=0)
