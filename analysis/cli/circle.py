@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,6 +27,8 @@ app.add_typer(circle, name="circle")
 ball = typer.Typer(cls=Group, no_args_is_help=True, help="Find the ball of the hemisphere from the robot's stands.")
 app.add_typer(ball, name="ball")
 
+_LEAST = 0.0005
+"""Half of the last digit of a length."""
 RigToWrite = Annotated[
     str | None,
     typer.Option(
@@ -56,13 +58,14 @@ def fit(
     lead the robot while rigd runs, and press Ctrl-C at the end.
     """
     from analysis.cli.fitted_test import give, rig_file_to_write  # noqa: PLC0415
+    from analysis.cli.run_paths import distinct  # noqa: PLC0415
     from analysis.fitting.driven_circle import driven_circle  # noqa: PLC0415
 
     if bool(runs) == live:
         what = "both runs and --live are given" if live else "nothing is given to fit"
         raise _use("rig circle fit", what, "give run directories, or --live")
     named = rig_file_to_write(rig_file, write)
-    motions, to = _watched(named) if live else _recorded(runs or [], named)
+    motions, to = _watched(named) if live else _recorded(distinct(runs or []), named)
     give(_as_test(driven_circle(motions, to.rig)), to, write=write, as_json=as_json)
 
 
@@ -85,16 +88,17 @@ def fit_ball(
     ball as the centre of its circle.
     """
     from analysis.cli.fitted_test import give, rig_file_to_write  # noqa: PLC0415
+    from analysis.cli.run_paths import distinct  # noqa: PLC0415
     from daq.store import read_run  # noqa: PLC0415
 
     named = rig_file_to_write(rig_file, write)
-    read = [read_run(path) for path in runs]
+    read = [read_run(path) for path in distinct(runs)]
     to = named or _rig_of(read[0])
     _hold_robot(read, to.rig)
     give(_ball_of(read, to.rig), to, write=write, as_json=as_json)
 
 
-def _recorded(paths: Sequence[Path], named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
+def _recorded(paths: Iterable[Path], named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
     """The motions of run directories, and the rig. Raises FileError where a run is of another robot."""
     from analysis.traces.robot_motion import motion_in  # noqa: PLC0415
     from daq.store import read_run  # noqa: PLC0415
@@ -158,10 +162,10 @@ def _as_test(found: DrivenCircle) -> FittedTest:
     from analysis.cli.fitted_test import FittedTest  # noqa: PLC0415
 
     u = {
-        "centre_mm": ", ".join(f"{u:.2g}" for u in found.u_centre_mm),
-        "normal": f"{np.degrees(found.u_normal):.2g}°",
-        "radius_mm": f"{found.u_radius_mm:.2g}",
-        "zero": f"{np.degrees(found.u_zero):.2g}° in the plane",
+        "centre_mm": _written(found.u_centre_mm),
+        "normal": f"{_written([np.degrees(found.u_normal)])}°",
+        "radius_mm": _written([found.u_radius_mm]),
+        "zero": f"{_written([np.degrees(found.u_zero)])}° in the plane",
     }
     return FittedTest("circle", found.values(), u, found.used, found.doubts)
 
@@ -189,7 +193,12 @@ def _ball_of(runs: Sequence[Run], rig: Rig) -> FittedTest:
     else:
         touched = touched_ball(runs, rig)
         values, u_mm, used, doubts = touched.values(rig), touched.u_centre_mm, touched.used, touched.doubts
-    return FittedTest("hemisphere", values, {"centre_mm": ", ".join(f"{u:.2g}" for u in u_mm)}, used, doubts)
+    return FittedTest("hemisphere", values, {"centre_mm": _written(u_mm)}, used, doubts)
+
+
+def _written(u: Iterable[float]) -> str:
+    """Uncertainties in mm or degrees; below what is written of the values they say no more."""
+    return ", ".join(f"{one:.2g}" if one > _LEAST else f"< {_LEAST:g}" for one in u)
 
 
 def _use(command_path: str, what: str, remedy: str) -> RigError:

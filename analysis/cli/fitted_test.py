@@ -15,6 +15,9 @@ from rigs.files import read_bytes
 from rigs.load import find, load, parse, shipped
 from rigs.rig import Rig
 
+_MOST_BYTES = 1_000_000
+"""No rig file is larger (`rigs.load`)."""
+
 
 @dataclass(frozen=True)
 class RigFile:
@@ -66,10 +69,12 @@ def give(fitted: FittedTest, to: RigFile, *, write: bool, as_json: bool) -> None
         say(f"{first} # by {fitted.used}")
         for line, key in zip(lines, fitted.values, strict=True):
             say(f"{line} # u {fitted.u[key]}" if key in fitted.u else line)
-    if write and to.path:
+    if write and to.path and text == to.text:
+        say(f"{to.path} has these values already", err=True)
+    elif write and to.path:
         say(f"wrote {to.path}; as it was: {_replace(to.path, to.text, text)}", err=True)
     else:
-        say("nothing is written: paste this, or give --rig FILE --write", err=True)
+        say(f"nothing is written: paste this, or give {'--write' if to.path else '--rig FILE --write'}", err=True)
 
 
 def _not_drivable(rig: Rig) -> list[str]:
@@ -88,7 +93,7 @@ def _replace(path: Path, old: str, new: str) -> Path:
 
     path = path.resolve()  # a link stays one
     try:
-        if read_bytes(path, 10 * len(old.encode()) + 1).decode() != old:
+        if read_bytes(path, _MOST_BYTES) != old.encode():
             raise FileError(str(path), "was changed by another program meanwhile", "run the command again")
         mode = path.stat().st_mode
         number = 1
@@ -101,7 +106,8 @@ def _replace(path: Path, old: str, new: str) -> Path:
         durable.sync(fd)
         durable.close(fd)
         durable.replace(path, new.encode())
-        path.chmod(mode & 0o777)
+        for file in (path, kept):
+            file.chmod(mode & 0o777)
     except OSError as error:
         raise CellError(str(path), error.strerror or str(error), "check the directory's permissions and disk") from None
     return kept

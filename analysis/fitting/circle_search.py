@@ -46,6 +46,8 @@ class Tolerance:
 
 DRIVEN = Tolerance(0.5, 1.0, float(np.radians(30.0)))
 """A robot's own circle: the constants of a healthy arm bend it by some tenths of a mm."""
+BENT = Tolerance(2.0, 3.0, float(np.radians(90.0)))
+"""The circle of a robot whose controller has other constants than the rig file, as with zeros off by half a degree."""
 LED = Tolerance(5.0, 5.0, float(np.radians(120.0)))
 """A circle along which a person led the robot; a line is as near to it for up to 52°."""
 

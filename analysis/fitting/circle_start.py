@@ -86,9 +86,7 @@ def _sense(
         return sign
     if went:
         return labelled * went
-    doubts.append(
-        "the robot went both ways alike, so that the sign of the normal is a guess: check it, see --direction"
-    )
+    doubts.append("the robot went both ways alike, so that the sign of the normal is a guess: check it")
     return float(np.sign(circle.n @ (_unit(known.normal) if known else [0.0, 0.0, 1.0])) or 1.0)
 
 

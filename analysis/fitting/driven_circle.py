@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from analysis.fitting.circle_rows import Binned, binned, fit_rows, on_circle
-from analysis.fitting.circle_search import DRIVEN, LED, FoundCircle, Tolerance, even_path, find_circle
+from analysis.fitting.circle_rows import Binned, Fit, binned, fit_rows, on_circle
+from analysis.fitting.circle_search import BENT, DRIVEN, LED, FoundCircle, Tolerance, even_path, find_circle
 from analysis.fitting.circle_start import Start, start_of
 from analysis.fitting.stood_points import StoodCircle, circle_through_stands, distinct, is_jogged
 from analysis.geometry.circle import CircleFrame
@@ -28,6 +28,10 @@ _STOOD_RAD = np.radians(0.2)
 """Joints that move by less in a whole run stood still."""
 _SECOND = 1 / 3
 """Another circle that turns by this share of the first, or more, is one that a person drove."""
+_FURTHER = 1.3
+"""A bent circle counts where it is followed further than a round one by this factor; a healthy arm follows both."""
+_ROUND_MM = 0.3
+"""The circle of a healthy arm is bent by less: its constants err by some tenths of a mm."""
 _NEAR = 4.0
 """Tolerances of the first circle within which a path is no part of a second."""
 _JUMP_RAD, _ALONE = np.radians(0.5), 5.0
@@ -85,28 +89,45 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     bins = binned(motions, arm)
     where = ", ".join(motion.where for motion in motions)
     points, run = even_path(bins.places[bins.path], bins.run[bins.path])
-    found, tolerance = find_circle(points, run, DRIVEN), DRIVEN
-    stood = len(distinct(bins.places[bins.stand_rows]))
+    found, tolerance = _driven(points, run)
     if is_jogged(bins, found):
         return _of_stands(circle_through_stands(arm, bins, where), motions, rig)
+    stood = len(distinct(bins.places[bins.stand_rows]))
     if found is None:
         found, tolerance = find_circle(points, run, LED), LED
     if found is None:
         found, tolerance = _short_arc(points, stood, where), _SHORT
     _is_alone(found, tolerance, points, run, motions, rig)
     on, circle = on_circle(bins, found.circle, tolerance, where)
-    fit = fit_rows(motions, arm, bins, on, circle)
-    own = _longest(fit.circle, bins, on)
-    start = start_of(fit.circle, bins.T[own], bins.q[own], motions[bins.run[own][0]].direction, rig.tests.circle)
-    wild = [f"{fit.wild} rows lie far from the circle and are not used"] if fit.wild else []
-    radial, axial = fit.radial.covariance, fit.axial.covariance
-    used = f"{fit.rows} rows over {np.degrees(start.arc_rad):.0f}° of arc"
-    result = _result(fit.circle, radial, axial, start, used, (*_doubts(motions), *wild), where)
+    result = _of_rows(fit_rows(motions, arm, bins, on, circle), bins, on, motions, rig)
     if tolerance is _SHORT:
         u = f"u {result.u_centre_mm.max():.2g} mm of the centre by noise alone"
-        what = f"{used} are too short an arc ({u}), and the robot stood at {stood} points"
+        what = f"{result.used} are too short an arc ({u}), and the robot stood at {stood} points"
         raise FileError(where, what, _LONGER)
     return result
+
+
+def _driven(points: Array, run: Integers) -> tuple[FoundCircle | None, Tolerance]:
+    """The circle of a path (k, 3) mm: a bent one only where it is followed much further than a round one."""
+    true, bent = find_circle(points, run, DRIVEN), find_circle(points, run, BENT)
+    if bent and bent.turned_rad > _FURTHER * (true.turned_rad if true else 0.0):
+        return bent, BENT
+    return true, DRIVEN
+
+
+def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
+    own = _longest(fit.circle, bins, on)
+    start = start_of(fit.circle, bins.T[own], bins.q[own], motions[bins.run[own][0]].direction, rig.tests.circle)
+    doubts = _doubts(motions)
+    if fit.wild:
+        doubts.append(f"{fit.wild} rows lie far from the circle and are not used")
+    off_mm = float(np.quantile(deviations(fit.circle, bins.places[on]).largest, 0.95))
+    if off_mm > _ROUND_MM:
+        hand = f"the path is off the circle by {off_mm:.1f} mm: it was led by hand, or the controller has other link"
+        doubts.append(f"{hand} constants than the rig file")
+    used = f"{fit.rows} rows over {np.degrees(start.arc_rad):.0f}° of arc"
+    where = ", ".join(motion.where for motion in motions)
+    return _result(fit.circle, fit.radial.covariance, fit.axial.covariance, start, used, tuple(doubts), where)
 
 
 def _of_stands(stood: StoodCircle, motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
@@ -152,6 +173,9 @@ def _doubts(motions: Sequence[RobotMotion]) -> list[str]:
 
 
 def _is_motion(motion: RobotMotion) -> None:
+    if not np.isfinite(motion.q).all():
+        row = int(np.argmin(np.isfinite(motion.q).all(axis=1))) + 1
+        raise FileError(motion.where, f"row {row} has a joint angle that is not a number", "remove such rows")
     if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < _STOOD_RAD:
         raise FileError(motion.where, "the robot stood still", "drive the circle, or jog to three points of it")
 

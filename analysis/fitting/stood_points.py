@@ -62,10 +62,8 @@ def is_jogged(bins: Binned, found: FoundCircle | None) -> bool:
     circle = nearest_circle(places)
     if circle is None or deviations(circle, places).largest.max() > _OFF_MM:
         return False
-    between = bins.places[bins.stand_rows[0] : bins.stand_rows[-1]][
-        bins.moving[bins.stand_rows[0] : bins.stand_rows[-1]]
-    ]
-    follows = deviations(circle, between).largest < DRIVEN.at(circle.radius)
+    between = slice(bins.stand_rows[0], bins.stand_rows[-1])
+    follows = deviations(circle, bins.places[between][bins.moving[between]]).largest < DRIVEN.at(circle.radius)
     return bool(follows.mean() < _FOLLOWED) if len(follows) else True
 
 

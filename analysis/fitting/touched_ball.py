@@ -98,10 +98,10 @@ def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, 
     try:
         data = align(path, run, rig)
         t_s, q, g_mm, doubts = data.t_s, data.q, data.g_mm[:, :1], data.doubts
-    except FileError:
+    except FileError as error:
         t_s, q, said = robot_alone(path, run)
         g_mm = np.zeros((len(t_s), 1))
-        doubts = (*said, "gauge g1 was not read: all distances from the ball are taken as equal")
+        doubts = (*said, f"without gauge g1 ({error.what}) all distances from the ball are taken as equal")
     stands = stands_of(t_s, q, g_mm)
     arm = arm_of(rig.robot)
     within = [forward(arm, q[(one.begin + one.end) // 2 : one.end])[:, :3, 3].std(axis=0).mean() for one in stands]

@@ -135,6 +135,22 @@ def test_a_circle_led_by_hand_is_found_with_its_own_uncertainty() -> None:
     assert off(found)[0] < 4 * found.u_centre_mm.max() and 0.02 < found.u_centre_mm.max() < 2.5
 
 
+def bent(scale_deg: float) -> RobotMotion:
+    """A lap whose controller has zeros that the rig file does not know."""
+    circle, arm = circle_of(ur10e()), arm_of(ur10e().robot)
+    own = replace(arm, offset=arm.offset + np.radians(scale_deg) * np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0]))
+    poses = frame_of(circle).poses(np.radians(np.linspace(-10, 370, 900)))
+    q = follow(own, poses, np.radians(circle.posture_deg), "test")
+    return sampled(np.linspace(0, 18, 900), q)
+
+
+def test_a_lap_of_a_controller_with_other_constants_is_found_whole() -> None:
+    slightly, badly = (driven_circle([bent(scale)], blank()) for scale in (0.02, 0.5))
+    assert np.degrees([slightly.arc, badly.arc]) == pytest.approx(380, abs=5)
+    assert slightly.doubts == () and any("other link constants" in doubt for doubt in badly.doubts)
+    assert badly.u_radius_mm > 10 * slightly.u_radius_mm
+
+
 def test_a_run_labelled_the_other_way_is_doubted_and_keeps_the_normal_of_the_tool() -> None:
     found = driven_circle([replace(program("acw"), direction="cw")], blank())
     assert found.circle.n @ frame_of(circle_of(ur10e())).n > 0.99
