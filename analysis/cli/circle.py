@@ -138,8 +138,9 @@ def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
     from rigs.load import parse  # noqa: PLC0415
 
     with Client(find_socket(named.rig.name if named else None)) as client:
+        lines = client.ask("samples", after={}, rig=True)["rig_lines"]
         if named is None:
-            text = "\n".join(client.ask("samples", after={}, rig=True)["rig_lines"]) + "\n"
+            text = "\n".join(lines) + "\n"
             named = RigFile(parse(text, "the rig file of rigd"), text, None)
         rig = named.rig
 

@@ -59,22 +59,31 @@ def give(fitted: FittedTest, to: RigFile, *, write: bool, as_json: bool) -> None
     where = str(to.path or to.rig.name)
     text = with_test(to.text, fitted.test, fitted.values, where)
     doubts = [*fitted.doubts, *_not_drivable(parse(text, where))] if fitted.test == "circle" else list(fitted.doubts)
+    done = _written(to, text, write=write)  # first of all, since an error is one line alone
     for doubt in doubts:
         say(doubt, err=True)
     if as_json:
         say_json({"test": fitted.test, **fitted.values, "u": fitted.u, "used": fitted.used, "doubts": doubts})
     else:
-        say("tests:")
-        first, *lines = block_of(fitted.test, fitted.values, 2).rstrip("\n").split("\n")
-        say(f"{first} # by {fitted.used}")
-        for line, key in zip(lines, fitted.values, strict=True):
-            say(f"{line} # u {fitted.u[key]}" if key in fitted.u else line)
-    if write and to.path and text == to.text:
-        say(f"{to.path} has these values already", err=True)
-    elif write and to.path:
-        say(f"wrote {to.path}; as it was: {_replace(to.path, to.text, text)}", err=True)
-    else:
-        say(f"nothing is written: paste this, or give {'--write' if to.path else '--rig FILE --write'}", err=True)
+        _print_block(fitted)
+    say(done, err=True)
+
+
+def _print_block(fitted: FittedTest) -> None:
+    say("tests:")
+    first, *lines = block_of(fitted.test, fitted.values, 2).rstrip("\n").split("\n")
+    say(f"{first} # by {fitted.used}")
+    for line, key in zip(lines, fitted.values, strict=True):
+        say(f"{line} # u {fitted.u[key]}" if key in fitted.u else line)
+
+
+def _written(to: RigFile, text: str, *, write: bool) -> str:
+    """What was done with the rig file, in words: it is written where that is asked for and changes it."""
+    if not (write and to.path):
+        return f"nothing is written: paste this, or give {'--write' if to.path else '--rig FILE --write'}"
+    if text == to.text:
+        return f"{to.path} has these values already"
+    return f"wrote {to.path}; as it was: {_replace(to.path, to.text, text)}"
 
 
 def _not_drivable(rig: Rig) -> list[str]:
