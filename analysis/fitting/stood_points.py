@@ -8,20 +8,26 @@ that is known of it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
 from analysis.fitting.circle_rows import Binned
 from analysis.fitting.circle_search import DRIVEN, FoundCircle
 from analysis.geometry.circle import CircleFrame
-from analysis.geometry.circle_through import deviations, nearest_circle
-from analysis.kinematics.arm import Arm, Array, forward
+from analysis.geometry.circle_through import circles_through, deviations, nearest_circle
+from analysis.kinematics.arm import Arm, Array, Mask, forward
 from rigs.errors import FileError
 
 _APART_MM = 5.0
 """Stands nearer to each other are at one place."""
 _OFF_MM = 5.0
 """A person jogs to a point of a circle that a link holds to better than this."""
+_FEWEST = 4
+"""Stands on one circle that are no chance: any three are on one."""
+_OTHERS = 1 / 3
+"""Share of stands that may be elsewhere, as where the robot stood before and after."""
+_MOST_STANDS = 40
 _FOLLOWED = 0.8
 """Share of the time of a driven circle that the robot is on the circle through its stops."""
 _LINE = 0.01
@@ -59,18 +65,40 @@ def is_jogged(bins: Binned, found: FoundCircle | None) -> bool:
         return len(places) > 2
     if len(places) == 3:  # on a circle wherever they are
         return int((deviations(found.circle, places).largest < _OFF_MM).sum()) < 2
-    circle = nearest_circle(places)
-    if circle is None or deviations(circle, places).largest.max() > _OFF_MM:
+    together = on_one_circle(places)
+    circle = nearest_circle(places[together])
+    if together.sum() < _FEWEST or circle is None:
         return False
-    between = slice(bins.stand_rows[0], bins.stand_rows[-1])
+    rows = bins.stand_rows[deviations(circle, bins.places[bins.stand_rows]).largest < _OFF_MM]
+    between = slice(rows[0], rows[-1])
     follows = deviations(circle, bins.places[between][bins.moving[between]]).largest < DRIVEN.at(circle.radius)
     return bool(follows.mean() < _FOLLOWED) if len(follows) else True
 
 
+def on_one_circle(places: Array) -> Mask:
+    """A mask of the places (m, 3) mm, three or more, that lie on one circle: that on which the most do, and best."""
+    triples = np.array(list(combinations(range(min(len(places), _MOST_STANDS)), 3)))
+    centre, normal, radius = circles_through(places[triples])
+    away = places[None] - centre[:, None]
+    height = np.einsum("tmi,ti->tm", away, normal)
+    level = np.sqrt(np.maximum((away**2).sum(axis=2) - height**2, 0.0)) - radius[:, None]
+    off = np.maximum(np.abs(height), np.abs(level))
+    near = off < _OFF_MM
+    worth = near.sum(axis=1) - np.where(near, off, 0.0).sum(axis=1) / (_OFF_MM * len(places))
+    together: Mask = near[int(worth.argmax())]
+    return together
+
+
 def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
-    """The circle through all stands. Raises FileError where they lie on a line, or one is off the circle."""
+    """The circle through the stands, without a few that are elsewhere. Raises FileError where they lie on a line, or
+    are on no circle."""
     q = np.array([stand.q for stands in bins.stands for stand in stands])
     T = forward(arm, q)
+    together = on_one_circle(T[:, :3, 3])
+    others = len(q) - int(together.sum())
+    if together.sum() < _FEWEST or others > _OTHERS * len(q):
+        together[:] = True
+    q, T = q[together], T[together]
     places = T[:, :3, 3]
     circle = nearest_circle(places)
     extent = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
@@ -87,6 +115,8 @@ def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
     free = 2 * (len(places) - 3)
     left = float((away.radial**2).sum() + (away.axial**2).sum())
     scatter_mm, doubts = scatter(left, free, _within(bins))
+    if not together.all():
+        doubts = (*doubts, f"{others} stands are not used because they lie off the circle of the others")
     design = away.design
     covariance: Array = np.asarray(scatter_mm**2 * np.linalg.inv(design.T @ design), dtype=np.float64)
     return StoodCircle(circle, T, q, covariance, doubts)

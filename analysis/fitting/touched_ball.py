@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.fitting.stood_points import distinct, scatter
-from analysis.kinematics.arm import Array, arm_of, forward
+from analysis.kinematics.arm import Array, Mask, arm_of, forward
 from analysis.traces.align import align, robot_alone
 from analysis.traces.csv_tables import table_from
 from analysis.traces.stands import stands_of
@@ -25,6 +25,8 @@ from rigs.rig import Rig
 _ROUNDS = 20
 _OFF_MM = 10.0
 """An arm's errors bend a hemisphere by some mm; a stand further off is not on it."""
+_OTHERS = 1 / 8
+"""Share of stands that may be elsewhere: at home before the program and after it."""
 _GAUGE_MM = 5.0
 """The ball must be in the hemisphere's centre within what a gauge reads to either side: 2 u must stay within."""
 
@@ -68,8 +70,11 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
     if (apart := len(distinct(places))) < 4:
         what = f"the robot stood at {apart} places, and a ball needs four that are not in one plane"
         raise FileError(where, what, "stand at more places all over the hemisphere, a second at each")
+    near = _near_one_sphere(places, g_mm)
+    others = len(q) - int(near.sum())
+    q, g_mm, within, places = q[near], g_mm[near], within[near], places[near]
     x, design = _sphere(places, g_mm)
-    left = np.linalg.norm(places - x[:3], axis=1) - g_mm - x[3]
+    left = _off(places, g_mm, x)
     if not np.isfinite(x).all() or np.linalg.cond(design) > 1e6:
         raise FileError(where, "the stands lie in one plane, which determines no ball", "stand higher and lower too")
     if np.abs(left).max() > _OFF_MM:
@@ -83,6 +88,8 @@ def touched_ball(runs: Sequence[Run], rig: Rig) -> TouchedBall:
         what = f"{used} leave the ball uncertain by {u_mm:.3g} mm (u)"
         raise FileError(where, what, "stand at places further apart, all over the hemisphere")
     said = tuple(doubt for one in doubts for doubt in one) + more
+    if others:
+        said = (*said, f"{others} stands are not used because they lie off the sphere of the others")
     return TouchedBall(x[:3], covariance[:3, :3], float(x[3]), float(np.sqrt(covariance[3, 3])), q, places, used, said)
 
 
@@ -107,6 +114,23 @@ def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, 
     within = [forward(arm, q[(one.begin + one.end) // 2 : one.end])[:, :3, 3].std(axis=0).mean() for one in stands]
     angles = np.array([one.q for one in stands]).reshape(-1, 6)
     return (angles, np.array([one.g_mm[0] for one in stands]), np.array(within)), doubts
+
+
+def _near_one_sphere(places: Array, g_mm: Array) -> Mask:
+    """A mask of the places (m, 3) mm without the few that lie far off the sphere of the others, one after the other."""
+    near = np.ones(len(places), dtype=bool)
+    for _ in range(int(_OTHERS * len(places))):
+        off = np.abs(_off(places, g_mm, _sphere(places[near], g_mm[near])[0])) * near
+        if off.max() < _OFF_MM:
+            break
+        near[int(off.argmax())] = False
+    return near
+
+
+def _off(places: Array, g_mm: Array, x: Array) -> Array:
+    """Distance (m,) mm of places (m, 3) mm from the sphere x (4,)."""
+    away: Array = np.linalg.norm(places - x[:3], axis=1) - g_mm - x[3]
+    return away
 
 
 def _sphere(places: Array, g_mm: Array) -> tuple[Array, Array]:

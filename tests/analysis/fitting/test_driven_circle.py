@@ -227,9 +227,21 @@ def test_a_jump_in_the_middle_is_refused_with_its_joint_and_time() -> None:
     assert "base jumps by 3.0°" in said.what and " s" in said.what
 
 
-def test_a_stand_off_the_circle_is_refused() -> None:
-    q = around(np.arange(5) * 72.0)
-    q = np.concatenate([q, q[:1] + np.radians([8, 0, 0, 0, 0, 0])])
+def at_home() -> Array:
+    """Angles (1, 6) of a stand that is not on the circle."""
+    return around(np.zeros(1)) + np.radians([8.0, -5, 0, 0, 10, 0])
+
+
+@pytest.mark.parametrize("count", [4, 6])
+def test_a_stand_at_home_before_and_after_is_not_used(count: int) -> None:
+    q = around(np.arange(count) * 360 / count)
+    found = driven_circle([sampled(*stops(np.concatenate([at_home(), q, at_home()]), dwell_s=1.5))], blank())
+    assert off(found)[0] < 0.05 and f"{count} points" in found.used
+    assert any("2 stands are not used" in doubt for doubt in found.doubts)
+
+
+def test_three_points_and_a_fourth_elsewhere_are_refused() -> None:
+    q = np.concatenate([around(np.arange(3) * 120.0), at_home()])
     assert "off one circle" in refused(sampled(*stops(q, dwell_s=1.5))).what
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 
 from analysis import Measured, simulate
@@ -51,6 +52,17 @@ def refused(run: Run) -> str:
         touched_ball([run], load("ur10e")[0])
     assert raised.value.remedy
     return raised.value.what
+
+
+def test_stands_at_home_are_not_used() -> None:
+    run = of_simulation(3).run
+    assert run.table is not None
+    q1 = run.table["q1_deg"].to_numpy().copy()
+    q1[[0, -1]] += 12.0
+    place = run.table.column_names.index("q1_deg")
+    found = touched_ball([replace(run, table=run.table.set_column(place, "q1_deg", pa.array(q1)))], load("ur10e")[0])
+    assert np.abs(found.centre - [-800, -200, 0]).max() < 0.02
+    assert any("2 stands are not used" in doubt for doubt in found.doubts)
 
 
 def rows_of(run: Run, rows: list[int]) -> Run:
