@@ -118,7 +118,7 @@ def on_circle(bins: Binned, circle: CircleFrame, tolerance: Tolerance, where: st
             raise FileError(where, what, "drive the circle slower, or record the feedback at a higher rate")
         circle = nearest_circle(bins.places[on]) or circle
         largest = deviations(circle, bins.places).largest
-        on &= largest < max(_OUTLYING * float(np.median(largest[on])), _SMALLEST_MM)
+        on &= largest < _wild_from(largest[on])
     return on, circle
 
 
@@ -137,7 +137,7 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
     """The circle by all rows of the bins that are on it, a mask (n,), with slow noise allowed for."""
     t_s, places, stretch = _rows(motions, arm, bins, on)
     largest = deviations(circle, places).largest
-    sound = largest < max(_OUTLYING * float(np.median(largest)), _SMALLEST_MM)
+    sound = largest < _wild_from(largest)
     if sound.mean() < 1 - _MOST_OUTLYING:
         sound[:] = True
     t_s, places, stretch = t_s[sound], places[sound], stretch[sound]
@@ -156,17 +156,24 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
     away = deviations(circle, places)
     readings = mean(np.stack([away.radial, away.axial], axis=1))
     along, across = regress(mean(away.design), readings, mean(t_s), count)
-    wild = int((~sound).sum() + np.array(bins.rows)[bins.run[_holes(bins, on)]].sum())
+    wild = int((~sound).sum() + np.array(bins.rows)[bins.run[_holes(bins, on, circle)]].sum())
     return Fit(moved(circle, along.value, across.value), along, across, len(t_s), wild)
 
 
-def _holes(bins: Binned, on: Mask) -> Mask:
+def _wild_from(largest: Array) -> float:
+    """The deviation in mm from which a place is not of a circle whose places deviate by (n,) mm."""
+    return max(_OUTLYING * float(np.median(largest)), _SMALLEST_MM)
+
+
+def _holes(bins: Binned, on: Mask, circle: CircleFrame) -> Mask:
     """Which bins (n,) are off a circle that the robot was on just before and just after."""
     before, after = np.zeros_like(on), np.zeros_like(on)
     for away in (1, 2):
         before[away:] |= on[:-away] & (bins.run[:-away] == bins.run[away:])
         after[:-away] |= on[away:] & (bins.run[away:] == bins.run[:-away])
-    holes: Mask = before & after & ~on & bins.moving
+    # Where the robot turns back it hardly moves along the circle, but is on it.
+    largest = deviations(circle, bins.places).largest
+    holes: Mask = before & after & ~on & (largest > _wild_from(largest[on]))
     return holes
 
 
