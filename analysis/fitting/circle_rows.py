@@ -135,7 +135,7 @@ class Fit:
 
 def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, circle: CircleFrame) -> Fit:
     """The circle by all rows of the bins that are on it, a mask (n,), with slow noise allowed for."""
-    t_s, places, stretch = _rows(motions, arm, bins, on)
+    t_s, places, stretch = _rows(motions, arm, bins, on | _holes(bins, on))
     largest = deviations(circle, places).largest
     sound = largest < _wild_from(largest)
     if sound.mean() < 1 - _MOST_OUTLYING:
@@ -156,7 +156,7 @@ def fit_rows(motions: Sequence[RobotMotion], arm: Arm, bins: Binned, on: Mask, c
     away = deviations(circle, places)
     readings = mean(np.stack([away.radial, away.axial], axis=1))
     along, across = regress(mean(away.design), readings, mean(t_s), count)
-    wild = int((~sound).sum() + np.array(bins.rows)[bins.run[_holes(bins, on, circle)]].sum())
+    wild = int((~sound).sum())
     return Fit(moved(circle, along.value, across.value), along, across, len(t_s), wild)
 
 
@@ -165,15 +165,14 @@ def _wild_from(largest: Array) -> float:
     return max(_OUTLYING * float(np.median(largest)), _SMALLEST_MM)
 
 
-def _holes(bins: Binned, on: Mask, circle: CircleFrame) -> Mask:
-    """Which bins (n,) are off a circle that the robot was on just before and just after."""
+def _holes(bins: Binned, on: Mask) -> Mask:
+    """Which bins (n,) are off a circle that the robot was on just before and just after: their rows are judged singly,
+    since a wild row spoils the median of three, and so does a joint that turns back."""
     before, after = np.zeros_like(on), np.zeros_like(on)
     for away in (1, 2):
         before[away:] |= on[:-away] & (bins.run[:-away] == bins.run[away:])
         after[:-away] |= on[away:] & (bins.run[away:] == bins.run[:-away])
-    # Where the robot turns back it hardly moves along the circle, but is on it.
-    largest = deviations(circle, bins.places).largest
-    holes: Mask = before & after & ~on & (largest > _wild_from(largest[on]))
+    holes: Mask = before & after & ~on
     return holes
 
 
