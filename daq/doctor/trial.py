@@ -28,19 +28,22 @@ _ENOUGH = 3
 """Readings in a row that are hardly an accident at the wrong line settings."""
 _SLOW = 0.5
 _POOR_PPM = 1000.0
-_USUAL = (
-    "9600 8N1",
-    "4800 7E2",
-    "9600 7E1",
-    "9600 7E2",
-    "19200 8E1",
-    "19200 8N1",
-    "9600 8E1",
-    "38400 8N1",
-    "57600 8N1",
-    "115200 8N1",
-    "115200 8E1",
-    "921600 8N1",
+USUAL_LINES = tuple(
+    Line.model_validate(text)
+    for text in (
+        "9600 8N1",
+        "4800 7E2",
+        "9600 7E1",
+        "9600 7E2",
+        "19200 8E1",
+        "19200 8N1",
+        "9600 8E1",
+        "38400 8N1",
+        "57600 8N1",
+        "115200 8N1",
+        "115200 8E1",
+        "921600 8N1",
+    )
 )
 """What the makers of gauges deliver them with, the commonest first."""
 
@@ -130,8 +133,7 @@ def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = tr
     trial = attempt(stream, stream.line, _TALK_S + wait_s, _LISTEN_S)
 
     def search() -> Line | None:
-        lines = [Line.model_validate(text) for text in _USUAL] if serial else []
-        others = (line for line in lines if line != stream.line)
+        others = (line for line in USUAL_LINES if serial and line != stream.line)
         return next((line for line in others if attempt(stream, line, _TALK_S + wait_s, 0).understood), None)
 
     yield answers(stream, trial, search)

@@ -156,6 +156,12 @@ def cases() -> dict[str, Case]:
             [cell, "--rig", EVIL, "--test", EVIL, "-o", own / "made"],
             ["x", "--rig", EVIL, "--test", "pose", "-o", own / "made"],
         ],
+        "init": lambda cell, own: [
+            [own / "new.yaml", "--robot", "tcp://127.0.0.1:1", "--arm", EVIL],
+            [own / (EVIL.replace("/", "|") + BYTES), "--port", cell / EVIL, "--robot", EVIL, "--key", EVIL],
+            [cell / "rig.yaml"],
+            [own / "new.yaml", "--json", "--port", cell / EVIL],
+        ],
         "interfaces": lambda cell, own: [[], ["--json"]],
         "live": lambda cell, own: [[], ["--rig", EVIL]],
         "logs": lambda cell, own: [[], [EVIL], ["ur10e", "--since", EVIL]],
