@@ -103,6 +103,17 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
     return Aligned((rows_ns - rows_ns[0]) / 1e9, _columns_at(rows_ns, [robot]), g_mm, u_lag_s, own_u_s, tuple(doubts))
 
 
+def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
+    """Times (n,) s since the first and reported angles (n, 6) rad of a recorded run whose gauges need not have read,
+    and doubts in words. Raises FileError where the robot was not recorded."""
+    doubts: list[str] = []
+    track = _robot(path, run, doubts)
+    if len(track.ns) < 2:
+        what = "holds fewer than two readings of robot at known times"
+        raise FileError(str(path), what, "record again, and check the rates with rig status")
+    return (track.ns - track.ns[0]) / 1e9, track.values, tuple(doubts)
+
+
 def _columns_at(rows_ns: Array, tracks: Sequence[_Track]) -> Array:
     """Values (n, k) of all tracks side by side at the times of the rows (n,), column by column."""
     columns = [(track.ns, column) for track in tracks for column in track.values.T]
