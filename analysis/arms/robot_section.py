@@ -83,11 +83,11 @@ def robot_of(name: str, found: DenavitHartenberg, joints: Sequence[Joint]) -> Ro
 def robot_text(robot: Robot) -> str:
     """Return the section as YAML: one line an axis, defaults left out."""
     fields = robot.model_dump(mode="json", exclude_defaults=True)
-    lines = ["robot:", f"  name: {_flow(fields.pop('name'))}", "  axes: # modified Denavit-Hartenberg (Craig)"]
-    lines += [f"    - {_flow(axis)}" for axis in fields.pop("axes")]
+    lines = ["robot:", f"  name: {flow(fields.pop('name'))}", "  axes: # modified Denavit-Hartenberg (Craig)"]
+    lines += [f"    - {flow(axis)}" for axis in fields.pop("axes")]
     for key, value in fields.items():
-        rows = [f"    - {_flow(row)}" for row in value] if key == "coupling" else []
-        lines += [f"  {key}:", *rows] if rows else [f"  {key}: {_flow(value)}"]
+        rows = [f"    - {flow(row)}" for row in value] if key == "coupling" else []
+        lines += [f"  {key}:", *rows] if rows else [f"  {key}: {flow(value)}"]
     return "\n".join(lines) + "\n"
 
 
@@ -179,8 +179,8 @@ def _pose(T: Array) -> Pose:
     return Pose(xyz_mm=_vector(T[:3, 3]), rpy_deg=(_degrees(roll), _degrees(pitch), _degrees(yaw)))
 
 
-def _flow(value: Any) -> str:
-    """A value as YAML in one line, whole numbers without a point."""
+def flow(value: Any) -> str:
+    """Return a value as YAML in one line, whole numbers without a point."""
     whole = _whole(value)
     text: str = yaml.safe_dump(whole, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
     return text.strip().removesuffix("\n...").strip()
