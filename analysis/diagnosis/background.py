@@ -76,15 +76,13 @@ class Background:
 
     def _weighted_gram(self) -> Array:
         """Return X'WX (p, p), computed from the products of bands whose readings have equal weights."""
-        columns, gram = self.columns, self.columns.gram.copy()
-        for b, products in enumerate(columns.K):
-            rows = columns.rows[b]
-            own = self.weight[rows]
+        columns, each = self.columns, [self.weight[rows] for rows in self.columns.rows]
+        equal = np.array([own[0] if np.ptp(own) == 0 else 0.0 for own in each])
+        gram: Array = np.tensordot(equal, columns.K, axes=1)
+        for rows, own in zip(columns.rows, each, strict=True):
             if np.ptp(own) > 0:
                 part = columns.X[rows]
-                gram += part.T @ ((own - 1)[:, None] * part)
-            elif own[0] != 1:
-                gram += (own[0] - 1) * products
+                gram += part.T @ (own[:, None] * part)
         return gram
 
     def weighed(self, values: Array) -> Weighed:
@@ -129,7 +127,7 @@ class Background:
     def spent(self) -> Array:
         """The energy of each band (b,), in variances of the noise, that the uncertainty of the coefficients hides, with
         no terms fitted beside them."""
-        found: Array = np.einsum("bij,ji->b", self.columns.K, self.covariance)
+        found: Array = np.tensordot(self.columns.K, self.covariance, axes=2)
         return found
 
     def posterior(self, known: FittedTerms) -> Posterior:
