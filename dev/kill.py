@@ -15,6 +15,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,18 +24,35 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-from pace import STEP_DEG, STEP_MM, Counting, rig_text
+import yaml
 
 from daq.emulators import emulated
 from daq.service.client import Client
 from daq.store import load_manifest, read_run, verify
 from rigs.errors import RigError
-from rigs.load import parse
+from rigs.load import find, parse
 
+STEP_MM, STEP_DEG = 1e-4, 1e-6
+"""From one reading to the next."""
 COLUMNS = {"g1": ("g1_mm", STEP_MM), "g2": ("g2_mm", STEP_MM), "robot": ("q1_deg", STEP_DEG)}
 ROLLING = "import daq.store.writer as w; w.CHUNK_AGE_NS = 4 * 10**8\nfrom daq.service.rigd import main; main()"
 PATIENCE_S = 60.0
 MOST_LOST_S = 1.0
+
+
+class Counting:
+    """Instruments that show how often they have been read."""
+
+    def __init__(self) -> None:
+        self.count: Counter[str] = Counter()
+
+    def gauge_mm(self, name: str, now_ns: int) -> float:
+        self.count[name] += 1
+        return self.count[name] * STEP_MM
+
+    def joints_deg(self, now_ns: int) -> list[float]:
+        self.count["robot"] += 1
+        return [self.count["robot"] * STEP_DEG] * 6
 
 
 @dataclass(frozen=True)
@@ -87,7 +105,7 @@ def main(
     seed: Annotated[int, typer.Option(help="Of the moments.")] = 0,
 ) -> None:
     """Kill, start, recover, verify."""
-    text, tally = rig_text(), Tally()
+    text, tally = _rig_text(), Tally()
     cell = emulated(parse(text, "kill"), Counting())
     with tempfile.TemporaryDirectory(prefix="rig-kill-") as scratch:
         folder = Path(scratch)
@@ -99,6 +117,13 @@ def main(
             cell.stop()
     tally.report()
     raise typer.Exit(1 if tally.problems else 0)
+
+
+def _rig_text() -> str:
+    """The paper's gauges on a UR10e."""
+    data = yaml.safe_load(find("ur10e").read_text())
+    data["gauges"] = yaml.safe_load(find("paper-fanuc").read_text())["gauges"]
+    return yaml.safe_dump(data)
 
 
 def _campaign(folder: Path, count: int, random: Random, tally: Tally) -> None:

@@ -151,7 +151,8 @@ def by_rigd(folder: Path, instruments: subprocess.Popen[str], seconds: float) ->
             while not all(of["counters"].get("samples") for of in client.ask("status")["streams"].values()):
                 time.sleep(0.05)
             client.ask("record_start", name="pace", test="repeatability")
-            window_ns, cpu = _window(daemon.pid, seconds)
+        window_ns, cpu = _window(daemon.pid, seconds)
+        with Client(folder / "rigd.sock") as client:  # another: rigd closes one that is silent for so long
             shown_hz = client.ask("status")["streams"]["robot"]["rate_hz"]
             _stop(instruments)
             _settle(client)

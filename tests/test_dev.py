@@ -1,6 +1,8 @@
 """`scripts/dev`: the one entry to what only developers run, and the links that stand for its programs."""
 
+import os
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -29,6 +31,18 @@ def test_an_unknown_program_is_refused_with_the_names_of_those_there_are(name: s
     assert done.returncode == 2
     assert done.stderr == f"error: scripts/dev: there is no program '{name}'; the programs are:\n"
     assert sorted(line.split()[0] for line in done.stdout.splitlines()) == PROGRAMS
+
+
+@pytest.mark.parametrize(
+    "name", sorted({*PROGRAMS} - {"booted"} - {file.stem for file in (ROOT / "dev").glob("*.lock")})
+)
+def test_each_program_starts(name: str) -> None:
+    """Without those that need packages of their own, or root."""
+    command = [sys.executable, ROOT / "dev" / f"{name}.py", "--help"]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)}
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_there_are_links() -> None:

@@ -38,7 +38,7 @@ def _typed() -> list[str]:
 @pytest.mark.parametrize("line", _typed())
 def test_every_command_line_in_the_documents_exists(line: str) -> None:
     words = line.split()
-    command = [word for word in words if re.fullmatch(r"[a-z]+", word)]
+    command = [word for word in words if re.fullmatch(r"[a-z]+(-[a-z]+)*", word)]
     depth = {"rig": 2, "rigd": 1}[command[0]] + (command[1:2] == ["record"])
     done = subprocess.run(
         [BIN / command[0], *command[1:depth], "--help"],

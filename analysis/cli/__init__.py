@@ -119,6 +119,7 @@ def _options(
 
 from analysis.cli import (  # noqa: E402 - each adds its commands
     analyse,  # noqa: F401
+    arms,  # noqa: F401
     automatic,  # noqa: F401
     calibrate,  # noqa: F401
     check,  # noqa: F401
@@ -131,6 +132,7 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     export,  # noqa: F401
     history,  # noqa: F401
     import_,  # noqa: F401
+    import_urdf,  # noqa: F401
     interfaces,  # noqa: F401
     live,  # noqa: F401
     logs,  # noqa: F401

@@ -1,4 +1,4 @@
-"""What a shell offers for the word being typed: runs, rig files, robots, running daemons.
+"""What a shell offers for the word being typed: runs, rig files, arms, robots, running daemons.
 
 Nothing is read that is not needed, since a person waits. typer leaves out what does not begin as the word does; where
 nothing is offered, the shell completes file names.
@@ -63,6 +63,14 @@ def rig_files(incomplete: str) -> Iterator[str]:
     folder = "".join(incomplete.rpartition("/")[:2])
     yield from (folder + file.name for file in sorted(Path(folder).glob("*.yaml")))
     yield from shipped()
+
+
+@_quietly
+def arms() -> Iterator[str]:
+    """Offer the arms of the library."""
+    from rigs.arms import arm_names  # noqa: PLC0415
+
+    yield from arm_names()
 
 
 @_quietly

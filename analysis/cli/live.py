@@ -50,7 +50,7 @@ def live(
         if in_lines or not is_terminal():
             print_lines(player, view, say, as_json=as_json)
         else:
-            watch(player, view)
+            watch(player, view, runs[0].zero_mm)
         return
 
     from daq.service.client import Client, find_socket  # noqa: PLC0415

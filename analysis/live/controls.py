@@ -38,7 +38,7 @@ KEYS = (
     ("q", "quit"),
 )
 _TESTS = tuple(test for test in get_args(TestName) if test != "pose")
-_ZEROED = "zero: an offset of this view; recorded readings stay as they are"
+_ZEROED = "zero: an offset of this view, noted in a run that s starts; recorded readings stay as they are"
 _LABEL = "a label is NAME TEST [acw or cw], for example: monday yaw acw"
 
 
@@ -65,9 +65,14 @@ class Quit:
 
 @dataclass(frozen=True)
 class Start:
-    """Start a recording."""
+    """Start a recording. zero_mm: what the view takes off each gauge, None where it shows the readings."""
 
     label: Label
+    zero_mm: tuple[float, float] | None = None
+
+    def request(self) -> dict[str, object]:
+        """Return the request to the daemon."""
+        return {**self.label.fields(), **({"view_zero_mm": self.zero_mm} if self.zero_mm else {})}
 
 
 @dataclass(frozen=True)
@@ -128,7 +133,7 @@ class Controls:
             return self._typed(key, self.prompt)
         controls = replace(self, message="", shows_help=False)
         if key == "s" and self.label is not None:
-            return controls, Start(self.label)
+            return controls, controls._start(self.label)
         return controls._set(key, readings, helped=self.shows_help), _ACTIONS.get(key)
 
     def told(self, notice: str, before: LiveView, view: LiveView) -> Controls:
@@ -138,6 +143,9 @@ class Controls:
             return replace(self, message=notice)
         changed = (bool(before.lost), before.name) != (bool(view.lost), view.name)
         return replace(self, message="") if changed else self
+
+    def _start(self, label: Label) -> Start:
+        return Start(label, self.zero_mm if any(self.zero_mm) else None)
 
     def _set(self, key: str, readings: Mapping[str, Reading], *, helped: bool) -> Controls:
         """The controls after a key that changes them. helped: whether the help was shown when it was pressed."""
@@ -164,7 +172,7 @@ class Controls:
                 if label is None:
                     return replace(self, message=wrong), None
                 entered = replace(self, prompt=None, label=label, message="")
-                return entered, Start(label) if self.starts else None
+                return entered, entered._start(label) if self.starts else None
             case "\x7f" | "\b":  # Backspace
                 return replace(self, prompt=prompt[:-1]), None
         typed = prompt + key if key.isprintable() and len(prompt) < _LONGEST_PROMPT else prompt

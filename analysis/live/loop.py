@@ -56,7 +56,7 @@ class DaemonPlayer:
         """Start or end a recording; the answer comes later as a notice."""
         match action:
             case Start(label):
-                self._source.request("record_start", label.fields(), lambda answer: f"recording to {answer['run']}")
+                self._source.request("record_start", action.request(), lambda answer: f"recording to {answer['run']}")
                 return f"starting {label}"
             case Stop():
                 self._source.request("record_stop", {}, lambda answer: f"ended: {answer['run']}")
@@ -102,9 +102,9 @@ class RunPlayer:
         return ""
 
 
-def watch(source: Source, view: LiveView) -> None:
-    """Show a source on the terminal until a person quits."""
-    controls = Controls()
+def watch(source: Source, view: LiveView, zero_mm: tuple[float, float] = (0.0, 0.0)) -> None:
+    """Show a source on the terminal, less the zeros of its gauges, until a person quits."""
+    controls = Controls(zero_mm=zero_mm)
     with _ends_in_order(), suppress(KeyboardInterrupt), keys_of(sys.stdin) as keys, Painter(sys.stdout) as painter:
         while True:
             before, (view, notice) = view, _advanced(view, source)

@@ -31,8 +31,8 @@ SPEEDS = (0.125, 64.0)
 
 @dataclass(frozen=True)
 class PlayedRun:
-    """A run and where it is played. rig_sha256: of its rig file; at_s: since its first row; shown: how many rows have
-    been shown; begins_s: time of its first row in the view."""
+    """A run and where it is played. rig_sha256: of its rig file; zero_mm: of the view that recorded it; at_s: since its
+    first row; shown: how many rows have been shown; begins_s: time of its first row in the view."""
 
     name: str
     test: TestName
@@ -41,6 +41,7 @@ class PlayedRun:
     rig_sha256: str
     rows: Rows
     speed: float
+    zero_mm: tuple[float, float] = (0.0, 0.0)
     begins_s: float = 0.0
     at_s: float = 0.0
     shown: int = 0
@@ -87,7 +88,9 @@ def played_run(path: Path, speed: float) -> PlayedRun:
     rows = rows.taken(slice(None, None, step))
     rows = replace(rows, t_s=rows.t_s - rows.t_s[0])
     manifest = run.manifest
-    return PlayedRun(manifest.name, manifest.test, manifest.direction, cell_of(rig), manifest.rig_sha256, rows, speed)
+    zero_mm = manifest.view_zero_mm or (0.0, 0.0)
+    label = (manifest.name, manifest.test, manifest.direction)
+    return PlayedRun(*label, cell_of(rig), manifest.rig_sha256, rows, speed, zero_mm)
 
 
 def _recorded(path: Path, run: Run, rig: Rig) -> Rows:

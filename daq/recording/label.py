@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from daq.store.manifest import Operator, Placement
+from daq.store.manifest import Operator, Placement, ViewZero
 from rigs.schema.part import Part
 from rigs.schema.vocabulary import Direction, TestName
 
@@ -21,3 +21,4 @@ class Label(Part):
     direction: Direction | None = None
     operator: Operator = ""
     placement: Placement = ""
+    view_zero_mm: ViewZero | None = None

@@ -39,6 +39,7 @@ from daq.store.records import (
 from daq.store.schema import FAULTS, SAMPLE_COLUMNS, TABLE, schema_of, storable, table_schema
 from rigs.errors import FileError
 from rigs.files import read_bytes
+from rigs.schema.part import Length
 from rigs.schema.vocabulary import Direction, TestName
 
 MANIFEST = "manifest.json"
@@ -72,6 +73,8 @@ Operator = Annotated[Text, AfterValidator(in_one_line)]
 """Who measures, as it is entered; manifests of older runs may hold any text."""
 Placement = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]{0,64}$")]
 """Where instrument or ball stand, by a name that a person gives; runs of one placement share one set-up."""
+ViewZero = tuple[Length, Length]
+"""What a live view took off each gauge when it started the run: a note for who reads it, rows hold the readings."""
 PLACEMENT_RULE = "name a placement with up to 64 letters, digits, . _ and -"
 
 
@@ -89,6 +92,7 @@ class Manifest(Record):
     rig_sha256: str
     operator: Text
     placement: Placement = Field(default="", exclude_if=lambda placement: not placement)
+    view_zero_mm: ViewZero | None = Field(default=None, exclude_if=lambda zero: zero is None)
     follows: str = ""
     """Directory of the run that this one goes on from, where the disk or its length ended that one."""
     host: str
@@ -206,6 +210,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
     operator: str,
     streams: Mapping[str, tuple[str, ...]],
     placement: str = "",
+    view_zero_mm: ViewZero | None = None,
     follows: str = "",
     table: ImportedTable | None = None,
 ) -> Manifest:
@@ -223,6 +228,7 @@ def new_manifest(  # noqa: PLR0913 - a manifest is this many facts
             rig_sha256=sha256(rig_text.encode("utf-8", "surrogatepass")),
             operator=operator,
             placement=placement,
+            view_zero_mm=view_zero_mm,
             follows=follows,
             host=socket.gethostname(),
             software={"rig": _RIG_VERSION, "python": platform.python_version(), "pyarrow": pa.__version__},

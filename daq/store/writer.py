@@ -24,7 +24,7 @@ from daq.protocol.conversation import Fault, FaultKind, Sample
 from daq.store import durable
 from daq.store.chunk import with_opening
 from daq.store.ledger import Entry, Ledger
-from daq.store.manifest import Manifest, clock_now, new_manifest
+from daq.store.manifest import Manifest, ViewZero, clock_now, new_manifest
 from daq.store.memory import give_back
 from daq.store.records import Clock, Ending, Seal, iso_now
 from daq.store.room import MARGIN_BYTES, require_room
@@ -88,6 +88,7 @@ class RunWriter:
         operator: str,
         streams: Mapping[str, tuple[str, ...]],
         placement: str = "",
+        view_zero_mm: ViewZero | None = None,
         follows: str = "",
         chunk_rows: int = CHUNK_ROWS,
     ) -> RunWriter:
@@ -107,6 +108,7 @@ class RunWriter:
             operator=operator,
             streams=streams,
             placement=placement,
+            view_zero_mm=view_zero_mm,
             follows=follows,
         )
         try:

@@ -61,6 +61,13 @@ def test_zero_is_an_offset_of_the_view_and_can_be_taken_back() -> None:
     assert typed("Z", controls)[0].zero_mm == (0.0, 0.0)
 
 
+def test_a_run_that_is_started_with_a_zero_notes_it() -> None:
+    label = Label("lap", "radial", None)
+    assert typed("zslap radial\r")[1] == [Start(label, (0.5, -0.25))]
+    assert Start(label, (0.5, -0.25)).request() == {**label.fields(), "view_zero_mm": (0.5, -0.25)}
+    assert typed("zZslap radial\r")[1] == [Start(label)] and Start(label).request() == label.fields()
+
+
 def test_units_go_round() -> None:
     assert [typed("u" * k)[0].units.name for k in range(4)] == ["mm", "µm", "inch", "mm"]
 

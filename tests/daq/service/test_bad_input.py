@@ -35,6 +35,19 @@ def test_a_missing_port_is_named_with_the_ports_there_are(bench: Bench) -> None:
     assert "g1, /dev/ttyNOPE: no such port" in told and "plug it in" in told
 
 
+def test_zeros_of_a_view_are_noted_in_the_run_and_leave_its_rows(bench: Bench) -> None:
+    bench.start().all_reading()
+    with Client(bench.socket) as client:
+        label = {"name": "lap", "test": "yaw", "direction": "cw"}
+        with pytest.raises(RigError, match="view_zero_mm"):
+            client.ask("record_start", **label, view_zero_mm=[1e9, "x"])
+        run = Path(client.ask("record_start", **label, view_zero_mm=[0.1, -0.1])["run"])
+        client.ask("record_stop")
+    read = read_run(bench.folder / run)
+    assert read.manifest.view_zero_mm == (0.1, -0.1)
+    assert set(np.asarray(read.streams["g1"]["g1_mm"])) == {0.1}
+
+
 def test_a_wrong_port_is_no_serial_device(bench: Bench) -> None:
     _edited(bench, g1="/dev/null")
     assert "g1, /dev/null" in bench.fails("rigd", bench.rig, code=4)

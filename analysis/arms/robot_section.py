@@ -1,0 +1,172 @@
+"""The `robot:` section of a rig file from computed constants, and as text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from pydantic import ValidationError
+
+from analysis.arms.six_axes import DenavitHartenberg, SixAxes, denavit_hartenberg
+from analysis.kinematics.arm import Array, arm_of, forward
+from rigs.errors import FileError
+from rigs.schema.robot import JointAxis, Pose, Robot
+from rigs.text import plain
+
+_DECIMALS = 13
+"""Decimals of mm and degrees as written: rounding by 1e-13 degrees moves a flange 3 m away by less than 1e-11 mm."""
+_CENTRE_DECIMALS = 3
+"""Decimals of a centre of mass in mm: no source knows it to a micrometre."""
+TOLERANCE = 1e-9
+"""mm and rad that a section as written may differ from its source."""
+_ZERO = 1e-11
+"""mm and degrees below which a constant is the rounding of zero: doubles of some metres hold 1e-12 mm."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """What a source says of a joint beside its axis: limits (degrees) in its own sense, degrees/s, kg, and the centre
+    of that mass (3,) mm in the base frame with all joints at zero."""
+
+    name: str
+    limits_deg: tuple[float, float]
+    speed_deg_s: float
+    mass_kg: float = 0.0
+    centre_mm: Array = field(default_factory=lambda: np.zeros(3))
+
+
+def robot_of(name: str, found: DenavitHartenberg, joints: Sequence[Joint]) -> Robot:
+    """Return the robot with these constants and joints.
+
+    What lies beyond the last joint is its `tool`: a flange that stands on axis 6 leaves none.
+    """
+    columns = zip(found.a, found.alpha, found.beta, found.d, found.offset, found.T_base_link, joints, strict=True)
+    axes = tuple(
+        JointAxis(
+            name=joint.name,
+            a_mm=_written(a),
+            alpha_deg=_degrees(alpha),
+            beta_deg=_degrees(beta),
+            d_mm=_written(d),
+            offset_deg=_degrees(offset),
+            limits_deg=joint.limits_deg,
+            speed_deg_s=joint.speed_deg_s,
+            mass_kg=joint.mass_kg,
+            centre_mm=_centre(joint, T),
+        )
+        for a, alpha, beta, d, offset, T, joint in columns
+    )
+    coupling = tuple(tuple(float(one) for one in row) for row in np.diag(found.senses))
+    base = Pose(xyz_mm=_vector(found.base_mm))
+    return Robot(name=name, axes=axes, coupling=coupling, base=base, tool=_pose(found.T_six_flange))
+
+
+def robot_text(robot: Robot) -> str:
+    """Return the section as YAML: one line an axis, defaults left out."""
+    fields = robot.model_dump(mode="json", exclude_defaults=True)
+    lines = ["robot:", f"  name: {_flow(fields.pop('name'))}", "  axes: # modified Denavit-Hartenberg (Craig)"]
+    lines += [f"    - {_flow(axis)}" for axis in fields.pop("axes")]
+    for key, value in fields.items():
+        rows = [f"    - {_flow(row)}" for row in value] if key == "coupling" else []
+        lines += [f"  {key}:", *rows] if rows else [f"  {key}: {_flow(value)}"]
+    return "\n".join(lines) + "\n"
+
+
+def section_of(name: str, axes: SixAxes, joints: Sequence[Joint], head: Sequence[str], path: Path) -> str:
+    """Return the section of axes and joints, under lines of comment. Raises FileError that names path."""
+    try:
+        section = robot_text(robot_of(name, denavit_hartenberg(axes), joints))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        raise FileError(str(path), f"{place}: {first['msg']}", "correct it: its units are metres and radians") from None
+    return "".join(f"# {plain(line)}\n" for line in head) + section
+
+
+def require_equal(T: Array, T_source: Array, tolerance_mm: float, path: Path) -> tuple[float, float]:
+    """Return the largest differences, mm and rad, of a section's poses (n, 4, 4) from its source's.
+
+    Raises FileError that names path where they are beyond the tolerances.
+    """
+    largest_mm, largest_rad = largest_difference(T, T_source)
+    if not (largest_mm <= tolerance_mm and largest_rad <= TOLERANCE):
+        what = f"as modified Denavit-Hartenberg it differs by {largest_mm:.1e} mm and {largest_rad:.1e} rad"
+        raise FileError(str(path), what, "nothing is written; please report it with this file")
+    return largest_mm, largest_rad
+
+
+def parsed(text: str) -> Robot:
+    """Return the robot that a text of the section stands for."""
+    return Robot.model_validate(yaml.safe_load(text)["robot"])
+
+
+def random_postures(limits_deg: Array, number: int) -> Array:
+    """Return joint angles (number, 6) rad within limits (6, 2) in degrees, the same at each call."""
+    low, high = np.radians(limits_deg).T
+    return np.random.default_rng(0).uniform(low, high, (number, 6))
+
+
+def flange_poses(robot: Robot, q: Array) -> Array:
+    """Return the poses (n, 4, 4) of the flange in the base frame, lengths in mm, at joint angles q (n, 6) rad."""
+    return forward(arm_of(robot), q)
+
+
+def largest_difference(T: Array, other: Array) -> tuple[float, float]:
+    """Return how far apart two stacks of poses (n, 4, 4) are at most: mm, and rad."""
+    # The chord of the turn between, since the arc cosine of its trace has no digits near zero.
+    chord = np.linalg.norm(T[:, :3, :3] - other[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
+    return float(np.linalg.norm(T[:, :3, 3] - other[:, :3, 3], axis=1).max()), float(chord.max())
+
+
+def _centre(joint: Joint, T: Array) -> tuple[float, float, float]:
+    """The centre of a joint's mass in its link's frame at T (4, 4)."""
+    return _vector(((joint.centre_mm - T[:3, 3]) @ T[:3, :3]).round(_CENTRE_DECIMALS) if joint.mass_kg else np.zeros(3))
+
+
+def _written(value: float) -> float:
+    """A number as it is written: to 13 decimals, and the rounding of zero as zero."""
+    return 0.0 if abs(value) < _ZERO else round(float(value), _DECIMALS)
+
+
+def _degrees(angle: float) -> float:
+    """An angle (rad) in degrees as it is written; -180 degrees are 180."""
+    degrees = _written(float(np.degrees(angle)))
+    return -degrees if degrees == -180.0 else degrees
+
+
+def _vector(values: Array) -> tuple[float, float, float]:
+    x, y, z = (_written(value) for value in values)
+    return x, y, z
+
+
+def _pose(T: Array) -> Pose:
+    """A frame (4, 4) as position and fixed-axis roll-pitch-yaw."""
+    R = T[:3, :3]
+    yaw = np.arctan2(R[1, 0], R[0, 0])
+    # Near a pitch of 90 degrees yaw is uncertain; what is left when it is undone makes up for that.
+    c, s = np.cos(yaw), np.sin(yaw)
+    pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
+    roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
+    return Pose(xyz_mm=_vector(T[:3, 3]), rpy_deg=(_degrees(roll), _degrees(pitch), _degrees(yaw)))
+
+
+def _flow(value: Any) -> str:
+    """A value as YAML in one line, whole numbers without a point."""
+    whole = _whole(value)
+    text: str = yaml.safe_dump(whole, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
+    return text.strip().removesuffix("\n...").strip()
+
+
+def _whole(value: Any) -> Any:
+    match value:
+        case float() if value.is_integer():
+            return int(value)
+        case dict():
+            return {key: _whole(one) for key, one in value.items()}
+        case list():
+            return [_whole(one) for one in value]
+    return value

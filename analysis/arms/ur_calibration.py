@@ -1,0 +1,181 @@
+"""A UR's own calibration: the differences of its calibration.conf, in the `robot:` section of its kind.
+
+The file holds what the maker measured on this one arm, as differences to the classic Denavit-Hartenberg constants of
+its kind (metres and radians): T(i-1,i) = RotZ(theta) TransZ(d) TransX(a) RotX(alpha). Axes 2, 3 and 4 are nearly
+parallel, and the file describes them by lengths of hundreds of metres that almost cancel, as common normals of such
+axes have. The axes that this says are written with Hayati's beta instead: the same lines in space, and no such lengths.
+"""
+
+from __future__ import annotations
+
+import configparser
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from analysis.arms.robot_section import (
+    TOLERANCE,
+    Joint,
+    flange_poses,
+    largest_difference,
+    parsed,
+    random_postures,
+    require_equal,
+    section_of,
+)
+from analysis.arms.six_axes import SixAxes
+from analysis.kinematics.arm import Array, arm_of, link_frames
+from rigs.arms import Arm
+from rigs.errors import FileError
+from rigs.files import read_bytes
+from rigs.schema.robot import Robot
+
+MAKER = "Universal Robots"
+_ROUNDING = 1e-14
+"""Share of the largest length in the file: its lengths are doubles, some ten times rounded where they cancel."""
+_LARGEST = 1e6
+"""No file has so many metres or radians; common normals of nearly parallel axes have some hundred."""
+_MOST_BYTES = 100_000
+"""A calibration.conf has some 2000."""
+_REMEDY = "give calibration.conf of the controller, unchanged"
+_NOT_CALIBRATED = "0"
+"""calibration_status; 1 and 2 are an arm that was measured."""
+_LARGE_MM = 50.0
+"""No arm is bent so far: the file is of another kind of arm."""
+_POSTURES = 1000
+
+
+@dataclass(frozen=True)
+class Differences:
+    """What calibration.conf adds to the classic constants: theta, alpha (6,) rad, a, d (6,) mm."""
+
+    theta: Array
+    a: Array
+    d: Array
+    alpha: Array
+    is_calibrated: bool
+
+
+@dataclass(frozen=True)
+class CalibratedArm:
+    """An arm with its own calibration. text: the `robot:` section, with comments; doubts: what a person should look at.
+
+    moved_mm: how far the flange is from that of the published arm at most, on random postures; largest_mm, largest_rad:
+    between the section as written and the constants of the file.
+    """
+
+    robot: Robot
+    text: str
+    doubts: tuple[str, ...]
+    moved_mm: float
+    largest_mm: float
+    largest_rad: float
+
+
+def calibrated(arm: Arm, path: Path) -> CalibratedArm:
+    """Return an arm of the library with the calibration of a file. Raises FileError."""
+    if arm.maker != MAKER:
+        raise FileError(arm.name, "has no calibration.conf: only the arms of Universal Robots do", "leave it out")
+    differences = read_calibration(path)
+    classic = _classic(arm.robot, differences)
+    head = f"{arm.maker} {arm.model} with its own calibration: {path.name}"
+    text = section_of(f"{arm.robot.name}, calibrated", classic.axes(), _joints(arm.robot), [head], path)
+    robot = parsed(text)
+    q = random_postures(np.array([axis.limits_deg for axis in robot.axes]), _POSTURES)
+    poses = flange_poses(robot, q)
+    tolerance_mm = TOLERANCE + _ROUNDING * float(np.abs(differences.d).max())
+    largest_mm, largest_rad = require_equal(poses, classic.frames(q)[:, 6], tolerance_mm, path)
+    moved_mm, _ = largest_difference(poses, flange_poses(arm.robot, q))
+    return CalibratedArm(robot, text, tuple(_doubts(differences, moved_mm)), moved_mm, largest_mm, largest_rad)
+
+
+def read_calibration(path: Path) -> Differences:
+    """Return the differences that a calibration.conf holds. Raises FileError."""
+    parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#",))
+    try:
+        parser.read_string(read_bytes(path, _MOST_BYTES).decode(), source=path.name)
+    except OSError as error:
+        raise FileError(str(path), error.strerror or str(error), _REMEDY) from None
+    except UnicodeDecodeError:
+        raise FileError(str(path), "is no text", _REMEDY) from None
+    except configparser.Error as error:
+        raise FileError(str(path), error.message.splitlines()[0].rstrip("."), _REMEDY) from None
+    if "mounting" not in parser:
+        raise FileError(str(path), "has no section [mounting]", _REMEDY)
+    section = dict(parser["mounting"])
+    theta, a, d, alpha = (_six(section, f"delta_{name}", path) for name in ("theta", "a", "d", "alpha"))
+    is_calibrated = section.get("calibration_status") != _NOT_CALIBRATED
+    return Differences(theta, 1000.0 * a, 1000.0 * d, alpha, is_calibrated)
+
+
+def _six(section: dict[str, str], key: str, path: Path) -> Array:
+    if key not in section:
+        raise FileError(str(path), f"has no {key}", _REMEDY)
+    try:
+        values = np.array(json.loads(section[key]), dtype=float)
+    except (ValueError, TypeError, RecursionError, OverflowError):
+        values = np.array([])
+    if values.shape != (6,) or not (np.abs(values) < _LARGEST).all():
+        raise FileError(str(path), f"{key} is not a list of six numbers", _REMEDY)
+    return values
+
+
+@dataclass(frozen=True)
+class _Classic:
+    """Classic constants: theta at zero, alpha (6,) rad, a, d (6,) mm."""
+
+    theta: Array
+    a: Array
+    d: Array
+    alpha: Array
+
+    def frames(self, q: Array) -> Array:
+        """The base frame and the frames that follow each joint, (n, 7, 4, 4) mm, at q (n, 6) rad."""
+        frames = [np.broadcast_to(np.eye(4), (len(q), 4, 4))]
+        for theta, a, d, alpha in zip((q + self.theta).T, self.a, self.d, self.alpha, strict=True):
+            c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+            T = np.zeros((len(q), 4, 4))
+            T[:, 0] = np.stack([c, -s * ca, s * sa, a * c], axis=1)
+            T[:, 1] = np.stack([s, c * ca, -c * sa, a * s], axis=1)
+            T[:, 2] = [0.0, sa, ca, d]
+            T[:, 3, 3] = 1.0
+            frames.append(frames[-1] @ T)
+        return np.stack(frames, axis=1)
+
+    def axes(self) -> SixAxes:
+        """The axes that the joints turn about: each the z axis of the frame before it."""
+        T = self.frames(np.zeros((1, 6)))[0]
+        return SixAxes(T[:6, :3, 3], T[:6, :3, 2], T[6])
+
+
+def _classic(robot: Robot, by: Differences) -> _Classic:
+    """The classic constants of a UR, whose modified ones are those of the link before each joint, with differences."""
+    arm = arm_of(robot)
+    a, alpha = np.append(arm.a[1:], 0.0), np.append(arm.alpha[1:], 0.0)
+    return _Classic(arm.offset + by.theta, a + by.a, arm.d + by.d, alpha + by.alpha)
+
+
+def _joints(robot: Robot) -> list[Joint]:
+    """Names, limits and masses as published; the centres of mass stay where they are with all joints at zero."""
+    T = link_frames(arm_of(robot), np.zeros((1, 6)))[0]
+    return [
+        Joint(
+            axis.name,
+            axis.limits_deg,
+            axis.speed_deg_s,
+            axis.mass_kg,
+            T_link[:3, 3] + T_link[:3, :3] @ np.array(axis.centre_mm),
+        )
+        for axis, T_link in zip(robot.axes, T, strict=True)
+    ]
+
+
+def _doubts(differences: Differences, moved_mm: float) -> list[str]:
+    said = []
+    if not differences.is_calibrated:
+        said.append("calibration_status is 0: the arm was not calibrated")
+    if moved_mm > _LARGE_MM:
+        said.append(f"that is more than {_LARGE_MM:g} mm: is the file of this kind of arm?")
+    return said

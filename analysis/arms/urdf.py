@@ -1,0 +1,104 @@
+"""A URDF as the `robot:` section of a rig file, held against the library that read it before anyone sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from analysis.arms.robot_section import TOLERANCE, flange_poses, parsed, random_postures, require_equal, section_of
+from analysis.arms.six_axes import SixAxes
+from analysis.arms.urdf_chain import Chain, axes_of, chain_of, joints_of, listed, others_of
+from analysis.arms.urdf_file import read_urdf, yourdfpy_module
+from analysis.kinematics.arm import Array
+from rigs.schema.robot import Pose, Robot
+
+_EXACT_RAD, _SLIGHT_RAD = 1e-6, 0.02
+"""Axes are parallel or at right angles to a micrometre a metre, or say so where they are nearly so, within a degree."""
+_POSTURES = 200
+"""Enough to move each joint through its range; the library takes milliseconds for each."""
+
+
+@dataclass(frozen=True)
+class UrdfArm:
+    """An arm of a URDF. text: the `robot:` section, with comments; doubts: what a person should look at.
+
+    largest_mm, largest_rad: between the section as written and the URDF, on random postures.
+    """
+
+    robot: Robot
+    text: str
+    base: str
+    tip: str
+    doubts: tuple[str, ...]
+    largest_mm: float
+    largest_rad: float
+
+
+def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> UrdfArm:
+    """Return the arm between two links of a URDF. Raises FileError, with the remedy, for what is no six-axis arm."""
+    urdf = read_urdf(path)
+    chain = chain_of(urdf, base, tip, str(path))
+    axes = axes_of(chain)
+    head = (
+        f"From {path.name}: {chain.base} to {chain.tip}. Joints count as in the URDF, which may not be as the",
+        "controller counts: compare zeros, signs, and J3 of a FANUC, and correct offset_deg and coupling.",
+    )
+    text = section_of(urdf.name, axes, joints_of(urdf, chain), head, path)
+    robot = parsed(text)
+    q = random_postures(np.array([axis.limits_deg for axis in robot.axes]), _POSTURES)
+    largest_mm, largest_rad = require_equal(flange_poses(robot, q), library_poses(urdf, chain, q), TOLERANCE, path)
+    doubts = [*_slightly_off(axes, chain), *_ends_elsewhere(robot), *_left_out(others_of(urdf, chain))]
+    return UrdfArm(robot, text, chain.base, chain.tip, tuple(doubts), largest_mm, largest_rad)
+
+
+def library_poses(urdf: Any, chain: Chain, q: Array) -> Array:
+    """Return the poses (n, 4, 4) mm of the tip in the base frame as yourdfpy computes them; q (n, 6) rad."""
+    yourdfpy = yourdfpy_module()
+    joints = [*chain.up, *chain.down]
+    ends = {name for joint in joints for name in (joint.parent, joint.child)}
+    links = [link for link in urdf.links if link.name in ends]
+    model = yourdfpy.URDF(robot=yourdfpy.Robot(urdf.name, links, joints), load_meshes=False)
+    names = [joint.name for joint in chain.moving]
+    poses = []
+    for angles in q.tolist():
+        model.update_cfg(dict(zip(names, angles, strict=True)))
+        poses.append(model.get_transform(chain.tip, chain.base))
+    T = np.array(poses, dtype=float)
+    T[:, :3, 3] *= 1000.0
+    return T
+
+
+def _slightly_off(axes: SixAxes, chain: Chain) -> list[str]:
+    """What to say of successive axes that are nearly, and not quite, parallel or at right angles."""
+    found = []
+    for z, z_next, *joints in zip(
+        axes.directions[:5], axes.directions[1:], chain.moving[:5], chain.moving[1:], strict=True
+    ):
+        sine, cosine = float(np.linalg.norm(np.cross(z, z_next))), abs(float(z @ z_next))
+        if _EXACT_RAD < (off := min(sine, cosine)) < _SLIGHT_RAD:
+            kind = "parallel" if sine < cosine else "a right angle"
+            found.append(f"{' and '.join(joint.name for joint in joints)} {np.degrees(off):.4f} degrees off {kind}")
+    if not found:
+        return []
+    remedy = "they are kept so; if the URDF was rounded (1.571 for 1.5707963267948966), correct it there"
+    return [f"axes are nearly, and not quite, as they are built: {', '.join(found)}; {remedy}"]
+
+
+def _ends_elsewhere(robot: Robot) -> list[str]:
+    """What to say of a base or tip that is not on its axis: a person who writes another loses what is between."""
+    said = []
+    if robot.base != Pose():
+        said.append("axis 1 does not go through the base's origin: the way there is in base; keep it as part of yours")
+    if robot.tool != Pose():
+        said.append(
+            "the tip is not on axis 6: the way there is in tool; keep it as part of yours, or choose another --tip"
+        )
+    return said
+
+
+def _left_out(names: Sequence[str]) -> list[str]:
+    return [f"further moving joints are left out, with the masses on them: {listed(names)}"] if names else []

@@ -1,0 +1,75 @@
+"""`rig arms`: the arm library, and the section of a rig file that each of its arms is."""
+
+from __future__ import annotations
+
+import io
+from functools import partial
+from pathlib import Path
+from shutil import copyfileobj
+from typing import Annotated
+
+import typer
+
+from analysis.cli import app, completion
+from analysis.cli.commands import command
+from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson
+from rigs.text import plain_lines
+
+
+@command(app, "rig arms ur10e -o arm.yaml")
+def arms(
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="NAME", autocompletion=completion.arms, help="An arm; default: the table of all."),
+    ] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option(
+            help="The arm's own calibration.conf, from the controller of a UR (~/.urcontrol); default: as published."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="File to write the section to; default: the screen.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the arm library, or show one arm as the robot section of a rig file."""
+    from analysis.reporting import arms_table  # noqa: PLC0415
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+    from rigs.arms import arm_names, load_arm  # noqa: PLC0415
+
+    if name is None:
+        if calibration or output:
+            raise typer.BadParameter("name the arm", param_hint="NAME")
+        found = [load_arm(one) for one in arm_names()]
+        if as_json:
+            say_json({"arms": [arms_table.as_object(one) for one in found]})
+        else:
+            PlainConsole().print(arms_table.as_table(found))
+        return
+    arm = load_arm(name)
+    robot, text = arm.robot, arms_table.section(arm)
+    if calibration:
+        from analysis.arms.ur_calibration import calibrated  # noqa: PLC0415
+
+        own = calibrated(arm, calibration)
+        robot, text = own.robot, own.text
+        say(f"{calibration} moves the flange by up to {own.moved_mm:.3f} mm", err=True)
+        for doubt in own.doubts:
+            say(doubt, err=True, mark="note: ")
+    if output or not as_json:
+        write_section(text, output)
+    if as_json:
+        say_json(arms_table.as_object(arm) | {"robot": robot.model_dump(mode="json")})
+
+
+def write_section(text: str, output: Path | None) -> None:
+    """Write a section into a new file, or to the screen."""
+    from analysis.files.write import write_new  # noqa: PLC0415
+
+    if output is None:
+        typer.echo(plain_lines(text), nl=False)
+        return
+    write_new(output, partial(copyfileobj, io.BytesIO(text.encode())))
+    say(f"wrote {output}", err=True)

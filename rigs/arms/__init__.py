@@ -1,0 +1,99 @@
+"""The arm library: what makers publish of their arms, one YAML file an arm, named as the arm.
+
+A file holds the `robot:` section of a rig file, the repeatability of the data sheet, and where each of its numbers
+comes from. What no source has is left out of the file. `robot:` is the last key, so that the rest of the text from
+there is the section with its comments, ready to be pasted.
+"""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import Field, ValidationError, model_validator
+
+from rigs.errors import FileError
+from rigs.problems import RigFileError, problems_of
+from rigs.schema.part import Part
+from rigs.schema.robot import Robot
+from rigs.yaml_text import read_yaml
+
+_FOLDER = Path(__file__).parent
+_SECTION = "\nrobot:\n"
+
+
+class Sources(Part):
+    """Where the numbers of an arm come from. second, third: what its geometry is held against."""
+
+    geometry: str
+    second: str
+    third: str = ""
+    limits: str
+    masses: str = ""
+    repeatability: str = ""
+
+
+class ArmFile(Part):
+    """A file of the library."""
+
+    maker: str
+    model: str
+    note: str = ""
+    """What a person should know of this arm: siblings that it may be taken for, numbers that were derived."""
+    repeatability_mm: float | None = Field(default=None, gt=0, le=10)
+    """Pose repeatability RP (ISO 9283) of the data sheet."""
+    sources: Sources
+    frames: str
+    """Where the base frame and the flange frame stand."""
+    robot: Robot
+
+    @model_validator(mode="after")
+    def _sourced(self) -> ArmFile:
+        if (self.repeatability_mm is not None) != bool(self.sources.repeatability):
+            raise ValueError("repeatability_mm and sources.repeatability belong together: give both or neither")
+        if any(axis.mass_kg for axis in self.robot.axes) != bool(self.sources.masses):
+            raise ValueError("mass_kg and sources.masses belong together: give both or neither")
+        return self
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An arm of the library. text: the `robot:` section of a rig file, with its comments."""
+
+    name: str
+    maker: str
+    model: str
+    note: str
+    repeatability_mm: float | None
+    sources: Sources
+    frames: str
+    robot: Robot
+    text: str
+
+
+def arm_names() -> tuple[str, ...]:
+    """Return the names of all arms, in alphabetical order."""
+    return tuple(sorted(file.stem for file in _FOLDER.glob("*.yaml")))
+
+
+def load_arm(name: str) -> Arm:
+    """Return an arm by its name. Raises FileError with the names that are near."""
+    names = arm_names()
+    if name not in names:
+        near = difflib.get_close_matches(name.lower().replace(" ", "-").replace("_", "-"), names, n=3, cutoff=0.5)
+        known = f"did you mean {' or '.join(near)}?" if near else "rig arms lists all"
+        raise FileError(name, "no arm of this name is in the library", known)
+    file = _FOLDER / f"{name}.yaml"
+    return _parsed(name, file.read_text(encoding="utf-8"), str(file))
+
+
+def _parsed(name: str, text: str, where: str) -> Arm:
+    """The arm of a file's text. Raises RigFileError."""
+    root, data = read_yaml(text, where)
+    try:
+        file = ArmFile.model_validate(data)
+    except ValidationError as error:
+        raise RigFileError(where, problems_of(error, data, root, ArmFile)) from None
+    section = text[text.index(_SECTION) + 1 :]
+    return Arm(name=name, text=section, **{key: getattr(file, key) for key in ArmFile.model_fields})

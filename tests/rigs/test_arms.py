@@ -1,0 +1,101 @@
+"""The arm library: every file is good, is named as it is, and agrees with the shipped rigs."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+from pydantic import ValidationError
+
+from rigs import arms
+from rigs.arms import ArmFile, arm_names, load_arm
+from rigs.errors import FileError
+from rigs.load import SHIPPED, load, parse
+from rigs.schema.robot import Robot
+from tests.support.second_sources import SOURCES
+
+ARMS = arm_names()
+
+
+def test_the_library_has_these_arms() -> None:
+    assert set(ARMS) == set(SOURCES)
+    assert list(ARMS) == sorted(ARMS)
+    assert len(ARMS) == len(list(Path(arms.__file__).parent.glob("*.yaml"))) == 19
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_text_of_an_arm_is_its_robot(name: str) -> None:
+    arm = load_arm(name)
+    assert arm.name == name
+    assert list(yaml.safe_load(arm.text)) == ["robot"]
+    assert Robot.model_validate(yaml.safe_load(arm.text)["robot"]) == arm.robot
+    assert arm.robot.name == f"{arm.maker} {arm.model}"
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_an_arm_is_pasted_into_a_rig_file(name: str) -> None:
+    text = (SHIPPED / "paper-fanuc.yaml").read_text(encoding="utf-8")
+    section = re.search(r"^robot:\n(?:(?: .*|#.*)?\n)+", text, re.M)
+    assert section
+    pasted = parse(text.replace(section.group(), load_arm(name).text + "\n"), "pasted.yaml")
+    assert pasted.robot == load_arm(name).robot
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_each_source_names_a_place_and_is_held_against(name: str) -> None:
+    sources = load_arm(name).sources.model_dump(exclude_defaults=True)
+    assert all(len(words) > 8 for words in sources.values())
+    assert {"geometry", "second", "third"} & set(sources) == set(SOURCES[name])
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_masses_are_of_all_axes_or_of_none_and_lie_within_the_arm(name: str) -> None:
+    masses = [axis.mass_kg for axis in load_arm(name).robot.axes]
+    assert all(masses) or not any(masses)
+    assert sum(masses) < 60
+    assert all(abs(one) < 700 for axis in load_arm(name).robot.axes for one in axis.centre_mm)
+
+
+def test_the_shipped_ur10e_is_that_of_the_library() -> None:
+    """Its centres of mass are other ones, of an earlier table of the maker's, and it has no mass on the base."""
+    rig, _ = load("ur10e")
+    library = load_arm("ur10e").robot
+    assert rig.robot.name == library.name
+    assert rig.robot.coupling == library.coupling
+    for ours, its in zip(library.axes, rig.robot.axes, strict=True):
+        same = {"a_mm", "alpha_deg", "beta_deg", "d_mm", "offset_deg", "limits_deg", "speed_deg_s", "name"}
+        assert ours.model_dump(include=same) == its.model_dump(include=same)
+    assert [axis.mass_kg for axis in library.axes[1:]] == [axis.mass_kg for axis in rig.robot.axes[1:]]
+
+
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [
+        ("UR10", "did you mean ur10e"),
+        ("fanuc_m_20ia", "did you mean fanuc-m-20ia"),
+        ("comau", "rig arms lists all"),
+        ("../arms/ur10e", "did you mean ur10e"),
+        ("", "rig arms lists all"),
+    ],
+)
+def test_an_unknown_arm_is_refused_with_the_names_that_are_near(name: str, remedy: str) -> None:
+    with pytest.raises(FileError, match=re.escape(remedy)):
+        load_arm(name)
+
+
+@pytest.mark.parametrize(
+    ("change", "what"),
+    [
+        ({"repeatability_mm": 0.1}, "belong together"),
+        ({"maker": None}, "maker"),
+        ({"colour": "red"}, "colour"),
+    ],
+)
+def test_a_number_without_its_source_is_refused(change: dict[str, object], what: str) -> None:
+    file = Path(arms.__file__).parent / "yaskawa-gp7.yaml"
+    data = yaml.safe_load(file.read_text(encoding="utf-8"))
+    ArmFile.model_validate(data)
+    with pytest.raises(ValidationError, match=what):
+        ArmFile.model_validate(data | change)

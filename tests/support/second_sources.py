@@ -1,0 +1,359 @@
+"""What other people publish of the arms of the library, computed in their own terms.
+
+Only `differences` knows the library:
+
+- `Chain`: the joints of a URDF, numbers as in its file (metres, radians).
+- `catalogue`: modified Denavit-Hartenberg rows, senses and linked joints of robotkinematicscatalogue 1.1.2.
+- `classic`: classic Denavit-Hartenberg rows: the maker's way of writing a UR, and FANUC's with its lengths as
+  underautomation/Fanuc.NET lists them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from analysis.kinematics.arm import arm_of, forward
+from rigs.schema.robot import Robot
+
+Array = NDArray[np.float64]
+Numbers = tuple[float, ...]
+Source = Callable[[Array], Array]
+"""Poses (n, 4, 4) of the flange in the base frame, in mm, at the controller's joint angles (n, 6) rad."""
+
+O = (0.0, 0.0, 0.0)  # noqa: E741 - origin
+X, Y, Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+
+
+def _minus(axis: Numbers) -> Numbers:
+    return tuple(-one for one in axis)
+
+
+def _frame(xyz: Sequence[float], rpy: Sequence[float]) -> Array:
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
+    T[:3, 3] = np.multiply(1000.0, xyz)
+    return T
+
+
+@dataclass(frozen=True)
+class Chain:
+    """joints: xyz (m), rpy (rad) and axis of each; tool: xyz and rpy; base_m: height of the library's base above the
+    link where the chain begins; j3_counts_j2: the URDF's third joint is the controller's J2 + J3."""
+
+    joints: tuple[tuple[Numbers, Numbers, Numbers], ...]
+    tool: tuple[Numbers, Numbers] = (O, O)
+    base_m: float = 0.0
+    j3_counts_j2: bool = False
+
+    def __call__(self, q: Array) -> Array:
+        turns = q.copy()
+        if self.j3_counts_j2:
+            turns[:, 2] += turns[:, 1]
+        T = np.broadcast_to(_frame((0, 0, -self.base_m), O), (len(q), 4, 4))
+        for (xyz, rpy, axis), turn in zip(self.joints, turns.T, strict=True):
+            R = np.broadcast_to(np.eye(4), (len(q), 4, 4)).copy()
+            R[:, :3, :3] = Rotation.from_rotvec(np.outer(turn, axis)).as_matrix()
+            T = T @ _frame(xyz, rpy) @ R
+        return T @ _frame(*self.tool)
+
+    def urdf(self, limit: str = '<limit lower="-3" upper="2.5" velocity="3.5" effort="0"/>') -> str:
+        """The chain as a file, from the link `base_link` to `tool0`."""
+        links = ["base_link", *(f"link_{one}" for one in range(1, 7)), "tool0"]
+        parts = [f'<link name="{name}"/>' for name in links]
+        for one, (xyz, rpy, axis) in enumerate(self.joints):
+            parts.append(
+                f'<joint name="joint_{one + 1}" type="revolute"><parent link="{links[one]}"/>'
+                f'<child link="{links[one + 1]}"/>{_origin(xyz, rpy)}<axis xyz="{_words(axis)}"/>{limit}</joint>'
+            )
+        ends = '<parent link="link_6"/><child link="tool0"/>'
+        parts.append(f'<joint name="flange" type="fixed">{ends}{_origin(*self.tool)}</joint>')
+        return '<?xml version="1.0"?>\n<robot name="chain">' + "\n".join(parts) + "</robot>\n"
+
+
+def _words(numbers: Sequence[float]) -> str:
+    return " ".join(repr(float(one)) for one in numbers)
+
+
+def _origin(xyz: Sequence[float], rpy: Sequence[float]) -> str:
+    return f'<origin xyz="{_words(xyz)}" rpy="{_words(rpy)}"/>'
+
+
+def _upright(
+    places: Sequence[Numbers],
+    axes: Sequence[Numbers],
+    tool: tuple[Numbers, Numbers],
+    base_m: float = 0.0,
+    j3_counts_j2: bool = False,
+) -> Chain:
+    """A chain whose frames all stand as the base's at zero."""
+    joints = tuple((xyz, O, axis) for xyz, axis in zip(places, axes, strict=True))
+    return Chain(joints, tool, base_m, j3_counts_j2)
+
+
+def _fanuc(j1: float, j2: float, j3: float, j4: float, j5: float, j6: float) -> Chain:
+    """ros-industrial/fanuc: the places of the joints along z, x, z, z, x, x."""
+    places = [(0, 0, j1), (j2, 0, 0), (0, 0, j3), (0, 0, j4), (j5, 0, 0), (j6, 0, 0)]
+    axes = [Z, Y, _minus(Y), _minus(X), _minus(Y), _minus(X)]
+    return _upright(places, axes, (O, (pi, -pi / 2, 0)), base_m=j1, j3_counts_j2=True)
+
+
+def _yaskawa(j1: float, j2: float, j3: float, j4: tuple[float, float], tool: float) -> Chain:
+    """ros-industrial/motoman: places along z, x, z, (x, z), and the tool along x."""
+    places = [(0, 0, j1), (j2, 0, 0), (0, 0, j3), (j4[0], 0, j4[1]), O, O]
+    axes = [Z, Y, _minus(Y), _minus(X), _minus(Y), _minus(X)]
+    return _upright(places, axes, ((tool, 0, 0), (3.1415926, -1.570796, 0)), base_m=j1)
+
+
+def _abb(places: Sequence[Numbers]) -> Chain:
+    return _upright(places, [Z, Y, Y, X, Y, X], (O, (0, pi / 2, 0)))
+
+
+def _kuka(*places: Numbers) -> Chain:
+    """ros-industrial/kuka_experimental."""
+    axes = [_minus(Z), Y, Y, _minus(X), Y, _minus(X)]
+    return _upright(places, axes, (O, (0, pi / 2, 0)))
+
+
+def _kawasaki(j3: float, j5: float) -> Chain:
+    """Kawasaki-Robotics/khi_robot."""
+    turn, back = (0, -pi / 2, 0), (0, pi / 2, 0)
+    down = _minus(Z)
+    joints = (
+        ((0, 0, 0.36), O, down),
+        (O, turn, Z),
+        ((j3, 0, 0), O, down),
+        ((0.0925, 0, 0), back, Z),
+        ((0, 0, j5), turn, down),
+        ((0.078, 0, 0), back, Z),
+    )
+    return Chain(joints, base_m=0.36)
+
+
+def _ur(d1: float, a2: float, a3: float, d4: float, d5: float, d6: float) -> Chain:
+    """ros-industrial/universal_robot, default_kinematics.yaml, whose right angles have nine decimals."""
+    right, slip = 1.570796327, 2.05103e-10
+    joints = (
+        ((0, 0, d1), O, Z),
+        (O, (right, 0, 0), Z),
+        ((a2, 0, 0), O, Z),
+        ((a3, 0, d4), O, Z),
+        ((0, -d5, -d5 * slip), (right, 0, 0), Z),
+        ((0, d6, -d6 * slip), (1.570796326589793, pi, pi), Z),
+    )
+    return Chain(joints)
+
+
+DOOSAN_ANGLE = 1.571
+_KROSHU_KR6 = Chain(
+    (
+        ((0, 0, 0.208), (pi, 0, 0), Z),
+        ((0.025, -0.0907, -0.192), (pi / 2, 0, 0), Z),
+        ((0.455, 0, -0.0042), O, Z),
+        ((0.196, -0.025, -0.0865), (pi / 2, 0, -pi / 2), Z),
+        ((0, 0.0505, -0.224), (0, pi / 2, pi / 2), Z),
+        ((0.0615, 0, -0.0505), (pi / 2, 0, -pi / 2), Z),
+    ),
+    tool=((0, 0, -0.0285), (pi, 0, pi)),
+)
+_KROSHU_KR10 = Chain(
+    (
+        (O, (-pi, 0, 0), Z),
+        ((0.025, 0, -0.4), (pi / 2, 0, 0), Z),
+        ((0.56, 0, 0), (0, 0, -pi / 2), Z),
+        ((0.025, 0, 0), (pi / 2, 0, 0), Z),
+        ((0, 0, -0.515), (-pi / 2, 0, 0), Z),
+        (O, (pi / 2, 0, 0), Z),
+    ),
+    tool=((0, 0, -0.09), (0, pi, 0)),
+)
+_DOOSAN = Chain(
+    (
+        ((0, 0, 0.1525), O, Z),
+        ((0, 0.0345, 0), (0, -DOOSAN_ANGLE, -DOOSAN_ANGLE), Z),
+        ((0.62, 0, 0), (0, 0, DOOSAN_ANGLE), Z),
+        ((0, -0.559, 0), (DOOSAN_ANGLE, 0, 0), Z),
+        (O, (-DOOSAN_ANGLE, 0, 0), Z),
+        ((0, -0.121, 0), (DOOSAN_ANGLE, 0, 0), Z),
+    )
+)
+
+
+def catalogue(rows: Sequence[Numbers], senses: Numbers = (1,) * 6, j3_counts_j2: bool = False) -> Source:
+    """rows: alpha (degrees), a, d (mm), theta (degrees) of each joint; a third joint that counts J2 turns it back."""
+
+    def poses(q: Array) -> Array:
+        turns = q * senses
+        if j3_counts_j2:
+            turns[:, 2] -= senses[1] * q[:, 1]
+        T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+        for (alpha, a, d, theta), turn in zip(rows, turns.T, strict=True):
+            T = T @ _turns("x", np.radians(alpha)) @ _frame((a / 1000, 0, 0), O)
+            T = T @ _turns("z", turn + np.radians(theta)) @ _frame((0, 0, d / 1000), O)
+        return T
+
+    return poses
+
+
+def classic(rows: Sequence[Numbers], j3_counts_j2: bool = False) -> Source:
+    """rows: theta (degrees), d, a (mm), alpha (degrees) of each joint: RotZ TransZ TransX RotX."""
+
+    def poses(q: Array) -> Array:
+        turns = q.copy()
+        if j3_counts_j2:
+            turns[:, 2] += turns[:, 1]
+        T = np.broadcast_to(np.eye(4), (len(q), 4, 4))
+        for (theta, d, a, alpha), turn in zip(rows, turns.T, strict=True):
+            T = T @ _turns("z", turn + np.radians(theta)) @ _frame((a / 1000, 0, d / 1000), O)
+            T = T @ _turns("x", np.radians(alpha))
+        return T
+
+    return poses
+
+
+def _turns(axis: str, angle: Array | float) -> Array:
+    """Turns (n, 4, 4) about an axis."""
+    angles = np.atleast_1d(np.asarray(angle, dtype=float))
+    T = np.broadcast_to(np.eye(4), (len(angles), 4, 4)).copy()
+    T[:, :3, :3] = Rotation.from_euler(axis, angles[:, None]).as_matrix()
+    return T
+
+
+def _rows(a: Numbers, d: Numbers, theta: Numbers) -> list[Numbers]:
+    """Rows of the catalogue for a spherical wrist, as all of these arms have."""
+    return list(zip((0, -90, 0, -90, 90, -90), a, d, theta, strict=True))
+
+
+def _catalogue_fanuc(a1: float, a2: float, a3: float, d4: float, d6: float) -> Source:
+    rows = _rows((0, a1, a2, a3, 0, 0), (0, 0, 0, d4, 0, d6), (0, -90, 0, 0, 0, 0))
+    return catalogue(rows, (1, 1, -1, -1, -1, -1), j3_counts_j2=True)
+
+
+def _catalogue_yaskawa(a1: float, a2: float, a3: float, d4: float, d6: float) -> Source:
+    rows = _rows((0, a1, a2, a3, 0, 0), (0, 0, 0, d4, 0, d6), (0, -90, 0, 0, 0, 0))
+    return catalogue(rows, (1, 1, -1, -1, -1, -1))
+
+
+def _catalogue_kuka(a2: float, a3: float, d4: float, d6: float) -> Source:
+    rows = _rows((0, 25, a2, a3, 0, 0), (400, 0, 0, d4, 0, d6), (0, 0, -90, 0, 0, 180))
+    return catalogue(rows, (-1, 1, 1, -1, 1, -1))
+
+
+def _catalogue_kawasaki(a2: float, d4: float) -> Source:
+    rows = _rows((0, 0, a2, 0, 0, 0), (0, 0, 0, d4, 0, 78), (90, -90, -90, 0, 0, 90))
+    return catalogue(rows, (-1, 1, -1, 1, -1, 1))
+
+
+def _classic_fanuc(d4: float, d5: float, d6: float, a1: float, a2: float, a3: float) -> Source:
+    """underautomation/Fanuc.NET lists the lengths; the angles are those of FANUC's own classic rows."""
+    rows = [(0, 0, a1, -90), (-90, 0, a2, 180), (0, 0, a3, -90), (0, d4, 0, 90), (0, d5, 0, -90), (0, d6, 0, 180)]
+    return classic(rows, j3_counts_j2=True)
+
+
+def _classic_ur(d1: float, a2: float, a3: float, d4: float, d5: float, d6: float) -> Source:
+    rows = [(0, d1, 0, 90), (0, 0, a2, 0), (0, 0, a3, 0), (0, d4, 0, 90), (0, d5, 0, -90), (0, d6, 0, 0)]
+    return classic(rows)
+
+
+SOURCES: dict[str, dict[str, Source]] = {
+    "abb-irb-120": {
+        "geometry": _abb([O, (0, 0, 0.29), (0, 0, 0.27), (0, 0, 0.07), (0.302, 0, 0), (0.072, 0, 0)]),
+        "second": catalogue(_rows((0, 0, 270, 70, 0, 0), (290, 0, 0, 302, 0, 72), (0, -90, 0, 0, 0, 180))),
+    },
+    "abb-irb-1600": {
+        "geometry": _abb([O, (0.15, 0, 0.4865), (0, 0, 0.7), (0.3, 0, 0), (0.3, 0, 0), (0.065, 0, 0)]),
+        "second": catalogue(_rows((0, 150, 700, 0, 0, 0), (486.5, 0, 0, 600, 0, 65), (0, -90, 0, 0, 0, 180))),
+    },
+    "doosan-m1013": {
+        "geometry": _DOOSAN,
+        "second": catalogue(
+            _rows((0, 0, 620, 0, 0, 0), (152.5, -34.506, 0, 559, 0, 121), (180, -90, -90, 0, 0, 0)),
+            (1, -1, -1, 1, -1, 1),
+        ),
+    },
+    "fanuc-lr-mate-200id": {
+        "geometry": _fanuc(0.330, 0.050, 0.330, 0.035, 0.335, 0.080),
+        "second": _catalogue_fanuc(50, 330, 35, 335, 80),
+        "third": _classic_fanuc(-335, 0, -80, 50, 330, 35),
+    },
+    "fanuc-m-10ia": {
+        "geometry": _fanuc(0.450, 0.150, 0.600, 0.200, 0.640, 0.100),
+        "second": _catalogue_fanuc(150, 600, 200, 640, 100),
+        "third": _classic_fanuc(-640, 0, -100, 150, 600, 200),
+    },
+    "fanuc-m-20ia": {
+        "geometry": _fanuc(0.525, 0.150, 0.790, 0.250, 0.835, 0.100),
+        "second": _catalogue_fanuc(150, 790, 250, 835, 100),
+        "third": _classic_fanuc(-835, 0, -100, 150, 790, 250),
+    },
+    "kawasaki-rs007l": {"geometry": _kawasaki(0.455, 0.3825), "second": _catalogue_kawasaki(455, 475)},
+    "kawasaki-rs007n": {"geometry": _kawasaki(0.355, 0.2825), "second": _catalogue_kawasaki(355, 375)},
+    "kuka-kr-10-r1100-2": {
+        "geometry": _kuka((0, 0, 0.4), (0.025, 0, 0), (0.56, 0, 0), (0.515, 0, 0.025), O, (0.09, 0, 0)),
+        "second": _KROSHU_KR10,
+        "third": _catalogue_kuka(560, 25, 515, 90),
+    },
+    "kuka-kr-10-r1100-sixx": {
+        "geometry": _kuka((0, 0, 0.4), (0.025, 0, 0), (0.56, 0, 0), (0, 0, 0.035), (0.515, 0, 0), (0.08, 0, 0)),
+        "second": _catalogue_kuka(560, 35, 515, 80),
+    },
+    "kuka-kr-6-r900-2": {
+        "geometry": _kuka((0, 0, 0.4), (0.025, 0, 0), (0.455, 0, 0), (0, 0, 0.025), (0.42, 0, 0), (0.09, 0, 0)),
+        "second": _KROSHU_KR6,
+        "third": _catalogue_kuka(455, 25, 420, 90),
+    },
+    "kuka-kr-6-r900-sixx": {
+        "geometry": _kuka((0, 0, 0.4), (0.025, 0, 0), (0.455, 0, 0), (0, 0, 0.035), (0.42, 0, 0), (0.08, 0, 0)),
+        "second": _catalogue_kuka(455, 35, 420, 80),
+    },
+    "staubli-tx2-60": {
+        "geometry": _upright(
+            [(0, 0, 0.375), O, (0, 0.02, 0.29), O, (0, 0, 0.31), (0, 0, 0.07)],
+            [Z, Y, Y, Z, Y, Z],
+            (O, O),
+            base_m=0.375,
+        ),
+        "second": catalogue(_rows((0, 0, 290, 0, 0, 0), (0, 20, 0, 310, 0, 70), (0, -90, -90, 0, 0, 180))),
+    },
+    "ur10e": {
+        "geometry": _classic_ur(180.7, -612.7, -571.55, 174.15, 119.85, 116.55),
+        "second": _classic_ur(180.70, -612.70, -571.55, 174.15, 119.85, 116.55),
+    },
+    "ur16e": {
+        "geometry": _classic_ur(180.7, -478.4, -360, 174.15, 119.85, 116.55),
+        "second": _ur(0.1807, -0.4784, -0.36, 0.17415, 0.11985, 0.11655),
+        "third": _classic_ur(180.70, -478.40, -360, 174.15, 119.85, 116.55),
+    },
+    "ur3e": {
+        "geometry": _classic_ur(151.85, -243.55, -213.2, 131.05, 85.35, 92.1),
+        "second": _ur(0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921),
+        "third": _classic_ur(151.85, -243.55, -213.20, 131.05, 85.35, 92.10),
+    },
+    "ur5e": {
+        "geometry": _classic_ur(162.5, -425, -392.2, 133.3, 99.7, 99.6),
+        "second": _ur(0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
+    },
+    "yaskawa-gp12": {
+        "geometry": _yaskawa(0.45, 0.155, 0.614, (0.64, 0.2), 0.1),
+        "second": _catalogue_yaskawa(155, 614, 200, 640, 100),
+    },
+    "yaskawa-gp7": {
+        "geometry": _yaskawa(0.33, 0.04, 0.445, (0.44, 0.04), 0.08),
+        "second": _catalogue_yaskawa(40, 445, 40, 440, 80),
+    },
+}
+"""By the name of an arm, and by the key of its `sources` that says where the numbers are from."""
+
+
+def differences(robot: Robot, source: Source, number: int) -> tuple[float, float]:
+    """How far a robot's flange and a source's are apart at most, mm and rad, on random postures within its limits."""
+    low, high = np.radians([axis.limits_deg for axis in robot.axes]).T
+    q = np.random.default_rng(16).uniform(low, high, (number, 6))
+    ours, theirs = forward(arm_of(robot), q), source(q)
+    turned = Rotation.from_matrix(ours[:, :3, :3].transpose(0, 2, 1) @ theirs[:, :3, :3]).magnitude()
+    return float(np.linalg.norm((ours - theirs)[:, :3, 3], axis=1).max()), float(turned.max())
