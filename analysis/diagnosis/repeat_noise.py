@@ -38,6 +38,9 @@ _SLOW_HALF = 5.0
 _ROUNDS = 4
 """Number of rounds in which noise and scatter are estimated in turn. Chosen: a further one changes the noise by less
 than its uncertainty."""
+_BORROWED = 4.0
+"""Degrees of freedom with which a band counts the noise of its finer neighbour. Chosen: as for targets, fewer than a
+band has that no scatter hides."""
 _LEAST_MM = 1e-5
 """Smallest standard deviation of an entry, far below any gauge, so that exact repeats do not give infinite weights."""
 _LEAST_FREE = 0.1
@@ -165,14 +168,20 @@ def _bands() -> list[Integers]:
 
 def _shape(own: Sequence[Array], free: Sequence[Array]) -> Array:
     """Return the standard deviation (N,) of runs at level one, by channel and band, of the part that scatter cannot
-    explain."""
-    squares = sum((rows**2).sum(axis=0) for rows in own)
-    freedom = sum((len(rows) - 1) * share for rows, share in zip(own, free, strict=True))
-    shape = np.empty(len(ORDER_OF))
-    for band in _bands():
-        free_here = max(np.asarray(freedom)[band].sum(), 1.0)
-        # Few repeats leave a band's noise uncertain: 1 + 2/ν is about the mean of its scaled inverse chi-square.
-        shape[band] = np.sqrt(np.asarray(squares)[band].sum() / free_here * (1 + 2 / free_here))
+    explain.
+
+    Scatter may hide nearly all of the slowest orders, and few repeats leave every band uncertain. So each band counts
+    its finer neighbour as some more readings: slow noise grows towards slow orders.
+    """
+    squares = np.asarray(sum((rows**2).sum(axis=0) for rows in own))
+    freedom = np.asarray(sum((len(rows) - 1) * share for rows, share in zip(own, free, strict=True)))
+    shape, finer = np.empty(len(ORDER_OF)), 0.0
+    for band in reversed(_bands()):
+        known = _BORROWED if ORDER_OF[band].max() < ORDER_OF.max() else 0.0
+        seen = freedom[band].sum() + known
+        # Its scaled inverse chi-square has a mean of about 1 + 2/ν.
+        variance = (squares[band].sum() + known * finer) / seen * (1 + 2 / seen)
+        shape[band], finer = np.sqrt(variance), variance
     return np.maximum(shape, _LEAST_MM)
 
 

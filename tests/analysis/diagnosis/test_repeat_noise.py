@@ -85,6 +85,20 @@ def test_planted_scatter_is_found_within_a_factor(joints: float, ball: float, dr
     np.testing.assert_allclose(astuple(noise.scatter("radial")), astuple(found))
 
 
+@pytest.mark.parametrize("size", [0.0, 10.0])
+def test_noise_that_scatter_hides_is_no_less_than_that_of_finer_orders(size: float) -> None:
+    """Joints that scatter and drift along a run explain every slow order of a few repeats; some of it is noise."""
+    rng, slow = np.random.default_rng(9), ORDER_OF < 4
+    response = np.where(slow[:, None], rng.normal(0.0, 0.005, (len(ORDER_OF), 9)), 0.0)
+    drifting = np.where(slow[:, None], rng.normal(0.0, 0.003, (6, len(ORDER_OF), 9)), 0.0)
+    moved = scatter_columns(response, drifting, RunScatter(size, size, size, size))
+    noise = rng.normal(0.0, SHAPE_MM, (3, len(ORDER_OF)))
+    rows = rng.normal(size=(3, moved.shape[1])) @ moved.T + noise
+    (sd,) = circle_noise([Repeated("yaw", rows, response, drifting, 2)], 1.0).sd_mm
+    ratio = sd[:, slow] / SHAPE_MM[slow]
+    assert ratio.min() > 0.4 and ratio.max() < 4.0
+
+
 def test_each_set_up_has_its_own_noise() -> None:
     """Ball, gauges and cables are mounted anew between set-ups: one may be ten times as noisy, at some orders only."""
     quiet = [_repeats(k) for k in range(2)]
