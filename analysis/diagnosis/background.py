@@ -73,6 +73,7 @@ class Background:
         M = self._root[:, None] * self._weighted_gram() * self._root
         M[np.diag_indices_from(M)] += 1.0
         self._chol = np.asarray(cholesky(M, lower=True, overwrite_a=True, check_finite=False), dtype=float)
+        self._last: tuple[FittedTerms, Weighed] | None = None
 
     def _weighted_gram(self) -> Array:
         """Return X'WX (p, p), computed from the products of bands whose readings have equal weights."""
@@ -93,6 +94,13 @@ class Background:
         right = self._root[:, None] * (self.columns.X.T @ weighted)
         half = solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
         return Weighed(values, weighted, np.asarray(half, dtype=float))
+
+    def weighed_terms(self, known: FittedTerms) -> Weighed:
+        """Return the columns (N, q) of fitted terms and, last, the residual, weighed. The latest ones are kept, because
+        a state's evidence and its posterior need the same."""
+        if self._last is None or self._last[0] is not known:
+            self._last = (known, self.weighed(np.column_stack([known.T, known.r])))
+        return self._last[1]
 
     def taken(self, weighed: Weighed) -> Array:
         """Return the coefficients (p, k) with which the columns absorb as much as possible of the values."""
@@ -137,7 +145,7 @@ class Background:
     def evidence(self, known: FittedTerms) -> float:
         """Return the log density of the readings beside the fitted terms, up to a constant; T is (N, q)."""
         q = len(known.mean)
-        weighed = self.weighed(np.column_stack([known.T, known.r]))
+        weighed = self.weighed_terms(known)
         products = weighed.products(weighed)
         normal = products[:q, :q] + known.precision
         right = products[:q, q] + known.precision @ known.mean
@@ -156,7 +164,7 @@ class Posterior:
     def __init__(self, background: Background, known: FittedTerms) -> None:
         self.background = background
         r, T, q = known.r, known.T, len(known.mean)
-        weighed = self._weighed = background.weighed(np.column_stack([T, r]))
+        weighed = self._weighed = background.weighed_terms(known)
         products = weighed.products(weighed)
         self.known_covariance = np.linalg.inv(products[:q, :q] + known.precision)
         self.known = self.known_covariance @ (products[:q, q] + known.precision @ known.mean)
