@@ -104,14 +104,10 @@ class ScatteredRuns:
     constant: Array
     drifting: Array
 
-    def columns(self, scatter: RunScatter) -> Array:
-        """Return what one standard deviation of scatter adds, (N, 9 + 9 w) mm."""
-        return scatter_columns(self.constant, self.drifting, scatter)
-
     def noise(self, scatter: RunScatter, sd_mm: Array) -> tuple[Array, Array]:
         """Return the part (n, N) mm of the deviations that is expected to be noise of sd_mm (N,) and not scatter, and
         the share (N,) of the noise that this part contains."""
-        columns = self.columns(scatter) / sd_mm[:, None]
+        columns = scatter_columns(self.constant, self.drifting, scatter) / sd_mm[:, None]
         normal = columns.T @ columns
         normal[np.diag_indices_from(normal)] += 1.0
         taken = np.linalg.solve(normal, columns.T)

@@ -12,7 +12,9 @@ from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.observed_run import ORDER_OF
 from analysis.diagnosis.repeat_noise import CircleNoise, Repeated, circle_noise, target_sd
 from analysis.diagnosis.run_scatter import (
+    SCATTER_MM,
     RunScatter,
+    drift_waves,
     scatter_columns,
     scatter_response,
 )
@@ -20,7 +22,8 @@ from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.fitting.observation import observe
 from analysis.model.predict import model_of, nominal_setup
 from analysis.noise.cell import SLOW_MM, TARGET_MM, WHITE_MM
-from tests.support.diagnosis_cells import Array, circles, measured, no_background, seen, table_of
+from analysis.traces.tables import CircleTable
+from tests.support.diagnosis_cells import Array, circles, measured, no_background, planted, seen, table_of
 
 HALF = len(ORDER_OF) // 2
 SHAKEN = np.random.default_rng(11).normal(0.0, 0.005, (len(ORDER_OF), 9))
@@ -192,6 +195,34 @@ def test_simulated_repeats_show_their_own_scatter_and_give_white_residuals() -> 
     weighed = no_background(linear, linear.Z).weighed(linear.y[:, None])
     energy = weighed.products(weighed)[0, 0]
     assert energy / len(linear.y) == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_drift_is_as_strong_at_any_time_of_a_run() -> None:
+    """Waves of unknown phase: a unit scatter in all of them is a unit scatter at each time."""
+    np.testing.assert_allclose((drift_waves(np.linspace(0.0, 1.0, 50)) ** 2).sum(axis=0), 1.0)
+
+
+def test_a_ball_that_drifts_along_its_runs_does_not_count_as_noise() -> None:
+    """10 µm in three waves of the time of a run, as from warming: the noise of slow orders stays that of still runs."""
+    still = circles(seed=3, count=4)
+    rng, moved = np.random.default_rng(8), []
+    for run in still:
+        table = run.table
+        assert isinstance(table, CircleTable)
+        one = observe(model_of(run.rig), table, "run")
+        response = scatter_response(model_of(run.rig), one, planted())[:, :, 6:] / SCATTER_MM
+        rows = one.path.rows[one.rows]
+        waves = drift_waves((table.t_s[rows] - table.t_s[0]) / np.ptp(table.t_s))
+        drift_mm = 0.010 * np.einsum("wm,wc->mc", waves, rng.normal(size=(len(waves), 3)))
+        g_mm = table.g_mm.copy()
+        g_mm[rows] += np.einsum("mkc,mc->mk", response, drift_mm)
+        moved.append(replace(run, table=replace(table, g_mm=g_mm)))
+    slow = ORDER_OF < 8
+    power = []
+    for runs in (seen(still), seen(moved)):
+        blocks = blocks_of(runs, fit_run_setups(runs)[0])
+        power.append(np.mean([(block.sd_mm[: len(slow)][slow] ** 2).mean() for block in blocks]))
+    assert power[1] < 6 * power[0]
 
 
 def test_a_single_run_is_said_to_have_assumed_noise() -> None:
