@@ -138,6 +138,7 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     logs,  # noqa: F401
     paper,  # noqa: F401
     plan,  # noqa: F401
+    program,  # noqa: F401
     record,  # noqa: F401
     relabel,  # noqa: F401
     replay,  # noqa: F401

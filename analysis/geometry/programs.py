@@ -26,9 +26,10 @@ _ACCELERATION_MM_S2 = 200.0
 _CONTROL_PERIOD_S = 0.004
 _BACK = 2.0
 """A program drives back to the start of the next lap at so many times the speed of a lap."""
-_PAUSE_S = 0.5
+PAUSE_S = 0.5
 """Standing where a program turns back."""
-_JOINT_SPEED = np.radians(30.0)
+JOINT_SPEED = np.radians(30.0)
+"""Speed of the fastest joint between targets, rad/s."""
 _SHORTEST_MOVE_S = 0.6
 
 
@@ -66,13 +67,13 @@ def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
     t_s, phi = lap(circle, direction)
     where = f"{rig.name}, tests.circle"
     q = drive(arm, frame, phi, np.radians(circle.posture_deg), where)
-    fastest = _fastest(t_s, q)
+    fastest = fastest_joints(t_s, q)
     _hold_speeds(arm, fastest, where)
-    back_s = t_s / (_BACK if (_BACK * fastest < arm.speed).all() else 1.0)
-    round_s = t_s[-1] + back_s[-1] + 2 * _PAUSE_S
+    back_s = t_s / way_back(arm, fastest)
+    round_s = t_s[-1] + back_s[-1] + 2 * PAUSE_S
     times, rows = [t_s], [np.arange(len(t_s))]
     for done in range(1, circle.laps):
-        times += [t_s[-1] + _PAUSE_S + back_s + (done - 1) * round_s, t_s + done * round_s]
+        times += [t_s[-1] + PAUSE_S + back_s + (done - 1) * round_s, t_s + done * round_s]
         rows += [rows[0][::-1], rows[0]]
     order = np.concatenate(rows)
     return CircleProgram(np.concatenate(times), phi[order], q[order])
@@ -109,8 +110,13 @@ def _ramp(t: Array, begin: float, end: float) -> Array:
     return distance
 
 
-def _fastest(t_s: Array, q: Array) -> Array:
-    """Greatest speed (6,) rad/s of each joint."""
+def way_back(arm: Arm, fastest: Array) -> float:
+    """How many times as fast as a lap, in which the joints reach `fastest` (6,) rad/s, the robot drives back."""
+    return _BACK if (_BACK * fastest < arm.speed).all() else 1.0
+
+
+def fastest_joints(t_s: Array, q: Array) -> Array:
+    """Greatest speed (6,) rad/s of each joint along angles q (n, 6) rad at times t_s (n,)."""
     fastest: Array = np.abs(np.diff(q, axis=0) / np.diff(t_s)[:, None]).max(axis=0)
     return fastest
 
@@ -183,7 +189,7 @@ def stops(q: Array, *, dwell_s: float) -> tuple[Array, Array]:
     """
     t, path = [np.zeros(1)], [q[:1]]
     for begin, end in pairwise(q):
-        seconds = max(_SHORTEST_MOVE_S, float(np.abs(end - begin).max() / _JOINT_SPEED))
+        seconds = max(_SHORTEST_MOVE_S, float(np.abs(end - begin).max() / JOINT_SPEED))
         share = np.arange(_CONTROL_PERIOD_S, seconds, _CONTROL_PERIOD_S) / seconds
         smooth = (1 - np.cos(np.pi * share)) / 2
         t += [t[-1][-1] + np.array([dwell_s]), t[-1][-1] + dwell_s + seconds * share]

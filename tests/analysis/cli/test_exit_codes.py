@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import ast
 import re
-import sys
 from pathlib import Path
 
 import pytest
 
-from analysis import cli
 from rigs.errors import CellError, FileError, RigError
+from tests.support.command_line import ended
 
 ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "command-line.md").read_text()
@@ -47,18 +46,6 @@ def test_the_table_has_every_code_of_the_programs_and_no_other() -> None:
 def test_no_other_page_has_such_a_table() -> None:
     others = [page for page in ROOT.glob("docs/**/*.md") if "| 130 |" in page.read_text()]
     assert [page.name for page in others] == ["command-line.md"]
-
-
-def ended(*words: str | Path) -> int:
-    """What a command ends with, called as a person calls it."""
-    before = sys.argv
-    sys.argv = ["rig", *map(str, words)]
-    try:
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-    finally:
-        sys.argv = before
-    return int(end.value.code or 0)
 
 
 def test_what_commands_end_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

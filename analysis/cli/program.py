@@ -1,0 +1,67 @@
+"""`rig program RIG`: the robot programs of a test, for a person to load on the controller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from analysis.cli import app
+from analysis.cli.commands import command
+from analysis.cli.console import say
+from analysis.cli.options import RigArgument
+
+
+@command(app, "rig program ur10e --for ur --test circle -o programs")
+def program(
+    rig_file: RigArgument,
+    dialect: Annotated[
+        Literal["ur", "fanuc", "kuka", "abb", "yaskawa"], typer.Option("--for", help="Maker of the controller.")
+    ],
+    test: Annotated[
+        Literal["circle", "roll", "hemisphere", "repeatability"],
+        typer.Option(help="Test to drive; circle is the yaw test, roll the same circle for the roll test."),
+    ],
+    directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the programs to.")],
+    dwell_s: Annotated[
+        float, typer.Option(min=0.5, max=600, help="Seconds to stand at each target of hemisphere and repeatability.")
+    ] = 3.0,
+    outputs: Annotated[
+        str,
+        typer.Option(
+            help="Digital outputs that show the signal of automatic runs, the least first, separated by commas; "
+            "default: those that the rig file names."
+        ),
+    ] = "",
+) -> None:
+    """Write the robot programs of a test, after a check of limits, singularities and turns; the robot is not moved."""
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
+    from analysis.robot_programs.examine import demand_lines, demand_of  # noqa: PLC0415
+    from analysis.robot_programs.planned import plans_of  # noqa: PLC0415
+    from analysis.robot_programs.write import feedback_note, make_room, programs_of, write_programs  # noqa: PLC0415
+    from rigs.load import load  # noqa: PLC0415
+
+    rig, _ = load(rig_file)
+    with progress_of("checking the programs"):
+        plans = plans_of(rig, test, dwell_s, _numbers(outputs))
+        demands = [demand_of(plan) for plan in plans]
+    files = programs_of(dialect, list(zip(plans, demands, strict=True)))
+    make_room(files, directory)
+    names = [axis.name for axis in rig.robot.axes]
+    for plan, demand in zip(plans, demands, strict=True):
+        for line in demand_lines(plan, demand, names):
+            say(f"{plan.name}: {line}", err=True)
+    say(feedback_note(dialect, rig.feedback), err=True)
+    for path in write_programs(dialect, files, directory):
+        say(path)
+
+
+def _numbers(text: str) -> tuple[int, ...]:
+    try:
+        numbers = tuple(int(part) for part in text.split(",") if part.strip())
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not a list of numbers", param_hint="--outputs") from None
+    if len(set(numbers)) < len(numbers) or any(number < 0 for number in numbers):
+        raise typer.BadParameter(f"{text!r} is not a list of different outputs", param_hint="--outputs")
+    return numbers

@@ -1,0 +1,129 @@
+"""What a plan asks of the arm, before anything is written: limits, speeds, singularities, turns of the wrist, room.
+
+Lines and arcs are followed joint by joint between their ends, since an arm may reach both and nothing between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from analysis.kinematics.arm import Arm, Array, forward
+from analysis.kinematics.follow import follow
+from analysis.kinematics.singularity import cancelling_axes, conditioning
+from analysis.robot_programs.plan import JointMove, Move, Plan, Target, end_of, in_base, start_of
+from analysis.robot_programs.ways import way_of
+from rigs.errors import FileError
+
+_STEP_RAD = np.radians(2.0)
+"""The fastest joint turns by so much between samples of a joint move."""
+_FULL_TURN_DEG = 300.0
+"""A joint that swings by more winds its cables and hoses by nearly a turn. Chosen."""
+_NEAR_SINGULAR = 0.02
+"""Conditioning below which a path is reported as near a singularity, a tenth of what the shipped circles have."""
+
+
+@dataclass(frozen=True)
+class Demand:
+    """What a plan asks of the arm once it stands at the start.
+
+    low, high, travel (6,) rad: lowest and highest angle and the way of each joint; least_conditioning, at q_there (6,)
+    rad; box_mm (2, 3): lowest and highest place of the tool in the base frame; distance_mm (2,): least and greatest
+    from the base-ball while the link is on; removals: how often a person takes it off for a joint move.
+    """
+
+    low: Array
+    high: Array
+    travel: Array
+    least_conditioning: float
+    q_there: Array
+    box_mm: Array
+    distance_mm: Array
+    removals: int
+
+
+def demand_of(plan: Plan) -> Demand:
+    """What a plan asks of the arm. Raises FileError for a step that the arm cannot do."""
+    arm = plan.arm
+    known: dict[tuple[int, int], Array] = {}
+    pieces, link = [], []
+    for begin, move in _moves(plan):
+        link.append(not isinstance(move, JointMove))
+        key = id(begin), id(move)  # laps and visits repeat the very same moves
+        if key not in known:
+            known[key] = _followed(plan, begin, move)
+        pieces.append(known[key])
+    q = np.concatenate([start_of(plan).q[None], *pieces])
+    places = in_base(arm, forward(arm, q))[:, :3, 3]
+    with_link = np.repeat([True, *link], [1, *map(len, pieces)])
+    distance = np.linalg.norm(places - plan.ball_mm, axis=1)[with_link]
+    even = conditioning(arm, q)
+    worst = int(even.argmin())
+    return Demand(
+        low=q.min(axis=0),
+        high=q.max(axis=0),
+        travel=np.abs(np.diff(q, axis=0)).sum(axis=0),
+        least_conditioning=float(even[worst]),
+        q_there=q[worst],
+        box_mm=np.stack([places.min(axis=0), places.max(axis=0)]),
+        distance_mm=np.array([distance.min(), distance.max()]),
+        removals=link.count(False),
+    )
+
+
+def _moves(plan: Plan) -> Iterator[tuple[Target, Move]]:
+    """Each move from the start on, with where it begins."""
+    moving = [step for step in plan.steps if isinstance(step, Move)]
+    for before, step in pairwise(moving):
+        yield end_of(before), step
+
+
+def _followed(plan: Plan, begin: Target, step: Move) -> Array:
+    """Joint angles (n, 6) rad along a move, without its beginning. Raises FileError where a joint is too slow."""
+    if isinstance(step, JointMove):
+        count = 1 + int(np.abs(step.target.q - begin.q).max() / _STEP_RAD)
+        joints: Array = begin.q + np.linspace(0, 1, count + 1)[1:, None] * (step.target.q - begin.q)
+        return joints
+    way = way_of(begin.T, step)
+    where = f"the program {plan.name}"
+    q = follow(plan.arm, plan.arm.T_world_base @ way.poses, begin.q, where)
+    _hold_speeds(plan.arm, way.joint_speeds(q), where)
+    return q[1:]
+
+
+def _hold_speeds(arm: Arm, fastest: Array, where: str) -> None:
+    for axis in np.flatnonzero(fastest > arm.speed):
+        raise FileError(
+            where,
+            f"axis {axis + 1} would move at {np.degrees(fastest[axis]):.0f}°/s, it can do "
+            f"{np.degrees(arm.speed[axis]):.0f}°/s",
+            "move the test away from the singularity, or choose another posture_deg",
+        )
+
+
+def demand_lines(plan: Plan, demand: Demand, names: list[str]) -> list[str]:
+    """The demand in words; `names` (6) of the axes."""
+    low, high, travel = np.degrees(demand.low), np.degrees(demand.high), np.degrees(demand.travel)
+    room = np.degrees(np.minimum(demand.low - plan.arm.limits[:, 0], plan.arm.limits[:, 1] - demand.high))
+    tight = int(room.argmin())
+    lines = [
+        f"within the limits; {names[tight]} comes nearest to one, {room[tight]:.0f}° from it",
+        f"conditioning {demand.least_conditioning:.2g} where it is least (0 is a singularity)",
+        f"the tool stays {demand.distance_mm[0]:.2f} … {demand.distance_mm[1]:.2f} mm from the base-ball",
+    ]
+    if demand.least_conditioning < _NEAR_SINGULAR:
+        axes = ", ".join(map(str, cancelling_axes(plan.arm, demand.q_there)))
+        lines[1] += f": near one, where axes {axes} cancel each other; watch the first run"
+    if demand.removals:
+        lines.append(
+            f"the link comes off {demand.removals} times, where the arm cannot follow the sphere past a singularity"
+        )
+    lines += [
+        f"{names[axis]} turns from {low[axis]:.0f}° to {high[axis]:.0f}°, {travel[axis] / 360:.1f} turns in all: "
+        "lead cables and hoses so that they allow it"
+        for axis in np.flatnonzero(high - low > _FULL_TURN_DEG)
+    ]
+    return lines

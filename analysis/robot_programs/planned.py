@@ -1,0 +1,212 @@
+"""The plans of a rig's tests: the same motion as the simulator's (analysis/geometry/programs.py), in steps.
+
+circle and roll: laps with lead-in and lead-out and the ways back between them, a program for each direction, since each
+is a run of its own. hemisphere and repeatability: a stop at each target.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from analysis.geometry.circle import frame_of
+from analysis.geometry.programs import (
+    PAUSE_S,
+    circle_of,
+    circle_program,
+    drive,
+    fastest_joints,
+    hemisphere_of,
+    lap,
+    radial_stops,
+    repeatability_of,
+    repeatability_stops,
+    way_back,
+)
+from analysis.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.robot_programs.over_sphere import over_sphere
+from analysis.robot_programs.plan import (
+    Arc,
+    Comment,
+    Dwell,
+    Hold,
+    JointMove,
+    Line,
+    Plan,
+    Signal,
+    SignalPlace,
+    Step,
+    Target,
+    in_base,
+)
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.feedback import URRTDE
+from rigs.schema.part import Vector
+from rigs.schema.vocabulary import Direction
+
+ProgramTest = Literal["circle", "roll", "hemisphere", "repeatability"]
+RECORDED_AS: dict[ProgramTest, Literal["yaw", "roll", "radial", "repeatability"]] = {
+    "circle": "yaw",
+    "roll": "roll",
+    "hemisphere": "radial",
+    "repeatability": "repeatability",
+}
+"""The name under which a run of each program is recorded."""
+
+LONGEST_ARC_DEG = 90.0
+"""An arc is given by three points, and controllers differ in how they turn the tool between its ends. About one axis is
+unambiguous below half a turn. Since the tool's x axis is the circle's normal, that turn is one of the three angles
+alone (W, C, Rx), so a controller that interpolates the angles turns it the same way. Shorter arcs would only add
+joints between arcs, each of which may disturb the motion."""
+_FINE_RAD = np.radians(1.0)
+"""Step along the circle at which joint angles are followed."""
+_APPROACH_RAD_S = np.radians(10.0)
+"""Fastest joint on the way to the start, from wherever the robot stands: slow enough to be stopped by hand."""
+_APPROACH_MM_S = 10.0
+"""Speed of the short ways of the repeatability test."""
+_SAME_DECIMALS = 6
+"""Decimals of joint angles in rad beyond which they differ by rounding only."""
+_STAND_S = 3.0
+"""Standing before the motion: automatic runs know it by a stand, and `still_s` is 2 s unless given."""
+
+
+def plans_of(rig: Rig, test: ProgramTest, dwell_s: float, outputs: tuple[int, ...] = ()) -> list[Plan]:
+    """The plans of a test, one for each program. Raises FileError where the robot cannot do it.
+
+    dwell_s: standing at each target; outputs: digital outputs for the signal of automatic runs, where the rig file does
+    not name them.
+    """
+    if test in ("circle", "roll"):
+        return [_circle(rig, test, direction, outputs) for direction in ("acw", "cw")]
+    return [_hemisphere(rig, dwell_s, outputs) if test == "hemisphere" else _repeatability(rig, dwell_s, outputs)]
+
+
+def _circle(rig: Rig, test: ProgramTest, direction: Direction, outputs: tuple[int, ...]) -> Plan:
+    circle, arm = circle_of(rig), arm_of(rig.robot)
+    program = circle_program(rig, direction)
+    t_s, phi = lap(circle, direction)
+    factor = way_back(arm, fastest_joints(t_s, program.q[: len(t_s)]))
+    targets = _on_circle(rig, float(phi[0]), float(phi[-1]))
+    there = _arcs(targets, circle.speed_mm_s)
+    back = _arcs(targets[::-1], factor * circle.speed_mm_s)
+    laps: list[Step] = [Comment(f"lap 1 of {circle.laps}"), *there]
+    for number in range(2, circle.laps + 1):
+        laps += [Comment("the way back"), Dwell(PAUSE_S), *back, Dwell(PAUSE_S)]
+        laps += [Comment(f"lap {number} of {circle.laps}"), *there]
+    return _plan(rig, test, direction, outputs, targets[0], laps)
+
+
+def _on_circle(rig: Rig, begin: float, end: float) -> list[Target]:
+    """Targets at the ends and in the middle of arcs of equal length between two circle angles (rad)."""
+    circle, arm = circle_of(rig), arm_of(rig.robot)
+    halves = 2 * int(np.ceil(abs(end - begin) / np.radians(LONGEST_ARC_DEG) - 1e-9))
+    fine = int(np.ceil(abs(end - begin) / halves / _FINE_RAD))
+    phi = np.linspace(begin, end, halves * fine + 1)
+    frame = frame_of(circle)
+    q = drive(arm, frame, phi, np.radians(circle.posture_deg), f"{rig.name}, tests.circle")
+    poses = in_base(arm, frame.poses(phi))
+    return [Target(T, at) for T, at in zip(poses[::fine], q[::fine], strict=True)]
+
+
+def _arcs(targets: list[Target], speed_mm_s: float) -> list[Step]:
+    ends = range(2, len(targets), 2)
+    return [Arc(targets[k - 1], targets[k], speed_mm_s, stops=k == ends[-1], with_path=True) for k in ends]
+
+
+def _hemisphere(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
+    targets = _targets(rig, radial_stops(rig))
+    arm, centre, radius = _sphere(rig)
+    steps: list[Step] = [Dwell(dwell_s)]
+    at, known = targets[0], dict[bytes, tuple[list[Step], Target]]()
+    for target in targets[1:]:
+        # Every visit goes the same ways.
+        key = np.concatenate([at.q, target.q]).round(_SAME_DECIMALS).tobytes()
+        way, at = known[key] = known.get(key) or over_sphere(arm, at, target, centre, radius)
+        steps += [*way, Dwell(dwell_s)]
+    return _plan(rig, "hemisphere", None, outputs, targets[0], steps)
+
+
+def _repeatability(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
+    plan = repeatability_of(rig)
+    stops = repeatability_stops(rig).reshape(len(plan.targets), -1, 6)
+    arm, centre, radius = _sphere(rig)
+    first = _targets(rig, stops[0, :1])[0]
+    at, steps = first, list[Step]()
+    for number, angles in zip(plan.targets, stops, strict=True):
+        target, *around = _targets(rig, angles)
+        way, at = over_sphere(arm, at, target, centre, radius)
+        steps += [Comment(f"target {number}"), *way, Dwell(dwell_s)]
+        for aside, again in zip(around[::2], around[1::2], strict=True):
+            steps += [Line(aside, _APPROACH_MM_S), Line(again, _APPROACH_MM_S), Dwell(dwell_s)]
+    return _plan(rig, "repeatability", None, outputs, first, steps)
+
+
+def _targets(rig: Rig, q: Array) -> list[Target]:
+    """Targets at joint angles q (n, 6) rad."""
+    arm = arm_of(rig.robot)
+    return [Target(T, at) for T, at in zip(in_base(arm, forward(arm, q)), q, strict=True)]
+
+
+def _sphere(rig: Rig) -> tuple[Arm, Array, float]:
+    """The arm, and the hemisphere's centre (3,) mm in its base frame and radius in mm."""
+    arm, hemisphere = arm_of(rig.robot), hemisphere_of(rig)
+    return arm, _ball(arm, hemisphere.centre_mm), hemisphere.radius_mm
+
+
+def _ball(arm: Arm, centre_mm: Vector) -> Array:
+    """A place (3,) mm of the world in the base frame."""
+    place: Array = (np.linalg.inv(arm.T_world_base) @ [*centre_mm, 1.0])[:3]
+    return place
+
+
+def _plan(
+    rig: Rig,
+    test: ProgramTest,
+    direction: Direction | None,
+    outputs: tuple[int, ...],
+    start: Target,
+    motion: list[Step],
+) -> Plan:
+    """The plan with what every program begins and ends with."""
+    arm = arm_of(rig.robot)
+    ball = circle_of(rig).centre_mm if test in ("circle", "roll") else hemisphere_of(rig).centre_mm
+    number, automatic = _signal_of(rig, test, direction)
+    hold = [] if automatic else [Hold("mount the ball link, start the recording, continue")]
+    begin, end = ([Signal(number)], [Signal(0)]) if number else ([], [])
+    steps = [JointMove(start, _APPROACH_RAD_S), *hold, Dwell(_STAND_S), *begin, *motion, *end, Dwell(_STAND_S)]
+    return Plan(
+        name=" ".join(filter(None, [test, direction, rig.name])),
+        arm=arm,
+        payload_kg=rig.robot.payload_kg,
+        ball_mm=_ball(arm, ball),
+        signal_place=_signal_place(rig, number, outputs),
+        feedback=rig.feedback,
+        steps=tuple(steps),
+    )
+
+
+def _signal_of(rig: Rig, test: ProgramTest, direction: Direction | None) -> tuple[int, bool]:
+    """The number that announces a program, 0 for none, and whether its runs start by themselves."""
+    for rule in rig.automatic.rules if rig.automatic else ():
+        if (rule.test, rule.direction) == (RECORDED_AS[test], direction):
+            return rule.when.signal or 0, True
+    return 0, False
+
+
+def _signal_place(rig: Rig, number: int, outputs: tuple[int, ...]) -> SignalPlace:
+    """Where a program shows its number. Raises FileError where nothing says it."""
+    if not number:
+        return SignalPlace()
+    if isinstance(rig.feedback, URRTDE) and rig.feedback.signal is not None:
+        outputs, register = rig.feedback.signal.outputs, rig.feedback.signal.int_register
+        if register is not None:
+            return SignalPlace(int_register=register)
+    if number < 0 or number >= 1 << len(outputs):
+        raise FileError(
+            f"{rig.name}, automatic",
+            f"signal {number} does not fit into {len(outputs)} outputs",
+            "give --outputs with the digital outputs that the feedback reads, the least first",
+        )
+    return SignalPlace(outputs=outputs)

@@ -1,0 +1,43 @@
+"""Which of the arm's solutions a target means, in the words of FANUC (CONFIG) and Yaskawa (RCONF).
+
+Neither maker's definition of every letter could be confirmed for every arm: a person compares them with the pendant
+(docs/robot-programs.md). Turns are certain, since they follow from the joint angles alone.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.kinematics.arm import Arm, Array, link_frames
+
+_FULL_TURN = 2 * np.pi
+
+
+@dataclass(frozen=True)
+class Posture:
+    """flip: axis 5 stands at a positive angle; up: the elbow lies above the line from shoulder to wrist; front: the
+    wrist lies on the side of axis 1 to which the arm faces."""
+
+    flip: bool
+    up: bool
+    front: bool
+
+
+def posture_of(arm: Arm, q: Array) -> Posture:
+    """The posture at joint angles q (6,) rad."""
+    first, shoulder, elbow, _, wrist, _ = link_frames(arm, q[None])[0]
+    reach = wrist[:3, 3] - shoulder[:3, 3]
+    bend = elbow[:3, 3] - shoulder[:3, 3]
+    above = bend - (bend @ reach) / (reach @ reach) * reach
+    return Posture(
+        flip=bool(q[4] > 0),
+        up=bool(above @ first[:3, 2] > 0),
+        front=bool((wrist[:3, 3] - first[:3, 3]) @ first[:3, 0] > 0),
+    )
+
+
+def turns(q_rad: float) -> int:
+    """How many whole turns a joint stands away from the range (-180°, 180°)."""
+    return int(np.rint(q_rad / _FULL_TURN))

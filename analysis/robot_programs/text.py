@@ -1,0 +1,58 @@
+"""What all dialects write alike: numbers, names, comments, rotations."""
+
+from __future__ import annotations
+
+import math
+import re
+import textwrap
+from collections.abc import Iterable
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from rigs.errors import FileError
+
+MM_DECIMALS = 7
+DEG_DECIMALS = 9
+"""A target is to be the simulator's to 1e-6 mm; controllers round what they do not hold."""
+_GIMBAL = 1e-9
+"""Cosine of the middle angle below which only the sum of the outer two is known."""
+
+
+def fixed(value: float, decimals: int) -> str:
+    """A number with so many decimals, never `-0` or an exponent. Raises FileError for nan and infinity."""
+    if not math.isfinite(value):
+        raise FileError("the program", f"a number is {value}", "check the numbers in the rig file")
+    text = f"{value:.{decimals}f}"
+    return text.removeprefix("-") if float(text) == 0 else text
+
+
+def listed(values: Iterable[float], decimals: int) -> str:
+    """Numbers with commas between them."""
+    return ",".join(fixed(value, decimals) for value in values)
+
+
+def identifier(name: str, most: int) -> str:
+    """A name of letters, digits and underscores that every language takes, of `most` characters at most. The beginning,
+    which says the test and the direction, is kept."""
+    return re.sub(r"[^A-Za-z0-9]+", "_", name)[:most].strip("_")
+
+
+def wrapped(text: str, width: int) -> list[str]:
+    """A comment in lines of `width` characters at most, in ASCII."""
+    plain = text.replace("°", " deg").replace("…", "to").encode("ascii", "replace").decode()
+    return textwrap.wrap(plain, width)
+
+
+def fixed_xyz_deg(T: Array) -> Array:
+    """Angles (3,) deg about the fixed x, y, z axes, in this order, of a frame (4, 4): roll, pitch, yaw.
+
+    FANUC's W, P, R and Yaskawa's Rx, Ry, Rz; KUKA's A, B, C are the same three, the last first. At a pitch of 90° roll
+    is set to zero.
+    """
+    R = T[:3, :3]
+    across = math.hypot(R[0, 0], R[1, 0])
+    pitch = math.atan2(-R[2, 0], across)
+    if across < _GIMBAL:
+        return np.degrees([0.0, pitch, math.atan2(-R[0, 1], R[1, 1])])
+    return np.degrees([math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])])

@@ -1,0 +1,107 @@
+"""The way of the tool between two targets, as a plan means it, along which the arm is followed beforehand.
+
+An arm may reach both ends of a move and nothing between them, or pass a singularity there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.robot_programs.plan import Arc, Line, Turn, end_of
+
+_STEP_MM = 4.0
+_STEP_RAD = np.radians(4.0)
+"""Half of this between samples; joints move smoothly in between."""
+_OPPOSITE = 1e-6
+"""Places whose middle is so near to the centre, in radii, are opposite: rounding would choose the way between them."""
+
+
+@dataclass(frozen=True)
+class Way:
+    """Poses (n, 4, 4) evenly along a move, places in mm, an odd number of them; seconds: how long it takes at full
+    speed."""
+
+    poses: Array
+    seconds: float
+
+    def joint_speeds(self, q: Array) -> Array:
+        """Greatest speed (6,) rad/s of each joint that drives this way by angles q (n, 6) rad."""
+        fastest: Array = np.abs(np.diff(q, axis=0)).max(axis=0) * (len(q) - 1) / self.seconds
+        return fastest
+
+
+def way_of(begin: Array, step: Line | Turn | Arc) -> Way:
+    """The way of the tool from a pose (4, 4), place in mm, as it is planned: turned evenly about one axis."""
+    end = end_of(step).T
+    rotation = rotation_vector(begin, end)
+    match step:
+        case Line(_, speed_mm_s):
+            length = float(np.linalg.norm(end[:3, 3] - begin[:3, 3]))
+            share = _shares(length, 0.0)
+            places = begin[:3, 3] + share[:, None] * (end[:3, 3] - begin[:3, 3])
+            seconds = length / speed_mm_s
+        case Turn(_, angle, speed_rad_s):
+            share = _shares(0.0, angle)
+            places = np.tile(begin[:3, 3], (len(share), 1))
+            seconds = angle / speed_rad_s
+        case Arc(via, _, speed_mm_s):
+            centre, axis = _circle_through(begin[:3, 3], via.T[:3, 3], end[:3, 3])
+            angle = _angle_about(axis, begin[:3, 3] - centre, end[:3, 3] - centre)
+            length = angle * float(np.linalg.norm(begin[:3, 3] - centre))
+            share = _shares(length, angle)
+            places = centre + _turned(angle * axis, share) @ (begin[:3, 3] - centre)
+            seconds = length / speed_mm_s
+    poses = np.tile(begin, (len(share), 1, 1))
+    poses[:, :3, 3] = places
+    poses[:, :3, :3] = _turned(rotation, share) @ begin[:3, :3]
+    return Way(poses, seconds)
+
+
+def middle_of(begin: Array, end: Array, centre_mm: Array, radius_mm: float) -> Array:
+    """The pose (4, 4) half way between two on a sphere about centre_mm (3,), places in mm.
+
+    Between opposite places it is where the tool, turned half way, points to the centre.
+    """
+    T = np.eye(4)
+    T[:3, :3] = _turned(rotation_vector(begin, end), np.array([0.5]))[0] @ begin[:3, :3]
+    aside = (begin[:3, 3] + end[:3, 3]) / 2 - centre_mm
+    if np.linalg.norm(aside) < _OPPOSITE * radius_mm:
+        aside = -T[:3, 2]
+    T[:3, 3] = centre_mm + radius_mm * aside / np.linalg.norm(aside)
+    return T
+
+
+def _shares(length_mm: float, angle: float) -> Array:
+    return np.linspace(0, 1, 3 + 2 * int(max(length_mm / _STEP_MM, angle / _STEP_RAD)))
+
+
+def _circle_through(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
+    """Centre (3,) mm and unit axis (3,) of the circle through three points, about which a goes to b and on to c."""
+    u, v = b - a, c - a
+    n = np.cross(u, v)
+    centre = a + np.cross(u @ u * v - v @ v * u, n) / (2 * (n @ n))
+    return centre, n / np.linalg.norm(n)
+
+
+def _angle_about(axis: Array, begin: Array, end: Array) -> float:
+    """Angle in (0, 2π) rad about a unit axis (3,) from one direction (3,) to another."""
+    return float(np.arctan2(axis @ np.cross(begin, end), begin @ end) % (2 * np.pi))
+
+
+def rotation_vector(begin: Array, end: Array) -> Array:
+    """The rotation vector (3,) rad in the base frame from one pose (4, 4) to another."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    vector: Array = Rotation.from_matrix(end[:3, :3] @ begin[:3, :3].T).as_rotvec()
+    return vector
+
+
+def _turned(vector: Array, share: Array) -> Array:
+    """Rotations (n, 3, 3) by shares (n,) of a rotation vector (3,) rad."""
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
+
+    matrices: Array = Rotation.from_rotvec(share[:, None] * vector).as_matrix()
+    return matrices

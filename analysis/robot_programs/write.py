@@ -1,0 +1,114 @@
+"""Writing the programs of a test: which dialects there are, and files that are all new or not written at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import BinaryIO, Literal
+
+from analysis.files.write import write_new
+from analysis.robot_programs import abb, fanuc, kuka, ur, yaskawa
+from analysis.robot_programs.examine import Demand
+from analysis.robot_programs.plan import Plan
+from rigs.errors import FileError
+from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed, ModbusJoints
+
+DialectName = Literal["ur", "fanuc", "kuka", "abb", "yaskawa"]
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """write: the files of a plan by their names, lines ending with a line feed; newline: what the controller's files
+    end lines with; outputs: the numbers of its digital outputs; feedbacks: the interfaces that this maker's controllers
+    serve, and what they need for that."""
+
+    write: Callable[[Plan, Demand], dict[str, str]]
+    newline: str
+    outputs: range
+    feedbacks: Mapping[type, str]
+
+
+_BY_ITSELF = "the controller serves it without the program"
+_FROM_ONE = range(1, 4097)
+"""Digital outputs count from 1; KUKA and Yaskawa have up to 4096, others fewer."""
+
+DIALECTS: dict[DialectName, Dialect] = {
+    "ur": Dialect(ur.write, ur.NEWLINE, ur.OUTPUTS, {URRTDE: _BY_ITSELF, ModbusJoints: _BY_ITSELF}),
+    "fanuc": Dialect(
+        fanuc.write,
+        fanuc.NEWLINE,
+        _FROM_ONE,
+        {
+            LineFeed: "translate RIGFEED.KL and start it before the program",
+            FANUCStreamMotion: _BY_ITSELF,
+            ModbusJoints: _BY_ITSELF,
+        },
+    ),
+    "kuka": Dialect(
+        kuka.write,
+        kuka.NEWLINE,
+        _FROM_ONE,
+        {KUKARSI: f"the program starts the RSI context {kuka.RSI_CONTEXT}, which you make", ModbusJoints: _BY_ITSELF},
+    ),
+    "abb": Dialect(
+        abb.write,
+        abb.NEWLINE,
+        _FROM_ONE,
+        {ABBEGM: "the program starts the stream to the UdpUc device rig, which you set up", ModbusJoints: _BY_ITSELF},
+    ),
+    "yaskawa": Dialect(yaskawa.write, yaskawa.NEWLINE, _FROM_ONE, {ModbusJoints: _BY_ITSELF}),
+}
+
+
+def feedback_note(dialect: DialectName, feedback: Feedback) -> str:
+    """What the feedback of the rig file needs on a controller, in words."""
+    need = DIALECTS[dialect].feedbacks.get(type(feedback), "nothing in this program serves it; provide it yourself")
+    return f"feedback {feedback.interface}: {need}"
+
+
+def programs_of(dialect: DialectName, plans: Sequence[tuple[Plan, Demand]]) -> dict[str, str]:
+    """The text of each file by its name; what several plans share is one file. Raises FileError where two plans would
+    be one program, and for an output that the controller does not have."""
+    files: dict[str, str] = {}
+    known = DIALECTS[dialect].outputs
+    for plan, demand in plans:
+        if unknown := [number for number in plan.signal_place.outputs if number not in known]:
+            what = f"a controller of {dialect} has no digital output {unknown[0]}"
+            raise FileError(plan.name, what, f"give --outputs from {known.start} to {known.stop - 1}")
+        for name, text in DIALECTS[dialect].write(plan, demand).items():
+            if files.setdefault(name, text) != text:
+                raise FileError(name, "would hold two programs", "give the rig file a shorter name")
+    return files
+
+
+def make_room(files: Iterable[str], directory: Path) -> None:
+    """Make the directory for files of these names. Raises FileError where one is there already."""
+    if taken := next((directory / name for name in files if (directory / name).exists()), None):
+        raise FileError(str(taken), "exists already", "give another --output, or remove it first")
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
+
+
+def write_programs(dialect: DialectName, files: dict[str, str], directory: Path) -> list[Path]:
+    """Write the files into a directory, all of them or none. Raises FileError where one is there already."""
+    written: list[Path] = []
+    try:
+        for name, text in files.items():
+            data = text.replace("\n", DIALECTS[dialect].newline).encode("ascii")
+            write_new(directory / name, partial(_write_bytes, data))
+            written.append(directory / name)
+    except BaseException:
+        for path in written:
+            with suppress(OSError):
+                path.unlink()
+        raise
+    return written
+
+
+def _write_bytes(data: bytes, file: BinaryIO) -> None:
+    file.write(data)

@@ -1,0 +1,136 @@
+"""Five dialects, four tests, three arms: each program is run, and its path is the simulator's.
+
+The interpreters know neither the writers nor the plan, the arms are computed by other code, and the path to compare
+with is that of the joint angles which the simulator drives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from analysis.geometry.circle import frame_of
+from analysis.geometry.programs import circle_of, circle_program, hemisphere_of, radial_stops, repeatability_stops
+from analysis.robot_programs.examine import Demand, demand_of
+from analysis.robot_programs.plan import Plan
+from analysis.robot_programs.planned import ProgramTest, plans_of
+from analysis.robot_programs.write import DIALECTS, DialectName, programs_of
+from tests.support.interpreters.arms import ARMS, pose_of, reached, rig_of
+from tests.support.interpreters.driven import along, paths, run, stops
+from tests.support.interpreters.machine import Array, Event, Held, Round, Stood, Waited
+
+DWELL_S = 4.0
+PLACE_MM = {"yaskawa": 5e-3}
+"""A job holds 0.001 mm: its points are wrong by up to 0.9 µm, and what its arcs are longer or shorter adds up."""
+TURN_RAD = {"yaskawa": 1e-4}
+"""A job holds 0.0001°; places wrong by 5 µm along a circle of 70 mm are 7e-5 rad."""
+EXACT_MM, EXACT_RAD = 1e-6, 1e-7
+
+
+@lru_cache
+def programs(arm: str, test: ProgramTest, dialect: DialectName) -> tuple[dict[str, str], ...]:
+    """The files of each program of a test, lines ending as the controller's do."""
+    newline = DIALECTS[dialect].newline
+    return tuple(
+        {name: text.replace("\n", newline) for name, text in programs_of(dialect, [planned]).items()}
+        for planned in planned_for(arm, test)
+    )
+
+
+@lru_cache
+def planned_for(arm: str, test: ProgramTest) -> tuple[tuple[Plan, Demand], ...]:
+    """The plans of a test with what they ask of the arm."""
+    return tuple((plan, demand_of(plan)) for plan in plans_of(rig_of(arm), test, DWELL_S))
+
+
+@lru_cache
+def simulated(arm: str, direction: str) -> tuple[Array, Array, Rotation]:
+    """Distance driven (n,) mm, places (n, 3) mm and orientations of the simulator's circle, in the base frame."""
+    rig = rig_of(arm)
+    program = circle_program(rig, "acw" if direction == "acw" else "cw")
+    rows = np.unique(np.concatenate([np.arange(0, len(program.q), 25), [len(program.q) - 1]]))
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(program.phi)))]) * frame_of(circle_of(rig)).radius
+    return way[rows], *reached(rig, program.q[rows])
+
+
+def apart(one: tuple[Array, Rotation], other: tuple[Array, Rotation]) -> tuple[float, float]:
+    """Largest difference of places, mm, and of orientations, rad."""
+    mm = np.linalg.norm(one[0] - other[0], axis=1).max()
+    return float(mm), float((one[1].inv() * other[1]).magnitude().max())
+
+
+def tolerances(dialect: str) -> tuple[float, float]:
+    return PLACE_MM.get(dialect, EXACT_MM), TURN_RAD.get(dialect, EXACT_RAD)
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("direction", ["acw", "cw"])
+@pytest.mark.parametrize("test", ["circle", "roll"])
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_circle_is_the_simulators(arm: str, test: ProgramTest, direction: str, dialect: DialectName) -> None:
+    files = programs(arm, test, dialect)[("acw", "cw").index(direction)]
+    pieces = paths(run(dialect, files, rig_of(arm)))
+    way, *expected = simulated(arm, direction)
+    mm, rad = apart(along(pieces, way), (expected[0], expected[1]))
+    assert mm < tolerances(dialect)[0] and rad < tolerances(dialect)[1], (mm, rad)
+    assert sum(piece.length_mm for piece in pieces) == pytest.approx(way[-1], abs=0.1)
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("test", ["hemisphere", "repeatability"])
+@pytest.mark.parametrize("arm", ARMS)
+def test_stops_are_the_simulators(arm: str, test: ProgramTest, dialect: DialectName) -> None:
+    rig = rig_of(arm)
+    events = run(dialect, programs(arm, test, dialect)[0], rig)
+    q = radial_stops(rig) if test == "hemisphere" else repeatability_stops(rig)
+    mm, rad = apart(stops(events), reached(rig, q))
+    assert mm < tolerances(dialect)[0] and rad < tolerances(dialect)[1], (mm, rad)
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("arm", ARMS)
+def test_the_link_is_never_pulled_between_targets(arm: str, dialect: DialectName) -> None:
+    """The way between targets keeps to the sphere, which the simulator's joint moves do not."""
+    rig = rig_of(arm)
+    sphere = hemisphere_of(rig)
+    centre = pose_of(rig.robot.base).turn.inv().apply(np.array(sphere.centre_mm) - rig.robot.base.xyz_mm)
+    pieces = paths(run(dialect, programs(arm, "hemisphere", dialect)[0], rig))
+    places = np.concatenate([piece.at(np.linspace(0, 1, 11))[0] for piece in pieces])
+    assert np.abs(np.linalg.norm(places - centre, axis=1) - sphere.radius_mm).max() < tolerances(dialect)[0]
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(dialect: DialectName) -> None:
+    circle = circle_of(rig_of("ur10e"))
+    pieces = paths(run(dialect, programs("ur10e", "circle", dialect)[0], rig_of("ur10e")))
+    ends = [number for number, piece in enumerate(pieces) if piece.stops]
+    laps = 2 * circle.laps - 1
+    assert len(ends) == laps and ends[-1] == len(pieces) - 1
+    count = len(pieces) // laps
+    speeds = [{round(piece.speed_mm_s, 3) for piece in pieces[k * count : (k + 1) * count]} for k in range(laps)]
+    assert speeds[0] == {circle.speed_mm_s} and speeds[1] == {2 * circle.speed_mm_s}
+    assert all(isinstance(piece, Round) and np.degrees(piece.angle) <= 90.001 for piece in pieces)
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_the_robot_waits_for_the_link_and_stands_at_each_target(dialect: DialectName) -> None:
+    events: list[Event] = run(dialect, programs("ur10e", "hemisphere", dialect)[0], rig_of("ur10e"))
+    assert isinstance(events[0], Stood) and isinstance(events[1], Held)
+    assert sum(isinstance(event, Held) for event in events) == 1
+    targets = len(radial_stops(rig_of("ur10e")))
+    assert sum(isinstance(event, Waited) and event.seconds == DWELL_S for event in events) == targets
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_a_controller_that_interpolates_each_angle_turns_the_tool_the_same_way(arm: str) -> None:
+    """The circle's axis is the tool's x axis, so that its turn is one of the three angles alone."""
+    pieces = paths(run("fanuc", programs(arm, "circle", "fanuc")[0], rig_of(arm)))
+    share = np.linspace(0, 1, 31)
+    for piece in pieces:
+        assert isinstance(piece, Round) and piece.turning == "even"
+        turns = piece.at(share)[1].inv() * replace(piece, turning="angles").at(share)[1]
+        assert turns.magnitude().max() < EXACT_RAD

@@ -1,0 +1,143 @@
+"""INFORM, a Yaskawa job (.JBI). Yaskawa, DX100 Options, data transmission 156191-1CD, chapter 4: the sections of a job,
+positions C00000 … of which each belongs to one instruction, RCONF for those that follow, Rx, Ry, Rz about fixed axes in
+this order; a comment has 32 characters, a name 32. INFORM: the first MOVC of a chain is reached on a line, the first
+three are one arc, each further one continues on the circle of the last three; another move ends the chain. The tool
+stands in the controller's tool file, which a person fills."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tests.support.interpreters.machine import Held, Machine, Pose, ProgramError, Switched, Waited
+
+_HEAD = [
+    r"/JOB",
+    r"//NAME [A-Z0-9_-]{1,32}",
+    r"//POS",
+    r"///NPOS (\d+),0,0,0,0,0",
+    r"///TOOL \d+",
+    r"///POSTYPE BASE",
+    r"///RECTAN",
+]
+_MIDDLE = [
+    r"//INST",
+    r"///DATE \d{4}/\d\d/\d\d \d\d:\d\d",
+    r"///ATTR SC,RW",
+    r"///FRAME BASE",
+    r"///GROUP1 RB1",
+    r"NOP",
+]
+_FORM = re.compile(r"///RCONF [01](,[01]){5}(,0){18}")
+_POSITION = re.compile(r"C(\d{5})=" + ",".join([r"(-?\d+\.\d{3})"] * 3 + [r"(-?\d+\.\d{4})"] * 3))
+_MOVE = re.compile(r"(MOVJ|MOVL|MOVC) C(\d{5}) (?:VJ=(\d+\.\d\d)|V=(\d+\.\d)|VR=(\d+\.\d))( PL=0)?")
+
+
+def run(text: str, machine: Machine) -> None:
+    if "\r\n" not in text:
+        raise ProgramError("lines end with CR LF")
+    *lines, last = text.split("\r\n")
+    if last or lines[-1:] != ["END"]:
+        raise ProgramError("the job does not end with END")
+    heads = [re.fullmatch(form, line) for form, line in zip(_HEAD, lines, strict=False)]
+    if len(heads) < len(_HEAD) or not all(heads):
+        raise ProgramError("the head of the job is not in order")
+    count = int(heads[3][1])  # type: ignore[index]
+    positions, rest = _positions(lines[len(_HEAD) :])
+    if len(positions) != count:
+        raise ProgramError(f"{len(positions)} positions where NPOS says {count}")
+    if not all(re.fullmatch(form, line) for form, line in zip(_MIDDLE, rest, strict=False)):
+        raise ProgramError("the instructions do not begin in order")
+    _Controller(positions, machine).obey(rest[len(_MIDDLE) : -1])
+
+
+def _positions(lines: list[str]) -> tuple[list[Pose], list[str]]:
+    positions: list[Pose] = []
+    formed = False
+    for number, line in enumerate(lines):
+        if found := _POSITION.fullmatch(line):
+            if int(found[1]) != len(positions) or not formed:
+                raise ProgramError(f"{line!r} is out of order, or has no RCONF")
+            values = [float(value) for value in found.groups()[1:]]
+            turn = Rotation.from_euler("xyz", values[3:], degrees=True)
+            positions.append(Pose(np.array(values[:3]), turn))
+        elif _FORM.fullmatch(line):
+            formed = True
+        else:
+            return positions, lines[number:]
+    return positions, []
+
+
+class _Controller:
+    def __init__(self, positions: list[Pose], machine: Machine) -> None:
+        self._positions, self._machine = positions, machine
+        self._used: set[int] = set()
+
+    def obey(self, lines: list[str]) -> None:
+        chain: list[tuple[Pose, float, bool]] = []
+        for line in lines:
+            found = _MOVE.fullmatch(line)
+            if found and found[1] == "MOVC":
+                chain.append((self._take(found[2]), self._speed(found[4]), bool(found[6])))
+                continue
+            if found or line.startswith(("TIMER", "DOUT", "PAUSE")):
+                self._drive(chain)
+                chain = []
+            if found:
+                self._move(found)
+            else:
+                self._act(line)
+        self._drive(chain)
+        if len(self._used) != len(self._positions):
+            raise ProgramError("a position of the job belongs to no instruction")
+
+    def _move(self, found: re.Match[str]) -> None:
+        pose = self._take(found[2])
+        if found[1] == "MOVJ":
+            if not found[3] or not 0 < float(found[3]) <= 100:
+                raise ProgramError("a joint move has a speed VJ in percent")
+            self._machine.go(pose)
+        elif found[5]:
+            self._machine.turn(pose, np.radians(float(found[5])))
+        else:
+            self._machine.line(pose, self._speed(found[4]), stops=bool(found[6]))
+
+    def _act(self, line: str) -> None:
+        if line.startswith("'"):
+            if len(line) > 1 + 32:
+                raise ProgramError(f"the comment {line!r} is longer than 32 characters")
+        elif found := re.fullmatch(r"TIMER T=(\d+\.\d\d)", line):
+            self._machine.events.append(Waited(float(found[1])))
+        elif found := re.fullmatch(r"DOUT OT#\((\d+)\) (ON|OFF)", line):
+            self._machine.events.append(Switched(int(found[1]), found[2] == "ON"))
+        elif line == "PAUSE":
+            self._machine.events.append(Held())
+        else:
+            raise ProgramError(f"{line!r} is not an instruction")
+
+    def _drive(self, chain: list[tuple[Pose, float, bool]]) -> None:
+        """A chain of MOVC: to its first point on a line, then arc by arc."""
+        if not chain:
+            return
+        if len(chain) < 3:
+            raise ProgramError("an arc needs three MOVC")
+        self._machine.line(chain[0][0], chain[0][1], stops=chain[0][2])
+        for number in range(1, len(chain) - 1, 2):
+            via, (end, speed, stops) = chain[number][0], chain[number + 1]
+            self._machine.arc(via.place, end, speed, turning="even", stops=stops)
+        if len(chain) % 2 == 0:
+            raise ProgramError("this interpreter wants whole arcs")
+
+    def _take(self, number: str) -> Pose:
+        if int(number) in self._used or int(number) >= len(self._positions):
+            raise ProgramError(f"C{number} does not exist, or is used twice")
+        self._used.add(int(number))
+        return self._positions[int(number)]
+
+    @staticmethod
+    def _speed(text: str | None) -> float:
+        if text is None:
+            raise ProgramError("a path has a speed V in mm/s")
+        return float(text)
