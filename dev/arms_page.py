@@ -19,7 +19,7 @@ EXACT = 1e-6
 HEAD = """\
 # The arm library
 
-A rig file needs the constants of its arm. For these arms they are there, each from a source that it names:
+The library has the constants of these arms, each with the sources of its numbers:
 
 ```sh
 rig arms                                                  # the table of all
@@ -27,36 +27,39 @@ rig arms kuka-kr-6-r900-2                                 # one as the robot sec
 rig arms ur10e --calibration calibration.conf -o arm.yaml # a UR with its own calibration
 ```
 
-What `rig arms NAME` shows is pasted into a rig file as its `robot:` section; `payload_kg` and `tool` are yours to add.
-Everything in it is what a maker publishes of a kind of arm. Yours differs from it by some tenths of a millimetre up to
-millimetres, which is what `rig diagnose` and `rig calibrate` are for.
+Replace the `robot:` section of a rig file by what `rig arms NAME` shows, and add the `payload_kg` and the `tool` of
+your cell. The numbers are those that are published for the model. A real arm differs from them by tenths of a
+millimetre to some millimetres; `rig diagnose` and `rig calibrate` find by how much.
 
-Angles and coupling are those of the controller: KUKA counts A1, A4 and A6 the other way round, and FANUC's J3 is
-measured from the horizontal, so that its axis 3 turns by J2 + J3. Base and flange frames stand where the section's
-comments say. A number that no source has is left out: many arms have no masses, and some no repeatability.
+Joint angles are those that the controller shows, and `coupling` turns them into the angles of the axes. KUKA's A1 is
+positive clockwise, seen from above, so it has -1 there, as A4 and A6 have. FANUC's J3 is measured from the horizontal,
+so axis 3 turns by J2 + J3. The comments of a section say where its base and flange frames stand. Numbers without a
+source are left out: many arms have no masses, and some have no repeatability.
 
 ## A UR's own calibration
 
-Each UR was measured by its maker, and its controller has the result in `~/.urcontrol/calibration.conf`: differences to
-the classic Denavit-Hartenberg constants of its kind. `--calibration` takes them into the section exactly: it is checked
-on random postures to 1e-9 mm and rad before anything is written. The three nearly parallel axes get Hayati's `beta_deg`
-where the file has lengths of hundreds of metres that almost cancel. Centres of mass and limits stay as published.
+The maker measures each UR. The result is in `~/.urcontrol/calibration.conf` on the controller, as differences from the
+classic Denavit-Hartenberg constants of the model. `--calibration` adds them to the section. Axes 2, 3 and 4 are nearly
+parallel: the file describes them by lengths of hundreds of metres that almost cancel, the section by Hayati's
+`beta_deg`. Both give the same poses: random postures are compared to 1e-9 mm and rad before anything is written.
+Centres of mass and limits stay as published.
 
 ## An arm from a URDF
 
 ```sh
-pip install yourdfpy
+pip install pytransform3d
 rig import-urdf arm.urdf -o arm.yaml
 ```
 
-The six turning joints between two links become modified Denavit-Hartenberg constants, with `beta_deg` where axes are
-parallel, held against the URDF library's own forward kinematics to 1e-9 mm and rad before anything is written. The
-base is the link `base`, or else the root; the flange is `tool0`, or else the only end: `--base` and `--tip` choose
-others. Meshes are not needed. xacro must be expanded first, by ROS's `xacro FILE > arm.urdf`.
+The chain between two links must have six revolute joints. They become modified Denavit-Hartenberg constants, with
+`beta_deg` where axes are parallel. Random postures are compared with the forward kinematics of pytransform3d, to 1e-9
+mm and rad, before anything is written. The base is the link `base`, or else the root; the flange is `tool0`, or else
+the only end; `--base` and `--tip` choose others. Meshes are not needed. Expand xacro first: `xacro FILE > arm.urdf`.
 
-Joints count as in the URDF. Where that differs from the controller (many URDFs have a FANUC's J3 as J2 + J3), correct
-`coupling`, `offset_deg` and `limits_deg`. Axes that are nearly parallel or nearly at right angles are named and kept as
-they are: a URDF that writes 1.571 for a right angle is wrong by 0.2 mm at 1 m.
+Joint angles are those of the URDF. Where the controller counts otherwise, correct `coupling`, `offset_deg` and
+`limits_deg`; in many URDFs of a FANUC, the third joint is J2 + J3. `rig import-urdf` names axes that are nearly, but
+not exactly, parallel or at right angles, and leaves them as they are. They are often rounding: 1.571 instead of a right
+angle moves a point 1 m away by 0.2 mm.
 
 """
 
@@ -70,14 +73,14 @@ def page() -> str:
         "## How far each is from its sources",
         "",
         f"Largest distance and angle of the flange over {POSTURES} random postures within the limits, between the",
-        "library and each source computed in its own terms (the joint chain of a URDF, Denavit-Hartenberg rows of",
-        "another kind). “Exact” is below 1e-6 mm and rad.",
+        "library and each source, which is computed as it is written (the joint chain of a URDF, or Denavit-Hartenberg",
+        "rows of another kind). “Exact” is below 1e-6 mm and rad.",
         "",
         "| arm | source | second | third |",
         "| --- | --- | --- | --- |",
         *(f"| `{arm.name}` | " + " | ".join(_cells(arm)) + " |" for arm in arms),
         "",
-        "The Doosan's source writes right angles as 1.571; the library has right angles.",
+        "The Doosan's source has 1.571 for right angles; the library has right angles.",
         "",
         "## Sources",
         "",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,8 @@ _CENTRE_DECIMALS = 3
 """Decimals of a centre of mass in mm: no source knows it to a micrometre."""
 TOLERANCE = 1e-9
 """mm and rad that a section as written may differ from its source."""
+_POSTURES = 200
+"""Enough to move each joint through its range; the URDF library takes a millisecond for each."""
 _ZERO = 1e-11
 """mm and degrees below which a constant is the rounding of zero: doubles of some metres hold 1e-12 mm."""
 
@@ -37,6 +39,19 @@ class Joint:
     speed_deg_s: float
     mass_kg: float = 0.0
     centre_mm: Array = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True)
+class Section:
+    """A robot and the text of its section.
+
+    largest_mm, largest_rad: between its poses, as written, and those of its source, on random postures.
+    """
+
+    robot: Robot
+    text: str
+    largest_mm: float
+    largest_rad: float
 
 
 def robot_of(name: str, found: DenavitHartenberg, joints: Sequence[Joint]) -> Robot:
@@ -68,35 +83,36 @@ def robot_of(name: str, found: DenavitHartenberg, joints: Sequence[Joint]) -> Ro
 def robot_text(robot: Robot) -> str:
     """Return the section as YAML: one line an axis, defaults left out."""
     fields = robot.model_dump(mode="json", exclude_defaults=True)
-    lines = ["robot:", f"  name: {_flow(fields.pop('name'))}", "  axes: # modified Denavit-Hartenberg (Craig)"]
-    lines += [f"    - {_flow(axis)}" for axis in fields.pop("axes")]
+    lines = ["robot:", f"  name: {flow(fields.pop('name'))}", "  axes: # modified Denavit-Hartenberg (Craig)"]
+    lines += [f"    - {flow(axis)}" for axis in fields.pop("axes")]
     for key, value in fields.items():
-        rows = [f"    - {_flow(row)}" for row in value] if key == "coupling" else []
-        lines += [f"  {key}:", *rows] if rows else [f"  {key}: {_flow(value)}"]
+        rows = [f"    - {flow(row)}" for row in value] if key == "coupling" else []
+        lines += [f"  {key}:", *rows] if rows else [f"  {key}: {flow(value)}"]
     return "\n".join(lines) + "\n"
 
 
-def section_of(name: str, axes: SixAxes, joints: Sequence[Joint], head: Sequence[str], path: Path) -> str:
-    """Return the section of axes and joints, under lines of comment. Raises FileError that names path."""
-    try:
-        section = robot_text(robot_of(name, denavit_hartenberg(axes), joints))
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(map(str, first["loc"]))
-        raise FileError(str(path), f"{place}: {first['msg']}", "correct it: its units are metres and radians") from None
-    return "".join(f"# {plain(line)}\n" for line in head) + section
+def checked_section(
+    name: str,
+    axes: SixAxes,
+    joints: Sequence[Joint],
+    head: Sequence[str],
+    source: Callable[[Array], Array],
+    path: Path,
+    tolerance_mm: float = TOLERANCE,
+) -> Section:
+    """Return the section of axes and joints, under lines of comment, after a comparison with its source.
 
-
-def require_equal(T: Array, T_source: Array, tolerance_mm: float, path: Path) -> tuple[float, float]:
-    """Return the largest differences, mm and rad, of a section's poses (n, 4, 4) from its source's.
-
-    Raises FileError that names path where they are beyond the tolerances.
+    source: poses (n, 4, 4) mm of the flange at joint angles (n, 6) rad, computed without the axes. Raises FileError
+    that names path where the section cannot be written, or differs by more than the tolerance.
     """
-    largest_mm, largest_rad = largest_difference(T, T_source)
+    text = "".join(f"# {plain(line)}\n" for line in head) + _section_text(name, axes, joints, path)
+    robot = parsed(text)
+    q = random_postures(robot)
+    largest_mm, largest_rad = largest_difference(flange_poses(robot, q), source(q))
     if not (largest_mm <= tolerance_mm and largest_rad <= TOLERANCE):
         what = f"as modified Denavit-Hartenberg it differs by {largest_mm:.1e} mm and {largest_rad:.1e} rad"
         raise FileError(str(path), what, "nothing is written; please report it with this file")
-    return largest_mm, largest_rad
+    return Section(robot, text, largest_mm, largest_rad)
 
 
 def parsed(text: str) -> Robot:
@@ -104,10 +120,10 @@ def parsed(text: str) -> Robot:
     return Robot.model_validate(yaml.safe_load(text)["robot"])
 
 
-def random_postures(limits_deg: Array, number: int) -> Array:
-    """Return joint angles (number, 6) rad within limits (6, 2) in degrees, the same at each call."""
-    low, high = np.radians(limits_deg).T
-    return np.random.default_rng(0).uniform(low, high, (number, 6))
+def random_postures(robot: Robot) -> Array:
+    """Return joint angles (200, 6) rad within the limits, the same at each call."""
+    low, high = np.radians([axis.limits_deg for axis in robot.axes]).T
+    return np.random.default_rng(0).uniform(low, high, (_POSTURES, 6))
 
 
 def flange_poses(robot: Robot, q: Array) -> Array:
@@ -120,6 +136,15 @@ def largest_difference(T: Array, other: Array) -> tuple[float, float]:
     # The chord of the turn between, since the arc cosine of its trace has no digits near zero.
     chord = np.linalg.norm(T[:, :3, :3] - other[:, :3, :3], axis=(1, 2)) / np.sqrt(2)
     return float(np.linalg.norm(T[:, :3, 3] - other[:, :3, 3], axis=1).max()), float(chord.max())
+
+
+def _section_text(name: str, axes: SixAxes, joints: Sequence[Joint], path: Path) -> str:
+    try:
+        return robot_text(robot_of(name, denavit_hartenberg(axes), joints))
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        place = ".".join(map(str, first["loc"]))
+        raise FileError(str(path), f"{place}: {first['msg']}", "correct it: its units are metres and radians") from None
 
 
 def _centre(joint: Joint, T: Array) -> tuple[float, float, float]:
@@ -154,8 +179,8 @@ def _pose(T: Array) -> Pose:
     return Pose(xyz_mm=_vector(T[:3, 3]), rpy_deg=(_degrees(roll), _degrees(pitch), _degrees(yaw)))
 
 
-def _flow(value: Any) -> str:
-    """A value as YAML in one line, whole numbers without a point."""
+def flow(value: Any) -> str:
+    """Return a value as YAML in one line, whole numbers without a point."""
     whole = _whole(value)
     text: str = yaml.safe_dump(whole, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
     return text.strip().removesuffix("\n...").strip()

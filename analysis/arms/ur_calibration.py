@@ -18,12 +18,11 @@ import numpy as np
 from analysis.arms.robot_section import (
     TOLERANCE,
     Joint,
+    Section,
+    checked_section,
     flange_poses,
     largest_difference,
-    parsed,
     random_postures,
-    require_equal,
-    section_of,
 )
 from analysis.arms.six_axes import SixAxes
 from analysis.kinematics.arm import Array, arm_of, link_frames
@@ -43,8 +42,7 @@ _REMEDY = "give calibration.conf of the controller, unchanged"
 _NOT_CALIBRATED = "0"
 """calibration_status; 1 and 2 are an arm that was measured."""
 _LARGE_MM = 50.0
-"""No arm is bent so far: the file is of another kind of arm."""
-_POSTURES = 1000
+"""No arm is bent so far: the file is of another model."""
 
 
 @dataclass(frozen=True)
@@ -60,18 +58,14 @@ class Differences:
 
 @dataclass(frozen=True)
 class CalibratedArm:
-    """An arm with its own calibration. text: the `robot:` section, with comments; doubts: what a person should look at.
+    """An arm with its own calibration. doubts: what a person should look at.
 
-    moved_mm: how far the flange is from that of the published arm at most, on random postures; largest_mm, largest_rad:
-    between the section as written and the constants of the file.
+    moved_mm: how far the flange is from that of the published arm at most, on random postures.
     """
 
-    robot: Robot
-    text: str
+    section: Section
     doubts: tuple[str, ...]
     moved_mm: float
-    largest_mm: float
-    largest_rad: float
 
 
 def calibrated(arm: Arm, path: Path) -> CalibratedArm:
@@ -80,15 +74,19 @@ def calibrated(arm: Arm, path: Path) -> CalibratedArm:
         raise FileError(arm.name, "has no calibration.conf: only the arms of Universal Robots do", "leave it out")
     differences = read_calibration(path)
     classic = _classic(arm.robot, differences)
-    head = f"{arm.maker} {arm.model} with its own calibration: {path.name}"
-    text = section_of(f"{arm.robot.name}, calibrated", classic.axes(), _joints(arm.robot), [head], path)
-    robot = parsed(text)
-    q = random_postures(np.array([axis.limits_deg for axis in robot.axes]), _POSTURES)
-    poses = flange_poses(robot, q)
     tolerance_mm = TOLERANCE + _ROUNDING * float(np.abs(differences.d).max())
-    largest_mm, largest_rad = require_equal(poses, classic.frames(q)[:, 6], tolerance_mm, path)
-    moved_mm, _ = largest_difference(poses, flange_poses(arm.robot, q))
-    return CalibratedArm(robot, text, tuple(_doubts(differences, moved_mm)), moved_mm, largest_mm, largest_rad)
+    section = checked_section(
+        f"{arm.robot.name}, calibrated",
+        classic.axes(),
+        _joints(arm.robot),
+        [f"{arm.maker} {arm.model} with its own calibration: {path.name}"],
+        lambda q: classic.frames(q)[:, 6],
+        path,
+        tolerance_mm,
+    )
+    q = random_postures(arm.robot)
+    moved_mm, _ = largest_difference(flange_poses(section.robot, q), flange_poses(arm.robot, q))
+    return CalibratedArm(section, tuple(_doubts(differences, moved_mm)), moved_mm)
 
 
 def read_calibration(path: Path) -> Differences:
@@ -177,5 +175,5 @@ def _doubts(differences: Differences, moved_mm: float) -> list[str]:
     if not differences.is_calibrated:
         said.append("calibration_status is 0: the arm was not calibrated")
     if moved_mm > _LARGE_MM:
-        said.append(f"that is more than {_LARGE_MM:g} mm: is the file of this kind of arm?")
+        said.append(f"that is more than {_LARGE_MM:g} mm; check that the file is of this model")
     return said

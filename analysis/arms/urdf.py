@@ -5,37 +5,28 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from analysis.arms.robot_section import TOLERANCE, flange_poses, parsed, random_postures, require_equal, section_of
+from analysis.arms.robot_section import Section, checked_section
 from analysis.arms.six_axes import SixAxes
 from analysis.arms.urdf_chain import Chain, axes_of, chain_of, joints_of, listed, others_of
-from analysis.arms.urdf_file import read_urdf, yourdfpy_module
+from analysis.arms.urdf_file import read_urdf
 from analysis.kinematics.arm import Array
 from rigs.schema.robot import Pose, Robot
 
 _EXACT_RAD, _SLIGHT_RAD = 1e-6, 0.02
 """Axes are parallel or at right angles to a micrometre a metre, or say so where they are nearly so, within a degree."""
-_POSTURES = 200
-"""Enough to move each joint through its range; the library takes milliseconds for each."""
 
 
 @dataclass(frozen=True)
 class UrdfArm:
-    """An arm of a URDF. text: the `robot:` section, with comments; doubts: what a person should look at.
+    """An arm of a URDF, from the link base to the link tip. doubts: what a person should look at."""
 
-    largest_mm, largest_rad: between the section as written and the URDF, on random postures.
-    """
-
-    robot: Robot
-    text: str
+    section: Section
     base: str
     tip: str
     doubts: tuple[str, ...]
-    largest_mm: float
-    largest_rad: float
 
 
 def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> UrdfArm:
@@ -47,29 +38,25 @@ def import_urdf(path: Path, base: str | None = None, tip: str | None = None) -> 
         f"From {path.name}: {chain.base} to {chain.tip}. Joints count as in the URDF, which may not be as the",
         "controller counts: compare zeros, signs, and J3 of a FANUC, and correct offset_deg and coupling.",
     )
-    text = section_of(urdf.name, axes, joints_of(urdf, chain), head, path)
-    robot = parsed(text)
-    q = random_postures(np.array([axis.limits_deg for axis in robot.axes]), _POSTURES)
-    largest_mm, largest_rad = require_equal(flange_poses(robot, q), library_poses(urdf, chain, q), TOLERANCE, path)
-    doubts = [*_slightly_off(axes, chain), *_ends_elsewhere(robot), *_left_out(others_of(urdf, chain))]
-    return UrdfArm(robot, text, chain.base, chain.tip, tuple(doubts), largest_mm, largest_rad)
+    section = checked_section(urdf.name, axes, joints_of(urdf, chain), head, lambda q: library_poses(chain, q), path)
+    doubts = [*_slightly_off(axes, chain), *_ends_elsewhere(section.robot), *_left_out(others_of(urdf, chain))]
+    return UrdfArm(section, chain.base, chain.tip, tuple(doubts))
 
 
-def library_poses(urdf: Any, chain: Chain, q: Array) -> Array:
-    """Return the poses (n, 4, 4) mm of the tip in the base frame as yourdfpy computes them; q (n, 6) rad."""
-    yourdfpy = yourdfpy_module()
-    joints = [*chain.up, *chain.down]
-    ends = {name for joint in joints for name in (joint.parent, joint.child)}
-    links = [link for link in urdf.links if link.name in ends]
-    model = yourdfpy.URDF(robot=yourdfpy.Robot(urdf.name, links, joints), load_meshes=False)
-    names = [joint.name for joint in chain.moving]
+def library_poses(chain: Chain, q: Array) -> Array:
+    """Return the poses (n, 4, 4) mm of the tip in the base frame as pytransform3d computes them; q (n, 6) rad."""
+    from pytransform3d.urdf import UrdfTransformManager  # noqa: PLC0415 - an extra of the package
+
+    frames = UrdfTransformManager()
+    for joint in (*chain.up, *chain.down):
+        kind = "revolute" if joint.moves else "fixed"
+        frames.add_joint(joint.name, joint.child, joint.parent, joint.T_parent_child, joint.axis, joint_type=kind)
     poses = []
     for angles in q.tolist():
-        model.update_cfg(dict(zip(names, angles, strict=True)))
-        poses.append(model.get_transform(chain.tip, chain.base))
-    T = np.array(poses, dtype=float)
-    T[:, :3, 3] *= 1000.0
-    return T
+        for joint, angle in zip(chain.moving, angles, strict=True):
+            frames.set_joint(joint.name, angle)
+        poses.append(frames.get_transform(chain.tip, chain.base))
+    return np.array(poses, dtype=float)
 
 
 def _slightly_off(axes: SixAxes, chain: Chain) -> list[str]:

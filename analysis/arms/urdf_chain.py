@@ -4,55 +4,52 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from analysis.arms.robot_section import Joint
 from analysis.arms.six_axes import SixAxes
+from analysis.arms.urdf_file import Urdf, UrdfJoint
 from analysis.kinematics.arm import Array
 from rigs.errors import FileError
 
 _NO_TURN = {
     "prismatic": "it slides: leave it out, with --base or --tip",
     "continuous": "it has no limits: write type revolute, with lower, upper and velocity",
-    "floating": "it moves freely: leave it out, with --base or --tip",
-    "planar": "it slides: leave it out, with --base or --tip",
 }
 _REMEDY = "choose the ends of the arm with --base and --tip"
 _LISTED = 5
-_MM = 1000.0
 
 
 @dataclass(frozen=True)
 class Chain:
-    """Joints of yourdfpy from one link of a URDF to another: up, from the base to where the ways part, which are
-    fixed, and down from there to the tip."""
+    """Joints from one link of a URDF to another: up, from the base to where the ways part, which are fixed, and down
+    from there to the tip."""
 
     base: str
     tip: str
-    up: tuple[Any, ...]
-    down: tuple[Any, ...]
+    up: tuple[UrdfJoint, ...]
+    down: tuple[UrdfJoint, ...]
 
     @property
-    def moving(self) -> tuple[Any, ...]:
+    def moving(self) -> tuple[UrdfJoint, ...]:
         """The joints that are not fixed, from the base."""
-        return tuple(joint for joint in self.down if joint.type != "fixed")
+        return tuple(joint for joint in self.down if joint.moves)
 
 
-def chain_of(robot: Any, base: str | None, tip: str | None, where: str) -> Chain:
+def chain_of(urdf: Urdf, base: str | None, tip: str | None, where: str) -> Chain:
     """Return the chain of six turning joints between two links.
 
     base: default is the link `base`, or else the root; tip: default is `tool0`, or else the only link at an end.
     Raises FileError for any other chain.
     """
-    names = [link.name for link in robot.links]
+    names = list(urdf.masses)
     for name in (base, tip):
         if name is not None and name not in names:
             raise FileError(where, f"has no link {name}", f"its links are {listed(names)}")
-    above = {joint.child: joint for joint in robot.joints}
+    above = {joint.child: joint for joint in urdf.joints}
     start = base or ("base" if "base" in names else _root(names, above, where))
-    end = tip or ("tool0" if "tool0" in names else _only_end(robot, start, above, where))
+    end = tip or ("tool0" if "tool0" in names else _only_end(urdf, start, above, where))
     up, down = _path(start, above, where), _path(end, above, where)
     while up and down and up[0] is down[0]:
         up, down = up[1:], down[1:]
@@ -66,36 +63,36 @@ def axes_of(chain: Chain) -> SixAxes:
     T = _T_base_parting(chain)
     points, directions = [], []
     for joint in chain.down:
-        T = T @ _origin(joint)
-        if joint.type != "fixed":
+        T = T @ joint.T_parent_child
+        if joint.moves:
             points.append(T[:3, 3])
             directions.append(T[:3, :3] @ joint.axis / np.linalg.norm(joint.axis))
     return SixAxes(np.array(points), np.array(directions), T)
 
 
-def joints_of(robot: Any, chain: Chain) -> tuple[Joint, ...]:
+def joints_of(urdf: Urdf, chain: Chain) -> tuple[Joint, ...]:
     """Return what the URDF says of each joint: limits, speed, and the mass of all links that are fixed behind it."""
     T = _T_base_parting(chain)
     found = []
     for joint in chain.down:
-        T = T @ _origin(joint)
-        if joint.type == "fixed":
+        T = T @ joint.T_parent_child
+        if not joint.moves:
             continue
-        mass, centre = _mass(robot, joint.child, T)
-        low, high = np.degrees([joint.limit.lower, joint.limit.upper]).round(9).tolist()
-        speed = round(float(np.degrees(joint.limit.velocity)), 9)
+        mass, centre = _mass(urdf, joint.child, T)
+        low, high = np.degrees([joint.lower, joint.upper]).round(9).tolist()
+        speed = round(float(np.degrees(joint.velocity)), 9)
         found.append(Joint(joint.name, (low, high), speed, mass, centre))
     return tuple(found)
 
 
-def others_of(robot: Any, chain: Chain) -> tuple[str, ...]:
+def others_of(urdf: Urdf, chain: Chain) -> tuple[str, ...]:
     """Return the names of joints that move and are not of the chain."""
     within = {joint.name for joint in chain.down}
-    return tuple(joint.name for joint in robot.joints if joint.type != "fixed" and joint.name not in within)
+    return tuple(joint.name for joint in urdf.joints if joint.moves and joint.name not in within)
 
 
 def _require_an_arm(chain: Chain, where: str) -> None:
-    if loose := next((joint for joint in chain.up if joint.type != "fixed"), None):
+    if loose := next((joint for joint in chain.up if joint.moves), None):
         raise FileError(where, f"joint {loose.name} moves the base {chain.base} itself", _REMEDY)
     for joint in chain.moving:
         _require_a_turn(joint, where)
@@ -104,24 +101,23 @@ def _require_an_arm(chain: Chain, where: str) -> None:
         raise FileError(where, what, _REMEDY)
 
 
-def _require_a_turn(joint: Any, where: str) -> None:
+def _require_a_turn(joint: UrdfJoint, where: str) -> None:
     """One joint as a rig file can have it."""
-    place, limit = f"joint {joint.name}", joint.limit
-    if joint.mimic is not None:
-        raise FileError(where, f"{place} follows joint {joint.mimic.joint}", "write it as a joint of its own")
-    if joint.type != "revolute":
-        what = f"{place} is {joint.type}" if joint.type else f"{place} has no type"
-        raise FileError(where, what, _NO_TURN.get(str(joint.type), "write type revolute"))
+    place = f"joint {joint.name}"
+    if joint.follows is not None:
+        raise FileError(where, f"{place} follows joint {joint.follows}", "write it as a joint of its own")
+    if joint.type in _NO_TURN:
+        raise FileError(where, f"{place} is {joint.type}", _NO_TURN[joint.type])
     if np.linalg.norm(joint.axis) < 1e-6:
         raise FileError(where, f"{place} has an axis of no length", "write its direction, as 0 0 1")
-    if limit is None or None in (limit.lower, limit.upper, limit.velocity):
+    if not np.isfinite([joint.lower, joint.upper, joint.velocity]).all():
         raise FileError(where, f"{place} has no limits", "write <limit> with lower, upper and velocity")
-    if limit.lower >= limit.upper or limit.velocity <= 0:
-        what = f"{place} has lower {limit.lower:g}, upper {limit.upper:g} and velocity {limit.velocity:g}"
+    if joint.lower >= joint.upper or joint.velocity <= 0:
+        what = f"{place} has lower {joint.lower:g}, upper {joint.upper:g} and velocity {joint.velocity:g}"
         raise FileError(where, what, "write the limits in order, and a velocity above 0")
 
 
-def _root(names: Sequence[str], above: dict[str, Any], where: str) -> str:
+def _root(names: Sequence[str], above: dict[str, UrdfJoint], where: str) -> str:
     roots = [name for name in names if name not in above]
     if len(roots) != 1:
         what = f"has {len(roots)} links that hang on no other" + (f": {listed(roots)}" if roots else "")
@@ -129,11 +125,11 @@ def _root(names: Sequence[str], above: dict[str, Any], where: str) -> str:
     return roots[0]
 
 
-def _only_end(robot: Any, start: str, above: dict[str, Any], where: str) -> str:
+def _only_end(urdf: Urdf, start: str, above: dict[str, UrdfJoint], where: str) -> str:
     """The only link at an end that a joint moves."""
-    parents = {joint.parent for joint in robot.joints}
-    leaves: list[str] = [link.name for link in robot.links if link.name not in parents and link.name != start]
-    moved = [name for name in leaves if any(joint.type != "fixed" for joint in _path(name, above, where))]
+    parents = {joint.parent for joint in urdf.joints}
+    leaves = [name for name in urdf.masses if name not in parents and name != start]
+    moved = [name for name in leaves if any(joint.moves for joint in _path(name, above, where))]
     if not moved:
         raise FileError(where, "has no moving joint", "give the URDF of a six-axis arm")
     if len(moved) > 1:
@@ -141,9 +137,9 @@ def _only_end(robot: Any, start: str, above: dict[str, Any], where: str) -> str:
     return moved[0]
 
 
-def _path(link: str, above: dict[str, Any], where: str) -> list[Any]:
+def _path(link: str, above: dict[str, UrdfJoint], where: str) -> list[UrdfJoint]:
     """The joints from the root to a link."""
-    path: list[Any] = []
+    path: list[UrdfJoint] = []
     while joint := above.get(link):
         if len(path) > len(above):
             raise FileError(where, f"the links above {link} form a circle", "correct it: a URDF is a tree")
@@ -152,46 +148,28 @@ def _path(link: str, above: dict[str, Any], where: str) -> list[Any]:
     return path[::-1]
 
 
-def _mass(robot: Any, link: str, T: Array) -> tuple[float, Array]:
+def _mass(urdf: Urdf, link: str, T: Array) -> tuple[float, Array]:
     """Mass (kg) of a link at T (4, 4) and of all that is fixed to it, and its centre (3,) mm in the base frame."""
-    parts = [
-        (inertial.mass, (T_part @ _in_mm(inertial.origin))[:3, 3])
-        for name, T_part in _fixed_to(robot, link, T)
-        for inertial in [next(one for one in robot.links if one.name == name).inertial]
-        if inertial is not None and inertial.mass
-    ]
-    mass = sum(kg for kg, _ in parts)
-    return mass, sum((kg * centre for kg, centre in parts), np.zeros(3)) / (mass or 1.0)
+    parts = [(urdf.masses[name], T_part) for name, T_part in _fixed_to(urdf, link, T)]
+    kg = sum(part.kg for part, _ in parts)
+    moment = sum((part.kg * (T_part[:3, :3] @ part.centre_mm + T_part[:3, 3]) for part, T_part in parts), np.zeros(3))
+    return kg, moment / (kg or 1.0)
 
 
-def _fixed_to(robot: Any, link: str, T: Array) -> Iterator[tuple[str, Array]]:
+def _fixed_to(urdf: Urdf, link: str, T: Array) -> Iterator[tuple[str, Array]]:
     """A link at T (4, 4) and all links that fixed joints join to it, each with its frame."""
     left = [(link, T)]
     while left:
         link, T = left.pop()
         yield link, T
-        fixed = [joint for joint in robot.joints if joint.parent == link and joint.type == "fixed"]
-        left += [(joint.child, T @ _origin(joint)) for joint in fixed]
+        left += [(one.child, T @ one.T_parent_child) for one in urdf.joints if one.parent == link and not one.moves]
 
 
 def _T_base_parting(chain: Chain) -> Array:  # noqa: N802 - a frame's name
     """The frame (4, 4) mm of the link where the ways to base and tip part, in the base frame."""
     T = np.eye(4)
     for joint in chain.up:
-        T = T @ np.linalg.inv(_origin(joint))
-    return T
-
-
-def _origin(joint: Any) -> Array:
-    return _in_mm(joint.origin)
-
-
-def _in_mm(origin: Array | None) -> Array:
-    """A frame (4, 4) with its place in mm instead of metres; none is where its parent is."""
-    if origin is None:
-        return np.eye(4)
-    T = origin.copy()
-    T[:3, 3] *= _MM
+        T = T @ np.linalg.inv(joint.T_parent_child)
     return T
 
 

@@ -1,55 +1,108 @@
-"""A URDF file as links and joints: bounded, without entities or macros, read by yourdfpy.
+"""A URDF file as joints and masses in mm: bounded, without entities or macros, its frames computed by pytransform3d.
 
-Shapes are left out before that library sees the file: the geometry of an arm needs none of its meshes.
+That library reads a part of a word for a number and knows no speeds, so the numbers are checked before it sees them.
+Shapes are left out: the geometry of an arm needs none of its meshes.
 """
 
 from __future__ import annotations
 
-import io
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from analysis.kinematics.arm import Array
 from rigs.errors import CellError, FileError
 from rigs.files import read_bytes
+
+if TYPE_CHECKING:
+    from pytransform3d.urdf import Joint, Link
 
 _MOST_BYTES = 10_000_000
 """The URDF of a humanoid has half a megabyte; meshes are files of their own."""
 _MOST_PARTS = 2000
 """Links and joints; a humanoid with both hands has some hundred."""
-_XACRO = "expand the macros first: xacro FILE > arm.urdf"
-_REMEDY = "give a URDF file, as xacro writes it"
-_UNREADABLE = (AttributeError, IndexError, KeyError, TypeError, ValueError, ArithmeticError, RuntimeWarning)
-"""What yourdfpy raises where a part lacks a name, has a word for a number, or an angle without end."""
 _LARGEST = 1e6
 """No arm has so many metres, radians or kilograms."""
+_TYPES = ("revolute", "continuous", "prismatic", "fixed")
+_NUMBERS = {
+    ("origin", "xyz"): 3,
+    ("origin", "rpy"): 3,
+    ("axis", "xyz"): 3,
+    ("limit", "lower"): 1,
+    ("limit", "upper"): 1,
+    ("limit", "velocity"): 1,
+    ("mass", "value"): 1,
+}
+"""How many numbers the attributes have that are used."""
+_REMEDY = "give a URDF file, as xacro writes it"
+_XACRO = "expand the macros first: xacro FILE > arm.urdf"
 
 
-def yourdfpy_module() -> Any:
-    """Return the library, which is an extra of the package. Raises CellError where it is missing."""
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A joint. T_parent_child (4, 4): its frame at zero, lengths in mm; axis (3,) in that frame, of any length;
+    lower, upper (rad) and velocity (rad/s): infinite where the file has none; follows: the joint that it mimics."""
+
+    name: str
+    type: str
+    parent: str
+    child: str
+    T_parent_child: Array
+    axis: Array
+    lower: float
+    upper: float
+    velocity: float
+    follows: str | None
+
+    @property
+    def moves(self) -> bool:
+        return self.type != "fixed"
+
+
+@dataclass(frozen=True)
+class Mass:
+    """Mass of a link in kg, and its centre (3,) mm in the link's frame."""
+
+    kg: float
+    centre_mm: Array
+
+
+@dataclass(frozen=True)
+class Urdf:
+    """A file: a forest of links, whose masses are by their names, and joints."""
+
+    name: str
+    masses: dict[str, Mass]
+    joints: tuple[UrdfJoint, ...]
+
+
+def read_urdf(path: Path) -> Urdf:
+    """Return the links and joints of a file. Raises FileError, or CellError where the library is missing."""
     try:
-        import yourdfpy  # noqa: PLC0415 - an extra, and a second to load
+        from pytransform3d.urdf import UrdfException, parse_urdf  # noqa: PLC0415 - an extra of the package
     except ModuleNotFoundError as error:
-        raise CellError("import-urdf", f"needs {error.name}, which is missing", "pip install yourdfpy") from None
-    return yourdfpy
+        what = f"needs {error.name}, which is missing"
+        raise CellError("import-urdf", what, "pip install pytransform3d") from None
+    from lxml import etree  # noqa: PLC0415 - comes with it
 
-
-def read_urdf(path: Path) -> Any:
-    """Return the yourdfpy.Robot of a file, its shapes left out. Raises FileError."""
-    yourdfpy = yourdfpy_module()
     where = str(path)
-    data = _without_shapes(_text(path), where)
+    root = _root(_text(path), where)
+    _leave_out_shapes(root)
+    for part in root:
+        _require_numbers(part, where)
+    for joint in root.findall("joint"):
+        _require_type(joint, where)
     try:
-        robot = yourdfpy.URDF.load(io.BytesIO(data), build_scene_graph=False, load_meshes=False).robot
-    except _UNREADABLE as error:
-        what = "a link or joint lacks its name, parent or child, or has a word for a number"
-        raise FileError(where, f"not readable as URDF ({error}): {what}", _REMEDY) from None
-    _require_names(robot, where)
-    for joint in robot.joints:
-        _require_numbers(joint, where)
-    for link in robot.links:
-        _require_mass(link, where)
-    return robot
+        name, links, joints = parse_urdf(etree.tostring(root, encoding="unicode"))
+    except UrdfException as error:
+        raise FileError(where, f"not readable as URDF: {str(error).rstrip('.')}", "correct it") from None
+    _require_a_tree([str(link.name) for link in links], joints, where)
+    masses = {str(link.name): _mass(link) for link in links}
+    return Urdf(name, masses, tuple(map(_joint, joints, root.findall("joint"))))
 
 
 def _text(path: Path) -> str:
@@ -60,15 +113,15 @@ def _text(path: Path) -> str:
     try:
         text = data.decode()
     except UnicodeDecodeError:
-        raise FileError(str(path), "is no UTF-8 text", _REMEDY) from None
+        raise FileError(str(path), "is not UTF-8 text", _REMEDY) from None
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # a few lines of entities of entities make gigabytes
         raise FileError(str(path), "declares a document type or entities, which no URDF needs", "remove <!DOCTYPE …>")
     return text
 
 
-def _without_shapes(text: str, where: str) -> bytes:
-    """The links' inertials and the joints of a URDF, as XML again."""
-    from lxml import etree  # noqa: PLC0415 - comes with yourdfpy
+def _root(text: str, where: str) -> Any:
+    """The <robot> of a URDF, bounded and without macros."""
+    from lxml import etree  # noqa: PLC0415
 
     parser = etree.XMLParser(
         encoding="utf-8", resolve_entities=False, no_network=True, remove_comments=True, remove_pis=True
@@ -78,56 +131,90 @@ def _without_shapes(text: str, where: str) -> bytes:
     except etree.XMLSyntaxError as error:
         raise FileError(where, f"not XML: {error.msg}", _REMEDY) from None
     if root.tag != "robot":
-        raise FileError(where, f"is no URDF: it is a <{root.tag}>, not a <robot>", _REMEDY)
+        raise FileError(where, f"is not a URDF: it is a <{root.tag}>, not a <robot>", _REMEDY)
     if any("xacro" in str(part.tag) for part in root.iter()):
         raise FileError(where, "is xacro, not URDF", _XACRO)
-    for part in list(root):
-        if part.tag not in ("link", "joint"):
-            root.remove(part)
-    if len(root) > _MOST_PARTS:
-        raise FileError(where, f"has {len(root)} links and joints, more than {_MOST_PARTS}", "give that of one arm")
-    for part in root.findall("link/*"):
-        if part.tag != "inertial":
-            part.getparent().remove(part)
-    if any("${" in value or "$(" in value for part in root.iter() for value in part.attrib.values()):
-        raise FileError(where, "is xacro, not URDF: it has ${…} for numbers", _XACRO)
-    return bytes(etree.tostring(root, encoding="utf-8"))
+    if (count := len(root.findall("link")) + len(root.findall("joint"))) > _MOST_PARTS:
+        raise FileError(where, f"has {count} links and joints, more than {_MOST_PARTS}", "give that of one arm")
+    return root
 
 
-def _require_names(robot: Any, where: str) -> None:
-    links, joints = [link.name for link in robot.links], [joint.name for joint in robot.joints]
-    for kind, names in (("link", links), ("joint", joints)):
-        if twice := next((name for name in names if names.count(name) > 1), None):
+def _leave_out_shapes(root: Any) -> None:
+    """Remove from a <robot> all that is not a link with its mass, or a joint."""
+    for parent, kept in ((root, ("link", "joint")), *((link, ("inertial",)) for link in root.findall("link"))):
+        for part in list(parent):
+            if part.tag not in kept:
+                parent.remove(part)
+    for inertial in root.findall("link/inertial"):
+        for inertia in inertial.findall("inertia"):
+            inertial.remove(inertia)
+
+
+def _require_numbers(part: Any, where: str) -> None:
+    """Refuse a link or joint with a number that no arm has; write each as the library reads it."""
+    for element in part.iter():
+        for key, words in element.attrib.items():
+            if "${" in words or "$(" in words:
+                raise FileError(where, "is xacro, not URDF: it has ${…} for numbers", _XACRO)
+            if not (count := _NUMBERS.get((element.tag, key))):
+                continue
+            numbers = _numbers(words)
+            if len(numbers) != count or (element.tag == "mass" and numbers[0] < 0):
+                what = f"{part.tag} {part.get('name')} has {element.tag} {key}={words!r}"
+                raise FileError(where, what, f"write {'three numbers' if count == 3 else 'a number'} that an arm has")
+            element.set(key, " ".join(map(repr, numbers)))
+
+
+def _numbers(words: str) -> list[float]:
+    """The numbers of an attribute, or none of them if one is not a possible number."""
+    try:
+        numbers = [float(word) for word in words.split()]
+    except ValueError:
+        return []
+    return numbers if all(math.isfinite(number) and abs(number) < _LARGEST for number in numbers) else []
+
+
+def _require_type(joint: Any, where: str) -> None:
+    if (kind := joint.get("type")) not in _TYPES:
+        what = f"joint {joint.get('name')} " + (f"is {kind}" if kind else "has no type")
+        raise FileError(where, what, "write type revolute, or remove the joint")
+
+
+def _require_a_tree(links: Sequence[str], joints: Sequence[Joint], where: str) -> None:
+    for kind, names in (("link", links), ("joint", [joint.joint_name for joint in joints])):
+        if twice := _twice(names):
             raise FileError(where, f"has two {kind}s named {twice}", "rename one of them")
-    for joint in robot.joints:
-        for end, name in (("parent", joint.parent), ("child", joint.child)):
-            if name not in links:
-                raise FileError(where, f"joint {joint.name} has the {end} {name}, which is no link", "correct its name")
-    children = [joint.child for joint in robot.joints]
-    if twice := next((name for name in children if children.count(name) > 1), None):
+    if twice := _twice([joint.child for joint in joints]):
         raise FileError(where, f"link {twice} is the child of two joints", "remove one of them: a URDF is a tree")
 
 
-def _require_numbers(joint: Any, where: str) -> None:
-    limit = joint.limit
-    numbers = [*joint.axis, *([] if joint.origin is None else joint.origin.flat)]
-    numbers += [] if limit is None else [one for one in (limit.lower, limit.upper, limit.velocity) if one is not None]
-    if len(joint.axis) != 3 or not all(map(_is_possible, numbers)):
-        _impossible(f"joint {joint.name}", where)
+def _twice(names: Sequence[str | None]) -> str | None:
+    return next((name for name in names if names.count(name) > 1), None)
 
 
-def _require_mass(link: Any, where: str) -> None:
-    inertial = link.inertial
-    if inertial is None or inertial.mass is None:
-        return
-    origin = [] if inertial.origin is None else inertial.origin.flat
-    if not all(map(_is_possible, [inertial.mass, *origin])) or inertial.mass < 0:
-        _impossible(f"the mass of link {link.name}", where)
+def _joint(joint: Joint, element: Any) -> UrdfJoint:
+    """A joint of the library, with what it does not read from the element."""
+    limit, mimic = element.find("limit"), element.find("mimic")
+    return UrdfJoint(
+        name=str(joint.joint_name),
+        type=joint.joint_type,
+        parent=str(joint.parent),
+        child=str(joint.child),
+        T_parent_child=_in_mm(joint.child2parent),
+        axis=np.asarray(joint.joint_axis, dtype=float),
+        lower=joint.limits[0],
+        upper=joint.limits[1],
+        velocity=math.inf if limit is None else float(limit.get("velocity", math.inf)),
+        follows=None if mimic is None else mimic.get("joint", ""),
+    )
 
 
-def _is_possible(number: float) -> bool:
-    return math.isfinite(number) and abs(number) < _LARGEST
+def _mass(link: Link) -> Mass:
+    return Mass(link.mass, _in_mm(link.inertial_frame)[:3, 3])
 
 
-def _impossible(place: str, where: str) -> NoReturn:
-    raise FileError(where, f"{place} has numbers that no arm has", "write metres, radians and kg; an axis has three")
+def _in_mm(T: Array) -> Array:
+    """A frame (4, 4) with its place in mm instead of metres."""
+    T = T.copy()
+    T[:3, 3] *= 1000.0
+    return T

@@ -123,6 +123,7 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     automatic,  # noqa: F401
     calibrate,  # noqa: F401
     check,  # noqa: F401
+    circle,  # noqa: F401
     compare,  # noqa: F401
     correct,  # noqa: F401
     diagnose,  # noqa: F401
@@ -133,6 +134,7 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     history,  # noqa: F401
     import_,  # noqa: F401
     import_urdf,  # noqa: F401
+    init,  # noqa: F401
     interfaces,  # noqa: F401
     live,  # noqa: F401
     logs,  # noqa: F401

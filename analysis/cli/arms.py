@@ -54,7 +54,7 @@ def arms(
         from analysis.arms.ur_calibration import calibrated  # noqa: PLC0415
 
         own = calibrated(arm, calibration)
-        robot, text = own.robot, own.text
+        robot, text = own.section.robot, own.section.text
         say(f"{calibration} moves the flange by up to {own.moved_mm:.3f} mm", err=True)
         for doubt in own.doubts:
             say(doubt, err=True, mark="note: ")

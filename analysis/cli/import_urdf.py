@@ -33,6 +33,7 @@ def import_urdf(
     arm = imported(file, base, tip)
     for doubt in arm.doubts:
         say(doubt, err=True, mark="note: ")
-    difference = f"differs from the URDF by at most {arm.largest_mm:.0e} mm and {arm.largest_rad:.0e} rad"
+    section = arm.section
+    difference = f"differs from the URDF by at most {section.largest_mm:.0e} mm and {section.largest_rad:.0e} rad"
     say(f"{arm.base} to {arm.tip}: {difference}", err=True)
-    write_section(arm.text, output)
+    write_section(section.text, output)

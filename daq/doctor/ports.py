@@ -37,7 +37,7 @@ def present(about: str, port: str, root: Path) -> Finding:
     """Check whether the port exists."""
     if _at(port, root).exists():
         return ok(about, f"{port} exists")
-    here = ", ".join(_ports(root)) or "none"
+    here = ", ".join(port_names(root)) or "none"
     return wrong(
         about, f"{port}: no such port", f"plug it in and switch it on, or correct the port; ports here: {here}"
     )
@@ -47,7 +47,9 @@ def lasting(about: str, port: str, root: Path) -> Finding | None:
     """Check whether the port's name stays with the adapter; None for a port that is built in."""
     if not _BY_PLUGGING_ORDER.fullmatch(port):
         return None
-    names = [name for name in _ports(root) if _at(name, root).resolve() == _at(port, root).resolve() and name != port]
+    names = [
+        name for name in port_names(root) if _at(name, root).resolve() == _at(port, root).resolve() and name != port
+    ]
     remedy = f"write port: {names[0]}" if names else "write its name in /dev/serial/by-id, or install the udev rules"
     return doubtful(about, f"{port} is given to adapters in the order in which they are plugged in", remedy)
 
@@ -112,8 +114,8 @@ def _below_dev(port: str, root: Path) -> str:
     return str(device.relative_to(dev)) if device.is_relative_to(dev) else device.name
 
 
-def _ports(root: Path) -> list[str]:
-    """Serial ports that are plugged in, by the name to write into a rig file: each adapter's best one, and itself."""
+def port_names(root: Path) -> list[str]:
+    """Return the serial ports that are plugged in, by the name to write into a rig file: one that lasts, if any."""
     found = [file for folder in _LASTING if (root / folder).is_dir() for file in sorted((root / folder).iterdir())]
     found += sorted(file for kind in ("ttyUSB*", "ttyACM*") for file in (root / "dev").glob(kind))
     best: dict[Path, Path] = {}

@@ -117,11 +117,20 @@ def cases() -> dict[str, Case]:
             [first(cell), "--truth", cell / "rig.yaml"],
         ],
         "automatic": of_every_run(),
+        "ball fit": lambda cell, own: [
+            [first(cell), "--rig", cell / "rig.yaml"],
+            [cell / "no run", "--rig", EVIL, "--write"],
+        ],
         "calibrate": lambda cell, own: [
             [*runs(cell), "--fit", EVIL],
             [*runs(cell), "--fit", "joint_offset", "-o", own / "out.yaml"],
         ],
         "check": lambda cell, own: [[cell / "rig.yaml"], [cell / EVIL.replace("/", "|")], [cell]],
+        "circle fit": lambda cell, own: [
+            [*runs(cell), "--rig", cell / "rig.yaml"],
+            [cell / EVIL, "--rig", shutil.copy(cell / "rig.yaml", own / (EVIL.replace("/", "|") + BYTES)), "--write"],
+            ["--live"],
+        ],
         "compare": lambda cell, own: [
             [*runs(cell), "--plot", own / "compared"],
             [first(cell), "--json"],
@@ -146,6 +155,12 @@ def cases() -> dict[str, Case]:
             [cell / "rig.yaml", "--rig", cell / "rig.yaml", "--test", "pose", "-o", own / "made"],
             [cell, "--rig", EVIL, "--test", EVIL, "-o", own / "made"],
             ["x", "--rig", EVIL, "--test", "pose", "-o", own / "made"],
+        ],
+        "init": lambda cell, own: [
+            [own / "new.yaml", "--robot", "tcp://127.0.0.1:1", "--arm", EVIL],
+            [own / (EVIL.replace("/", "|") + BYTES), "--port", cell / EVIL, "--robot", EVIL, "--key", EVIL],
+            [cell / "rig.yaml"],
+            [own / "new.yaml", "--json", "--port", cell / EVIL],
         ],
         "interfaces": lambda cell, own: [[], ["--json"]],
         "live": lambda cell, own: [[], ["--rig", EVIL]],

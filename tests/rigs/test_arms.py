@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from pydantic import ValidationError
@@ -73,7 +74,10 @@ def test_the_shipped_ur10e_is_that_of_the_library() -> None:
 @pytest.mark.parametrize(
     ("name", "remedy"),
     [
-        ("UR10", "did you mean ur10e"),
+        ("UR10", "did you mean ur10e?"),
+        ("GP 7", "did you mean yaskawa-gp7?"),
+        ("kr6", "did you mean kuka-kr-6-r900-2 or kuka-kr-6-r900-sixx?"),
+        ("fanuc-m-21ia", "did you mean fanuc-m-20ia"),
         ("fanuc_m_20ia", "did you mean fanuc-m-20ia"),
         ("comau", "rig arms lists all"),
         ("../arms/ur10e", "did you mean ur10e"),
@@ -83,6 +87,18 @@ def test_the_shipped_ur10e_is_that_of_the_library() -> None:
 def test_an_unknown_arm_is_refused_with_the_names_that_are_near(name: str, remedy: str) -> None:
     with pytest.raises(FileError, match=re.escape(remedy)):
         load_arm(name)
+
+
+@pytest.mark.parametrize(
+    ("name", "source_rad"),
+    [
+        ("fanuc-lr-mate-200id", (-2.450966, 4.886922)),
+        ("fanuc-m-10ia", (-3.14, 4.61)),
+        ("fanuc-m-20ia", (-3.228859, 4.766843)),
+    ],
+)
+def test_the_limits_of_a_fanucs_j3_are_those_of_j3_alone(name: str, source_rad: tuple[float, float]) -> None:
+    assert load_arm(name).robot.axes[2].limits_deg == pytest.approx(np.degrees(source_rad), abs=0.5)
 
 
 @pytest.mark.parametrize(

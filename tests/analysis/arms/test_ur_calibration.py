@@ -51,21 +51,21 @@ def conf(folder: Path, text: str) -> Path:
 def test_the_section_is_the_calibrated_arm(name: str) -> None:
     file, a, d = PUBLISHED[name]
     found = calibrated(load_arm(name), FILES / file)
-    assert parsed(found.text) == found.robot
-    assert all(abs(axis.d_mm) < 1000 and abs(axis.a_mm) < 1000 for axis in found.robot.axes)
+    assert parsed(found.section.text) == found.section.robot
+    assert all(abs(axis.d_mm) < 1000 and abs(axis.a_mm) < 1000 for axis in found.section.robot.axes)
     q = np.random.default_rng(7).uniform(-2 * np.pi, 2 * np.pi, (1000, 6))
     # The rounding of radians to degrees and back, and of lengths of 278 m, is part of the reference here.
     np.testing.assert_allclose(
-        flange_poses(found.robot, q), classic(classic_rows(FILES / file, a, d))(q), atol=2e-9, rtol=0
+        flange_poses(found.section.robot, q), classic(classic_rows(FILES / file, a, d))(q), atol=2e-9, rtol=0
     )
-    assert found.largest_mm < 2e-9
+    assert found.section.largest_mm < 2e-9
     assert 0.1 < found.moved_mm < 50
     assert found.doubts == ()
 
 
 def test_centres_of_mass_move_with_their_links_by_no_more_than_the_arm() -> None:
     nominal = load_arm("ur3e").robot
-    own = calibrated(load_arm("ur3e"), FILES / "ur3.conf").robot
+    own = calibrated(load_arm("ur3e"), FILES / "ur3.conf").section.robot
     for ours, its in zip(nominal.axes, own.axes, strict=True):
         assert its.mass_kg == ours.mass_kg
         assert np.linalg.norm(its.centre_mm) < np.linalg.norm(ours.centre_mm) + 200
@@ -76,7 +76,7 @@ def test_no_differences_are_the_published_arm(tmp_path: Path) -> None:
     found = calibrated(load_arm("ur10e"), conf(tmp_path, f"[mounting]\n{lists}\ncalibration_status = 0\n"))
     assert found.moved_mm < 1e-9
     assert found.doubts == ("calibration_status is 0: the arm was not calibrated",)
-    for own, nominal in zip(found.robot.axes, load_arm("ur10e").robot.axes, strict=True):
+    for own, nominal in zip(found.section.robot.axes, load_arm("ur10e").robot.axes, strict=True):
         assert abs(own.a_mm) == pytest.approx(abs(nominal.a_mm), abs=1e-9)
         assert own.beta_deg == 0
 
@@ -84,7 +84,7 @@ def test_no_differences_are_the_published_arm(tmp_path: Path) -> None:
 def test_the_file_of_another_kind_of_arm_is_doubted(tmp_path: Path) -> None:
     text = GOOD.replace("0.034503078453104935", "0.134503078453104935")
     (doubt,) = calibrated(load_arm("ur3e"), conf(tmp_path, text)).doubts
-    assert "is the file of this kind of arm?" in doubt
+    assert "check that the file is of this model" in doubt
 
 
 BAD = {

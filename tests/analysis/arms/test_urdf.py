@@ -40,7 +40,7 @@ def urdf(folder: Path, text: str) -> Path:
 def test_the_section_is_the_chain_in_its_own_terms(name: str, tmp_path: Path) -> None:
     chain = CHAINS[name]
     arm = import_urdf(urdf(tmp_path, chain.urdf()))
-    assert parsed(arm.text) == arm.robot
+    assert parsed(arm.section.text) == arm.section.robot
     assert (arm.base, arm.tip) == ("base_link", "tool0")
     q = np.random.default_rng(3).uniform(-2.5, 2.5, (200, 6))
     controller = q.copy()
@@ -48,9 +48,9 @@ def test_the_section_is_the_chain_in_its_own_terms(name: str, tmp_path: Path) ->
         controller[:, 2] -= controller[:, 1]
     expected = chain(controller)
     expected[:, 2, 3] += 1000 * chain.base_m
-    np.testing.assert_allclose(flange_poses(arm.robot, q), expected, atol=1e-9, rtol=0)
-    assert arm.largest_mm < 1e-9
-    assert arm.largest_rad < 1e-9
+    np.testing.assert_allclose(flange_poses(arm.section.robot, q), expected, atol=1e-9, rtol=0)
+    assert arm.section.largest_mm < 1e-9
+    assert arm.section.largest_rad < 1e-9
 
 
 @pytest.mark.parametrize("name", ["abb-irb-120", "abb-irb-1600"])
@@ -58,7 +58,7 @@ def test_the_constants_are_those_of_the_library(name: str, tmp_path: Path) -> No
     """Not only the same poses: the same lengths and angles, as a person would write them."""
     chain = SOURCES[name]["geometry"]
     assert isinstance(chain, Chain)
-    found, ours = import_urdf(urdf(tmp_path, chain.urdf())).robot, load_arm(name).robot
+    found, ours = import_urdf(urdf(tmp_path, chain.urdf())).section.robot, load_arm(name).robot
     for its, axis in zip(found.axes, ours.axes, strict=True):
         constants = (its.a_mm, its.alpha_deg, its.beta_deg, its.offset_deg)
         assert constants == pytest.approx((axis.a_mm, axis.alpha_deg, 0, axis.offset_deg), abs=1e-9)
@@ -81,8 +81,8 @@ def test_axes_that_are_nearly_parallel_are_named_and_kept(tmp_path: Path) -> Non
     text = GOOD.replace('<axis xyz="0.0 1.0 0.0"/>', '<axis xyz="0.001 1.0 0.0"/>', 1)
     arm = import_urdf(urdf(tmp_path, text))
     assert any("joint_2 and joint_3 0.0573 degrees off parallel" in doubt for doubt in arm.doubts)
-    assert max(abs(axis.a_mm) for axis in arm.robot.axes) < 1000
-    assert any(axis.beta_deg for axis in arm.robot.axes)
+    assert max(abs(axis.a_mm) for axis in arm.section.robot.axes) < 1000
+    assert any(axis.beta_deg for axis in arm.section.robot.axes)
     assert import_urdf(urdf(tmp_path, GOOD)).doubts == ()
 
 
@@ -93,9 +93,9 @@ def test_masses_that_are_fixed_together_are_one(tmp_path: Path) -> None:
     text = GOOD.replace('<link name="link_6"/>', f'<link name="link_6">{inertial(3, 0.1)}</link>')
     text = text.replace('<link name="tool0"/>', f'<link name="tool0">{inertial(1, 0.0)}</link>')
     arm = import_urdf(urdf(tmp_path, text))
-    assert [axis.mass_kg for axis in arm.robot.axes] == [0, 0, 0, 0, 0, 4]
+    assert [axis.mass_kg for axis in arm.section.robot.axes] == [0, 0, 0, 0, 0, 4]
     # At zero, link 6 stands as the base, with its centre 100 mm ahead and up; tool0's z is ahead, as that of axis 6.
-    x, y, z = arm.robot.axes[5].centre_mm
+    x, y, z = arm.section.robot.axes[5].centre_mm
     assert z == pytest.approx((3 * 100 + 1 * 100) / 4)
     assert np.hypot(x, y) == pytest.approx((3 * 100 + 1 * 0) / 4)
 
@@ -109,17 +109,17 @@ def test_meshes_are_not_needed_and_a_gripper_is_left_out(tmp_path: Path) -> None
         "</robot>", f"{finger}</robot>"
     )
     arm = import_urdf(urdf(tmp_path, text))
-    assert arm.robot == import_urdf(urdf(tmp_path, GOOD)).robot
+    assert arm.section.robot == import_urdf(urdf(tmp_path, GOOD)).section.robot
     assert arm.doubts == ("further moving joints are left out, with the masses on them: grip",)
 
 
 def test_ends_that_are_not_on_their_axes_are_named(tmp_path: Path) -> None:
     arm = import_urdf(urdf(tmp_path, GOOD), tip="link_6")
-    assert arm.robot.tool.rpy_deg != (0, 0, 0)
+    assert arm.section.robot.tool.rpy_deg != (0, 0, 0)
     assert ["the tip is not on axis 6" in doubt for doubt in arm.doubts] == [True]
     aside = re.sub(r'xyz="0.0 0.0 0.4"', 'xyz="0.1 0.0 0.4"', GOOD)
     arm = import_urdf(urdf(tmp_path, aside))
-    assert arm.robot.base.xyz_mm == (100, 0, 0)
+    assert arm.section.robot.base.xyz_mm == (100, 0, 0)
     assert ["axis 1 does not go through" in doubt for doubt in arm.doubts] == [True]
 
 
@@ -135,7 +135,7 @@ def test_a_base_on_a_branch_of_its_own_is_the_base_frame(tmp_path: Path) -> None
     q = np.random.default_rng(3).uniform(-2.5, 2.5, (50, 6))
     T = np.diag([-1.0, -1.0, 1.0, 1.0])
     T[2, 3] = 100.0
-    np.testing.assert_allclose(T @ flange_poses(arm.robot, q), flange_poses(root.robot, q), atol=1e-9)
+    np.testing.assert_allclose(T @ flange_poses(arm.section.robot, q), flange_poses(root.section.robot, q), atol=1e-9)
 
 
 SEVENTH = (
@@ -153,6 +153,7 @@ BAD = {
     ),
     "prismatic": (GOOD.replace("revolute", "prismatic", 1), "joint joint_1 is prismatic; it slides"),
     "continuous": (GOOD.replace("revolute", "continuous", 1), "joint joint_1 is continuous; it has no limits: write"),
+    "floating": (GOOD.replace("revolute", "floating", 1), "joint joint_1 is floating; write type revolute, or remove"),
     "no such type": (GOOD.replace("revolute", "screw", 1), "joint joint_1 is screw; write type revolute"),
     "mimic": (
         GOOD.replace("<limit", '<mimic joint="joint_2"/><limit', 1),
@@ -163,20 +164,18 @@ BAD = {
     "limits in disorder": (GOOD.replace('lower="-3"', 'lower="3"', 1), "lower 3, upper 2.5 and velocity 3.5; write"),
     "velocity 0": (GOOD.replace('velocity="3.5"', 'velocity="0"', 1), "velocity 0; write the limits in order"),
     "no axis": (re.sub(AXIS, '<axis xyz="0 0 0"/>', GOOD, count=1), "joint joint_1 has an axis of no length"),
-    "axis of two": (re.sub(AXIS, '<axis xyz="0 1"/>', GOOD, count=1), "joint joint_1 has numbers that no arm has"),
-    "nan": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 nan"', 1), "joint joint_1 has numbers that no arm has"),
-    "infinite angle": (GOOD.replace('rpy="0.0 0.0 0.0"', 'rpy="0 0 inf"', 1), "not readable as URDF"),
-    "a large number": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 1e308"', 1), "joint joint_1 has numbers that no arm has"),
+    "axis of two": (re.sub(AXIS, '<axis xyz="0 1"/>', GOOD, count=1), "joint joint_1 has axis xyz='0 1'; write three"),
+    "nan": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 nan"', 1), "joint joint_1 has origin xyz='0 0 nan'; write three"),
+    "infinite angle": (GOOD.replace('rpy="0.0 0.0 0.0"', 'rpy="0 0 inf"', 1), "has origin rpy='0 0 inf'; write three"),
+    "a large number": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 1e308"', 1), "joint joint_1 has origin xyz='0 0 1e308'"),
+    "a speed in words": (GOOD.replace('velocity="3.5"', 'velocity="fast"', 1), "velocity='fast'; write a number that"),
     "no type": (GOOD.replace('type="revolute"', "", 1), "joint joint_1 has no type; write type revolute"),
-    "a word": (
-        GOOD.replace('"0.0 0.0 0.4"', '"0 0 high"', 1),
-        "(could not convert string to float: 'high'): a link or joint lacks",
-    ),
+    "a word": (GOOD.replace('"0.0 0.0 0.4"', '"0.4 high"', 1), "joint joint_1 has origin xyz='0.4 high'; write three"),
     "millimetres": (GOOD.replace('"0.0 0.0 0.4"', '"0 0 400"', 1), "correct it: its units are metres and radians"),
     "limits in degrees": (GOOD.replace('upper="2.5"', 'upper="170"'), "correct it: its units are metres and radians"),
     "a negative mass": (
         GOOD.replace('<link name="link_1"/>', '<link name="link_1"><inertial><mass value="-1"/></inertial></link>'),
-        "the mass of link link_1 has numbers that no arm has",
+        "link link_1 has mass value='-1'; write a number that an arm has",
     ),
     "xacro elements": (
         '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm prefix=""/></robot>',
@@ -187,13 +186,13 @@ BAD = {
     "no XML": ("robot: {axes: []}\n", "not XML"),
     "an empty file": ("", "not XML"),
     "half a file": (GOOD[: len(GOOD) // 2], "not XML"),
-    "a robot of SDF": ("<sdf><model/></sdf>", "is no URDF: it is a <sdf>"),
+    "a robot of SDF": ("<sdf><model/></sdf>", "is not a URDF: it is a <sdf>"),
     "no name": (
         GOOD.replace('<robot name="chain">', "<robot>"),
-        "not readable as URDF ('name'): a link or joint lacks its name",
+        "not readable as URDF: Attribute 'name' is missing in robot tag; correct it",
     ),
-    "no parent": (GOOD.replace('<parent link="link_1"/>', ""), "not readable as URDF"),
-    "no link": (GOOD.replace('<link name="link_3"/>', ""), "which is no link; correct its name"),
+    "no parent": (GOOD.replace('<parent link="link_1"/>', ""), "No parent specified in joint 'joint_2'; correct it"),
+    "no link": (GOOD.replace('<link name="link_3"/>', ""), "'link_3' of joint 'joint_3' is not defined; correct it"),
     "two links": (GOOD.replace('<link name="link_3"/>', '<link name="link_3"/>' * 2), "has two links named link_3"),
     "two parents": (
         GOOD.replace("</robot>", SEVENTH.replace("link_7", "link_1").replace('<link name="link_1"/>', "") + "</robot>"),
@@ -267,6 +266,6 @@ def test_what_is_no_text_is_refused(what: str, tmp_path: Path) -> None:
 
 
 def test_a_computer_without_the_library_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "yourdfpy", None)
-    with pytest.raises(CellError, match=r"needs yourdfpy, which is missing; pip install"):
+    monkeypatch.setitem(sys.modules, "pytransform3d.urdf", None)
+    with pytest.raises(CellError, match=r"needs pytransform3d.urdf, which is missing; pip install"):
         import_urdf(urdf(tmp_path, GOOD))

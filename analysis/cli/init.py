@@ -1,0 +1,168 @@
+"""`rig init`: a rig file from what is plugged in and what a person answers."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analysis.cli import app
+from analysis.cli.commands import command
+from analysis.cli.console import say, say_json
+from analysis.cli.progress import progress_of
+
+if TYPE_CHECKING:
+    from analysis.setup.options import Options
+
+_INTERRUPTED = 130
+_MAKERS = ("ur", "fanuc", "kuka", "abb", "yaskawa")
+"""The controllers that rig program writes for; a feedback interface begins with the name of its maker."""
+
+
+@command(app, "rig init cell.yaml --robot 192.168.1.20 --arm ur10e")
+def init(
+    rig_file: Annotated[Path, typer.Argument(metavar="RIG", help="Rig file to write.")] = Path("cell.yaml"),
+    name: Annotated[str | None, typer.Option(help="Name of the rig; default: that of the file.")] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Host of the robot, tcp://host:port, or udp://address:port; default: asked for."
+        ),
+    ] = None,
+    port: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="PORT",
+            help="Serial port or tcp://host:port of a gauge; may be repeated; default: all ports.",
+        ),
+    ] = None,
+    g1: Annotated[
+        str | None, typer.Option(metavar="PORT", help="Port of gauge 1, PORT#CHANNEL if shared; default: asked for.")
+    ] = None,
+    g2: Annotated[
+        str | None, typer.Option(metavar="PORT", help="Port of gauge 2, PORT#CHANNEL if shared; default: asked for.")
+    ] = None,
+    key: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=VALUE", help="Key of the rig file, as g1.range_mm=10; repeatable; default: none."),
+    ] = None,
+    baseline_mm: Annotated[
+        float | None, typer.Option(min=0.1, max=10_000, help="Distance between the gauges in mm; default: asked for.")
+    ] = None,
+    arm: Annotated[
+        str | None, typer.Option(help="Arm by name, or a file with a section robot; default: asked for.")
+    ] = None,
+    tool: Annotated[
+        str | None,
+        typer.Option(
+            metavar="POSE", help="Ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees; default: asked for."
+        ),
+    ] = None,
+    circle_here: Annotated[
+        bool | None,
+        typer.Option("--circle-here/--circle-later", help="Whether the robot stands at the start of its circle."),
+    ] = None,
+    radius_mm: Annotated[float, typer.Option(min=1, max=2000, help="Radius of the circle in mm.")] = 70.0,
+    listen_s: Annotated[
+        float, typer.Option(min=0.2, max=60, help="Seconds to listen to a port before anything is asked.")
+    ] = 1.0,
+    modbus_unit: Annotated[
+        list[int] | None, typer.Option(min=0, max=247, help="Modbus unit to ask; may be repeated; default: 1.")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print what was found as one JSON object, and write nothing.")
+    ] = False,
+) -> None:
+    """Look for gauges and robot, ask which is which, and write a checked rig file.
+
+    It only reads: ports are listened to first, then asked with each protocol's
+    own request. Answers are kept beside the rig file until that is written, so
+    that an interrupted rig init goes on where it was. Without a terminal, every
+    question has its option.
+    """
+    from analysis.cli.check import check  # noqa: PLC0415
+    from analysis.setup.answers import kept_in  # noqa: PLC0415
+    from analysis.setup.dialogue import Stopped, at_terminal  # noqa: PLC0415
+    from analysis.setup.options import Options, keys_of  # noqa: PLC0415
+    from analysis.setup.session import make_rig_file  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
+
+    keys = keys_of(key or ())
+    if g2 is not None and g1 is None:
+        raise FileError("--g2", "is given without --g1", "give both, or neither")
+    for gauge, place in (("g1", g1), ("g2", g2)):
+        if "interface" in keys[gauge] and place is None:
+            raise FileError(f"--key {gauge}.interface", f"is given without --{gauge}", f"give --{gauge} PORT as well")
+    options = Options(
+        path=rig_file,
+        name=name or _name_of(rig_file),
+        robot=robot,
+        ports=tuple(port or ()),
+        places=tuple(place for place in (g1, g2) if place is not None),
+        keys=keys,
+        baseline_mm=baseline_mm,
+        arm=arm,
+        tool=tool,
+        circle_here=circle_here,
+        radius_mm=radius_mm,
+        listen_s=listen_s,
+        modbus_units=tuple(modbus_unit or (1,)),
+    )
+    if as_json:
+        say_json(_found(options))
+        return
+    try:
+        make_rig_file(options, at_terminal(say, progress_of))
+    except (KeyboardInterrupt, Stopped):
+        say("")
+        kept = kept_in(rig_file)
+        what = f"the same command goes on with the answers in {kept}" if kept.exists() else "nothing was written"
+        say(f"stopped; {what}", err=True)
+        raise typer.Exit(_INTERRUPTED) from None
+    check(str(rig_file))
+    say("next:")
+    for line in next_steps(rig_file):
+        say(f"  {line}")
+
+
+def _found(options: Options) -> dict[str, object]:
+    from analysis.setup.gauge_questions import reports_of  # noqa: PLC0415
+    from daq.discovery import search_robot  # noqa: PLC0415
+
+    robots = [search_robot(options.robot).to_dict()] if options.robot else []
+    with progress_of("looking at the ports") as doing:
+        ports = [report.to_dict() for report in reports_of(options, doing)]
+    return {"ports": ports, "robots": robots}
+
+
+def _name_of(rig_file: Path) -> str:
+    """A rig's name from that of its file: lower case, digits, - and _."""
+    return re.sub(r"[^a-z0-9_-]+", "-", rig_file.stem.lower()).strip("-_")[:63] or "cell"
+
+
+def next_steps(rig_file: Path) -> list[str]:
+    """Return what to do with a new rig file, a command a line."""
+    from rigs.load import load  # noqa: PLC0415
+
+    rig, _ = load(rig_file)
+    file = shlex.quote(str(rig_file))
+    begin = [f"rigd {file}", "# in another terminal:", "rig live  # push each gauge once more, and jog the robot"]
+    if rig.tests.circle is None:
+        return [
+            *begin,
+            "# jog the robot to three or more points of its circle, then Ctrl-C:",
+            f"rig circle fit --live --rig {file} --write",
+        ]
+    maker = rig.feedback.interface.partition("_")[0]
+    return [
+        *begin,
+        f"rig program {file} --for {maker if maker in _MAKERS else '|'.join(_MAKERS)} --test circle -o programs",
+        "rig record start first-acw --test yaw --direction acw",
+        "# start the robot's program, at reduced speed",
+        "rig record stop",
+        f"rig circle fit runs/*first* --rig {file} --write",
+        "rig report runs/*first* -o first.html",
+    ]

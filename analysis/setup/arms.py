@@ -1,0 +1,60 @@
+"""The arm of a new rig file: one by name, or the `robot` section of a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from rigs.arms import arm_names, load_arm
+from rigs.errors import FileError
+from rigs.files import read_bytes
+from rigs.problems import RigFileError, problems_of
+from rigs.schema.part import Part
+from rigs.schema.robot import Robot
+from rigs.yaml_text import read_yaml
+
+_MAX_BYTES = 1_000_000
+
+
+@dataclass(frozen=True)
+class ChosenArm:
+    """An arm. repeatability_mm: RP of its data sheet, None where not known; source: where its numbers are from."""
+
+    robot: Robot
+    repeatability_mm: float | None
+    source: str
+
+
+class _ArmFile(Part):
+    """The section that is read of a file."""
+
+    robot: Robot
+
+
+def chosen_arm(name: str) -> ChosenArm:
+    """Return an arm of the library by its name, or from a file with a section `robot`. Raises FileError."""
+    if name in arm_names():
+        return _of_library(name)
+    try:
+        text = read_bytes(Path(name), _MAX_BYTES).decode()
+    except UnicodeDecodeError as error:
+        raise FileError(name, f"not UTF-8 at byte {error.start}", "save it as UTF-8") from None
+    except FileNotFoundError:
+        return _of_library(name)  # which reports the names that are near
+    except OSError as error:
+        raise FileError(name, error.strerror or str(error), "give a file with a section robot") from None
+    root, data = read_yaml(text, name)
+    if not isinstance(data, dict) or "robot" not in data:
+        raise FileError(name, "lacks the section robot", "see rig arms for one, or choose an arm by its name")
+    section = {"robot": data["robot"]}
+    try:
+        return ChosenArm(_ArmFile.model_validate(section).robot, None, f"the file {Path(name).name}")
+    except ValidationError as error:
+        raise RigFileError(name, problems_of(error, section, root, _ArmFile)) from None
+
+
+def _of_library(name: str) -> ChosenArm:
+    arm = load_arm(name)
+    return ChosenArm(arm.robot, arm.repeatability_mm, f"the arm library: {arm.maker} {arm.model}")

@@ -1,0 +1,167 @@
+"""The gauges: what answers on which port, which of them is gauge 1, and what only their owner knows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+from pydantic import ValidationError
+
+from analysis.setup.answers import Answers
+from analysis.setup.dialogue import Dialogue
+from analysis.setup.options import Options, checked, key_error, written
+from daq.discovery import FoundGauge, PortReport, Wanted, Watch, named_attempts, search
+from rigs.errors import CellError, FileError
+from rigs.schema.gauges import Gauge
+from rigs.schema.part import Part
+
+_NAMES = ("g1", "g2")
+_MOST_SHOWN = 5
+"""Readings that a line of 80 columns holds."""
+_SIDES = {"g1": "+", "g2": "-"}
+
+
+def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Find the gauges, and learn which is which."""
+    if answers.gauges is not None and not options.places and not any(options.keys[name] for name in _NAMES):
+        return answers
+    chosen = _chosen(_found(options, dialogue), options, dialogue)
+    gauges = [_completed(gauge, name, options, dialogue) for name, gauge in zip(_NAMES, chosen, strict=False)]
+    return answers.model_copy(update={"gauges": tuple(gauges)})
+
+
+def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Ask how far apart two gauges are."""
+    baseline_mm = options.baseline_mm or answers.baseline_mm
+    if baseline_mm is None and len(answers.gauges or ()) > 1:
+        baseline_mm = dialogue.ask("Distance between the two gauges, in mm", "--baseline-mm", _length_mm, "50")
+    return answers.model_copy(update={"baseline_mm": baseline_mm}) if baseline_mm is not None else answers
+
+
+def reports_of(options: Options, doing: Callable[[str], None]) -> list[PortReport]:
+    """Search the ports that the options name, or all."""
+    ports = tuple(dict.fromkeys([*options.ports, *(place.partition("#")[0] for place in options.places)]))
+    named = {}
+    for name, place in zip(_NAMES, options.places, strict=False):
+        if "interface" in options.keys[name]:
+            port = place.partition("#")[0]
+            try:
+                named[port] = named_attempts({**options.keys[name], "port": port})
+            except ValidationError as error:
+                raise key_error(error, name) from None
+    return search(Wanted(ports, not ports, named, options.listen_s, options.modbus_units), doing)
+
+
+def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
+    """Return a port's report in lines; numbers: of the gauges, by place."""
+    head = f"{report.port}{f' ({report.description})' if report.description else ''}"
+    if not report.gauges:
+        return [f"  - {head}: {report.problem}", f"      {report.remedy}"]
+    lines = []
+    for found in report.gauges:
+        unit = "% of its range" if found.lacks else "mm"
+        also = f"; fits {', '.join(found.also)} as well" if found.also else ""
+        lines.append(f"  {numbers[found.place]} {found.place}")
+        kind = f"{found.gauge.interface}, {found.gauge.line}, {found.rate_hz:.0f} readings a second"
+        lines.append(f"      {kind}: {found.reading_mm:+.4f} {unit}{also}")
+    return lines
+
+
+def _found(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
+    """The gauges that answer; at a terminal the search is repeated until there is one."""
+    while True:
+        with dialogue.busy("looking at the ports") as doing:
+            reports = reports_of(options, doing)
+        found = [gauge for report in reports for gauge in report.gauges]
+        numbers = {gauge.place: number for number, gauge in enumerate(found, 1)}
+        for report in reports:
+            for line in describe_port(report, numbers):
+                dialogue.say(line)
+        if len(found) > 1 or options.places or (found and not dialogue.terminal):
+            return found
+        what = "one answers" if found else "none answers" if reports else "no serial port is plugged in"
+        remedy = "plug it in and switch it on, or name its port: --port PORT"
+        if not dialogue.terminal:
+            raise CellError("gauges", what, remedy)
+        dialogue.say(f"gauges: {what}; {remedy}")
+        prompt = "Enter looks again" + ("; 1 goes on with this one alone: " if found else ": ")
+        if dialogue.line(prompt) == "1" and found:
+            return found
+
+
+def _chosen(found: Sequence[FoundGauge], options: Options, dialogue: Dialogue) -> list[FoundGauge]:
+    """Gauge 1, and gauge 2 where there are two."""
+    by_place = {gauge.place: gauge for gauge in found}
+    if options.places:
+        return [_at(place, by_place) for place in options.places]
+    if len(found) == 1:
+        return list(found)
+    if not dialogue.terminal:
+        where = ", ".join(by_place)
+        raise FileError("gauges", f"{len(found)} answer ({where})", "say which is which: --g1 PORT --g2 PORT")
+    with Watch(found) as watch:
+        left = {str(number): gauge for number, gauge in enumerate(found, 1)}
+        first = left.pop(_pushed("g1", left, watch, dialogue))
+        if len(left) == 1:
+            return [first, *left.values()]
+        return [first, left[_pushed("g2", left, watch, dialogue)]]
+
+
+def _at(place: str, by_place: dict[str, FoundGauge]) -> FoundGauge:
+    matching = [gauge for name, gauge in by_place.items() if place in (name, gauge.gauge.port)]
+    if len(matching) == 1:
+        return matching[0]
+    if not matching:
+        raise CellError(place, "no gauge answers there", f"give one that answers: {', '.join(by_place)}")
+    channels = ", ".join(gauge.place for gauge in matching)
+    raise FileError(place, f"has {len(matching)} gauges", f"add the channel: {channels}")
+
+
+def _pushed(name: str, left: dict[str, FoundGauge], watch: Watch, dialogue: Dialogue) -> str:
+    """The number of the gauge that is pushed, or that is typed. left: the gauges by their numbers in the list."""
+    numbers = {gauge.place: number for number, gauge in left.items()}
+    while True:
+        watch.rest()
+        dialogue.say(f"Push gauge {name[1]}, on the {_SIDES[name]} side of the baseline, or type its number:")
+        answer = dialogue.line_or(partial(_readings, watch, numbers), partial(watch.pushed, [*numbers]))
+        number = numbers.get(answer, answer)
+        if number in left:
+            dialogue.say(f"{name}: {left[number].place}")
+            return number
+        dialogue.say(f"error: {answer!r}: is not a gauge that is left; type one of {', '.join(left)}, or push it")
+
+
+def _readings(watch: Watch, numbers: dict[str, str]) -> str:
+    """The present readings in one line, as many as it holds, and room to type. numbers: of the gauges, by place."""
+    now_mm = watch.readings_mm()
+    shown = [f"{number} {now_mm[place]:+.4f}" for place, number in numbers.items() if place in now_mm]
+    return f"  {'   '.join(shown[:_MOST_SHOWN])}: "
+
+
+def _completed(found: FoundGauge, name: str, options: Options, dialogue: Dialogue) -> Gauge:
+    """The gauge with the keys that only its owner knows, and those of --key."""
+    keys = dict(options.keys[name])
+    for key in found.lacks:
+        if key not in keys:
+            read = partial(_key, name, key, found.gauge)
+            keys[key] = dialogue.ask(f"{key} of {name} ({found.gauge.origin.instruments})", f"--key {name}.{key}", read)
+    fields = {**found.gauge.model_dump(mode="json", exclude_unset=True), **keys}
+    gauge: Gauge = checked(Gauge, fields, name)
+    return gauge
+
+
+def _key(name: str, key: str, gauge: Part, typed: str) -> Any:
+    value = written(typed, f"{name}.{key}")
+    checked(type(gauge), {**gauge.model_dump(mode="json", exclude_unset=True), key: value}, name)
+    return value
+
+
+def _length_mm(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0 < value <= 10_000:
+        raise FileError(repr(text), "is not a distance in mm", "type a number above 0, as 50")
+    return value

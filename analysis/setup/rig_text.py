@@ -1,0 +1,81 @@
+"""The text of a new rig file, with comments: what was found, what is nominal, and what is still to be measured."""
+
+from __future__ import annotations
+
+import datetime as dt
+from collections.abc import Iterator
+from typing import Any
+
+from analysis.arms.robot_section import flow, robot_text
+from analysis.setup.answers import Answers
+from analysis.setup.arms import ChosenArm
+from rigs.schema.feedback import Feedback
+from rigs.schema.gauges import Gauge
+from rigs.text import plain
+
+_BASELINE_MM = 50.0
+_NO_CIRCLE = """\
+# No circle yet. Put the ball link on, lead the robot to the start of the circle with the tool's z axis towards the
+# ball, and write centre, normal, radius and posture here:
+# tests:
+#   circle: {centre_mm: [x, y, z], normal: [0, 0, 1], radius_mm: 70, posture_deg: [q1, q2, q3, q4, q5, q6]}"""
+_CIRCLE = "from where the robot stood at its start, with the nominal arm: within some mm"
+
+
+def rig_text(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> str:
+    """Return the rig file that the answers make, a line each; effects and certificates are left to later."""
+    return "\n".join(_lines(answers, arm, name, today)) + "\n"
+
+
+def placed(answers: Answers) -> dict[str, Gauge]:
+    """Return the gauges by name, at their places on the baseline: half of it to each side."""
+    half_mm = (answers.baseline_mm or _BASELINE_MM) / 2
+    signed = zip(("g1", "g2"), (half_mm, -half_mm), answers.gauges or (), strict=False)
+    return {name: gauge.model_copy(update={"offset_mm": at_mm}) for name, at_mm, gauge in signed}
+
+
+def _lines(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> Iterator[str]:
+    feedback = answers.feedback
+    assert feedback is not None  # noqa: S101 - the questions come first
+    yield f"# Written by rig init on {today}. Lengths are mm, angles degrees; after each edit run rig check."
+    yield f"name: {name}"
+    yield ""
+    yield f"# Nominal arm, from {plain(arm.source)}; tool is the ball's place on the flange."
+    yield robot_text(arm.robot.model_copy(update={"tool": answers.tool or arm.robot.tool})).rstrip()
+    yield ""
+    yield "gauges:"
+    for gauge_name, gauge in placed(answers).items():
+        yield f"  {gauge_name}: # {gauge.origin.instruments}"
+        shared = ("channel",) if gauge.shares else ()
+        yield from _indented(_part(gauge, ("interface", "port", "line", *shared, "offset_mm")), 4)
+        if gauge.origin.doubts:
+            yield f"    # not confirmed: {gauge.origin.doubts}"
+    yield ""
+    yield f"feedback: # {feedback.origin.instruments}"
+    yield from _indented(_part(feedback, ("interface", "port", "rate_hz", "cycle_ms", "fields")), 2)
+    yield ""
+    if answers.circle is not None:
+        yield "tests:"
+        yield f"  circle: # {_CIRCLE}"
+        yield from _indented(_items(answers.circle.model_dump(mode="json", exclude_defaults=True)), 4)
+    else:
+        yield _NO_CIRCLE
+    if arm.repeatability_mm is not None:
+        yield ""
+        yield "limits:"
+        yield f"  data_sheet_rp_mm: {flow(arm.repeatability_mm)} # pose repeatability by ISO 9283, data sheet"
+
+
+def _part(part: Gauge | Feedback, first: tuple[str, ...]) -> Iterator[str]:
+    """The keys of an instrument: first those that a person looks for, then what differs from its default."""
+    whole = part.model_dump(mode="json")
+    differing = part.model_dump(mode="json", exclude_defaults=True)
+    return _items({key: whole[key] for key in first if key in whole} | differing)
+
+
+def _items(fields: dict[str, Any]) -> Iterator[str]:
+    return (f"{key}: {flow(value)}" for key, value in fields.items())
+
+
+def _indented(lines: Iterator[str], by: int) -> Iterator[str]:
+    return (" " * by + line for line in lines)

@@ -1,0 +1,144 @@
+"""The robot: its address, how its joints are read, its arm, its tool, and the circle that it stands at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from functools import partial
+from typing import Any
+
+from analysis.geometry.feasible import feasible_tests
+from analysis.setup.answers import Answers
+from analysis.setup.arms import chosen_arm
+from analysis.setup.circle import circle_from_start
+from analysis.setup.dialogue import Dialogue
+from analysis.setup.options import Options, checked
+from daq.discovery import RobotReport, joints_of, search_robot
+from rigs.arms import arm_names
+from rigs.errors import CellError, FileError
+from rigs.rig import Rig
+from rigs.schema.feedback import Feedback
+from rigs.schema.robot import Pose
+
+_ADDRESS = (
+    "Robot: its host name or IP address; or tcp://HOST:PORT of a program that\n"
+    "prints its joints; or udp://ADDRESS:PORT of this computer, which the controller\n"
+    "calls (KUKA RSI, ABB EGM)"
+)
+
+
+def ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Find the robot and read its joints, until a person agrees with them."""
+    same = options.robot in (None, answers.robot_address)
+    if answers.feedback is not None and same and not options.keys["feedback"]:
+        return answers
+    read = partial(_reported, options, dialogue)
+    report = read(options.robot) if options.robot is not None else dialogue.ask(_ADDRESS, "--robot", read)
+    for line in describe_robot(report):
+        dialogue.say(line)
+    feedback = report.feedback
+    if feedback and not report.units_sure and not options.keys["feedback"]:
+        feedback = dialogue.ask(
+            "Are these angles degrees? The pendant shows it: deg or rad",
+            "--key feedback.fields",
+            partial(_in_unit, feedback),
+            "deg",
+        )
+    return answers.model_copy(update={"robot_address": report.address, "feedback": feedback})
+
+
+def describe_robot(report: RobotReport) -> Iterator[str]:
+    """Yield the lines of what was found."""
+    assert report.feedback is not None  # noqa: S101 - of a robot that was found
+    yield f"  {report.feedback.interface} at {report.feedback.port}, {report.rate_hz:.0f} readings a second"
+    yield f"      joints now: {' '.join(f'{angle:.3f}' for angle in report.joints_deg)} deg"
+    if report.said:
+        yield f"      the controller reports: {report.said}"
+
+
+def _reported(options: Options, dialogue: Dialogue, address: str) -> RobotReport:
+    keys = options.keys["feedback"]
+    if "interface" in keys:
+        named: Feedback = checked(Feedback, {"port": address, **keys}, "feedback")
+        return RobotReport(address, named, joints_of(named))
+    with dialogue.busy(f"looking for a robot at {address}"):
+        report = search_robot(address)
+    if report.feedback is None:
+        raise CellError(f"robot {address}", report.problem, report.remedy)
+    if keys:
+        fields = {**report.feedback.model_dump(mode="json", exclude_unset=True), **keys}
+        changed: Feedback = checked(Feedback, fields, "feedback")
+        return RobotReport(address, changed, joints_of(changed), report.rate_hz, said=report.said)
+    return report
+
+
+def _in_unit(feedback: Feedback, unit: str) -> Feedback:
+    if unit not in ("deg", "rad"):
+        raise FileError(repr(unit), "is not a unit", "type deg or rad")
+    fields: Any = getattr(feedback, "fields", ())
+    return feedback.model_copy(update={"fields": tuple(name.replace("_deg", f"_{unit}") for name in fields)})
+
+
+def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Choose the arm."""
+
+    def read(name: str) -> str:
+        chosen_arm(name)
+        return name
+
+    question = f"Arm: {', '.join(_likely_arms(answers))}, or a file with a section robot"
+    given = options.arm or answers.arm
+    name = read(given) if given else dialogue.ask(question, "--arm", read)
+    return answers.model_copy(update={"arm": name})
+
+
+def _likely_arms(answers: Answers) -> Sequence[str]:
+    """The arms of the maker whose interface the robot speaks, or all: `kuka_rsi` is KUKA's."""
+    maker = answers.feedback.interface.partition("_")[0] if answers.feedback else ""
+    return [name for name in arm_names() if name.startswith(maker)] or arm_names()
+
+
+def ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
+    """Ask where the ball stands on the flange; an arm that has a tool of its own offers that."""
+    tool = _pose(options.tool) if options.tool else answers.tool
+    if tool is None:
+        own = chosen_arm(answers.arm or "").robot.tool
+        usual = None if own == Pose() else ",".join(f"{value:g}" for value in (*own.xyz_mm, *own.rpy_deg))
+        question = "The ball on the flange: x,y,z in mm, then roll,pitch,yaw in degrees"
+        tool = dialogue.ask(question, "--tool", _pose, usual)
+    return answers.model_copy(update={"tool": tool})
+
+
+def _pose(text: str) -> Pose:
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (3, 6) or not all(map(math.isfinite, values)):
+        raise FileError(repr(text), "is not x,y,z or x,y,z,roll,pitch,yaw", "write it as 0,0,150 or 0,0,150,0,90,0")
+    fields = {"xyz_mm": values[:3], "rpy_deg": values[3:] or (0.0, 0.0, 0.0)}
+    pose: Pose = checked(Pose, fields, "--tool")
+    return pose
+
+
+def ask_circle(answers: Answers, options: Options, dialogue: Dialogue, rig: Rig) -> Answers:
+    """Take the circle from where the robot stands, if it stands at its start. rig: what is known so far."""
+    if options.circle_here is None and (answers.circle is not None or answers.circle_later):
+        return answers
+
+    def read(answer: str) -> Answers:
+        if answer.lower() in ("n", "no"):
+            return answers.model_copy(update={"circle": None, "circle_later": True})
+        if answer.lower() not in ("y", "yes"):
+            raise FileError(repr(answer), "is not y or n", "type y or n")
+        joints_deg = joints_of(rig.feedback)
+        circle = circle_from_start(rig.robot, joints_deg, options.radius_mm)
+        tests = rig.tests.model_copy(update={"circle": circle})
+        for line in feasible_tests(rig.model_copy(update={"tests": tests})):
+            dialogue.say(f"  {line}")
+        return answers.model_copy(update={"circle": circle, "circle_later": False})
+
+    if options.circle_here is not None:
+        return read("y" if options.circle_here else "n")
+    question = "Does the robot stand at the start of its circle, ball link on? y or n"
+    return dialogue.ask(question, "--circle-here", read, "n")

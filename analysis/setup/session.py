@@ -1,0 +1,55 @@
+"""All questions in order, each answer kept at once, and at the end the rig file, whole or not at all."""
+
+from __future__ import annotations
+
+import datetime as dt
+from pathlib import Path
+from typing import Annotated
+
+from analysis.setup.answers import Answers, forget_answers, keep_answers, kept_in, load_answers
+from analysis.setup.arms import chosen_arm
+from analysis.setup.dialogue import Dialogue
+from analysis.setup.gauge_questions import ask_baseline, ask_gauges
+from analysis.setup.options import Options, checked
+from analysis.setup.rig_text import rig_text
+from analysis.setup.robot_questions import ask_arm, ask_circle, ask_robot, ask_tool
+from daq.store import durable
+from rigs.errors import CellError, FileError
+from rigs.load import parse
+from rigs.rig import Rig
+
+
+def make_rig_file(options: Options, dialogue: Dialogue) -> None:
+    """Ask what is open, and write the rig file. Raises FileError, CellError and Stopped; answers stay kept."""
+    path = options.path
+    if not path.parent.is_dir():
+        raise FileError(str(path.parent), "is not a directory", "create it, or give another name")
+    _check_new(path)
+    checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")
+    answers = load_answers(path)
+    if answers.count:
+        dialogue.say(f"going on with the {answers.count} answers in {kept_in(path)}; remove it to begin again")
+    for ask in (ask_robot, ask_gauges, ask_baseline, ask_arm, ask_tool):
+        answers = ask(answers, options, dialogue)
+        keep_answers(path, answers)
+    answers = ask_circle(answers, options, dialogue, _rig(answers, options)[0])
+    _, text = _rig(answers, options)
+    _check_new(path)
+    try:
+        durable.replace(path, text.encode())  # a power cut leaves no half of it
+    except OSError as error:
+        what = f"cannot be written: {error.strerror or error}"
+        raise CellError(str(path), what, "free some space; the same command goes on here") from None
+    forget_answers(path)
+
+
+def _check_new(path: Path) -> None:
+    if path.exists() or path.is_symlink():
+        raise FileError(str(path), "exists already", "give another name, or edit it and run rig check")
+
+
+def _rig(answers: Answers, options: Options) -> tuple[Rig, str]:
+    """The rig that the answers make, and its text. Raises RigFileError."""
+    assert answers.arm is not None  # noqa: S101 - asked for before
+    text = rig_text(answers, chosen_arm(answers.arm), options.name, dt.datetime.now(dt.UTC).date())
+    return parse(text, str(options.path)), text

@@ -1,0 +1,153 @@
+"""What can be tried on a port, read off the schemas: interface, line settings, and what may be sent.
+
+Pure lists, in the order in which they are tried. An interface whose request is not confirmed (`Origin.standing`) is not
+tried unless a person names it, since its request could mean something else to another instrument.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel, TypeAdapter
+
+from daq import gauges
+from daq.doctor.trial import USUAL_LINES
+from daq.protocol.streamed import Streamed
+from rigs.interfaces import models
+from rigs.load import load
+from rigs.schema.gauges import Gauge
+from rigs.schema.links import Line, tcp_address
+from rigs.schema.modbus import ModbusMap
+from rigs.schema.probe import Probe
+
+Sends = Literal["nothing", "requests", "all"]
+"""What a conversation may send: nothing; its read requests; or all of it, as rigd would."""
+
+_MOST_CHANNELS = 8
+STAND_IN: dict[str, Any] = {"range_mm": 100.0}
+"""Keys that an owner alone knows, and what is taken until they are given: readings are then percent of the range."""
+_MODBUS_EXAMPLE = "ur10e"
+"""The shipped rig whose gauges have the one Modbus register map that is known, that of Baumer's OM20 and OM30."""
+_GAUGE: TypeAdapter[Any] = TypeAdapter(Gauge)
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """The gauges that may share a port (one, or one for each channel), at line settings; what may be sent."""
+
+    gauges: tuple[Gauge, ...]
+    line: Line
+    sends: Sends
+
+    @property
+    def interface(self) -> str:
+        """The name of the interface."""
+        return self.gauges[0].interface
+
+
+def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
+    """Return what to try on a port that nothing is known of: listening, the makers' line settings, the usual ones."""
+    candidates = list(_candidates(port, modbus_units))
+    listened = [Attempt(one, one[0].line, "nothing") for one in candidates if _streams(one)]
+    asked = [one for one in candidates if not _streams(one)]
+    declared = [Attempt(one, one[0].line, "requests") for one in asked if _has_line(one)]
+    if tcp_address(port):
+        return declared
+    by_line = sorted(declared, key=lambda attempt: [one.line for one in declared].index(attempt.line))
+    # The commonest line settings first, for all that could have them: a port is done at the first that fits.
+    usual = [
+        Attempt(one, line, "requests")
+        for line in USUAL_LINES
+        for one in asked
+        if not (_has_line(one) and one[0].line == line) and _fits(one, line)
+    ]
+    return [*listened, *by_line, *usual]
+
+
+def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
+    """Return what to try where a person has named the instrument, by the keys of the rig file.
+
+    The whole conversation is held, as rigd would. Raises pydantic's ValidationError for keys that do not fit.
+    """
+    placed = {"offset_mm": 0.0, **fields}
+    lines = USUAL_LINES if "line" not in fields else ()
+    model = next((one for one in models(Gauge) if _name_of(one) == fields.get("interface")), None)
+    default = model.model_fields["line"].default if model else None
+    first = fields.get("line", str(default) if isinstance(default, Line) else str(USUAL_LINES[0]))
+    gauge = _GAUGE.validate_python({**placed, "line": first})
+    others = [] if tcp_address(gauge.port) else [line for line in lines if line != gauge.line]
+    return [Attempt((gauge,), line, "all") for line in [gauge.line, *others]]
+
+
+def missing_keys(interface: str) -> list[str]:
+    """Return the keys of an interface that only its owner knows: without a default, and not found by trying."""
+    (model,) = (one for one in models(Gauge) if _name_of(one) == interface)
+    found = {"interface", "port", "offset_mm", "line"}
+    return [key for key, field in model.model_fields.items() if field.is_required() and key not in found]
+
+
+def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge, ...]]:
+    """The gauges that may be there, those that share an instrument together."""
+    for model in models(Gauge):
+        assert issubclass(model, Probe)  # noqa: S101 - every gauge is one
+        if model.origin.standing != "confirmed":
+            continue
+        if model is ModbusMap:
+            example = load(_MODBUS_EXAMPLE)[0].gauges.g1
+            for unit in modbus_units:
+                yield (example.model_copy(update={"port": port, "offset_mm": 0.0, "unit": unit}),)
+            continue
+        needed = missing_keys(_name_of(model))
+        if tcp_address(port) or any(key not in STAND_IN for key in needed):
+            continue
+        fields = {"port": port, "offset_mm": 0.0, **{key: STAND_IN[key] for key in needed}}
+        for choice in _choices(model):
+            made = {**fields, **choice, "interface": _name_of(model), "line": _first_line(model)}
+            yield tuple(_GAUGE.validate_python({**made, "channel": channel}) for channel in _channels(model))
+
+
+def _streams(members: tuple[Gauge, ...]) -> bool:
+    """Whether the instrument sends by itself."""
+    return isinstance(gauges.host(members[:1]), Streamed)
+
+
+def _has_line(members: tuple[Gauge, ...]) -> bool:
+    """Whether the maker's line settings are known."""
+    return members[0].interface == "modbus_map" or isinstance(type(members[0]).model_fields["line"].default, Line)
+
+
+def _fits(members: tuple[Gauge, ...], line: Line) -> bool:
+    """Whether a protocol can be spoken with so many data bits: Modbus RTU needs all eight."""
+    return line.bits == 8 or members[0].interface != "modbus_map"
+
+
+def _name_of(model: type[BaseModel]) -> str:
+    (name,) = get_args(model.model_fields["interface"].annotation)
+    return str(name)
+
+
+def _first_line(model: type[BaseModel]) -> Line:
+    default = model.model_fields["line"].default
+    return default if isinstance(default, Line) else USUAL_LINES[0]
+
+
+def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
+    """The ways in which an instrument may be set to speak: its own keys that have a few possible values.
+
+    A cable is the maker's usual one: another would be asked by a modem line, which may be more than a request to some.
+    """
+    given = {"interface", "units", "cable"}
+    own = [key for key in model.model_fields if key in model.__annotations__ and key not in given]
+    several = [key for key in own if get_origin(model.model_fields[key].annotation) is Literal]
+    values = [get_args(model.model_fields[key].annotation) for key in several]
+    return [dict(zip(several, chosen, strict=True)) for chosen in product(*values)]
+
+
+def _channels(model: type[Probe]) -> Sequence[int]:
+    if not model.shares:
+        return (1,)
+    most = next(bound.le for bound in model.model_fields["channel"].metadata if hasattr(bound, "le"))
+    return range(1, min(most, _MOST_CHANNELS) + 1)

@@ -1,0 +1,180 @@
+"""Trying a robot's address: a host's known ports, a port that prints lines, or a port here that a controller calls."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Literal
+
+from pydantic import ValidationError
+
+from daq import feedback
+from daq.acquisition.stream_buffer import faults_of
+from daq.acquisition.streams import JOINTS, ROBOT, Stream
+from daq.discovery.attempts import Sends
+from daq.discovery.lines import layout_of
+from daq.discovery.probing import Probing
+from daq.discovery.reports import RobotReport, evidence_of
+from daq.discovery.ur_safety import stopped_by
+from daq.doctor.trial import Trial, try_line
+from daq.protocol.conversation import Arrival, Fault, FaultKind, Host
+from daq.wire.links import LinkLost, open_link
+from rigs.errors import CellError
+from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed
+from rigs.schema.links import Line, tcp_address, udp_address
+
+_LISTEN_S = 1.5
+_SILENCES = 3
+"""Time-outs within that time: a datagram that asks can be lost."""
+_CONFIRM_S = 0.5
+_PATIENCE_S = 3.0
+_NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
+_RTDE, _STREAM_MOTION = 30004, 60015
+"""The ports of Universal Robots' RTDE and of FANUC's Stream Motion."""
+_RATES_HZ = (500.0, 125.0)
+"""The rates of RTDE on e-Series and on CB3."""
+_CYCLES_MS: tuple[Literal[4, 12], ...] = (4, 12)
+
+
+@dataclass(frozen=True)
+class _Tried:
+    """An interface that was tried, and what came of it. sure: whether the unit of the angles is certain."""
+
+    feedback: Feedback
+    trial: Trial
+    sure: bool = True
+
+
+def search_robot(address: str) -> RobotReport:
+    """Search a robot at a host, a `tcp://host:port` or serial port that prints lines, or a `udp://address:port`.
+
+    The UDP address may be one of this computer, which a controller calls.
+    """
+    failed: list[str] = []
+    try:
+        for tried in _tries(address):
+            if evidence_of(tried.trial.items).enough:
+                return _found(address, tried)
+            failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {_why_not(tried.trial)}")
+    except ValidationError:
+        return RobotReport(
+            address, problem="is not an address", remedy="give HOST, tcp://HOST:PORT or udp://ADDRESS:PORT"
+        )
+    return RobotReport(address, problem="; ".join(dict.fromkeys(failed)), remedy=_remedy(address))
+
+
+def joints_of(robot: Feedback) -> tuple[float, ...]:
+    """Return where a robot's six joints stand now, in degrees. Raises CellError where it does not say."""
+    trial = _try(robot).trial
+    if trial.error:
+        raise trial.error
+    if not trial.samples:
+        remedy = trial.last_fault or "check that it is on and its program runs"
+        raise CellError(robot.port, "reports no joint angles", remedy)
+    return trial.samples[-1].values[:6]
+
+
+def _tries(address: str) -> Iterator[_Tried]:
+    """Try what is possible at an address, one after the other."""
+    if udp_address(address):
+        # Who is asked answers, or its computer refuses; only then is the port taken, to be called at.
+        yield _try(FANUCStreamMotion(interface="fanuc_stream_motion", port=address))
+        for cycle_ms in _CYCLES_MS:
+            yield _try(KUKARSI(interface="kuka_rsi", port=address, cycle_ms=cycle_ms))
+        yield _try(ABBEGM(interface="abb_egm", port=address))
+        return
+    if address.startswith("/"):
+        yield _line_feed(address)
+        return
+    host = address
+    if tcp_address(address):
+        yield _line_feed(address)
+    else:
+        address = f"tcp://{host}:{_RTDE}"
+    for rate_hz in _RATES_HZ:
+        yield _try(URRTDE(interface="ur_rtde", port=address, rate_hz=rate_hz))
+    if address != host:
+        yield _try(FANUCStreamMotion(interface="fanuc_stream_motion", port=f"udp://{host}:{_STREAM_MOTION}"))
+
+
+def _line_feed(address: str) -> _Tried:
+    """A line feed: listened to once, since some programs end with their connection, and read as its lines look."""
+    plain = LineFeed(interface="line_feed", port=address)
+    try:
+        arrivals = _heard(address)
+    except CellError as error:
+        return _Tried(plain, Trial(error=error))
+    except LinkLost as lost:
+        return _Tried(plain, Trial([Fault(FaultKind.DISCONNECTED, time.monotonic_ns(), str(lost))]))
+    layout = layout_of(arrivals)
+    fields = {"fields": layout.fields, "separator": layout.separator} if layout else {}
+    read = plain.model_copy(update=fields)
+    host = feedback.host(read)
+    items = [item for data, at_ns in arrivals for item in host.received(data, at_ns).items]
+    received = sum(len(data) for data, _ in arrivals)
+    return _Tried(read, Trial(items, _LISTEN_S, received, received), sure=layout is None or layout.sure)
+
+
+def _heard(address: str) -> list[Arrival]:
+    link = open_link(ROBOT, address, _NO_LINE)
+    try:
+        arrivals, until_s = list[Arrival](), time.monotonic() + _LISTEN_S
+        while (left_s := until_s - time.monotonic()) > 0:
+            if data := link.read(left_s):
+                arrivals.append((data, time.monotonic_ns()))
+        return arrivals
+    finally:
+        link.close()
+
+
+def _try(robot: Feedback) -> _Tried:
+    """Hold the conversation for a moment; a controller that calls is only listened to."""
+    # An RSI that expects no answers gets none.
+    limits = {"timeout_s": _LISTEN_S / _SILENCES} | ({"onlysend": True} if robot.interface == "kuka_rsi" else {})
+    tried = robot.model_copy(update=limits)
+    host = partial(_host, tried, "nothing" if robot.listens else "all")
+    stream = Stream(ROBOT, JOINTS, robot.port, _NO_LINE, host, listens=robot.listens)
+    return _Tried(robot, try_line(stream, _NO_LINE, _PATIENCE_S, _CONFIRM_S))
+
+
+def _host(robot: Feedback, sends: Sends) -> Host:
+    return Probing(feedback.host(robot), sends, _SILENCES)
+
+
+def _found(address: str, tried: _Tried) -> RobotReport:
+    samples = tried.trial.samples
+    lasted_s = (samples[-1].last_byte_ns - samples[0].last_byte_ns) / 1e9
+    stopped = stopped_by(tried.feedback.port) if tried.feedback.interface == "ur_rtde" else ""
+    report = RobotReport(
+        address,
+        tried.feedback,
+        samples[-1].values[:6],
+        units_sure=tried.sure,
+        said=stopped or _said(tried.trial),
+    )
+    return replace(report, rate_hz=(len(samples) - 1) / lasted_s) if lasted_s else report
+
+
+def _why_not(trial: Trial) -> str:
+    if trial.error:
+        return trial.error.what
+    return _said(trial) or ("not understood" if trial.received else "nothing arrived")
+
+
+def _said(trial: Trial) -> str:
+    """The last that the controller itself reported: a warning, a refusal."""
+    own = [fault.detail for fault in faults_of(trial.items) if fault.kind is FaultKind.DEVICE_ERROR]
+    return own[-1] if own else ""
+
+
+def _remedy(address: str) -> str:
+    if udp_address(address):
+        return "start the program that sends (RSI_ON, EGMStreamStart), to this address and port of this computer"
+    if tcp_address(address):
+        return "start the program that prints, or give the host alone where it is a Universal Robots arm"
+    return (
+        "switch it on; where a program prints lines give --robot tcp://HOST:PORT, and where the controller calls this "
+        "computer (KUKA RSI, ABB EGM) --robot udp://ADDRESS:PORT"
+    )

@@ -1,0 +1,208 @@
+"""Trying ports: each on its own thread, opened for this program alone and left with the settings that it had.
+
+An attempt that hears nothing ends after the instrument's time-out, and one that hears something after `_PATIENCE_S`.
+The first line settings at which a protocol fits end the search of a port, once every interface was tried at them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import termios
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+from serial.tools import list_ports
+
+from daq import gauges
+from daq.acquisition.stream_buffer import faults_of
+from daq.acquisition.streams import Stream
+from daq.discovery.attempts import Attempt, Sends, attempts
+from daq.discovery.probing import Probing
+from daq.discovery.reports import FoundGauge, PortReport, evidence_of
+from daq.doctor.finding import Verdict
+from daq.doctor.ports import examine_port, port_names
+from daq.doctor.trial import Trial, try_line
+from daq.protocol.conversation import FaultKind, Host, Sample
+from rigs.schema.gauges import Gauge
+from rigs.schema.links import Port
+
+_ANSWER_S = 0.3
+"""What an answer may take while it is tried: 9 characters at 4800 baud take 21 ms, an FTDI adapter holds them for 16
+more, and a Heidenhain ND 281 B takes up to 50 ms."""
+_PATIENCE_S = 2.0
+_CONFIRM_S = 0.5
+"""For more readings, once a protocol fits."""
+LISTEN_S = 1.0
+
+_PORT: TypeAdapter[str] = TypeAdapter(Port)
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What to search. ports: serial devices and TCP addresses that a person named; every: also all that are plugged in.
+
+    named: what to try on a port whose instrument is known, in place of everything. listen_s: how long to listen at
+    each setting. modbus_units: the units that are asked.
+    """
+
+    ports: tuple[str, ...] = ()
+    every: bool = True
+    named: Mapping[str, Sequence[Attempt]] = field(default_factory=dict)
+    listen_s: float = LISTEN_S
+    modbus_units: tuple[int, ...] = (1,)
+    root: Path = Path("/")
+
+    def places(self) -> dict[str, str]:
+        """Return each port with what the system says of it."""
+        here = dict.fromkeys(port_names(self.root), "") if self.every else {}
+        described: dict[str, str] = {}
+        for one in list_ports.comports() if self.every and self.root == Path("/") else ():
+            name = next((name for name in here if Path(name).resolve() == Path(one.device).resolve()), one.device)
+            described[name] = one.description if one.description != "n/a" else ""
+        return {**dict.fromkeys(self.ports, ""), **here, **described}
+
+
+def search(wanted: Wanted, progress: Progress) -> list[PortReport]:
+    """Search all ports at once. On Ctrl-C each ends its attempt, and its port gets its settings back."""
+    places, found, stop = wanted.places(), dict[str, PortReport](), threading.Event()
+
+    def one(port: str, description: str) -> None:
+        found[port] = search_port(port, description, wanted, progress, stop)
+
+    threads = [threading.Thread(target=one, args=place, name=f"search {place[0]}") for place in places.items()]
+    for thread in threads:
+        thread.start()
+    try:
+        for thread in threads:
+            thread.join()
+    except BaseException:
+        stop.set()
+        for thread in threads:
+            thread.join()
+        raise
+    return [found[port] for port in places]
+
+
+def search_port(port: str, description: str, wanted: Wanted, progress: Progress, stop: threading.Event) -> PortReport:
+    """Search one port."""
+    report = PortReport(port, description)
+    try:
+        _PORT.validate_python(port)
+    except ValidationError:
+        return _failed(report, "is not a port", "write it as /dev/serial/by-id/… or tcp://host:502")
+    if port.startswith("/"):
+        for finding in examine_port(port, port, wanted.root, served=False):
+            if finding.verdict is Verdict.WRONG:
+                return _failed(report, finding.what.removeprefix(f"{port}: "), finding.remedy)
+    tried = wanted.named.get(port) or attempts(port, wanted.modbus_units)
+    try:
+        with _as_it_was(port):
+            return _tried(report, tried, wanted.listen_s, progress, stop)
+    except (OSError, termios.error) as error:
+        return _failed(report, f"is not a serial port ({error.args[-1]})", "give the path of a serial port")
+
+
+def host_of(members: Sequence[Gauge], sends: Sends, listen_s: float, silences: int = 1) -> Host:
+    """Return our side of the conversation with gauges on trial. silences: see `Probing`."""
+    timeout_s = listen_s if sends == "nothing" else _ANSWER_S if sends == "requests" else members[0].timeout_s
+    return Probing(gauges.host([one.model_copy(update={"timeout_s": timeout_s}) for one in members]), sends, silences)
+
+
+def _tried(
+    report: PortReport, tried: Sequence[Attempt], listen_s: float, progress: Progress, stop: threading.Event
+) -> PortReport:
+    best: list[tuple[Attempt, Trial]] = []
+    own_error: tuple[Attempt, Trial] | None = None
+    received = 0
+    for number, attempt in enumerate(tried, 1):
+        answered = best[0] if best else own_error
+        if stop.is_set() or (answered and attempt.line != answered[0].line):
+            break
+        progress(f"{report.port}: {attempt.interface} at {attempt.line} ({number} of {len(tried)})")
+        trial = _trial(report.port, attempt, listen_s)
+        if trial.error is not None:
+            return _failed(report, trial.error.what, trial.error.remedy)
+        kinds = {fault.kind for fault in faults_of(trial.items)}
+        if FaultKind.DISCONNECTED in kinds:
+            return _failed(report, f"disappeared during the search ({trial.last_fault})", "plug it in again")
+        received += trial.received
+        evidence = evidence_of(trial.items)
+        if evidence.enough:
+            best.append((attempt, trial))
+        elif not trial.samples and kinds == {FaultKind.DEVICE_ERROR}:
+            own_error = own_error or (attempt, trial)
+    if best:
+        ranked = sorted(best, key=lambda pair: evidence_of(pair[1].items).rank, reverse=True)
+        also = tuple(attempt.interface for attempt, _ in ranked[1:] if attempt.interface != ranked[0][0].interface)
+        return _with_gauges(report, *ranked[0], also)
+    if own_error:
+        attempt, trial = own_error
+        what = f"{attempt.interface} answers at {attempt.line} with an error of its own"
+        return _failed(report, what, trial.last_fault)
+    return _nothing(report, received, len(tried))
+
+
+def _trial(port: str, attempt: Attempt, listen_s: float) -> Trial:
+    host = partial(host_of, attempt.gauges, attempt.sends, listen_s)
+    stream = Stream(port, (), port, attempt.line, host, modem=attempt.gauges[0].modem)
+    return try_line(stream, attempt.line, _PATIENCE_S + listen_s, _CONFIRM_S)
+
+
+def _with_gauges(report: PortReport, attempt: Attempt, trial: Trial, also: tuple[str, ...]) -> PortReport:
+    """A gauge for each channel that reads."""
+    samples = trial.samples
+    lasted_s = (samples[-1].last_byte_ns - samples[0].last_byte_ns) / 1e9
+    rate_hz = (len(samples) - 1) / lasted_s if lasted_s else 0.0
+    found = []
+    for column, gauge in enumerate(attempt.gauges):
+        reading = _last(samples, column)
+        if reading is not None:
+            declared = gauge.model_copy(update={"line": attempt.line})
+            found.append(FoundGauge(declared, reading, rate_hz, attempt.sends, also))
+    return PortReport(report.port, report.description, tuple(found))
+
+
+def _last(samples: Sequence[Sample], column: int) -> float | None:
+    """The last reading of a channel; None where it never reads."""
+    values = [sample.values[column] for sample in samples]
+    return next((value for value in reversed(values) if value == value), None)  # noqa: PLR0124 - nan is no reading
+
+
+def _nothing(report: PortReport, received: int, attempts_made: int) -> PortReport:
+    if received:
+        what = f"{received} bytes arrived, but none of the {attempts_made} attempts understands them"
+        return _failed(report, what, "see rig interfaces; name what it is: --key g1.interface=… --g1 PORT")
+    what = f"silent in {attempts_made} attempts"
+    remedy = (
+        "switch it on and check its cable; if it sends at the press of a button alone, press it during a longer "
+        "--listen-s; if a command makes it send, name it: --g1 PORT --key g1.interface=…"
+    )
+    return _failed(report, what, remedy)
+
+
+def _failed(report: PortReport, problem: str, remedy: str) -> PortReport:
+    return PortReport(report.port, report.description, (), problem, remedy)
+
+
+@contextlib.contextmanager
+def _as_it_was(port: str) -> Iterator[None]:
+    """Keep a serial port open, so that its control lines stay still between attempts; then restore its settings."""
+    if not port.startswith("/"):
+        yield
+        return
+    fd = os.open(port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+    try:
+        before = termios.tcgetattr(fd)
+        try:
+            yield
+        finally:
+            with contextlib.suppress(termios.error):  # unplugged meanwhile
+                termios.tcsetattr(fd, termios.TCSANOW, before)
+    finally:
+        os.close(fd)

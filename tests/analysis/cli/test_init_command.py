@@ -1,0 +1,250 @@
+"""`rig init` as a person meets it: in a terminal of 80 columns, interrupted, without a terminal, with wrong input."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from rigs.load import load
+from tests.support.bench import BIN
+from tests.support.live_terminal import Terminal
+from tests.support.person import Person
+from tests.support.unknown_cells import UnknownCell, switched_on
+
+QUICK = ["--listen-s", "0.3"]
+
+
+def command(*arguments: str | Path) -> list[str | Path]:
+    return [BIN / "rig", "init", *arguments]
+
+
+def at_ports(unknown: UnknownCell) -> list[str]:
+    """Ptys are not among the ports that a computer lists."""
+    return [word for port in unknown.gauge_ports for word in ("--port", port)] + QUICK
+
+
+def ran(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    """Run it without a terminal."""
+    return subprocess.run(
+        command(*arguments),
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=folder,
+        timeout=110,
+        stdin=subprocess.DEVNULL,
+    )
+
+
+def one_line(done: subprocess.CompletedProcess[str], code: int) -> str:
+    """The one line of a failure with this exit code."""
+    assert done.returncode == code, done.stdout + done.stderr
+    (line,) = done.stderr.strip().splitlines()
+    assert line.startswith("error: ") and "Traceback" not in line
+    return line
+
+
+@pytest.mark.parametrize(
+    ("gauges", "robot"),
+    [("sylvac", "fanuc"), ("keyence", "ur"), ("modbus", "kuka"), ("micro_epsilon", "ur")],
+)
+def test_from_a_cell_to_a_checked_rig_file(tmp_path: Path, gauges: str, robot: str) -> None:
+    with switched_on(gauges, robot) as unknown:
+        path = tmp_path / "cell.yaml"
+        with Terminal(command(path, *at_ports(unknown)), 80, 60, {}) as terminal:
+            person = Person(terminal)
+            person.answers("Robot: its host name", unknown.robot)
+            person.asked("Push gauge 1")
+            unknown.hand.mm["g2"] += 1.0  # it is the second one that is on the positive side
+            person.asked("g1: ")
+            if gauges == "micro_epsilon":
+                person.answers("range_mm of g1", "10")
+                person.answers("range_mm of g2", "10")
+            person.answers("Distance between the two gauges, in mm [50]:", "")
+            person.answers("Arm: ", "ur10e")
+            person.answers("The ball on the flange", "0,0,150,0,90,0")
+            person.answers("Does the robot stand at the start", "")
+            assert terminal.ended() == 0, terminal.text()
+    rig, text = load(path)
+    names = {name: gauge.port if gauges != "keyence" else f"#{gauge.channel}" for name, gauge in rig.gauges}
+    first, second = unknown.gauge_ports if gauges != "keyence" else ("#1", "#2")
+    assert names == {"g1": second, "g2": first}
+    assert rig.feedback.port == unknown.robot
+    assert not rig.effects and "# " in text
+    assert [file.name for file in tmp_path.iterdir()] == ["cell.yaml"]
+
+
+def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> None:
+    with switched_on("sylvac", "fanuc") as unknown:
+        first, second = unknown.gauge_ports
+        given = ["--robot", unknown.robot, "--g1", second, "--g2", first, "--baseline-mm", "40", "--arm", "ur10e"]
+        done = ran(tmp_path, "My Cell.yaml", *given, "--tool", "0,0,150,0,90,0", "--circle-later", *QUICK)
+    assert done.returncode == 0, done.stderr
+    rig, _ = load(tmp_path / "My Cell.yaml")
+    assert rig.name == "my-cell" and [(gauge.port, gauge.offset_mm) for _, gauge in rig.gauges] == [
+        (second, 20),
+        (first, -20),
+    ]
+    assert "good" in done.stdout and "next:" in done.stdout
+    assert "rigd 'My Cell.yaml'" in done.stdout and "rig circle fit --live" in done.stdout
+
+
+def test_a_sensor_is_named_and_gets_its_keys(tmp_path: Path) -> None:
+    with switched_on("micro_epsilon", "ur", streaming=False) as unknown:
+        first, _ = unknown.gauge_ports
+        keys = [
+            "--key",
+            "g1.interface=micro_epsilon_ild1420",
+            "--key",
+            "g1.range_mm=10",
+            "--key",
+            "feedback.rate_hz=125",
+        ]
+        given = ["--robot", unknown.robot, "--g1", first, *keys, "--arm", "ur10e", "--tool", "0,0,150"]
+        done = ran(tmp_path, "cell.yaml", *given)
+    assert done.returncode == 0, done.stderr
+    rig, _ = load(tmp_path / "cell.yaml")
+    assert rig.gauges.g1.interface == "micro_epsilon_ild1420" and rig.gauges.g1.range_mm == 10
+    assert rig.feedback.interface == "ur_rtde" and rig.feedback.rate_hz == 125
+
+
+def test_what_was_found_as_json(tmp_path: Path) -> None:
+    with switched_on("keyence", "ur") as unknown:
+        done = ran(tmp_path, "--json", "--robot", unknown.robot, *at_ports(unknown), "--port", str(tmp_path / "none"))
+    found = json.loads(done.stdout)
+    assert done.returncode == 0 and not list(tmp_path.iterdir())
+    assert [gauge["gauge"]["channel"] for gauge in found["ports"][0]["gauges"] if gauge["gauge"].get("channel")] == [2]
+    assert "no such port" in found["ports"][1]["problem"]
+    assert found["robots"][0]["joints_deg"] == pytest.approx([0, 10, 20, 30, 40, 50])
+
+
+QUESTIONS = ["Robot: its", "Push gauge 1", "Distance between", "Arm: ", "The ball on", "Does the robot"]
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_interrupted_at_a_question_and_going_on(tmp_path: Path, question: str) -> None:
+    answers = dict(zip(QUESTIONS, ["", "1", "", "ur10e", "0,0,150", ""], strict=True))
+    with switched_on("keyence", "ur") as unknown:
+        answers["Robot: its"] = unknown.robot
+        path = tmp_path / "cell.yaml"
+        with Terminal(command(path, *at_ports(unknown)), 80, 60, {}) as terminal:
+            person = Person(terminal)
+            for asked in QUESTIONS[: QUESTIONS.index(question)]:
+                person.answers(asked, answers[asked])
+            person.asked(question)
+            if question == "Arm: ":
+                terminal.type("\x04")  # Ctrl-D
+            else:
+                terminal.process.send_signal(signal.SIGINT)  # what Ctrl-C does
+            assert terminal.ended() == 130
+            assert not path.exists()
+        with Terminal(command(path, *at_ports(unknown)), 80, 60, {}) as terminal:
+            person = Person(terminal)
+            begin = QUESTIONS.index(question)
+            for asked in QUESTIONS[begin:]:
+                person.answers(asked, answers[asked])
+            assert terminal.ended() == 0, terminal.text()
+            assert ("going on with" in terminal.text()) == (begin > 0)
+    assert load(path)[0].robot.name == "Universal Robots UR10e"
+    assert [file.name for file in tmp_path.iterdir()] == ["cell.yaml"]
+
+
+def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
+    path = tmp_path / "cell.yaml"
+    with switched_on("keyence", "ur") as unknown, Terminal(command(path, *at_ports(unknown)), 80, 60, {}) as terminal:
+        person = Person(terminal)
+        person.answers("Robot: its", "tcp://127.0.0.1:1")
+        person.answers("connection refused", unknown.robot)
+        person.answers("Push gauge 1", "7")
+        person.answers("is not a gauge", "2")
+        person.answers("Distance", "-3")
+        person.answers("is not a distance", "60")
+        person.answers("Arm: ", "nonsense")
+        person.answers("no arm of this name", "ur10e")
+        person.answers("The ball", "1,2")
+        person.answers("is not x,y,z", "0,0,150,0,90,0")
+        person.answers("Does the robot", "perhaps")
+        person.answers("is not y or n", "n")
+        assert terminal.ended() == 0
+    rig, _ = load(tmp_path / "cell.yaml")
+    assert [gauge.channel for _, gauge in rig.gauges] == [2, 1] and rig.gauges.baseline_mm == 60
+
+
+@pytest.mark.parametrize(
+    ("given", "code", "says"),
+    [
+        ([], 3, "--robot: is not given"),
+        (["--robot", "tcp://127.0.0.1:1"], 4, "connection refused"),
+        (["--g2", "/dev/none"], 3, "--g1"),
+        (["--key", "nonsense"], 3, "SECTION.KEY=VALUE"),
+        (["--key", "g3.units=mm"], 3, "SECTION.KEY=VALUE"),
+        (["--key", "g1.units=[", "--robot", "x"], 3, "not YAML"),
+        (["--baseline-mm", "0"], 2, "baseline-mm"),
+        (["--name", "My Cell", "--robot", "x"], 3, "--name"),
+        (["--key", "g1.interface=tesa_tt", "--robot", "x"], 3, "give --g1 PORT"),
+    ],
+)
+def test_wrong_options_are_one_line(tmp_path: Path, given: Sequence[str], code: int, says: str) -> None:
+    assert says in one_line(ran(tmp_path, "cell.yaml", *given), code)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_file_that_exists_already_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "cell.yaml").write_text("mine")
+    assert "exists already" in one_line(ran(tmp_path, "cell.yaml"), 3)
+    assert (tmp_path / "cell.yaml").read_text() == "mine"
+    (tmp_path / "link.yaml").symlink_to(tmp_path / "nowhere")
+    assert "exists already" in one_line(ran(tmp_path, "link.yaml"), 3)
+
+
+def test_a_file_that_appears_meanwhile_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "cell.yaml"
+    with switched_on("tesa", "ur") as unknown:
+        (port,) = unknown.gauge_ports
+        given = ["--robot", unknown.robot, "--g1", port, "--arm", "ur10e", "--tool", "0,0,150"]
+        with Terminal(command(path, *given, *QUICK), 80, 60, {}) as terminal:
+            person = Person(terminal)
+            person.asked("Does the robot")
+            path.write_text("mine")
+            person.types("n")
+            assert terminal.ended() == 3
+    assert path.read_text() == "mine"
+
+
+def test_a_directory_that_is_not_there(tmp_path: Path) -> None:
+    assert "is not a directory" in one_line(ran(tmp_path, "none/cell.yaml"), 3)
+
+
+def test_two_gauges_and_nobody_to_push_them(tmp_path: Path) -> None:
+    with switched_on("keyence", "ur") as unknown:
+        done = ran(tmp_path, "cell.yaml", "--robot", unknown.robot, "--arm", "ur10e", *at_ports(unknown))
+        line = one_line(done, 3)
+        (port,) = unknown.gauge_ports
+        assert "2 answer" in line and "--g1 PORT --g2 PORT" in line
+        done = ran(tmp_path, "cell.yaml", "--robot", unknown.robot, "--g1", port, "--arm", "ur10e", *QUICK)
+        assert f"{port}#1, {port}#2" in one_line(done, 3)
+
+
+def test_no_port_at_all(tmp_path: Path) -> None:
+    with switched_on("tesa", "ur") as unknown:
+        done = ran(tmp_path, "cell.yaml", "--robot", unknown.robot, "--port", str(tmp_path / "none"))
+    assert "none answers" in one_line(done, 4) and "no such port" in done.stdout
+
+
+def test_damaged_answers(tmp_path: Path) -> None:
+    (tmp_path / "cell.yaml.init").write_text('{"arm": 5}')
+    assert "is damaged" in one_line(ran(tmp_path, "cell.yaml"), 3)
+
+
+def test_answers_are_private_while_they_are_kept(tmp_path: Path) -> None:
+    with switched_on("tesa", "ur") as unknown:
+        ran(tmp_path, "cell.yaml", "--robot", unknown.robot, *at_ports(unknown))
+    (kept,) = tmp_path.iterdir()
+    assert kept.name == "cell.yaml.init" and kept.stat().st_mode & 0o777 == 0o600
+    assert os.geteuid() == kept.stat().st_uid

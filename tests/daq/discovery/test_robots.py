@@ -1,0 +1,125 @@
+"""Robots that answer, call, print or are not there; and one that is in protective stop."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from daq.discovery import joints_of, search_robot
+from daq.discovery.ur_safety import STOPPED, stopped_by
+from daq.emulators.tcp_port import TcpPort
+from daq.protocol.conversation import Fault, Step
+from daq.protocol.framing import Sized
+from rigs.errors import CellError
+from tests.support.unknown_cells import ROBOTS, switched_on
+
+DEGREES = [0.5, -70.0, 100.0, 55.25, 84.5, 107.75]
+
+
+@pytest.mark.parametrize("kind", ROBOTS)
+def test_the_robot_of_a_cell_is_found(kind: str) -> None:
+    with switched_on("tesa", kind) as unknown:
+        unknown.hand.deg = DEGREES
+        report = search_robot(unknown.robot)
+        assert report.feedback is not None, report
+        assert joints_of(report.feedback) == pytest.approx(DEGREES, abs=1e-4)
+    assert report.feedback.interface == ROBOTS[kind]["interface"]
+    assert report.joints_deg == pytest.approx(DEGREES, abs=1e-4)
+    assert report.units_sure and not report.problem
+    if kind == "kuka":
+        assert report.feedback.cycle_ms == 12, "its IPOC shows the cycle"  # type: ignore[union-attr]
+    if kind == "fanuc":
+        assert report.feedback.fields[0] == "t_ms"  # type: ignore[union-attr]
+
+
+def test_a_robot_that_is_not_there() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as gone:
+        port = gone.getsockname()[1]
+    report = search_robot(f"tcp://127.0.0.1:{port}")
+    assert report.feedback is None and "connection refused" in report.problem and report.remedy
+
+
+@pytest.mark.parametrize("address", ["a b", "", "tcp://host", "tcp://host:99999", "udp://x", "::1", "a/b"])
+def test_what_is_not_an_address(address: str) -> None:
+    report = search_robot(address)
+    assert report.problem == "is not an address" and "HOST" in report.remedy
+
+
+def test_a_controller_that_does_not_call() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    report = search_robot(f"udp://127.0.0.1:{port}")
+    assert report.feedback is None and "nothing arrived" in report.problem and "RSI_ON" in report.remedy
+
+
+def test_an_address_that_is_not_of_this_computer() -> None:
+    report = search_robot("udp://192.0.2.1:49152")
+    assert report.feedback is None and "cannot be bound" in report.problem
+
+
+def test_joints_of_a_robot_that_has_gone() -> None:
+    with switched_on("tesa", "fanuc") as unknown:
+        report = search_robot(unknown.robot)
+    assert report.feedback is not None
+    with pytest.raises(CellError, match="refused"):
+        joints_of(report.feedback)
+
+
+class _Controller:
+    """A UR controller that knows its safety mode, or does not."""
+
+    sent = 0
+
+    def __init__(self, mode: int | None) -> None:
+        self._mode = mode
+        self._frames = Sized(3, lambda head: int.from_bytes(head[:2], "big"))
+
+    def connected(self, now_ns: int) -> Step:
+        return Step()
+
+    def tick(self, now_ns: int) -> Step:
+        return Step()
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        answer = b""
+        for message in self._frames.feed(data, now_ns):
+            assert not isinstance(message, Fault)
+            kind = message.data[2:3]
+            if kind == b"V":
+                answer += _packet(b"V", b"\1")
+            elif kind == b"O":
+                assert message.data.endswith(b"safety_mode")
+                answer += _packet(b"O", b"\0NOT_FOUND" if self._mode is None else b"\1INT32")
+            elif kind == b"S":
+                answer += _packet(b"S", b"\1") + 5 * _packet(b"U", struct.pack(">Bi", 1, self._mode or 0))
+        return Step(answer)
+
+
+def _packet(kind: bytes, payload: bytes) -> bytes:
+    return struct.pack(">HB", 3 + len(payload), kind[0]) + payload
+
+
+@contextmanager
+def controller(mode: int | None) -> Iterator[str]:
+    port, stop = TcpPort.open(lambda: _Controller(mode)), threading.Event()
+    thread = threading.Thread(target=port.serve, args=(stop,))
+    thread.start()
+    try:
+        yield port.port
+    finally:
+        stop.set()
+        thread.join()
+
+
+@pytest.mark.parametrize("mode", [1, 2, 3, 5, 7, None])
+def test_why_a_controller_runs_no_program(mode: int | None) -> None:
+    with controller(mode) as port:
+        assert stopped_by(port) == STOPPED.get(mode or 0, "")
+    if mode == 3:
+        assert "protective stop" in STOPPED[mode] and "unlock" in STOPPED[mode]

@@ -1,0 +1,210 @@
+"""Ports that are searched: emulated instruments behind ptys, and everything that can be wrong with a port."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import signal
+import termios
+import threading
+from pathlib import Path
+
+import pytest
+
+from daq.discovery import PortReport, Wanted, Watch, named_attempts, search
+from daq.discovery.attempts import Attempt, attempts
+from daq.emulators.pty_line import PtyLine
+from rigs.errors import CellError
+from rigs.schema.links import Line
+from tests.support.unknown_cells import GAUGES, make_it_stream, switched_on
+
+LISTEN_S = 0.3
+
+
+def searched(*ports: str, **more: object) -> list[PortReport]:
+    return search(Wanted(ports, every=False, listen_s=LISTEN_S, **more), lambda doing: None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("kind", [kind for kind in GAUGES if "at" not in kind.split()])
+def test_the_gauges_of_a_cell_are_found(kind: str) -> None:
+    with switched_on(kind) as unknown:
+        unknown.hand.mm = {"g1": 0.125, "g2": 0.25} if kind != "micro_epsilon" else {"g1": -3.75, "g2": -2.5}
+        reports = searched(*unknown.gauge_ports)
+    found = [gauge for report in reports for gauge in report.gauges]
+    wanted = GAUGES[kind]
+    assert [gauge.gauge.interface for gauge in found] == [gauge["interface"] for gauge in wanted], reports
+    assert [gauge.gauge.channel for gauge in found] == [gauge.get("channel", 1) for gauge in wanted]
+    measured = list(unknown.hand.mm.values())[: len(wanted)]
+    if kind == "micro_epsilon":  # in percent of 10 mm, from the start of its range
+        measured = [10 * (value + 5) for value in measured]
+    assert [gauge.reading_mm for gauge in found] == pytest.approx(measured, abs=0.006)
+    assert {gauge.lacks for gauge in found} == {("range_mm",) if kind == "micro_epsilon" else ()}
+
+
+def test_a_cable_that_was_left_streaming_is_only_listened_to() -> None:
+    with switched_on("sylvac") as unknown:
+        first, second = unknown.gauge_ports
+        make_it_stream(first, b"OUT1\r")
+        reports = searched(first, second)
+    modes = [gauge.gauge.mode for report in reports for gauge in report.gauges]  # type: ignore[union-attr]
+    assert modes == ["continuous", "polled"]
+
+
+def of(interface: str, port: str) -> dict[str, list[Attempt]]:
+    """What is tried of one interface where nothing is known."""
+    return {port: [attempt for attempt in attempts(port) if attempt.interface == interface]}
+
+
+def test_a_sensor_that_a_command_starts_is_silent_until_it_is_named() -> None:
+    with switched_on("micro_epsilon", streaming=False) as unknown:
+        port, _ = unknown.gauge_ports
+        (listened,) = searched(port, named=of("micro_epsilon_ild1420", port))
+        fields = {"interface": "micro_epsilon_ild1420", "port": port, "range_mm": 10, "zero_mm": 5}
+        (named,) = searched(port, named={port: named_attempts(fields)})
+    assert listened.problem.startswith("silent") and "name it" in listened.remedy
+    (gauge,) = named.gauges
+    assert (gauge.sends, gauge.lacks) == ("all", ()) and gauge.reading_mm == pytest.approx(0.1, abs=1e-3)
+
+
+def test_other_line_settings_are_tried_where_the_makers_do_not_fit() -> None:
+    with switched_on("keyence at 38400") as unknown:
+        (port,) = unknown.gauge_ports
+        (report,) = searched(port, named=of("keyence_dl_rs1a", port))
+    assert [str(gauge.gauge.line) for gauge in report.gauges] == ["38400 8N1"] * 2
+
+
+def test_a_modbus_unit_with_registers_of_its_own() -> None:
+    with switched_on("other registers at") as unknown:
+        (port,) = unknown.gauge_ports
+        (report,) = searched(port, named=of("modbus_map", port))
+    assert report.problem == "modbus_map answers at 57600 8E1 with an error of its own"
+    assert "ILLEGAL_ADDRESS" in report.remedy and "check `address`" in report.remedy
+
+
+def test_a_modbus_unit_of_another_number() -> None:
+    with switched_on("modbus unit 7 at") as unknown:
+        (port,) = unknown.gauge_ports
+        (report,) = search(Wanted((port,), every=False, listen_s=LISTEN_S, modbus_units=(1, 7)), lambda doing: None)
+    assert [gauge.gauge.unit for gauge in report.gauges] == [7]  # type: ignore[union-attr]
+
+
+def test_ports_that_cannot_be_searched(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("no port")
+    for port in searched("ttyUSB0", "tcp://host", "tcp://host:99999", "", "udp://127.0.0.1:5"):
+        assert port.problem == "is not a port" and "/dev/" in port.remedy
+    missing, file = searched(str(tmp_path / "none"), str(tmp_path / "file"))
+    assert "no such port" in missing.problem and "plug it in" in missing.remedy
+    assert "not a serial" in file.problem, file
+
+
+def test_a_port_that_another_program_has_locked() -> None:
+    with switched_on("tesa") as unknown:
+        (port,) = unknown.gauge_ports
+        with Path(port).open("rb") as held:
+            fcntl.flock(held, fcntl.LOCK_EX)
+            (report,) = searched(port)
+    assert report.problem == "in use by another program" and "stop the other program" in report.remedy
+
+
+def test_a_port_without_permission(monkeypatch: pytest.MonkeyPatch) -> None:
+    with switched_on("tesa") as unknown:
+        monkeypatch.setattr(os, "access", lambda *_: False)  # root may everything
+        (report,) = searched(*unknown.gauge_ports)
+    assert "this user may not use it" in report.problem and "usermod -aG" in report.remedy
+
+
+def test_a_silent_port_and_one_that_babbles() -> None:
+    silent, babbling = (PtyLine.open(Line.model_validate("9600 8N1"), paced=False) for _ in range(2))
+    stop = threading.Event()
+
+    def babble() -> None:
+        while not stop.wait(0.02):
+            babbling.write(bytes(range(33, 120)))
+
+    thread = threading.Thread(target=babble)
+    thread.start()
+    named = {
+        port: named_attempts({"interface": "tesa_tt", "port": port, "line": "9600 8N1", "timeout_s": 0.2})
+        for port in (silent.port, babbling.port)
+    }
+    try:
+        nothing, something = searched(silent.port, babbling.port, named=named)
+    finally:
+        stop.set()
+        thread.join()
+        silent.close()
+        babbling.close()
+    assert nothing.problem.startswith("silent") and "--listen-s" in nothing.remedy
+    assert "bytes arrived" in something.problem and "rig interfaces" in something.remedy
+
+
+def test_a_port_keeps_the_settings_that_it_had() -> None:
+    with switched_on("tesa") as unknown:
+        (port,) = unknown.gauge_ports
+        fd = os.open(port, os.O_RDWR | os.O_NOCTTY)
+        try:
+            before = termios.tcgetattr(fd)
+            searched(port)
+            assert termios.tcgetattr(fd) == before
+        finally:
+            os.close(fd)
+
+
+def test_ctrl_c_ends_the_search_and_leaves_the_port_as_it_was() -> None:
+    with switched_on("tesa") as unknown:
+        (port,) = unknown.gauge_ports
+        fd = os.open(port, os.O_RDWR | os.O_NOCTTY)
+        try:
+            before = termios.tcgetattr(fd)
+            with pytest.raises(KeyboardInterrupt):
+                search(
+                    Wanted((port,), every=False, listen_s=LISTEN_S), lambda doing: signal.raise_signal(signal.SIGINT)
+                )
+            assert termios.tcgetattr(fd) == before
+        finally:
+            os.close(fd)
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("search")]
+
+
+def test_a_port_that_disappears_while_it_is_searched() -> None:
+    with switched_on("tesa") as unknown:
+        (port,) = unknown.gauge_ports
+        (report,) = search(
+            Wanted((port,), every=False, listen_s=LISTEN_S),
+            lambda doing: unknown.cell.unplug("g1") if "tesa" in doing else None,
+        )
+    assert not report.gauges and report.problem and report.remedy
+
+
+def test_the_gauge_that_is_pushed_is_seen() -> None:
+    with switched_on("keyence") as unknown:
+        (report,) = searched(*unknown.gauge_ports)
+        with Watch(report.gauges) as watch:
+            watch.rest()
+            places, waited = list(watch.readings_mm()), threading.Event()
+            for _ in range(20):
+                waited.wait(0.02)
+                assert watch.pushed(places) is None
+            unknown.hand.mm["g2"] += 1.5
+            while (place := watch.pushed(places)) is None:
+                waited.wait(0.01)
+            watch.rest()
+            unknown.hand.mm["g2"] -= 1.5
+            unknown.hand.mm["g1"] += 1.5
+            while (other := watch.pushed(places[:1])) is None:  # while the finger leaves the second one
+                waited.wait(0.01)
+    assert other == places[0]
+    assert place == report.gauges[1].place and place.endswith("#2")
+
+
+def test_a_gauge_that_is_lost_while_it_is_watched() -> None:
+    with switched_on("tesa") as unknown:
+        (report,) = searched(*unknown.gauge_ports)
+        with Watch(report.gauges) as watch:
+            while not watch.readings_mm():
+                threading.Event().wait(0.01)
+            unknown.cell.unplug("g1")
+            with pytest.raises(CellError, match="was lost"):
+                while True:
+                    watch.readings_mm()
+                    threading.Event().wait(0.01)
