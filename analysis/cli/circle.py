@@ -92,7 +92,8 @@ def fit_ball(
     named = rig_file_to_write(rig_file, write)
     read = [read_run(path) for path in distinct(runs)]
     to = named or _rig_of(read[0])
-    _check_same_robot(read, to.rig)
+    for run in read:
+        _check_same_robot(str(run.path), _rig_in(run), to.rig)
     print_or_write(_ball_of(read, to.rig), to, write=write, as_json=as_json)
 
 
@@ -103,28 +104,30 @@ def _recorded(paths: Iterable[Path], named: RigFile | None) -> tuple[list[RobotM
 
     runs = [read_run(path) for path in paths]
     to = named or _rig_of(runs[0])
-    _check_same_robot(runs, to.rig)
+    for run in runs:
+        _check_same_robot(str(run.path), _rig_in(run), to.rig)
     return [motion_in(run) for run in runs], to
 
 
 def _rig_of(run: Run) -> RigFile:
     from analysis.cli.fitted_test import RigFile  # noqa: PLC0415
+
+    return RigFile(_rig_in(run), run.manifest.rig_text, None)
+
+
+def _rig_in(run: Run) -> Rig:
     from rigs.load import parse  # noqa: PLC0415
 
-    text = run.manifest.rig_text
-    return RigFile(parse(text, f"{run.path}, rig file"), text, None)
+    return parse(run.manifest.rig_text, f"{run.path}, rig file")
 
 
-def _check_same_robot(runs: Sequence[Run], rig: Rig) -> None:
+def _check_same_robot(where: str, own: Rig, rig: Rig) -> None:
     from analysis.fitting.placements import same_arm  # noqa: PLC0415
     from analysis.kinematics.arm import arm_of  # noqa: PLC0415
-    from rigs.load import parse  # noqa: PLC0415
 
-    for run in runs:
-        own = parse(run.manifest.rig_text, f"{run.path}, rig file")
-        if not same_arm(arm_of(own.robot), arm_of(rig.robot)):
-            what = f"is of another robot than {rig.name}: its link constants differ"
-            raise FileError(str(run.path), what, "give a run of this robot, or the --rig of that one")
+    if not same_arm(arm_of(own.robot), arm_of(rig.robot)):
+        what = f"is of another robot than {rig.name}: its link constants differ"
+        raise FileError(where, what, "use a rig file and a motion of one robot")
 
 
 def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
@@ -136,11 +139,11 @@ def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
     from rigs.load import parse  # noqa: PLC0415
 
     with Client(find_socket(named.rig.name if named else None)) as client:
-        lines = client.ask("samples", after={}, rig=True)["rig_lines"]
-        if named is None:
-            text = "\n".join(lines) + "\n"
-            named = RigFile(parse(text, "the rig file of rigd"), text, None)
-        rig = named.rig
+        text = "\n".join(client.ask("samples", after={}, rig=True)["rig_lines"]) + "\n"
+        served = RigFile(parse(text, "the rig file of rigd"), text, None)
+        to = named or served
+        rig = to.rig
+        _check_same_robot("the running daemon", served.rig, rig)
 
         def show(motion: RobotMotion) -> None:
             try:
@@ -152,7 +155,7 @@ def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
             say(f"{motion.t_s[-1]:.0f} s: {said}", err=True)
 
         say("jog or lead the robot now; stand for a second at each point; Ctrl-C ends", err=True)
-        return [watched_motion(client, "the robot", show)], named
+        return [watched_motion(client, "the robot", show)], to
 
 
 def _as_test(found: DrivenCircle) -> FittedTest:
