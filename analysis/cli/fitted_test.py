@@ -110,9 +110,10 @@ def _not_drivable(rig: Rig) -> list[str]:
     error = _program_error(rig)
     if error is None:
         return []
-    remedy = next((posture for posture in _turned(rig) if not _program_error(_with_posture(rig, posture))), None)
-    do = error.remedy if remedy is None else f"it can with posture_deg: {list(remedy)}"
-    return [f"the robot cannot drive a program of this circle: {error.what}; {do}"]
+    possible = (posture for posture in _turned(rig) if _program_error(_with_posture(rig, posture)) is None)
+    posture = next(possible, None)
+    remedy = f"it can with posture_deg: {list(posture)}" if posture else error.remedy
+    return [f"the robot cannot drive a program of this circle: {error.what}; {remedy}"]
 
 
 def _program_error(rig: Rig) -> RigError | None:
