@@ -26,7 +26,7 @@ def command(*arguments: str | Path) -> list[str | Path]:
 
 def at_ports(unknown: UnknownCell) -> list[str]:
     """Ptys are not among the ports that a computer lists."""
-    return [word for port in unknown.gauge_ports for word in ("--port", port)] + QUICK
+    return [*(word for port in unknown.gauge_ports for word in ("--port", port)), *unknown.robot_is_named, *QUICK]
 
 
 def ran(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -106,7 +106,7 @@ def test_a_sensor_is_named_and_gets_its_keys(tmp_path: Path) -> None:
             "--key",
             "feedback.rate_hz=125",
         ]
-        given = ["--robot", unknown.robot, "--g1", first, *keys, "--arm", "ur10e", "--tool", "0,0,150"]
+        given = ["--robot", unknown.robot, *unknown.robot_is_named, "--g1", first, *keys, "--arm", "ur10e", "--tool", "0,0,150"]
         done = ran(tmp_path, "cell.yaml", *given)
     assert done.returncode == 0, done.stderr
     rig, _ = load(tmp_path / "cell.yaml")
@@ -207,7 +207,7 @@ def test_a_file_that_appears_meanwhile_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "cell.yaml"
     with switched_on("tesa", "ur") as unknown:
         (port,) = unknown.gauge_ports
-        given = ["--robot", unknown.robot, "--g1", port, "--arm", "ur10e", "--tool", "0,0,150"]
+        given = ["--robot", unknown.robot, *unknown.robot_is_named, "--g1", port, "--arm", "ur10e", "--tool", "0,0,150"]
         with Terminal(command(path, *given, *QUICK), 80, 60, {}) as terminal:
             person = Person(terminal)
             person.asked("Does the robot")
@@ -227,13 +227,14 @@ def test_two_gauges_and_nobody_to_push_them(tmp_path: Path) -> None:
         line = one_line(done, 3)
         (port,) = unknown.gauge_ports
         assert "2 answer" in line and "--g1 PORT --g2 PORT" in line
-        done = ran(tmp_path, "cell.yaml", "--robot", unknown.robot, "--g1", port, "--arm", "ur10e", *QUICK)
+        done = ran(tmp_path, "cell.yaml", "--robot", unknown.robot, "--g1", port, *unknown.robot_is_named, *QUICK)
         assert f"{port}#1, {port}#2" in one_line(done, 3)
 
 
 def test_no_port_at_all(tmp_path: Path) -> None:
     with switched_on("tesa", "ur") as unknown:
-        done = ran(tmp_path, "cell.yaml", "--robot", unknown.robot, "--port", str(tmp_path / "none"))
+        given = ["--robot", unknown.robot, *unknown.robot_is_named]
+        done = ran(tmp_path, "cell.yaml", *given, "--port", str(tmp_path / "none"))
     assert "none answers" in one_line(done, 4) and "no such port" in done.stdout
 
 
