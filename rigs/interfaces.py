@@ -21,7 +21,8 @@ NO_DEFAULT = "line to be given"
 class Interface:
     """One interface. line: settings of its serial line, `NO_DEFAULT`, or empty where it has none; keys: its own.
 
-    timing, timing_source: of a gauge, when a reading is latched unless the rig file says otherwise, and who says so.
+    modem: the modem lines that its cables need, empty where they need none. timing, timing_source: of a gauge, when a
+    reading is latched unless the rig file says otherwise, and who says so.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Interface:
     keys: tuple[str, ...]
     timing: str = ""
     timing_source: str = ""
+    modem: str = ""
 
 
 def known() -> list[Interface]:
@@ -56,7 +58,8 @@ def _interface(model: type[BaseModel], kind: Literal["gauge", "robot"]) -> Inter
     found = Interface(name, kind, "" if line is None else _settings(line), origin, keys)
     if not issubclass(model, Probe):
         return found
-    return replace(found, timing=str(fields["timing"].default), timing_source=model.timing_source)
+    modem = "; ".join(f"{cable} {lines}" for cable, lines in model.cables.items())
+    return replace(found, timing=str(fields["timing"].default), timing_source=model.timing_source, modem=modem)
 
 
 def _settings(line: FieldInfo) -> str:

@@ -123,6 +123,7 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     automatic,  # noqa: F401
     calibrate,  # noqa: F401
     check,  # noqa: F401
+    circle,  # noqa: F401
     compare,  # noqa: F401
     correct,  # noqa: F401
     diagnose,  # noqa: F401

@@ -21,24 +21,30 @@ _COLOURS = {"ok": "green", "doubtful": "yellow", "wrong": "red"}
 def doctor(
     rig_file: RigArgument,
     runs: Annotated[Path | None, typer.Option(help="Directory of the runs; default: that of rigd.")] = None,
+    scan: Annotated[
+        bool, typer.Option("--scan", help="Find unit, registers and orders of Modbus gauges while you move a probe.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Report what is wrong with a cell: ports, line settings, rates, clocks, disk, service.
 
     Talks to the instruments as rigd would, at other line settings too where they
-    do not answer; where rigd runs, it is asked instead. Exit code 1 where
-    something is wrong.
+    do not answer; where rigd runs, it is asked instead. With --scan Modbus gauges
+    are read in other ways than the rig file says, until one moves like a probe.
+    Exit code 1 where something is wrong.
     """
     import dataclasses  # noqa: PLC0415
+    from functools import partial  # noqa: PLC0415
 
-    from daq.doctor import Verdict, examine  # noqa: PLC0415
+    from daq.doctor import Verdict, examine, scan_modbus  # noqa: PLC0415
     from rigs.load import find, load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
     path = find(rig_file).absolute()
     unit = f"rigd@{path.stem}" if path.parent == SERVED else None
     findings = []
-    for finding in examine(rig, (runs or _runs(unit)).absolute(), unit):
+    made = scan_modbus(rig, partial(say, err=True)) if scan else examine(rig, (runs or _runs(unit)).absolute(), unit)
+    for finding in made:
         findings.append(finding)
         if not as_json:
             verdict = typer.style(f"{finding.verdict:9}", fg=_COLOURS[finding.verdict])

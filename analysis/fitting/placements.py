@@ -43,7 +43,7 @@ def observe_runs(rig: Rig, runs: Sequence[Measured]) -> list[Observation]:
     another robot."""
     model = model_of(rig)
     for run in runs:
-        if not _same_arm(arm_of(run.rig.robot), model.arm):
+        if not same_arm(arm_of(run.rig.robot), model.arm):
             what = f"is of another robot than {rig.name}: its link constants differ"
             raise FileError(
                 str(run.path), what, "give the runs of one robot at a time, or the --rig that they were made with"
@@ -88,7 +88,8 @@ def with_enough_readings(observations: Sequence[Observation]) -> tuple[list[int]
     return kept, [f"{setup} is left out: {why}" for setup, why in reasons.items()]
 
 
-def _same_arm(one: Arm, other: Arm) -> bool:
+def same_arm(one: Arm, other: Arm) -> bool:
+    """Whether two arms have the same link constants and couplings."""
     return all(
         np.allclose(getattr(one, constant), getattr(other, constant), atol=1e-9)
         for constant in ("a", "alpha", "beta", "d", "offset", "coupling")

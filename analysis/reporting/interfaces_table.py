@@ -1,5 +1,5 @@
 """The interfaces on the screen: one row each, its line under its name, under its source what is in
-doubt, and when a reading is latched."""
+doubt, the modem lines that supply it, and when a reading is latched."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ def as_table(found: Sequence[Interface]) -> RenderableType:
         origin = one.origin
         standing = Text(origin.standing, style=_STYLE[origin.standing])
         timing = f"\ntime: {one.timing} ({one.timing_source})" if one.timing else ""
-        source = Text.assemble(origin.source, ("\n" + origin.doubts if origin.doubts else "", "yellow"), timing)
+        modem = f"\nmodem lines: {one.modem}" if one.modem else ""
+        source = Text.assemble(origin.source, ("\n" + origin.doubts if origin.doubts else "", "yellow"), modem, timing)
         name = Text.assemble((one.name, "bold"), "\n" + one.line if one.line else "")
         table.add_row(name, origin.instruments, standing, source)
     counts = Counter[str](one.origin.standing for one in found)

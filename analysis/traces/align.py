@@ -103,6 +103,17 @@ def align(path: Path, run: Run, rig: Rig) -> Aligned:
     return Aligned((rows_ns - rows_ns[0]) / 1e9, _columns_at(rows_ns, [robot]), g_mm, u_lag_s, own_u_s, tuple(doubts))
 
 
+def robot_alone(path: Path, run: Run) -> tuple[Array, Array, tuple[str, ...]]:
+    """Times (n,) s since the first and reported angles (n, 6) rad of a recorded run whose gauges need not have read,
+    and doubts in words. Raises FileError where the robot was not recorded."""
+    doubts: list[str] = []
+    track = _robot(path, run, doubts)
+    if len(track.ns) < 2:
+        what = "holds fewer than two readings of robot at known times"
+        raise FileError(str(path), what, "record again, and check the rates with rig status")
+    return (track.ns - track.ns[0]) / 1e9, track.values, tuple(doubts)
+
+
 def _columns_at(rows_ns: Array, tracks: Sequence[_Track]) -> Array:
     """Values (n, k) of all tracks side by side at the times of the rows (n,), column by column."""
     columns = [(track.ns, column) for track in tracks for column in track.values.T]
@@ -128,7 +139,7 @@ def _own_u_s(rows_ns: Array, gauges: Sequence[_Track], robot: _Track) -> Array:
 
 def _gauge(path: Path, run: Run, rig: Rig, name: str, doubts: list[str]) -> _Track:
     """Readings (n, 1) mm of one gauge."""
-    stream = _stream(path, run, [f"{name}_mm"], f"gauge {name}", LONGEST_MM)
+    stream = _own_rows(_stream(path, run, [f"{name}_mm"], f"gauge {name}", LONGEST_MM), rig, name)
     instants = gauge_instants(stream, dict(rig.gauges)[name])
     doubts.extend(timing_doubts(name, instants))
     if doubtful := int(np.count_nonzero(stream["status"])):
@@ -139,6 +150,15 @@ def _gauge(path: Path, run: Run, rig: Rig, name: str, doubts: list[str]) -> _Tra
         # With the ball inside the circle no link is ever longer than twice its radius.
         sound &= is_reading(values - np.median(values[sound]), 2 * rig.tests.circle.radius_mm)
     return _track(name, instants, values, sound, doubts)
+
+
+def _own_rows(stream: Columns, rig: Rig, name: str) -> Columns:
+    """The rows of a stream that are of one gauge: on a line where each is asked by itself the others are not."""
+    gauge, column = dict(rig.gauges)[name], f"{name}_mm"
+    if not gauge.bus or sum(key.endswith("_mm") for key in stream) < 2:
+        return stream
+    own = np.isfinite(stream[column])
+    return {key: values[own] for key, values in stream.items() if not key.endswith("_mm") or key == column}
 
 
 def _robot(path: Path, run: Run, doubts: list[str]) -> _Track:

@@ -9,7 +9,6 @@ or waited at a target for something else. They are counted, not used.
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -24,42 +23,21 @@ from analysis.geometry.programs import (
 )
 from analysis.kinematics.arm import Array, Integers, arm_of, forward
 from analysis.traces.align import Aligned
+from analysis.traces.stands import Stand, stands_of
 from analysis.traces.tables import RadialTable, RepeatabilityTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 
-_STANDS_RAD = np.radians(0.01)
-"""Joints that move by less within the window stand; an encoder's noise is a tenth of it."""
-_WINDOW_S = 0.3
-_SETTLED = 0.5
-"""Share of a stand, at its end, that is averaged: the arm has stopped swinging by then."""
 _NEAR_MM = 20.0
 _TURNED_RAD = np.radians(8.0)
 """A stand further from every target than this is not at a target."""
 _FOLLOWED = 0.5
 """A run follows the program's order where at least this share of its stands at targets fits it."""
-_OUTLYING = 6.0
-"""Scaled median deviations beyond which a sample of a stand is an outlier: Hampel's usual three, twice as wary."""
-_MOST_OUTLYING = 0.1
-"""More of a stand than this share is not an outlier: the arm or the gauge really moved."""
-
-
-@dataclass(frozen=True)
-class _Stand:
-    """Rows [begin, end) in which all joints stood; mean angles (6,) rad and mean readings (k,) of the settled part,
-    without its `outliers`."""
-
-    begin: int
-    end: int
-    t_s: float
-    q: Array
-    g_mm: Array
-    outliers: int
 
 
 def radial_table(data: Aligned, rig: Rig, where: str) -> tuple[RadialTable, list[str]]:
     """Readings at every stand, and what a person should know. Raises FileError where no stand is at a target."""
-    stands, program = _stands(data), radial_program(rig)
+    stands, program = stands_of(data.t_s, data.q, data.g_mm), radial_program(rig)
     near = _matched(stands, program, rig, _TURNED_RAD)
     at = [(stand, row) for stand, row in zip(stands, near, strict=True) if row >= 0]
     places = list(zip(program.target.tolist(), program.orientation.tolist(), strict=True))
@@ -82,7 +60,7 @@ def radial_table(data: Aligned, rig: Rig, where: str) -> tuple[RadialTable, list
 def repeatability_table(data: Aligned, rig: Rig, where: str) -> tuple[RepeatabilityTable, list[str]]:
     """Readings at every stand with the side it was approached from, and what a person should know. Raises FileError
     as above."""
-    stands, program = _stands(data), repeatability_program(rig)
+    stands, program = stands_of(data.t_s, data.q, data.g_mm), repeatability_program(rig)
     frame, arm = hemisphere_frame(hemisphere_of(rig)), arm_of(rig.robot)
     limit = repeatability_of(rig).approach_mm / 2
     outwards = np.linalg.norm(forward(arm, data.q)[:, :3, 3] - frame.centre, axis=1) - frame.radius
@@ -109,7 +87,7 @@ def repeatability_table(data: Aligned, rig: Rig, where: str) -> tuple[Repeatabil
     return table, doubts + _missing(program, rows) + _outliers(kept)
 
 
-def _sides(stands: list[_Stand], rows: list[int], outwards: Array, limit: float) -> list[str]:
+def _sides(stands: list[Stand], rows: list[int], outwards: Array, limit: float) -> list[str]:
     """Side of approach of each stand."""
     sides = ["none"]
     for (before, now), (last, row) in zip(pairwise(stands), pairwise(rows), strict=True):
@@ -161,7 +139,7 @@ def _longest_common(found: Sequence[Hashable], wanted: Sequence[Hashable]) -> li
     return pairs[::-1]
 
 
-def _rows(kept: list[tuple[_Stand, int]], where: str) -> Integers:
+def _rows(kept: list[tuple[Stand, int]], where: str) -> Integers:
     if not kept:
         raise FileError(
             where, "the robot did not stand at any target", "correct tests.hemisphere, or record its program"
@@ -169,7 +147,7 @@ def _rows(kept: list[tuple[_Stand, int]], where: str) -> Integers:
     return np.array([row for _, row in kept], dtype=np.int64)
 
 
-def _outliers(kept: list[tuple[_Stand, int]]) -> list[str]:
+def _outliers(kept: list[tuple[Stand, int]]) -> list[str]:
     count = sum(stand.outliers for stand, _ in kept)
     return [f"{count} readings lie far from the others of their stand and are not used"] if count else []
 
@@ -185,32 +163,7 @@ def _missing(program: TargetProgram, rows: Integers) -> list[str]:
     return [f"the run has no stand at target {', '.join(map(str, missing[:8]))}{' …' if len(missing) > 8 else ''}"]
 
 
-def _stands(data: Aligned) -> list[_Stand]:
-    ahead = np.searchsorted(data.t_s, data.t_s + _WINDOW_S).clip(max=len(data.t_s) - 1)
-    still = (np.abs(data.q[ahead] - data.q).max(axis=1) < _STANDS_RAD) & (data.t_s[ahead] - data.t_s >= 0.9 * _WINDOW_S)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
-    stands = []
-    for begin, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        end = int(ahead[last - 1]) + 1
-        settled = slice(begin + int((end - begin) * (1 - _SETTLED)), end)
-        g_mm, outliers = _averaged(data.g_mm[settled])
-        t_s, q = float(data.t_s[settled].mean()), data.q[settled].mean(axis=0)
-        stands.append(_Stand(begin, end, t_s, q, g_mm, outliers))
-    return stands
-
-
-def _averaged(g_mm: Array) -> tuple[Array, int]:
-    """Mean (k,) of the readings g_mm (n, k) of a stand without single wild ones, and how many those were."""
-    away = np.abs(g_mm - np.median(g_mm, axis=0))
-    limit = _OUTLYING * 1.4826 * np.median(away, axis=0)
-    # Readings of a coarse gauge that mostly agree have no median deviation: nothing is called wild there.
-    sound = (away <= limit) | (limit == 0)
-    sound |= sound.mean(axis=0) < 1 - _MOST_OUTLYING
-    mean: Array = np.where(sound, g_mm, 0.0).sum(axis=0) / sound.sum(axis=0)
-    return mean, int((~sound).sum())
-
-
-def _matched(stands: list[_Stand], program: TargetProgram, rig: Rig, turned: float) -> list[int]:
+def _matched(stands: list[Stand], program: TargetProgram, rig: Rig, turned: float) -> list[int]:
     """For each stand the row of the program nearest to it; -1 where none is near."""
     if not stands:
         return []

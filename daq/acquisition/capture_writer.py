@@ -125,6 +125,9 @@ class _CapturedLink:
         self._writer.add(self._stream, Mark.SENT, data)
         self._link.write(data)
 
+    def set_dtr(self, on: bool) -> None:
+        self._link.set_dtr(on)
+
 
 def _described(stream: Stream) -> str:
     settings = f", {stream.line}" if stream.port.startswith("/") else ""

@@ -118,8 +118,10 @@ class PlausibilityCheck:
                         _doubtful(item.at_ns, f"{stream} {what}: does the whole motion lie within its range?")
                     )
                     times.clear()
-            if error or not isinstance(item, Fault):
-                self._in_error[stream] = error
+            if error:
+                self._in_error[stream] = True
+            elif not isinstance(item, Fault) and np.isfinite(np.atleast_2d(item.values)).all(axis=1).any():
+                self._in_error[stream] = False  # a message without the reading of one gauge does not end its error
         return doubts
 
 

@@ -11,7 +11,7 @@ from daq.protocol.conversation import Host
 from daq.wire.links import DEAD_S, Link, open_link
 from rigs.rig import Rig
 from rigs.schema.feedback import SIGNAL, carries_signal
-from rigs.schema.links import Line
+from rigs.schema.links import Line, ModemLines
 
 ROBOT = "robot"
 JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
@@ -25,7 +25,7 @@ _PATIENCE = 3
 class Stream:
     """One link: its name, its port, the columns of its samples, and the conversation that runs on it.
 
-    dead_s, listens: see `daq.wire.links.open_link`.
+    dead_s, listens, modem: see `daq.wire.links.open_link`.
     """
 
     name: str
@@ -35,10 +35,11 @@ class Stream:
     host: Callable[[], Host]
     dead_s: float = DEAD_S
     listens: bool = False
+    modem: ModemLines | None = None
 
     def open(self) -> Link:
         """Open the link. Raises CellError with the remedy."""
-        return open_link(self.name, self.port, self.line, dead_s=self.dead_s, listens=self.listens)
+        return open_link(self.name, self.port, self.line, dead_s=self.dead_s, listens=self.listens, modem=self.modem)
 
 
 def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
@@ -57,7 +58,8 @@ def streams_of(rig: Rig) -> list[Stream]:
         group = [members[name] for name in names]
         columns, first = tuple(f"{name}_mm" for name in names), group[0]
         host = partial(gauges.host, group)
-        found.append(Stream("_".join(names), columns, first.port, first.line, host, _dead_s(first.timeout_s)))
+        dead_s = _dead_s(max(gauge.timeout_s for gauge in group))
+        found.append(Stream("_".join(names), columns, first.port, first.line, host, dead_s, modem=first.modem))
     robot = rig.feedback
     columns = (*JOINTS, SIGNAL) if carries_signal(robot) else JOINTS
     host = partial(feedback.host, robot)

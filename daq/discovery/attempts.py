@@ -141,8 +141,12 @@ def _first_line(model: type[BaseModel]) -> Line:
 
 
 def _choices(model: type[BaseModel]) -> list[dict[str, str]]:
-    """The ways in which an instrument may be set to speak: its own keys that have a few possible values."""
-    own = [key for key in model.model_fields if key in model.__annotations__ and key not in {"interface", "units"}]
+    """The ways in which an instrument may be set to speak: its own keys that have a few possible values.
+
+    A cable is the maker's usual one: another would be asked by a modem line, which may be more than a request to some.
+    """
+    given = {"interface", "units", "cable"}
+    own = [key for key in model.model_fields if key in model.__annotations__ and key not in given]
     several = [key for key in own if get_origin(model.model_fields[key].annotation) is Literal]
     values = [get_args(model.model_fields[key].annotation) for key in several]
     return [dict(zip(several, chosen, strict=True)) for chosen in product(*values)]

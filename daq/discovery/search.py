@@ -155,7 +155,7 @@ def _tried(
 
 def _trial(port: str, attempt: Attempt, listen_s: float) -> Trial:
     host = partial(host_of, attempt.gauges, attempt.sends, listen_s)
-    stream = Stream(port, (), port, attempt.line, host)
+    stream = Stream(port, (), port, attempt.line, host, modem=attempt.gauges[0].modem)
     return try_line(stream, attempt.line, _PATIENCE_S + listen_s, _CONFIRM_S)
 
 

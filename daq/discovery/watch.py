@@ -101,7 +101,7 @@ class Watch:
     def _read(self, group: Sequence[FoundGauge]) -> None:
         members = [found.gauge for found in group]
         host = partial(host_of, members, group[0].sends, LISTEN_S, _SILENCES)
-        stream = Stream(members[0].port, (), members[0].port, members[0].line, host)
+        stream = Stream(members[0].port, (), members[0].port, members[0].line, host, modem=members[0].modem)
 
         def deliver(items: Sequence[Item]) -> None:
             samples = samples_of(items)

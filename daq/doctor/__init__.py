@@ -7,5 +7,6 @@ daemon is asked and no port is touched.
 
 from daq.doctor.examine import examine
 from daq.doctor.finding import Finding, Verdict
+from daq.doctor.modbus_scan import scan_modbus
 
-__all__ = ["Finding", "Verdict", "examine"]
+__all__ = ["Finding", "Verdict", "examine", "scan_modbus"]

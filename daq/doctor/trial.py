@@ -12,9 +12,12 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.acquisition.streams import Stream
 from daq.doctor.finding import Finding, doubtful, ok, wrong
+from daq.protocol.bus import Bus
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 from daq.wire.links import Link, LinkLost
 from daq.wire.session import run_conversation
@@ -26,6 +29,8 @@ _TALK_S, _LONGEST_WAIT_S = 1.0, 5.0
 """For the first readings, beside the waiting for a line to be quiet that a conversation may begin with."""
 _ENOUGH = 3
 """Readings in a row that are hardly an accident at the wrong line settings."""
+_FEW, _POOR_SHARE = 2, 0.05
+"""Faults, absolute and for each reading, that a conversation may begin with; more of them deserve attention."""
 _SLOW = 0.5
 _POOR_PPM = 1000.0
 USUAL_LINES = tuple(
@@ -93,6 +98,9 @@ class _Counted:
         self._link.write(data)
         self.carried += len(data)
 
+    def set_dtr(self, on: bool) -> None:
+        self._link.set_dtr(on)
+
 
 Attempt = Callable[[Stream, Line, float, float], Trial]
 
@@ -146,8 +154,9 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
     if trial.error is not None:
         return wrong(stream.name, f"{stream.port}: {trial.error.what}", trial.error.remedy)
     how = f"{stream.port} at {stream.line}" if stream.port.startswith("/") else stream.port
+    how += f" with {stream.modem}" if stream.modem else ""
     if trial.samples and trial.understood:
-        return ok(stream.name, f"{how}: {len(trial.samples)} readings in {trial.seconds:.0f} s")
+        return _of_readings(stream, trial, how)
     if trial.understood:
         return wrong(stream.name, f"{how} answers with an error of its own", trial.last_fault)
     if other := search():
@@ -160,13 +169,30 @@ def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> 
     return wrong(stream.name, f"{how}: nothing arrived", trial.last_fault or "check that it is on, and its cable")
 
 
+def _of_readings(stream: Stream, trial: Trial, how: str) -> Finding:
+    """Check readings that came: whether all gauges of the link gave some, and how many faults came with them."""
+    readings = samples_of(trial.items)
+    what = f"{how}: {len(readings)} readings in {trial.seconds:.0f} s"
+    if missing := [stream.columns[k] for k in np.flatnonzero(np.isnan(readings.values).all(axis=0))]:
+        return wrong(stream.name, f"{what}, but none of {', '.join(missing)}", trial.last_fault)
+    faults = Counter[str]()
+    for fault in faults_of(trial.items):
+        faults[fault.kind] += fault.count
+    if faults.total() > _FEW and faults.total() > _POOR_SHARE * len(readings):
+        counts = ", ".join(f"{count} {kind}" for kind, count in faults.items() if count)
+        return doubtful(stream.name, f"{what}, and {counts}", trial.last_fault)
+    return ok(stream.name, what)
+
+
 def pace(stream: Stream, trial: Trial) -> Finding | None:
     """Compare the readings per second with what the line could carry."""
     samples = trial.samples
     if len(samples) < _ENOUGH or not (lasted_ns := _lasted_ns(samples)):
         return None
     reached_hz = (len(samples) - 1) * 1e9 / lasted_ns
-    possible_hz = len(samples) * 1e9 / (trial.carried * stream.line.character_ns)
+    host = stream.host()
+    gap_ns = host.gap_ns if isinstance(host, Bus) else 0
+    possible_hz = len(samples) * 1e9 / (trial.carried * stream.line.character_ns + len(samples) * gap_ns)
     what = f"{reached_hz:.1f} readings a second; the line could carry {possible_hz:.1f}"
     if reached_hz >= _SLOW * possible_hz:
         return ok(stream.name, what)

@@ -14,12 +14,14 @@ from typing import Protocol
 from daq import feedback, gauges
 from daq.acquisition.streams import ROBOT, gauge_groups
 from daq.emulators.cell import NONE, Adversity, Cell
+from daq.emulators.one_line import OneLine
 from daq.emulators.own_clock import OwnClock
 from daq.emulators.own_cycle import STEADY, Unsteady
 from daq.emulators.timed import timed_device, timed_read
 from daq.protocol.conversation import Device
 from rigs.rig import Rig
 from rigs.schema.feedback import carries_signal
+from rigs.schema.modbus import ModbusMap, SolartronOrbit
 
 
 class Motion(Protocol):
@@ -56,19 +58,26 @@ def emulated(
 
 
 def gauge_device(rig: Rig, motion: Motion, group: Sequence[str], unsteady: Unsteady = STEADY) -> Callable[[], Device]:
-    """Return a function that makes the instrument which these gauges share, newly for each connection.
+    """Return a function that makes what these gauges share, an instrument or a line, newly for each connection.
 
-    It latches as the rig file's `timing` says; a cycle of its own begins at a phase that is its name's alone.
+    An instrument latches as the rig file's `timing` says; its own cycle begins at a phase that is its name's alone.
     """
-    members = [gauge for name, gauge in rig.gauges if name in group]
-    timing = members[0].timing
+    members = {name: gauge for name, gauge in rig.gauges if name in group}
 
-    def read(now_ns: int) -> Sequence[float]:
-        return [motion.gauge_mm(name, now_ns) for name in group]
+    def instrument(names: Sequence[str]) -> Device:
+        chance, timing = random.Random("_".join(names)), members[names[0]].timing
+
+        def read(now_ns: int) -> Sequence[float]:
+            return [motion.gauge_mm(name, now_ns) for name in names]
+
+        device = gauges.device([members[name] for name in names], timed_read(read, timing, unsteady, chance))
+        return timed_device(device, timing, unsteady, chance)
 
     def made() -> Device:
-        chance = random.Random("_".join(group))
-        device = gauges.device(members, timed_read(read, timing, unsteady, chance))
-        return timed_device(device, timing, unsteady, chance)
+        by_unit: dict[int, list[str]] = {}
+        for name, gauge in members.items():
+            by_unit.setdefault(gauge.unit if isinstance(gauge, ModbusMap | SolartronOrbit) else 0, []).append(name)
+        instruments = [instrument(names) for names in by_unit.values()]
+        return instruments[0] if len(instruments) == 1 else OneLine(instruments)
 
     return made

@@ -35,6 +35,10 @@ class LateLink:
         self._waiting.append((self._last_ns, data))
         self._send_due()
 
+    def set_dtr(self, on: bool) -> None:
+        """Set the line of the link. Raises LinkLost."""
+        self._link.set_dtr(on)
+
     def _send_due(self) -> None:
         while self._waiting and self._waiting[0][0] <= time.monotonic_ns():
             self._link.write(self._waiting.popleft()[1])

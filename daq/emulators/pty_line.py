@@ -110,6 +110,9 @@ class PtyLine:
             self._release()
             sent += due
 
+    def set_dtr(self, on: bool) -> None:
+        """Do nothing: a pty has no modem lines."""
+
     def _set_baud(self) -> None:
         """For a program that opens the far end without settings; a baud that has no name stays unset."""
         speed = next((speed for speed, baud in _SPEEDS.items() if baud == self._line.baud), None)

@@ -22,6 +22,7 @@ from daq.acquisition.streams import ROBOT, Stream, streams_of
 from daq.emulators.cell import Cell
 from daq.emulators.played import AnsweringPlayer, Exchanges, StreamingPlayer
 from daq.emulators.timebase import Steps, Timebase, bearable_ns, u_asked_ns, u_cycle_ns
+from daq.protocol.bus import Bus
 from daq.protocol.polled import Polled
 from daq.wire.capture import Capture, Mark, Piece
 from rigs.errors import FileError
@@ -173,7 +174,7 @@ def _replayed(stream: Stream, pieces: Sequence[Piece], time: Timebase, steps: St
 
 
 def _is_asked(stream: Stream) -> bool:
-    return isinstance(stream.host(), Polled)
+    return isinstance(stream.host(), Polled | Bus)
 
 
 def _u_ns(stream: Stream, pieces: Sequence[Piece]) -> float:

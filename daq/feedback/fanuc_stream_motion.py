@@ -1,9 +1,18 @@
-"""FANUC Stream Motion (J519), its status packets only (manual B-84904EN as public clients quote it; see origin).
+"""FANUC Stream Motion (J519), its status packets only, versions 1 to 4 (see the interface's origin).
 
-One packet of 8 bytes asks the controller for its status, type 0 and version 1; from then on it sends 132 bytes each
-cycle of 8 ms (some 4 or 2), to where the request came from. Big-endian: type, version, number; status, io type; io
-index, mask, value; time stamp; 9 × pose, 9 × joints, 9 × currents. The request is sent again while nothing comes,
-and is all that is ever sent: no motion, no program needed.
+The controller is asked which version it has (type 7, *get capability*), and then to send its status: by a start packet
+of 8 bytes, type 0 up to version 2 and 200 from 3 on. From then on it sends a packet each cycle of 8 ms (some 4 or 2),
+to where the request came from, big-endian:
+
+- versions 1 and 2, type 0, 132 bytes: type, version, number; status, io type; io index, mask, value; time stamp;
+  9 × pose, 9 × joints, 9 × currents;
+- version 3, type 202, 388 bytes: type, version, number; four bytes of status; time stamp; the same 27 numbers; safety
+  scale; 256 bytes of inputs and outputs;
+- version 4, type 204, 416 bytes: as version 3, with forces, moments and sensor before the inputs and outputs.
+
+The requests are sent again while nothing comes: until it was answered, the question for the version in turn with the
+start of version 1, since an old controller does not know the question. They are all that is ever sent: no motion, no
+program needed.
 
 The stamp is 32 bits of ms; it wraps after 49 days, and the analysis fits it in pieces.
 """
@@ -13,46 +22,116 @@ from __future__ import annotations
 import struct
 
 from daq.feedback import Read
-from daq.protocol.conversation import Device, FaultKind, Host, Step
+from daq.protocol.conversation import Device, Fault, FaultKind, Host, Step
+from daq.protocol.framing import Message
 from daq.protocol.order import Order
 from daq.protocol.pace import Pace
 from daq.protocol.positions import Position, Positions, Refused
-from daq.protocol.streamed import Streamed
+from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.feedback import FANUCStreamMotion
 
 RATE_HZ = 125.0
+NEWEST = 4
+_ASKED_AS = 3
+"""The version that FANUC's own driver names in its question."""
 _REQUEST = struct.Struct(">II")
-_STATUS = struct.Struct(">IIIBBHHHI27f")
-START, STOP = _REQUEST.pack(0, 1), _REQUEST.pack(2, 1)
+_CAPABILITY = struct.Struct(">7I")
+"""Type, version, number of the question; sampling rate in ms, steps before a motion, version, whether poses are of the
+tool. The last of them is a single byte in the answer of some controllers."""
+_SHORT_CAPABILITY = _CAPABILITY.size - 3
+_ASK_CAPABILITY = 7
+_STATUS = {
+    0: struct.Struct(">IIIBBHHHI27f"),
+    202: struct.Struct(">IIIBBBBI27ff256s"),
+    204: struct.Struct(">IIIBBBBI27f7fI256s"),
+}
+"""The layouts of a status, by its type."""
+_STAMP = {0: 8, 202: 7, 204: 7}
+"""Places of the time stamp in them; the numbers follow."""
+STOP = _REQUEST.pack(2, 1)
+ASK_VERSION = _CAPABILITY.pack(_ASK_CAPABILITY, _ASKED_AS, 1, 0, 0, 0, 0)
+
+
+def start_packet(version: int) -> bytes:
+    """Return what asks a controller of this version to send its status."""
+    return _REQUEST.pack(0 if version < 3 else 200, version)
+
+
+def status_type(version: int) -> int:
+    """Return the type of status that this version has."""
+    return 0 if version < 3 else 202 if version == 3 else 204
 
 
 def host(feedback: FANUCStreamMotion) -> Host:
     """Return our side of the conversation."""
-    check = "check the address, the cable and that option J519 is there; another client may have the stream"
-    return Streamed(Positions(_decode, check, Order(), START), feedback.timeout_s)
+    return Streamed(_StreamMotionClient(feedback.version), feedback.timeout_s)
 
 
 def device(feedback: FANUCStreamMotion, read: Read) -> Device:
     """Return the controller's side of the conversation."""
-    return _StreamMotionController(read)
+    return _StreamMotionController(feedback.version or _ASKED_AS, read)
 
 
 def _decode(data: bytes) -> Position | Refused:
-    if len(data) != _STATUS.size:
-        return Refused(FaultKind.GARBLED, f"a status of version 1 has {_STATUS.size}; check what is at this address")
-    kind, _, number, _, _, _, _, _, stamp_ms, *pose_joints_currents = _STATUS.unpack(data)
-    if kind != 0:
-        return Refused(FaultKind.GARBLED, f"packet of type {kind} where 0, a status, is expected")
-    return Position(tuple(pose_joints_currents[9:15]), stamp_ms / 1000, number)
+    kind = int.from_bytes(data[:4], "big")
+    layout = _STATUS.get(kind)
+    if layout is None:
+        return Refused(FaultKind.GARBLED, f"packet of type {kind}, where 0, 202 or 204, a status, is expected")
+    if len(data) != layout.size:
+        return Refused(FaultKind.GARBLED, f"a status of type {kind} has {layout.size}; check what is at this address")
+    fields = layout.unpack(data)
+    place = _STAMP[kind]
+    return Position(fields[place + 10 : place + 16], fields[place] / 1000, fields[2])
+
+
+class _StreamMotionClient:
+    """Asks for the version, where the rig file does not state it, and then for the status."""
+
+    check = (
+        "check the address, the cable and that option J519 is there; another client may have the stream; or state "
+        "the controller's `version`"
+    )
+
+    def __init__(self, version: int | None) -> None:
+        self._positions = Positions(_decode, self.check, Order())
+        self.frames = self._positions.frames
+        self._version = version
+        self._answered = False
+        """Whether the controller has stated its version."""
+        self._asked = False
+        """Whether the question for it was the last that was sent."""
+
+    def start(self) -> bytes:
+        """Return what is to be sent while nothing comes."""
+        if self._version is not None:
+            return start_packet(self._version)
+        self._asked = self._answered or not self._asked
+        return ASK_VERSION if self._asked else start_packet(1)
+
+    def silent(self) -> Reaction:
+        self._positions.silent()
+        return Reaction(send=self.start())
+
+    def read(self, message: Message | Fault) -> Reaction:
+        if isinstance(message, Fault) or message.data[:4] != ASK_VERSION[:4]:
+            return self._positions.read(message)
+        if len(message.data) not in (_CAPABILITY.size, _SHORT_CAPABILITY):
+            detail = f"datagram of {message.size} bytes: the answer on the version has {_CAPABILITY.size}"
+            return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
+        self._answered = True
+        available = int.from_bytes(message.data[20:24], "big")
+        return Reaction(send=start_packet(max(1, min(available, NEWEST))))
 
 
 class _StreamMotionController:
     """The controller: the status each cycle, from the request on until it is asked to stop."""
 
     STAMP_START_MS = 86_400_000
+    SAMPLING_MS = 8
 
-    def __init__(self, read: Read) -> None:
+    def __init__(self, version: int, read: Read) -> None:
         self.sent = 0
+        self._version = version
         self._read = read
         self._connected_ns = 0
         self._pace: Pace | None = None
@@ -62,9 +141,12 @@ class _StreamMotionController:
         return Step()
 
     def received(self, data: bytes, now_ns: int) -> Step:
-        if data == START and self._pace is None:
+        if self._version > 1 and len(data) == _CAPABILITY.size and data[:4] == ASK_VERSION[:4]:
+            answer = _CAPABILITY.pack(_ASK_CAPABILITY, self._version, 1, self.SAMPLING_MS, 1, self._version, 0)
+            return self._step(answer[:_SHORT_CAPABILITY] if self._version == 2 else answer)
+        if data == start_packet(self._version) and self._pace is None:
             self._pace = Pace(RATE_HZ, now_ns)
-        elif data == STOP:
+        elif len(data) == _REQUEST.size and data[:4] == STOP[:4]:
             self._pace = None
         return self._step(b"")
 
@@ -77,8 +159,12 @@ class _StreamMotionController:
         return Step(send, wake_ns=self._pace.next_ns if self._pace else None)
 
     def _status(self, instant_ns: int) -> bytes:
-        stamp_ms = self.STAMP_START_MS + round((instant_ns - self._connected_ns) / 1e6)
-        joints = [*self._read(instant_ns), 0.0, 0.0, 0.0]
-        numbers = (0, 1, self.sent % 2**32, 0, 0, 0, 0, 0, stamp_ms % 2**32)
+        stamp_ms = (self.STAMP_START_MS + round((instant_ns - self._connected_ns) / 1e6)) % 2**32
+        numbers = [*[0.0] * 9, *self._read(instant_ns), 0.0, 0.0, 0.0, *[0.0] * 9]
+        kind = status_type(self._version)
+        head = (kind, self._version, self.sent % 2**32)
         self.sent += 1
-        return _STATUS.pack(*numbers, *[0.0] * 9, *joints, *[0.0] * 9)
+        if kind == 0:
+            return _STATUS[kind].pack(*head, 0, 0, 0, 0, 0, stamp_ms, *numbers)
+        forces = () if kind == 202 else (*[0.0] * 6, 0xFFFFFFFF)
+        return _STATUS[kind].pack(*head, 0, 0, 0, 0, stamp_ms, *numbers, 1.0, *forces, bytes(256))

@@ -12,9 +12,10 @@ from collections.abc import Sequence
 from daq.feedback import Read
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
-from daq.protocol.modbus import fits, pack, unpack
+from daq.protocol.modbus import Wire
 from daq.protocol.numerals import are_angles
 from daq.protocol.polled import Polled
+from daq.protocol.register_values import fits, pack, unpack
 from daq.protocol.registers import RegisterDevice, RegisterDialect, Registers, pack_verdict, verdict
 from rigs.schema.feedback import ModbusJoints
 
@@ -27,12 +28,13 @@ def host(feedback: ModbusJoints) -> Host:
     def reading(registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
         return _reading(feedback, registers, message, requested_ns)
 
-    return Polled(RegisterDialect(feedback, reading), feedback.timeout_s, feedback.rate_hz)
+    wire = Wire(feedback.port, feedback.framing, serving=False)
+    return Polled(RegisterDialect(feedback, reading, wire), feedback.timeout_s, feedback.rate_hz)
 
 
 def device(feedback: ModbusJoints, read: Read) -> Device:
     """Return the controller's side of the conversation."""
-    return RegisterDevice(feedback, lambda now_ns: _registers(feedback, read(now_ns)))
+    return RegisterDevice([(feedback, lambda now_ns: _registers(feedback, read(now_ns)))])
 
 
 def _reading(feedback: ModbusJoints, registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
@@ -43,7 +45,8 @@ def _reading(feedback: ModbusJoints, registers: Registers, message: Message, req
     read = [unpack(registers, joint, feedback) * joint.scale + joint.offset for joint in feedback.joints]
     angles_deg = tuple(value * _DEG_PER_UNIT[feedback.units] for value in read)
     if not are_angles(angles_deg):
-        return Fault(FaultKind.GARBLED, at_ns, f"angles {angles_deg}; left out; check `joints` and `word_order`")
+        detail = f"angles {angles_deg}; left out; check `joints`, `word_order` and `byte_order`"
+        return Fault(FaultKind.GARBLED, at_ns, detail)
     return Sample(angles_deg, requested_ns, message.first_byte_ns, at_ns, message.size, math.nan, code)
 
 

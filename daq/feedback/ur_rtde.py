@@ -4,9 +4,11 @@ confirmed but for the layout of `M`, which is believed only).
 Big-endian packets, `>HB`: size with header, type. The host asks for the version (`V`), for the recipe
 `timestamp, actual_q` at a rate (`O`), with the signal where the rig file names one (`actual_digital_output_bits`,
 UINT64, or `output_int_register_n`, INT32), and for the start (`S`); each is answered; then data (`U`) come at that
-rate until the link closes. Every packet is kept: the controller may skip some under load, which only its own clock
-shows (Fault SKIPPED). `M` carries the controller's texts in version 2: length, text, length, source, level 0
-exception … 3 information.
+rate, or at the controller's own where that is lower, until the link closes. Every packet is kept: the controller may
+skip some under load, which only its own clock shows (Fault SKIPPED). `M` carries the controller's texts in version 2:
+length, text, length, source, level 0 exception … 3 information. `v` asks for the controller's version, four UINT32; the
+maker's client does so first. A packet of any other type is left out; several with nothing between them are a stream out
+of step.
 
 A binary stream that is out of step cannot be picked up again without taking data for headers, a refused
 request will not be granted later on this link, and a silent controller is one that is gone (it streams at
@@ -20,10 +22,11 @@ import math
 import struct
 
 from daq.feedback import Read
-from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Item, Sample, Step
+from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
 from daq.protocol.framing import Message, Sized
 from daq.protocol.numerals import are_angles
 from daq.protocol.pace import Pace
+from daq.protocol.steady_steps import SteadySteps
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.feedback import URRTDE, RTDESignal
 
@@ -32,6 +35,8 @@ _FORMATS = {"DOUBLE": "d", "VECTOR6D": "6d", "UINT64": "Q", "INT32": "i"}
 _VERSION = 2
 _LONGEST = 520
 """No packet of this recipe is longer; a text is 516 at most."""
+_MOST_UNKNOWN = 3
+"""Packets of a type that is not known in a row: a stream out of step soon has more."""
 _MAX_CLOCK_S = 1e9
 """No controller has been on for 30 years: a later stamp is invalid."""
 
@@ -76,7 +81,7 @@ def _packet(kind: bytes, payload: bytes = b"") -> bytes:
 
 def _length(head: bytes) -> int | None:
     size, kind = _HEADER.unpack(head)
-    return size if _HEADER.size <= size <= _LONGEST and bytes([kind]) in b"VOSPUM" else None
+    return size if _HEADER.size <= size <= _LONGEST and bytes([kind]).isalpha() else None
 
 
 class _RTDEClient:
@@ -92,7 +97,9 @@ class _RTDEClient:
         self._fields = struct.Struct(">B" + "".join(_FORMATS[kind] for kind in self._types.values()))
         self._awaited = b"V"
         self._recipe = 0
-        self._clock_s = math.nan
+        self._unknown = 0
+        """Packets of no known type since the last one of a known."""
+        self._steps = SteadySteps(feedback.rate_hz)
 
     def start(self) -> bytes:
         return _packet(b"V", struct.pack(">H", _VERSION))
@@ -104,15 +111,20 @@ class _RTDEClient:
         if isinstance(message, Fault):
             return Reaction((message,), hang_up=True)
         kind, payload = message.data[2:3], message.data[3:]
-        if kind == b"M":
-            return self._text(payload, message)
-        if kind != self._awaited:
+        if kind not in b"VOSPUM":
+            return self._of_unknown_type(kind, message)
+        self._unknown = 0
+        if kind not in (b"M", self._awaited):
             return _out_of_step(message)
-        if kind == b"U":
-            return self._data(payload, message)
-        if kind == b"O":
-            return self._recipe_answer(payload, message)
-        return self._accepted(kind, payload, message)
+        meaning = {b"M": self._text, b"U": self._data, b"O": self._recipe_answer}.get(kind)
+        return meaning(payload, message) if meaning else self._accepted(kind, payload, message)
+
+    def _of_unknown_type(self, kind: bytes, message: Message) -> Reaction:
+        self._unknown += 1
+        if self._unknown > _MOST_UNKNOWN:
+            return _out_of_step(message)
+        detail = f"packet of type {kind.decode('latin-1')}, which is not known; left out"
+        return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
 
     def _accepted(self, kind: bytes, payload: bytes, message: Message) -> Reaction:
         """The answer to the version or to the start."""
@@ -157,16 +169,7 @@ class _RTDEClient:
             message.size,
             clock_s,
         )
-        return Reaction((*self._skipped(clock_s, message), sample))
-
-    def _skipped(self, clock_s: float, message: Message) -> list[Item]:
-        periods = (clock_s - self._clock_s) * self._rate_hz
-        before_s, self._clock_s = self._clock_s, clock_s
-        if not periods > 1.5:
-            return []
-        missing = round(periods) - 1
-        detail = f"controller time goes from {before_s:.3f} s to {clock_s:.3f} s; lower rate_hz if this recurs"
-        return [Fault(FaultKind.SKIPPED, message.last_byte_ns, detail, missing)]
+        return Reaction((*self._steps.missing(clock_s, message.last_byte_ns), sample))
 
     def _text(self, payload: bytes, message: Message) -> Reaction:
         """A text of the controller; information is left out."""
@@ -201,6 +204,8 @@ class _RTDEController:
 
     CLOCK_START_S = 1000.0
     """Its clock when the link opens: controllers count from when they were switched on."""
+    SOFTWARE = (5, 11, 0, 0)
+    """Its version: major, minor, bugfix, build."""
     MIN_RATE_HZ, MAX_RATE_HZ = 0.01, 500.0
 
     def __init__(self, feedback: URRTDE, read: Read) -> None:
@@ -239,6 +244,8 @@ class _RTDEController:
     def _answer(self, kind: bytes, payload: bytes, now_ns: int) -> bytes:
         if kind == b"V":
             return _packet(kind, bytes([payload == struct.pack(">H", _VERSION)]))
+        if kind == b"v":
+            return _packet(kind, struct.pack(">4I", *self.SOFTWARE))
         if kind == b"O":
             return _packet(kind, self._set_up(payload))
         if kind == b"S":

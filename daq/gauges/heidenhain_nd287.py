@@ -2,7 +2,9 @@
 
 Commands and NAK for one that it does not know: maker's manual p. 102-108 (confirmed). The display is asked rather
 than the position, `ESC A0200`, which its sisters (ND 281 B, ND 720) send without the decimal point. It shows its
-dialogs and errors in the same place, and no unit, so `units` must be that of its display.
+dialogs and errors in the same place, and no unit, so `units` must be that of its display. Public
+drivers ask for the unit by `ESC A0800` and ignore NULs before an answer; what that question is answered with was not
+found, so it is not asked.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Fault, Host
@@ -18,7 +21,7 @@ from daq.protocol.polled import Polled
 from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, mm, shown
 from rigs.schema.serial_gauges import HeidenhainND287
 
-_STX, _NAK, _END = b"\x02", b"\x15", b"\r\n"
+_STX, _NAK, _NUL, _END = b"\x02", b"\x15", b"\0", b"\r\n"
 _DISPLAY, _POSITION, _IDENTITY, _ERROR = b"\x1bA0100", b"\x1bA0200", b"\x1bA0000", b"\x1bA0301"
 _TEXT = re.compile(rb"\x02([ -~]{10,13})")
 _NUMBER = re.compile(rb" *[+-]? *\d+\.\d+ *")
@@ -52,10 +55,14 @@ def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
 
 
 class _Replies(Lines):
-    """Lines, of which NAK is one by itself."""
+    """Lines, of which NAK is one by itself, and which NULs may precede.
+
+    A NUL within a line is a character of wrong parity (`daq.wire.serial_port`), without which the number is another.
+    """
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
-        return super().feed(data.replace(_NAK, _NAK + _END), now_ns)
+        found = super().feed(data.replace(_NAK, _NAK + _END), now_ns)
+        return [one if isinstance(one, Fault) else replace(one, data=one.data.lstrip(_NUL)) for one in found]
 
 
 def _read(data: bytes, gauge: HeidenhainND287) -> Reading:

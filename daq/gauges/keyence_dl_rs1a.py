@@ -45,7 +45,9 @@ _CHECK = "check the cable, that the DL-RS1A has power, and the line's settings a
 
 def host(gauges: Sequence[KeyenceDLRS1A]) -> Host:
     """Return our side of the conversation."""
-    return Polled(TextDialect(gauges, b"M0" + _END, Lines(_END), _read, _CHECK), gauges[0].timeout_s)
+    # A unit without heads answers with the request itself.
+    dialect = TextDialect(gauges, b"M0" + _END, Lines(_END), _read, _CHECK, may_echo=False)
+    return Polled(dialect, gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[KeyenceDLRS1A], read: Read) -> Device:

@@ -1,55 +1,121 @@
-"""Any Modbus gauge by its register map: one read of the whole block for each reading, RTU or TCP."""
+"""Any Modbus gauge by its register map: one read of the whole block for each reading, RTU or TCP.
+
+Several gauges on one line or behind one gateway are asked in turn (`daq.protocol.bus`).
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
+from itertools import product
+from typing import get_args
 
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
-from daq.protocol.modbus import fits, pack, unpack
+from daq.protocol.modbus import Wire
 from daq.protocol.polled import Polled
-from daq.protocol.registers import Held, RegisterDevice, RegisterDialect, Registers, pack_verdict, verdict
-from daq.protocol.resync import Resync
-from rigs.schema.modbus import ModbusMap
+from daq.protocol.ranges import refusal
+from daq.protocol.register_values import fits, pack, unpack
+from daq.protocol.registers import (
+    Held,
+    RegisterDevice,
+    RegisterDialect,
+    Registers,
+    on_one_wire,
+    pack_verdict,
+    verdict,
+)
+from rigs.schema.modbus import ModbusMap, Order
 from rigs.schema.probe import MM_PER_UNIT
+
+_BELIEVED = 20
+"""A third of the numbers in a wrong order are lengths all the same; so many in a row are not by chance."""
+_FINE_MM = 1e-6
+"""A smaller number is hardly the reading of a gauge, and suggests no order."""
 
 
 def host(gauges: Sequence[ModbusMap]) -> Host:
-    """Return our side of the conversation; a link carries one gauge."""
-    (gauge,) = gauges
-    return Polled(dialect(gauge), gauge.timeout_s, gauge.rate_hz)
+    """Return our side of the conversation, with one gauge or with several in turn."""
+
+    def exchange(gauge: ModbusMap, wire: Wire, shared: bool) -> Polled:
+        return Polled(dialect(gauge, wire), gauge.timeout_s, gauge.rate_hz, shared=shared)
+
+    return on_one_wire(gauges, exchange)
 
 
 def device(gauges: Sequence[ModbusMap], read: Read) -> Device:
-    """Return the gauge's side of the conversation."""
-    (gauge,) = gauges
-    return RegisterDevice(gauge, held(gauge, read))
+    """Return the side of the gauges on one line."""
+    return RegisterDevice([(gauge, held(gauge, read, place)) for place, gauge in enumerate(gauges)])
 
 
-def dialect(gauge: ModbusMap, resync: Resync | None = None) -> RegisterDialect:
-    """Return the dialect that reads this block; `resync`: see `RegisterDialect`."""
-    return RegisterDialect(gauge, partial(_reading, gauge), resync)
+def dialect(gauge: ModbusMap, wire: Wire) -> RegisterDialect:
+    """Return the dialect that reads this block."""
+    return RegisterDialect(gauge, _Readings(gauge), wire)
 
 
-def held(gauge: ModbusMap, read: Read) -> Held:
-    """Return what the instrument's block holds, as a function of time."""
-    return lambda now_ns: _registers(gauge, read(now_ns)[0], now_ns)
+def held(gauge: ModbusMap, read: Read, place: int = 0) -> Held:
+    """Return what the instrument's block holds, as a function of time. place: of its reading among those read."""
+    return lambda now_ns: _registers(gauge, read(now_ns)[place], now_ns)
 
 
-def _reading(gauge: ModbusMap, registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
-    at_ns = message.last_byte_ns
-    code = verdict(registers, gauge.status, gauge, at_ns)
-    if isinstance(code, Fault):
-        return code
-    raw = unpack(registers, gauge.value, gauge)
-    value_mm = (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
-    if not math.isfinite(value_mm):
-        return Fault(FaultKind.DEVICE_ERROR, at_ns, f"the gauge reads {raw}; check the head and `value`")
-    clock_s = _clock_s(gauge, registers)
-    return Sample((value_mm,), requested_ns, message.first_byte_ns, at_ns, message.size, clock_s, code)
+class _Readings:
+    """What the answers of one gauge mean, in their order."""
+
+    def __init__(self, gauge: ModbusMap) -> None:
+        self._gauge = gauge
+        self._mistrusted = 0
+        """How many lengths have to come yet before the next one is believed."""
+
+    def __call__(self, registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
+        gauge, at_ns = self._gauge, message.last_byte_ns
+        code = verdict(registers, gauge.status, gauge, at_ns)
+        if isinstance(code, Fault):
+            return code
+        raw = unpack(registers, gauge.value, gauge)
+        if not math.isfinite(raw):
+            return Fault(FaultKind.DEVICE_ERROR, at_ns, f"the gauge reads {raw}; check the head and `value`")
+        value_mm = _mm(raw, gauge)
+        refused = refusal(value_mm, gauge)
+        if refused and refused[0] is FaultKind.GARBLED:
+            self._mistrusted = _BELIEVED
+            return Fault(FaultKind.GARBLED, at_ns, refused[1] + _other_orders(registers, gauge))
+        if self._mistrusted:
+            self._mistrusted -= 1
+            detail = (
+                f"{value_mm:.4g} mm is left out, as a number before was no length; check `word_order`, `byte_order`"
+            )
+            return Fault(FaultKind.GARBLED, at_ns, detail)
+        if refused:
+            return Fault(refused[0], at_ns, refused[1])
+        clock_s = _clock_s(gauge, registers)
+        return Sample((value_mm,), requested_ns, message.first_byte_ns, at_ns, message.size, clock_s, code)
+
+
+def _mm(raw: float, gauge: ModbusMap) -> float:
+    return (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
+
+
+def _other_orders(registers: Registers, gauge: ModbusMap) -> str:
+    """What else to check where the value is no length, with what it would be in the other orders."""
+    found = []
+    for orders in _orders_but(gauge):
+        value_mm = _mm(unpack(registers, gauge.value, gauge.model_copy(update=orders)), gauge)
+        if abs(value_mm) > _FINE_MM and refusal(value_mm, gauge) is None:
+            found.append(f"{value_mm:.4g} mm with {', '.join(f'{key}: {order}' for key, order in orders.items())}")
+    would = f"; it would be {' or '.join(found)}" if found else ""
+    return f", `word_order`, `byte_order` and `value`{would}"
+
+
+def _orders_but(gauge: ModbusMap) -> list[dict[str, Order]]:
+    """Return what to change of a gauge's orders to read its value in each other way that there is."""
+    ways: list[dict[str, Order]] = []
+    for word_order, byte_order in product(get_args(Order), repeat=2):
+        orders: dict[str, Order] = {"word_order": word_order, "byte_order": byte_order}
+        changed = {key: order for key, order in orders.items() if order != getattr(gauge, key)}
+        if changed and not (gauge.value.count == 1 and "word_order" in changed):
+            ways.append(changed)
+    return ways
 
 
 def _clock_s(gauge: ModbusMap, registers: Registers) -> float:

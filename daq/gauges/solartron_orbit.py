@@ -17,11 +17,15 @@ from daq.gauges import Read
 from daq.gauges.modbus_map import dialect, held
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Sample
 from daq.protocol.framing import Message
+from daq.protocol.modbus import Wire
 from daq.protocol.polled import Polled, Reply, Then
-from daq.protocol.registers import RegisterDevice
+from daq.protocol.ranges import refusal
+from daq.protocol.registers import RegisterDevice, on_one_wire
 from rigs.schema.modbus import ModbusMap, SolartronOrbit, ValueRegister
 
 _FLOATS = 8000
+_SHARED = ("port", "offset_mm", "units", "line", "framing", "unit", "function", "word_order", "byte_order", "timeout_s")
+"""What a gauge says of both its blocks."""
 _NO_PROBE = 247.0
 _STATUS = {
     18: "under range; move the probe into its range",
@@ -32,14 +36,16 @@ _STATUS = {
 
 
 def host(gauges: Sequence[SolartronOrbit]) -> Host:
-    """Return our side of the conversation; a line carries one gauge."""
-    (gauge,) = gauges
-    return Polled(_OrbitDialect(gauge), gauge.timeout_s)
+    """Return our side of the conversation, with one probe or with several in turn."""
+
+    def exchange(gauge: SolartronOrbit, wire: Wire, shared: bool) -> Polled:
+        return Polled(_OrbitDialect(gauge, wire), gauge.timeout_s, shared=shared)
+
+    return on_one_wire(gauges, exchange)
 
 
 def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
-    """Return the unit's side of the conversation."""
-    (gauge,) = gauges
+    """Return the side of the units on one line."""
 
     def value(now_ns: int) -> Sequence[float]:
         return [0.0 if math.isnan(value) else value for value in read(now_ns)]
@@ -47,20 +53,23 @@ def device(gauges: Sequence[SolartronOrbit], read: Read) -> Device:
     def status(now_ns: int) -> Sequence[float]:
         return [_NO_PROBE if math.isnan(value) else 0.0 for value in read(now_ns)]
 
-    first, second = _block(gauge, gauge.parameter), _status_block(gauge)
-    return RegisterDevice(first, held(first, value), (second, held(second, status)))
+    values = [_block(gauge, gauge.parameter) for gauge in gauges]
+    statuses = [_status_block(gauge) for gauge in gauges]
+    return RegisterDevice(
+        [(block, held(block, value, place)) for place, block in enumerate(values)],
+        silently=[(block, held(block, status, place)) for place, block in enumerate(statuses)],
+    )
 
 
 def _block(gauge: SolartronOrbit, parameter: int) -> ModbusMap:
     """One parameter as a register map."""
-    shared = {"port", "offset_mm", "units", "line", "framing", "unit", "function", "word_order", "timeout_s"}
     address = _FLOATS + parameter
     return ModbusMap(
         interface="modbus_map",
         address=address,
         count=2,
         value=ValueRegister(address=address, type="float32"),
-        **{name: getattr(gauge, name) for name in shared},
+        **{name: getattr(gauge, name) for name in _SHARED},
     )
 
 
@@ -74,11 +83,12 @@ class _OrbitDialect:
 
     reset = b""
 
-    def __init__(self, gauge: SolartronOrbit) -> None:
-        self._value = dialect(_block(gauge, gauge.parameter))
-        self._status = dialect(_status_block(gauge), self._value.resync)
-        self.frames = self._value.frames
-        self.check = self._value.check
+    def __init__(self, gauge: SolartronOrbit, wire: Wire) -> None:
+        self._gauge = gauge
+        self._value = dialect(_block(gauge, gauge.parameter), wire)
+        self._status = dialect(_status_block(gauge), wire)
+        self.frames = wire.frames
+        self.check, self.babble = self._value.check, self._value.babble
         self._held: Sample | None = None
         """The reading that the next request is to confirm."""
         self._asked: Sample | None = None
@@ -102,6 +112,13 @@ class _OrbitDialect:
             return reply
         code = round(item.values[0])
         if code == 0:
-            return Reply((self._asked,))
+            return self._confirmed(self._asked)
         meaning = _STATUS.get(code, "an error of the gauge; see its manual")
         return Reply((Fault(FaultKind.DEVICE_ERROR, item.last_byte_ns, f"status {code}: {meaning}"),), Then.PAUSE)
+
+    def _confirmed(self, sample: Sample) -> Reply:
+        """A reading whose status is good."""
+        if refused := refusal(sample.values[0], self._gauge):
+            kind, detail = refused
+            return Reply((Fault(kind, sample.last_byte_ns, detail),), Then.PAUSE)
+        return Reply((sample,))

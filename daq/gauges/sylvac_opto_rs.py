@@ -6,6 +6,9 @@ Commands and replies end in CR: `?`, `ID?`, `UNI?`, `SET?`, `MOD?`, `OUT1`, `OUT
 `ID?`, `UNI?`, `SET?` and `MOD?` answer, and that `OUT0` and `OUT1` are not answered, is believed only: the
 host uses none of it.
 
+The cable takes its power from the port: a duplex one needs DTR on and RTS off, a simplex one both on. A simplex one
+hears no command, and sends a reading when DTR goes off (the same manuals, confirmed).
+
 The sign must be there: a reading that lost its first byte would otherwise pass with the wrong sign.
 """
 
@@ -17,6 +20,7 @@ from collections.abc import Sequence
 
 from daq.gauges import Read
 from daq.protocol import polled, streamed
+from daq.protocol.asked_by_line import AskedByLine
 from daq.protocol.conversation import NO_TIME, Device, Fault, Host, Step
 from daq.protocol.framing import Lines, Message
 from daq.protocol.texts import CHECK, Reading, Show, TextDevice, TextDialect, Trouble, garbled, items_of, mm
@@ -30,6 +34,10 @@ _ERRORS = {
     b"ERR2": "parity error; check the line's settings and the cable",
     b"ERR3": "value out of range; move the probe into its range",
 }
+_BY_LINE = b"?"
+"""The request of a simplex cable, for which its line stands."""
+_OFF_NS = 120_000_000
+"""DTR off for at least 110 ms asks a simplex cable for a reading (Sylvac Opto instruments, user manual p. 12-13)."""
 _DECIMALS = {"mm": 4, "um": 1, "inch": 5}
 
 
@@ -38,6 +46,9 @@ def host(gauges: Sequence[SylvacOptoRS]) -> Host:
     (gauge,) = gauges
     if gauge.mode == "continuous":
         return streamed.Streamed(_Continuous(gauge), gauge.timeout_s)
+    if gauge.cable == "simplex":
+        dialect = TextDialect(gauges, _BY_LINE, Lines(_END), _read)
+        return AskedByLine(polled.Polled(dialect, gauge.timeout_s, shared=True), _OFF_NS)
     # A cable may have been left in continuous mode.
     return polled.Polled(TextDialect(gauges, b"?\r", Lines(_END), _read, reset=b"OUT0\r"), gauge.timeout_s)
 

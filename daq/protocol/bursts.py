@@ -1,8 +1,8 @@
 """Reporting a fault that keeps coming once a second instead of a thousand times.
 
 The first is reported at once. Those that follow without a message free of it in between are counted, and reported
-as one when they end or a second has passed. What has its own count or its own pace (SILENT, LATE, SKIPPED, STRANGER)
-passes unchanged.
+as one when they end or a second has passed. What has its own count or its own pace (SILENT, LATE, SKIPPED) passes
+unchanged.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from daq.protocol.conversation import Fault, FaultKind, Item
 
-_REPEATING = {FaultKind.GARBLED, FaultKind.DEVICE_ERROR, FaultKind.MISSING}
+_REPEATING = {FaultKind.GARBLED, FaultKind.DEVICE_ERROR, FaultKind.MISSING, FaultKind.STRANGER}
 _TELL_NS = 1_000_000_000
 
 

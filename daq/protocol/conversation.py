@@ -43,7 +43,7 @@ class FaultKind(StrEnum):
     SKIPPED = "skipped"
     """The device's own clock or counter shows that messages are missing."""
     STRANGER = "stranger"
-    """A datagram from a sender that is not the peer; ignored."""
+    """Something of a third party, which is ignored: a datagram of another sender, a request of another master."""
     DISCONNECTED = "disconnected"
     """The link is gone or refuses to open."""
     DOUBTFUL = "doubtful"
@@ -169,13 +169,15 @@ def packed(items: Sequence[Item]) -> list[Samples | Fault]:
 class Step:
     """What a conversation wants done: send these bytes, pass on these items, wake it by then.
 
-    hang_up: no more can come of this link (a stream out of step, a refusal); close it and open a new one.
+    hang_up: no more can come of this link (a stream out of step, a refusal); close it and open a new one. dtr: how this
+    modem line is to be from now on; None leaves it.
     """
 
     send: bytes = b""
     items: tuple[Item, ...] = ()
     wake_ns: int | None = None
     hang_up: bool = False
+    dtr: bool | None = None
 
 
 class Conversation(Protocol):

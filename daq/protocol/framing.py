@@ -43,7 +43,7 @@ class Framer(Protocol):
         """Whether a message has begun and not ended."""
 
 
-class _Pieces:
+class Pieces:
     """Bytes waiting, and when each piece of them came."""
 
     def __init__(self) -> None:
@@ -74,11 +74,16 @@ class _Pieces:
 
 
 class Lines:
-    """Messages that end in a delimiter; with `joined_midway` the bytes up to the first one are not a message."""
+    """Messages that end in a delimiter; with `joined_midway` the bytes up to the first one are not a message.
+
+    echo: what was sent, which some instruments and adapters send back before their answer; it is passed over.
+    """
+
+    echo = b""
 
     def __init__(self, delimiter: bytes, *, joined_midway: bool = False) -> None:
         self._delimiter = delimiter
-        self._pieces = _Pieces()
+        self._pieces = Pieces()
         self._skipping = joined_midway
 
     @property
@@ -93,6 +98,8 @@ class Lines:
         pieces, ending = self._pieces, len(self._delimiter)
         pieces.add(data, now_ns)
         found: list[Message | Fault] = []
+        if self.echo and pieces.data.startswith(self.echo):
+            pieces.take(len(self.echo))
         while (content := pieces.data.find(self._delimiter)) >= 0:
             message = pieces.take(content + ending, trailer=ending)
             if not self._skipping:
@@ -121,7 +128,7 @@ class Sized:
     def __init__(self, header: int, length: Callable[[bytes], int | None]) -> None:
         self._header = header
         self._length = length
-        self._pieces = _Pieces()
+        self._pieces = Pieces()
         self._lost = False
 
     @property

@@ -2,38 +2,33 @@
 
 pymodbus' own framers, fed a stream, swallow all they hold on a checksum error, hunt through junk for
 something that looks like a frame, and raise. So they are only ever handed exact frames, whose length is
-known beforehand: an RTU reply has 5 + 2·count bytes, or 5 for an exception; TCP gives its length; ASCII ends in
-CR LF. RTU frames end with silence, which a pure protocol cannot see and adapters do not keep.
+known beforehand: TCP gives its length, ASCII ends in CR LF, and RTU is cut by `daq.protocol.rtu`.
 """
 
 from __future__ import annotations
 
 import logging
-import math
 import re
 import struct
-from collections.abc import Sequence
 from typing import Literal, Protocol
 
-from pymodbus.client.mixin import ModbusClientMixin
 from pymodbus.framer import FramerAscii, FramerRTU, FramerSocket
 from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
-from daq.protocol.framing import Framer, Lines, Message, Sized
+from daq.protocol.framing import Framer, Lines, Sized
 from daq.protocol.resync import Resync
+from daq.protocol.rtu import REQUEST, RtuReplies, RtuRequests
 from rigs.schema.links import tcp_address
-from rigs.schema.modbus import Register
+from rigs.schema.modbus import Framing, Order
 
 _REQUEST = {3: ReadHoldingRegistersRequest, 4: ReadInputRegistersRequest}
-_RTU_REQUEST = 8
 _ASCII_END = b"\r\n"
+_ASCII_REQUEST = 15
+"""Characters of a request to read registers, without its end; no answer to one has as many."""
 _ASCII = re.compile(rb":(?:[0-9A-Fa-f]{2}){3,}")
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
 """It logs each frame that it cannot decode; here that is a fault, reported at a limited rate."""
-_DATATYPE = {datatype.name.lower(): datatype for datatype in ModbusClientMixin.DATATYPE}
-_NUMBER = {name: struct.Struct(f">{datatype.value[0]}") for name, datatype in _DATATYPE.items() if datatype.value[1]}
-_WORDS = {count: struct.Struct(f">{count}H") for count in (1, 2, 4)}
 
 
 class Block(Protocol):
@@ -44,7 +39,7 @@ class Block(Protocol):
         """The port: TCP if it is an address, else a serial device."""
 
     @property
-    def framing(self) -> Literal["rtu", "ascii"]:
+    def framing(self) -> Framing:
         """The framing on a serial line."""
 
     @property
@@ -64,47 +59,65 @@ class Block(Protocol):
         """The number of registers."""
 
     @property
-    def word_order(self) -> Literal["big", "little"]:
+    def word_order(self) -> Order:
         """The order of the registers of a value."""
+
+    @property
+    def byte_order(self) -> Order:
+        """The order of the bytes of a register."""
 
 
 class Wire:
-    """The frames of one side, RTU or TCP as the port requires."""
+    """The frames of one side of a line or a connection, and the blocks that are read over it."""
 
-    def __init__(self, block: Block, *, serving: bool, resync: Resync | None = None) -> None:
-        self.numbered = tcp_address(block.port) is not None
+    def __init__(self, port: str, framing: Framing, *, serving: bool) -> None:
+        self.numbered = tcp_address(port) is not None
         """Whether requests and replies carry a transaction id."""
         self.frames: Framer
-        self.resync = resync or Resync(block.count)
-        """Which answer is expected on a serial line."""
-        self._block = block
-        self._requests: dict[int, bytes] = {}
+        self._number = 0
+        self._counts: dict[tuple[int, int], set[int]] = {}
+        self._resyncs: dict[int, Resync] = {}
         codec = DecodePDU(is_server=serving)
         self._framer: FramerSocket | FramerAscii | FramerRTU
         self._ending = b""
+        self._replies: RtuReplies | None = None
         if self.numbered:
             self._framer, self.frames = FramerSocket(codec), Sized(7, _tcp_length)
-        elif block.framing == "ascii":
+        elif framing == "ascii":
             self._framer, self.frames, self._ending = FramerAscii(codec), Lines(_ASCII_END), _ASCII_END
+        elif serving:
+            self._framer, self.frames = FramerRTU(codec), RtuRequests()
         else:
-            self._framer, self.frames = FramerRTU(codec), RtuRequests() if serving else Sized(3, self._rtu_reply_length)
+            self._framer, self.frames = FramerRTU(codec), RtuReplies(self._counts)
+            self._replies = self.frames
+
+    def resync_of(self, block: Block) -> Resync:
+        """Return which answer is expected of this block's unit on a serial line; the block is read from now on."""
+        resync = self._resyncs.setdefault(block.unit, Resync())
+        resync.add(block.count)
+        self._counts.setdefault((block.unit, block.function), set()).update(resync.usual, resync.counts)
+        return resync
+
+    def owes(self, unit: int) -> bool:
+        """Return whether a unit that is read over this line has left a request unanswered."""
+        return unit in self._resyncs and self._resyncs[unit].owed
+
+    def request(self, unit: int, function: int, address: int, count: int) -> bytes:
+        """Return the request to read so many registers, without the transaction id that `numbering` gives it."""
+        return self.encode(_REQUEST[function](dev_id=unit, address=address, count=count))
 
     def encode(self, pdu: ModbusPDU) -> bytes:
         """Return the frame of a PDU."""
         return self._framer.buildFrame(pdu)
 
-    def request(self, number: int) -> bytes:
-        """Return the request for the whole block; on a serial line it may be a probe, a read of another length."""
-        if self.numbered:
-            return number.to_bytes(2, "big") + self._request(self._block.count)[2:]
-        return self._request(self.resync.ask())
-
-    def _request(self, count: int) -> bytes:
-        """The request for so many registers, which differs from the one before by its transaction id only."""
-        if count not in self._requests:
-            b = self._block
-            self._requests[count] = self.encode(_REQUEST[b.function](dev_id=b.unit, address=b.address, count=count))
-        return self._requests[count]
+    def numbering(self, request: bytes) -> bytes:
+        """Return the request with the next transaction id, where requests carry one; it is then on the line."""
+        if self._replies:
+            self._replies.asked = request
+        if not self.numbered:
+            return request
+        self._number = self._number % 0xFFFF + 1
+        return self._number.to_bytes(2, "big") + request[2:]
 
     def open(self, frame: bytes) -> tuple[int, int, bytes]:
         """Return unit, transaction id and content of a frame; the content is empty if the frame is damaged."""
@@ -113,17 +126,20 @@ class Wire:
         _, unit, number, content = self._framer.decode(frame + self._ending)
         return unit, number, content
 
+    def asks(self, frame: bytes) -> int | None:
+        """Return the unit that a frame on a serial line asks; None for an answer."""
+        if self.numbered or len(frame) != (_ASCII_REQUEST if self._ending else REQUEST):
+            return None
+        unit, _, content = self.open(frame) if self._ending else (frame[0], 0, frame)
+        return unit if content else None
+
+    def is_sent(self, frame: bytes, request: bytes) -> bool:
+        """Return whether a frame is this request, as an adapter with an echo brings it back."""
+        return frame + self._ending == request
+
     def decode(self, content: bytes) -> ModbusPDU | None:
         """Decode the content of a request."""
         return self._framer.decoder.decode(content)
-
-    def _rtu_reply_length(self, head: bytes) -> int | None:
-        unit, function, size = head
-        if unit != self._block.unit or function & 0x7F != self._block.function:
-            return None
-        if function & 0x80:
-            return 5
-        return 5 + size if size / 2 in (self._block.count, *self.resync.counts) else None
 
 
 def exception_of(content: bytes) -> int | None:
@@ -142,55 +158,3 @@ def registers_of(content: bytes) -> tuple[int, ...] | None:
 def _tcp_length(head: bytes) -> int | None:
     protocol, length = int.from_bytes(head[2:4], "big"), int.from_bytes(head[4:6], "big")
     return 6 + length if protocol == 0 and 3 <= length <= 254 else None
-
-
-class RtuRequests:
-    """The requests in a serial stream: any eight bytes with the right checksum; others pass by."""
-
-    def __init__(self) -> None:
-        self._data = bytearray()
-
-    @property
-    def pending(self) -> bool:
-        return bool(self._data)
-
-    def clear(self) -> None:
-        self._data.clear()
-
-    def feed(self, data: bytes, now_ns: int) -> Sequence[Message]:
-        self._data += data
-        found, start = list[Message](), 0
-        while len(self._data) - start >= _RTU_REQUEST:
-            frame = bytes(self._data[start : start + _RTU_REQUEST])
-            good = FramerRTU.check_CRC(frame[:-2], int.from_bytes(frame[-2:], "big"))
-            if good:
-                found.append(Message(frame, _RTU_REQUEST, now_ns, now_ns))
-            start += _RTU_REQUEST if good else 1
-        del self._data[:start]
-        return found
-
-
-def unpack(registers: Sequence[int], register: Register, block: Block) -> float:
-    """Return one value of the block."""
-    start = register.address - block.address
-    words = registers[start : start + register.count]
-    in_order = words if block.word_order == "big" else words[::-1]
-    value: float = _NUMBER[register.type].unpack(_WORDS[len(words)].pack(*in_order))[0]
-    return value
-
-
-def pack(registers: list[int], register: Register, block: Block, value: float) -> None:
-    """Put one value into the block."""
-    start = register.address - block.address
-    number = value if register.type == "float32" else round(value)
-    words = ModbusClientMixin.convert_to_registers(number, _DATATYPE[register.type], block.word_order)
-    registers[start : start + register.count] = words
-
-
-def fits(raw: float, register: Register) -> bool:
-    """Return whether the register's type can hold the value."""
-    if register.type == "float32":
-        return abs(raw) < 2.0**127
-    bits, signed = 16 * register.count, register.type.startswith("int")
-    lowest, span = (-(1 << bits - 1) if signed else 0), 1 << bits
-    return lowest <= round(raw) < lowest + span if math.isfinite(raw) else False

@@ -10,11 +10,9 @@ nothing has come for `timeout_s`. So it is
 - when more than the answer came.
 
 It also is where nothing is asked because a given `rate_hz` allows no further request yet (a request that is made a
-little late puts off none of those after it, or a busy computer would never reach that rate), and now and then for up to
-`STIR_NS`, each time for another time: after `STIR` requests, half a second (`STIR_EVERY_NS`) apart at the least, since
-it makes a hole in the readings of a quick instrument. An adapter that holds bytes back (FTDI's latency
-timer, 16 ms) falls into step with requests that follow each answer at once; then no answer of a run comes as
-quickly as the instrument gives it, and it is unknown when it was latched.
+little late puts off none of those after it, or a busy computer would never reach that rate), and now and then to stir
+the line (`daq.protocol.stirring`). On a line that it shares an instrument is asked when its turn comes, and all that
+comes meanwhile is somebody else's (`daq.protocol.bus`).
 
 An answer later than twice `timeout_s` can still slip through where the protocol has neither a number nor a length
 to distinguish them by (`daq.protocol.resync`): make `timeout_s` at least half the slowest answer of the instrument.
@@ -32,13 +30,9 @@ from typing import Protocol
 from daq.protocol.bursts import Bursts
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Step
 from daq.protocol.framing import Framer, Message
+from daq.protocol.stirring import Stirring
 
 PAUSE_NS = 100_000_000
-STIR = 50
-STIR_NS = 17_000_000
-STIR_EVERY_NS = 500_000_000
-_GOLDEN = 0.6180339887498949
-"""Multiples of it, less their whole part, fill the range from 0 to 1 evenly, however many there are."""
 _BABBLE = 4
 """Time-outs that a drain may last before it is reported and the instrument is asked again to be quiet."""
 
@@ -78,6 +72,8 @@ class PolledDialect(Protocol):
     """The bytes that make the instrument quiet; sent at the beginning of a drain in which no answer is expected."""
     check: str
     """What to look at when it is silent."""
+    babble: str
+    """What to look at when its line will not go quiet."""
 
     def request(self) -> bytes:
         """Return the next request."""
@@ -89,17 +85,18 @@ class PolledDialect(Protocol):
 class Polled:
     """The host's side of an instrument that answers requests."""
 
-    def __init__(self, dialect: PolledDialect, timeout_s: float, rate_hz: float = math.inf) -> None:
+    def __init__(
+        self, dialect: PolledDialect, timeout_s: float, rate_hz: float = math.inf, *, shared: bool = False
+    ) -> None:
+        """shared: whether others are asked on the line in between; then `tick` is what lets it ask."""
         self._dialect = dialect
+        self._shared = shared
         self._period_ns = round(1e9 / rate_hz)
         self._timeout_s = timeout_s
         self._timeout_ns = round(timeout_s * 1e9)
         self._bursts = Bursts()
         self._requested_ns = NO_TIME
-        self._requests = 0
-        """Since the line was stirred."""
-        self._stirs = 0
-        self._stirred_ns = 0
+        self._stirring = Stirring()
         self._due_ns = 0
         """The earliest time of the next request."""
         self._wake_ns = 0
@@ -108,13 +105,18 @@ class Polled:
         self._reporting = False
         self._babble_ns = 0
 
+    @property
+    def asking(self) -> bool:
+        """Whether a request is on the line."""
+        return self._requested_ns != NO_TIME
+
     def connected(self, now_ns: int) -> Step:
-        self._stirred_ns = now_ns
+        self._stirring.begin(now_ns)
         return self._drain([], now_ns, send=self._dialect.reset)
 
     def received(self, data: bytes, now_ns: int) -> Step:
         messages = self._dialect.frames.feed(data, now_ns)
-        if self._requested_ns == NO_TIME:
+        if not self.asking:
             return self._discard(len(messages), now_ns)
         items: list[Item] = []
         for position, message in enumerate(messages, 1):
@@ -130,14 +132,14 @@ class Polled:
     def tick(self, now_ns: int) -> Step:
         if now_ns < self._wake_ns:
             return Step(wake_ns=self._wake_ns)
-        if self._requested_ns != NO_TIME:
+        if self.asking:
             return self._give_up([], now_ns)
         items = self._late(now_ns)
         self._dialect.frames.clear()
         return self._ask(items, now_ns)
 
     def lost(self, now_ns: int) -> tuple[Item, ...]:
-        late = self._late(now_ns) if self._requested_ns == NO_TIME else []
+        late = [] if self.asking else self._late(now_ns)
         return (*self._bursts.end(), *late)
 
     def _read(self, message: Message | Fault) -> Reply:
@@ -152,21 +154,15 @@ class Polled:
             return self._drain(items, now_ns, discarded=surplus, reporting=True)
         if then is Then.PAUSE:
             return self._drain(items, now_ns, quiet_ns=PAUSE_NS, reporting=True)
-        self._due_ns = max(self._due_ns, now_ns + self._stirring_ns(now_ns))
-        if self._due_ns > now_ns:
-            return self._drain(items, now_ns, quiet_ns=self._due_ns - now_ns, reporting=True)
+        if not self._shared:
+            self._due_ns = max(self._due_ns, now_ns + self._stirring.rest_ns(now_ns))
+        if self._shared or self._due_ns > now_ns:
+            return self._drain(items, now_ns, quiet_ns=max(0, self._due_ns - now_ns), reporting=True)
         return self._ask(items, now_ns)
-
-    def _stirring_ns(self, now_ns: int) -> int:
-        if self._requests < STIR or now_ns < self._stirred_ns + STIR_EVERY_NS:
-            return 0
-        self._requests, self._stirred_ns = 0, now_ns
-        self._stirs += 1
-        return round(self._stirs * _GOLDEN % 1.0 * STIR_NS)
 
     def _ask(self, items: Sequence[Item], now_ns: int) -> Step:
         self._requested_ns = now_ns
-        self._requests += 1
+        self._stirring.count()
         late = now_ns - self._due_ns > self._period_ns
         self._due_ns = (now_ns if late else self._due_ns) + self._period_ns
         self._wake_ns = now_ns + self._timeout_ns
@@ -202,7 +198,7 @@ class Polled:
         self._wake_ns = now_ns + self._quiet_ns
         if now_ns < self._babble_ns:
             return Step(wake_ns=self._wake_ns)
-        detail = "the line will not go quiet, so nothing can be asked; is the instrument sending by itself?"
+        detail = f"the line will not go quiet, so nothing can be asked; {self._dialect.babble}"
         fault = Fault(FaultKind.LATE, now_ns, detail, max(1, self._discarded))
         return self._drain([fault], now_ns, send=self._dialect.reset)
 

@@ -3,23 +3,30 @@
 The block is read whole in one request, because a value of several registers may not be split (Baumer OM20/OM30
 manual p. 22, confirmed) and what it holds must be of the same instant. Over TCP the transaction id marks an old answer.
 An RTU answer carries no number, so after a time-out the line is drained (`daq.protocol.polled`), and lest the answer
-come later still, a read of another length comes next, whose answer cannot be mistaken (`daq.protocol.resync`).
+come later still, a read of another length comes next, whose answer cannot be mistaken (`daq.protocol.resync`). It does
+carry its unit: on a line with several (`daq.protocol.bus`) a late one is recognised by that.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Protocol, TypeVar
 
 from pymodbus.constants import ExcCodes
 from pymodbus.pdu import ExceptionResponse
 from pymodbus.pdu.register_message import ReadHoldingRegistersResponse, ReadInputRegistersResponse
 
-from daq.protocol.conversation import Fault, FaultKind, Sample, Step
+from daq.protocol.bus import Bus, Member
+from daq.protocol.conversation import Fault, FaultKind, Host, Sample, Step
 from daq.protocol.framing import Message
-from daq.protocol.modbus import Block, Wire, exception_of, pack, registers_of, unpack
-from daq.protocol.polled import Reply, Then
+from daq.protocol.modbus import Block, Wire, exception_of, registers_of
+from daq.protocol.polled import Polled, Reply, Then
+from daq.protocol.register_values import pack, unpack
 from daq.protocol.resync import Resync
-from rigs.schema.modbus import StatusRegister
+from daq.protocol.rtu import silent_interval_ns
+from rigs.schema.links import Line
+from rigs.schema.modbus import Framing, StatusRegister
 
 Registers = Sequence[int]
 Reading = Callable[[Registers, Message, int], Sample | Fault]
@@ -36,7 +43,49 @@ _REMEDY = {
     ExcCodes.GATEWAY_PATH_UNAVIABLE: "check the gateway's settings and `unit`",
     ExcCodes.GATEWAY_NO_RESPONSE: "check the cable behind the gateway and `unit`",
 }
+_DAMAGED = "checksum wrong; check the cable and the line's settings"
 _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
+
+
+class Addressed(Protocol):
+    """A gauge that may have others on its line."""
+
+    @property
+    def port(self) -> str:
+        """The port, which all of them have."""
+
+    @property
+    def line(self) -> Line:
+        """Its settings, where it is a serial one."""
+
+    @property
+    def framing(self) -> Framing:
+        """The framing on a serial line."""
+
+    @property
+    def timeout_s(self) -> float:
+        """How long an answer may take."""
+
+    @property
+    def place(self) -> str:
+        """Which of them it is, for a person."""
+
+
+GaugeT = TypeVar("GaugeT", bound=Addressed)
+
+
+def on_one_wire(gauges: Sequence[GaugeT], exchange: Callable[[GaugeT, Wire, bool], Polled]) -> Host:
+    """Return our side of a line with these gauges. exchange: with one of them, and whether it shares the line."""
+    first, shared = gauges[0], len(gauges) > 1
+    wire = Wire(first.port, first.framing, serving=False)
+    exchanges = [exchange(gauge, wire, shared) for gauge in gauges]
+    if not shared:
+        return exchanges[0]
+    members = [
+        Member(gauge.place, of, round(gauge.timeout_s * 1e9)) for gauge, of in zip(gauges, exchanges, strict=True)
+    ]
+    gap_ns = 0 if wire.numbered else silent_interval_ns(first.line)
+    return Bus(members, wire.frames, partial(unasked, wire), gap_ns)
 
 
 class RegisterDialect:
@@ -44,40 +93,61 @@ class RegisterDialect:
 
     reset = b""
     check = "check the cable, that the instrument is on, the line's settings and `unit`"
+    babble = "a Modbus unit never speaks unasked: disconnect the other master from this line, or check its wiring"
 
-    def __init__(self, block: Block, reading: Reading, resync: Resync | None = None) -> None:
-        """resync: that of another block which is read over the same line in turn."""
+    def __init__(self, block: Block, reading: Reading, wire: Wire) -> None:
+        """wire: over which other blocks may be read in turn, of this unit or of others."""
         self._block = block
         self._reading = reading
-        self._wire = Wire(block, serving=False, resync=resync)
-        self.resync = self._wire.resync
-        self.frames = self._wire.frames
-        self._number = 0
+        self._wire = wire
+        self._resync = wire.resync_of(block)
+        self.frames = wire.frames
+        self._requests: dict[int, bytes] = {}
+        self._sent, self._count = b"", block.count
+        """The request on the line, and the registers that it asks for."""
 
     def request(self) -> bytes:
-        self._number = self._number % 0xFFFF + 1
-        return self._wire.request(self._number)
+        """Return the request for the whole block; on a serial line it may be a probe, a read of another length."""
+        if not self._wire.numbered:
+            self._count = self._resync.ask(self._block.count)
+        if self._count not in self._requests:
+            b = self._block
+            self._requests[self._count] = self._wire.request(b.unit, b.function, b.address, self._count)
+        self._sent = self._wire.numbering(self._requests[self._count])
+        return self._sent
 
     def read(self, message: Message, requested_ns: int) -> Reply:
-        at_ns = message.last_byte_ns
+        if self._wire.is_sent(message.data, self._sent):
+            return Reply((), Then.WAIT)  # an adapter with an echo
+        if self._wire.asks(message.data) is not None:
+            return Reply((unasked(self._wire, message),), Then.DRAIN)
         unit, number, content = self._wire.open(message.data)
+        expected = int.from_bytes(self._sent[:2], "big") if self._wire.numbered else number
         if not content:
-            return _garbled("checksum wrong; check the cable and the line's settings", at_ns)
-        if self._wire.numbered and number != self._number:
-            detail = f"answer {number} came while waiting for {self._number}; increase timeout_s"
-            return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
-        if unit != self._block.unit or content[0] & 0x7F != self._block.function:
-            return _garbled(f"answer of unit {unit}, function {content[0] & 0x7F}; check `unit`", at_ns)
+            return _garbled(_DAMAGED, message.last_byte_ns)
+        if number != expected:
+            detail = f"answer {number} came while waiting for {expected}; increase timeout_s"
+            return Reply((Fault(FaultKind.LATE, message.last_byte_ns, detail),), Then.WAIT)
+        if (unit, content[0] & 0x7F) != (self._block.unit, self._block.function):
+            return self._of_another(unit, content[0] & 0x7F, message)
         return self._answer(content, message, requested_ns)
+
+    def _of_another(self, unit: int, function: int, message: Message) -> Reply:
+        """What the answer of another unit means, or that to another function."""
+        if unit != self._block.unit and self._wire.owes(unit):
+            return Reply((unasked(self._wire, message),), Then.WAIT)
+        asked = f"unit {self._block.unit}, function {self._block.function} was asked"
+        detail = f"unit {unit}, function {function} answers, where {asked}"
+        remedy = "check `unit`, and the table of units of a gateway"
+        return _garbled(f"{detail}; {remedy}", message.last_byte_ns)
 
     def _answer(self, content: bytes, message: Message, requested_ns: int) -> Reply:
         """What a sound answer of this instrument means, or one to an earlier request."""
-        at_ns, resync = message.last_byte_ns, self.resync
+        at_ns, resync = message.last_byte_ns, self._resync
         refusal, registers = exception_of(content), registers_of(content)
-        known = refusal is not None or registers is not None
-        other = refusal is None and len(registers or ()) != resync.asked
-        if not known or (other and self._wire.numbered):
-            return _garbled(f"{message.size} bytes answer a read of {self._block.count} registers", at_ns)
+        other = refusal is None and (registers is None or len(registers) != self._count)
+        if other and (self._wire.numbered or registers is None or not _is_known(resync, len(registers))):
+            return _garbled(f"{message.size} bytes answer a read of {self._count} registers", at_ns)
         if other:
             detail = "an answer came too late, recognised by its length, and was ignored; increase timeout_s"
             return Reply((Fault(FaultKind.LATE, at_ns, detail),), Then.WAIT)
@@ -91,6 +161,26 @@ class RegisterDialect:
             return Reply((_refusal(refusal or 0, at_ns),), Then.PAUSE)
         item = self._reading(registers, message, requested_ns)
         return Reply((item,), Then.ASK if isinstance(item, Sample) else Then.PAUSE)
+
+
+def unasked(wire: Wire, message: Message) -> Fault:
+    """Return the fault for a message on the line that answers nothing which is asked now."""
+    at_ns = message.last_byte_ns
+    if (asked := wire.asks(message.data)) is not None:
+        detail = f"another master asks unit {asked} on this line; disconnect it, or let it read for both"
+        return Fault(FaultKind.STRANGER, at_ns, detail)
+    unit, _, content = wire.open(message.data)
+    if not content:
+        return Fault(FaultKind.GARBLED, at_ns, _DAMAGED)
+    if wire.owes(unit):
+        return Fault(FaultKind.LATE, at_ns, f"unit {unit} answered too late, and was ignored; increase its timeout_s")
+    return Fault(
+        FaultKind.STRANGER, at_ns, f"unit {unit} answers, and was not asked from here; is there another master?"
+    )
+
+
+def _is_known(resync: Resync, count: int) -> bool:
+    return count in resync.usual or count in resync.counts
 
 
 def verdict(registers: Registers, status: StatusRegister | None, block: Block, at_ns: int) -> int | Fault:
@@ -126,15 +216,17 @@ def _refusal(code: int, at_ns: int) -> Fault:
 
 
 class RegisterDevice:
-    """The instrument's side: it serves one block, or several."""
+    """The side of one instrument, or of several on one line: it serves blocks."""
 
-    def __init__(self, block: Block, registers: Held, *further: tuple[Block, Held]) -> None:
-        """registers: the whole block as of a time; None where there is not a reading and nothing to say so with."""
+    def __init__(self, served: Sequence[tuple[Block, Held]], silently: Sequence[tuple[Block, Held]] = ()) -> None:
+        """Held: the whole block as of a time; None where there is not a reading and nothing to say so with. silently:
+        blocks that hold no readings."""
         self.sent = 0
-        """Answers from the first block."""
-        self._block = block
-        self._blocks = ((block, registers), *further)
-        self._wire = Wire(block, serving=True)
+        """Answers with readings."""
+        first = served[0][0]
+        self._blocks = [*served, *silently]
+        self._readings = len(served)
+        self._wire = Wire(first.port, first.framing, serving=True)
 
     def connected(self, now_ns: int) -> Step:
         return Step()
@@ -152,28 +244,31 @@ class RegisterDevice:
 
     def _answer(self, frame: bytes, now_ns: int) -> bytes:
         unit, number, content = self._wire.open(frame)
-        if unit != self._block.unit or not content:
+        if not content or all(unit != block.unit for block, _ in self._blocks):
             return b""
-        result = self._asked(content, now_ns)
+        result = self._asked(unit, content, now_ns)
         if isinstance(result, ExcCodes):
             return self._wire.encode(ExceptionResponse(content[0] & 0x7F, result, unit, number))
-        kind = _RESPONSE[self._block.function]
-        return self._wire.encode(kind(registers=result, dev_id=unit, transaction_id=number))
+        return self._wire.encode(_RESPONSE[content[0]](registers=result, dev_id=unit, transaction_id=number))
 
-    def _asked(self, content: bytes, now_ns: int) -> list[int] | ExcCodes:
+    def _asked(self, unit: int, content: bytes, now_ns: int) -> list[int] | ExcCodes:
         """What the request asks for, or why not."""
-        if content[0] != self._block.function:
+        served = [
+            place for place, (block, _) in enumerate(self._blocks) if (block.unit, block.function) == (unit, content[0])
+        ]
+        if not served:
             return ExcCodes.ILLEGAL_FUNCTION
         request = self._wire.decode(content)
         if request is None:
             return ExcCodes.ILLEGAL_VALUE
-        for block, held in self._blocks:
+        for place in served:
+            block, held = self._blocks[place]
             start = request.address - block.address
             if start < 0 or start + request.count > block.count:
                 continue
             registers = held(now_ns)
             if registers is None:
                 return ExcCodes.DEVICE_FAILURE
-            self.sent += block is self._block
+            self.sent += place < self._readings
             return registers[start : start + request.count]
         return ExcCodes.ILLEGAL_ADDRESS

@@ -11,40 +11,48 @@ belong to an earlier one.
 
 from __future__ import annotations
 
-from itertools import cycle
-
 LENGTHS = 8
 TRIES = 3
 
 
 class Resync:
-    """Chooses the length of the next answer, so that a late answer can be recognised by its length."""
+    """Chooses the length of an instrument's next answer, so that a late answer can be recognised by its length."""
 
-    def __init__(self, count: int) -> None:
-        self.counts = [other for other in range(1, LENGTHS + 2) if other != count][:LENGTHS]
-        self.asked = self._count = count
-        self._cycle = cycle(self.counts)
-        self._owed = self._proven = False
+    def __init__(self) -> None:
+        self.usual: set[int] = set()
+        """The lengths of its readings."""
+        self.owed = False
+        """Whether a request is unanswered."""
+        self.probing = False
+        """Whether the request on the line is a probe."""
         self.doubtful = False
         """Whether the request on the line is a reading's while an answer of that length is owed."""
+        self._proven = False
+        self._probes = 0
         self._tries = TRIES
 
     @property
-    def probing(self) -> bool:
-        """Whether the request on the line is a probe."""
-        return self.asked != self._count
+    def counts(self) -> list[int]:
+        """The lengths of probes, which no reading has."""
+        return [count for count in range(1, LENGTHS + len(self.usual) + 1) if count not in self.usual][:LENGTHS]
 
-    def ask(self) -> int:
-        """Return the length to request now: a reading's, or a probe's while an answer is outstanding."""
-        probing = self._owed and (self._proven or self._tries > 0)
-        self._tries -= probing
-        self.doubtful = self._owed and not probing
-        self.asked = next(self._cycle) if probing else self._count
-        self._owed = True
-        return self.asked
+    def add(self, count: int) -> None:
+        """Note the length of one of its readings."""
+        self.usual.add(count)
+
+    def ask(self, count: int) -> int:
+        """Return the length to request now: that of the reading, or a probe's while an answer is outstanding."""
+        self.probing = self.owed and (self._proven or self._tries > 0)
+        self.doubtful = self.owed and not self.probing
+        self.owed = True
+        if not self.probing:
+            return count
+        self._tries -= 1
+        self._probes += 1
+        return self.counts[(self._probes - 1) % LENGTHS]
 
     def answered(self) -> None:
         """Note that the expected answer has come."""
-        self._owed = False
+        self.owed = False
         self._proven |= self.probing
         self._tries = max(self._tries, 1)

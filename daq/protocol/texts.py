@@ -17,8 +17,9 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample, Step
-from daq.protocol.framing import Framer, Message
+from daq.protocol.framing import Framer, Lines, Message
 from daq.protocol.polled import Reply, Then
+from daq.protocol.ranges import refusal
 from rigs.schema.probe import MM_PER_UNIT, Probe, Units
 
 CHECK = "check the cable, that the gauge is on, and the line's settings"
@@ -54,9 +55,13 @@ def shown(data: bytes) -> str:
     return repr(data[:60])[1:]
 
 
-def mm(number: bytes, gauge: Probe) -> float:
-    """Convert a number in the gauge's units to mm; blanks in it are ignored."""
-    return float(number.replace(b" ", b"")) * MM_PER_UNIT[gauge.units]
+def mm(number: bytes, gauge: Probe) -> Reading:
+    """Convert a number in the gauge's units to mm, blanks in it ignored; Trouble where the gauge cannot read it."""
+    value_mm = float(number.replace(b" ", b"")) * MM_PER_UNIT[gauge.units]
+    if refused := refusal(value_mm, gauge):
+        kind, detail = refused
+        return Trouble(detail, kind)
+    return value_mm
 
 
 def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
@@ -92,9 +97,15 @@ class TextDialect(Generic[ProbeT]):
         read: Callable[[bytes, ProbeT], Reading],
         check: str = CHECK,
         reset: bytes = b"",
+        *,
+        may_echo: bool = True,
     ) -> None:
+        """may_echo: whether a message that begins with the request is its echo, and not an answer."""
+        if may_echo and isinstance(frames, Lines):
+            frames.echo = request
         self.frames = frames
         self.check = check
+        self.babble = "is the instrument sending by itself?"
         self.reset = reset
         self._gauges = gauges
         self._request = request

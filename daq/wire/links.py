@@ -8,8 +8,8 @@ for `dead_s` is lost. The system notices a computer that is gone somewhat earlie
 UDP has no connections at all. A port is bound where the rig file names one and nowhere else; the sender of what made
 a sample is the peer until it is silent, and only that peer is answered and read (`UdpLink`).
 
-pyserial opens and configures serial devices (and locks them); reading goes straight to the descriptor,
-since one `select` and one `read` a piece is what keeps the stamps close to the arrival.
+pyserial opens and configures serial devices, and locks them (`daq.wire.serial_port`); reading goes straight to the
+descriptor, since one `select` and one `read` a piece is what keeps the stamps close to the arrival.
 """
 
 from __future__ import annotations
@@ -20,17 +20,16 @@ import math
 import os
 import select
 import socket
-import termios
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import serial
 
 from daq.protocol.conversation import Fault, FaultKind, Item
+from daq.wire.serial_port import open_serial
 from rigs.errors import CellError
-from rigs.schema.links import Line, tcp_address, udp_address
+from rigs.schema.links import Line, ModemLines, tcp_address, udp_address
 
 _CONNECT_S = 3.0
 _WRITE_S = 2.0
@@ -39,9 +38,6 @@ DEAD_S = 10.0
 _QUEUE = 1 << 20
 """Bytes of datagrams that may wait for a reader held up; the system may allow fewer."""
 _REPORT_EVERY_S = 1.0
-_IFLAG = 0
-"""Place of the input modes in what tcgetattr gives."""
-_BITS = {7: serial.SEVENBITS, 8: serial.EIGHTBITS}
 
 
 Address = tuple[Any, ...]
@@ -98,6 +94,9 @@ class Link:
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None
 
+    def set_dtr(self, on: bool) -> None:
+        """Set the modem line DTR, on a port that has it. Raises LinkLost."""
+
     def close(self) -> None:
         """Close the device; this is safe to call twice, and for a device that is gone."""
         with contextlib.suppress(OSError):
@@ -109,6 +108,23 @@ class Link:
     def take_ignored(self) -> list[Fault]:
         """Return, as faults, what came from other senders since the last call and was ignored."""
         return []
+
+
+class SerialLink(Link):
+    """A serial port."""
+
+    def __init__(self, name: str, device: serial.Serial) -> None:
+        super().__init__(name, device.fileno(), device.close)
+        self._device = device
+
+    def set_dtr(self, on: bool) -> None:
+        try:
+            self._device.dtr = on
+        except OSError as error:
+            if error.errno not in (errno.EINVAL, errno.ENOTTY):  # a pty has no modem lines
+                raise LinkLost(str(error)) from None
+        except ValueError as error:
+            raise LinkLost(str(error)) from None
 
 
 class UdpLink(Link):
@@ -178,17 +194,25 @@ def _address_text(address: Address | None) -> str:
     return f"{address[0]}:{address[1]}" if address else "unknown"
 
 
-def open_link(name: str, port: str, line: Line, *, dead_s: float = DEAD_S, listens: bool = False) -> Link:
+def open_link(
+    name: str,
+    port: str,
+    line: Line,
+    *,
+    dead_s: float = DEAD_S,
+    listens: bool = False,
+    modem: ModemLines | None = None,
+) -> Link:
     """Open the port of a rig file; `name` is the stream that it belongs to.
 
     dead_s: when a TCP connection that brings nothing is lost. listens: a UDP port is ours, and not the other end's.
-    Raises CellError with the remedy.
+    modem: the modem lines of a serial port, None for both on. Raises CellError with the remedy.
     """
     if address := tcp_address(port):
         return _open_tcp(name, address, dead_s)
     if address := udp_address(port):
         return _open_udp(name, address, listens=listens)
-    return _open_serial(name, port, line)
+    return SerialLink(name, open_serial(name, port, line, modem))
 
 
 def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
@@ -240,61 +264,3 @@ def _set_keepalive(sock: socket.socket, dead_s: float) -> None:
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, part_s)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(dead_s * 800))
-
-
-def _open_serial(name: str, port: str, line: Line) -> Link:
-    where = f"{name}, {port}"
-    try:
-        if not Path(port).exists():
-            raise CellError(where, "no such port", f"plug it in, or correct the port; ports here: {_ports()}")
-        device = _configured(port, line)
-        if line.parity != "N":
-            _check_parity(device.fileno())
-    except serial.SerialException as error:
-        raise CellError(where, *_serial_problem(error)) from None
-    except (OSError, ValueError, termios.error) as error:
-        raise CellError(where, f"is not a serial device ({error})", "give the path of a serial port") from None
-    return Link(name, device.fileno(), device.close)
-
-
-def _configured(port: str, line: Line) -> serial.Serial:
-    try:
-        return serial.Serial(
-            port,
-            baudrate=line.baud,
-            bytesize=_BITS[line.bits],
-            parity=line.parity,
-            stopbits=line.stop,
-            timeout=0,
-            exclusive=True,
-        )
-    except termios.error as error:
-        if error.args[0] != errno.EINVAL:
-            raise
-        # A port without a line (a pty, some adapters) takes no parity; its bytes come as they are.
-        return serial.Serial(port, baudrate=line.baud, timeout=0, exclusive=True)
-
-
-def _check_parity(fd: int) -> None:
-    """Have the system pass on NUL, which no reading holds, for a character of wrong parity.
-
-    pyserial has such a one passed on as it is: a digit of which the line turned a bit would be another digit.
-    """
-    settings = termios.tcgetattr(fd)
-    settings[_IFLAG] |= termios.INPCK
-    termios.tcsetattr(fd, termios.TCSANOW, settings)
-
-
-def _serial_problem(error: serial.SerialException) -> tuple[str, str]:
-    text = str(error)
-    if "exclusively lock" in text or "busy" in text:
-        return "in use by another program", "stop the other program (another rigd, a terminal)"
-    if "Permission denied" in text:
-        return "permission denied", "add the user to the group dialout and log in again"
-    return f"cannot be opened as a serial port ({error.strerror or text})", "give the path of a serial port"
-
-
-def _ports() -> str:
-    names = sorted(map(str, Path("/dev/serial/by-id").glob("*")))
-    names = names or sorted(str(path) for kind in ("ttyUSB*", "ttyACM*") for path in Path("/dev").glob(kind))
-    return ", ".join(names) or "none"

@@ -29,6 +29,9 @@ class ByteLink(Protocol):
     def write(self, data: bytes) -> None:
         """Send all of the data. Raises LinkLost."""
 
+    def set_dtr(self, on: bool) -> None:
+        """Set the modem line DTR, where there is one. Raises LinkLost."""
+
 
 def run_conversation(
     link: ByteLink,
@@ -47,6 +50,8 @@ def run_conversation(
     while True:
         if step.items:
             deliver(step.items)
+        if step.dtr is not None:
+            link.set_dtr(step.dtr)
         if step.send:
             link.write(step.send)
         if step.hang_up or ended():

@@ -134,15 +134,19 @@ class FANUCStreamMotion(_Feedback):
     """FANUC Stream Motion, its status only: `port` is the controller, which sends once it was asked to."""
 
     origin: ClassVar[Origin] = Origin(
-        instruments="FANUC R-30iB Plus with Stream Motion (option J519)",
-        source="manual B-84904EN tables 3.3(a), (b) and (d) as public clients quote them (kumar-nikhil/"
-        "stream_motion_interface, intelligent-control-lab/Stream_Motion_Controller); FANUC's own fanuc_driver has the "
-        "layout, with another type of start packet",
+        instruments="FANUC R-30iB Plus and later with Stream Motion (option J519), versions 1 to 4",
+        source="versions 1 and 2: manual B-84904EN tables 3.3(a), (b) and (d) as public clients quote them "
+        "(kumar-nikhil/stream_motion_interface, intelligent-control-lab/Stream_Motion_Controller); versions 3 and 4, "
+        "and the question for the version: FANUC-CORPORATION/fanuc_driver, stream_motion/packets.hpp and stream.cpp",
         standing="confirmed",
-        doubts="the time stamp in ms (in steps of 2) and its wrap; that the status comes from the port it was asked at",
+        doubts="the time stamp in ms (in steps of 2) and its wrap; that the status comes from the port it was asked "
+        "at; that version 2 starts and sends as version 1 does; that a controller of version 1 only ignores the "
+        "question (a packet type that it does not know may post HOST-380: then state `version`)",
     )
     interface: Literal["fanuc_stream_motion"]
     port: UDPPort
+    version: int | None = Field(default=None, ge=1, le=4)
+    """The version of Stream Motion; where it is not stated the controller is asked first."""
 
 
 class ModbusJoints(_Feedback, RegisterBlock):

@@ -1,7 +1,7 @@
 """The gauges of a rig: which instrument, on which port, where on the baseline.
 
 `interface` is the name of the file in `daq/gauges/` that speaks to it.
-Gauges that name the same port share one instrument, and differ in `channel`.
+Gauges that name the same port share one instrument, and differ in `channel`; or a line, where each is asked by itself.
 """
 
 from __future__ import annotations
@@ -72,13 +72,14 @@ class Gauges(Part):
     def _sharing(self) -> Gauges:
         if self.g2 is None or self.g1.port != self.g2.port:
             return self
-        if self.g1.interface == self.g2.interface and not self.g1.shares:
+        if self.g1.interface == self.g2.interface and not (self.g1.shares or self.g1.bus):
             raise ValueError(f"{self.g1.interface} carries one gauge a port, not two; give g2 its own port")
-        own = {"offset_mm", "channel", "accuracy_mm", "certificate", "calibrated"}
-        if self.g1.model_dump(exclude=own) != self.g2.model_dump(exclude=own):
+        own = {"offset_mm", "channel", "accuracy_mm", "range_mm", "certificate", "calibrated"}
+        common = {"interface", "line", "framing"} if self.g1.bus else type(self.g1).model_fields.keys() - own
+        if self.g1.model_dump(include=common) != self.g2.model_dump(include=common):
             raise ValueError(f"g1 and g2 share {self.g1.port} but differ in interface or settings; make them equal")
-        if self.g1.channel == self.g2.channel:
-            raise ValueError(f"g1 and g2 share {self.g1.port} and channel {self.g1.channel}; give each its channel")
+        if self.g1.place == self.g2.place:
+            raise ValueError(f"g1 and g2 share {self.g1.port} and {self.g1.place}; give each its own")
         return self
 
     def __iter__(self) -> Iterator[tuple[str, Gauge]]:  # type: ignore[override]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_serializer, model_validator
@@ -43,6 +44,17 @@ class Line(Part):
         """Time one character takes on the wire: start, data, parity and stop bits."""
         bits = 1 + self.bits + (self.parity != "N") + self.stop
         return round(bits * 1e9 / self.baud)
+
+
+@dataclass(frozen=True)
+class ModemLines:
+    """The modem lines of a serial port, of which some cables take their power."""
+
+    dtr: bool
+    rts: bool
+
+    def __str__(self) -> str:
+        return f"DTR {'on' if self.dtr else 'off'}, RTS {'on' if self.rts else 'off'}"
 
 
 def tcp_address(port: str) -> tuple[str, int] | None:

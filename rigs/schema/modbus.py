@@ -13,7 +13,11 @@ from rigs.schema.probe import Probe
 
 SLOWEST_HZ = 0.5
 """A recording cannot start with a reading older than 3 s, and a connection of 10 s without one is lost."""
-Number = Literal["int16", "uint16", "int32", "uint32", "float32"]
+Number = Literal[
+    "int16", "uint16", "float16", "int32", "uint32", "float32", "int64", "uint64", "float64"
+]  # fmt: skip
+Order = Literal["big", "little"]
+Framing = Literal["rtu", "ascii"]
 
 
 class Register(Part):
@@ -25,7 +29,7 @@ class Register(Part):
     @property
     def count(self) -> int:
         """Registers it takes."""
-        return 1 if self.type.endswith("16") else 2
+        return int(self.type[-2:]) // 16
 
 
 class ValueRegister(Register):
@@ -57,7 +61,10 @@ class RegisterBlock(Part):
     function: Literal[3, 4] = 4
     address: int = Field(ge=0, le=65535)
     count: int = Field(ge=1, le=125)
-    word_order: Literal["big", "little"] = "big"
+    word_order: Order = "big"
+    """Which register of a value comes first: of 32 or 64 bits the one with the highest (big) or the lowest."""
+    byte_order: Order = "big"
+    """Which byte of a register comes first; Modbus says the higher (big), and some instruments swap them."""
     rate_hz: float = Field(default=500.0, ge=SLOWEST_HZ)
     """Most requests in a second; a serial line is slower by itself, TCP is not."""
 
@@ -82,6 +89,8 @@ class ModbusMap(Probe, RegisterBlock):
         standing="confirmed",
     )
 
+    bus: ClassVar[bool] = True
+
     request_bytes = 8
     timing_source = (
         "the instrument's manual; of OM20 and OM30 p. 22-28: registers 207-208 hold the delay, and filters average up "
@@ -89,7 +98,7 @@ class ModbusMap(Probe, RegisterBlock):
     )
     interface: Literal["modbus_map"]
     line: Line = Line(baud=19200, bits=8, parity="E", stop=1)
-    framing: Literal["rtu", "ascii"] = "rtu"
+    framing: Framing = "rtu"
     """The framing of a serial line; TCP has its own."""
     value: ValueRegister
     status: StatusRegister | None = None
@@ -100,6 +109,11 @@ class ModbusMap(Probe, RegisterBlock):
     def _inside_the_block(self) -> ModbusMap:
         self.check_inside(value=self.value, status=self.status, clock_s=self.clock_s, clock_us=self.clock_us)
         return self
+
+    @property
+    def place(self) -> str:
+        """Which of the gauges on one line it is."""
+        return f"unit {self.unit}, {'holding' if self.function == 3 else 'input'} register {self.value.address}"
 
 
 class SolartronOrbit(Probe):
@@ -113,13 +127,16 @@ class SolartronOrbit(Probe):
         "parameter map; the unit is not sent: `units` must be the one set there",
     )
 
+    bus: ClassVar[bool] = True
+
     request_bytes = 8
     interface: Literal["solartron_orbit"]
     line: Line
-    framing: Literal["rtu", "ascii"] = "rtu"
+    framing: Framing = "rtu"
     unit: int = Field(default=1, ge=0, le=247)
     function: Literal[3, 4] = 3
-    word_order: Literal["big", "little"] = "big"
+    word_order: Order = "big"
+    byte_order: Order = "big"
     parameter: int = Field(ge=0, le=7999)
     """Address of the reading in the maker's parameter map (503116, 503166)."""
     status_parameter: int = Field(ge=0, le=7999)
@@ -132,3 +149,8 @@ class SolartronOrbit(Probe):
         if self.parameter == self.status_parameter:
             raise ValueError("parameter and status_parameter are the same; give the address of each")
         return self
+
+    @property
+    def place(self) -> str:
+        """Which of the probes on one line it is."""
+        return f"unit {self.unit}, parameter {self.parameter}"

@@ -6,8 +6,10 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Length = Annotated[float, Field(ge=-1e5, le=1e5)]
-"""mm; no cell is longer than 100 m. What is meant to be wrong by orders of magnitude is refused where it stands."""
+LONGEST_MM = 1e5
+"""No cell is longer than 100 m. What is meant to be wrong by orders of magnitude is refused where it stands."""
+Length = Annotated[float, Field(ge=-LONGEST_MM, le=LONGEST_MM)]
+"""mm."""
 Angle = Annotated[float, Field(ge=-1440, le=1440)]
 """Degrees; four turns are more than a wrist makes."""
 Vector = tuple[Length, Length, Length]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import datetime as dt
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from rigs.schema.certificate import GaugeCertificate
-from rigs.schema.links import Port
+from rigs.schema.links import ModemLines, Port
 from rigs.schema.origin import Origin
 from rigs.schema.part import Length, Part
 from rigs.schema.timing import Timing
@@ -17,12 +17,26 @@ Units = Literal["mm", "um", "inch"]
 MM_PER_UNIT: dict[Units, float] = {"mm": 1.0, "um": 1e-3, "inch": 25.4}
 
 
+def _rising(limits_mm: tuple[float, float]) -> tuple[float, float]:
+    if not limits_mm[0] < limits_mm[1]:
+        raise ValueError("the first limit must be below the second; write [lowest, highest]")
+    return limits_mm
+
+
+Range = Annotated[tuple[Length, Length], AfterValidator(_rising)]
+"""The lowest and the highest reading, mm."""
+
+
 class Probe(Part):
     """One gauge: its port, its place on the baseline, and how far to trust it."""
 
     origin: ClassVar[Origin]
     shares: ClassVar[bool] = False
     """Whether several gauges on one port come in one answer, distinguished by `channel`."""
+    cables: ClassVar[dict[str, ModemLines]] = {}
+    """The modem lines of each kind of cable that takes its power from them."""
+    bus: ClassVar[bool] = False
+    """Whether several gauges may be on one port, each asked by itself."""
     request_bytes: ClassVar[int] = 1
     """Characters of a request on a serial line, from which its wire time follows: at the least."""
     timing_source: ClassVar[str] = "no public source says when a reading is latched"
@@ -35,6 +49,8 @@ class Probe(Part):
     """Place on the baseline, along y_T (yaw) or x_T (roll): +25 for gauge 1, -25 for gauge 2."""
     accuracy_mm: float = Field(default=0.0005, gt=0, le=10)
     """Standard uncertainty of one reading beside what all readings share, which the certificate has."""
+    range_mm: Range | None = None
+    """The lowest and the highest reading that the gauge can give; a reading outside is a fault, and left out."""
     certificate: GaugeCertificate | None = None
     calibrated: dt.date | None = None
     """When it was calibrated, in files older than `certificate`; nothing follows from it."""
@@ -42,3 +58,18 @@ class Probe(Part):
     """Without an answer for so long it counts as silent."""
     timing: Timing = Timing()
     """When a reading was latched; what the rig file states takes the place of all of the maker's default."""
+
+    @property
+    def modem(self) -> ModemLines | None:
+        """The modem lines that its cable needs; None where it needs none, and both are on."""
+        return None
+
+    @property
+    def place(self) -> str:
+        """Which of the gauges on one port it is."""
+        return f"channel {self.channel}"
+
+    @property
+    def limits_mm(self) -> tuple[float, float] | None:
+        """The lowest and the highest reading, where they are to be checked."""
+        return self.range_mm

@@ -9,7 +9,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from rigs.schema.links import Line
+from rigs.schema.links import Line, ModemLines
 from rigs.schema.origin import Origin
 from rigs.schema.probe import Probe
 from rigs.schema.timing import Timing
@@ -20,18 +20,32 @@ class SylvacOptoRS(Probe):
 
     origin: ClassVar[Origin] = Origin(
         instruments="Sylvac simplex and duplex cables (Opto-RS)",
-        source="maker's manuals",
+        source="maker's manuals; modem lines: Sylvac Opto instruments, user manual p. 12-13",
         standing="confirmed",
-        doubts="that OUT0 and OUT1 are not answered",
+        doubts="that OUT0 and OUT1 are not answered; of simplex cables how long DTR must be on between two requests, "
+        "and when the reading is taken",
     )
+    cables: ClassVar[dict[str, ModemLines]] = {
+        "duplex": ModemLines(dtr=True, rts=False),
+        "simplex": ModemLines(dtr=True, rts=True),
+    }
 
     request_bytes = 2
     interface: Literal["sylvac_opto_rs"]
     line: Line = Line(baud=4800, bits=7, parity="E", stop=2)
     mode: Literal["polled", "continuous"] = "polled"
+    cable: Literal["duplex", "simplex"] = "duplex"
+    """A simplex cable ignores commands, and is asked by DTR off for 120 ms; some four readings a second."""
+
+    @property
+    def modem(self) -> ModemLines:
+        """The lines that supply the cable."""
+        return self.cables[self.cable]
 
     @model_validator(mode="after")
     def _timed_as_it_sends(self) -> SylvacOptoRS:
+        if self.mode == "continuous" and self.cable == "simplex":
+            raise ValueError("a simplex cable hears no command to send continuously; write mode: polled")
         if self.mode == "continuous":
             self.timing.require_unasked()
         return self
@@ -110,7 +124,8 @@ class HeidenhainND287(Probe):
         instruments="Heidenhain ND 287",
         source="maker's manual p. 102-108",
         standing="confirmed",
-        doubts="baud; the unit is not sent: `units` must be that of its display; how a positive sign shows",
+        doubts="baud; the unit is not sent with a reading, and the answer to the question for it (`ESC A0800`) is not "
+        "known: `units` must be that of its display; how a positive sign shows",
     )
 
     request_bytes = 7
@@ -243,11 +258,15 @@ class MicroEpsilonILD1420(Probe):
     interface: Literal["micro_epsilon_ild1420"]
     line: Line = Line(baud=921600, bits=8, parity="N", stop=1)
     units: Literal["mm"] = "mm"
-    range_mm: float = Field(gt=0, le=1000)
+    range_mm: float = Field(gt=0, le=1000)  # type: ignore[assignment]  # its length says it all: it begins at 0
     """Its measuring range: 10, 25, 50, 100, 200 or 500."""
     zero_mm: float = Field(default=0.0, ge=0, le=1000)
     """The distance that reads as zero, from the start of the measuring range."""
     timing: Timing = Timing(latch="streamed")
+
+    @property
+    def limits_mm(self) -> None:
+        """None: a number that it sends is either within its range or an error."""
 
     @model_validator(mode="after")
     def _timed_as_it_sends(self) -> MicroEpsilonILD1420:

@@ -117,11 +117,20 @@ def cases() -> dict[str, Case]:
             [first(cell), "--truth", cell / "rig.yaml"],
         ],
         "automatic": of_every_run(),
+        "ball fit": lambda cell, own: [
+            [first(cell), "--rig", cell / "rig.yaml"],
+            [cell / "no run", "--rig", EVIL, "--write"],
+        ],
         "calibrate": lambda cell, own: [
             [*runs(cell), "--fit", EVIL],
             [*runs(cell), "--fit", "joint_offset", "-o", own / "out.yaml"],
         ],
         "check": lambda cell, own: [[cell / "rig.yaml"], [cell / EVIL.replace("/", "|")], [cell]],
+        "circle fit": lambda cell, own: [
+            [*runs(cell), "--rig", cell / "rig.yaml"],
+            [cell / EVIL, "--rig", shutil.copy(cell / "rig.yaml", own / (EVIL.replace("/", "|") + BYTES)), "--write"],
+            ["--live"],
+        ],
         "compare": lambda cell, own: [
             [*runs(cell), "--plot", own / "compared"],
             [first(cell), "--json"],

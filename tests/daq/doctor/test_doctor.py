@@ -17,13 +17,15 @@ from typing import Any
 import pytest
 import yaml
 
+from daq import gauges
 from daq.acquisition.streams import Stream, streams_of
 from daq.doctor import Finding, Verdict, computer, examine, ports, trial
 from daq.doctor.examine import of_daemon
 from daq.emulators import emulated
 from daq.emulators.pty_line import PtyLine
+from daq.emulators.tcp_port import TcpPort
 from daq.emulators.uart import heard
-from daq.protocol.conversation import NO_TIME, Sample
+from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Sample, Step
 from daq.service.client import Client
 from daq.wire.links import open_link
 from daq.wire.session import ByteLink
@@ -237,7 +239,7 @@ def test_line_settings_that_would_work_are_found() -> None:
         (first,) = trial.examine_conversation(streams["g1"], 0.3)
         (second,) = trial.examine_conversation(streams["g2"], 0.3)
     assert [finding.verdict for finding in good] == [OK, OK], good
-    assert "at 4800 7E2: " in good[0].what and "the line could carry" in good[1].what
+    assert "at 4800 7E2 with DTR on, RTS off: " in good[0].what and "the line could carry" in good[1].what
     assert first.verdict is second.verdict is WRONG
     assert first.what == "does not answer at 9600 8N1, but does at 4800 7E2" and first.remedy == "write line: 4800 7E2"
     assert "does not answer at 38400 8N1, but does at 9600 8" in second.what, "a pty knows no parity"
@@ -342,3 +344,40 @@ def test_a_controller_that_sends_over_udp() -> None:
     with _switched_on(yaml.safe_dump(data)) as served:
         found = list(trial.examine_conversation(_streams(served)["robot"], 1.0))
     assert [finding.verdict for finding in found] == [OK, OK] and "ppm" in found[1].what, found
+
+
+class _EverySecond:
+    """A unit that answers every second request with the exception that it is busy."""
+
+    def __init__(self, device: Device) -> None:
+        self.sent, self._device, self._requests = 0, device, 0
+        self.connected, self.tick = device.connected, device.tick
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        self._requests += 1
+        if self._requests % 2:
+            return self._device.received(data, now_ns)
+        return Step(data[:7].replace(data[4:6], b"\0\3", 1) + bytes([data[7] | 0x80, 6]))
+
+
+def test_exceptions_every_second_answer_are_doubtful() -> None:
+    stream = _streams(yaml.safe_load(rig_text("tcp")))["g1"]
+    gauge = parse(rig_text("tcp"), "bench").gauges.g1
+    stop = threading.Event()
+    port = TcpPort.open(lambda: _EverySecond(gauges.device([gauge], lambda now_ns: [1.0])))
+    serve = threading.Thread(target=port.serve, args=(stop,))
+    serve.start()
+    try:
+        finding, *_ = trial.examine_conversation(replace(stream, port=port.port), 0.3)
+    finally:
+        stop.set()
+        serve.join()
+    assert finding.verdict is DOUBTFUL and "device_error" in finding.what and "exception 6" in finding.remedy, finding
+
+
+def test_a_gauge_of_a_shared_line_that_gives_nothing_is_named() -> None:
+    stream = replace(_streams(yaml.safe_load(rig_text("tcp")))["g1"], name="g1_g2", columns=("g1_mm", "g2_mm"))
+    readings = [Sample((1.0, math.nan), k, k, k, 9) for k in range(10)]
+    silent = Fault(FaultKind.SILENT, 5, "unit 2, input register 0: no answer within 0.1 s; check the cable")
+    finding = trial.answers(stream, trial.Trial([*readings, silent], 2.0, 90, 170), lambda: None)
+    assert finding.verdict is WRONG and "none of g2_mm" in finding.what and finding.remedy.startswith("unit 2")

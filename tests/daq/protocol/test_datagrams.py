@@ -166,7 +166,7 @@ def test_egm_messages_that_are_none(message: bytes, kind: FaultKind) -> None:
 
 
 def test_j519_asks_for_the_status_and_never_for_more() -> None:
-    script = Script(daq.feedback.host(j519()))
+    script = Script(daq.feedback.host(j519(version=1)))
     assert script.sent == bytes.fromhex("00000000 00000001")
     packet = status(41, -12.5, 86_400_002)
     assert len(packet) == 132
@@ -199,11 +199,86 @@ def test_j519_packets_that_are_none(packet: bytes) -> None:
 
 
 def test_j519_controller_stops_when_it_is_asked_to() -> None:
-    script = Script(daq.feedback.device(j519(), lambda now_ns: [1.0] * 6))
+    script = Script(daq.feedback.device(j519(version=1), lambda now_ns: [1.0] * 6))
     assert script.step.wake_ns is None
     script.receive(bytes(7) + b"\1")
     assert len(script.wake().send) == 132
     assert script.receive(bytes.fromhex("00000002 00000001")).wake_ns is None
+
+
+ASKS = bytes.fromhex("00000007 00000003 00000001") + bytes(16)
+START_1, START_3, START_4 = (
+    bytes.fromhex(text) for text in ("0000000000000001", "000000c800000003", "000000c800000004")
+)
+
+
+def _capability(version: int, size: int = 28) -> bytes:
+    """The answer on the version: type, version, number, ms, steps, version, and a last field of four bytes or one."""
+    return struct.pack(">6I", 7, 3, 1, 2, 1, version) + bytes(size - 24)
+
+
+def _status_of(version: int, number: int, angle_deg: float, stamp_ms: int) -> bytes:
+    """A status as FANUC's packets.hpp lays it out: by offsets, packed, big-endian."""
+    packet = bytearray(388 if version == 3 else 416)
+    struct.pack_into(">III", packet, 0, 202 if version == 3 else 204, version, number)
+    struct.pack_into(">I", packet, 16, stamp_ms)
+    struct.pack_into(">9f", packet, 20 + 36, *[angle_deg] * 9)
+    return bytes(packet)
+
+
+@pytest.mark.parametrize(
+    ("answer", "start"),
+    [
+        (_capability(1), START_1),
+        (_capability(2, 25), bytes.fromhex("0000000000000002")),
+        (_capability(3), START_3),
+        (_capability(4), START_4),
+        (_capability(5), START_4),
+    ],
+    ids=["1", "2 of 25 bytes", "3", "4", "newer"],
+)
+def test_j519_starts_the_version_that_the_controller_has(answer: bytes, start: bytes) -> None:
+    script = Script(daq.feedback.host(j519()))
+    assert script.sent == ASKS
+    assert script.receive(answer).send == start and script.taken() == []
+    assert script.wake().send == ASKS, "after a silence it is asked again"
+
+
+@pytest.mark.parametrize("version", [3, 4])
+def test_j519_statuses_of_fanucs_own_driver(version: int) -> None:
+    script = Script(daq.feedback.host(j519()))
+    script.receive(_capability(version))
+    packet = _status_of(version, 41, -12.5, 86_400_002)
+    script.receive(packet, 7)
+    assert script.taken() == [Sample((-12.5,) * 6, NO_TIME, 7, 7, len(packet), 86400.002)]
+    script.receive(_status_of(version, 44, 1.0, 86_400_010), 8)
+    skipped, _ = script.taken()
+    assert isinstance(skipped, Fault) and (skipped.kind, skipped.count) == (FaultKind.SKIPPED, 2)
+
+
+def test_j519_a_controller_that_does_not_know_the_question_is_started_as_before() -> None:
+    script = Script(daq.feedback.host(j519()))
+    assert [script.wake().send for _ in range(3)] == [START_1, ASKS, START_1]
+    script.receive(status(1, 2.0))
+    assert isinstance(script.taken()[-1], Sample)
+
+
+@pytest.mark.parametrize("packet", [_capability(3)[:-1], _capability(3) + b"\0", b"\0\0\0\7"])
+def test_j519_answers_on_the_version_that_are_none(packet: bytes) -> None:
+    script = Script(daq.feedback.host(j519()))
+    assert script.receive(packet).send == b""
+    (fault,) = script.taken()
+    assert isinstance(fault, Fault) and fault.kind is GARBLED
+
+
+@pytest.mark.parametrize(("version", "size"), [(1, 132), (2, 132), (3, 388), (4, 416)])
+def test_j519_the_emulated_controller_of_each_version(version: int, size: int) -> None:
+    script = Script(daq.feedback.device(j519(version=version), lambda now_ns: [1.0] * 6))
+    assert len(script.receive(ASKS).send) == (0 if version == 1 else 25 if version == 2 else 28)
+    for other in {START_1, START_3, START_4} - {struct.pack(">II", 200 if version > 2 else 0, version)}:
+        assert script.receive(other).wake_ns is None
+    script.receive(struct.pack(">II", 200 if version > 2 else 0, version))
+    assert len(script.wake().send) == size
 
 
 PACKETS = {"rsi": (rsi(), rob, 4), "egm": (egm(), egm_robot, 1), "j519": (j519(), status, 1)}

@@ -90,6 +90,24 @@ def test_what_the_emulated_gauge_answers(interface: str, command: bytes, good: b
     assert script.receive(command, S).send == bad
 
 
+@pytest.mark.parametrize(
+    ("reply", "value_mm"),
+    [
+        (b"\0\0\x02-    1.5000\r\n", -1.5),
+        (b"\x02-    1.50\x000\r\n", None),
+        (b"\x02-    1.500\0\r\n", None),
+        (b"\0    1.5000\r\n", None),
+    ],
+    ids=["before the message", "in the number", "for its last digit", "for its first character"],
+)
+def test_nd287_nuls_before_a_message_are_passed_over_and_none_in_it(reply: bytes, value_mm: float | None) -> None:
+    """A NUL in a message is a character of wrong parity: without it the number would be another."""
+    script = asked(daq.gauges.host([gauge("heidenhain_nd287")]))
+    script.receive(reply)
+    (item,) = script.taken()
+    assert (item.values[0] if isinstance(item, Sample) else None) == value_mm
+
+
 # --- Micro-Epsilon: a stream of tagged bytes ---
 
 

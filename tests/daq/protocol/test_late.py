@@ -10,9 +10,10 @@ import daq.gauges
 from daq.acquisition.stream_buffer import samples_of
 from daq.protocol.conversation import Device, FaultKind, Step
 from daq.protocol.framing import Message
-from daq.protocol.modbus import RtuRequests
-from daq.protocol.polled import STIR_EVERY_NS, Polled
+from daq.protocol.polled import Polled
 from daq.protocol.resync import Resync
+from daq.protocol.rtu import RtuRequests
+from daq.protocol.stirring import STIR_EVERY_NS
 from tests.support.drivers import TCP, modbus
 from tests.support.lateness import TIMEOUT_S, Numbered, polled, simulated, wired
 from tests.support.simulated_conversation import S, simulate
@@ -36,13 +37,13 @@ def test_each_value_belongs_to_its_own_request(name: str) -> None:
 def test_without_the_drain_answers_are_one_behind(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # private: the driver as it would be without the drain
     monkeypatch.setattr(Polled, "_give_up", lambda self, items, now_ns: self._ask(items, now_ns))
-    monkeypatch.setattr(Resync, "ask", lambda self: self.asked)
+    monkeypatch.setattr(Resync, "ask", lambda self, count: count)
     assert simulated(CASES[name], 500, 7).shifted > 50
 
 
 def test_the_drain_alone_does_not_hold_back_an_answer_of_three_time_outs(monkeypatch: pytest.MonkeyPatch) -> None:
     assert simulated(RTU, 500, 7, slowest=3).shifted == 0
-    monkeypatch.setattr(Resync, "ask", lambda self: self.asked)
+    monkeypatch.setattr(Resync, "ask", lambda self, count: count)
     assert simulated(RTU, 500, 7, slowest=3).shifted > 50
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import socket
 import threading
 import time
@@ -16,18 +17,21 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 import daq.gauges
 from daq.protocol.conversation import Conversation, Fault, FaultKind, Item, Sample
-from tests.support.drivers import modbus
+from tests.support.drivers import PLAIN, modbus
 
 
 @contextmanager
-def _pymodbus_server(registers: list[int]) -> Iterator[int]:
-    """pymodbus' TCP server holding these registers from 200 on; gives its port."""
+def _pymodbus_server(*units: list[int]) -> Iterator[int]:
+    """pymodbus' TCP server with units 1, 2 … holding these registers from 200 on; gives its port."""
     started: dict[str, object] = {}
     ready = threading.Event()
 
     async def serve() -> None:
-        device = SimDevice(1, simdata=[SimData(200, values=registers, datatype=DataType.REGISTERS)])
-        server = ModbusTcpServer(device, address=("127.0.0.1", 0))
+        devices = [
+            SimDevice(number, simdata=[SimData(200, values=registers, datatype=DataType.REGISTERS)])
+            for number, registers in enumerate(units, start=1)
+        ]
+        server = ModbusTcpServer(devices, address=("127.0.0.1", 0))
         await server.serve_forever(background=True)
         over = asyncio.Event()
         started["port"] = server.transport.sockets[0].getsockname()[1]
@@ -80,6 +84,28 @@ def test_our_host_reads_pymodbus_server() -> None:
     assert {round(sample.values[0], 3) for sample in samples} == {69.743}
     assert {sample.status for sample in samples} == {1}
     assert {sample.device_time_s for sample in samples} == {5.000007}
+
+
+def test_our_host_reads_three_units_behind_one_address_of_pymodbus() -> None:
+    """Each in another layout, as pymodbus' own client packs numbers of 64, 32 and 16 bits."""
+    kinds = {"float64": -1.25, "int32": -70000, "uint16": 54321}
+    types = ModbusTcpClient.DATATYPE
+    packed = [
+        [*ModbusTcpClient.convert_to_registers(value, types[kind.upper()], word_order="little"), 0, 0, 0, 0][:4]
+        for kind, value in kinds.items()
+    ]
+    with _pymodbus_server(*packed) as port:
+        common = {"port": f"tcp://127.0.0.1:{port}", "count": 4, "timeout_s": 0.2, **PLAIN}
+        gauges = [
+            modbus(unit=number, value={"address": 200, "type": kind}, **common)
+            for number, kind in enumerate(kinds, start=1)
+        ]
+        with socket.create_connection(("127.0.0.1", port), timeout=5) as link:
+            items = _talk(daq.gauges.host(gauges), link, 60)
+    samples = [item for item in items if isinstance(item, Sample)]
+    assert len(samples) == len(items) and {sum(map(math.isfinite, sample.values)) for sample in samples} == {1}
+    read = [{s.values[place] for s in samples if math.isfinite(s.values[place])} for place in range(3)]
+    assert read == [{value} for value in kinds.values()]
 
 
 def test_our_host_understands_pymodbus_refusal() -> None:

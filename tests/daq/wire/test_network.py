@@ -162,7 +162,7 @@ def test_only_the_called_controller_is_heard() -> None:
         controller.bind(("127.0.0.1", 0))
         controller.settimeout(PATIENCE_S)
         port = f"udp://127.0.0.1:{controller.getsockname()[1]}"
-        with _reading(_robot(interface="fanuc_stream_motion", port=port)) as count:
+        with _reading(_robot(interface="fanuc_stream_motion", port=port, version=1)) as count:
             asked, host = controller.recvfrom(100)
             assert asked == bytes.fromhex("00000000 00000001")
             with _sender(host[1]) as stranger:

@@ -1,0 +1,208 @@
+"""`rig circle fit` and `rig ball fit`: where the circle and the ball of a rig file are, from what the robot did."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analysis.cli import app, completion
+from analysis.cli.commands import Group, command
+from analysis.cli.console import say
+from analysis.cli.options import AsJson
+from rigs.errors import FileError, RigError
+
+if TYPE_CHECKING:
+    from analysis.cli.fitted_test import FittedTest, RigFile
+    from analysis.fitting.driven_circle import DrivenCircle
+    from analysis.traces.robot_motion import RobotMotion
+    from daq.store import Run
+    from rigs.edit import Values
+    from rigs.rig import Rig
+
+circle = typer.Typer(cls=Group, no_args_is_help=True, help="Find the circle of a rig file from the robot's motion.")
+app.add_typer(circle, name="circle")
+ball = typer.Typer(cls=Group, no_args_is_help=True, help="Find the ball of the hemisphere from the robot's stands.")
+app.add_typer(ball, name="ball")
+
+_LEAST = 0.0005
+"""Half of the last digit of a length."""
+RigToWrite = Annotated[
+    str | None,
+    typer.Option(
+        "--rig", autocompletion=completion.rig_files, help="Rig file to complete; default: that of the first run."
+    ),
+]
+Write = Annotated[bool, typer.Option("--write", help="Write the result into the rig file; the old file is kept.")]
+
+
+@command(circle, "rig circle fit runs/lap-acw --rig cell.yaml --write")
+def fit(
+    runs: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one circle."),
+    ] = None,
+    rig_file: RigToWrite = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="Watch the running daemon instead, until Ctrl-C ends it.")
+    ] = False,
+    write: Write = False,
+    as_json: AsJson = False,
+) -> None:
+    """Find centre, normal, radius, start and posture of a circle, each with its uncertainty.
+
+    The robot drove the circle, whole or in part, or stood at three or more points
+    of it for a second each. Gauges need not be connected. With --live, jog or
+    lead the robot while rigd runs, and press Ctrl-C at the end.
+    """
+    from analysis.cli.fitted_test import give, rig_file_to_write  # noqa: PLC0415
+    from analysis.cli.run_paths import distinct  # noqa: PLC0415
+    from analysis.fitting.driven_circle import driven_circle  # noqa: PLC0415
+
+    if bool(runs) == live:
+        what = "both runs and --live are given" if live else "nothing is given to fit"
+        raise _use("rig circle fit", what, "give run directories, or --live")
+    named = rig_file_to_write(rig_file, write)
+    motions, to = _watched(named) if live else _recorded(distinct(runs or []), named)
+    give(_as_test(driven_circle(motions, to.rig)), to, write=write, as_json=as_json)
+
+
+@command(ball, "rig ball fit runs/hemisphere --rig cell.yaml --write", name="fit")
+def fit_ball(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN…", autocompletion=completion.runs, help="Radial runs about the ball, or runs of its circle."
+        ),
+    ],
+    rig_file: RigToWrite = None,
+    write: Write = False,
+    as_json: AsJson = False,
+) -> None:
+    """Find the centre of the hemisphere, which is the ball's, with its uncertainty.
+
+    In a radial run the robot stood at four or more places on a sphere about the
+    ball: held by the link, or touching the ball. A yaw or roll run shows the same
+    ball as the centre of its circle.
+    """
+    from analysis.cli.fitted_test import give, rig_file_to_write  # noqa: PLC0415
+    from analysis.cli.run_paths import distinct  # noqa: PLC0415
+    from daq.store import read_run  # noqa: PLC0415
+
+    named = rig_file_to_write(rig_file, write)
+    read = [read_run(path) for path in distinct(runs)]
+    to = named or _rig_of(read[0])
+    _hold_robot(read, to.rig)
+    give(_ball_of(read, to.rig), to, write=write, as_json=as_json)
+
+
+def _recorded(paths: Iterable[Path], named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
+    """The motions of run directories, and the rig. Raises FileError where a run is of another robot."""
+    from analysis.traces.robot_motion import motion_in  # noqa: PLC0415
+    from daq.store import read_run  # noqa: PLC0415
+
+    runs = [read_run(path) for path in paths]
+    to = named or _rig_of(runs[0])
+    _hold_robot(runs, to.rig)
+    return [motion_in(run) for run in runs], to
+
+
+def _rig_of(run: Run) -> RigFile:
+    from analysis.cli.fitted_test import RigFile  # noqa: PLC0415
+    from rigs.load import parse  # noqa: PLC0415
+
+    text = run.manifest.rig_text
+    return RigFile(parse(text, f"{run.path}, rig file"), text, None)
+
+
+def _hold_robot(runs: Sequence[Run], rig: Rig) -> None:
+    from analysis.fitting.placements import same_arm  # noqa: PLC0415
+    from analysis.kinematics.arm import arm_of  # noqa: PLC0415
+    from rigs.load import parse  # noqa: PLC0415
+
+    for run in runs:
+        own = parse(run.manifest.rig_text, f"{run.path}, rig file")
+        if not same_arm(arm_of(own.robot), arm_of(rig.robot)):
+            what = f"is of another robot than {rig.name}: its link constants differ"
+            raise FileError(str(run.path), what, "give a run of this robot, or the --rig of that one")
+
+
+def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
+    """What the robot does until Ctrl-C, and the rig: that of the daemon where none is named."""
+    from analysis.cli.fitted_test import RigFile  # noqa: PLC0415
+    from analysis.fitting.driven_circle import driven_circle  # noqa: PLC0415
+    from analysis.live.joint_watch import watched_motion  # noqa: PLC0415
+    from daq.service.client import Client, find_socket  # noqa: PLC0415
+    from rigs.load import parse  # noqa: PLC0415
+
+    with Client(find_socket(named.rig.name if named else None)) as client:
+        lines = client.ask("samples", after={}, rig=True)["rig_lines"]
+        if named is None:
+            text = "\n".join(lines) + "\n"
+            named = RigFile(parse(text, "the rig file of rigd"), text, None)
+        rig = named.rig
+
+        def show(motion: RobotMotion) -> None:
+            try:
+                found = driven_circle([motion], rig)
+                u_mm, centre = float(found.u_centre_mm.max()), found.circle.centre.round(2).tolist()
+                said = f"{found.used}: radius {found.circle.radius:.2f} mm about {centre}, u {u_mm:.2g} mm"
+            except FileError as error:
+                said = error.what
+            say(f"{motion.t_s[-1]:.0f} s: {said}", err=True)
+
+        say("jog or lead the robot now; stand for a second at each point; Ctrl-C ends", err=True)
+        return [watched_motion(client, "the robot", show)], named
+
+
+def _as_test(found: DrivenCircle) -> FittedTest:
+    import numpy as np  # noqa: PLC0415
+
+    from analysis.cli.fitted_test import FittedTest  # noqa: PLC0415
+
+    u = {
+        "centre_mm": _written(found.u_centre_mm),
+        "normal": f"{_written([np.degrees(found.u_normal)])}°",
+        "radius_mm": _written([found.u_radius_mm]),
+        "zero": f"{_written([np.degrees(found.u_zero)])}° in the plane",
+    }
+    return FittedTest("circle", found.values(), u, found.used, found.doubts)
+
+
+def _ball_of(runs: Sequence[Run], rig: Rig) -> FittedTest:
+    """The ball of runs of one kind: from stands about it, or as the centre of the circle about it."""
+    from analysis.cli.fitted_test import FittedTest  # noqa: PLC0415
+    from analysis.fitting.driven_circle import driven_circle  # noqa: PLC0415
+    from analysis.fitting.touched_ball import touched_ball  # noqa: PLC0415
+    from analysis.traces.robot_motion import motion_in  # noqa: PLC0415
+    from rigs.schema.vocabulary import CIRCLES  # noqa: PLC0415
+
+    circles = [run.manifest.test in CIRCLES for run in runs]
+    if any(circles) != all(circles):
+        where = ", ".join(str(run.path) for run in runs)
+        raise FileError(where, "some are runs of a circle and some of a hemisphere", "give runs of one kind")
+    if all(circles):
+        of_circle = driven_circle([motion_in(run) for run in runs], rig)
+        centre, u_mm, used = of_circle.circle.centre, of_circle.u_centre_mm, f"the circle's centre: {of_circle.used}"
+        values: Values = {"centre_mm": [round(float(x), 3) for x in centre]}
+        doubts = of_circle.doubts
+        if rig.tests.hemisphere is None:
+            what = "the rig file has no tests.hemisphere, and a circle shows no posture at its pole"
+            raise FileError(rig.name, what, "add tests.hemisphere with posture_deg, or give a radial run")
+    else:
+        touched = touched_ball(runs, rig)
+        values, u_mm, used, doubts = touched.values(rig), touched.u_centre_mm, touched.used, touched.doubts
+    return FittedTest("hemisphere", values, {"centre_mm": _written(u_mm)}, used, doubts)
+
+
+def _written(u: Iterable[float]) -> str:
+    """Uncertainties in mm or degrees; below what is written of the values they say no more."""
+    return ", ".join(f"{one:.2g}" if one > _LEAST else f"< {_LEAST:g}" for one in u)
+
+
+def _use(command_path: str, what: str, remedy: str) -> RigError:
+    wrong = RigError(command_path, what, remedy)
+    wrong.exit_code = 2
+    return wrong

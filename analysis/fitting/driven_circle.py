@@ -1,0 +1,255 @@
+"""The circle that a robot drove, was jogged around or was led along, as the block `tests.circle` of a rig file.
+
+Places come from the reported joints through the nominal arm. Where the robot followed a circle, all rows on it count;
+where it stood at three or more points and went straight between them, the points. u covers the scatter about the circle
+and what the arc leaves undetermined, not what the whole run shares, as a wrong zero of a joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from analysis.fitting.circle_rows import Binned, Fit, binned, fit_rows, on_circle
+from analysis.fitting.circle_search import BENT, DRIVEN, LED, FoundCircle, Tolerance, even_path, find_circle
+from analysis.fitting.circle_start import Start, start_of
+from analysis.fitting.stood_points import StoodCircle, circle_through_stands, distinct, is_jogged
+from analysis.geometry.circle import CircleFrame
+from analysis.geometry.circle_through import deviations, nearest_circle
+from analysis.kinematics.arm import Array, Integers, Mask, arm_of
+from analysis.traces.robot_motion import RobotMotion
+from rigs.edit import Values
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+_STOOD_RAD = np.radians(0.2)
+"""Joints that move by less in a whole run stood still."""
+_SECOND = 1 / 3
+"""Another circle that turns by this share of the first, or more, is one that a person drove."""
+_FURTHER = 1.3
+"""A bent circle counts where it is followed further than a round one by this factor; a healthy arm follows both."""
+_ROUND_MM = 0.3
+"""The circle of a healthy arm is bent by less: its constants err by some tenths of a mm."""
+_NEAR = 4.0
+"""Tolerances of the first circle within which a path is no part of a second."""
+_JUMP_RAD, _ALONE = np.radians(0.5), 5.0
+"""A step between two rows that is larger than this, and so many times those beside it, is no motion."""
+_GAUGE_MM = 5.0
+"""The ball is set up in the circle's centre, and a gauge reads some 5 mm to either side: 2 u must stay within."""
+_LONGER = "drive a longer arc, best a whole lap, or stand at three or more points all around"
+_SHORT = replace(DRIVEN, least_rad=float(np.radians(5.0)))
+"""An arc too short to be found among other motion, but enough for its u to be said."""
+
+
+@dataclass(frozen=True)
+class DrivenCircle:
+    """A circle with its uncertainties. centre_cov (3, 3) mm² and normal_cov (3, 3) in the world; u_radius_mm; u_zero
+    rad, of the zero direction in the plane; posture (6,) rad; arc rad; used: what it was fitted to; doubts in words."""
+
+    circle: CircleFrame
+    centre_cov: Array
+    normal_cov: Array
+    u_radius_mm: float
+    u_zero: float
+    posture: Array
+    arc: float
+    keeps_zero: bool
+    used: str
+    doubts: tuple[str, ...]
+
+    @property
+    def u_centre_mm(self) -> Array:
+        """Standard uncertainty (3,) mm of the centre's coordinates."""
+        return np.sqrt(np.diag(self.centre_cov))
+
+    @property
+    def u_normal(self) -> float:
+        """Standard uncertainty of the normal in rad, in the direction in which it is largest."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.normal_cov)[-1]))
+
+    def values(self) -> Values:
+        """The keys of tests.circle: to the micrometre and the hundredth of a degree."""
+        found: dict[str, float | list[float]] = {
+            "centre_mm": self.circle.centre.round(3).tolist(),
+            "normal": self.circle.n.round(6).tolist(),
+            "zero": self.circle.u.round(6).tolist(),
+            "radius_mm": round(self.circle.radius, 3),
+            "posture_deg": np.degrees(self.posture).round(2).tolist(),
+        }
+        return {key: value for key, value in found.items() if key != "zero" or not self.keeps_zero}
+
+
+def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
+    """The one circle of motions of the rig's robot. Raises FileError where they show none, two, or too little of it."""
+    arm = arm_of(rig.robot)
+    for motion in motions:
+        _is_motion(motion)
+    bins = binned(motions, arm)
+    where = ", ".join(motion.where for motion in motions)
+    points, run = even_path(bins.places[bins.path], bins.run[bins.path])
+    found, tolerance = _driven(points, run)
+    if is_jogged(bins, found):
+        return _of_stands(circle_through_stands(arm, bins, where), motions, rig)
+    stood = len(distinct(bins.places[bins.stand_rows]))
+    if found is None:
+        found, tolerance = find_circle(points, run, LED), LED
+    if found is None:
+        found, tolerance = _short_arc(points, stood, where), _SHORT
+    _is_alone(found, tolerance, points, run, motions, rig)
+    on, circle = on_circle(bins, found.circle, tolerance, where)
+    result = _of_rows(fit_rows(motions, arm, bins, on, circle), bins, on, motions, rig)
+    if tolerance is _SHORT:
+        u = f"u {result.u_centre_mm.max():.2g} mm of the centre by noise alone"
+        what = f"{result.used} are too short an arc ({u}), and the robot stood at {stood} points"
+        raise FileError(where, what, _LONGER)
+    return result
+
+
+def _driven(points: Array, run: Integers) -> tuple[FoundCircle | None, Tolerance]:
+    """The circle of a path (k, 3) mm: a bent one only where it is followed much further than a round one."""
+    true, bent = find_circle(points, run, DRIVEN), find_circle(points, run, BENT)
+    if bent and bent.turned_rad > _FURTHER * (true.turned_rad if true else 0.0):
+        return bent, BENT
+    return true, DRIVEN
+
+
+def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
+    own = _longest(fit.circle, bins, on)
+    start = start_of(fit.circle, bins.T[own], bins.q[own], motions[bins.run[own][0]].direction, rig.tests.circle)
+    doubts = _doubts(motions)
+    if fit.wild:
+        doubts.append(f"{fit.wild} rows lie far from the circle and are not used")
+    off_mm = float(np.quantile(deviations(fit.circle, bins.places[on]).largest, 0.95))
+    if off_mm > _ROUND_MM:
+        hand = f"the path is off the circle by {off_mm:.1f} mm: it was led by hand, or the controller has other link"
+        doubts.append(f"{hand} constants than the rig file")
+    used = f"{fit.rows} rows over {np.degrees(start.arc_rad):.0f}° of arc"
+    where = ", ".join(motion.where for motion in motions)
+    return _result(fit.circle, fit.radial.covariance, fit.axial.covariance, start, used, tuple(doubts), where)
+
+
+def _of_stands(stood: StoodCircle, motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
+    start = start_of(stood.circle, stood.T, stood.q, motions[0].direction, rig.tests.circle)
+    used = f"{len(stood.T)} points at which the robot stood, over {np.degrees(start.arc_rad):.0f}° of arc"
+    where = ", ".join(motion.where for motion in motions)
+    return _result(
+        stood.circle, stood.covariance, stood.covariance, start, used, (*_doubts(motions), *stood.doubts), where
+    )
+
+
+def _result(
+    fitted: CircleFrame, radial: Array, axial: Array, start: Start, used: str, doubts: tuple[str, ...], where: str
+) -> DrivenCircle:
+    """Covariances (3, 3) mm² of the coefficients of radial and axial deviations, taken into the world."""
+    plane = np.stack([fitted.u, fitted.v], axis=1)
+    centre_cov = plane @ radial[1:, 1:] @ plane.T + axial[0, 0] * np.outer(fitted.n, fitted.n)
+    normal_cov = plane @ axial[1:, 1:] @ plane.T / fitted.radius**2
+    tangent = np.cross(start.circle.n, start.at)
+    u_zero = float(np.sqrt(tangent @ centre_cov @ tangent)) / fitted.radius
+    found = DrivenCircle(
+        start.circle,
+        centre_cov,
+        normal_cov,
+        float(np.sqrt(radial[0, 0])),
+        u_zero,
+        start.posture,
+        start.arc_rad,
+        start.keeps_zero,
+        used,
+        (*doubts, *start.doubts),
+    )
+    largest = max(float(found.u_centre_mm.max()), found.u_radius_mm)
+    if 2 * largest > _GAUGE_MM:
+        what = f"{used} leave centre and radius of the circle uncertain by {largest:.3g} mm (u)"
+        raise FileError(where, what, _LONGER)
+    return found
+
+
+def _doubts(motions: Sequence[RobotMotion]) -> list[str]:
+    named = len(motions) > 1
+    return [f"{motion.where}: {doubt}" if named else doubt for motion in motions for doubt in motion.doubts]
+
+
+def _is_motion(motion: RobotMotion) -> None:
+    if not np.isfinite(motion.q).all():
+        row = int(np.argmin(np.isfinite(motion.q).all(axis=1))) + 1
+        raise FileError(motion.where, f"row {row} has a joint angle that is not a number", "remove such rows")
+    if len(motion.t_s) < 2 or np.ptp(motion.q, axis=0).max() < _STOOD_RAD:
+        raise FileError(motion.where, "the robot stood still", "drive the circle, or jog to three points of it")
+
+
+def _short_arc(points: Array, stood: int, where: str) -> FoundCircle:
+    """The whole path as a short arc, so that its u can be said. Raises FileError where it is none."""
+    nearest = nearest_circle(points)
+    if nearest is None or nearest.radius > 1e4:
+        raise _line(points, stood, where)
+    off = float(deviations(nearest, points).largest.max())
+    sagitta = nearest.radius * (1 - np.cos(min(np.pi, _length(points) / nearest.radius / 2)))
+    if off < _SHORT.at(nearest.radius) and sagitta > 2 * off:
+        return FoundCircle(nearest, _length(points) / nearest.radius)
+    if sagitta < 0.02 * _length(points):
+        raise _line(points, stood, where)
+    what = f"no part of the motion follows a circle, and the robot stood at {stood} points, of which it needs three"
+    remedy = "record the circle by itself, or jog to three or more points of it and stand at each for a second"
+    raise FileError(where, what, remedy)
+
+
+def _line(points: Array, stood: int, where: str) -> FileError:
+    stands = f"and stood at {stood} points" if stood else "and did not stop"
+    what = f"the robot moved along a line of {_length(points):.0f} mm {stands}, which determines no circle"
+    return FileError(where, what, "drive an arc, best a whole lap, or jog to three or more points around the circle")
+
+
+def _length(points: Array) -> float:
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
+def _is_alone(
+    found: FoundCircle, tolerance: Tolerance, points: Array, run: Integers, motions: Sequence[RobotMotion], rig: Rig
+) -> None:
+    """Raises FileError where the rest of a path (k, 3) mm is another circle."""
+    first = found.circle
+    rest = deviations(first, points).largest > _NEAR * tolerance.at(first.radius)
+    if rest.sum() < 10:
+        return
+    # A path that comes back from the first circle is not one with where it left.
+    pieces = np.cumsum(np.diff(rest, prepend=False) | (np.diff(run, prepend=0) != 0))
+    second = find_circle(points[rest], pieces[rest], DRIVEN)
+    if second is None or second.turned_rad < _SECOND * found.turned_rad:
+        return
+    where = ", ".join(motion.where for motion in motions)
+    for motion in motions:
+        _has_no_jump(motion, rig)
+    what = f"holds two circles ({_placed(first)}, and {_placed(second.circle)})"
+    raise FileError(where, what, "give runs of one circle, each recorded by itself")
+
+
+def _has_no_jump(motion: RobotMotion, rig: Rig) -> None:
+    """Raises FileError where a joint goes further between two rows than before and after by far."""
+    steps = np.abs(np.diff(motion.q, axis=0))
+    beside = np.maximum(np.roll(steps, 1, axis=0), np.roll(steps, -1, axis=0))
+    alone = np.where((steps > _JUMP_RAD) & (steps > _ALONE * beside), steps, 0.0)
+    row, axis = np.unravel_index(alone.argmax(), alone.shape)
+    if alone[row, axis]:
+        moved = f"{rig.robot.axes[axis].name} jumps by {np.degrees(steps[row, axis]):.1f}°"
+        what = f"{moved} at {motion.t_s[row + 1]:.3f} s, and another circle begins there"
+        raise FileError(motion.where, what, "check the feedback, and record the circle again without a jump")
+
+
+def _placed(circle: CircleFrame) -> str:
+    return f"radius {circle.radius:.1f} mm about {[round(float(x), 1) for x in circle.centre]}"
+
+
+def _longest(circle: CircleFrame, bins: Binned, on: Mask) -> Mask:
+    """The bins (n,) of the stretch on the circle that goes furthest around it."""
+    rows = np.flatnonzero(on)
+    # A pause where a program turns back does not end a stretch.
+    left = deviations(circle, bins.places).largest > DRIVEN.at(circle.radius) * _NEAR
+    number = np.cumsum(left | (np.diff(bins.run, prepend=0) != 0))[rows]
+    pieces = [rows[number == one] for one in np.unique(number)]
+    own = max(pieces, key=lambda piece: float(np.ptp(np.unwrap(deviations(circle, bins.places[piece]).phi))))
+    chosen = np.zeros(len(on), dtype=bool)
+    chosen[own] = True
+    return chosen

@@ -1,0 +1,57 @@
+"""Where the robot stood still: stands, found in the recorded joints, and the readings of each without wild ones."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+
+_STANDS_RAD = np.radians(0.01)
+"""Joints that move by less within the window stand; an encoder's noise is a tenth of it."""
+_WINDOW_S = 0.3
+_SETTLED = 0.5
+"""Share of a stand, at its end, that is averaged: the arm has stopped swinging by then."""
+_OUTLYING = 6.0
+"""Scaled median deviations beyond which a sample of a stand is an outlier: Hampel's usual three, twice as wary."""
+_MOST_OUTLYING = 0.1
+"""More of a stand than this share is not an outlier: the arm or the gauge really moved."""
+
+
+@dataclass(frozen=True)
+class Stand:
+    """Rows [begin, end) in which all joints stood; mean angles (6,) rad and mean readings (k,) mm of the settled part,
+    without its `outliers`."""
+
+    begin: int
+    end: int
+    t_s: float
+    q: Array
+    g_mm: Array
+    outliers: int
+
+
+def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
+    """The stands of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k) of k gauges."""
+    ahead = np.searchsorted(t_s, t_s + _WINDOW_S).clip(max=len(t_s) - 1)
+    still = (np.abs(q[ahead] - q).max(axis=1) < _STANDS_RAD) & (t_s[ahead] - t_s >= 0.9 * _WINDOW_S)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+    stands = []
+    for begin, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        end = int(ahead[last - 1]) + 1
+        settled = slice(begin + int((end - begin) * (1 - _SETTLED)), end)
+        mean_mm, outliers = _averaged(g_mm[settled])
+        stands.append(Stand(begin, end, float(t_s[settled].mean()), q[settled].mean(axis=0), mean_mm, outliers))
+    return stands
+
+
+def _averaged(g_mm: Array) -> tuple[Array, int]:
+    """Mean (k,) of the readings g_mm (n, k) of a stand without single wild ones, and how many those were."""
+    away = np.abs(g_mm - np.median(g_mm, axis=0))
+    limit = _OUTLYING * 1.4826 * np.median(away, axis=0)
+    # Readings of a coarse gauge that mostly agree have no median deviation: nothing is called wild there.
+    sound = (away <= limit) | (limit == 0)
+    sound |= sound.mean(axis=0) < 1 - _MOST_OUTLYING
+    mean: Array = np.where(sound, g_mm, 0.0).sum(axis=0) / sound.sum(axis=0)
+    return mean, int((~sound).sum())

@@ -1,0 +1,78 @@
+"""Opening a serial device with pyserial: its line settings, its modem lines, and what to do where it does not open.
+
+pyserial has both modem lines on unless they are set otherwise. Those that a cable takes its power from are set before
+the first byte.
+"""
+
+from __future__ import annotations
+
+import errno
+import termios
+from pathlib import Path
+
+import serial
+
+from rigs.errors import CellError
+from rigs.schema.links import Line, ModemLines
+
+_IFLAG = 0
+"""Place of the input modes in what tcgetattr gives."""
+_BITS = {7: serial.SEVENBITS, 8: serial.EIGHTBITS}
+
+
+def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> serial.Serial:
+    """Open the device of a stream. Raises CellError with the remedy. modem: None leaves both lines on."""
+    where = f"{name}, {port}"
+    try:
+        if not Path(port).exists():
+            raise CellError(where, "no such port", f"plug it in, or correct the port; ports here: {_ports()}")
+        device = _configured(port, line, modem)
+        if line.parity != "N":
+            _check_parity(device.fileno())
+    except serial.SerialException as error:
+        raise CellError(where, *_serial_problem(error)) from None
+    except (OSError, ValueError, termios.error) as error:
+        raise CellError(where, f"is not a serial device ({error})", "give the path of a serial port") from None
+    return device
+
+
+def _configured(port: str, line: Line, modem: ModemLines | None) -> serial.Serial:
+    device = serial.Serial(baudrate=line.baud, timeout=0, exclusive=True)
+    if modem is not None:
+        device.dtr, device.rts = modem.dtr, modem.rts
+    device.port = port
+    device.bytesize, device.parity, device.stopbits = _BITS[line.bits], line.parity, line.stop
+    try:
+        device.open()
+    except termios.error as error:
+        if error.args[0] != errno.EINVAL:
+            raise
+        # A port without a line (a pty, some adapters) takes no parity; its bytes come as they are.
+        device.bytesize, device.parity, device.stopbits = serial.EIGHTBITS, serial.PARITY_NONE, serial.STOPBITS_ONE
+        device.open()
+    return device
+
+
+def _check_parity(fd: int) -> None:
+    """Have the system pass on NUL, which no reading holds, for a character of wrong parity.
+
+    pyserial has such a one passed on as it is: a digit of which the line turned a bit would be another digit.
+    """
+    settings = termios.tcgetattr(fd)
+    settings[_IFLAG] |= termios.INPCK
+    termios.tcsetattr(fd, termios.TCSANOW, settings)
+
+
+def _serial_problem(error: serial.SerialException) -> tuple[str, str]:
+    text = str(error)
+    if "exclusively lock" in text or "busy" in text:
+        return "in use by another program", "stop the other program (another rigd, a terminal)"
+    if "Permission denied" in text:
+        return "permission denied", "add the user to the group dialout and log in again"
+    return f"cannot be opened as a serial port ({error.strerror or text})", "give the path of a serial port"
+
+
+def _ports() -> str:
+    names = sorted(map(str, Path("/dev/serial/by-id").glob("*")))
+    names = names or sorted(str(path) for kind in ("ttyUSB*", "ttyACM*") for path in Path("/dev").glob(kind))
+    return ", ".join(names) or "none"

@@ -1,0 +1,283 @@
+"""Several Modbus units on one line: a fair share for each, and what disturbs it named."""
+
+from __future__ import annotations
+
+import math
+import random
+import struct
+from collections import Counter
+from collections.abc import Callable, Sequence
+from threading import Event, Thread
+from time import monotonic
+
+import pytest
+from pymodbus.framer import FramerRTU
+
+import daq.gauges
+from daq.acquisition.stream_buffer import samples_of
+from daq.emulators.pty_line import PtyLine
+from daq.protocol.conversation import Fault, FaultKind, Host, Item, Sample
+from daq.protocol.rtu import silent_interval_ns
+from daq.wire.links import open_link
+from daq.wire.session import run_conversation
+from rigs.schema.links import Line
+from rigs.schema.modbus import ModbusMap
+from tests.support.drivers import PLAIN, TCP, gauge, modbus
+from tests.support.simulated_conversation import S, Script
+from tests.support.simulated_line import SimulatedLine
+
+LINE = Line.model_validate("115200 8E1")
+TIMEOUT_S = 0.05
+UNITS = 8
+FAIR = 0.05
+VALUE = {"address": 200, "type": "float32"}
+
+
+def _unit(number: int, **changes: object) -> ModbusMap:
+    fields = {"unit": number, "line": str(LINE), "timeout_s": TIMEOUT_S, "count": 2, "value": VALUE, **PLAIN}
+    return modbus(**(fields | changes))
+
+
+def _eight() -> list[ModbusMap]:
+    return [_unit(number) for number in range(1, UNITS + 1)]
+
+
+def _float32(value: float) -> float:
+    (read,) = struct.unpack(">f", struct.pack(">f", value))
+    return float(read)
+
+
+def _samples(items: Sequence[Item], column: int) -> list[Sample]:
+    """The samples of one gauge, each of which has nothing of the others."""
+    found = [sample for sample in samples_of(items) if not math.isnan(sample.values[column])]
+    assert all(sum(map(math.isfinite, sample.values)) == 1 for sample in found)
+    return found
+
+
+def _faults(items: Sequence[Item], kind: FaultKind) -> list[Fault]:
+    return [item for item in items if isinstance(item, Fault) and item.kind is kind]
+
+
+def _simulated(host: Host, units: Sequence[ModbusMap], seconds: int, line: SimulatedLine | None = None) -> list[Item]:
+    device = daq.gauges.device(units, lambda now_ns: [unit.unit / 100 for unit in units])
+    line = line or SimulatedLine(LINE.character_ns, silent_interval_ns(LINE))
+    return line.run(host, device, seconds * S)
+
+
+def test_eight_units_are_asked_equally_often_and_each_value_is_its_own() -> None:
+    line = SimulatedLine(LINE.character_ns, silent_interval_ns(LINE))
+    items = _simulated(daq.gauges.host(_eight()), _eight(), 20, line)
+    counts = [len(_samples(items, column)) for column in range(UNITS)]
+    assert max(counts) - min(counts) <= 1 and min(counts) > 20 * 15
+    assert not [item for item in items if isinstance(item, Fault)] and line.unheard == 0
+    for column in range(UNITS):
+        assert {sample.values[column] for sample in _samples(items, column)} == {_float32((column + 1) / 100)}
+
+
+def test_a_dead_unit_costs_the_others_no_more_than_its_time_outs() -> None:
+    seconds = 20
+    items = _simulated(daq.gauges.host(_eight()), [unit for unit in _eight() if unit.unit != 3], seconds)
+    without = _simulated(daq.gauges.host([u for u in _eight() if u.unit != 3]), _eight(), seconds)
+    silent = _faults(items, FaultKind.SILENT)
+    assert all(fault.detail.startswith("unit 3, input register 200: no answer") for fault in silent)
+    lost_s = sum(fault.count for fault in silent) * TIMEOUT_S
+    assert len(silent) >= 2 and lost_s < 0.05 * seconds, "it is asked less and less often"
+    for column, whole in zip([0, 1, 3, 4, 5, 6, 7], range(7), strict=True):
+        share = len(_samples(items, column)) / len(_samples(without, whole))
+        assert share > 1 - lost_s / seconds - FAIR
+
+
+def test_a_unit_that_comes_back_is_read_again() -> None:
+    units, present = [_unit(1), _unit(2)], _unit(1)
+
+    class _Later:
+        sent = 0
+
+        def __init__(self) -> None:
+            self._one = daq.gauges.device([present], lambda now_ns: [0.5])
+            self._both = daq.gauges.device(units, lambda now_ns: [0.5, 0.6])
+            self.connected = self._both.connected
+            self.tick = self._both.tick
+
+        def received(self, data: bytes, now_ns: int):  # type: ignore[no-untyped-def]
+            return (self._both if now_ns > 10 * S else self._one).received(data, now_ns)
+
+    items = SimulatedLine(LINE.character_ns).run(daq.gauges.host(units), _Later(), 20 * S)
+    back = _samples(items, 1)
+    assert 10 * S < back[0].last_byte_ns < 16 * S
+    assert len(back) > 0.4 * len([s for s in _samples(items, 0) if s.last_byte_ns > back[0].last_byte_ns])
+
+
+def test_a_slow_rate_is_kept_and_leaves_the_rest_to_the_others() -> None:
+    units = [_unit(1, rate_hz=10), _unit(2), _unit(3)]
+    items = _simulated(daq.gauges.host(units), units, 10)
+    slow, *quick = (len(_samples(items, column)) for column in range(3))
+    assert 95 <= slow <= 101 and min(quick) > 5 * slow and max(quick) - min(quick) <= 0.05 * max(quick)
+
+
+@pytest.mark.parametrize(
+    "units", [[_unit(1), _unit(2)], [_unit(1), _unit(1, address=202, value=VALUE | {"address": 202})]]
+)
+def test_a_late_answer_is_never_credited_to_another_gauge_or_request(units: list[ModbusMap]) -> None:
+    dice = random.Random(11)
+    taken: list[list[int]] = [[], []]
+
+    def numbered(now_ns: int) -> list[float]:
+        for times in taken:
+            times.append(now_ns)
+        return [(len(taken[0]) - 1) * 0.25, (len(taken[0]) - 1) * -0.25]
+
+    line = SimulatedLine(LINE.character_ns, delay_ns=lambda: dice.randrange(round(1.9 * TIMEOUT_S * S)))
+    items = line.run(daq.gauges.host(units), daq.gauges.device(units, numbered), 200 * S)
+    assert len(samples_of(items)) > 300
+    for column, sign in ((0, 1), (1, -1)):
+        for sample in _samples(items, column):
+            number = sample.values[column] / 0.25 * sign
+            assert number >= 0 and sample.requested_ns <= taken[column][round(number)] <= sample.first_byte_ns
+    assert {item.kind for item in items if isinstance(item, Fault)} == {FaultKind.SILENT, FaultKind.LATE}
+
+
+# --- what is named ---
+
+
+def _rtu(*content: int) -> bytes:
+    frame = bytes(content)
+    return frame + FramerRTU.compute_CRC(frame).to_bytes(2, "big")
+
+
+def _answer(unit: int, value: float) -> bytes:
+    return _rtu(unit, 4, 4, *struct.pack(">HH", *struct.unpack(">HH", struct.pack(">f", value))[::-1]))
+
+
+def _two(**changes: object) -> Script:
+    """Units 1 and 2, the first of which has just been asked."""
+    script = Script(daq.gauges.host([_unit(1, **changes), _unit(2, **changes)]))
+    assert script.wake().send == _rtu(1, 4, 0, 200, 0, 2)
+    return script
+
+
+def test_the_answer_of_another_unit_is_named_and_the_next_is_asked() -> None:
+    script = _two()
+    script.receive(_answer(9, 1.5))
+    (fault,) = script.taken()
+    assert isinstance(fault, Fault) and fault.kind is FaultKind.GARBLED
+    assert "unit 9, function 4 answers, where unit 1" in fault.detail and "gateway" in fault.detail
+    assert script.wake().send == _rtu(2, 4, 0, 200, 0, 2)
+
+
+def test_the_late_answer_of_a_silent_unit_is_not_that_of_the_next() -> None:
+    script = _two()
+    assert script.wake().wake_ns is not None
+    while not script.sent.endswith(_rtu(2, 4, 0, 200, 0, 2)):
+        script.wake()
+    script.taken()
+    script.receive(_answer(1, 1.5))
+    script.receive(_answer(2, 2.5))
+    late, sample = script.taken()
+    assert isinstance(late, Fault) and late.kind is FaultKind.LATE and "unit 1 answered too late" in late.detail
+    assert isinstance(sample, Sample) and math.isnan(sample.values[0]) and sample.values[1] == 2.5
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_another_master_is_named(alone: bool) -> None:
+    units = [_unit(1)] if alone else [_unit(1), _unit(2)]
+    asks, answers = _rtu(2, 3, 0, 16, 0, 4), _rtu(2, 3, 8, *range(8))
+    other = [(k * S // 7 + at, data) for k in range(7, 70) for at, data in ((0, asks), (3_000_000, answers))]
+    items = _simulated(daq.gauges.host(units), units, 10, SimulatedLine(LINE.character_ns, other=other))
+    named = _faults(items, FaultKind.STRANGER)
+    assert any("another master asks unit 2" in fault.detail for fault in named)
+    wanted = {0.01} if alone else {0.01, 0.02}
+    read = {round(value, 6) for sample in samples_of(items) for value in sample.values if math.isfinite(value)}
+    assert read == wanted
+
+
+def test_a_line_that_another_master_keeps_busy_is_named() -> None:
+    host = daq.gauges.host([_unit(1)])
+    other = [(k * S // 50, _rtu(2, 3, 0, 16, 0, 4)) for k in range(500)]
+    items = SimulatedLine(LINE.character_ns, other=other).run(
+        host, daq.gauges.device([_unit(1)], lambda _: [1.0]), 10 * S
+    )
+    assert any("disconnect the other master" in fault.detail for fault in _faults(items, FaultKind.LATE))
+
+
+@pytest.mark.parametrize("framing", ["rtu", "ascii"])
+@pytest.mark.parametrize("count", [1, 2])
+def test_an_adapter_that_echoes_does_no_harm(framing: str, count: int) -> None:
+    units = [_unit(number, framing=framing) for number in range(1, count + 1)]
+    line = SimulatedLine(LINE.character_ns, echo=True)
+    items = _simulated(daq.gauges.host(units), units, 10, line)
+    assert len(_samples(items, 0)) > 500 and not [item for item in items if isinstance(item, Fault)]
+
+
+def test_an_echo_in_single_bytes() -> None:
+    unit = _unit(1, address=0x0204, value={"address": 0x0204, "type": "int16"}, count=1)
+    script = Script(daq.gauges.host([unit]))
+    request = script.wake().send
+    for byte in request + _rtu(1, 4, 2, 0, 7):
+        script.receive(bytes([byte]))
+    (sample,) = script.taken()
+    assert isinstance(sample, Sample) and sample.values == (7.0,)
+
+
+def test_an_answer_that_is_intact_without_its_last_byte_is_whole() -> None:
+    """The checksum of this one ends in 0, and so does what is left of it."""
+    script = Script(daq.gauges.host([_unit(2, word_order="big", byte_order="little")]))
+    script.wake()
+    for byte in bytes.fromhex("02 04 04 84 3a 35 63 97 00"):
+        script.receive(bytes([byte]))
+    (sample,) = script.taken()
+    assert isinstance(sample, Sample) and sample.size == 9
+
+
+def test_a_gateway_is_asked_with_one_numbering() -> None:
+    script = Script(daq.gauges.host([_unit(1, port=TCP), _unit(2, port=TCP)]))
+    requests = [script.wake().send]
+    for number in range(1, 6):
+        unit = 2 - number % 2
+        content = bytes([unit, 4, 4]) + _answer(unit, unit / 4)[3:7]
+        requests.append(script.receive(struct.pack(">HHH", number, 0, len(content)) + content).send)
+    assert [request[:2] for request in requests] == [number.to_bytes(2, "big") for number in range(1, 7)]
+    assert [request[6] for request in requests] == [1, 2, 1, 2, 1, 2]
+    values = [sample.values for sample in samples_of(script.taken())]
+    assert [values[0][0], values[1][1]] == [0.25, 0.5] and len(values) == 5
+
+
+def test_two_probes_of_one_orbit_unit() -> None:
+    probes = [
+        gauge("solartron_orbit", parameter=2, status_parameter=3),
+        gauge("solartron_orbit", parameter=8, status_parameter=9),
+    ]
+    device = daq.gauges.device(probes, lambda now_ns: [0.25, -0.75])
+    items = SimulatedLine(LINE.character_ns).run(daq.gauges.host(probes), device, 10 * S)
+    assert {s.values[0] for s in _samples(items, 0)} == {0.25} and {s.values[1] for s in _samples(items, 1)} == {-0.75}
+    assert not [item for item in items if isinstance(item, Fault)]
+    assert abs(device.sent - len(samples_of(items))) <= 2
+
+
+# --- on a real line ---
+
+
+def _wired(units: Sequence[ModbusMap], served: Sequence[ModbusMap], seconds: float) -> list[Item]:
+    """What the host makes of units on a pty at the pace of the line."""
+    line, stop, items = PtyLine.open(LINE), Event(), list[Item]()
+    device = daq.gauges.device(served, lambda now_ns: [unit.unit / 100 for unit in served])
+    serve = Thread(target=run_conversation, args=(line, device, lambda _: None, stop.is_set))
+    serve.start()
+    link = open_link("g1", line.port, LINE)
+    until = monotonic() + seconds
+    ended: Callable[[], bool] = lambda: monotonic() > until  # noqa: E731
+    try:
+        run_conversation(link, daq.gauges.host(units), items.extend, ended)
+    finally:
+        link.close()
+        stop.set()
+        serve.join()
+        line.close()
+    return items
+
+
+def test_eight_units_on_a_pty_at_115200() -> None:
+    items = _wired(_eight(), _eight(), 3.0)
+    counts = Counter({column: len(_samples(items, column)) for column in range(UNITS)})
+    mean = counts.total() / UNITS
+    assert mean > 20 and all(abs(count - mean) <= max(FAIR * mean, 1) for count in counts.values())

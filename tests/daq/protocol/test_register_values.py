@@ -1,0 +1,193 @@
+"""Numbers in Modbus registers: every type in every order, and numbers that no gauge reads."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import numpy as np
+import pytest
+
+import daq.gauges
+from daq.protocol.conversation import Fault, FaultKind, Sample
+from daq.protocol.register_values import fits, pack, unpack
+from rigs.schema.modbus import ModbusMap, ValueRegister
+from tests.support.drivers import PLAIN, TCP, gauge, keyence, modbus
+from tests.support.simulated_conversation import Script, asked
+
+NUMPY = {"int": "i", "uint": "u", "float": "f"}
+VALUES = {
+    "int16": -12345,
+    "uint16": 54321,
+    "float16": -1.5,
+    "int32": -123456789,
+    "uint32": 4123456789,
+    "float32": 69.743003845,
+    "int64": -1234567890123456,
+    "uint64": 2**63 + 2**20,
+    "float64": -1.2345678901,
+}
+ORDERS = [("big", "big"), ("big", "little"), ("little", "big"), ("little", "little")]
+
+
+def _laid(number: float, kind: str, word_order: str, byte_order: str) -> list[int]:
+    """The registers of a number, by numpy."""
+    name, bits = kind[:-2], int(kind[-2:])
+    data = np.array([number], dtype=f">{NUMPY[name]}{bits // 8}").tobytes()
+    words = [data[k : k + 2] for k in range(0, len(data), 2)]
+    ordered = words if word_order == "big" else words[::-1]
+    return [int.from_bytes(word, byte_order) for word in ordered]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("word_order", "byte_order"), ORDERS)
+@pytest.mark.parametrize("kind", VALUES)
+def test_every_type_in_every_order(kind: str, word_order: str, byte_order: str) -> None:
+    value = ValueRegister.model_validate({"address": 203, "type": kind})
+    block = modbus(value=value, word_order=word_order, byte_order=byte_order, **PLAIN)
+    registers = [0xAAAA] * block.count
+    laid = _laid(VALUES[kind], kind, word_order, byte_order)
+    registers[3 : 3 + len(laid)] = laid
+    assert unpack(registers, value, block) == pytest.approx(VALUES[kind], rel=1e-7 if kind == "float32" else 1e-15)
+    packed = [0xAAAA] * block.count
+    pack(packed, value, block, VALUES[kind])
+    assert packed == registers
+
+
+@pytest.mark.parametrize(
+    ("kind", "most", "too_much"),
+    [
+        ("int16", 32767, 32768),
+        ("uint16", 65535, 65536),
+        ("int64", 2.0**63 - 1024, 2.0**63),
+        ("uint64", 2.0**64 - 2048, 2.0**64),
+        ("float16", 65504, 65505),
+        ("float32", 3.4028234e38, 3.5e38),
+        ("float64", 1.7e308, math.inf),
+        ("uint32", 0, -1),
+    ],
+)
+def test_what_a_type_can_hold(kind: str, most: float, too_much: float) -> None:
+    register = ValueRegister.model_validate({"address": 202, "type": kind})
+    assert fits(most, register) and not fits(too_much, register) and not fits(math.nan, register)
+    pack([0] * 13, register, modbus(), most)
+
+
+def _read(gauge_: ModbusMap, registers: list[int]) -> Sample | Fault:
+    """What becomes of an answer with these registers."""
+    script = asked(daq.gauges.host([gauge_]))
+    content = struct.pack(f">BBB{len(registers)}H", 1, 4, 2 * len(registers), *registers)
+    script.receive(struct.pack(">HHH", 1, 0, len(content)) + content)
+    (item,) = script.taken()
+    assert isinstance(item, Sample | Fault)
+    return item
+
+
+def _float_gauge(**changes: object) -> ModbusMap:
+    value = {"address": 200, "type": "float32"}
+    return modbus(port=TCP, count=2, word_order="big", value=value, **PLAIN, **changes)
+
+
+def _swapped(value_mm: float) -> list[int]:
+    return _laid(value_mm, "float32", "big", "little")
+
+
+@pytest.mark.parametrize("value_mm", [0.3, 0.8, 69.743, 1.0])
+def test_swapped_bytes_are_a_fault_that_names_the_order(value_mm: float) -> None:
+    item = _read(_float_gauge(), _swapped(value_mm))
+    assert isinstance(item, Fault) and item.kind is FaultKind.GARBLED
+    assert f"{value_mm:.4g} mm with byte_order: little" in item.detail
+    good = _read(_float_gauge(byte_order="little"), _swapped(value_mm))
+    assert isinstance(good, Sample) and good.values == pytest.approx((value_mm,))
+
+
+def test_swapped_bytes_within_any_length_are_out_of_the_stated_range() -> None:
+    """12.34 mm would be 3098 mm, which only the range of the gauge excludes."""
+    assert isinstance(_read(_float_gauge(), _swapped(12.34)), Sample)
+    item = _read(_float_gauge(range_mm=(-20, 20)), _swapped(12.34))
+    assert isinstance(item, Fault) and item.kind is FaultKind.DEVICE_ERROR
+    assert "-20 to 20 mm" in item.detail and "range_mm" in item.detail
+
+
+def _answered(script: Script, registers: list[int]) -> Sample | Fault | None:
+    """What becomes of one answer in a conversation that goes on; None for a fault that is merged with others."""
+    while not script.step.send:
+        script.wake()
+    script.taken()
+    content = struct.pack(f">BBB{len(registers)}H", 1, 4, 2 * len(registers), *registers)
+    script.receive(script.step.send[:4] + len(content).to_bytes(2, "big") + content)
+    return next((item for item in script.taken() if isinstance(item, Sample | Fault)), None)
+
+
+@pytest.mark.parametrize(("word_order", "byte_order"), ORDERS[1:])
+def test_a_probe_in_a_wrong_order_that_moves_gives_no_readings(word_order: str, byte_order: str) -> None:
+    """A number in a wrong order can be a length by chance; after one that is none, the next are not believed."""
+    script = Script(daq.gauges.host([_float_gauge()]))
+    travel_mm = np.random.default_rng(5).permutation(np.linspace(-2, 2, 2001))
+    items = [_answered(script, _laid(float(v), "float32", word_order, byte_order)) for v in travel_mm]
+    passed = [place for place, item in enumerate(items) if isinstance(item, Sample)]
+    assert len(passed) < 20 and all(place < 20 for place in passed), "before the first that is no length"
+
+
+@pytest.mark.parametrize("value_mm", [0.0, -1.96e-16, 3e-8])
+def test_what_arithmetic_leaves_of_zero_is_a_reading(value_mm: float) -> None:
+    """A gauge that reckons in double precision may send its rounding error in single."""
+    item = _read(_float_gauge(), _laid(value_mm, "float32", "big", "big"))
+    assert isinstance(item, Sample) and item.values[0] == pytest.approx(value_mm, abs=1e-12)
+
+
+def test_a_probe_in_the_right_order_gives_all_its_readings_also_through_zero() -> None:
+    script = Script(daq.gauges.host([_float_gauge()]))
+    travel_mm = np.float32(0.3) - np.linspace(0.2, 0.4, 2001, dtype=np.float32)
+    items = [_answered(script, _laid(float(v), "float32", "big", "big")) for v in travel_mm]
+    assert all(isinstance(item, Sample) for item in items)
+
+
+def test_a_reading_at_the_limit_passes_and_one_beyond_is_left_out() -> None:
+    ranged = _float_gauge(range_mm=(-2, 2))
+    at_limit = _read(ranged, _laid(2.0, "float32", "big", "big"))
+    assert isinstance(at_limit, Sample) and at_limit.values == (2.0,)
+    assert isinstance(_read(ranged, _laid(2.001, "float32", "big", "big")), Fault)
+
+
+@pytest.mark.parametrize(
+    ("interface", "reply"),
+    [
+        ("tesa_tt", b"+0003.10\r\n"),
+        ("mahr_c1202", b"1 +003.1000 mm\r"),
+        ("mitutoyo_usb", b"01A+0003.100\r"),
+        ("cdi_iq", b"+  3.1000, MM\r\n"),
+        ("sylvac_opto_rs", b"+3.1\r"),
+    ],
+)
+def test_a_text_gauge_out_of_its_range(interface: str, reply: bytes) -> None:
+    for range_mm, kind in (((-4, 4), Sample), ((-3, 3), Fault)):
+        script = asked(daq.gauges.host([gauge(interface, range_mm=range_mm)]))
+        script.receive(reply)
+        (item,) = script.taken()
+        assert isinstance(item, kind)
+        assert isinstance(item, Sample) or "-3 to 3 mm" in item.detail
+
+
+def test_a_streamed_gauge_out_of_its_range() -> None:
+    script = Script(daq.gauges.host([gauge("sylvac_opto_rs", mode="continuous", range_mm=(-3, 3))]))
+    script.receive(b"+3.100\r+2.900\r")
+    fault, sample = script.taken()
+    assert isinstance(fault, Fault) and isinstance(sample, Sample) and sample.values == (2.9,)
+
+
+def test_one_head_out_of_its_range_leaves_the_other() -> None:
+    script = asked(daq.gauges.host([keyence(channel=1, range_mm=(-1, 1)), keyence(channel=2, range_mm=(-9, 9))]))
+    script.receive(b"M0,+01.100,+01.200\r\n")
+    sample, fault = script.taken()
+    assert isinstance(sample, Sample) and math.isnan(sample.values[0]) and sample.values[1] == 1.2
+    assert isinstance(fault, Fault) and fault.kind is FaultKind.DEVICE_ERROR
+
+
+def test_an_orbit_probe_out_of_its_range() -> None:
+    script = Script(daq.gauges.host([gauge("solartron_orbit", range_mm=(-1, 1))]))
+    device = daq.gauges.device([gauge("solartron_orbit")], lambda now_ns: [1.5])
+    sent = script.wake().send
+    for _ in range(2):
+        sent = script.receive(device.received(sent, 0).send).send
+    (item,) = script.taken()
+    assert isinstance(item, Fault) and "-1 to 1 mm" in item.detail

@@ -1,0 +1,90 @@
+"""Values of a test changed in the text of a rig file: these and nothing else, whatever the style it is written in."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+import yaml
+
+from rigs.edit import block_of, with_test
+from rigs.errors import FileError
+from rigs.load import SHIPPED, parse
+from rigs.problems import RigFileError
+
+UR10E = (SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")
+FANUC = (SHIPPED / "paper-fanuc.yaml").read_text(encoding="utf-8")
+VALUES = {
+    "centre_mm": [-600.125, -210.5, 240.0],
+    "normal": [0.1, 0.05, 0.993],
+    "zero": [0.0, 1.0, 0.0],
+    "radius_mm": 65.123,
+    "posture_deg": [1.5, -80.0, 100.0, 50.0, 80.0, 100.0],
+}
+
+
+def circle_in(text: str) -> dict:
+    return yaml.safe_load(text)["tests"]["circle"]
+
+
+def without_tests(text: str) -> str:
+    return text.partition("\ntests:\n")[0] + "\n"
+
+
+@pytest.mark.parametrize("text", [UR10E, FANUC, UR10E.replace("\n", "\r\n"), UR10E.rstrip("\n")])
+def test_only_the_values_change(text: str) -> None:
+    edited = with_test(text, "circle", VALUES, "cell.yaml")
+    before, after = yaml.safe_load(text), yaml.safe_load(edited)
+    assert {key: after["tests"]["circle"][key] for key in VALUES} == VALUES
+    before["tests"]["circle"] |= VALUES
+    assert after == before
+    assert [line for line in text.splitlines() if "#" in line and "centre_mm" not in line] == [
+        line for line in edited.splitlines() if "#" in line and "centre_mm" not in line
+    ]
+
+
+def test_the_comment_behind_a_changed_value_stays() -> None:
+    (line,) = [line for line in FANUC.splitlines() if "934.9 mm from axis 1" in line]
+    edited = with_test(FANUC, "circle", VALUES, "cell.yaml")
+    assert f"centre_mm: [-600.125, -210.5, 240] {line[line.index('#') :]}" in edited
+
+
+@pytest.mark.parametrize(
+    "tests",
+    [
+        "",
+        "tests: {}\n",
+        "tests: {repeatability: {targets: [1]}}\n",
+        "tests:\n  repeatability:\n    targets: [1] # the pole\n# the end\n",
+        "tests:\n  circle:\n  repeatability: {targets: [1]}\n",
+        "tests: {circle: null}\n",
+        "tests: {circle: {centre_mm: [1, 2, 3], posture_deg: [1, 2, 3, 4, 5, 6]}}\n",
+        "tests:\n  circle:\n    centre_mm:\n    - 1\n    - 2 # y\n    - 3\n    posture_deg: [1, 2, 3, 4, 5, 6]\n",
+    ],
+)
+def test_any_style_of_the_block_takes_the_values(tests: str) -> None:
+    text = without_tests(UR10E) + tests
+    edited = with_test(text, "circle", VALUES, "cell.yaml")
+    assert {key: circle_in(edited)[key] for key in VALUES} == VALUES
+    old, new = (parse(one, "cell.yaml") for one in (text, edited))
+    assert new.tests.repeatability == old.tests.repeatability and new.robot == old.robot
+    assert edited.startswith(without_tests(UR10E))
+    assert re.findall("#.*", edited) == re.findall("#.*", text)
+
+
+def test_a_value_that_another_place_shares_is_refused() -> None:
+    text = UR10E.replace("    centre_mm: [-650, -200, 250]", "    centre_mm: &here [-650, -200, 250]")
+    text = text.replace("    centre_mm: [-800, -200, 0]", "    centre_mm: *here")
+    assert text.count("*here") == 1
+    with pytest.raises(FileError, match="anchor"):
+        with_test(text, "circle", VALUES, "cell.yaml")
+
+
+def test_a_value_beyond_its_bounds_is_refused() -> None:
+    with pytest.raises(RigFileError, match="radius_mm"):
+        with_test(UR10E, "circle", VALUES | {"radius_mm": 5000.0}, "cell.yaml")
+
+
+def test_the_block_is_what_a_rig_file_takes() -> None:
+    text = without_tests(UR10E) + "tests:\n" + block_of("circle", VALUES, 2)
+    assert circle_in(text) == VALUES
