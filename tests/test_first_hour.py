@@ -14,7 +14,7 @@ from rigs.load import load, parse
 from tests.support.bench import BIN, Bench
 from tests.support.live_terminal import Terminal
 from tests.support.person import Person
-from tests.support.unknown_cells import Pushed, cell_text, make_it_stream
+from tests.support.unknown_cells import Pushed, cell_text, make_it_stream, named_robot
 
 PAGE = (Path(__file__).parents[1] / "docs" / "first-hour.md").read_text(encoding="utf-8")
 CELLS = {
@@ -23,12 +23,25 @@ CELLS = {
     "Modbus, KUKA RSI": ("modbus", "kuka"),
     "Micro-Epsilon, UR": ("micro_epsilon", "ur"),
 }
+LAPS = ("first-acw", "second-acw", "third-acw")
+"""A person drives another lap where one is refused."""
 ZEROS = ["--key", "g1.zero_mm=5", "--key", "g2.zero_mm=5"]
 
 
 def counted() -> dict[str, int]:
     """The keys that the page states, by cell."""
     return {name: int(keys) for name, keys in re.findall(r"^\| ([^|]+?) \| (\d+) \| \d+ \| \d+ \|$", PAGE, re.M)}
+
+
+def measured(bench: Bench, driven: EmulatedRobot, name: str) -> Path | None:
+    """Drive a lap and report it; None where the report refuses it for a gap, as a busy computer leaves."""
+    run = bench.record(name)
+    driven.start("acw")
+    assert driven.finished.wait(60)
+    assert bench.run("rig", "record", "stop").returncode == 0
+    done = bench.run("rig", "report", run, "--no-diagnosis", "-o", "first.html")
+    assert done.returncode == 0 or "the lap has no data from" in done.stderr, done.stderr
+    return run if done.returncode == 0 else None
 
 
 def test_the_page_lists_these_cells() -> None:
@@ -50,9 +63,15 @@ def test_from_an_unknown_cell_to_a_report(name: str, tmp_path: Path) -> None:
         if gauges == "micro_epsilon":
             for port in ports:
                 make_it_stream(port, b"OUTPUT RS422\n")
-        # The page's own `rig init cell.yaml`, told where ptys are, and that the sensors' zero is in their middle.
-        options = [word for port in dict.fromkeys(ports) for word in ("--port", port)]
-        command = [BIN / "rig", "init", bench.rig, *options, *(ZEROS if gauges == "micro_epsilon" else [])]
+        # The page's own `rig init cell.yaml`, told what emulated ports do not show, and the sensors' zero.
+        options = [word for port in dict.fromkeys(ports) for word in ("--port", port)] + named_robot(robot)
+        command: list[str | Path] = [
+            BIN / "rig",
+            "init",
+            bench.rig,
+            *options,
+            *(ZEROS if gauges == "micro_epsilon" else []),
+        ]
         began_s = time.monotonic()
         with Terminal(command, 80, 60, {}) as terminal:
             person = Person(terminal)
@@ -73,12 +92,8 @@ def test_from_an_unknown_cell_to_a_report(name: str, tmp_path: Path) -> None:
         assert person.keys == counted()[name]
         bench.socket = tmp_path / "rigd" / "cell.sock"
         bench.start().all_reading()
-        run = bench.record("first-acw")
-        driven.start("acw")
-        assert driven.finished.wait(60)
-        assert bench.run("rig", "record", "stop").returncode == 0
-        done = bench.run("rig", "report", run, "--no-diagnosis", "-o", "first.html")
-        assert done.returncode == 0, done.stderr
+        run = next(filter(None, (measured(bench, driven, lap) for lap in LAPS)), None)
+        assert run is not None, "no lap was taken"
         figures = bench.run("rig", "analyse", run)
     print(f"{name}: {person.keys} keys, {took_s:.0f} s, with the report {time.monotonic() - began_s:.0f} s")
     assert (tmp_path / "first.html").stat().st_size > 10_000

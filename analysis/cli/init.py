@@ -158,9 +158,11 @@ def next_steps(rig_file: Path) -> list[str]:
             f"rig circle fit --live --rig {file} --write",
         ]
     maker = rig.feedback.interface.partition("_")[0]
+    known = maker in _MAKERS
     return [
         *begin,
-        f"rig program {file} --for {maker if maker in _MAKERS else '|'.join(_MAKERS)} --test circle -o programs",
+        f"rig program {file} --for {maker if known else _MAKERS[0]} --test circle -o programs"
+        + ("" if known else f"  # or {', '.join(_MAKERS[1:])}"),
         "rig record start first-acw --test yaw --direction acw",
         "# start the robot's program, at reduced speed",
         "rig record stop",

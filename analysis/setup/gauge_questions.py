@@ -19,6 +19,10 @@ from rigs.schema.part import Part
 _NAMES = ("g1", "g2")
 _MOST_SHOWN = 5
 """Readings that a line of 80 columns holds."""
+_WHICH_PORTS = """\
+A chosen port is listened to and then asked for readings. Leave out any that leads
+to another kind of machine: it may take a request for a command.
+Ports of the gauges: numbers, as 1,2, or all"""
 _SIDES = {"g1": "+", "g2": "-"}
 
 
@@ -69,16 +73,14 @@ def _ports(options: Options, dialogue: Dialogue) -> list[str]:
         return named
     for number, (port, description) in enumerate(here.items(), 1):
         dialogue.say(f"  {number} {port}{f' ({description})' if description else ''}")
-    dialogue.say("Each chosen port is listened to and then asked for readings. Leave out any that leads")
-    dialogue.say("to another kind of machine, which may take a request for a command.")
-    return dialogue.ask("Ports of the gauges: numbers, as 1,2, or all", "--port", partial(_selected, list(here)))
+    return dialogue.ask(_WHICH_PORTS, "--port", partial(_selected, list(here)))
 
 
 def _selected(here: Sequence[str], typed: str) -> list[str]:
     if typed.lower() == "all":
         return list(here)
     numbers = typed.replace(",", " ").split()
-    if not all(number.isdecimal() and 1 <= int(number) <= len(here) for number in numbers):
+    if not numbers or not all(number.isdecimal() and 1 <= int(number) <= len(here) for number in numbers):
         raise FileError(repr(typed), f"is not numbers from 1 to {len(here)}", "type them as 1,2, or type all")
     return [here[place] for place in dict.fromkeys(int(number) - 1 for number in numbers)]
 

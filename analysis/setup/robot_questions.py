@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from textwrap import fill
 from typing import Any
 
-from analysis.geometry.feasible import feasible_tests
 from analysis.setup.answers import Answers
 from analysis.setup.arms import chosen_arm
 from analysis.setup.circle import circle_from_start
@@ -21,12 +21,13 @@ from rigs.rig import Rig
 from rigs.schema.feedback import Feedback
 from rigs.schema.robot import Pose
 
-_ADDRESS = (
-    "Robot: its host name or IP address (Universal Robots); tcp://HOST:PORT of a\n"
-    "program that prints its joints; udp://HOST:60015 (FANUC Stream Motion); or\n"
-    "udp://ADDRESS:PORT of this computer, which the controller calls (KUKA RSI, ABB EGM)\n"
-    "Robot"
-)
+_COLUMNS = 79
+_ADDRESS = """\
+Robot: its host name or IP address (Universal Robots);
+  tcp://HOST:PORT, or a serial port, of a program that prints its joints;
+  udp://HOST:60015 of FANUC's Stream Motion;
+  udp://ADDRESS:PORT of this computer, which KUKA RSI or ABB EGM calls
+Robot"""
 
 
 def ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
@@ -91,7 +92,10 @@ def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
         chosen_arm(name)
         return name
 
-    question = f"Arm: {', '.join(_likely_arms(answers))}, or a file with a section robot"
+    arms = fill(
+        ", ".join(_likely_arms(answers)), _COLUMNS, break_on_hyphens=False, initial_indent="  ", subsequent_indent="  "
+    )
+    question = f"Arm: its name in the library, or a file with a section robot\n{arms}\nArm"
     given = options.arm or answers.arm
     name = read(given) if given else dialogue.ask(question, "--arm", read)
     return answers.model_copy(update={"arm": name})
@@ -138,12 +142,12 @@ def ask_circle(answers: Answers, options: Options, dialogue: Dialogue, rig: Rig)
             raise FileError(repr(answer), "is not y or n", "type y or n")
         joints_deg = joints_of(rig.feedback)
         circle = circle_from_start(rig.robot, joints_deg, options.radius_mm)
-        tests = rig.tests.model_copy(update={"circle": circle})
-        for line in feasible_tests(rig.model_copy(update={"tests": tests})):
-            dialogue.say(f"  {line}")
         return answers.model_copy(update={"circle": circle, "circle_later": False})
 
     if options.circle_here is not None:
         return read("y" if options.circle_here else "n")
-    question = "Does the robot stand at the start of its circle, ball link on? y or n"
+    question = (
+        f"The circle has a radius of {options.radius_mm:g} mm; --radius-mm gives another.\n"
+        "Does the robot stand at the start of its circle, ball link on? y or n"
+    )
     return dialogue.ask(question, "--circle-here", read, "n")

@@ -75,17 +75,23 @@ def search(wanted: Wanted, progress: Progress) -> list[PortReport]:
         found[port] = search_port(port, here.get(port, ""), wanted, progress, stop)
 
     threads = [threading.Thread(target=one, args=(port,), name=f"search {port}") for port in wanted.ports]
-    for thread in threads:
-        thread.start()
     try:
+        for thread in threads:
+            thread.start()
         for thread in threads:
             thread.join()
     except BaseException:
         stop.set()
-        for thread in threads:
-            thread.join()
+        join_started(threads)
         raise
     return [found[port] for port in wanted.ports]
+
+
+def join_started(threads: Sequence[threading.Thread]) -> None:
+    """Wait for the threads that have begun; one that still begins sees at once that it has to stop."""
+    for thread in threads:
+        if thread.is_alive():
+            thread.join()
 
 
 def search_port(port: str, description: str, wanted: Wanted, progress: Progress, stop: threading.Event) -> PortReport:

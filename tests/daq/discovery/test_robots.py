@@ -27,8 +27,9 @@ DEGREES = [0.5, -70.0, 100.0, 55.25, 84.5, 107.75]
 def test_the_robot_of_a_cell_is_found(kind: str) -> None:
     with switched_on("tesa", kind) as unknown:
         unknown.hand.deg = DEGREES
-        named = {**ROBOTS[kind], "port": unknown.robot} if unknown.robot_is_named else None
-        report = search_robot(unknown.robot, named and TypeAdapter(Feedback).validate_python(named))
+        fields = {**ROBOTS[kind], "port": unknown.robot}
+        named = TypeAdapter(Feedback).validate_python(fields) if unknown.robot_is_named else None
+        report = search_robot(unknown.robot, named)
         assert report.feedback is not None, report
         assert joints_of(report.feedback) == pytest.approx(DEGREES, abs=1e-4)
     assert report.feedback.interface == ROBOTS[kind]["interface"]

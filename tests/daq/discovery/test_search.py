@@ -138,6 +138,16 @@ def test_a_silent_port_and_one_that_babbles() -> None:
     assert "bytes arrived" in something.problem and "rig interfaces" in something.remedy
 
 
+def test_a_request_that_nothing_answers_is_sent_once_at_each_line() -> None:
+    silent, said = PtyLine.open(Line.model_validate("9600 8N1"), paced=False), list[str]()
+    tried = [attempt for attempt in attempts(silent.port) if attempt.request == b"?\r"][:4]
+    try:
+        search(Wanted((silent.port,), {silent.port: tried}, LISTEN_S), said.append)
+    finally:
+        silent.close()
+    assert len({str(attempt.line) for attempt in tried}) == len(said) < len(tried)
+
+
 def test_a_port_keeps_the_settings_that_it_had() -> None:
     with switched_on("tesa") as unknown:
         (port,) = unknown.gauge_ports
@@ -157,9 +167,7 @@ def test_ctrl_c_ends_the_search_and_leaves_the_port_as_it_was() -> None:
         try:
             before = termios.tcgetattr(fd)
             with pytest.raises(KeyboardInterrupt):
-                search(
-                    Wanted((port,), listen_s=LISTEN_S), lambda doing: signal.raise_signal(signal.SIGINT)
-                )
+                search(Wanted((port,), listen_s=LISTEN_S), lambda doing: signal.raise_signal(signal.SIGINT))
             assert termios.tcgetattr(fd) == before
         finally:
             os.close(fd)
