@@ -59,7 +59,7 @@ class Columns:
     """
 
     def __init__(self, linear: Linearisation, candidates: Sequence[Candidate]) -> None:
-        every = [form for one in candidates for form in _in_each_shape(one)]
+        every = [form for one in candidates for form in in_each_shape(one)]
         sizes = np.repeat([one.size for one in every], [len(one.effects) for one in every])
         columns = linear.columns([effect for one in every for effect in one.effects]) / sizes
         self.not_seen, kept, columns = _detectable(every, columns)
@@ -117,6 +117,6 @@ def _detectable(every: Sequence[Candidate], columns: Array) -> tuple[tuple[str, 
     return hidden, kept, columns[:, np.repeat(shows, widths)]
 
 
-def _in_each_shape(one: Candidate) -> list[Candidate]:
+def in_each_shape(one: Candidate) -> list[Candidate]:
     """Return a candidate and its variants in other shapes."""
     return [one, *(replace(one, effects=(effect,)) for effect in one.shaped)]
