@@ -20,8 +20,8 @@ _NAMES = ("g1", "g2")
 _MOST_SHOWN = 5
 """Readings that a line of 80 columns holds."""
 _WHICH_PORTS = """\
-A chosen port is listened to and then asked for readings. Leave out any that leads
-to another kind of machine: it may take a request for a command.
+A chosen port is listened to and then asked for readings. Leave out any that
+leads to another kind of machine: it may take a request for a command.
 Ports of the gauges: numbers, as 1,2, or all"""
 _SIDES = {"g1": "+", "g2": "-"}
 

@@ -47,11 +47,11 @@ ROBOTS: dict[str, dict[str, Any]] = {
 }
 
 
-def cell_text(gauges: str, robot: str) -> str:
-    """The rig file of such a cell: what the cell is, and what rig init does not see."""
+def cell_text(gauges: str, robot: str, speed_mm_s: float = 25) -> str:
+    """The rig file of such a cell, with the speed of its circle: what the cell is, and what rig init does not see."""
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     data["name"] = "unknown"
-    data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": 25}
+    data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": speed_mm_s}
     data["feedback"] = ROBOTS[robot]
     data["gauges"] = {
         f"g{number}": {"port": f"/dev/{number}", **gauge, "offset_mm": 25 if number == 1 else -25}
