@@ -16,8 +16,8 @@ from rigs.text import plain
 
 _BASELINE_MM = 50.0
 _NO_CIRCLE = """\
-# No circle yet. Put the ball link on, lead the robot to the start of the circle with the tool's z axis towards the
-# ball, and write centre, normal, radius and posture here:
+# No circle yet. Put the ball link on, lead the robot around the ball with the tool's z axis towards it, and let
+# `rig circle fit --live --rig FILE --write` write the circle here; or write it by hand:
 # tests:
 #   circle: {centre_mm: [x, y, z], normal: [0, 0, 1], radius_mm: 70, posture_deg: [q1, q2, q3, q4, q5, q6]}"""
 _CIRCLE = "from where the robot stood at its start, with the nominal arm: within some mm"
