@@ -1,8 +1,9 @@
-"""A rig file with other values of a test: the text as it was, comments and all, and only these values changed.
+"""A rig file with some values changed: the text as it was, comments and all, and only these values changed.
 
-YAML's nodes say where in the text each value stands. Numbers are replaced one by one in their places, and keys that are
-missing come first in their mapping, whichever style it is written in. What comes of it is read again and held against
-what was asked for, so that a style in which one place is used twice (anchors) is refused instead of half changed.
+YAML's nodes say where in the text each value stands. Numbers are replaced one by one in their places; keys that are
+missing come first in their mapping, whichever style it is written in, and at the end of the file where they are the
+file's own. What comes of it is read again and held against what was asked for, so that a style in which one place is
+used twice (anchors) is refused instead of half changed.
 """
 
 from __future__ import annotations
@@ -18,76 +19,100 @@ from rigs.load import parse
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
 
+Keys = tuple[str, ...]
+"""The way to a value: ("tests", "circle", "radius_mm")."""
+Value = float | str | Sequence[float]
 Values = Mapping[str, float | Sequence[float]]
 """Keys of a test with their numbers, in the units of the file."""
 _Edit = tuple[int, int, str]
 """Where a piece of the text begins and ends, and what takes its place."""
 
 
-def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, where: str) -> str:
-    """The text of a rig file with other values in a test, which is added if it is missing.
+def with_values(
+    text: str, values: Mapping[Keys, Value], wanted: Rig, where: str, remedy: str = "write them out in the file"
+) -> str:
+    """Return the text of a rig file with other values, checked to be the rig that is wanted.
 
-    Raises RigFileError where a value is beyond its bounds, FileError where the text cannot be changed in place."""
-    wanted = _wanted(text, test, values, where)
+    Raises FileError with this remedy where the text cannot be changed so: it uses one place twice, or is laid out in an
+    unusual way."""
     edited = text
-    for begin, end, piece in sorted(_edits(text, test, values), reverse=True):
-        edited = edited[:begin] + piece + edited[end:]
+    for parent in dict.fromkeys(keys[:-1] for keys in values):
+        own = {keys[-1]: value for keys, value in values.items() if keys[:-1] == parent}
+        for begin, end, piece in sorted(_edits(edited, parent, own), reverse=True):
+            edited = edited[:begin] + piece + edited[end:]
     try:
         reached = parse(edited, where)
     except RigFileError:
         reached = None
     if reached != wanted:
-        what = f"tests.{test} is written in a way that cannot be changed in place (an anchor, or an unusual layout)"
-        raise FileError(where, what, "run the command without --write, and paste the block that it prints")
+        raise FileError(where, "shares values by an anchor, or is laid out so that they cannot be changed", remedy)
     return edited
 
 
+def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, where: str) -> str:
+    """Return the text of a rig file with other values in a test, to ten digits; the test is added if it is missing.
+
+    Raises RigFileError where a value is beyond its bounds, FileError where the text cannot be changed in place."""
+    rounded = {key: _rounded(value) for key, value in values.items()}
+    remedy = "run the command without --write, and paste the block that it prints"
+    changes = {("tests", test, key): value for key, value in rounded.items()}
+    return with_values(text, changes, _wanted(text, test, rounded, where), where, remedy)
+
+
 def block_of(test: str, values: Values, indent: int = 0) -> str:
-    """A test with its values as lines of a rig file, each line ended, indented by so many spaces."""
-    lines = [f"{test}:", *(f"  {key}: {_written(value)}" for key, value in values.items())]
-    return "".join(f"{' ' * indent}{line}\n" for line in lines)
+    """Return a test with its values, to ten digits, as lines of a rig file, each line ended, indented by so many
+    spaces."""
+    rounded = {key: _rounded(value) for key, value in values.items()}
+    return "".join(f"{' ' * indent}{line}\n" for line in _block((test,), rounded))
 
 
 def _wanted(text: str, test: str, values: Values, where: str) -> Rig:
     """The rig that the new text must stand for."""
     data = yaml.safe_load(text)
     tests = data.get("tests") or {}
-    # The numbers as they will be read.
-    own = {key: yaml.safe_load(_written(value)) for key, value in values.items()}
-    data["tests"] = {**tests, test: {**(tests.get(test) or {}), **own}}
+    data["tests"] = {**tests, test: {**(tests.get(test) or {}), **values}}
     try:
         return Rig.model_validate(data)
     except ValidationError as error:
         raise RigFileError(where, problems_of(error, data, None)) from None
 
 
-def _edits(text: str, test: str, values: Values) -> list[_Edit]:
-    root = yaml.compose(text, Loader=yaml.SafeLoader)
-    tests = _child(root, "tests")
-    if not isinstance(tests, yaml.MappingNode):
-        gap = "" if text.endswith("\n") else "\n"
-        return [(len(text), len(text), f"{gap}\ntests:\n{block_of(test, values, 2)}")]
-    block = _child(tests, test)
-    if block is None:
-        return [_added(tests, test, values)]
-    if not isinstance(block, yaml.MappingNode):  # null
-        gap = " " if block.start_mark.index == block.end_mark.index else ""
-        return [(block.start_mark.index, block.end_mark.index, gap + _flow(values))]
-    there = {key: _child(block, key) for key in values}
-    missing = {key: value for key, value in values.items() if there[key] is None}
-    edits = [_put_first(block, [f"{key}: {_written(value)}" for key, value in missing.items()])] if missing else []
-    for key, node in there.items():
-        if node is not None:
-            edits += _replaced(node, values[key])
+def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
+    """What changes where values of one mapping change."""
+    root = node = yaml.compose(text, Loader=yaml.SafeLoader)
+    for depth, key in enumerate(parent):
+        below = _child(node, key)
+        if below is None:
+            return [_added(text, root, node, parent[depth:], values)]
+        if not isinstance(below, yaml.MappingNode):  # null
+            gap = " " if below.start_mark.index == below.end_mark.index else ""
+            return [(below.start_mark.index, below.end_mark.index, gap + _flow(parent[depth + 1 :], values))]
+        node = below
+    there = {key: _child(node, key) for key in values}
+    missing = [f"{key}: {_written(values[key])}" for key, found in there.items() if found is None]
+    edits = [_put_first(node, missing)] if missing else []
+    for key, found in there.items():
+        if found is not None:
+            edits += _replaced(found, values[key])
     return edits
 
 
-def _added(tests: yaml.MappingNode, test: str, values: Values) -> _Edit:
-    """A test that was not there, as the first of them."""
-    if tests.flow_style:
-        return _put_first(tests, [f"{test}: {_flow(values)}"])
-    column = tests.start_mark.column
-    return _put_first(tests, block_of(test, values, column).strip().split("\n" + " " * column))
+def _added(text: str, root: yaml.Node, node: yaml.Node, keys: Keys, values: Mapping[str, Value]) -> _Edit:
+    """A branch that was not there: at the end of the file, or as the first of its mapping."""
+    assert isinstance(node, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
+    if node.flow_style:
+        return _put_first(node, [f"{keys[0]}: {_flow(keys[1:], values)}"])
+    lines = _block(keys, values)
+    if node is root:
+        gap = "" if text.endswith("\n") else "\n"
+        return len(text), len(text), gap + "\n" + "".join(f"{line}\n" for line in lines)
+    return _put_first(node, lines)
+
+
+def _block(keys: Keys, values: Mapping[str, Value]) -> list[str]:
+    """Values below these keys, a line each."""
+    above = [f"{'  ' * depth}{key}:" for depth, key in enumerate(keys)]
+    return [*above, *(f"{'  ' * len(keys)}{key}: {_written(value)}" for key, value in values.items())]
 
 
 def _put_first(mapping: yaml.MappingNode, entries: Sequence[str]) -> _Edit:
@@ -98,9 +123,13 @@ def _put_first(mapping: yaml.MappingNode, entries: Sequence[str]) -> _Edit:
     return start.index, start.index, "".join(f"{entry}\n{' ' * start.column}" for entry in entries)
 
 
-def _replaced(node: yaml.Node, value: float | Sequence[float]) -> list[_Edit]:
-    """Another number, or other numbers, in the place of a value."""
-    if isinstance(node, yaml.SequenceNode) and isinstance(value, Sequence) and len(node.value) == len(value):
+def _replaced(node: yaml.Node, value: Value) -> list[_Edit]:
+    """Another value in the place of one, or other numbers each in its place."""
+    if (
+        isinstance(node, yaml.SequenceNode)
+        and not isinstance(value, float | int | str)
+        and len(node.value) == len(value)
+    ):
         return [edit for child, part in zip(node.value, value, strict=True) for edit in _replaced(child, part)]
     return [(node.start_mark.index, node.end_mark.index, _written(value))]
 
@@ -111,12 +140,25 @@ def _child(node: yaml.Node | None, key: str) -> yaml.Node | None:
     return next((value for name, value in node.value if name.value == key), None)
 
 
-def _flow(values: Values) -> str:
-    return "{" + ", ".join(f"{key}: {_written(value)}" for key, value in values.items()) + "}"
+def _flow(keys: Keys, values: Mapping[str, Value]) -> str:
+    """Values below these keys, in braces."""
+    text = "{" + ", ".join(f"{key}: {_written(value)}" for key, value in values.items()) + "}"
+    for key in reversed(keys):
+        text = f"{{{key}: {text}}}"
+    return text
 
 
-def _written(value: float | Sequence[float]) -> str:
-    """A number, or several in brackets, as YAML reads them back."""
+def _rounded(value: float | Sequence[float]) -> float | list[float]:
+    return [float(f"{part:.10g}") for part in value] if isinstance(value, Sequence) else float(f"{value:.10g}")
+
+
+def _written(value: Value) -> str:
+    """A value as YAML reads it back, several numbers in brackets."""
+    if isinstance(value, str):
+        return yaml.safe_dump(value, width=10_000, allow_unicode=True).removesuffix("\n").removesuffix("\n...")
     if isinstance(value, Sequence):
         return f"[{', '.join(_written(part) for part in value)}]"
-    return f"{value:.10g}"
+    short = f"{value:.10g}"
+    if "e" in short or float(short) != value:  # YAML wants a point before an exponent
+        return yaml.safe_dump(float(value)).partition("\n")[0]
+    return short

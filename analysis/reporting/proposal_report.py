@@ -12,9 +12,9 @@ from rich.text import Text
 
 from analysis.diagnosis.judgement import Judgement
 from analysis.diagnosis.proposal import Proposal, ProposedCircle
-from analysis.reporting.changed_rig import Keys, with_values
 from analysis.reporting.plan_report import noise_in_words
 from analysis.reporting.wide_tables import whole
+from rigs.edit import Keys, Value, with_values
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -153,10 +153,10 @@ def _stem(rig: Rig, number: str) -> str:
     return f"{rig.name[:room]}-circle-{number}"
 
 
-def _changes(rig: Rig, other: Rig) -> dict[Keys, Any]:
+def _changes(rig: Rig, other: Rig) -> dict[Keys, Value]:
     """Return the values in which a rig with a proposed circle differs from the rig that it comes from."""
     before, after = _circle(rig), _circle(other)
-    changes: dict[Keys, Any] = {("name",): other.name}
+    changes: dict[Keys, Value] = {("name",): other.name}
     changes |= {("tests", "circle", key): value for key, value in after.items() if value != before[key]}
     if rig.robot.tool != other.robot.tool:
         changes["robot", "tool", "xyz_mm"] = list(other.robot.tool.xyz_mm)

@@ -1,16 +1,18 @@
-"""Values of a test changed in the text of a rig file: these and nothing else, whatever the style it is written in."""
+"""Values changed in the text of a rig file: these and nothing else, whatever the style it is written in."""
 
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import pytest
 import yaml
 
-from rigs.edit import block_of, with_test
+from rigs.edit import block_of, with_test, with_values
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.problems import RigFileError
+from rigs.rig import Rig
 
 UR10E = (SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")
 FANUC = (SHIPPED / "paper-fanuc.yaml").read_text(encoding="utf-8")
@@ -88,3 +90,52 @@ def test_a_value_beyond_its_bounds_is_refused() -> None:
 def test_the_block_is_what_a_rig_file_takes() -> None:
     text = without_tests(UR10E) + "tests:\n" + block_of("circle", VALUES, 2)
     assert circle_in(text) == VALUES
+
+
+def _wanted(text: str, **circle: Any) -> Rig:
+    rig = parse(text, "cell")
+    assert rig.tests.circle
+    tests = rig.tests.model_copy(update={"circle": rig.tests.circle.model_copy(update=circle)})
+    return rig.model_copy(update={"tests": tests})
+
+
+def test_only_the_lines_of_the_values_change() -> None:
+    text = with_values(FANUC, {("tests", "circle", "radius_mm"): 140.0}, _wanted(FANUC, radius_mm=140.0), "cell")
+    lines = list(zip(FANUC.splitlines(), text.splitlines(), strict=True))
+    assert [after.strip() for before, after in lines if before != after] == ["radius_mm: 140"]
+
+
+@pytest.mark.parametrize("flow", [False, True])
+def test_a_key_that_was_not_there_is_added(flow: bool) -> None:
+    bare = FANUC.replace("    speed_mm_s: 25\n", "")
+    if flow:
+        begin, end = bare.index("  circle:\n"), bare.index("  hemisphere:\n")
+        rows = [line.strip() for line in bare[begin:end].splitlines()[1:]]
+        bare = bare[:begin] + "  circle: {" + ", ".join(rows) + "}\n" + bare[end:]
+        bare = bare.replace(" # 934.9 mm from axis 1 at azimuth -5.39 deg, above the shoulder", "")
+    text = with_values(bare, {("tests", "circle", "speed_mm_s"): 100.0}, _wanted(bare, speed_mm_s=100.0), "cell")
+    assert text.count("speed_mm_s: 100") == 1
+
+
+def test_a_whole_branch_that_was_not_there_is_added() -> None:
+    bare = FANUC.replace("  tool: {xyz_mm: [0, 0, 327.3]} # flange to ball\n", "")
+    rig = parse(bare, "cell")
+    tool = rig.robot.tool.model_copy(update={"xyz_mm": (40.0, 0.0, 0.0)})
+    wanted = rig.model_copy(update={"robot": rig.robot.model_copy(update={"tool": tool})})
+    text = with_values(bare, {("robot", "tool", "xyz_mm"): [40.0, 0.0, 0.0]}, wanted, "cell")
+    assert "  tool:\n    xyz_mm: [40, 0, 0]\n  name: FANUC-like" in text
+
+
+def test_a_value_that_others_share_by_an_alias_is_refused() -> None:
+    shared = FANUC.replace("    radius_mm: 70", "    radius_mm: &r 70").replace(
+        "    radius_mm: 400", "    radius_mm: *r"
+    )
+    with pytest.raises(FileError, match="anchor"):
+        with_values(shared, {("tests", "hemisphere", "radius_mm"): 300.0}, parse(shared, "cell"), "cell")
+
+
+def test_numbers_keep_all_their_digits_and_words_their_quotes() -> None:
+    rig = parse(FANUC, "cell")
+    wanted = _wanted(FANUC, normal=(1e-5, 1 / 3, 1.0)).model_copy(update={"name": "true"})
+    values = {("name",): "true", ("tests", "circle", "normal"): [1e-5, 1 / 3, 1.0]}
+    assert rig != wanted == parse(with_values(FANUC, values, wanted, "cell"), "cell")
