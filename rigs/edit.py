@@ -55,7 +55,7 @@ def with_test(text: str, test: Literal["circle", "hemisphere"], values: Values, 
     Raises RigFileError where a value is beyond its bounds, FileError where the text cannot be changed in place."""
     rounded = {key: _rounded(value) for key, value in values.items()}
     remedy = "run the command without --write, and paste the block that it prints"
-    changes = {("tests", test, key): value for key, value in rounded.items()}
+    changes: dict[Keys, Value] = {("tests", test, key): value for key, value in rounded.items()}
     return with_values(text, changes, _wanted(text, test, rounded, where), where, remedy)
 
 
@@ -79,7 +79,9 @@ def _wanted(text: str, test: str, values: Values, where: str) -> Rig:
 
 def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
     """What changes where values of one mapping change."""
-    root = node = yaml.compose(text, Loader=yaml.SafeLoader)
+    root = yaml.compose(text, Loader=yaml.SafeLoader)
+    assert isinstance(root, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
+    node = root
     for depth, key in enumerate(parent):
         below = _child(node, key)
         if below is None:
@@ -97,9 +99,8 @@ def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
     return edits
 
 
-def _added(text: str, root: yaml.Node, node: yaml.Node, keys: Keys, values: Mapping[str, Value]) -> _Edit:
+def _added(text: str, root: yaml.Node, node: yaml.MappingNode, keys: Keys, values: Mapping[str, Value]) -> _Edit:
     """A branch that was not there: at the end of the file, or as the first of its mapping."""
-    assert isinstance(node, yaml.MappingNode)  # noqa: S101 - the text of a rig that was loaded
     if node.flow_style:
         return _put_first(node, [f"{keys[0]}: {_flow(keys[1:], values)}"])
     lines = _block(keys, values)
