@@ -32,20 +32,18 @@ TIMES, SIGMAS = 12.0, 12.0
 """A fault is of as many healthy sizes, and of as many standard uncertainties, whichever is more."""
 FAULTS = {
     "paper-fanuc": (
-        Fault("joint_offset", {"axis": 3}, 0.0),
-        Fault("link_geometry", {"axis": 4, "field": "a"}, 0.0),
         Fault("backlash", {"axis": 2}, 0.0),
         Fault("transmission_error", {"axis": 1}, 0.0, {"order": 8.0, "phase_deg": 40.0}),
         Fault("compliance", {"axis": 2}, 0.0, {"payload_kg": 5.0}),
         Fault("reversal_spike", {"axis": 2}, 0.0, {"decay_s": 0.3}),
+        Fault("thermal_growth", {}, 0.0, {"time_constant_s": 600.0}),
     ),
     "ur10e": (
         Fault("joint_offset", {"axis": 3}, 0.0),
         Fault("link_geometry", {"axis": 3, "field": "a"}, 0.0),
-        Fault("backlash", {"axis": 2}, 0.0),
-        Fault("transmission_error", {"axis": 1}, 0.0, {"order": 8.0, "phase_deg": 40.0}),
         Fault("link_geometry", {"axis": 5, "field": "d"}, 0.0),
         Fault("servo_lag", {"axis": 2}, 0.0),
+        Fault("wrist_coupling", {"from_axis": 4, "to_axis": 5}, 0.0),
     ),
 }
 

@@ -31,19 +31,40 @@ def correct(
             "(roll-pitch-yaw about fixed axes, in the world frame of the rig file); default: none."
         ),
     ] = None,
+    controller: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MAKER",
+            help="Controller for whose parameters the corrections are written: ur, fanuc, kuka, abb or yaskawa; "
+            "default: that of the robot feedback in the rig file.",
+        ),
+    ] = None,
+    scale: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NUMBERS",
+            help="Six numbers, separated by commas: signed counts per degree of each axis (fanuc, yaskawa), or its "
+            "gear ratio (abb); default: changes are given in degrees of the reading.",
+        ),
+    ] = None,
+    entered: Annotated[
+        bool, typer.Option("--entered", help="The controller has its entries already: targets are for it as it is now.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Write joint zeros, link constants and corrected targets, each only where the effects support it."""
 
     from analysis.cli.progress import progress_of  # noqa: PLC0415
+    from analysis.correction.controllers import controller_named, controller_of, scale_of  # noqa: PLC0415
     from analysis.correction.correct import correct_rig  # noqa: PLC0415
     from analysis.reporting import correction_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
+    name, factors = controller_named(controller) if controller else controller_of(rig), scale_of(scale)
     with progress_of("correcting"):
-        found = correct_rig(rig, path)
+        found = correct_rig(rig, path, name, factors, entered=entered)
         written = correction_report.write(found, directory)
     if as_json:
         say_json(correction_report.as_object(found, written))
@@ -51,3 +72,7 @@ def correct(
         PlainConsole().print(correction_report.as_table(found))
     for file in written:
         say(f"wrote {file}", err=True)
+    if name is None:
+        say("next: --controller ur, fanuc, kuka, abb or yaskawa writes the controller's own parameters", err=True)
+    if path:
+        say(f"next: send the controller to q1_deg … q6_deg of {written[-1]}", err=True)

@@ -1,20 +1,29 @@
-"""`rig plan RIG`: before any measurement, which effects a set of tests can detect and distinguish."""
+"""`rig plan RIG`: before any measurement, which effects a set of tests can detect and distinguish, and which circles
+would add what it cannot."""
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from analysis.cli import app
 from analysis.cli.commands import command
-from analysis.cli.console import say_json
+from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument
+
+if TYPE_CHECKING:
+    from rich.console import RenderableType
+
+    from rigs.rig import Rig
+    from rigs.schema.vocabulary import TestName
 
 _LEAST_COLUMNS = 80
 
 
-@command(app, "rig plan cell.yaml --tests yaw,radial --runs 5")
+@command(app, "rig plan cell.yaml --propose --minutes 60 -o circles")
 def plan(
     rig_file: RigArgument,
     tests: Annotated[
@@ -24,22 +33,75 @@ def plan(
     runs: Annotated[
         int, typer.Option(min=1, max=1000, help="Number of runs of each test, for circles in each direction.")
     ] = 3,
+    propose: Annotated[
+        bool, typer.Option("--propose", help="Propose circles that make testable what these tests cannot show.")
+    ] = False,
+    minutes: Annotated[
+        float, typer.Option(min=1, max=10_000, help="With --propose: time for the proposed circles, set-up included.")
+    ] = 60.0,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="With --propose: directory for a rig file of each circle; default: none."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Report which effects the tests can detect and distinguish, from which size on, and which test adds the most."""
 
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.diagnosis.plan import plan as planned  # noqa: PLC0415
     from analysis.diagnosis.plan import tests_named  # noqa: PLC0415
-    from analysis.reporting import plan_report  # noqa: PLC0415
-    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+    from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
-    rig, _ = load(rig_file)
+    if output and not propose:
+        raise FileError("--output", "is for proposed circles", "give --propose as well")
+    rig, text = load(rig_file)
+    named = tests_named(rig, tests)
+    if propose:
+        _propose(rig, text, named, runs, minutes, output, as_json=as_json)
+    else:
+        _plan(rig, named, runs, as_json=as_json)
+
+
+def _plan(rig: Rig, tests: Sequence[TestName], runs: int, *, as_json: bool) -> None:
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
+    from analysis.diagnosis.plan import plan as planned  # noqa: PLC0415
+    from analysis.reporting import plan_report  # noqa: PLC0415
+
     with progress_of("simulating the tests"):
-        found = planned(rig, tests_named(rig, tests), runs)
+        found = planned(rig, tests, runs)
     if as_json:
         say_json(plan_report.as_object(found))
     else:
-        # Narrower, sizes would be broken in two, and half of one reads like another.
-        PlainConsole(width=max(_LEAST_COLUMNS, PlainConsole().width)).print(plan_report.as_table(found))
+        _print(plan_report.as_table(found))
+
+
+def _propose(
+    rig: Rig, text: str, tests: Sequence[TestName], runs: int, minutes: float, output: Path | None, *, as_json: bool
+) -> None:
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
+    from analysis.correction.controllers import controller_of  # noqa: PLC0415
+    from analysis.diagnosis.proposal import propose as proposed  # noqa: PLC0415
+    from analysis.reporting import proposal_report  # noqa: PLC0415
+
+    if output:
+        proposal_report.hold_free(rig, output)
+    with progress_of() as progress:
+        found = proposed(rig, tests, runs, minutes, progress)
+    written = proposal_report.write(found, text, output) if output else []
+    if as_json:
+        say_json(proposal_report.as_object(found, written))
+    else:
+        _print(proposal_report.as_table(found))
+    for path in written:
+        say(f"wrote {path}", err=True)
+    if written:
+        maker = controller_of(rig) or "MAKER"
+        say(f"next: rig program {written[0]} --for {maker} --test circle -o programs", err=True)
+    elif found.circles:
+        say("next: the same with -o DIR writes a rig file of each circle", err=True)
+
+
+def _print(table: RenderableType) -> None:
+    from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+
+    # Narrower, sizes would be broken in two, and half of one reads like another.
+    PlainConsole(width=max(_LEAST_COLUMNS, PlainConsole().width)).print(table)

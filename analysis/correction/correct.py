@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from analysis.correction.constants import Correction, joint_zeros, link_constants
+from analysis.correction.controller_entries import ControllerEntries, as_entered, controller_entries
+from analysis.correction.controllers import ControllerName
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
 from analysis.correction.support import Support, supports
 from analysis.correction.target_path import TargetPath, read_path
@@ -17,19 +20,28 @@ from rigs.rig import Rig
 
 @dataclass(frozen=True)
 class Corrections:
-    """What can be corrected: the effects with their use, zeros and constants, and, if a path was given, the path and
-    its corrected targets."""
+    """What can be corrected: the effects with their use, zeros and constants; at a controller, the entries in its
+    words; and, if a path was given, the path and its corrected targets."""
 
     rig: Rig
     effects: tuple[Support, ...]
     zeros: tuple[Correction, ...]
     constants: tuple[Correction, ...]
     path: tuple[Path, TargetPath, Corrected] | None
+    at_controller: ControllerEntries | None = None
 
 
-def correct_rig(rig: Rig, path: Path | None) -> Corrections:
-    """Return the corrections of a rig. Raises FileError for a rig without effects, and for a path that cannot be read
-    or reached."""
+def correct_rig(
+    rig: Rig,
+    path: Path | None,
+    controller: ControllerName | None = None,
+    scale: Sequence[float] | None = None,
+    *,
+    entered: bool = False,
+) -> Corrections:
+    """Return the corrections of a rig, at a controller where one is given, of which `scale` (6,) has the counts per
+    degree or gear ratios; `entered` states that the controller has its entries, so that targets are for it with them.
+    Raises FileError for a rig without effects, and for a path that cannot be read or reached."""
     if not rig.effects:
         raise FileError(
             rig.name, "has no effects to correct", "diagnose or calibrate it, and give the rig file written"
@@ -40,4 +52,10 @@ def correct_rig(rig: Rig, path: Path | None) -> Corrections:
         given = read_path(path)
         q = np.radians(given.values) if given.joints else angles_for(rig, given.poses(), given.lines, str(path))
         targets = path, given, corrected(rig, found, q, given.lines, str(path))
-    return Corrections(rig, tuple(found), tuple(joint_zeros(found)), tuple(link_constants(rig, found)), targets)
+    entries = controller_entries(rig, found, controller, scale) if controller else None
+    if entered and not (entries and targets):
+        raise FileError("--entered", "needs --path, and --controller or a feedback that names it", "give both")
+    if entered and entries and targets:
+        targets = targets[0], targets[1], as_entered(rig, targets[2], entries)
+    zeros, constants = joint_zeros(found), link_constants(rig, found)
+    return Corrections(rig, tuple(found), tuple(zeros), tuple(constants), targets, entries)

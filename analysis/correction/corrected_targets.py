@@ -8,21 +8,19 @@ compute with the nominal arm, so a corrected pose is the pose of the nominal arm
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
 from analysis.correction.left_out import left_out_mm
 from analysis.correction.support import Support
-from analysis.fitting.identifiability import parameter_label
+from analysis.correction.work import position_u_mm, tool_poses
 from analysis.fitting.joint_coverage import outside_effect_coverage
 from analysis.kinematics.arm import Arm, Array, arm_of, forward, pose_error
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
 from analysis.kinematics.newton import newton
-from analysis.model.hysteresis import Motion
-from analysis.model.predict import Model, Path, model_of, moved
+from analysis.model.predict import model_of
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
@@ -64,7 +62,7 @@ def corrected(rig: Rig, found: Sequence[Support], q: Array, lines: Sequence[int]
     wanted = forward(model.arm, q)
     command, angles = wanted.copy(), q
     for _ in range(_ROUNDS):
-        reached = _reached(model, angles)
+        reached = tool_poses(model, angles)
         if (np.abs(pose_error(reached, wanted)) * [1, 1, 1, 1e3, 1e3, 1e3]).max() < _REACHED:
             break
         command = command @ np.linalg.inv(reached) @ wanted
@@ -80,10 +78,10 @@ def corrected(rig: Rig, found: Sequence[Support], q: Array, lines: Sequence[int]
     return Corrected(
         angles,
         forward(model.arm, angles),
-        _distance(_reached(model, q), wanted),
+        _distance(tool_poses(model, q), wanted),
         tuple(map(label_of, rest)),
         left_out,
-        np.hypot(_uncertainty(model, used, angles), np.linalg.norm(left_out, axis=1)),
+        np.hypot(position_u_mm(rig, used, angles), np.linalg.norm(left_out, axis=1)),
         tuple(outside_effect_coverage([one.effect for one in used], angles, "an effect corrected here")),
     )
 
@@ -114,31 +112,6 @@ def _posture(rig: Rig, arm: Arm) -> Array:
             return np.radians(test.posture_deg)
     middle: Array = arm.limits.mean(axis=1)
     return middle
-
-
-def _reached(model: Model, q: Array) -> Array:
-    """Return the poses (n, 4, 4) of the real arm's tool at commanded angles q (n, 6) rad; none of these effects depends
-    on history."""
-    return moved(model, Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)))).T
-
-
-def _uncertainty(model: Model, used: Sequence[Support], q: Array) -> Array:
-    """Return the uncertainty (n,) mm from those of the effects, with the correlations in the rig file."""
-    base = _reached(model, q)[:, :3, 3]
-    names, moves = [], []
-    for k, one in enumerate(used):
-        effect: Any = one.effect
-        for field, sd in effect.found.sd.items():
-            effects = list(model.effects)
-            effects[k] = effect.model_copy(update={field: getattr(effect, field) + sd})
-            moves.append(_reached(replace(model, effects=tuple(effects)), q)[:, :3, 3] - base)
-            names.append((parameter_label(effect, field), effect.found.correlation))
-    squares = np.zeros(len(q))
-    for j, (_, known) in enumerate(names):
-        squares += (moves[j] ** 2).sum(axis=1)
-        for k, (other, _) in enumerate(names[:j]):
-            squares += 2 * known.get(other, 0.0) * (moves[j] * moves[k]).sum(axis=1)
-    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))
 
 
 def _distance(T: Array, other: Array) -> Array:

@@ -86,10 +86,13 @@ def read_path(path: Path) -> TargetPath:
 
 
 def write_path(path: TargetPath, found: Corrected, output: Path) -> None:
-    """Write the same table with corrected targets and their errors. Raises FileError where the file exists already."""
+    """Write the same table with corrected targets and their errors, and with the joint angles of targets given as
+    poses. Raises FileError where the file exists already."""
     values = np.degrees(found.q) if path.joints else _columns_of(found.T)
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
-    for name, corrected in zip(path.names, values.T, strict=True):
+    # A program takes the joint angles: they say in which of its postures the arm reaches a pose.
+    joints = dict(zip(JOINTS, np.degrees(found.q).T, strict=True))
+    for name, corrected in (dict(zip(path.names, values.T, strict=True)) | joints).items():
         columns[name] = (np.round(corrected, 7) + 0.0).tolist()  # no -0.0
     added = (found.missed_mm, np.linalg.norm(found.left_out_mm, axis=1), found.u_mm)
     columns |= {name: np.round(mm, 6).tolist() for name, mm in zip(ADDED, added, strict=True)}

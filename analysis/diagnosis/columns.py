@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,11 +56,11 @@ class Columns:
 
     `X` (N, p) has the columns of forms per healthy size, then those of set-ups per mm, then those of the scatter.
     `among` counts the forms of each name. `rows` lists the entries of each band, `K` (b, p, p) has the products of the
-    columns by band and `gram` (p, p) their sum.
+    columns by band.
     """
 
     def __init__(self, linear: Linearisation, candidates: Sequence[Candidate]) -> None:
-        every = [form for one in candidates for form in _in_each_shape(one)]
+        every = [form for one in candidates for form in in_each_shape(one)]
         sizes = np.repeat([one.size for one in every], [len(one.effects) for one in every])
         columns = linear.columns([effect for one in every for effect in one.effects]) / sizes
         self.not_seen, kept, columns = _detectable(every, columns)
@@ -96,7 +97,12 @@ class Columns:
         self.count: NDArray[np.int64] = np.bincount(band)
         self.rows = [np.flatnonzero(band == b) for b in range(len(self.count))]
         self.K = np.stack([self.X[rows].T @ self.X[rows] for rows in self.rows])
-        self.gram: Array = self.K.sum(axis=0)
+
+    @cached_property
+    def gram(self) -> Array:
+        """The products (p, p) of the whitened columns over all bands."""
+        found: Array = self.K.sum(axis=0)
+        return found
 
     def variance(self, level: float) -> Array:
         """Return the prior variance (p,) of the coefficients in an arm that has `level` times the healthy size of every
@@ -117,6 +123,6 @@ def _detectable(every: Sequence[Candidate], columns: Array) -> tuple[tuple[str, 
     return hidden, kept, columns[:, np.repeat(shows, widths)]
 
 
-def _in_each_shape(one: Candidate) -> list[Candidate]:
+def in_each_shape(one: Candidate) -> list[Candidate]:
     """Return a candidate and its variants in other shapes."""
     return [one, *(replace(one, effects=(effect,)) for effect in one.shaped)]

@@ -10,7 +10,8 @@ import numpy as np
 
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.columns import LARGEST_FAULT
-from analysis.diagnosis.expected_posterior import DETECTABLE, ExpectedPosterior, is_detectable
+from analysis.diagnosis.expected_posterior import ExpectedPosterior
+from analysis.diagnosis.form_posterior import DETECTABLE, is_detectable
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.separating_tests import SeparatingTest
 from analysis.kinematics.arm import Array

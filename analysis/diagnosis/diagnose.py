@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from analysis.diagnosis.diagnosis import Diagnosis, Gap, Named, NextTest
 from analysis.diagnosis.doubts import doubts_of_rig, doubts_of_runs
 from analysis.diagnosis.early_readings import early_readings
-from analysis.diagnosis.expected_posterior import is_separable
+from analysis.diagnosis.form_posterior import is_separable
 from analysis.diagnosis.link_swing import find_vibration
 from analysis.diagnosis.neighbourhoods import without_a_fold
 from analysis.diagnosis.observed_run import ObservedRun

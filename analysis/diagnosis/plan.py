@@ -1,8 +1,5 @@
 """The plan: which effects a set of tests can detect and distinguish before anything is measured, and which further test
 separates names that look alike.
-
-Two names look alike if one of them, at a detectable fault size, is so close to the other at some size that the odds
-between them dismiss neither.
 """
 
 from __future__ import annotations
@@ -10,17 +7,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from analysis.diagnosis.candidates import Candidate
-from analysis.diagnosis.detectability import Detectability, by_name, detectabilities_of, undetectable
-from analysis.diagnosis.expected_posterior import SEPARABLE, ExpectedPosterior, is_detectable, is_separable
+from analysis.diagnosis.detectability import Detectability, by_name, undetectable
+from analysis.diagnosis.expected_posterior import ExpectedPosterior
+from analysis.diagnosis.form_posterior import is_detectable, is_separable
+from analysis.diagnosis.judgement import Judgement, judged, separation_sigma
 from analysis.diagnosis.planned_runs import planned_blocks
 from analysis.diagnosis.separating_tests import PossibleTest, SeparatingTest, best_first, possible_tests
-from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
-from rigs.schema.effect import healthy, healthy_size, label_of, name_of, scaled
+from rigs.schema.effect import label_of, name_of
 from rigs.schema.vocabulary import CIRCLES, TestName
 
 
@@ -82,19 +77,17 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3) -> Plan:
     off centre, by the rig file's eccentricity_mm where given. Raises FileError where the arm cannot drive a test.
     """
     blocks, setups = planned_blocks(rig, tests, runs)
-    expected = ExpectedPosterior(blocks, setups)
-    chosen, detectabilities = detectabilities_of(expected)
-    near = _close_pairs(expected, chosen, detectabilities)
+    judgement = judged(ExpectedPosterior(blocks, setups))
     possible, impossible = possible_tests(rig, tests, blocks, setups, runs=runs)
-    further, gains = _further_tests(possible, near, undetectable(detectabilities))
+    further, gains = _further_tests(possible, judgement)
     return Plan(
         tuple(tests),
         runs,
-        tuple(replace(one, further=further.get(name_of(one.effect), ())) for one in detectabilities),
-        _groups([(name_of(one.first[0]), name_of(one.second[0])) for one in near]),
+        tuple(replace(one, further=further.get(name_of(one.effect), ())) for one in judgement.detectabilities),
+        _groups([one.names for one in judgement.pairs]),
         tuple(
             Pair((label_of(one.first[0]), label_of(one.second[0])), one.sigma, one.others, further[one.names])
-            for one in near
+            for one in judgement.pairs
         ),
         gains,
         tuple(impossible),
@@ -115,49 +108,6 @@ def tests_named(rig: Rig, names: str | None) -> tuple[TestName, ...]:
     return tuple(name for name in known if name in asked)
 
 
-@dataclass(frozen=True)
-class _ClosePair:
-    """The closest forms of two names at a detectable fault size, their separation in sigmas, and the number of other
-    forms of these names that are close too."""
-
-    first: tuple[Effect, ...]
-    second: tuple[Effect, ...]
-    sigma: float
-    others: int = 0
-
-    @property
-    def names(self) -> tuple[str, str]:
-        return name_of(self.first[0]), name_of(self.second[0])
-
-
-def _close_pairs(
-    expected: ExpectedPosterior, chosen: Sequence[Candidate], detectabilities: Sequence[Detectability]
-) -> list[_ClosePair]:
-    """Return the pairs of names separated by less than SEPARABLE in either direction, the closest first. Orders of one
-    gear are not rivals."""
-    detectable = [k for k, one in enumerate(detectabilities) if not one.hidden]
-    sizes = np.array(
-        [max(expected.least, detectabilities[k].limit / healthy_size(detectabilities[k].effect)) for k in detectable]
-    )
-    faults = [
-        tuple(scaled(healthy(effect), size) for effect in chosen[k].effects)
-        for k, size in zip(detectable, sizes, strict=True)
-    ]
-    found: dict[tuple[str, str], _ClosePair] = {}
-    for i, j in expected.close_pairs([chosen[k] for k in detectable], sizes):
-        one = _ClosePair(faults[i], faults[j], _separation_sigma(expected, faults[i], faults[j]))
-        if one.sigma < SEPARABLE:
-            known = found.get(one.names)
-            nearer = one if known is None or one.sigma < known.sigma else known
-            found[one.names] = replace(nearer, others=known.others + 1 if known else 0)
-    return sorted(found.values(), key=lambda one: one.sigma)
-
-
-def _separation_sigma(expected: ExpectedPosterior, first: Sequence[Effect], second: Sequence[Effect]) -> float:
-    """Return the sigmas by which two names are separated, whichever of them is present."""
-    return min(expected.separation_sigma(first, second), expected.separation_sigma(second, first))
-
-
 def _groups(pairs: Sequence[tuple[str, str]]) -> tuple[tuple[str, ...], ...]:
     """Return groups of names that are connected by pairs."""
     groups: list[list[str]] = []
@@ -169,17 +119,16 @@ def _groups(pairs: Sequence[tuple[str, str]]) -> tuple[tuple[str, ...], ...]:
 
 
 def _further_tests(
-    possible: Sequence[PossibleTest], near: Sequence[_ClosePair], hidden: Sequence[str]
+    possible: Sequence[PossibleTest], judgement: Judgement
 ) -> tuple[dict[str | tuple[str, str], tuple[SeparatingTest, ...]], tuple[Gain, ...]]:
     """Return the further tests for each pair of names and for each undetectable name, the best first, and what each
     test gains, the most first."""
+    hidden, near = judgement.undetectable, judgement.pairs
     asked: list[str | tuple[str, str]] = [*hidden, *(one.names for one in near)]
     further: dict[str | tuple[str, str], list[SeparatingTest]] = {one: [] for one in asked}
     gains = []
     for one in possible:
-        sigma: dict[str | tuple[str, str], float] = {
-            pair.names: _separation_sigma(one.expected, pair.first, pair.second) for pair in near
-        }
+        sigma: dict[str | tuple[str, str], float] = {pair.names: separation_sigma(one.expected, pair) for pair in near}
         parted = sum(map(is_separable, sigma.values()))
         sds = {name: one.expected.sd_of_name(name) for name in hidden}
         gains.append(Gain(one.test, one.why, parted, sum(map(is_detectable, sds.values()))))

@@ -64,8 +64,11 @@ def _about_one_rig(rig: Rig, runs: Sequence[Measured]) -> list[ObservedRun]:
     """Return the runs about a rig with their own circle and targets; set-ups are named by test, placement and cell."""
     cells: list[Rig] = []
     seen: list[ObservedRun] = []
+    of_rig = any(run.rig.robot == rig.robot for run in runs)
     for run in runs:
-        if run.rig.robot != rig.robot:
+        # A circle with the ball beside axis 6 has another tool on the same arm; a tool that no run has is a mistake.
+        robot = run.rig.robot.model_copy(update={"tool": rig.robot.tool}) if of_rig else run.rig.robot
+        if robot != rig.robot:
             raise FileError(
                 str(run.path),
                 f"is of another robot than {rig.name} ({_differing(run.rig, rig)})",

@@ -21,6 +21,7 @@ from analysis.correction.support import Support
 from analysis.correction.target_path import write_path
 from analysis.kinematics.arm import Array
 from analysis.measures.parameters import quantity_of
+from analysis.reporting import controller_report
 from analysis.reporting.wide_tables import whole
 from rigs.effects import size_field
 from rigs.errors import FileError
@@ -29,9 +30,10 @@ from rigs.schema.effect import label_of
 _REPORTED_MM = 1e-3
 """An effect that is not corrected is reported if it moves a target by at least this."""
 _HEAD = """\
-# Corrections for the cell {name} from the effects of its rig file, {date}. Use one of three ways for each effect:
+# Corrections for the cell {name} from the effects of its rig file, {date}. Use one of these ways for each effect:
 # joint_zeros: master each axis so that it reads `add_deg` more where it stands.
 # link_constants: enter these into the controller if it accepts them; dh.csv is the whole table.
+# controller: the same zeros and constants as changes of the controller's own parameters; either these or the above.
 # The corrected path: for a controller that keeps its zeros and constants. It contains all of these corrections.
 # u: standard uncertainty.
 """
@@ -49,6 +51,8 @@ def as_table(found: Corrections) -> RenderableType:
         effects.add_row(label_of(one.effect), _value(one), Text(_use(one), style=style), one.reason)
     parts: list[RenderableType] = [whole(effects)]
     parts += [Text(line) for line in _lines(found)]
+    if found.at_controller:
+        parts += [Text(), controller_report.as_table(found.at_controller)]
     return Group(*parts)
 
 
@@ -139,6 +143,7 @@ def _contents(found: Corrections) -> dict[str, Any]:
             }
             for one in found.effects
         ],
+        "controller": found.at_controller and controller_report.as_object(found.at_controller),
     }
 
 

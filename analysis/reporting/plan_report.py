@@ -15,7 +15,7 @@ from rich.text import Text
 from analysis.diagnosis.columns import LARGEST_FAULT
 from analysis.diagnosis.detectability import Detectability
 from analysis.diagnosis.diagnosis import ODDS
-from analysis.diagnosis.expected_posterior import DETECTABLE, SEPARABLE, is_detectable, is_separable
+from analysis.diagnosis.form_posterior import DETECTABLE, SEPARABLE, is_detectable, is_separable
 from analysis.diagnosis.plan import Pair, Plan
 from analysis.diagnosis.planned_runs import ASSUMED_JOINT_DEG, ASSUMED_UM
 from analysis.diagnosis.selection_state import FAULT

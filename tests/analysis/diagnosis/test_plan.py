@@ -15,7 +15,8 @@ from typer.testing import CliRunner
 from analysis.cli import app
 from analysis.diagnosis.background import Background
 from analysis.diagnosis.columns import Columns
-from analysis.diagnosis.expected_posterior import SEPARABLE, ExpectedPosterior, size_of
+from analysis.diagnosis.expected_posterior import ExpectedPosterior, size_of
+from analysis.diagnosis.form_posterior import SEPARABLE
 from analysis.diagnosis.plan import Plan, plan
 from analysis.diagnosis.planned_runs import planned_blocks
 from analysis.diagnosis.refine import refine

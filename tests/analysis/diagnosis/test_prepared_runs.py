@@ -12,6 +12,7 @@ from analysis.simulation.simulate import simulate
 from analysis.traces.loading import Measured
 from analysis.traces.tables import PoseTable
 from rigs.effects import Backlash, Effect, JointOffset
+from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import name_of
 from rigs.schema.vocabulary import Direction
@@ -40,6 +41,19 @@ def test_a_set_up_has_one_name_whatever_its_runs_are_used_for() -> None:
     (used, judges, unseen), told = prepare_runs(RIG, [first, _elsewhere(second)], [_elsewhere(third)], [fourth])
     assert [run.one.setup for run in (*used, *judges, *unseen)] == ["yaw", "yaw 2", "yaw 2", "yaw"]
     assert told == []
+
+
+def test_a_circle_with_another_tool_on_the_same_arm_is_a_set_up_and_not_a_robot() -> None:
+    """As `rig plan --propose` has it: the ball beside axis 6."""
+    run, like = circles(seed=34)[:2]
+    tool = RIG.robot.tool.model_copy(update={"xyz_mm": (40.0, 0.0, 327.3)})
+    beside = RIG.model_copy(update={"robot": RIG.robot.model_copy(update={"tool": tool})})
+    other = replace(measured(simulate(beside, "yaw", "acw", 35), "yaw", "yaw-acw-9"), rig=beside)
+    (used,), told = prepare_runs(RIG, [run, other])
+    assert [one.one.setup for one in used] == ["yaw", "yaw 2"] and told == []
+    assert [one.model.arm.T_flange_tool[0, 3] for one in used] == [0.0, 40.0]
+    with pytest.raises(FileError, match="another robot"):
+        prepare_runs(beside, [run, like])
 
 
 def test_runs_left_out_in_a_second_cell_judge_names() -> None:

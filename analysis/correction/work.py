@@ -1,0 +1,74 @@
+"""The work of a rig: the postures of its tests, at which the worth of a correction is computed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from analysis.correction.support import Support
+from analysis.fitting.identifiability import parameter_label
+from analysis.geometry.circle import frame_of
+from analysis.geometry.programs import drive, radial_program
+from analysis.kinematics.arm import Array, arm_of
+from analysis.model.hysteresis import Motion
+from analysis.model.predict import Model, Path, model_of, moved
+from rigs.effects import Effect
+from rigs.errors import FileError
+from rigs.rig import Rig
+
+_STEP_RAD = np.radians(15.0)
+"""Between postures on the circle. Chosen: the orders of a circle that zeros and link constants cause are below 4."""
+
+
+def work_angles(rig: Rig) -> Array:
+    """Return the joint angles (n, 6) rad of the rig's circle and of its hemisphere, each as far as the arm can drive
+    it, or the middle of the limits where it can drive neither."""
+    found = []
+    arm, circle, hemisphere = arm_of(rig.robot), rig.tests.circle, rig.tests.hemisphere
+    if circle:
+        phi = np.arange(0.0, 2 * np.pi, _STEP_RAD)
+        with suppress(FileError):  # `rig check` reports it
+            found.append(drive(arm, frame_of(circle), phi, np.radians(circle.posture_deg), rig.name))
+    if hemisphere:
+        with suppress(FileError):
+            q = radial_program(rig).q
+            found.append(q[: len(q) // hemisphere.visits])
+    return np.concatenate(found) if found else arm.limits.mean(axis=1)[None]
+
+
+def tool_poses(model: Model, q: Array) -> Array:
+    """Return the poses (n, 4, 4) of the real arm's tool at commanded angles q (n, 6) rad, for effects that do not
+    depend on history."""
+    return moved(model, Path(Motion(np.arange(len(q), dtype=float), q), np.arange(len(q)))).T
+
+
+def displaced_mm(rig: Rig, effects: Sequence[Effect], q: Array) -> Array:
+    """Return how far (n,) mm effects that do not depend on history displace the tool at joint angles q (n, 6) rad."""
+    with_effects, without = (tool_poses(model_of(rig, some), q)[:, :3, 3] for some in (effects, ()))
+    distance: Array = np.linalg.norm(with_effects - without, axis=1)
+    return distance
+
+
+def position_u_mm(rig: Rig, used: Sequence[Support], q: Array) -> Array:
+    """Return the standard uncertainty (n,) mm of the tool's position at joint angles q (n, 6) rad from those of some
+    effects, with the correlations in the rig file."""
+    model = model_of(rig, [one.effect for one in used])
+    base = tool_poses(model, q)[:, :3, 3]
+    names, moves = [], []
+    for k, one in enumerate(used):
+        effect: Any = one.effect
+        for field, sd in effect.found.sd.items():
+            effects = list(model.effects)
+            effects[k] = effect.model_copy(update={field: getattr(effect, field) + sd})
+            moves.append(tool_poses(replace(model, effects=tuple(effects)), q)[:, :3, 3] - base)
+            names.append((parameter_label(effect, field), effect.found.correlation))
+    squares = np.zeros(len(q))
+    for j, (_, known) in enumerate(names):
+        squares += (moves[j] ** 2).sum(axis=1)
+        for k, (other, _) in enumerate(names[:j]):
+            squares += 2 * known.get(other, 0.0) * (moves[j] * moves[k]).sum(axis=1)
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)))

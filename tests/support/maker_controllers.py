@@ -1,0 +1,106 @@
+"""Controllers of five makers with an arm whose faults they do not know: nothing here is of the product.
+
+A controller turns the counts of its encoders into joint angles by parameters of its own, and joint angles into a pose
+by its model of the arm. It drives to a pose by its own model; where the tool really stands follows from the true arm
+at the true joint angles. Kinematics are those of `independent_arm` (Craig) and, for Universal Robots, the classic
+Denavit-Hartenberg product that the maker publishes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+Forward = Callable[[Array], tuple[Array, Array]]
+"""Joint angles (6,) rad to the rotation (3, 3) and place (3,) mm of the flange."""
+
+
+@dataclass(frozen=True)
+class Mastered:
+    """A controller that counts: an axis reads (count - zero) / per_deg, in degrees, beside the reading at its zero.
+
+    zero, per_deg (6,): counts, and counts per degree with the sign of the motor; at_zero (6,) degrees that an axis
+    reads there: KUKA's $MAMES at the notch. true_zero (6,): the count at which the arm really has that angle.
+    """
+
+    model: Forward
+    true: Forward
+    zero: Array
+    per_deg: Array
+    at_zero: Array
+    true_zero: Array
+    true_at_zero: Array
+
+    def reading_deg(self, counts: Array) -> Array:
+        return (counts - self.zero) / self.per_deg + self.at_zero
+
+    def counts_at(self, reading_deg: Array) -> Array:
+        return (reading_deg - self.at_zero) * self.per_deg + self.zero
+
+    def stands(self, reading_deg: Array) -> tuple[Array, Array]:
+        """Where the flange really is with the joints reading so many degrees."""
+        link_deg = (self.counts_at(reading_deg) - self.true_zero) / self.per_deg + self.true_at_zero
+        return self.true(np.radians(link_deg))
+
+    def sent_to(self, R: Array, p: Array, near_deg: Array) -> tuple[Array, Array]:
+        """Where the flange really is when the controller believes it to be at a pose."""
+        return self.stands(np.degrees(solved(self.model, R, p, np.radians(near_deg))))
+
+
+@dataclass(frozen=True)
+class UniversalRobots:
+    """A controller that reads its joints absolutely and adds the deltas of calibration.conf to its constants.
+
+    a, d in metres, alpha in rad, each (6,), nominal; delta: by name of the file (6,), those that the controller has and
+    those of the real arm.
+    """
+
+    a: Array
+    alpha: Array
+    d: Array
+    delta: Mapping[str, Array]
+    real: Mapping[str, Array]
+
+    def flange(self, q: Array, delta: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Rotation and place in mm by the classic product: about z, along z, along x, about x."""
+        R, p = np.eye(3), np.zeros(3)
+        for k in range(6):
+            theta, alpha = q[k] + delta["delta_theta"][k], self.alpha[k] + delta["delta_alpha"][k]
+            p = p + R[:, 2] * (self.d[k] + delta["delta_d"][k])
+            R = R @ Rotation.from_euler("z", theta).as_matrix()
+            p = p + R[:, 0] * (self.a[k] + delta["delta_a"][k])
+            R = R @ Rotation.from_euler("x", alpha).as_matrix()
+        return R, 1e3 * p
+
+    def stands(self, reading_deg: Array) -> tuple[Array, Array]:
+        return self.flange(np.radians(reading_deg), self.real)
+
+    def sent_to(self, R: Array, p: Array, near_deg: Array) -> tuple[Array, Array]:
+        q = solved(lambda angles: self.flange(angles, self.delta), R, p, np.radians(near_deg))
+        return self.stands(np.degrees(q))
+
+    def with_added(self, name: str, index: int, value: float) -> UniversalRobots:
+        """The controller with a value of calibration.conf, counted from 1, raised."""
+        changed = self.delta[name].copy()
+        changed[index - 1] += value
+        return replace(self, delta={**self.delta, name: changed})
+
+
+NO_DELTA: dict[str, Array] = {f"delta_{name}": np.zeros(6) for name in ("theta", "a", "d", "alpha")}
+
+
+def solved(model: Forward, R: Array, p: Array, near: Array) -> Array:
+    """The joint angles (6,) rad at which a model of the arm has a pose, from angles near them."""
+
+    def away(q: Array) -> Array:
+        at_R, at_p = model(q)
+        turn = Rotation.from_matrix(at_R.T @ R).as_rotvec()
+        return np.concatenate([at_p - p, 500 * turn])
+
+    return np.asarray(least_squares(away, near, xtol=1e-14, ftol=1e-14, gtol=1e-14).x)
