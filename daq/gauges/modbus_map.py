@@ -30,9 +30,12 @@ from rigs.schema.modbus import ModbusMap, Order
 from rigs.schema.probe import MM_PER_UNIT
 
 _BELIEVED = 20
-"""A third of the numbers in a wrong order are lengths all the same; so many in a row are not by chance."""
+"""A third of the numbers in a wrong order are lengths all the same; so many in a row are not by chance.
+
+While the probe moves slowly they are not by chance either: there have to be as many as there were others, too.
+"""
 _FINE_MM = 1e-6
-"""A smaller number is hardly the reading of a gauge, and suggests no order."""
+"""A smaller number other than 0 is hardly the reading of a gauge: it suggests no order, and is doubted if it stays."""
 
 
 def host(gauges: Sequence[ModbusMap]) -> Host:
@@ -66,6 +69,8 @@ class _Readings:
         self._gauge = gauge
         self._mistrusted = 0
         """How many lengths have to come yet before the next one is believed."""
+        self._fine = True
+        """Whether the last number was below _FINE_MM; the first may not be so either."""
 
     def __call__(self, registers: Registers, message: Message, requested_ns: int) -> Sample | Fault:
         gauge, at_ns = self._gauge, message.last_byte_ns
@@ -76,10 +81,10 @@ class _Readings:
         if not math.isfinite(raw):
             return Fault(FaultKind.DEVICE_ERROR, at_ns, f"the gauge reads {raw}; check the head and `value`")
         value_mm = _mm(raw, gauge)
-        refused = refusal(value_mm, gauge)
+        refused = self._refusal(value_mm, registers)
         if refused and refused[0] is FaultKind.GARBLED:
-            self._mistrusted = _BELIEVED
-            return Fault(FaultKind.GARBLED, at_ns, refused[1] + _other_orders(registers, gauge))
+            self._mistrusted = max(_BELIEVED, self._mistrusted + 1)
+            return Fault(FaultKind.GARBLED, at_ns, refused[1])
         if self._mistrusted:
             self._mistrusted -= 1
             detail = (
@@ -91,20 +96,38 @@ class _Readings:
         clock_s = _clock_s(gauge, registers)
         return Sample((value_mm,), requested_ns, message.first_byte_ns, at_ns, message.size, clock_s, code)
 
+    def _refusal(self, value_mm: float, registers: Registers) -> tuple[FaultKind, str] | None:
+        """Return why the number is not believed: by itself, or as one below a nanometre that is not the only one.
+
+        A swapped number of a probe at rest may be as small as that again and again. A rounding error may be, too, but
+        hardly one that is a length in another order.
+        """
+        fine_before, self._fine = self._fine, 0 < abs(value_mm) < _FINE_MM
+        refused = refusal(value_mm, self._gauge)
+        if refused and refused[0] is not FaultKind.GARBLED:
+            return refused
+        if not refused and not (fine_before and self._fine):
+            return None
+        orders = _in_other_orders(registers, self._gauge)
+        if not refused and not orders:
+            return None
+        what = refused[1] if refused else f"{value_mm:.3g} mm, time after time, is no reading; check `units`"
+        would = f"; it would be {' or '.join(orders)}" if orders else ""
+        return FaultKind.GARBLED, f"{what}, `word_order`, `byte_order` and `value`{would}"
+
 
 def _mm(raw: float, gauge: ModbusMap) -> float:
     return (raw * gauge.value.scale + gauge.value.offset) * MM_PER_UNIT[gauge.units]
 
 
-def _other_orders(registers: Registers, gauge: ModbusMap) -> str:
-    """What else to check where the value is no length, with what it would be in the other orders."""
+def _in_other_orders(registers: Registers, gauge: ModbusMap) -> list[str]:
+    """Return what the value would be in the other orders, where that is a length."""
     found = []
     for orders in _orders_but(gauge):
         value_mm = _mm(unpack(registers, gauge.value, gauge.model_copy(update=orders)), gauge)
         if abs(value_mm) > _FINE_MM and refusal(value_mm, gauge) is None:
             found.append(f"{value_mm:.4g} mm with {', '.join(f'{key}: {order}' for key, order in orders.items())}")
-    would = f"; it would be {' or '.join(found)}" if found else ""
-    return f", `word_order`, `byte_order` and `value`{would}"
+    return found
 
 
 def _orders_but(gauge: ModbusMap) -> list[dict[str, Order]]:

@@ -53,11 +53,11 @@ class Layout(Protocol):
 
 def unpack(registers: Sequence[int], register: Register, layout: Layout) -> float:
     """Return one value of the block."""
+    number = _NUMBER[register.type]
     start = register.address - layout.address
-    words = registers[start : start + register.count]
+    words = registers[start : start + number.size // 2]
     in_order = words if layout.word_order == "big" else words[::-1]
-    data = _WORDS[layout.byte_order, len(words)].pack(*in_order)
-    value: float = _NUMBER[register.type].unpack(data)[0]
+    value: float = number.unpack(_WORDS[layout.byte_order, len(words)].pack(*in_order))[0]
     return value
 
 

@@ -14,7 +14,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 from daq.recording.rate_limited_log import RateLimitedLog
 from daq.store import RunWriter
-from daq.store.memory import keep_large_blocks_apart
+from daq.store.memory import keep_large_blocks_apart, load_all_of_arrow
 from daq.store.writer import Work
 
 _SYNC_S = 0.5
@@ -25,6 +25,7 @@ class IoWorker:
 
     def __init__(self, warnings: RateLimitedLog) -> None:
         keep_large_blocks_apart()
+        load_all_of_arrow()
         self._warnings = warnings
         self._thread = ThreadPoolExecutor(1, "disk")
         self._creator = ThreadPoolExecutor(1, "begin")

@@ -1,4 +1,4 @@
-"""Memory of a daemon that runs for months: what closing a chunk took is returned to the system."""
+"""Memory of a daemon that runs for months: what closing a chunk took is returned, and nothing is loaded later."""
 
 from __future__ import annotations
 
@@ -19,6 +19,14 @@ def keep_large_blocks_apart() -> None:
     """
     if mallopt := getattr(ctypes.CDLL(None), "mallopt", None):
         mallopt(_M_MMAP_THRESHOLD, _LARGE_BYTES)
+
+
+def load_all_of_arrow() -> None:
+    """Have Arrow import what it imports with its first array, before stamps and rows matter.
+
+    That is pandas, wherever it is installed: half a second of one core in the thread that drains the readers.
+    """
+    pa.array([0])
 
 
 def give_back() -> None:

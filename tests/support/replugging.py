@@ -86,6 +86,7 @@ def replug(folder: Path, kind: str, cycles: int, seed: int) -> Replugged:
         said.start()
         streams = list(bench.all_reading()["streams"])
         path = bench.record()
+        bench.until(lambda state: min(state["synced"].values()) > 0)  # the disk's thread begins with its first work
         before = _held(bench)
         hands = [_Hand(bench, name, cycles, random.Random(f"{seed} {name}")) for name in streams]
         for hand in hands:

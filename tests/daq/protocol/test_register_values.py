@@ -128,6 +128,27 @@ def test_a_probe_in_a_wrong_order_that_moves_gives_no_readings(word_order: str, 
     assert len(passed) < 20 and all(place < 20 for place in passed), "before the first that is no length"
 
 
+@pytest.mark.parametrize(("word_order", "byte_order"), ORDERS[1:])
+def test_a_slow_probe_in_a_wrong_order_gives_few_readings(word_order: str, byte_order: str) -> None:
+    """A circle moves a gauge by some 0.05 mm, so numbers in a wrong order are lengths for hundreds of readings."""
+    motion_mm = 0.05 * np.sin(np.linspace(0, 2 * np.pi, 1001)) + np.random.default_rng(5).normal(0, 0.0005, 1001)
+    shares = []
+    for middle_mm in np.linspace(-2.4, 2.4, 13):
+        script = Script(daq.gauges.host([_float_gauge(range_mm=(-2.5, 2.5))]))
+        items = [_answered(script, _laid(float(middle_mm + v), "float32", word_order, byte_order)) for v in motion_mm]
+        shares.append(sum(isinstance(item, Sample) for item in items) / len(items))
+    assert np.mean(shares) < 0.08, shares
+
+
+def test_a_swapped_number_below_a_nanometre_is_a_fault_though_it_stays() -> None:
+    """0.731 mm is 5.7e-18 mm, a rounding error by its size, in each reading of a probe at rest."""
+    script = Script(daq.gauges.host([_float_gauge(range_mm=(-2.5, 2.5))]))
+    items = [_answered(script, _laid(0.731, "float32", "little", "big")) for _ in range(50)]
+    first, *_ = items
+    assert not any(isinstance(item, Sample) for item in items)
+    assert isinstance(first, Fault) and "0.731 mm with word_order: little" in first.detail
+
+
 @pytest.mark.parametrize("value_mm", [0.0, -1.96e-16, 3e-8])
 def test_what_arithmetic_leaves_of_zero_is_a_reading(value_mm: float) -> None:
     """A gauge that reckons in double precision may send its rounding error in single."""

@@ -32,3 +32,20 @@ print(libc.mallinfo2().hblkhd - before >> 20)
 def test_after_a_chunk_large_blocks_are_still_mapped_by_themselves(called: str, mapped_mib: str) -> None:
     done = subprocess.run([sys.executable, "-c", MAPPED.format(called)], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == mapped_mib
+
+
+def test_the_first_rows_import_nothing() -> None:
+    """An import would hold up the thread that drains the readers, as that of pandas did."""
+    script = """
+import sys
+from daq.recording.io_worker import IoWorker
+from daq.recording.rate_limited_log import RateLimitedLog
+import numpy as np, pyarrow as pa
+
+IoWorker(RateLimitedLog())
+before = set(sys.modules)
+pa.array(np.arange(3.0)), pa.array(["silent"], pa.string())
+print(sorted(set(sys.modules) - before))
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
