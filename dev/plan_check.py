@@ -74,7 +74,11 @@ def main() -> None:
             size = max(TIMES * healthy_of(fault.effect, fault.keys), SIGMAS * foretold(expected, fault))
             u = foretold(expected, fault, size)
             seeds = range(given.seed, given.seed + given.count)
-            cases = [tried(robot, fault.sized(size), u, seed) for seed in seeds]
+            cases = []
+            for seed in seeds:
+                cases.append(one := tried(robot, fault.sized(size), u, seed))
+                found = f"stated {one.stated:5.2f} u  off {one.off:+6.2f} u" if np.isfinite(one.off) else "not named"
+                print(f"  seed {seed}: {found}", flush=True)
             everything += cases
             told(f"{robot} {fault.name}, {size:.3g}", u, cases)
     told("all", float("nan"), everything)
