@@ -67,7 +67,7 @@ def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
     """Read a path that `rig correct` wrote: the joint angles of its targets, and the poses that the controller computes
     there. Raises as `read_path` does."""
     names, rows = _rows(path)
-    remedy = "give the corrected-path.csv of rig correct --path"
+    remedy = "give the table corrected-….csv that rig correct --path wrote"
     return _targets(path, names, rows, JOINTS, remedy), _targets(path, names, rows, POSES, remedy)
 
 

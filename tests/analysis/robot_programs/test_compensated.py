@@ -160,7 +160,7 @@ def test_the_commands_lead_from_a_test_to_its_corrected_program(
     capsys.readouterr()
     assert ended(*words, tmp_path / "other", "--path", tmp_path / "nominal" / "circle-path.csv") == 3
     refused = capsys.readouterr().err
-    assert "has no column x_mm" in refused and "give the corrected-path.csv" in refused
+    assert "has no column x_mm" in refused and "give the table corrected-….csv" in refused
     assert not (tmp_path / "other").exists()
 
 
