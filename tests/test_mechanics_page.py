@@ -6,9 +6,14 @@ import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from analysis.geometry.ball_link import readings
+from analysis.geometry.circle import frame_of
+from analysis.geometry.programs import circle_of
 from dev.alignment import table
+from rigs.load import load
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "mechanics.md").read_text(encoding="utf-8")
@@ -42,6 +47,18 @@ def test_a_drawing_is_shown_and_has_colours_for_the_dark(path: Path) -> None:
     style = root.find("{http://www.w3.org/2000/svg}style")
     assert style is not None and style.text and "prefers-color-scheme: dark" in style.text
     assert root.find("{http://www.w3.org/2000/svg}rect[@class='paper']") is not None
+
+
+@pytest.mark.parametrize("off_mm", [1.0, 0.5])
+def test_what_an_eccentric_ball_leaves_in_the_angle_is_as_stated(off_mm: float) -> None:
+    frame = frame_of(circle_of(load("ur10e")[0]))
+    phi = np.linspace(0, 2 * np.pi, 720, endpoint=False)
+    ball = frame.centre + off_mm * frame.u
+    g_mm = readings(frame.poses(phi), ball, np.array([25.0, -25.0]), "yaw", frame.radius)
+    angle_deg = np.degrees(np.arctan2(g_mm[:, 1] - g_mm[:, 0], 50.0))
+    sine = np.stack([np.ones_like(phi), np.sin(phi), np.cos(phi)], axis=1)
+    left_deg = angle_deg - sine @ np.linalg.lstsq(sine, angle_deg, rcond=None)[0]
+    assert f"{np.ptp(left_deg):.3f}° at {off_mm:g} mm" in PAGE
 
 
 def test_there_are_drawings() -> None:

@@ -56,15 +56,15 @@ def main() -> None:
     except BrokenPipeError:
         sys.exit(0)
     except MemoryError:
-        _fail(
-            CellError("memory", "there is not enough for this", "close other programs, or give fewer or shorter runs")
-        )
+        _fail(_short_memory())
     except (ArithmeticError, ValueError, RuntimeWarning) as error:
         if not _is_numerical(error):
             raise
         what = f"the computation failed: {error}"
         _fail(FileError("numbers", what, "check those in the rig file and in the runs"))
     except OSError as error:
+        if error.errno == errno.ENOMEM:
+            _fail(_short_memory())
         if error.errno not in _NO_ROOM or error.filename is not None:
             raise
         full = CellError("output", error.strerror or str(error), "free some space, or write it elsewhere")
@@ -76,6 +76,10 @@ def main() -> None:
 def _fail(error: RigError) -> NoReturn:
     say_error(error)
     sys.exit(error.exit_code)
+
+
+def _short_memory() -> CellError:
+    return CellError("memory", "there is not enough for this", "close other programs, or give fewer or shorter runs")
 
 
 def _wrong_use(error: TyperException) -> NoReturn:

@@ -27,8 +27,6 @@ app.add_typer(circle, name="circle")
 ball = typer.Typer(cls=Group, no_args_is_help=True, help="Find the ball of the hemisphere from the robot's stands.")
 app.add_typer(ball, name="ball")
 
-_LEAST = 0.0005
-"""Half of the last digit of a length."""
 RigToWrite = Annotated[
     str | None,
     typer.Option(
@@ -57,7 +55,7 @@ def fit(
     of it for a second each. Gauges need not be connected. With --live, jog or
     lead the robot while rigd runs, and press Ctrl-C at the end.
     """
-    from analysis.cli.fitted_test import give, rig_file_to_write  # noqa: PLC0415
+    from analysis.cli.fitted_test import print_or_write, rig_file_to_write  # noqa: PLC0415
     from analysis.cli.run_paths import distinct  # noqa: PLC0415
     from analysis.fitting.driven_circle import driven_circle  # noqa: PLC0415
 
@@ -66,7 +64,7 @@ def fit(
         raise _use("rig circle fit", what, "give run directories, or --live")
     named = rig_file_to_write(rig_file, write)
     motions, to = _watched(named) if live else _recorded(distinct(runs or []), named)
-    give(_as_test(driven_circle(motions, to.rig)), to, write=write, as_json=as_json)
+    print_or_write(_as_test(driven_circle(motions, to.rig)), to, write=write, as_json=as_json)
 
 
 @command(ball, "rig ball fit runs/hemisphere --rig cell.yaml --write", name="fit")
@@ -87,15 +85,16 @@ def fit_ball(
     ball: held by the link, or touching the ball. A yaw or roll run shows the same
     ball as the centre of its circle.
     """
-    from analysis.cli.fitted_test import give, rig_file_to_write  # noqa: PLC0415
+    from analysis.cli.fitted_test import print_or_write, rig_file_to_write  # noqa: PLC0415
     from analysis.cli.run_paths import distinct  # noqa: PLC0415
     from daq.store import read_run  # noqa: PLC0415
 
     named = rig_file_to_write(rig_file, write)
     read = [read_run(path) for path in distinct(runs)]
     to = named or _rig_of(read[0])
-    _hold_robot(read, to.rig)
-    give(_ball_of(read, to.rig), to, write=write, as_json=as_json)
+    for run in read:
+        _check_same_robot(str(run.path), _rig_in(run), to.rig)
+    print_or_write(_ball_of(read, to.rig), to, write=write, as_json=as_json)
 
 
 def _recorded(paths: Iterable[Path], named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
@@ -105,56 +104,58 @@ def _recorded(paths: Iterable[Path], named: RigFile | None) -> tuple[list[RobotM
 
     runs = [read_run(path) for path in paths]
     to = named or _rig_of(runs[0])
-    _hold_robot(runs, to.rig)
+    for run in runs:
+        _check_same_robot(str(run.path), _rig_in(run), to.rig)
     return [motion_in(run) for run in runs], to
 
 
 def _rig_of(run: Run) -> RigFile:
     from analysis.cli.fitted_test import RigFile  # noqa: PLC0415
+
+    return RigFile(_rig_in(run), run.manifest.rig_text, None)
+
+
+def _rig_in(run: Run) -> Rig:
     from rigs.load import parse  # noqa: PLC0415
 
-    text = run.manifest.rig_text
-    return RigFile(parse(text, f"{run.path}, rig file"), text, None)
+    return parse(run.manifest.rig_text, f"{run.path}, rig file")
 
 
-def _hold_robot(runs: Sequence[Run], rig: Rig) -> None:
+def _check_same_robot(where: str, own: Rig, rig: Rig) -> None:
     from analysis.fitting.placements import same_arm  # noqa: PLC0415
     from analysis.kinematics.arm import arm_of  # noqa: PLC0415
-    from rigs.load import parse  # noqa: PLC0415
 
-    for run in runs:
-        own = parse(run.manifest.rig_text, f"{run.path}, rig file")
-        if not same_arm(arm_of(own.robot), arm_of(rig.robot)):
-            what = f"is of another robot than {rig.name}: its link constants differ"
-            raise FileError(str(run.path), what, "give a run of this robot, or the --rig of that one")
+    if not same_arm(arm_of(own.robot), arm_of(rig.robot)):
+        what = f"is of another robot than {rig.name}: its link constants differ"
+        raise FileError(where, what, "use a rig file and a motion of one robot")
 
 
 def _watched(named: RigFile | None) -> tuple[list[RobotMotion], RigFile]:
     """What the robot does until Ctrl-C, and the rig: that of the daemon where none is named."""
-    from analysis.cli.fitted_test import RigFile  # noqa: PLC0415
+    from analysis.cli.fitted_test import RigFile, u_written  # noqa: PLC0415
     from analysis.fitting.driven_circle import driven_circle  # noqa: PLC0415
     from analysis.live.joint_watch import watched_motion  # noqa: PLC0415
     from daq.service.client import Client, find_socket  # noqa: PLC0415
     from rigs.load import parse  # noqa: PLC0415
 
     with Client(find_socket(named.rig.name if named else None)) as client:
-        lines = client.ask("samples", after={}, rig=True)["rig_lines"]
-        if named is None:
-            text = "\n".join(lines) + "\n"
-            named = RigFile(parse(text, "the rig file of rigd"), text, None)
-        rig = named.rig
+        text = "\n".join(client.ask("samples", after={}, rig=True)["rig_lines"]) + "\n"
+        served = RigFile(parse(text, "the rig file of rigd"), text, None)
+        to = named or served
+        rig = to.rig
+        _check_same_robot("the running daemon", served.rig, rig)
 
         def show(motion: RobotMotion) -> None:
             try:
                 found = driven_circle([motion], rig)
-                u_mm, centre = float(found.u_centre_mm.max()), found.circle.centre.round(2).tolist()
-                said = f"{found.used}: radius {found.circle.radius:.2f} mm about {centre}, u {u_mm:.2g} mm"
+                u, centre = u_written([found.u_centre_mm.max()], " mm"), found.circle.centre.round(2).tolist()
+                said = f"{found.used}: radius {found.circle.radius:.2f} mm about {centre}, u {u}"
             except FileError as error:
                 said = error.what
             say(f"{motion.t_s[-1]:.0f} s: {said}", err=True)
 
         say("jog or lead the robot now; stand for a second at each point; Ctrl-C ends", err=True)
-        return [watched_motion(client, "the robot", show)], named
+        return [watched_motion(client, "the robot", show)], to
 
 
 def _as_test(found: DrivenCircle) -> FittedTest:
@@ -163,10 +164,10 @@ def _as_test(found: DrivenCircle) -> FittedTest:
     from analysis.cli.fitted_test import FittedTest  # noqa: PLC0415
 
     u = {
-        "centre_mm": _written(found.u_centre_mm),
-        "normal": f"{_written([np.degrees(found.u_normal)])}°",
-        "radius_mm": _written([found.u_radius_mm]),
-        "zero": f"{_written([np.degrees(found.u_zero)])}° in the plane",
+        "centre_mm": found.u_centre_mm.tolist(),
+        "normal": [float(np.degrees(found.u_normal))],
+        "radius_mm": [found.u_radius_mm],
+        "zero": [float(np.degrees(found.u_zero))],
     }
     return FittedTest("circle", found.values(), u, found.used, found.doubts)
 
@@ -194,12 +195,7 @@ def _ball_of(runs: Sequence[Run], rig: Rig) -> FittedTest:
     else:
         touched = touched_ball(runs, rig)
         values, u_mm, used, doubts = touched.values(rig), touched.u_centre_mm, touched.used, touched.doubts
-    return FittedTest("hemisphere", values, {"centre_mm": _written(u_mm)}, used, doubts)
-
-
-def _written(u: Iterable[float]) -> str:
-    """Uncertainties in mm or degrees; below what is written of the values they say no more."""
-    return ", ".join(f"{one:.2g}" if one > _LEAST else f"< {_LEAST:g}" for one in u)
+    return FittedTest("hemisphere", values, {"centre_mm": u_mm.tolist()}, used, doubts)
 
 
 def _use(command_path: str, what: str, remedy: str) -> RigError:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -17,6 +17,10 @@ from rigs.rig import Rig
 
 _MOST_BYTES = 1_000_000
 """No rig file is larger (`rigs.load`)."""
+_DIRECTIONS = ("normal", "zero")
+"""Keys of unit vectors: their uncertainty is an angle."""
+_LEAST = 0.0005
+"""Half of the last digit of a length."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +34,12 @@ class RigFile:
 
 @dataclass(frozen=True)
 class FittedTest:
-    """A test's values; u: the standard uncertainty of each as text; used: what they were fitted to; doubts in words."""
+    """A test's values; u: the standard uncertainties of each, in degrees for directions, otherwise in mm; used: what
+    they were fitted to; doubts in words."""
 
     test: Literal["circle", "hemisphere"]
     values: Values
-    u: Mapping[str, str]
+    u: Mapping[str, Sequence[float]]
     used: str
     doubts: Sequence[str]
 
@@ -54,7 +59,7 @@ def rig_file_to_write(name: str | None, write: bool) -> RigFile | None:
     return RigFile(rig, text, path)
 
 
-def give(fitted: FittedTest, to: RigFile, *, write: bool, as_json: bool) -> None:
+def print_or_write(fitted: FittedTest, to: RigFile, *, write: bool, as_json: bool) -> None:
     """Print the block, write it if asked to, and say what the new rig file can do. Raises FileError, CellError."""
     where = str(to.path or to.rig.name)
     text = with_test(to.text, fitted.test, fitted.values, where)
@@ -63,7 +68,8 @@ def give(fitted: FittedTest, to: RigFile, *, write: bool, as_json: bool) -> None
     for doubt in doubts:
         say(doubt, err=True)
     if as_json:
-        say_json({"test": fitted.test, **fitted.values, "u": fitted.u, "used": fitted.used, "doubts": doubts})
+        u = {f"{key}_deg" if key in _DIRECTIONS else key: _numbers(own) for key, own in fitted.u.items()}
+        say_json({"test": fitted.test, **fitted.values, "u": u, "used": fitted.used, "doubts": doubts})
     else:
         _print_block(fitted)
     say(done, err=True)
@@ -72,9 +78,23 @@ def give(fitted: FittedTest, to: RigFile, *, write: bool, as_json: bool) -> None
 def _print_block(fitted: FittedTest) -> None:
     say("tests:")
     first, *lines = block_of(fitted.test, fitted.values, 2).rstrip("\n").split("\n")
-    say(f"{first} # by {fitted.used}")
+    say(f"{first} # from {fitted.used}")
     for line, key in zip(lines, fitted.values, strict=True):
-        say(f"{line} # u {fitted.u[key]}" if key in fitted.u else line)
+        unit = "°" if key in _DIRECTIONS else " mm"
+        say(f"{line} # u {u_written(fitted.u[key], unit)}" if key in fitted.u else line)
+
+
+def u_written(u: Sequence[float], unit: str) -> str:
+    """Uncertainties with two digits and their unit; smaller ones than the last digit of a value only as such."""
+    if max(u) < _LEAST:
+        return f"< {_LEAST:g}{unit}"
+    return ", ".join(f"{one:.2g}" if one > _LEAST else f"< {_LEAST:g}" for one in u) + unit
+
+
+def _numbers(u: Sequence[float]) -> float | list[float]:
+    """Uncertainties with two digits, as JSON has them: one number, or several."""
+    numbers = [float(f"{one:.2g}") for one in u]
+    return numbers if len(numbers) > 1 else numbers[0]
 
 
 def _written(to: RigFile, text: str, *, write: bool) -> str:
@@ -87,13 +107,39 @@ def _written(to: RigFile, text: str, *, write: bool) -> str:
 
 
 def _not_drivable(rig: Rig) -> list[str]:
+    error = _program_error(rig)
+    if error is None:
+        return []
+    possible = (posture for posture in _turned(rig) if _program_error(_with_posture(rig, posture)) is None)
+    posture = next(possible, None)
+    remedy = f"it can with posture_deg: {list(posture)}" if posture else error.remedy
+    return [f"the robot cannot drive a program of this circle: {error.what}; {remedy}"]
+
+
+def _program_error(rig: Rig) -> RigError | None:
     from analysis.geometry.programs import circle_program  # noqa: PLC0415 - slow to import, needed here only
 
     try:
         circle_program(rig, "acw")
     except RigError as error:
-        return [f"the robot cannot drive a program of this circle: {error.what}; {error.remedy}"]
-    return []
+        return error
+    return None
+
+
+def _turned(rig: Rig) -> Iterator[tuple[float, ...]]:
+    """The posture of the circle in degrees with one axis a whole turn further or back."""
+    assert rig.tests.circle is not None  # noqa: S101 - it was just fitted
+    posture = rig.tests.circle.posture_deg
+    for axis in range(len(posture)):
+        for turn_deg in (360.0, -360.0):
+            turned = round(posture[axis] + turn_deg, 2)
+            yield (*posture[:axis], turned, *posture[axis + 1 :])
+
+
+def _with_posture(rig: Rig, posture_deg: tuple[float, ...]) -> Rig:
+    assert rig.tests.circle is not None  # noqa: S101 - it was just fitted
+    circle = rig.tests.circle.model_copy(update={"posture_deg": posture_deg})
+    return rig.model_copy(update={"tests": rig.tests.model_copy(update={"circle": circle})})
 
 
 def _replace(path: Path, old: str, new: str) -> Path:
@@ -105,6 +151,8 @@ def _replace(path: Path, old: str, new: str) -> Path:
         if read_bytes(path, _MOST_BYTES) != old.encode():
             raise FileError(str(path), "was changed by another program meanwhile", "run the command again")
         mode = path.stat().st_mode
+        if not mode & 0o222:  # a rename would replace it all the same
+            raise FileError(str(path), "is read-only", "allow writing with chmod u+w, or paste the printed block")
         number = 1
         while True:
             kept = path.with_name(f"{path.name}.{number}")

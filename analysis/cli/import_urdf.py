@@ -31,9 +31,9 @@ def import_urdf(
     from analysis.arms.urdf import import_urdf as imported  # noqa: PLC0415
 
     arm = imported(file, base, tip)
+    section = arm.section
+    write_section(section.text, output)
     for doubt in arm.doubts:
         say(doubt, err=True, mark="note: ")
-    section = arm.section
     difference = f"differs from the URDF by at most {section.largest_mm:.0e} mm and {section.largest_rad:.0e} rad"
     say(f"{arm.base} to {arm.tip}: {difference}", err=True)
-    write_section(section.text, output)

@@ -73,18 +73,17 @@ class Background:
         M = self._root[:, None] * self._weighted_gram() * self._root
         M[np.diag_indices_from(M)] += 1.0
         self._chol = np.asarray(cholesky(M, lower=True, overwrite_a=True, check_finite=False), dtype=float)
+        self._last: tuple[FittedTerms, Weighed] | None = None
 
     def _weighted_gram(self) -> Array:
         """Return X'WX (p, p), computed from the products of bands whose readings have equal weights."""
-        columns, gram = self.columns, self.columns.gram.copy()
-        for b, products in enumerate(columns.K):
-            rows = columns.rows[b]
-            own = self.weight[rows]
+        columns, each = self.columns, [self.weight[rows] for rows in self.columns.rows]
+        equal = np.array([own[0] if np.ptp(own) == 0 else 0.0 for own in each])
+        gram: Array = np.tensordot(equal, columns.K, axes=1)
+        for rows, own in zip(columns.rows, each, strict=True):
             if np.ptp(own) > 0:
                 part = columns.X[rows]
-                gram += part.T @ ((own - 1)[:, None] * part)
-            elif own[0] != 1:
-                gram += (own[0] - 1) * products
+                gram += part.T @ (own[:, None] * part)
         return gram
 
     def weighed(self, values: Array) -> Weighed:
@@ -95,6 +94,13 @@ class Background:
         right = self._root[:, None] * (self.columns.X.T @ weighted)
         half = solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
         return Weighed(values, weighted, np.asarray(half, dtype=float))
+
+    def weighed_terms(self, known: FittedTerms) -> Weighed:
+        """Return the columns (N, q) of fitted terms and, last, the residual, weighed. The latest ones are kept, because
+        a state's evidence and its posterior need the same."""
+        if self._last is None or self._last[0] is not known:
+            self._last = (known, self.weighed(np.column_stack([known.T, known.r])))
+        return self._last[1]
 
     def taken(self, weighed: Weighed) -> Array:
         """Return the coefficients (p, k) with which the columns absorb as much as possible of the values."""
@@ -129,7 +135,7 @@ class Background:
     def spent(self) -> Array:
         """The energy of each band (b,), in variances of the noise, that the uncertainty of the coefficients hides, with
         no terms fitted beside them."""
-        found: Array = np.einsum("bij,ji->b", self.columns.K, self.covariance)
+        found: Array = np.tensordot(self.columns.K, self.covariance, axes=2)
         return found
 
     def posterior(self, known: FittedTerms) -> Posterior:
@@ -139,7 +145,7 @@ class Background:
     def evidence(self, known: FittedTerms) -> float:
         """Return the log density of the readings beside the fitted terms, up to a constant; T is (N, q)."""
         q = len(known.mean)
-        weighed = self.weighed(np.column_stack([known.T, known.r]))
+        weighed = self.weighed_terms(known)
         products = weighed.products(weighed)
         normal = products[:q, :q] + known.precision
         right = products[:q, q] + known.precision @ known.mean
@@ -158,7 +164,7 @@ class Posterior:
     def __init__(self, background: Background, known: FittedTerms) -> None:
         self.background = background
         r, T, q = known.r, known.T, len(known.mean)
-        weighed = self._weighed = background.weighed(np.column_stack([T, r]))
+        weighed = self._weighed = background.weighed_terms(known)
         products = weighed.products(weighed)
         self.known_covariance = np.linalg.inv(products[:q, :q] + known.precision)
         self.known = self.known_covariance @ (products[:q, q] + known.precision @ known.mean)

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.diagnosis.observed_run import ORDER_OF, ORDERS, ObservedRun, Sampling
-from analysis.diagnosis.repeat_noise import POSE_MM, CircleNoise, Repeated, circle_noise, scatter_response, target_sd
+from analysis.diagnosis.repeat_noise import POSE_MM, CircleNoise, Repeated, circle_noise, target_sd
+from analysis.diagnosis.run_scatter import drift_waves, scatter_columns, scatter_response, without_unseen
 from analysis.diagnosis.run_setups import with_effects
 from analysis.fitting.observation import Observation, residuals_of
 from analysis.kinematics.arm import Array, Integers
@@ -39,9 +40,9 @@ class Block:
 
     `model` comes from their rig file; `one` is the first run, whose feedback represents all of them. `y_mm` (N,) is
     their weighted mean residual and `sd_mm` (N,) its standard deviation without scatter between runs; `scatter_mm` (N,
-    c) is what one standard deviation of the scatter of joints and ball adds. `band` (N,) numbers the entries that share
-    a strength. `measured` states whether the noise comes from repeats, and `targets_key` is equal for runs that repeat
-    the same targets.
+    c) is what one standard deviation of the scatter of joints and ball adds. `apart_mm` (n, N) are the deviations of
+    the n runs from their mean. `band` (N,) numbers the entries that share a strength. `measured` states whether the
+    noise comes from repeats, and `targets_key` is equal for runs that repeat the same targets.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Block:
     y_mm: Array
     sd_mm: Array
     scatter_mm: Array
+    apart_mm: Array
     band: Integers
     count: int
     measured: bool
@@ -81,10 +83,13 @@ def blocks_of(runs: Sequence[ObservedRun], setups: Mapping[str, SetUp], known: S
     grids = [raw.first.sampling.averaged for raw in circles if raw.first.sampling]
     orders = len(ORDER_OF)
     repeats = [
-        Repeated(raw.first.one.setup, raw.rows[:, :orders], raw.response[:orders], len(raw.first.sampling.share))
+        Repeated(
+            raw.first.one.setup, raw.rows[:, :orders], raw.response[:orders], raw.drifting[:, :orders],
+            len(raw.first.sampling.share),
+        )
         for raw in circles
         if raw.first.sampling
-    ]
+    ]  # fmt: skip
     noise = circle_noise(repeats, float(np.mean(grids)) if grids else 1.0)
     sds = dict(zip([raw.name for raw in circles], noise.sd_mm, strict=True))  # a circle's name is its own
     numbers = {name: k for k, name in enumerate(dict.fromkeys(raw.first.one.setup for raw in grouped))}
@@ -106,12 +111,15 @@ def targets_key(run: ObservedRun) -> bytes:
 
 @dataclass(frozen=True)
 class _RepeatedRuns:
-    """Residuals `rows` (n, N) mm of n repeated runs, and the response (N, c) mm of the readings to a unit scatter."""
+    """Residuals `rows` (n, N) mm of n repeated runs, and the responses of the readings to a unit scatter: `response`
+    (N, c) mm to a constant one, and `drifting` (w, N, c) mm to the waves of one that drifts, which has none at targets.
+    """
 
     name: str
     first: ObservedRun
     rows: Array
     response: Array
+    drifting: Array
 
 
 def _grouped(
@@ -125,9 +133,20 @@ def _grouped(
     ]
     first = members[0]
     response = scatter_response(first.model, first.one, setups[first.one.setup])
+    waves = drift_waves(_share_of_run(first.one)) if first.sampling else np.empty((0, len(response)))
+    drifting = [entries(wave[:, None, None] * response, first.sampling) for wave in waves]
+    constant = entries(response, first.sampling)
     # Averaging needs repeats of the same targets.
     alike = [vector for vector in vectors if len(vector) == len(vectors[0])]
-    return _RepeatedRuns(name, first, np.array(alike), entries(response, first.sampling))
+    drifts = np.reshape(drifting, (len(drifting), *constant.shape))
+    return _RepeatedRuns(name, first, np.array(alike), constant, drifts)
+
+
+def _share_of_run(one: Observation) -> Array:
+    """Return the share (m,) of the duration of its run at which each reading was taken."""
+    t_s = one.path.t_s
+    share: Array = (t_s[one.path.rows[one.rows]] - t_s[0]) / (t_s[-1] - t_s[0])
+    return share
 
 
 def _circle_block(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise, number: int) -> Block:
@@ -138,28 +157,31 @@ def _circle_block(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise, number: 
     weight = 1 / (sd_mm[:, BAND_EDGES[4] > ORDER_OF] ** 2).mean(axis=1)
     weight /= weight.sum()
     sd = np.sqrt(weight**2 @ sd_mm**2)
-    sd = np.concatenate([sd, _standing_sd(sd, sampling)])
+    sd = np.concatenate([sd, _standing_sd(sd, sampling, raw.first.step_mm)])
+    # The assumed noise of a run that was not repeated contains the drift.
+    drifting = raw.drifting if noise.measured else raw.drifting[:0]
+    columns = scatter_columns(raw.response, drifting, noise.scatter(raw.first.one.setup)) * np.linalg.norm(weight)
     band = np.searchsorted(BAND_EDGES, ORDER_OF, side="right") - 1
     band = np.concatenate([band, np.zeros(len(sd) - len(band), dtype=np.int64)])
-    scatter = raw.response * noise.scatter(raw.first.one.setup, raw.response.shape[1]) * np.linalg.norm(weight)
     return Block(
-        raw.name, raw.first.model, raw.first.one, sampling, weight @ raw.rows, sd, scatter,
-        band + number * len(BAND_EDGES), len(raw.rows), noise.measured, targets_key(raw.first),
+        raw.name, raw.first.model, raw.first.one, sampling, weight @ raw.rows, sd, without_unseen(columns, sd),
+        raw.rows - raw.rows.mean(axis=0), band + number * len(BAND_EDGES), len(raw.rows), noise.measured,
+        targets_key(raw.first),
     )  # fmt: skip
 
 
 def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
     """Return the block of repeated runs at targets; `number` is that of their set-up."""
     table, count = raw.first.one.table, len(raw.rows)
-    sd, measured = target_sd(Repeated(raw.first.one.setup, raw.rows, raw.response), _visit_numbers(raw.first.one))
+    sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(raw.first.one))
     if isinstance(table, PoseTable) and not measured:
         sd = np.full(len(sd), POSE_MM)
-    scatter = raw.response * noise.scatter(raw.first.one.setup, raw.response.shape[1]) / np.sqrt(count)
+    scatter = raw.response * noise.scatter(raw.first.one.setup).constant(raw.response.shape[1]) / np.sqrt(count)
     band = np.full(len(sd), number * len(BAND_EDGES))
     y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)
     return Block(
         raw.name, raw.first.model, raw.first.one, None, y, sd, scatter,
-        band, count, measured, targets_key(raw.first),
+        raw.rows - y, band, count, measured, targets_key(raw.first),
     )  # fmt: skip
 
 
@@ -183,10 +205,11 @@ def _visit_keys(one: Observation) -> Integers:
     return np.round(table.q[rows] / _SAME_RAD).astype(np.int64)
 
 
-def _standing_sd(sd_mm: Array, sampling: Sampling) -> Array:
+def _standing_sd(sd_mm: Array, sampling: Sampling, step_mm: float) -> Array:
     """Return the standard deviation (2 s,) mm of the means over s periods of standing, for the sum and the difference
-    of the gauges. Slow noise averages like white noise of the same strength."""
+    of the gauges. Slow noise averages like white noise of the same strength; all readings of a gauge that stands are
+    rounded to the same step, as are those of repeats that differ by less."""
     half = len(ORDER_OF) // 2
     slow = (ORDER_OF[:half] > 0) & (ORDER_OF[:half] < _SLOW)
     power = np.array([np.mean(sd_mm[:half][slow] ** 2), np.mean(sd_mm[half:][slow] ** 2)])
-    return np.concatenate([np.sqrt(power / share) for share in sampling.stand_share] or [np.empty(0)])
+    return np.concatenate([np.sqrt(power / share + step_mm**2 / 12) for share in sampling.stand_share] or [np.empty(0)])

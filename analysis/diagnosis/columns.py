@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ class Columns:
 
     `X` (N, p) has the columns of forms per healthy size, then those of set-ups per mm, then those of the scatter.
     `among` counts the forms of each name. `rows` lists the entries of each band, `K` (b, p, p) has the products of the
-    columns by band and `gram` (p, p) their sum.
+    columns by band.
     """
 
     def __init__(self, linear: Linearisation, candidates: Sequence[Candidate]) -> None:
@@ -96,7 +97,12 @@ class Columns:
         self.count: NDArray[np.int64] = np.bincount(band)
         self.rows = [np.flatnonzero(band == b) for b in range(len(self.count))]
         self.K = np.stack([self.X[rows].T @ self.X[rows] for rows in self.rows])
-        self.gram: Array = self.K.sum(axis=0)
+
+    @cached_property
+    def gram(self) -> Array:
+        """The products (p, p) of the whitened columns over all bands."""
+        found: Array = self.K.sum(axis=0)
+        return found
 
     def variance(self, level: float) -> Array:
         """Return the prior variance (p,) of the coefficients in an arm that has `level` times the healthy size of every

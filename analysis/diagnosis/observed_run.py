@@ -11,7 +11,7 @@ from analysis.diagnosis.path_smoothing import smooth_path
 from analysis.fitting.observation import Observation, observe, predicted
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import Model, nominal_setup
-from analysis.noise.readings import is_wild
+from analysis.noise.readings import is_wild, step_of
 from analysis.traces.laps import laps_of
 from analysis.traces.tables import CircleTable, Table
 
@@ -110,12 +110,13 @@ def _difference(values: Array) -> Array:
 class ObservedRun:
     """One run about the model of its own rig file. `one` is its observation with a smooth path, in which the rows of
     standing follow those of the lap. `wild` counts the readings of a circle that were replaced by interpolation between
-    their neighbours."""
+    their neighbours, and `step_mm` is the step to which its coarser gauge is rounded."""
 
     model: Model
     one: Observation
     sampling: Sampling | None
     wild: int = 0
+    step_mm: float = 0.0
 
     @property
     def name(self) -> str:
@@ -131,6 +132,7 @@ def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
         return ObservedRun(model, observe(model, table, where), None)
     sound = without_wild(table)
     wild = int(np.count_nonzero(sound.g_mm != table.g_mm))
+    step_mm = max(step_of(gauge) for gauge in table.g_mm.T)
     table = averaged(sound, _rows_a_lap(table, model, where) // _ROWS)
     lap = observe(model, table, where)
     smoothed = smooth_path(lap)
@@ -139,7 +141,7 @@ def observe_run(model: Model, table: Table, where: str) -> ObservedRun:
     # Servo ripple is real motion, so the readings are corrected by the predicted effect of its removal from the path.
     setup = nominal_setup(model.rig, table)
     ripple = predicted(model, raw, setup) - predicted(model, one, setup)
-    return ObservedRun(model, replace(one, values=table.g_mm[rows] - ripple), sampling, wild)
+    return ObservedRun(model, replace(one, values=table.g_mm[rows] - ripple), sampling, wild, step_mm)
 
 
 def without_wild(table: CircleTable) -> CircleTable:

@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.diagnosis.blocks import Block, blocks_of
 from analysis.diagnosis.observed_run import ObservedRun, observe_run
-from analysis.diagnosis.repeat_noise import DRIFTING_SHARE
+from analysis.diagnosis.run_scatter import DRIFTING_SHARE
 from analysis.model.predict import SetUp, model_of, nominal_setup
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from analysis.simulation.simulate import simulate

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -77,7 +78,7 @@ class Refined:
         sds = np.sqrt(np.diag(self.covariance))
         return {u.field: float(sd) for u, sd in zip(self.unknowns, sds, strict=True) if u.effect == effect}
 
-    @property
+    @cached_property
     def known(self) -> FittedTerms:
         """The fitted terms for the background, with columns (N, t), expanded about the fitted values."""
         T = np.concatenate([self.tangents, *self.departures, self.free], axis=1)

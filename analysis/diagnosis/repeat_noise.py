@@ -1,34 +1,31 @@
-"""The noise of the readings, estimated from repeats: of each order of a circle, of each run, of each target, and of the
-scatter between runs.
+"""The noise of the readings, estimated from repeats: of each order of a circle, of each run and of each target.
 
-Between runs every joint and the ball change a little. This scatter moves all readings of a run together, in a way that
-the arm's geometry determines, so repeated runs separate it from the noise of the readings. The noise has one shape over
-the orders, pooled over all circles, and a level for each run, for slow and for fine orders, and for sum and difference
-of the gauges. Without repeats, the noise of real cells is assumed (`analysis.noise.cell`).
+Repeated runs separate it from the scatter of joints and ball between runs (`run_scatter`). The noise of a set-up has
+one shape over the orders, and a level for each run, for slow and for fine orders, and for sum and difference of the
+gauges. Without repeats, the noise of real cells is assumed (`analysis.noise.cell`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.observed_run import GRID, ORDER_OF, by_orders, curve
-from analysis.fitting.observation import Observation, predicted, predicted_in_scene
+from analysis.diagnosis.observed_run import ORDER_OF
+from analysis.diagnosis.run_scatter import (
+    ASSUMED_SCATTER,
+    RunScatter,
+    ScatteredRuns,
+    average_scatter,
+    scatter_of,
+    span_of,
+)
 from analysis.kinematics.arm import Array, Integers
-from analysis.model.predict import Model, SetUp, moved
-from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
-from analysis.traces.tables import PoseTable
-from rigs.effects import turned
+from analysis.noise.cell import SLOW_MM, TARGET_MM, WHITE_MM
 
-SCATTER_DEG, SCATTER_MM = 0.0002, 0.001
-"""The unit of scatter of joints and ball to which `scatter_response` refers; all scatter is a multiple of it. It has no
-effect on the result."""
-_MULTIPLES = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0, 21.0, 34.0])
-"""Scatter that is tried, in these units; the largest exceeds that of real cells, 0.005° and 20 µm."""
 _BANDS = (0, 4, 8, 12, 18, 30, 50, 90, 150, len(ORDER_OF))
 """Edges of the bands of orders in which the noise is pooled. Chosen: wide enough for several degrees of freedom per
 band with two repeats."""
@@ -38,12 +35,12 @@ is not. Chosen."""
 _SLOW_HALF = 5.0
 """The order at which assumed slow noise has half its power: a correlation time of 1.5 s in a lap of 45 s, within the
 0.1 to 5 s of real cells."""
-DRIFTING_SHARE = 0.5
-"""Share of the energy of a run's scatter that changes along the run, where nothing is measured: encoders and warming
-move joints and ball smoothly. Repeats show that as slow noise, and few of them attribute all of it to a constant.
-Chosen: one half."""
-_DRIFT_ORDERS = 3
-"""Orders of this change, in cycles per run. Chosen: slower than any joint motion of a circle."""
+_ROUNDS = 4
+"""Number of rounds in which noise and scatter are estimated in turn. Chosen: a further one changes the noise by less
+than its uncertainty."""
+_BORROWED = 4.0
+"""Degrees of freedom with which a band counts the noise of its finer neighbour. Chosen: as for targets, fewer than a
+band has that no scatter hides."""
 _LEAST_MM = 1e-5
 """Smallest standard deviation of an entry, far below any gauge, so that exact repeats do not give infinite weights."""
 _LEAST_FREE = 0.1
@@ -62,115 +59,102 @@ POSE_MM = 0.04
 
 @dataclass(frozen=True)
 class Repeated:
-    """Repeated runs of one test and direction: `rows` (n, N) mm of n runs, the response (N, c) mm to a unit scatter,
-    and the number of laps of which a row is the mean."""
+    """Repeated runs of one test and direction: `rows` (n, N) mm of n runs, the responses `response` (N, c) mm and
+    `drifting` (w, N, c) mm to a unit scatter, and the number of laps of which a row is the mean."""
 
     setup: str
     rows: Array
     response: Array
+    drifting: Array
     laps: int = 1
 
 
 @dataclass(frozen=True)
 class CircleNoise:
-    """Noise of circles. `sd_mm` has an array (n, N) for each block; `scattered` has the multiples of joint and ball
-    scatter of each set-up; `measured` states whether they come from repeats."""
+    """Noise of circles. `sd_mm` has an array (n, N) for each block; `scattered` has the scatter of each set-up;
+    `measured` states whether they come from repeats."""
 
     sd_mm: tuple[Array, ...]
-    scattered: dict[str, tuple[float, float]]
+    scattered: dict[str, RunScatter]
     measured: bool
 
-    def scatter(self, setup: str, terms: int) -> Array:
-        """Return the scatter (terms,) of the six joints in rad and then, if included, of the ball in mm. A set-up
-        without circles gets the average of all."""
-        every = np.sqrt(np.mean(np.array(list(self.scattered.values())) ** 2, axis=0))
-        joints, ball = self.scattered.get(setup, (float(every[0]), float(every[1])))
-        return np.array([joints] * 6 + [ball] * 3)[:terms]
-
-
-def scatter_response(model: Model, one: Observation, setup: SetUp) -> Array:
-    """Return the response of the readings, (m, k, 9) mm, to a unit scatter of each joint and of the ball; for poses,
-    whose instrument frame is always fitted, of the joints alone, (m, 3, 6)."""
-    scene = moved(model, one.path)
-    base = predicted_in_scene(model, one, scene, setup)
-    columns = []
-    for axis in range(1, 7):
-        off = replace(model, effects=(*model.effects, turned(axis, SCATTER_DEG)))
-        columns.append(predicted(off, one, setup) - base)
-    if not isinstance(one.table, PoseTable):
-        steps = SCATTER_MM * np.eye(3)
-        columns += [
-            predicted_in_scene(model, one, scene, replace(setup, ball=setup.ball + step)) - base for step in steps
-        ]
-    return np.stack(columns, axis=2)
+    def scatter(self, setup: str) -> RunScatter:
+        """Return the scatter of a set-up; one without repeated circles gets the average of all."""
+        return self.scattered.get(setup) or average_scatter(list(self.scattered.values()))
 
 
 def circle_noise(groups: Sequence[Repeated], averaged: float) -> CircleNoise:
     """Return the noise of circles from the repeats `rows` (n, N) mm of each group. `averaged` is the share of the power
     of white noise that remains on the grid of a circle."""
-    spans = [_span(group.response) for group in groups]
-    apart = [group.rows - group.rows.mean(axis=0) for group in groups]
-    own = [rows - (rows @ span) @ span.T for rows, span in zip(apart, spans, strict=True)]
-    free = [1 - (span**2).sum(axis=1) for span in spans]
-    repeated = [k for k, rows in enumerate(own) if len(rows) > 1]
+    repeated: dict[str, list[int]] = {}
+    for k, group in enumerate(groups):
+        if len(group.rows) > 1:
+            repeated.setdefault(group.setup, []).append(k)
     if not repeated:
-        scattered = {"": (JOINT_DEG.rms / SCATTER_DEG, BALL_MM.rms / SCATTER_MM)}
-        assumed = CircleNoise((), scattered, measured=False)
-        noisy = [
-            np.hypot(
-                _assumed(averaged, group.laps),
-                _drifting(group.response * assumed.scatter(group.setup, group.response.shape[1]), group.laps),
+        assumed = [np.tile(_assumed(group, averaged), (len(group.rows), 1)) for group in groups]
+        return CircleNoise(tuple(assumed), {"": ASSUMED_SCATTER}, measured=False)
+    sd_mm: dict[int, Array] = {}
+    scattered = {}
+    for setup, own in repeated.items():
+        found, scattered[setup] = _setup_noise([_scattered(groups[k]) for k in own])
+        sd_mm.update(zip(own, found, strict=True))
+    # A run that was not repeated borrows the noise of its set-up, or else of all.
+    every = list(sd_mm)
+    for k, group in enumerate(groups):
+        lenders = repeated.get(group.setup, every)
+        borrowed = np.sqrt(np.mean(np.concatenate([sd_mm[one] for one in lenders]) ** 2, axis=0))
+        sd_mm.setdefault(k, np.tile(borrowed, (len(group.rows), 1)))
+    return CircleNoise(tuple(sd_mm[k] for k in range(len(groups))), scattered, measured=True)
+
+
+def _scattered(group: Repeated) -> ScatteredRuns:
+    apart = group.rows - group.rows.mean(axis=0)
+    return ScatteredRuns(apart, group.response, group.drifting)
+
+
+def _setup_noise(every: Sequence[ScatteredRuns]) -> tuple[list[Array], RunScatter]:
+    """Return the noise (n, N) mm of the runs of each repeated group of a set-up, and their scatter.
+
+    Noise and scatter are estimated in turn, each with what the other explains removed; in the first round the noise is
+    taken from what no scatter could explain.
+    """
+    parts = [_unscattered(runs) for runs in every]
+    levels = [np.ones((len(runs.apart), 4)) for runs in every]
+    for _ in range(_ROUNDS):
+        for _ in range(2):
+            shape = _shape(
+                [own / level[:, _PART] for (own, _), level in zip(parts, levels, strict=True)],
+                [free for _, free in parts],
             )
-            for group in groups
-        ]
-        return replace(assumed, sd_mm=tuple(np.tile(one, (len(rows), 1)) for one, rows in zip(noisy, own, strict=True)))
-    levels = {k: np.ones((len(own[k]), 4)) for k in repeated}
-    shape = np.ones(len(ORDER_OF))
-    for _ in range(3):
-        shape = _shape([own[k] / levels[k][:, _PART] for k in repeated], [free[k] for k in repeated])
-        levels = {k: _levels(own[k] / shape, free[k]) for k in repeated}
-    typical = np.sqrt(np.mean([np.mean(level**2, axis=0) for level in levels.values()], axis=0))
-    sd_mm = tuple(
-        np.maximum(shape * levels.get(k, np.tile(typical, (len(rows), 1)))[:, _PART], _LEAST_MM)
-        for k, rows in enumerate(own)
-    )
-    own_of: dict[str, list[int]] = {}
-    for k in repeated:
-        own_of.setdefault(groups[k].setup, []).append(k)
-    scattered = {
-        setup: _scatter([(apart[k], groups[k].response, sd_mm[k]) for k in own]) for setup, own in own_of.items()
-    }
-    return CircleNoise(sd_mm, scattered, measured=True)
+            levels = [_levels(own / shape, free) for own, free in parts]
+        sd_mm = [np.maximum(shape * level[:, _PART], _LEAST_MM) for level in levels]
+        typical = [np.sqrt((sd**2).mean(axis=0)) for sd in sd_mm]
+        scatter = scatter_of(list(zip(every, typical, strict=True)))
+        parts = [runs.noise(scatter, sd) for runs, sd in zip(every, typical, strict=True)]
+    return sd_mm, scatter
+
+
+def _unscattered(runs: ScatteredRuns) -> tuple[Array, Array]:
+    """Return the part (n, N) mm of the deviations that no scatter explains, and the share (N,) of noise in it."""
+    span = span_of(np.concatenate([runs.constant, *runs.drifting], axis=1))
+    return runs.apart - (runs.apart @ span) @ span.T, 1 - (span**2).sum(axis=1)
 
 
 _PART: Integers = np.asarray((np.arange(len(ORDER_OF)) >= len(ORDER_OF) // 2) * 2 + (ORDER_OF >= _SLOW), dtype=np.int64)
 """The index of an entry's level among the four levels of a run."""
 
 
-def _assumed(averaged: float, laps: int) -> Array:
-    """Return the assumed standard deviation (N,) mm of the entries of one run of some laps, from the noise of real
-    cells."""
+def _assumed(group: Repeated, averaged: float) -> Array:
+    """Return the assumed standard deviation (N,) mm of the entries of one run, from the noise of real cells. A drifting
+    scatter, which nothing separates from the noise of a single run, is in it by bands."""
     count = len(ORDER_OF) // 2
     slow = 1 / (1 + (ORDER_OF / _SLOW_HALF) ** 2)
     # The energy of a channel of `count` unitary entries is `count` times the mean square of its readings.
-    slow *= SLOW_MM.rms**2 / laps * count / slow[:count].sum()
-    sd: Array = np.sqrt(WHITE_MM.rms**2 * averaged + slow)
-    return sd
-
-
-def _drifting(scatter_mm: Array, laps: int) -> Array:
-    """Return the standard deviation (N,) mm, by bands, that a drifting scatter adds to the mean of some laps;
-    `scatter_mm` (N, c) is the response to constant scatter."""
-    angle = 2 * np.pi * np.arange(GRID) / GRID
-    # The mean of laps contains only orders that repeat in each lap.
-    orders = [order // laps for order in range(1, _DRIFT_ORDERS + 1) if order % laps == 0]
-    variance = np.zeros(len(scatter_mm))
-    still = np.stack([curve(column) for column in scatter_mm.T], axis=2)
-    for wave in (turn(order * angle) for order in orders for turn in (np.cos, np.sin)):
-        variance += DRIFTING_SHARE / _DRIFT_ORDERS * (by_orders(wave[:, None, None] * still) ** 2).sum(axis=1)
+    slow *= SLOW_MM.rms**2 / group.laps * count / slow[:count].sum()
+    drifting = ((group.drifting * ASSUMED_SCATTER.drifting(group.response.shape[1])) ** 2).sum(axis=(0, 2))
     for entries in _bands():
-        variance[entries] = variance[entries].mean()
-    sd: Array = np.sqrt(variance)
+        drifting[entries] = drifting[entries].mean()
+    sd: Array = np.sqrt(WHITE_MM.rms**2 * averaged + slow + drifting)
     return sd
 
 
@@ -182,22 +166,22 @@ def _bands() -> list[Integers]:
     return [channel[(ORDER_OF[channel] >= low) & (ORDER_OF[channel] < high)] for channel, low, high in bands]
 
 
-def _span(columns: Array) -> Array:
-    """Return an orthonormal basis of columns (N, c), without directions that are nearly zero."""
-    left, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(left[:, size > 1e-3 * size[0]], dtype=float)
-
-
 def _shape(own: Sequence[Array], free: Sequence[Array]) -> Array:
     """Return the standard deviation (N,) of runs at level one, by channel and band, of the part that scatter cannot
-    explain."""
-    squares = sum((rows**2).sum(axis=0) for rows in own)
-    freedom = sum((len(rows) - 1) * share for rows, share in zip(own, free, strict=True))
-    shape = np.empty(len(ORDER_OF))
-    for band in _bands():
-        free_here = max(np.asarray(freedom)[band].sum(), 1.0)
-        # Few repeats leave a band's noise uncertain: 1 + 2/ν is about the mean of its scaled inverse chi-square.
-        shape[band] = np.sqrt(np.asarray(squares)[band].sum() / free_here * (1 + 2 / free_here))
+    explain.
+
+    Scatter may hide nearly all of the slowest orders, and few repeats leave every band uncertain. So each band counts
+    its finer neighbour as some more readings: slow noise grows towards slow orders.
+    """
+    squares = np.asarray(sum((rows**2).sum(axis=0) for rows in own))
+    freedom = np.asarray(sum((len(rows) - 1) * share for rows, share in zip(own, free, strict=True)))
+    shape, finer = np.empty(len(ORDER_OF)), 0.0
+    for band in reversed(_bands()):
+        known = _BORROWED if ORDER_OF[band].max() < ORDER_OF.max() else 0.0
+        seen = freedom[band].sum() + known
+        # Its scaled inverse chi-square has a mean of about 1 + 2/ν.
+        variance = (squares[band].sum() + known * finer) / seen * (1 + 2 / seen)
+        shape[band], finer = np.sqrt(variance), variance
     return np.maximum(shape, _LEAST_MM)
 
 
@@ -219,39 +203,12 @@ def _levels(own: Array, free: Array) -> Array:
     return level
 
 
-def _scatter(repeated: Sequence[tuple[Array, Array, Array]]) -> tuple[float, float]:
-    """Return the multiples of joint and ball scatter that make the differences between repeats most likely, given
-    deviations (n, N), the response (N, 9) to a unit scatter and the noise (n, N) of each group."""
-    looked = []
-    for apart, response, each in repeated:
-        sd = np.sqrt((each**2).mean(axis=0))
-        columns = response / sd[:, None]
-        span = _span(columns)
-        inside = span.T @ columns
-        joints, ball = inside[:, :6] @ inside[:, :6].T, inside[:, 6:] @ inside[:, 6:].T
-        looked.append((len(apart) - 1, (apart / sd) @ span, joints, ball))
-
-    def likelihood(joints: float, ball: float) -> float:
-        total = 0.0
-        for freedom, Z, of_joints, of_ball in looked:
-            C = np.eye(len(of_joints)) + joints**2 * of_joints + ball**2 * of_ball
-            total -= 0.5 * (freedom * np.linalg.slogdet(C)[1] + np.sum(Z * np.linalg.solve(C, Z.T).T))
-        return float(total)
-
-    pairs = [(joints, ball) for joints in _MULTIPLES for ball in _MULTIPLES]
-    evidence = np.array([likelihood(*pair) for pair in pairs])
-    weight = np.exp(evidence - evidence.max())
-    # Few repeats leave the scatter uncertain, so the posterior mean square is used and not the mode.
-    joints, ball = np.sqrt(weight @ np.array(pairs) ** 2 / weight.sum())
-    return float(joints), float(ball)
-
-
-def target_sd(repeated: Repeated, alike: NDArray[np.int64]) -> tuple[Array, bool]:
-    """Return the standard deviation (N,) mm of readings at targets, and whether repeats determine it. The scatter that
-    moves all targets of a run together is excluded. `alike` (N,) has an integer that readings of the same place and
-    approach share."""
-    span, mean = _span(repeated.response), repeated.rows.mean(axis=0)
-    apart = repeated.rows - mean
+def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tuple[Array, bool]:
+    """Return the standard deviation (N,) mm of readings at targets of repeated runs (n, N) mm, and whether repeats
+    determine it. The scatter that moves all targets of a run together, with a response (N, c), is excluded. `alike`
+    (N,) has an integer that readings of the same place and approach share."""
+    span, mean = span_of(response), rows_mm.mean(axis=0)
+    apart = rows_mm - mean
     # The part that the scatter of a run explains is removed, and the rest is scaled to its original variance.
     free = np.maximum(1 - (span**2).sum(axis=1), _LEAST_FREE)
     rows = mean + (apart - (apart @ span) @ span.T) / np.sqrt(free)

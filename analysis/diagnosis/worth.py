@@ -51,8 +51,28 @@ def limits_um(linear: Linearisation, tolerance_um: float | None) -> Array:
 
 
 def scatter_um(linear: Linearisation) -> Array:
-    """Return the rms difference (b,) µm of one run from the mean of many, with the set-up fitted to it; at targets that
-    of a median target, because a few scatter many times as much."""
+    """Return the rms difference (b,) µm of one run from the mean of many; at targets that of a median target, because a
+    few scatter many times as much.
+
+    Repeated circles show it themselves, together in all directions of a set-up; elsewhere it is that of the noise.
+    """
+    found = _expected_scatter_um(linear)
+    repeated = [k for k, block in enumerate(linear.blocks) if block.sampling and block.apart_mm.any()]
+    for setup in {linear.blocks[k].one.setup for k in repeated}:
+        own = [k for k in repeated if linear.blocks[k].one.setup == setup]
+        found[own] = np.sqrt(np.mean([_shown_scatter_um(linear.blocks[k]) ** 2 for k in own]))
+    return found
+
+
+def _shown_scatter_um(block: Block) -> float:
+    """Return the rms difference in µm of a run from the mean of many that repeated runs show."""
+    squares = sum(rms_um(block, one) ** 2 for one in block.apart_mm)
+    return float(np.sqrt(squares / (len(block.apart_mm) - 1)))
+
+
+def _expected_scatter_um(linear: Linearisation) -> Array:
+    """Return the rms difference (b,) µm of a run from the mean of many that noise and scatter make, with the set-up
+    fitted to it."""
     moved = linear.without_set_up(linear.Z)
     whole = linear.in_mm(np.sqrt(1 + (moved**2).sum(axis=1)))
     return np.array([

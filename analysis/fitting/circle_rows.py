@@ -87,11 +87,16 @@ class Binned:
 
 
 def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
-    """Motions in bins of a twentieth of a second, or of one row where rows are further apart."""
+    """Motions in bins of a twentieth of a second, or of one row where rows are further apart.
+
+    Raises FileError for a motion of fewer than two bins."""
     times, angles, runs, stands, counts = [], [], [], [], []
     for number, motion in enumerate(motions):
         count = max(1, int(np.ceil(_BIN_S / max(float(np.median(np.diff(motion.t_s))), 1e-6) - 0.1)))
         whole = len(motion.t_s) // count * count
+        if whole < 2 * count:
+            what = f"has {len(motion.t_s)} rows of motion, too few to find a circle in them"
+            raise FileError(motion.where, what, "record all of the circle, and drive it slower")
         t_s = np.median(motion.t_s[:whole].reshape(-1, count), axis=1)
         q = np.median(motion.q[:whole].reshape(-1, count, 6), axis=1)
         times.append(t_s)

@@ -39,7 +39,7 @@ _JUMP_RAD, _ALONE = np.radians(0.5), 5.0
 _GAUGE_MM = 5.0
 """The ball is set up in the circle's centre, and a gauge reads some 5 mm to either side: 2 u must stay within."""
 _LONGER = "drive a longer arc, best a whole lap, or stand at three or more points all around"
-_SHORT = replace(DRIVEN, least_rad=float(np.radians(5.0)))
+_SHORT = replace(DRIVEN, least_rad=0.0)
 """An arc too short to be found among other motion, but enough for its u to be said."""
 
 
@@ -85,9 +85,9 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     """The one circle of motions of the rig's robot. Raises FileError where they show none, two, or too little of it."""
     arm = arm_of(rig.robot)
     for motion in motions:
-        _is_motion(motion)
+        _check_moved(motion)
     bins = binned(motions, arm)
-    where = ", ".join(motion.where for motion in motions)
+    where = _where(motions)
     points, run = even_path(bins.places[bins.path], bins.run[bins.path])
     found, tolerance = _driven(points, run)
     if is_jogged(bins, found):
@@ -97,7 +97,7 @@ def driven_circle(motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
         found, tolerance = find_circle(points, run, LED), LED
     if found is None:
         found, tolerance = _short_arc(points, stood, where), _SHORT
-    _is_alone(found, tolerance, points, run, motions, rig)
+    _check_one_circle(found, tolerance, points, run, motions, rig)
     on, circle = on_circle(bins, found.circle, tolerance, where)
     result = _of_rows(fit_rows(motions, arm, bins, on, circle), bins, on, motions, rig)
     if tolerance is _SHORT:
@@ -123,17 +123,17 @@ def _of_rows(fit: Fit, bins: Binned, on: Mask, motions: Sequence[RobotMotion], r
         doubts.append(f"{fit.wild} rows lie far from the circle and are not used")
     off_mm = float(np.quantile(deviations(fit.circle, bins.places[on]).largest, 0.95))
     if off_mm > _ROUND_MM:
-        hand = f"the path is off the circle by {off_mm:.1f} mm: it was led by hand, or the controller has other link"
-        doubts.append(f"{hand} constants than the rig file")
+        hand = f"the path is off the circle by {off_mm:.1f} mm: it was led by hand, the feedback jumped, or"
+        doubts.append(f"{hand} the controller has other link constants than the rig file")
     used = f"{fit.rows} rows over {np.degrees(start.arc_rad):.0f}° of arc"
-    where = ", ".join(motion.where for motion in motions)
+    where = _where(motions)
     return _result(fit.circle, fit.radial.covariance, fit.axial.covariance, start, used, tuple(doubts), where)
 
 
 def _of_stands(stood: StoodCircle, motions: Sequence[RobotMotion], rig: Rig) -> DrivenCircle:
     start = start_of(stood.circle, stood.T, stood.q, motions[0].direction, rig.tests.circle)
     used = f"{len(stood.T)} points at which the robot stood, over {np.degrees(start.arc_rad):.0f}° of arc"
-    where = ", ".join(motion.where for motion in motions)
+    where = _where(motions)
     return _result(
         stood.circle, stood.covariance, stood.covariance, start, used, (*_doubts(motions), *stood.doubts), where
     )
@@ -167,12 +167,16 @@ def _result(
     return found
 
 
+def _where(motions: Sequence[RobotMotion]) -> str:
+    return ", ".join(motion.where for motion in motions)
+
+
 def _doubts(motions: Sequence[RobotMotion]) -> list[str]:
     named = len(motions) > 1
     return [f"{motion.where}: {doubt}" if named else doubt for motion in motions for doubt in motion.doubts]
 
 
-def _is_motion(motion: RobotMotion) -> None:
+def _check_moved(motion: RobotMotion) -> None:
     if not np.isfinite(motion.q).all():
         row = int(np.argmin(np.isfinite(motion.q).all(axis=1))) + 1
         raise FileError(motion.where, f"row {row} has a joint angle that is not a number", "remove such rows")
@@ -206,7 +210,7 @@ def _length(points: Array) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-def _is_alone(
+def _check_one_circle(
     found: FoundCircle, tolerance: Tolerance, points: Array, run: Integers, motions: Sequence[RobotMotion], rig: Rig
 ) -> None:
     """Raises FileError where the rest of a path (k, 3) mm is another circle."""
@@ -219,14 +223,14 @@ def _is_alone(
     second = find_circle(points[rest], pieces[rest], DRIVEN)
     if second is None or second.turned_rad < _SECOND * found.turned_rad:
         return
-    where = ", ".join(motion.where for motion in motions)
+    where = _where(motions)
     for motion in motions:
-        _has_no_jump(motion, rig)
+        _check_no_jump(motion, rig)
     what = f"holds two circles ({_placed(first)}, and {_placed(second.circle)})"
     raise FileError(where, what, "give runs of one circle, each recorded by itself")
 
 
-def _has_no_jump(motion: RobotMotion, rig: Rig) -> None:
+def _check_no_jump(motion: RobotMotion, rig: Rig) -> None:
     """Raises FileError where a joint goes further between two rows than before and after by far."""
     steps = np.abs(np.diff(motion.q, axis=0))
     beside = np.maximum(np.roll(steps, 1, axis=0), np.roll(steps, -1, axis=0))

@@ -1,22 +1,15 @@
-"""What a plan asks of the arm, before anything is written: limits, speeds, singularities, turns of the wrist, room.
-
-Lines and arcs are followed joint by joint between their ends, since an arm may reach both and nothing between them.
-"""
+"""What a plan asks of the arm, before anything is written: limits, singularities, turns of the wrist, room."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from analysis.kinematics.arm import Arm, Array, forward
-from analysis.kinematics.follow import follow
+from analysis.kinematics.arm import Array, forward
 from analysis.kinematics.singularity import cancelling_axes, conditioning
 from analysis.robot_programs.plan import JointMove, Move, Plan, Target, end_of, in_base, start_of
-from analysis.robot_programs.ways import way_of
-from rigs.errors import FileError
 
 _STEP_RAD = np.radians(2.0)
 """The fastest joint turns by so much between samples of a joint move."""
@@ -46,16 +39,11 @@ class Demand:
 
 
 def demand_of(plan: Plan) -> Demand:
-    """What a plan asks of the arm. Raises FileError for a step that the arm cannot do."""
+    """What a plan asks of the arm."""
     arm = plan.arm
-    known: dict[tuple[int, int], Array] = {}
-    pieces, link = [], []
-    for begin, move in _moves(plan):
-        link.append(not isinstance(move, JointMove))
-        key = id(begin), id(move)  # laps and visits repeat the very same moves
-        if key not in known:
-            known[key] = _followed(plan, begin, move)
-        pieces.append(known[key])
+    moves = [step for step in plan.steps if isinstance(step, Move)]
+    pieces = [_angles(end_of(before), move) for before, move in pairwise(moves)]
+    link = [not isinstance(move, JointMove) for move in moves[1:]]
     q = np.concatenate([start_of(plan).q[None], *pieces])
     places = in_base(arm, forward(arm, q))[:, :3, 3]
     with_link = np.repeat([True, *link], [1, *map(len, pieces)])
@@ -74,34 +62,13 @@ def demand_of(plan: Plan) -> Demand:
     )
 
 
-def _moves(plan: Plan) -> Iterator[tuple[Target, Move]]:
-    """Each move from the start on, with where it begins."""
-    moving = [step for step in plan.steps if isinstance(step, Move)]
-    for before, step in pairwise(moving):
-        yield end_of(before), step
-
-
-def _followed(plan: Plan, begin: Target, step: Move) -> Array:
-    """Joint angles (n, 6) rad along a move, without its beginning. Raises FileError where a joint is too slow."""
-    if isinstance(step, JointMove):
-        count = 1 + int(np.abs(step.target.q - begin.q).max() / _STEP_RAD)
-        joints: Array = begin.q + np.linspace(0, 1, count + 1)[1:, None] * (step.target.q - begin.q)
-        return joints
-    way = way_of(begin.T, step)
-    where = f"the program {plan.name}"
-    q = follow(plan.arm, plan.arm.T_world_base @ way.poses, begin.q, where)
-    _hold_speeds(plan.arm, way.joint_speeds(q), where)
-    return q[1:]
-
-
-def _hold_speeds(arm: Arm, fastest: Array, where: str) -> None:
-    for axis in np.flatnonzero(fastest > arm.speed):
-        raise FileError(
-            where,
-            f"axis {axis + 1} would move at {np.degrees(fastest[axis]):.0f}°/s, it can do "
-            f"{np.degrees(arm.speed[axis]):.0f}°/s",
-            "move the test away from the singularity, or choose another posture_deg",
-        )
+def _angles(begin: Target, move: Move) -> Array:
+    """Joint angles (n, 6) rad along a move, without its beginning."""
+    if not isinstance(move, JointMove):
+        return move.q[1:]
+    count = 1 + int(np.abs(move.target.q - begin.q).max() / _STEP_RAD)
+    joints: Array = begin.q + np.linspace(0, 1, count + 1)[1:, None] * (move.target.q - begin.q)
+    return joints
 
 
 def demand_lines(plan: Plan, demand: Demand, names: list[str]) -> list[str]:

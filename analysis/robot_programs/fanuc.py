@@ -1,9 +1,10 @@
 """FANUC's teach pendant language (.LS), which moves the robot on every controller, and KAREL for the feedback.
 
-Sources: FANUC, R-30iB Operator's Manual (Basic Operation) B-83284EN, chapter 4 (motion, registers, WAIT, I/O), and
-programs as controllers print them (public backups in .LS). Circular motion C turns the tool evenly from where it stands
-to the end of the arc. Joint moves have joint positions, so that no posture can be mistaken; lines and arcs have
-Cartesian ones, since an arc's points need micrometres. KAREL has had no motion statements since the R-30iB.
+Sources: FANUC, R-30iB Operator's Manual (Basic Operation) B-83284EN, chapter 4 (motion, registers, WAIT, I/O; CONFIG,
+which counts the turns of J4, J5 and J6), and programs as controllers print them (public backups in .LS). Circular
+motion C turns the tool evenly from where it stands to the end of the arc. Joint moves have joint positions, so that no
+posture can be mistaken; lines and arcs have Cartesian ones, since an arc's points need micrometres. KAREL has had no
+motion statements since the R-30iB.
 """
 
 from __future__ import annotations
@@ -131,7 +132,7 @@ def _joints(q: Array) -> str:
 def _cartesian(arm: Arm, target: Target) -> str:
     stands = posture_of(arm, target.q)
     letters = f"{'F' if stands.flip else 'N'} {'U' if stands.up else 'D'} {'T' if stands.front else 'B'}"
-    counts = ", ".join(str(turns(float(target.q[axis]))) for axis in (0, 3, 5))
+    counts = ", ".join(str(turns(float(angle))) for angle in target.q[3:])
     places = [f"{axis} = {fixed(value, MM_DECIMALS)} mm" for axis, value in zip("XYZ", target.T[:3, 3], strict=True)]
     angles = fixed_xyz_deg(target.T)
     turned = [f"{axis} = {fixed(value, DEG_DECIMALS)} deg" for axis, value in zip("WPR", angles, strict=True)]

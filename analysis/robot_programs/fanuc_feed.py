@@ -1,8 +1,8 @@
 """The KAREL program that prints the joint angles of a FANUC robot, one line a sample, as `line_feed` reads them.
 
 Source: FANUC, R-30iB KAREL Reference Manual B-83144EN (CURJPOS, CNV_JPOS_REL, MSG_CONNECT, CONNECT TIMER, formats of
-WRITE). It needs the option of user socket messaging and a server tag S3 in the controller's host communication set-up.
-It moves nothing.
+WRITE; lines end with CHR(13) and CHR(10), since what CR sends depends on the port). It needs the option of user socket
+messaging and a server tag S3 in the controller's host communication set-up. It moves nothing.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ BEGIN
       WHILE status = 0 DO
         stands = CURJPOS(0, 0)
         CNV_JPOS_REL(stands, joints, status)
-{signal}        WRITE client ({line}, CR)
+{signal}        WRITE client ({line}, CHR(13), CHR(10))
         status = IO_STATUS(client)
         DELAY {period}
       ENDWHILE

@@ -2,7 +2,8 @@
 
 Source: KUKA System Software 8.x, Operating and Programming Instructions for System Integrators, and KUKA's Expert
 Programming (E6AXIS, FRAME, PTP, LIN, CIRC, $VEL, $APO, $ORI_TYPE, $CIRC_TYPE). With $CIRC_TYPE = #PATH an arc turns the
-tool with its path. A FRAME has no Status and Turn: lines and arcs keep the arm's posture.
+tool with its path. A FRAME has no Status and Turn: lines and arcs keep the arm's posture. $BASE counts in $WORLD, which
+is not the robot's base where the arm hangs or stands elsewhere, so $BASE is set to $ROBROOT, the base in $WORLD.
 """
 
 from __future__ import annotations
@@ -76,7 +77,7 @@ def _settings(plan: Plan) -> list[str]:
     return [
         "BAS(#INITMOV,0)",
         f"$TOOL = {_frame(plan.arm.T_flange_tool)}",
-        "$BASE = $NULLFRAME",
+        "$BASE = $ROBROOT",
         _speed(_FIRST_MM_S),
         f"$ACC.CP = {fixed(ACCELERATION_MM_S2 / 1e3, 4)}",
         f"$APO.CDIS = {fixed(ZONE_MM, 2)}",
@@ -94,7 +95,7 @@ def _shown(plan: Plan) -> str:
     T = start_of(plan).T
     x, y, z = T[:3, 3]
     c, b, a = fixed_xyz_deg(T)
-    return f"(world) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, A {a:.2f} B {b:.2f} C {c:.2f} deg"
+    return f"(base $ROBROOT) X {x:.1f} Y {y:.1f} Z {z:.1f} mm, A {a:.2f} B {b:.2f} C {c:.2f} deg"
 
 
 def _lines(plan: Plan, step: Step, points: dict[str, str]) -> list[str]:

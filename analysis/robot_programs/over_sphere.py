@@ -14,7 +14,7 @@ from analysis.geometry.programs import JOINT_SPEED
 from analysis.kinematics.arm import Arm, Array
 from analysis.kinematics.follow import follow
 from analysis.robot_programs.plan import Arc, Hold, JointMove, Step, Target, Turn
-from analysis.robot_programs.ways import middle_of, rotation_vector, way_of
+from analysis.robot_programs.ways import around, middle_of, rotation_vector, turned
 from rigs.errors import FileError
 
 _MOVE_MM_S = 100.0
@@ -34,10 +34,15 @@ def over_sphere(arm: Arm, begin: Target, end: Target, centre_mm: Array, radius_m
     That may be another of its solutions than the target's. Where the arm cannot follow the way, or only slowly, a
     person takes the link off for a joint move.
     """
-    move = _planned(begin, end, centre_mm, radius_mm)
-    if move is None:
+    turn = float(np.linalg.norm(rotation_vector(begin.T, end.T)))
+    via = None
+    if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) > _SAME_PLACE_MM:
+        via = middle_of(begin.T, end.T, centre_mm, radius_mm)
+        way = around(begin.T, via[:3, 3], end.T, _MOVE_MM_S)
+    elif turn > _SAME_RAD:
+        way = turned(begin.T, end.T, _TURN_RAD_S)
+    else:
         return [], begin
-    way = way_of(begin.T, move)
     try:
         q = follow(arm, arm.T_world_base @ way.poses, begin.q, "a way over the sphere")
     except FileError:
@@ -46,19 +51,10 @@ def over_sphere(arm: Arm, begin: Target, end: Target, centre_mm: Array, radius_m
     if share < _LEAST_SHARE:
         return _without_link(end), end
     arrived = replace(end, q=q[-1])
-    if isinstance(move, Turn):
-        return [replace(move, target=arrived, speed_rad_s=share * _TURN_RAD_S)], arrived
-    via = replace(move.via, q=q[len(q) // 2])
-    return [replace(move, via=via, end=arrived, speed_mm_s=share * _MOVE_MM_S)], arrived
+    if via is None:
+        return [Turn(arrived, turn, share * _TURN_RAD_S, q=q)], arrived
+    return [Arc(Target(via, q[len(q) // 2]), arrived, share * _MOVE_MM_S, q=q)], arrived
 
 
 def _without_link(end: Target) -> list[Step]:
     return [Hold("take the link off and continue"), JointMove(end, JOINT_SPEED), Hold("mount the link and continue")]
-
-
-def _planned(begin: Target, end: Target, centre_mm: Array, radius_mm: float) -> Turn | Arc | None:
-    """The way over the sphere before the arm has a say in it, None between two that are the same."""
-    angle = float(np.linalg.norm(rotation_vector(begin.T, end.T)))
-    if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) > _SAME_PLACE_MM:
-        return Arc(Target(middle_of(begin.T, end.T, centre_mm, radius_mm), begin.q), end, _MOVE_MM_S)
-    return Turn(end, angle, _TURN_RAD_S) if angle > _SAME_RAD else None

@@ -7,7 +7,7 @@ without a base or user frame counts in.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -39,19 +39,22 @@ class JointMove:
 
 @dataclass(frozen=True)
 class Line:
-    """The tool straight to a target and a stop there, the arm's posture kept."""
+    """The tool straight to a target and a stop there, the arm's posture kept; q (n, 6) rad: the joint angles at even
+    distances along it, ends included."""
 
     target: Target
     speed_mm_s: float
+    q: Array = field(kw_only=True)
 
 
 @dataclass(frozen=True)
 class Turn:
-    """The tool turned about its origin, by an angle, to a target and a stop there."""
+    """The tool turned about its origin, by an angle, to a target and a stop there; q as that of a line."""
 
     target: Target
     angle: float
     speed_rad_s: float
+    q: Array = field(kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -60,7 +63,7 @@ class Arc:
 
     with_path: it keeps its orientation to the path, so that it turns about the circle's axis by as much as it goes
     around it; otherwise it turns evenly to that of the end. stops: at the end; otherwise the next arc continues at
-    the same speed.
+    the same speed. q as that of a line.
     """
 
     via: Target
@@ -68,6 +71,7 @@ class Arc:
     speed_mm_s: float
     stops: bool = True
     with_path: bool = False
+    q: Array = field(kw_only=True)
 
 
 @dataclass(frozen=True)

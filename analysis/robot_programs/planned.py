@@ -6,6 +6,7 @@ is a run of its own. hemisphere and repeatability: a stop at each target.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -15,7 +16,6 @@ from analysis.geometry.programs import (
     PAUSE_S,
     circle_of,
     circle_program,
-    drive,
     fastest_joints,
     hemisphere_of,
     lap,
@@ -25,6 +25,7 @@ from analysis.geometry.programs import (
     way_back,
 )
 from analysis.kinematics.arm import Arm, Array, arm_of, forward
+from analysis.kinematics.follow import follow
 from analysis.robot_programs.over_sphere import over_sphere
 from analysis.robot_programs.plan import (
     Arc,
@@ -40,6 +41,7 @@ from analysis.robot_programs.plan import (
     Target,
     in_base,
 )
+from analysis.robot_programs.ways import straight
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.feedback import URRTDE
@@ -61,7 +63,9 @@ unambiguous below half a turn. Since the tool's x axis is the circle's normal, t
 alone (W, C, Rx), so a controller that interpolates the angles turns it the same way. Shorter arcs would only add
 joints between arcs, each of which may disturb the motion."""
 _FINE_RAD = np.radians(1.0)
-"""Step along the circle at which joint angles are followed."""
+"""Step along the circle at which a plan has joint angles, at most."""
+_Piece = tuple[Target, Target, Target, Array]
+"""Beginning, middle and end of an arc, and the joint angles (n, 6) rad along it."""
 _APPROACH_RAD_S = np.radians(10.0)
 """Fastest joint on the way to the start, from wherever the robot stands: slow enough to be stopped by hand."""
 _APPROACH_MM_S = 10.0
@@ -85,34 +89,40 @@ def plans_of(rig: Rig, test: ProgramTest, dwell_s: float, outputs: tuple[int, ..
 
 def _circle(rig: Rig, test: ProgramTest, direction: Direction, outputs: tuple[int, ...]) -> Plan:
     circle, arm = circle_of(rig), arm_of(rig.robot)
-    program = circle_program(rig, direction)
     t_s, phi = lap(circle, direction)
-    factor = way_back(arm, fastest_joints(t_s, program.q[: len(t_s)]))
-    targets = _on_circle(rig, float(phi[0]), float(phi[-1]))
-    there = _arcs(targets, circle.speed_mm_s)
-    back = _arcs(targets[::-1], factor * circle.speed_mm_s)
+    q = circle_program(rig, direction).q[: len(t_s)]
+    factor = way_back(arm, fastest_joints(t_s, q))
+    pieces = _pieces(rig, phi, q)
+    there = _arcs(pieces, circle.speed_mm_s)
+    reverse = [(end, via, begin, along[::-1]) for begin, via, end, along in reversed(pieces)]
+    back = _arcs(reverse, factor * circle.speed_mm_s)
     laps: list[Step] = [Comment(f"lap 1 of {circle.laps}"), *there]
     for number in range(2, circle.laps + 1):
         laps += [Comment("the way back"), Dwell(PAUSE_S), *back, Dwell(PAUSE_S)]
         laps += [Comment(f"lap {number} of {circle.laps}"), *there]
-    return _plan(rig, test, direction, outputs, targets[0], laps)
+    return _plan(rig, test, direction, outputs, pieces[0][0], laps)
 
 
-def _on_circle(rig: Rig, begin: float, end: float) -> list[Target]:
-    """Targets at the ends and in the middle of arcs of equal length between two circle angles (rad)."""
+def _pieces(rig: Rig, phi: Array, q: Array) -> list[_Piece]:
+    """Arcs of equal length along a lap whose joint angles are q (m, 6) rad at circle angles phi (m,) rad."""
     circle, arm = circle_of(rig), arm_of(rig.robot)
-    halves = 2 * int(np.ceil(abs(end - begin) / np.radians(LONGEST_ARC_DEG) - 1e-9))
-    fine = int(np.ceil(abs(end - begin) / halves / _FINE_RAD))
-    phi = np.linspace(begin, end, halves * fine + 1)
-    frame = frame_of(circle)
-    q = drive(arm, frame, phi, np.radians(circle.posture_deg), f"{rig.name}, tests.circle")
-    poses = in_base(arm, frame.poses(phi))
-    return [Target(T, at) for T, at in zip(poses[::fine], q[::fine], strict=True)]
+    driven = np.abs(phi - phi[0])
+    count = int(np.ceil(driven[-1] / np.radians(LONGEST_ARC_DEG) - 1e-9))
+    half = int(np.ceil(driven[-1] / (2 * count) / _FINE_RAD))
+    share = np.linspace(0, 1, 2 * half * count + 1)
+    poses = in_base(arm, frame_of(circle).poses(phi[0] + share * (phi[-1] - phi[0])))
+    at = np.stack([np.interp(share * driven[-1], driven, angles) for angles in q.T], axis=1)
+    targets = [Target(T, angles) for T, angles in zip(poses[::half], at[::half], strict=True)]
+    begins = range(0, 2 * count, 2)
+    return [(targets[k], targets[k + 1], targets[k + 2], at[k * half : (k + 2) * half + 1]) for k in begins]
 
 
-def _arcs(targets: list[Target], speed_mm_s: float) -> list[Step]:
-    ends = range(2, len(targets), 2)
-    return [Arc(targets[k - 1], targets[k], speed_mm_s, stops=k == ends[-1], with_path=True) for k in ends]
+def _arcs(pieces: list[_Piece], speed_mm_s: float) -> list[Step]:
+    last = len(pieces) - 1
+    return [
+        Arc(via, end, speed_mm_s, stops=number == last, with_path=True, q=q)
+        for number, (_, via, end, q) in enumerate(pieces)
+    ]
 
 
 def _hemisphere(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
@@ -139,8 +149,21 @@ def _repeatability(rig: Rig, dwell_s: float, outputs: tuple[int, ...]) -> Plan:
         way, at = over_sphere(arm, at, target, centre, radius)
         steps += [Comment(f"target {number}"), *way, Dwell(dwell_s)]
         for aside, again in zip(around[::2], around[1::2], strict=True):
-            steps += [Line(aside, _APPROACH_MM_S), Line(again, _APPROACH_MM_S), Dwell(dwell_s)]
+            there, at = _line(rig, at, aside)
+            back, at = _line(rig, at, again)
+            steps += [there, back, Dwell(dwell_s)]
     return _plan(rig, "repeatability", None, outputs, first, steps)
+
+
+def _line(rig: Rig, begin: Target, end: Target) -> tuple[Line, Target]:
+    """A line, and where the arm then stands. Raises FileError where it cannot follow, or a joint is too slow."""
+    arm, where = arm_of(rig.robot), f"{rig.name}, tests.repeatability"
+    way = straight(begin.T, end.T, _APPROACH_MM_S)
+    q = follow(arm, arm.T_world_base @ way.poses, begin.q, where)
+    if (way.joint_speeds(q) > arm.speed).any():
+        raise FileError(where, "a target is so near a singularity that a joint is too slow", "choose other targets")
+    arrived = replace(end, q=q[-1])
+    return Line(arrived, _APPROACH_MM_S, q=q), arrived
 
 
 def _targets(rig: Rig, q: Array) -> list[Target]:

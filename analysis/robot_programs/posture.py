@@ -39,5 +39,5 @@ def posture_of(arm: Arm, q: Array) -> Posture:
 
 
 def turns(q_rad: float) -> int:
-    """How many whole turns a joint stands away from the range (-180°, 180°)."""
-    return int(np.rint(q_rad / _FULL_TURN))
+    """How many whole turns a joint stands away from the range (-180°, 180°), whose ends are a turn away."""
+    return int(np.copysign(np.floor(abs(q_rad) / _FULL_TURN + 0.5), q_rad))

@@ -1,6 +1,7 @@
-"""The way of the tool between two targets, as a plan means it, along which the arm is followed beforehand.
+"""The way of the tool between two poses, along which the arm is followed before a move is planned.
 
-An arm may reach both ends of a move and nothing between them, or pass a singularity there.
+An arm may reach both ends of a move and nothing between them, or pass a singularity there. On each way the tool turns
+evenly about one axis; poses are (4, 4) and (n, 4, 4), places in mm.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.kinematics.arm import Array
-from analysis.robot_programs.plan import Arc, Line, Turn, end_of
 
 _STEP_MM = 4.0
 _STEP_RAD = np.radians(4.0)
@@ -21,8 +21,7 @@ _OPPOSITE = 1e-6
 
 @dataclass(frozen=True)
 class Way:
-    """Poses (n, 4, 4) evenly along a move, places in mm, an odd number of them; seconds: how long it takes at full
-    speed."""
+    """Poses (n, 4, 4) at even distances, an odd number of them; seconds: how long the way takes at its speed."""
 
     poses: Array
     seconds: float
@@ -33,30 +32,35 @@ class Way:
         return fastest
 
 
-def way_of(begin: Array, step: Line | Turn | Arc) -> Way:
-    """The way of the tool from a pose (4, 4), place in mm, as it is planned: turned evenly about one axis."""
-    end = end_of(step).T
-    rotation = rotation_vector(begin, end)
-    match step:
-        case Line(_, speed_mm_s):
-            length = float(np.linalg.norm(end[:3, 3] - begin[:3, 3]))
-            share = _shares(length, 0.0)
-            places = begin[:3, 3] + share[:, None] * (end[:3, 3] - begin[:3, 3])
-            seconds = length / speed_mm_s
-        case Turn(_, angle, speed_rad_s):
-            share = _shares(0.0, angle)
-            places = np.tile(begin[:3, 3], (len(share), 1))
-            seconds = angle / speed_rad_s
-        case Arc(via, _, speed_mm_s):
-            centre, axis = _circle_through(begin[:3, 3], via.T[:3, 3], end[:3, 3])
-            angle = _angle_about(axis, begin[:3, 3] - centre, end[:3, 3] - centre)
-            length = angle * float(np.linalg.norm(begin[:3, 3] - centre))
-            share = _shares(length, angle)
-            places = centre + _turned(angle * axis, share) @ (begin[:3, 3] - centre)
-            seconds = length / speed_mm_s
+def straight(begin: Array, end: Array, speed_mm_s: float) -> Way:
+    """On a line from one pose (4, 4) to another."""
+    way_mm = end[:3, 3] - begin[:3, 3]
+    length = float(np.linalg.norm(way_mm))
+    share = _shares(length, 0.0)
+    return _way(begin, end, share, begin[:3, 3] + share[:, None] * way_mm, length / speed_mm_s)
+
+
+def turned(begin: Array, end: Array, speed_rad_s: float) -> Way:
+    """About the tool's origin from one pose (4, 4) to another."""
+    angle = float(np.linalg.norm(rotation_vector(begin, end)))
+    share = _shares(0.0, angle)
+    return _way(begin, end, share, np.tile(begin[:3, 3], (len(share), 1)), angle / speed_rad_s)
+
+
+def around(begin: Array, via_mm: Array, end: Array, speed_mm_s: float) -> Way:
+    """On the circle from one pose (4, 4) through a place (3,) mm to another."""
+    centre, axis = _circle_through(begin[:3, 3], via_mm, end[:3, 3])
+    arm = begin[:3, 3] - centre
+    angle = _angle_about(axis, arm, end[:3, 3] - centre)
+    length = angle * float(np.linalg.norm(arm))
+    share = _shares(length, angle)
+    return _way(begin, end, share, centre + _rotations(angle * axis, share) @ arm, length / speed_mm_s)
+
+
+def _way(begin: Array, end: Array, share: Array, places: Array, seconds: float) -> Way:
     poses = np.tile(begin, (len(share), 1, 1))
     poses[:, :3, 3] = places
-    poses[:, :3, :3] = _turned(rotation, share) @ begin[:3, :3]
+    poses[:, :3, :3] = _rotations(rotation_vector(begin, end), share) @ begin[:3, :3]
     return Way(poses, seconds)
 
 
@@ -66,7 +70,7 @@ def middle_of(begin: Array, end: Array, centre_mm: Array, radius_mm: float) -> A
     Between opposite places it is where the tool, turned half way, points to the centre.
     """
     T = np.eye(4)
-    T[:3, :3] = _turned(rotation_vector(begin, end), np.array([0.5]))[0] @ begin[:3, :3]
+    T[:3, :3] = _rotations(rotation_vector(begin, end), np.array([0.5]))[0] @ begin[:3, :3]
     aside = (begin[:3, 3] + end[:3, 3]) / 2 - centre_mm
     if np.linalg.norm(aside) < _OPPOSITE * radius_mm:
         aside = -T[:3, 2]
@@ -99,7 +103,7 @@ def rotation_vector(begin: Array, end: Array) -> Array:
     return vector
 
 
-def _turned(vector: Array, share: Array) -> Array:
+def _rotations(vector: Array, share: Array) -> Array:
     """Rotations (n, 3, 3) by shares (n,) of a rotation vector (3,) rad."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 

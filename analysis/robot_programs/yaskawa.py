@@ -2,10 +2,12 @@
 
 Sources: Yaskawa, DX100 Options, Instructions for data transmission (156191-1CD), chapter 4, for the job's format
 (NPOS, RECTAN, RCONF; 0.001 mm and 0.0001°), and its INFORM manual for MOVJ, MOVL, MOVC, TIMER, DOUT, PAUSE. Pulses,
-the other form of a position, need the counts per degree of each axis, and hold only about 0.01 mm at the tool.
+the other form of a position, need the counts per degree of each axis, which Yaskawa does not publish.
 
 An arc is three MOVC in a row; more MOVC continue it, each three neighbours on a circle of their own, which is the same
 here. A MOVL between two chains keeps the way back from being taken as a part of the lap.
+
+Positions that are not pulses make it a relative job (RJ), whose frame is the base's.
 """
 
 from __future__ import annotations
@@ -53,7 +55,7 @@ def write(plan: Plan, demand: Demand) -> dict[str, str]:
     moves = _instructions(plan, positions)
     head = ["/JOB", f"//NAME {name}", "//POS", f"///NPOS {len(positions)},0,0,0,0,0", f"///TOOL {TOOL_NUMBER}"]
     form = ["///POSTYPE BASE", "///RECTAN"]
-    instructions = ["//INST", "///DATE 2026/01/01 00:00", "///ATTR SC,RW", "///FRAME BASE", "///GROUP1 RB1", "NOP"]
+    instructions = ["//INST", "///DATE 2026/01/01 00:00", "///ATTR SC,RW,RJ", "///FRAME BASE", "///GROUP1 RB1", "NOP"]
     lines = [*head, *form, *_grouped(positions), *instructions, *comments, *moves, "END", ""]
     return {f"{name}.JBI": "\n".join(lines)}
 

@@ -26,8 +26,9 @@ from rigs.schema.part import Axis
 from rigs.schema.scene import S
 
 _MOST_ORDER = 200
-_MOST_WAVES = 120
-"""Waves on the stretch that a joint turns, of which a wave more than these is shorter than what readings resolve."""
+_MOST_WAVES = 135
+"""Waves on the stretch that a joint turns, of which a wave more than these is shorter than what readings resolve: three
+readings a wave, of the 400 that a lap of 8 s has at 50 Hz."""
 _HARMONIC = 0.15
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from rigs.errors import FileError
 from tests.support.blind import trial
 from tests.support.blind.trial import Job, run_job
 
@@ -47,6 +48,21 @@ def test_a_campaign_uses_an_answer_of_the_same_code_again(
     (job.case / "answer.json").write_text(json.dumps(kept))
     monkeypatch.setattr(trial, "run_job", lambda _: {"verdict": "anew"})
     assert trial.answered(job) == ({"verdict": "anew"} if again else kept)
+
+
+def test_a_case_whose_tables_are_refused_is_an_answer_that_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(_: Job) -> None:
+        raise FileError("a.csv", "the gauges are exchanged", "exchange them")
+
+    job = Job("one", 3, "limits", tmp_path, "real")
+    job.case.mkdir(parents=True)
+    job.truth.parent.mkdir()
+    job.truth.write_text(json.dumps({"hidden": []}))
+    monkeypatch.setattr(trial, "make_case", refused)
+    assert "the gauges are exchanged" in run_job(job)["error"]
+    assert "exchanged" in json.loads((job.case / "answer.json").read_text())["error"]
 
 
 def test_ctrl_c_ends_the_trial_and_not_one_diagnosis_alone(monkeypatch: pytest.MonkeyPatch) -> None:

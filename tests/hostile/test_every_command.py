@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import shutil
 import stat
 import sys
@@ -14,6 +15,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import escape
 
 import pytest
 import typer
@@ -22,6 +24,7 @@ from typer.main import get_command
 
 from analysis import cli
 from rigs.load import SHIPPED
+from tests.support.second_sources import SOURCES, Chain
 from tests.support.store_cases import edit_manifest, ledger_records, put_ledger
 
 EVIL = "a\x1b]0;owned\x07\x1b[31m$\\frac{$[/bold]\nrun: whole\r\u202e{{7*7}}<script>"
@@ -37,6 +40,18 @@ def hostile_rig() -> str:
     for axis in data["robot"]["axes"]:
         axis["name"] += EVIL
     return yaml.safe_dump(data)
+
+
+def hostile_urdf(folder: Path) -> Path:
+    """An arm whose links and joints have names with all of EVIL that XML can carry."""
+    chain = SOURCES["kuka-kr-6-r900-2"]["geometry"]
+    assert isinstance(chain, Chain)
+    carried = "".join(char for char in EVIL if char >= " " or char in "\n\r")
+    name = escape(carried, {'"': "&quot;", "\n": "&#10;", "\r": "&#13;"})
+    file = folder / (EVIL.replace("/", "|") + BYTES)
+    text = re.sub(r'(?<=")((?:joint|link)_[1-6])(?=")', lambda found: found[1] + name, chain.urdf())
+    file.write_text(text, encoding="utf-8")
+    return file
 
 
 def ran(*arguments: str | Path, typed: str = "") -> tuple[int, str, str]:
@@ -116,6 +131,14 @@ def cases() -> dict[str, Case]:
             [first(cell), "--json"],
             [first(cell), "--truth", cell / "rig.yaml"],
         ],
+        "arms": lambda cell, own: [
+            [],
+            ["--json"],
+            [EVIL],
+            ["ur10e", "--calibration", cell / "rig.yaml"],
+            ["ur10e", "-o", own / (EVIL.replace("/", "|") + BYTES)],
+            ["ur10e", "-o", cell / "rig.yaml"],
+        ],
         "automatic": of_every_run(),
         "ball fit": lambda cell, own: [
             [first(cell), "--rig", cell / "rig.yaml"],
@@ -155,6 +178,13 @@ def cases() -> dict[str, Case]:
             [cell / "rig.yaml", "--rig", cell / "rig.yaml", "--test", "pose", "-o", own / "made"],
             [cell, "--rig", EVIL, "--test", EVIL, "-o", own / "made"],
             ["x", "--rig", EVIL, "--test", "pose", "-o", own / "made"],
+        ],
+        "import-urdf": lambda cell, own: [
+            [hostile_urdf(own)],
+            [hostile_urdf(own), "--base", EVIL, "--tip", EVIL],
+            [hostile_urdf(own), "-o", cell / "rig.yaml"],
+            [cell / "rig.yaml"],
+            [cell / EVIL.replace("/", "|"), "-o", own / "made.yaml"],
         ],
         "init": lambda cell, own: [
             [own / "new.yaml", "--robot", "tcp://127.0.0.1:1", "--arm", EVIL],

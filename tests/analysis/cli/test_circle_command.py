@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import signal
 import subprocess
 import time
@@ -49,6 +50,8 @@ def test_the_block_is_printed_with_its_uncertainties_and_nothing_is_written(run:
     block = yaml.safe_load(done.stdout)["tests"]["circle"]
     assert block["centre_mm"] == pytest.approx([-650, -200, 250], abs=0.05)
     assert all("# u " in line for line in done.stdout.splitlines()[2:] if "posture" not in line)
+    assert re.search(r"centre_mm: .* # u .* mm$", done.stdout, re.M)
+    assert re.search(r"normal: .* # u .*°$", done.stdout, re.M)
     assert "nothing is written" in done.stderr and cell.read_text() == before
     assert list(cell.parent.iterdir()) == [cell]
 
@@ -68,11 +71,29 @@ def test_the_file_is_written_and_the_old_one_kept_each_time(run: Path, cell: Pat
     assert len(list(cell.parent.iterdir())) == 3 and rig("check", cell).returncode == 0
 
 
+def test_a_posture_from_which_a_program_can_be_driven_is_proposed(tmp_path: Path) -> None:
+    """An arc with axis 6 turned back so far that a lap from there would leave its limits."""
+    circle = circle_of(load("ur10e")[0])
+    poses = frame_of(circle).poses(np.radians(np.linspace(0, 90, 300)))
+    q = np.degrees(follow(arm_of(load("ur10e")[0].robot), poses, np.radians(circle.posture_deg), "test"))
+    q[:, 5] -= 360
+    rows = [f"{k / 50},acw,{','.join(map(str, one))},0,0" for k, one in enumerate(q)]
+    heads = "t_s,direction,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,g1_mm,g2_mm"
+    (tmp_path / "arc.csv").write_text("\n".join([heads, *rows]))
+    imported = rig("import", tmp_path / "arc.csv", "--rig", "ur10e", "--test", "yaw", "-o", tmp_path / "arc")
+    assert imported.returncode == 0, imported.stderr
+    done = rig("circle", "fit", tmp_path / "arc")
+    assert done.returncode == 0, done.stderr
+    (said,) = [line for line in done.stderr.splitlines() if "cannot drive" in line]
+    assert "it can with posture_deg: [" in said, said
+
+
 def test_json_has_the_values_and_their_uncertainties(run: Path) -> None:
     done = rig("circle", "fit", run, "--json")
     found = json.loads(done.stdout)
     assert found["test"] == "circle" and found["radius_mm"] == pytest.approx(70, abs=0.02)
-    assert set(found["u"]) >= {"centre_mm", "normal", "radius_mm"}
+    assert set(found["u"]) >= {"centre_mm", "normal_deg", "radius_mm"}
+    assert len(found["u"]["centre_mm"]) == 3 and 0 < found["u"]["radius_mm"] < 0.02
 
 
 def test_the_ball_of_a_circle_and_of_stands(run: Path, cell: Path, tmp_path: Path) -> None:
@@ -110,6 +131,14 @@ def test_a_run_of_single_readings_is_no_circle(tmp_path: Path) -> None:
     radial = simulate("ur10e", "radial", seed=1)
     done = rig("circle", "fit", save_run(radial, tmp_path / radial.path))
     assert done.returncode == 3 and "no motion" in done.stderr
+
+
+def test_a_read_only_file_stays_as_it_is(run: Path, cell: Path) -> None:
+    before = cell.read_text()
+    cell.chmod(0o440)
+    done = rig("circle", "fit", run, "--rig", cell, "--write")
+    assert done.returncode == 3 and done.stdout == "" and len(done.stderr.splitlines()) == 1
+    assert "is read-only" in done.stderr and cell.read_text() == before and list(cell.parent.iterdir()) == [cell]
 
 
 def test_a_directory_that_cannot_be_written_leaves_the_file(run: Path, cell: Path) -> None:

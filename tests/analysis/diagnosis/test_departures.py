@@ -85,6 +85,14 @@ def test_the_position_of_a_joint_in_its_play_before_the_run_is_free() -> None:
     assert _before_the_lap(linear) == [1, 1]
 
 
+def test_readings_of_a_gauge_that_stands_are_no_surer_than_its_step() -> None:
+    """All of them are rounded alike: with 10 µm steps their mean is off by up to 5 µm, however many there are."""
+    runs = seen([_standing(run) for run in circles()])
+    runs = [replace(run, step_mm=0.010) for run in runs]
+    for block in blocks_of(runs, fit_run_setups(runs)[0]):
+        assert (block.sd_mm[len(ORDER_OF) :] >= 0.010 / np.sqrt(12)).all()
+
+
 def test_a_run_without_stands_does_not_determine_where_a_play_began() -> None:
     assert len(healthy().y) == 2 * len(ORDER_OF)
     assert _before_the_lap(healthy()) == []

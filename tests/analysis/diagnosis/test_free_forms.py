@@ -67,7 +67,7 @@ def test_beside_names_and_a_background_a_form_gains_what_the_density_gains() -> 
     C = np.eye(len(free)) + other @ other.T + 100 * linear.U @ linear.U.T + 1e6 * free @ free.T
     words = "an error of axis 4 that goes with its speed, whichever way it turns"
     added = linear.by_joint(4, ERRORS[words][1])[:, 0]
-    y = np.random.default_rng(5).normal(size=len(free)) + added * 60 / np.linalg.norm(added)
+    y = np.random.default_rng(5).normal(size=len(free)) + added * 200 / np.linalg.norm(added)
     found = best_free_form(tuple(free_forms_of(linear)), _beside(linear, y, free, other))
     form = next(form for form in free_forms_of(linear) if form.words == found.form.words).columns
     densities = [_log_density(y, C + s * form @ form.T) for s in 4.0 ** np.arange(-4, 11)]

@@ -131,7 +131,7 @@ def test_a_large_effect_moves_the_set_up_on_the_simulator() -> None:
     linear = Linearisation(blocks_of(runs, setups), setups)
     left, still = linear.residual(offset), linear.residual_at(offset, setups)
     left, still = (float(np.sqrt(np.mean(linear.without_set_up(one) ** 2))) for one in (left, still))
-    assert left < 3
+    assert left < 6
     assert still > 30
 
 

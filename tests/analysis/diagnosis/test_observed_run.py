@@ -81,6 +81,14 @@ def test_one_stand_alone_does_not_count(ends: tuple[int, int]) -> None:
     assert one.sampling and one.sampling.stands == ()
 
 
+@pytest.mark.parametrize("step_mm", [0.0005, 0.010])
+def test_the_step_of_the_coarser_gauge_is_kept(step_mm: float) -> None:
+    table = _circle("cw")
+    g_mm = np.stack([np.round(table.g_mm[:, 0] / step_mm) * step_mm, np.round(table.g_mm[:, 1] / 1e-4) * 1e-4], axis=1)
+    one = observe_run(model_of(RIG), replace(table, g_mm=g_mm), "run")
+    assert one.step_mm == pytest.approx(step_mm, rel=0.01)
+
+
 def test_targets_have_no_sampling() -> None:
     one = observe_run(model_of(RIG), table_of("radial", None, 7), "run")
     assert one.sampling is None and one.name == "radial"

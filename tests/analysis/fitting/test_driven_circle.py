@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -184,6 +185,12 @@ def test_a_robot_that_stood_is_refused() -> None:
     assert "stood still" in refused(driven_along(np.repeat(around(np.zeros(1)), 50, axis=0))).what
 
 
+@pytest.mark.parametrize("t_s", [[0.0, 0.01, 0.02], [0.0, 0.01, 0.02, 5.0]])
+def test_a_few_rows_are_refused(t_s: list[float]) -> None:
+    q = around(np.arange(len(t_s)) * 90.0)
+    assert "too few to find a circle" in refused(RobotMotion("run", np.array(t_s), q)).what
+
+
 def test_two_points_are_refused() -> None:
     said = refused(sampled(*stops(around(np.array([0.0, 60.0])), dwell_s=2.0)))
     assert "2 points" in said.what and "three or more" in said.remedy
@@ -197,11 +204,13 @@ def test_points_on_a_line_are_refused() -> None:
     assert "line" in refused(sampled(*stops(q, dwell_s=2.0))).what
 
 
-def test_an_arc_that_is_too_short_is_refused_with_its_uncertainty() -> None:
-    noisy = driven_along(around(np.linspace(0, 12, 60)))
+@pytest.mark.parametrize("arc_deg", [5, 12])
+def test_an_arc_that_is_too_short_is_refused_with_its_uncertainty(arc_deg: float) -> None:
+    noisy = driven_along(around(np.linspace(0, arc_deg, 60)))
     noisy = replace(noisy, q=noisy.q + np.random.default_rng(1).normal(0, np.radians(0.004), noisy.q.shape))
     said = refused(noisy)
-    assert "too short an arc (u " in said.what and "longer arc" in said.remedy
+    assert re.search(r"of arc (are too short an arc \(u .*\)|.* uncertain by .* \(u\))", said.what)
+    assert "longer arc" in said.remedy
 
 
 def test_two_circles_are_refused() -> None:

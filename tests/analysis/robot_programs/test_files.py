@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO
 
 import pytest
 import yaml
 
-from analysis.robot_programs.examine import demand_of
+from analysis.files.write import write_new
+from analysis.robot_programs import write
+from analysis.robot_programs.examine import Demand, demand_of
+from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import plans_of
 from analysis.robot_programs.text import fixed, identifier, wrapped
-from analysis.robot_programs.write import DIALECTS, DialectName, programs_of
+from analysis.robot_programs.write import DIALECTS, DialectName, programs_of, write_programs
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from tests.support.command_line import ended
@@ -20,20 +25,28 @@ LONG = "a-cell-with-a-name-of-sixty-three-characters-which-is-the-most-"
 LONGEST = {"ur": 60, "fanuc": 36, "kuka": 24, "abb": 32, "yaskawa": 32}
 
 
-@pytest.mark.parametrize("dialect", DIALECTS)
-def test_names_fit_the_controller_and_differ_between_directions(dialect: DialectName) -> None:
+@pytest.fixture(scope="module")
+def planned() -> list[tuple[Plan, Demand]]:
+    """Both directions of a circle, for a rig of the longest name."""
     rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")) | {"name": LONG[:63]}
-    plans = plans_of(parse(yaml.safe_dump(rig), "long"), "circle", 3.0)
-    files = programs_of(dialect, [(plan, demand_of(plan)) for plan in plans])
+    return [(plan, demand_of(plan)) for plan in plans_of(parse(yaml.safe_dump(rig), "long"), "circle", 3.0)]
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+def test_names_fit_the_controller_and_differ_between_directions(
+    dialect: DialectName, planned: list[tuple[Plan, Demand]]
+) -> None:
+    files = programs_of(dialect, planned)
     names = {name.rpartition(".")[0] for name in files}
     assert len(names) == 2
     assert all(re.fullmatch(r"[A-Za-z]\w*", name) and len(name) <= LONGEST[dialect] for name in names)
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_the_first_comment_is_the_override_and_the_clearance(dialect: DialectName) -> None:
-    plan = plans_of(parse((SHIPPED / "paper-fanuc.yaml").read_text(), "paper"), "circle", 3.0)[0]
-    text = next(iter(programs_of(dialect, [(plan, demand_of(plan))]).values()))
+def test_the_first_comment_is_the_override_and_the_clearance(
+    dialect: DialectName, planned: list[tuple[Plan, Demand]]
+) -> None:
+    text = next(iter(programs_of(dialect, planned).values()))
     comments = re.findall(r"^\s*(?:\d+:)?\s*(?:[#;'!] ?)(.*?)(?: ;)?$", text, re.M)
     first = " ".join(comments[:8])
     assert first.startswith("CHECK: override 10 % in the first run, 100 % to measure. Keep X ")
@@ -108,6 +121,29 @@ def test_wrong_use_is_one_line(
     said = capsys.readouterr().err
     assert says in said and said.count("\n") == 1
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("stopped_by", [KeyboardInterrupt, FileError("b", "no space left", "make room")])
+def test_a_writing_that_is_stopped_leaves_nothing(
+    stopped_by: type[BaseException] | BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stops_at_the_second(path: Path, fill: Callable[[BinaryIO], None]) -> None:
+        if path.name == "b":
+            raise stopped_by
+        write_new(path, fill)
+
+    monkeypatch.setattr(write, "write_new", stops_at_the_second)
+    with pytest.raises((KeyboardInterrupt, FileError)):
+        write_programs("ur", {"a": "x\n", "b": "y\n"}, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_directory_that_cannot_be_made_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").touch()
+    for output in (tmp_path / "file", tmp_path / "file" / "below"):
+        assert ended("program", "ur10e", "--for", "ur", "--test", "repeatability", "-o", output) == 3
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(f"error: {output}: ") and line.endswith("; give another --output")
 
 
 def test_a_rig_without_the_test_and_one_out_of_reach_write_nothing(

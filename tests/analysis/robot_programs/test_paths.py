@@ -19,9 +19,10 @@ from analysis.robot_programs.examine import Demand, demand_of
 from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import ProgramTest, plans_of
 from analysis.robot_programs.write import DIALECTS, DialectName, programs_of
-from tests.support.interpreters.arms import ARMS, pose_of, reached, rig_of
+from tests.support.interpreters.arms import ARMS, LIBRARY, pose_of, reached, rig_of
 from tests.support.interpreters.driven import along, paths, run, stops
-from tests.support.interpreters.machine import Array, Event, Held, Round, Stood, Waited
+from tests.support.interpreters.joints import postures
+from tests.support.interpreters.machine import Array, Event, Held, Posture, Round, Stood, Waited
 
 DWELL_S = 4.0
 PLACE_MM = {"yaskawa": 5e-3}
@@ -78,6 +79,30 @@ def test_a_circle_is_the_simulators(arm: str, test: ProgramTest, direction: str,
     mm, rad = apart(along(pieces, way), (expected[0], expected[1]))
     assert mm < tolerances(dialect)[0] and rad < tolerances(dialect)[1], (mm, rad)
     assert sum(piece.length_mm for piece in pieces) == pytest.approx(way[-1], abs=0.1)
+
+
+@pytest.mark.parametrize(("arm", "dialect"), [(arm, arm.partition("-")[0]) for arm in LIBRARY])
+def test_arms_of_the_library_drive_the_simulators_circle(arm: str, dialect: DialectName) -> None:
+    """In the language of their maker: their angles are the controller's, with its signs and couplings."""
+    pieces = paths(run(dialect, programs(arm, "circle", dialect)[0], rig_of(arm)))
+    way, *expected = simulated(arm, "acw")
+    mm, rad = apart(along(pieces, way), (expected[0], expected[1]))
+    assert mm < tolerances(dialect)[0] and rad < tolerances(dialect)[1], (mm, rad)
+
+
+@pytest.mark.parametrize(
+    ("arm", "dialect", "axes"),
+    [("fanuc-m-10ia", "fanuc", (3, 4, 5)), ("yaskawa-gp7", "yaskawa", (3, 5, 0)), ("kuka-hanging", "fanuc", (3, 4, 5))],
+)
+def test_positions_say_the_posture_in_which_the_arm_arrives(arm: str, dialect: DialectName, axes: list[int]) -> None:
+    rig = rig_of(arm)
+    start = circle_program(rig, "acw").q[0]
+    said = postures(rig, run(dialect, programs(arm, "circle", dialect)[0], rig), start)
+    assert len({posture for _, posture in said}) > 1, "no count changes along this circle"
+    for q, posture in said:
+        turns = np.sign(q[[*axes]]) * np.floor(np.abs(np.degrees(q[[*axes]])) / 360 + 0.5)
+        expected = np.abs(turns) > 0 if dialect == "yaskawa" else turns
+        assert posture == Posture(bool(q[4] > 0), tuple(map(int, expected))), np.degrees(q)
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 import yaml
 
+from analysis.kinematics.arm import Array
 from analysis.robot_programs.examine import demand_lines, demand_of
-from analysis.robot_programs.plan import Arc, Hold, Plan, Signal, Target
+from analysis.robot_programs.plan import Hold, Plan, Signal
 from analysis.robot_programs.planned import plans_of
-from analysis.robot_programs.ways import way_of
+from analysis.robot_programs.ways import around
 from analysis.robot_programs.write import DIALECTS, DialectName, feedback_note, programs_of
 from daq.feedback import line_feed
 from daq.protocol.conversation import Sample
@@ -25,7 +26,7 @@ from tests.support.interpreters.machine import Held, Shown, Switched
 RULES = [
     {"when": {"signal": 1}, "test": "yaw", "direction": "cw"},
     {"when": {"signal": 2}, "test": "yaw", "direction": "acw"},
-    {"when": {"signal": 3}, "test": "radial"},
+    {"when": {"signal": 3}, "test": "repeatability"},
 ]
 LINES = {
     "interface": "line_feed",
@@ -63,7 +64,7 @@ def test_a_rule_of_the_rig_file_gives_the_signal_and_takes_the_pause() -> None:
 
 def test_a_test_without_a_rule_waits_for_a_person() -> None:
     rig = rig_with(feedback=RTDE | {"signal": {"outputs": [4, 9]}}, automatic={"rules": RULES})
-    (plan,) = plans_of(rig, "repeatability", 3.0)
+    plan, _ = plans_of(rig, "roll", 3.0)
     assert any(isinstance(step, Hold) for step in plan.steps)
     assert not any(isinstance(step, Signal) for step in plan.steps)
 
@@ -77,7 +78,7 @@ def test_a_register_of_rtde_shows_the_signal() -> None:
 @pytest.mark.parametrize(("dialect", "names"), [("fanuc", (9, 10)), ("kuka", (9, 10)), ("yaskawa", (9, 10))])
 def test_other_controllers_switch_the_outputs_that_were_named(dialect: DialectName, names: tuple[int, ...]) -> None:
     rig = rig_with(feedback=LINES, automatic={"rules": RULES})
-    (plan,) = plans_of(rig, "hemisphere", 3.0, names)
+    (plan,) = plans_of(rig, "repeatability", 3.0, names)
     switched = [event for event in run(dialect, files_of(rig, dialect, plan), rig) if isinstance(event, Switched)]
     assert [(event.output, event.on) for event in switched] == [(9, True), (10, True), (9, False), (10, False)]
 
@@ -85,7 +86,7 @@ def test_other_controllers_switch_the_outputs_that_were_named(dialect: DialectNa
 def test_nothing_is_switched_that_was_not_named() -> None:
     rig = rig_with(feedback=LINES, automatic={"rules": RULES})
     with pytest.raises(FileError, match="signal 3 does not fit into 1 outputs; give --outputs"):
-        plans_of(rig, "hemisphere", 3.0, (9,))
+        plans_of(rig, "repeatability", 3.0, (9,))
     with pytest.raises(FileError, match="0 outputs"):
         plans_of(rig, "circle", 3.0)
 
@@ -112,17 +113,18 @@ def test_the_lines_that_karel_prints_are_read_by_the_line_feed() -> None:
 
 
 def printed(text: str) -> bytes:
-    """The line of a KAREL `WRITE`, whose items have a width and decimals after `::`."""
-    (items,) = re.findall(r"WRITE client \((.*), CR\)", text)
+    """The line of a KAREL `WRITE`, whose items have a width and decimals after `::`; what CR sends is not known."""
+    (items,) = re.findall(r"WRITE client \((.*)\)", text)
     line = ""
-    for literal, name, width, decimals in re.findall(
-        r"'([^']*)'|(clock|signal|joints\[\d\])::(\d+)(?:::(\d+))?", items
-    ):
+    item = r"'([^']*)'|CHR\((\d+)\)|(clock|signal|joints\[\d\])::(\d+)(?:::(\d+))?"
+    assert re.fullmatch(rf"(?:{item})(?:, (?:{item}))*", items)
+    for literal, code, name, width, decimals in re.findall(item, items):
         value = {"clock": 123, "signal": 2}.get(name) if name in ("clock", "signal") else None
         if name.startswith("joints"):
             value = 9.5 + int(name[7])
-        line += literal if value is None else f"{value:{width}.{decimals or 0}f}"
-    return f"{line}\r\n".encode()
+        character = chr(int(code)) if code else literal
+        line += character if value is None else f"{value:{width}.{decimals or 0}f}"
+    return line.encode()
 
 
 @pytest.mark.parametrize(
@@ -157,7 +159,7 @@ def test_the_turns_of_the_wrist_are_reported() -> None:
     (turning,) = [line for line in lines if line.startswith("wrist 3")]
     ways = 2 * 2 - 1
     assert f"{ways * 384 / 360:.1f} turns in all" in turning
-    assert demand.distance_mm == pytest.approx([70, 70], abs=1e-6)
+    assert demand.distance_mm == pytest.approx([70, 70], abs=1e-3)
 
 
 def test_opposite_targets_are_joined_over_the_side_to_which_the_tool_leans() -> None:
@@ -169,12 +171,12 @@ def test_opposite_targets_are_joined_over_the_side_to_which_the_tool_leans() -> 
 
 
 def test_an_arc_goes_around_the_long_way_where_its_middle_lies_there() -> None:
-    def at(deg: float) -> Target:
+    def at(deg: float) -> Array:
         T = np.eye(4)
         T[:3, 3] = 100 * np.array([np.cos(np.radians(deg)), np.sin(np.radians(deg)), 0]) + [5, 6, 7]
-        return Target(T, np.zeros(6))
+        return T
 
-    way = way_of(at(0).T, Arc(at(150), at(300), speed_mm_s=20.0))
+    way = around(at(0), at(150)[:3, 3], at(300), speed_mm_s=20.0)
     assert way.seconds == pytest.approx(np.radians(300) * 100 / 20)
     assert np.linalg.norm(way.poses[:, :3, 3] - [5, 6, 7], axis=1) == pytest.approx(100)
-    assert way.poses[len(way.poses) // 2, :3, 3] == pytest.approx(at(150).T[:3, 3])
+    assert way.poses[len(way.poses) // 2, :3, 3] == pytest.approx(at(150)[:3, 3])

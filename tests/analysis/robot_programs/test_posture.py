@@ -29,6 +29,8 @@ def test_a_wrist_that_is_turned_over_is_flipped() -> None:
     assert posture_of(arm, over) == Posture(flip=True, up=True, front=True)
 
 
-@pytest.mark.parametrize(("deg", "count"), [(-181, -1), (-179, 0), (179, 0), (181, 1), (539, 1), (541, 2)])
+@pytest.mark.parametrize(
+    ("deg", "count"), [(-540, -2), (-539, -1), (-180, -1), (-179, 0), (0, 0), (179, 0), (180, 1), (539, 1), (541, 2)]
+)
 def test_turns_are_counted_from_half_a_turn_on(deg: float, count: int) -> None:
     assert turns(float(np.radians(deg))) == count

@@ -17,9 +17,21 @@ from tests.support.interpreters.machine import ProgramError
 MARKS = {
     "ur": [r"\(", r"\)", r",", r"\[", r"\]", r":\n", r"=", r"\nend\n", r"movec", r"def ", r"\n[a-z]\w+\(\)\n"],
     "fanuc": [r" ;", r"\[", r"\]", r"\};", r",\t", r"mm/sec", r" deg", r"/POS", r"/END", r"P\[1\]\{", r"FINE", r" 10:"],
-    "kuka": [r"\nEND", r"DEF ", r"CIRC ", r", P", r"\}", r"\{", r"WAIT SEC", r"#PATH", r"\$NULLFRAME"],
+    "kuka": [r"\nEND", r"DEF ", r"CIRC ", r", P", r"\}", r"\{", r"WAIT SEC", r"#PATH", r"\$ROBROOT"],
     "abb": [r";", r":=", r"\[", r"\]", r"MoveC", r"ENDPROC", r"ENDMODULE", r"MODULE ", r"\\WObj", r"PROC ", r"LOCAL "],
-    "yaskawa": [r"END", r"NOP", r"V=", r"MOVC ", r"C0", r"//INST", r"///RCONF", r"\.", r"///NPOS \d+", r"TIMER T="],
+    "yaskawa": [
+        r"END",
+        r"NOP",
+        r"V=",
+        r"MOVC ",
+        r"C0",
+        r"//INST",
+        r"///RCONF",
+        r"\.",
+        r"///NPOS \d+",
+        r"TIMER T=",
+        r",RJ",
+    ],
 }
 """Left out, one at a time."""
 

@@ -11,6 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from statistics import median
 from typing import Any
 
 from tests.support.blind.answers import Answer, Named, answer_of
@@ -240,7 +241,9 @@ def notes(cases: Sequence[RealCase]) -> list[str]:
     for kind in dict.fromkeys(case.kind for case in cases):
         own = [case for case in cases if case.kind == kind]
         verdicts = ", ".join(f"{n} {said}" for said, n in Counter(c.answer.verdict for c in own).most_common())
-        lines.append(f"{kind}: {sum(case.testable for case in own)} of {len(own)} testable; {verdicts}")
+        seconds = [case.answer.seconds for case in own if math.isfinite(case.answer.seconds)]
+        line = f"{kind}: {sum(case.testable for case in own)} of {len(own)} testable; {verdicts}"
+        lines.append(f"{line}; {median(seconds):.1f} s a case" if seconds else line)
     wrong = Counter(named.name for case in cases for named in case.wrong)
     missed = Counter(
         one["name"]

@@ -74,12 +74,13 @@ def make_case(job: Job) -> None:
 
 
 def run_job(job: Job) -> dict[str, Any]:
-    """Generate, import and diagnose; the answer with its `seconds`, or an `error` instead. A case that is there already
-    is used again."""
-    make_case(job)
-    runs = runs_of(job.case)
+    """Generate, import and diagnose; the answer with its `seconds`, or an `error` instead, which also a case is whose
+    tables are refused. A case that is there already is used again."""
     begin = time.process_time()
     try:
+        make_case(job)
+        runs = runs_of(job.case)
+        begin = time.process_time()
         answer = diagnose_case(runs["train"], runs["held_out"], runs["unseen"])
     except (Exception, SystemExit) as error:  # noqa: BLE001 - one bad case is an answer that is missing
         answer = {"error": f"{type(error).__name__}: {error}"}

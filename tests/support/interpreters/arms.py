@@ -1,7 +1,8 @@
-"""The arms whose programs are run: the shipped two, and a KUKA from published parameters that hangs from a ceiling.
+"""The arms whose programs are run: the shipped two, a KUKA from published parameters that hangs from a ceiling, and
+arms of the library with a circle that each can drive.
 
-Its constants are those of tests/support/five_arms.py (KUKA KR 6 R700), with a tool at an angle, signs on three axes and
-a base turned over, so that every frame of a program is other than the identity.
+The hanging arm's constants are those of tests/support/five_arms.py (KUKA KR 6 R700), with a tool at an angle, signs on
+three axes and a base turned over, so that every frame of a program is other than the identity.
 """
 
 from __future__ import annotations
@@ -55,16 +56,49 @@ hemisphere:
   posture_deg: [0, -80, 100, 0, 60, 0]
 repeatability: {targets: [1, 4, 9], rounds: 2}
 """
+LIBRARY = {
+    "kuka-kr-10-r1100-2": {
+        "centre_mm": [-561.2, 293.1, 486.5],
+        "normal": [0.1649, -0.3845, 0.9083],
+        "zero": [-0.9858, -0.0945, 0.139],
+        "posture_deg": [20, -111.3, -95.5, 24.1, -48.3, -170],
+    },
+    "abb-irb-120": {
+        "centre_mm": [124.1, 29.3, 292],
+        "normal": [0.3147, 0.266, 0.9112],
+        "zero": [-0.7906, -0.4578, 0.4067],
+        "posture_deg": [20, -38.9, 57, -8.2, 94.9, 170],
+    },
+    "yaskawa-gp7": {
+        "centre_mm": [615.2, 212.8, 215.3],
+        "normal": [-0.267, -0.0971, 0.9588],
+        "zero": [0.8279, 0.4862, 0.2797],
+        "posture_deg": [20, 23.1, 17.3, 0, -67.7, -170],
+    },
+    "fanuc-m-10ia": {
+        "centre_mm": [755.8, 264, 256.3],
+        "normal": [0.2617, 0.0954, 0.9604],
+        "zero": [0.8294, 0.4867, -0.2743],
+        "start_deg": 40,
+        "posture_deg": [20, 10.7, -31, 180, 75.2, -310],
+    },
+}
+"""Circles found by a search over postures. Axis 6 of each passes 180°, and J4 of the FANUC, its wrist turned over."""
 
 
 @lru_cache
 def rig_of(name: str) -> Rig:
     """The rig of an arm."""
-    if name != "kuka-hanging":
+    if name == "kuka-hanging":
+        robot, tests = yaml.safe_load(_KUKA), yaml.safe_load(_TESTS)
+    elif name in LIBRARY:
+        section = yaml.safe_load((SHIPPED / "arms" / f"{name}.yaml").read_text(encoding="utf-8"))["robot"]
+        robot = section | {"tool": {"xyz_mm": [0, 0, 100], "rpy_deg": [0, 90, 0]}, "payload_kg": 2}
+        tests = {"circle": LIBRARY[name] | {"radius_mm": 60, "speed_mm_s": 20}}
+    else:
         return load(name)[0]
     rig = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text(encoding="utf-8"))
-    rig |= {"name": name, "robot": yaml.safe_load(_KUKA), "tests": yaml.safe_load(_TESTS)}
-    return parse(yaml.safe_dump(rig), name)
+    return parse(yaml.safe_dump(rig | {"name": name, "robot": robot, "tests": tests}), name)
 
 
 def flange_of(rig: Rig) -> Flange:

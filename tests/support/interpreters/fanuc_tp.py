@@ -1,17 +1,18 @@
 """FANUC's teach pendant programs in ASCII (.LS). FANUC, R-30iB Operator's Manual B-83284EN, chapter 4: J, L, C moves,
 FINE and CNT, WAIT, DO, remarks of 32 characters, UFRAME and UTOOL; W, P, R turn about the fixed x, y, z axes, in this
 order. A circular move turns the tool evenly from where it stands to the end; a move to a position of another tool or
-user frame than the selected one is refused."""
+user frame than the selected one is refused. CONFIG: F or N for a wrist that is flipped or not, then how often J4, J5
+and J6 are turned beyond -180° to 180° (HandlingTool, section 11.21.2: 1 from 180° to 539°)."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.support.interpreters.machine import Array, Held, Machine, Pose, ProgramError, Switched, Waited
+from tests.support.interpreters.machine import Array, Held, Machine, Pose, Posture, ProgramError, Switched, Waited
 
 _NAME = re.compile(r"[A-Z][A-Z0-9_]{0,35}")
 _NUMBER = r"(-?\d*\.?\d+)"
@@ -24,7 +25,8 @@ _LINE = re.compile(r" *(\d+):(.*?) ;\n", re.S)
 _POSITION = re.compile(r"P\[(\d+)\]\{\n   GP1:\n\tUF : (\d+), UT : (\d+),(.*?)\n\};\n", re.S)
 _JOINTS = re.compile(r"\n\t" + r",\s*".join(rf"J{axis}= *{_NUMBER} deg" for axis in range(1, 7)))
 _PLACES = [rf"{axis} = *{_NUMBER} mm" for axis in "XYZ"] + [rf"{axis} = *{_NUMBER} deg" for axis in "WPR"]
-_CARTESIAN = re.compile(r"\t\tCONFIG : '([NF] [UD] [TB], -?\d+, -?\d+, -?\d+)',\n\t" + r",\s*".join(_PLACES))
+_CONFIG = r"\t\tCONFIG : '([NF]) [UD] [TB], (-?\d+), (-?\d+), (-?\d+)',\n\t"
+_CARTESIAN = re.compile(_CONFIG + r",\s*".join(_PLACES))
 
 
 @dataclass(frozen=True)
@@ -65,8 +67,9 @@ def _positions(text: str) -> dict[int, _Position]:
         if joints:
             pose, q = None, np.radians([float(value) for value in joints.groups()])
         elif cartesian:
-            values = [float(value) for value in cartesian.groups()[1:]]
-            pose, q = _pose(values), None
+            flip, *counts = cartesian.groups()[:4]
+            posture = Posture(flip == "F", tuple(map(int, counts)))
+            pose, q = replace(_pose([float(value) for value in cartesian.groups()[4:]]), posture=posture), None
         else:
             raise ProgramError(f"the coordinates {found[4]!r} are not FANUC's")
         positions[int(found[1])] = _Position(int(found[2]), int(found[3]), pose, q)

@@ -1,5 +1,6 @@
 """INFORM, a Yaskawa job (.JBI). Yaskawa, DX100 Options, data transmission 156191-1CD, chapter 4: the sections of a job,
-positions C00000 … of which each belongs to one instruction, RCONF for those that follow, Rx, Ry, Rz about fixed axes in
+positions C00000 … of which each belongs to one instruction, RCONF for those that follow (0 for flip, then whether R, T
+and S stand beyond 180°), the attribute RJ of a job whose positions are not pulses, Rx, Ry, Rz about fixed axes in
 this order; a comment has 32 characters, a name 32. INFORM: the first MOVC of a chain is reached on a line, the first
 three are one arc, each further one continues on the circle of the last three; another move ends the chain. The tool
 stands in the controller's tool file, which a person fills."""
@@ -11,7 +12,7 @@ import re
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from tests.support.interpreters.machine import Held, Machine, Pose, ProgramError, Switched, Waited
+from tests.support.interpreters.machine import Held, Machine, Pose, Posture, ProgramError, Switched, Waited
 
 _HEAD = [
     r"/JOB",
@@ -25,12 +26,12 @@ _HEAD = [
 _MIDDLE = [
     r"//INST",
     r"///DATE \d{4}/\d\d/\d\d \d\d:\d\d",
-    r"///ATTR SC,RW",
+    r"///ATTR SC,RW,RJ",
     r"///FRAME BASE",
     r"///GROUP1 RB1",
     r"NOP",
 ]
-_FORM = re.compile(r"///RCONF [01](,[01]){5}(,0){18}")
+_FORM = re.compile(r"///RCONF ([01]),[01],[01],([01]),([01]),([01])(,0){18}")
 _POSITION = re.compile(r"C(\d{5})=" + ",".join([r"(-?\d+\.\d{3})"] * 3 + [r"(-?\d+\.\d{4})"] * 3))
 _MOVE = re.compile(r"(MOVJ|MOVL|MOVC) C(\d{5}) (?:VJ=(\d+\.\d\d)|V=(\d+\.\d)|VR=(\d+\.\d))( PL=0)?")
 
@@ -55,16 +56,16 @@ def run(text: str, machine: Machine) -> None:
 
 def _positions(lines: list[str]) -> tuple[list[Pose], list[str]]:
     positions: list[Pose] = []
-    formed = False
+    posture = None
     for number, line in enumerate(lines):
         if found := _POSITION.fullmatch(line):
-            if int(found[1]) != len(positions) or not formed:
+            if int(found[1]) != len(positions) or posture is None:
                 raise ProgramError(f"{line!r} is out of order, or has no RCONF")
             values = [float(value) for value in found.groups()[1:]]
             turn = Rotation.from_euler("xyz", values[3:], degrees=True)
-            positions.append(Pose(np.array(values[:3]), turn))
-        elif _FORM.fullmatch(line):
-            formed = True
+            positions.append(Pose(np.array(values[:3]), turn, posture))
+        elif found := _FORM.fullmatch(line):
+            posture = Posture(found[1] == "0", tuple(map(int, found.groups()[1:4])))
         else:
             return positions, lines[number:]
     return positions, []

@@ -1,7 +1,8 @@
 """KUKA Robot Language, a .src with its .dat. KUKA System Software 8.x: $TOOL, $BASE, $VEL in m/s, PTP, LIN, CIRC with
 C_DIS, WAIT SEC, HALT, $OUT. A, B, C turn about z, then the new y, then the new x. With $CIRC_TYPE = #PATH and
 $ORI_TYPE = #VAR the tool turns from beginning to end relative to the path, with #BASE evenly in space. Declarations
-come before instructions; a name has 24 characters at most."""
+come before instructions; a name has 24 characters at most. $BASE counts in $WORLD, where the robot stands at $ROBROOT:
+points in the robot's base frame need $BASE = $ROBROOT."""
 
 from __future__ import annotations
 
@@ -134,7 +135,7 @@ class _Controller:
         return self._points[name]
 
     def _speed_mm_s(self) -> float:
-        if self._settings.get("$BASE") != "$NULLFRAME" or self._settings["$ACC.CP"] <= 0:
+        if self._settings.get("$BASE") != "$ROBROOT" or self._settings["$ACC.CP"] <= 0:
             raise ProgramError("a path needs its base and its acceleration")
         return 1000 * float(self._settings["$VEL.CP"])
 

@@ -27,9 +27,21 @@ class ProgramError(Exception):
 
 
 @dataclass(frozen=True)
+class Posture:
+    """What a position says of the arm's posture, in words that follow from the joint angles alone.
+
+    flip: axis 5 stands at a positive angle; counts: of axes 4, 5 and 6 or of 4, 6 and 1, as the language has them.
+    """
+
+    flip: bool
+    counts: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class Pose:
     place: Array
     turn: Rotation
+    posture: Posture | None = None
 
 
 @dataclass(frozen=True)
