@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array
-from analysis.kinematics.newton import newton
-from analysis.robot_programs.plan import Arc, Comment, Line, Move, Plan, Step, Target, Turn, end_of, in_base
-from analysis.robot_programs.ways import rotation_vector
+from analysis.kinematics.follow import follow
+from analysis.robot_programs.plan import Arc, Comment, JointMove, Line, Move, Plan, Step, Target, Turn, end_of, in_base
+from analysis.robot_programs.ways import Way, around, rotation_vector, straight, turned
 from rigs.errors import FileError
 
 _FURTHEST_MM, _FURTHEST_DEG = 20.0, 5.0
@@ -86,30 +86,47 @@ def _with_targets(plan: Plan, targets: Sequence[Target], lines: Sequence[int], w
             continue
         key = id(at), id(step)
         if key not in known:
-            known[key] = tuple(_moved(plan.arm, step, new[id(at)], new))
+            known[key] = tuple(_moved(plan, step, new[id(at)], new))
         steps += known[key]
         at = end_of(step)
     return replace(plan, steps=tuple(steps))
 
 
-def _moved(arm: Arm, step: Move, begin: Target, new: dict[int, Target]) -> Iterator[Step]:
+def _moved(plan: Plan, step: Move, begin: Target, new: dict[int, Target]) -> Iterator[Step]:
     """Yield a move to its corrected targets, from the corrected `begin`."""
     match step:
         case Arc(via, end):
-            yield replace(step, via=new[id(via)], end=new[id(end)])
+            via, end = new[id(via)], new[id(end)]
+            q = _followed(plan, around(begin.T, via.T[:3, 3], end.T, step.speed_mm_s), begin)
+            yield replace(step, via=via, end=end, q=q)
         case Turn(target):
             # Corrections of the two orientations differ, so that a turn on the spot would miss the second place.
             end = new[id(target)]
-            if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) < _SAME_PLACE_MM:
-                yield replace(step, target=end)
-                return
             T = end.T.copy()
             T[:3, 3] = begin.T[:3, 3]
-            q = newton(arm, (arm.T_world_base @ T)[None], end.q[None])[0][0]
-            yield replace(step, target=Target(T, q), angle=float(np.linalg.norm(rotation_vector(begin.T, T))))
-            yield Line(end, _AFTER_TURN_MM_S)
-        case _:
-            yield replace(step, target=new[id(step.target)])
+            q = _followed(plan, turned(begin.T, T, step.speed_rad_s), begin)
+            there = Target(T, q[-1])
+            yield replace(step, target=there, angle=float(np.linalg.norm(rotation_vector(begin.T, T))), q=q)
+            if np.linalg.norm(end.T[:3, 3] - begin.T[:3, 3]) > _SAME_PLACE_MM:
+                yield _line(plan, there, end, _AFTER_TURN_MM_S)
+        case Line(target, speed_mm_s):
+            yield _line(plan, begin, new[id(target)], speed_mm_s)
+        case JointMove(target):
+            yield replace(step, target=new[id(target)])
+
+
+def _line(plan: Plan, begin: Target, end: Target, speed_mm_s: float) -> Line:
+    return Line(end, speed_mm_s, q=_followed(plan, straight(begin.T, end.T, speed_mm_s), begin))
+
+
+def _followed(plan: Plan, way: Way, begin: Target) -> Array:
+    """Return the joint angles (n, 6) rad along a way. Raises FileError where the arm cannot follow, or a joint is too
+    slow."""
+    arm, where = plan.arm, f"the corrected program {plan.name}"
+    q = follow(arm, arm.T_world_base @ way.poses, begin.q, where)
+    for axis in np.flatnonzero(way.joint_speeds(q) > arm.speed):
+        raise FileError(where, f"axis {axis + 1} is too slow for its path", "move the test away from the singularity")
+    return q
 
 
 def _hold_limits(arm: Arm, targets: Sequence[Target], lines: Sequence[int], where: str) -> None:
