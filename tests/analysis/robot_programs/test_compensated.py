@@ -11,6 +11,7 @@ import datetime as dt
 from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -34,14 +35,15 @@ from rigs.errors import FileError
 from rigs.load import load
 from tests.support.command_line import ended
 from tests.support.independent_arm import Array, Wrong, constants_of, flange
-from tests.support.interpreters.driven import along, paths, run
+from tests.support.interpreters.driven import paths, run
 from tests.support.interpreters.machine import Event, Pose, Round, Stood, Straight, Waited
 
 Tables = Callable[[ProgramTest], Path]
 
-ZERO_DEG, U_DEG, AXIS = 0.06, 0.006, 2
+ZERO_DEG, U_DEG, AXIS = 0.06, 0.006, 3
 DWELL_S = 4.0
-POINTS = 41
+POINTS = 11
+"""On each arc, ends included."""
 RIG = load("ur10e")[0]
 ARM = arm_of(RIG.robot)
 FOUND = Found(date=dt.date(2026, 11, 20), runs=("yaw-acw-001",), sd={"offset_deg": U_DEG})
@@ -108,18 +110,22 @@ def _column(path: Path, name: str) -> Array:
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_all_around_the_circle_only_what_the_uncertainty_leaves_is_left(dialect: DialectName, tables: Tables) -> None:
+def test_on_the_circle_what_the_uncertainty_leaves_is_left_and_little_between_targets(
+    dialect: DialectName, tables: Tables
+) -> None:
     path, circle = tables("circle"), circle_of(RIG)
     pieces = paths(_driven(dialect, "circle", path))
     one_lap = pieces[: 1 + next(k for k, piece in enumerate(pieces) if piece.stops)]
-    share, phi = np.linspace(0, 1, POINTS), lap(circle, "acw")[1]
-    on_it = phi[0] + share * (phi[-1] - phi[0])
+    phi, share = lap(circle, "acw")[1], np.linspace(0, 1, POINTS)
+    ends = phi[0] + np.linspace(0, 1, len(one_lap) + 1) * (phi[-1] - phi[0])
+    on_it = np.concatenate([begin + share * (end - begin) for begin, end in pairwise(ends)])
     q = drive(ARM, frame_of(circle), on_it, np.radians(circle.posture_deg), "circle")
-    left = _error_mm(*along(one_lap, share * sum(piece.length_mm for piece in one_lap)), q)
+    places, turns = zip(*(piece.at(share) for piece in one_lap), strict=True)
+    left = _error_mm(np.concatenate(places), Rotation.concatenate(turns), q)
     stated, missed = _column(path, "u_mm"), _column(path, "missed_mm")
     assert missed.min() > 0.5
-    assert left.max() == pytest.approx(stated.max(), rel=0.05)
-    assert left.min() == pytest.approx(stated.min(), rel=0.05)
+    assert left.max() < stated.max() + 0.05 * missed.max()  # an arc between targets cannot follow the error in full
+    assert left[::POINTS] == pytest.approx(stated[: 2 * len(one_lap) : 2], rel=0.05)
 
 
 def test_at_each_target_of_the_hemisphere_only_what_the_uncertainty_leaves_is_left(tables: Tables) -> None:
@@ -127,7 +133,7 @@ def test_at_each_target_of_the_hemisphere_only_what_the_uncertainty_leaves_is_le
     poses = _dwelt(_driven("ur", "hemisphere", path))
     left = _error_mm(np.array([one.place for one in poses]), Rotation.concatenate([one.turn for one in poses]), q)
     stated, missed = _column(path, "u_mm"), _column(path, "missed_mm")
-    assert missed.min() > 0.3
+    assert missed.min() > 0.25
     assert stated.min() * 0.95 < left.min() and left.max() < stated.max() * 1.05
 
 
@@ -154,7 +160,7 @@ def test_the_commands_lead_from_a_test_to_its_corrected_program(
     head, first, *_ = (tmp_path / "nominal" / "circle-path.csv").read_text(encoding="ascii").splitlines()
     assert head == "program,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg" and first.startswith("circle acw ur10e,")
     assert ended(*words, tmp_path / "corrected", "--path", tables("circle")) == 0
-    assert "; the targets are corrected, by up to 0.76 mm" in (
+    assert "; the targets are corrected, by up to 0.72 mm" in (
         tmp_path / "corrected" / "circle_acw_ur10e.src"
     ).read_text(encoding="ascii")
     capsys.readouterr()
