@@ -55,31 +55,32 @@ def main() -> None:
         _fail(CellError(command, f"needs Linux: this system lacks {error.name}", remedy))
     except BrokenPipeError:
         sys.exit(0)
-    except MemoryError:
-        _fail(_short_memory())
     except (ArithmeticError, ValueError, RuntimeWarning) as error:
         if not _is_numerical(error):
             raise
         what = f"the computation failed: {error}"
         _fail(FileError("numbers", what, "check those in the rig file and in the runs"))
-    except OSError as error:
-        if error.errno == errno.ENOMEM:
-            _fail(_short_memory())
-        if error.errno not in _NO_ROOM or error.filename is not None:
-            raise
-        full = CellError("output", error.strerror or str(error), "free some space, or write it elsewhere")
-        # What is left in the buffer would fail once more at the end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        _fail(full)
+    except (MemoryError, OSError) as error:
+        _out_of_room(error)
+
+
+def _out_of_room(error: MemoryError | OSError) -> NoReturn:
+    """Report memory or a disk that is full in one line; any other error of the system is raised again."""
+    if isinstance(error, MemoryError) or error.errno == errno.ENOMEM:
+        _fail(
+            CellError("memory", "there is not enough for this", "close other programs, or give fewer or shorter runs")
+        )
+    if error.errno not in _NO_ROOM or error.filename is not None:
+        raise error
+    # What is left in the buffer would fail once more at the end.
+    full = CellError("output", error.strerror or str(error), "free some space, or write it elsewhere")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    _fail(full)
 
 
 def _fail(error: RigError) -> NoReturn:
     say_error(error)
     sys.exit(error.exit_code)
-
-
-def _short_memory() -> CellError:
-    return CellError("memory", "there is not enough for this", "close other programs, or give fewer or shorter runs")
 
 
 def _wrong_use(error: TyperException) -> NoReturn:

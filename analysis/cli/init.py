@@ -36,7 +36,7 @@ def init(
         list[str] | None,
         typer.Option(
             metavar="PORT",
-            help="Serial port or tcp://host:port of a gauge; may be repeated; default: all ports.",
+            help="Serial port or tcp://host:port of a gauge; may be repeated; default: asked for.",
         ),
     ] = None,
     g1: Annotated[
@@ -78,10 +78,10 @@ def init(
 ) -> None:
     """Look for gauges and robot, ask which is which, and write a checked rig file.
 
-    It only reads: ports are listened to first, then asked with each protocol's
-    own request. Answers are kept beside the rig file until that is written, so
-    that an interrupted rig init goes on where it was. Without a terminal, every
-    question has its option.
+    It only reads, and opens only ports that you name: they are listened to, then
+    asked with each protocol's own request. Answers are kept beside the rig file
+    until that is written, so that an interrupted rig init goes on where it was.
+    Without a terminal, every question has its option.
     """
     from analysis.cli.check import check  # noqa: PLC0415
     from analysis.setup.answers import kept_in  # noqa: PLC0415
@@ -129,13 +129,14 @@ def init(
 
 
 def _found(options: Options) -> dict[str, object]:
-    from analysis.setup.gauge_questions import reports_of  # noqa: PLC0415
-    from daq.discovery import search_robot  # noqa: PLC0415
+    from analysis.setup.gauge_questions import ports_of, reports_of  # noqa: PLC0415
+    from analysis.setup.robot_questions import robot_at  # noqa: PLC0415
+    from daq.discovery import ports_here  # noqa: PLC0415
 
-    robots = [search_robot(options.robot).to_dict()] if options.robot else []
+    robots = [robot_at(options.robot, options.keys["feedback"]).to_dict()] if options.robot else []
     with progress_of("looking at the ports") as doing:
-        ports = [report.to_dict() for report in reports_of(options, doing)]
-    return {"ports": ports, "robots": robots}
+        ports = [report.to_dict() for report in reports_of(ports_of(options), options, doing)]
+    return {"ports_here": ports_here(), "ports": ports, "robots": robots}
 
 
 def _name_of(rig_file: Path) -> str:
@@ -157,9 +158,11 @@ def next_steps(rig_file: Path) -> list[str]:
             f"rig circle fit --live --rig {file} --write",
         ]
     maker = rig.feedback.interface.partition("_")[0]
+    known = maker in _MAKERS
     return [
         *begin,
-        f"rig program {file} --for {maker if maker in _MAKERS else '|'.join(_MAKERS)} --test circle -o programs",
+        f"rig program {file} --for {maker if known else _MAKERS[0]} --test circle -o programs"
+        + ("" if known else f"  # or {', '.join(_MAKERS[1:])}"),
         "rig record start first-acw --test yaw --direction acw",
         "# start the robot's program, at reduced speed",
         "rig record stop",

@@ -17,13 +17,17 @@ from analysis.geometry.circle_through import circle_frame, circles_through, devi
 from analysis.kinematics.arm import Array, Integers, Mask
 
 _POINTS = 600
+"""Points along the path, so that a tenth of it still has sixty."""
 _TRIPLES = 1500
 """Some hundred have all three points on the circle, also where it is only a tenth of the path."""
 _BEST = 20
+"""Triples of points that are refined: those that turn furthest, most of which are the same circle."""
 _REFINED = 3
+"""Times that a circle is fitted to what lies on it; it ends earlier where nothing changes."""
 _RADIUS_MM = (1.0, 2000.0)
 """Radii that a rig file may have (`rigs.schema.declared_tests.Circle`)."""
 _OF_RADIUS = 0.01
+"""Share of the radius that a point may be off at the most, so that a small circle does not take in a corner."""
 _FEWEST = 10
 """Points of a stretch; fewer are the corner where two lines meet."""
 _HOLES = 2

@@ -20,6 +20,7 @@ import numpy as np
 from analysis.kinematics.arm import Array
 
 _TIMES = 7
+"""Correlation times from a step to the longest: neighbours differ by less than a factor of three at 100 steps."""
 _LONGEST = (1.0, 0.25)
 """Longest times of rough and of smooth noise in lengths of the record. What is slower is a part of the motion to it."""
 _SHARES = np.concatenate([[0.0], np.geomspace(1e-2, 1e6, 9)])

@@ -23,6 +23,7 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 
 _ROUNDS = 20
+"""Gauss-Newton steps from the algebraic fit; a short cap of a sphere takes most of them."""
 _OFF_MM = 10.0
 """An arm's errors bend a hemisphere by some mm; a stand further off is not on it."""
 _OTHERS = 1 / 8

@@ -37,16 +37,19 @@ class Dialogue:
     screen: TextIO
 
     def ask(self, question: str, option: str, read: Callable[[str], T], usual: str | None = None) -> T:
-        """Ask until `read` understands the answer. option: what answers the question without a terminal.
+        """Ask until `read` understands the answer; again only by the last line of the question.
 
-        Raises FileError without a terminal, and Stopped.
+        option: what answers the question without a terminal. Raises FileError without a terminal, and Stopped.
         """
         if not self.terminal:
             if usual is None:
                 raise FileError(option, "is not given, and without a terminal it cannot be asked for", f"give {option}")
             return read(usual)
+        explained, _, asked = question.rpartition("\n")
+        if explained:
+            self.say(explained)
         while True:
-            answer = self.line(f"{question}{f' [{usual}]' if usual else ''}: ") or usual
+            answer = self.line(f"{asked}{f' [{usual}]' if usual else ''}: ") or usual
             if not answer:
                 continue
             try:
@@ -66,13 +69,19 @@ class Dialogue:
         while True:
             self.screen.write(f"\r{prompt()}{_TO_THE_END}")
             self.screen.flush()
-            if select.select([self.keyboard], [], [], _EVERY_S)[0]:
+            if self._has_typed():
                 return self._typed()
             if (found := happened()) is not None:
                 self.screen.write("\n")
                 return found
 
+    def _has_typed(self) -> bool:
+        """Wait a moment for a line: a Ctrl-C that comes just before an endless wait would go unnoticed."""
+        return bool(select.select([self.keyboard], [], [], _EVERY_S)[0])
+
     def _typed(self) -> str:
+        while not self._has_typed():
+            pass
         try:
             typed = self.keyboard.readline()
         except UnicodeDecodeError:

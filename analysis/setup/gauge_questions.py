@@ -10,8 +10,8 @@ from pydantic import ValidationError
 
 from analysis.setup.answers import Answers
 from analysis.setup.dialogue import Dialogue
-from analysis.setup.options import Options, checked, key_error, written
-from daq.discovery import FoundGauge, PortReport, Wanted, Watch, named_attempts, search
+from analysis.setup.options import Options, checked, has_keys, key_error, with_keys, written
+from daq.discovery import FoundGauge, PortReport, Wanted, Watch, named_attempts, ports_here, search
 from rigs.errors import CellError, FileError
 from rigs.schema.gauges import Gauge
 from rigs.schema.part import Part
@@ -19,16 +19,25 @@ from rigs.schema.part import Part
 _NAMES = ("g1", "g2")
 _MOST_SHOWN = 5
 """Readings that a line of 80 columns holds."""
+_WHICH_PORTS = """\
+A chosen port is listened to and then asked for readings. Leave out any that
+leads to another kind of machine: it may take a request for a command.
+Ports of the gauges: numbers, as 1,2, or all"""
 _SIDES = {"g1": "+", "g2": "-"}
 
 
 def ask_gauges(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
     """Find the gauges, and learn which is which."""
-    if answers.gauges is not None and not options.places and not any(options.keys[name] for name in _NAMES):
+    if answers.gauges is not None and not options.places and _have_keys(answers.gauges, options):
         return answers
     chosen = _chosen(_found(options, dialogue), options, dialogue)
     gauges = [_completed(gauge, name, options, dialogue) for name, gauge in zip(_NAMES, chosen, strict=False)]
     return answers.model_copy(update={"gauges": tuple(gauges)})
+
+
+def _have_keys(gauges: Sequence[Gauge], options: Options) -> bool:
+    """Whether the gauges that were found before have the keys that are given now."""
+    return all(has_keys(Gauge, gauge, options.keys[name]) for name, gauge in zip(_NAMES, gauges, strict=False))
 
 
 def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
@@ -39,9 +48,8 @@ def ask_baseline(answers: Answers, options: Options, dialogue: Dialogue) -> Answ
     return answers.model_copy(update={"baseline_mm": baseline_mm}) if baseline_mm is not None else answers
 
 
-def reports_of(options: Options, doing: Callable[[str], None]) -> list[PortReport]:
-    """Search the ports that the options name, or all."""
-    ports = tuple(dict.fromkeys([*options.ports, *(place.partition("#")[0] for place in options.places)]))
+def reports_of(ports: Sequence[str], options: Options, doing: Callable[[str], None]) -> list[PortReport]:
+    """Search these ports, each with what the options say of it."""
     named = {}
     for name, place in zip(_NAMES, options.places, strict=False):
         if "interface" in options.keys[name]:
@@ -50,7 +58,31 @@ def reports_of(options: Options, doing: Callable[[str], None]) -> list[PortRepor
                 named[port] = named_attempts({**options.keys[name], "port": port})
             except ValidationError as error:
                 raise key_error(error, name) from None
-    return search(Wanted(ports, not ports, named, options.listen_s, options.modbus_units), doing)
+    return search(Wanted(tuple(ports), named, options.listen_s, options.modbus_units), doing)
+
+
+def ports_of(options: Options) -> list[str]:
+    """Return the ports that the options name, each once."""
+    return list(dict.fromkeys([*options.ports, *(place.partition("#")[0] for place in options.places)]))
+
+
+def _ports(options: Options, dialogue: Dialogue) -> list[str]:
+    """The ports that a person has agreed to: at anything but a gauge a request may be taken for a command."""
+    here = ports_here()
+    if (named := ports_of(options)) or (dialogue.terminal and not here):
+        return named
+    for number, (port, description) in enumerate(here.items(), 1):
+        dialogue.say(f"  {number} {port}{f' ({description})' if description else ''}")
+    return dialogue.ask(_WHICH_PORTS, "--port", partial(_selected, list(here)))
+
+
+def _selected(here: Sequence[str], typed: str) -> list[str]:
+    if typed.lower() == "all":
+        return list(here)
+    numbers = typed.replace(",", " ").split()
+    if not numbers or not all(number.isdecimal() and 1 <= int(number) <= len(here) for number in numbers):
+        raise FileError(repr(typed), f"is not numbers from 1 to {len(here)}", "type them as 1,2, or type all")
+    return [here[place] for place in dict.fromkeys(int(number) - 1 for number in numbers)]
 
 
 def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
@@ -71,8 +103,9 @@ def describe_port(report: PortReport, numbers: dict[str, int]) -> list[str]:
 def _found(options: Options, dialogue: Dialogue) -> list[FoundGauge]:
     """The gauges that answer; at a terminal the search is repeated until there is one."""
     while True:
+        ports = _ports(options, dialogue)
         with dialogue.busy("looking at the ports") as doing:
-            reports = reports_of(options, doing)
+            reports = reports_of(ports, options, doing)
         found = [gauge for report in reports for gauge in report.gauges]
         numbers = {gauge.place: number for number, gauge in enumerate(found, 1)}
         for report in reports:
@@ -146,8 +179,7 @@ def _completed(found: FoundGauge, name: str, options: Options, dialogue: Dialogu
         if key not in keys:
             read = partial(_key, name, key, found.gauge)
             keys[key] = dialogue.ask(f"{key} of {name} ({found.gauge.origin.instruments})", f"--key {name}.{key}", read)
-    fields = {**found.gauge.model_dump(mode="json", exclude_unset=True), **keys}
-    gauge: Gauge = checked(Gauge, fields, name)
+    gauge: Gauge = with_keys(Gauge, found.gauge, keys, name)
     return gauge
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from rigs.errors import FileError
+from rigs.schema.part import Part
 from rigs.yaml_text import read_yaml
 
 _SECTIONS = ("g1", "g2", "feedback")
@@ -53,6 +54,16 @@ def checked(schema: Any, fields: Any, section: str) -> Any:
         return TypeAdapter(schema).validate_python(fields)
     except ValidationError as error:
         raise key_error(error, section) from None
+
+
+def with_keys(schema: Any, part: Part, keys: Mapping[str, Any], section: str) -> Any:
+    """Return a part of a rig file with these keys changed. Raises FileError."""
+    return checked(schema, {**part.model_dump(mode="json", exclude_unset=True), **keys}, section) if keys else part
+
+
+def has_keys(schema: Any, part: Part, keys: Mapping[str, Any]) -> bool:
+    """Return whether a part of a rig file has these values already. Raises FileError."""
+    return bool(with_keys(schema, part, keys, "--key") == part)
 
 
 def key_error(error: ValidationError, section: str) -> FileError:

@@ -9,14 +9,15 @@ from typing import Any
 from analysis.arms.robot_section import flow, robot_text
 from analysis.setup.answers import Answers
 from analysis.setup.arms import ChosenArm
+from rigs.schema.declared_tests import Circle
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
 from rigs.text import plain
 
 _BASELINE_MM = 50.0
 _NO_CIRCLE = """\
-# No circle yet. Put the ball link on, lead the robot to the start of the circle with the tool's z axis towards the
-# ball, and write centre, normal, radius and posture here:
+# No circle yet. Put the ball link on, lead the robot around the ball with the tool's z axis towards it, and let
+# `rig circle fit --live --rig FILE --write` write the circle here; or write it by hand:
 # tests:
 #   circle: {centre_mm: [x, y, z], normal: [0, 0, 1], radius_mm: 70, posture_deg: [q1, q2, q3, q4, q5, q6]}"""
 _CIRCLE = "from where the robot stood at its start, with the nominal arm: within some mm"
@@ -57,7 +58,7 @@ def _lines(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> Itera
     if answers.circle is not None:
         yield "tests:"
         yield f"  circle: # {_CIRCLE}"
-        yield from _indented(_items(answers.circle.model_dump(mode="json", exclude_defaults=True)), 4)
+        yield from _indented(_part(answers.circle, ("centre_mm", "normal", "zero", "radius_mm")), 4)
     else:
         yield _NO_CIRCLE
     if arm.repeatability_mm is not None:
@@ -66,8 +67,8 @@ def _lines(answers: Answers, arm: ChosenArm, name: str, today: dt.date) -> Itera
         yield f"  data_sheet_rp_mm: {flow(arm.repeatability_mm)} # pose repeatability by ISO 9283, data sheet"
 
 
-def _part(part: Gauge | Feedback, first: tuple[str, ...]) -> Iterator[str]:
-    """The keys of an instrument: first those that a person looks for, then what differs from its default."""
+def _part(part: Gauge | Feedback | Circle, first: tuple[str, ...]) -> Iterator[str]:
+    """The keys of a part: first those that a person looks for, then what differs from its default."""
     whole = part.model_dump(mode="json")
     differing = part.model_dump(mode="json", exclude_defaults=True)
     return _items({key: whole[key] for key in first if key in whole} | differing)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
+from textwrap import fill
 from typing import Any
 
-from analysis.geometry.feasible import feasible_tests
 from analysis.setup.answers import Answers
 from analysis.setup.arms import chosen_arm
 from analysis.setup.circle import circle_from_start
 from analysis.setup.dialogue import Dialogue
-from analysis.setup.options import Options, checked
+from analysis.setup.options import Options, checked, has_keys, with_keys
 from daq.discovery import RobotReport, joints_of, search_robot
 from rigs.arms import arm_names
 from rigs.errors import CellError, FileError
@@ -20,17 +21,19 @@ from rigs.rig import Rig
 from rigs.schema.feedback import Feedback
 from rigs.schema.robot import Pose
 
-_ADDRESS = (
-    "Robot: its host name or IP address; or tcp://HOST:PORT of a program that\n"
-    "prints its joints; or udp://ADDRESS:PORT of this computer, which the controller\n"
-    "calls (KUKA RSI, ABB EGM)"
-)
+_COLUMNS = 79
+_ADDRESS = """\
+Robot: its host name or IP address (Universal Robots);
+  tcp://HOST:PORT, or a serial port, of a program that prints its joints;
+  udp://HOST:60015 of FANUC's Stream Motion;
+  udp://ADDRESS:PORT of this computer, which KUKA RSI or ABB EGM calls
+Robot"""
 
 
 def ask_robot(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
     """Find the robot and read its joints, until a person agrees with them."""
     same = options.robot in (None, answers.robot_address)
-    if answers.feedback is not None and same and not options.keys["feedback"]:
+    if answers.feedback is not None and same and has_keys(Feedback, answers.feedback, options.keys["feedback"]):
         return answers
     read = partial(_reported, options, dialogue)
     report = read(options.robot) if options.robot is not None else dialogue.ask(_ADDRESS, "--robot", read)
@@ -56,19 +59,22 @@ def describe_robot(report: RobotReport) -> Iterator[str]:
         yield f"      the controller reports: {report.said}"
 
 
-def _reported(options: Options, dialogue: Dialogue, address: str) -> RobotReport:
-    keys = options.keys["feedback"]
+def robot_at(address: str, keys: Mapping[str, Any]) -> RobotReport:
+    """Search the robot at an address. keys: of the rig file's section feedback, as a person gave them."""
+    named: Feedback | None = None
     if "interface" in keys:
-        named: Feedback = checked(Feedback, {"port": address, **keys}, "feedback")
-        return RobotReport(address, named, joints_of(named))
+        named = checked(Feedback, {"port": address, **keys}, "feedback")
+    report = search_robot(address, named)
+    if report.feedback is None:
+        return report
+    return replace(report, feedback=with_keys(Feedback, report.feedback, keys, "feedback"))
+
+
+def _reported(options: Options, dialogue: Dialogue, address: str) -> RobotReport:
     with dialogue.busy(f"looking for a robot at {address}"):
-        report = search_robot(address)
+        report = robot_at(address, options.keys["feedback"])
     if report.feedback is None:
         raise CellError(f"robot {address}", report.problem, report.remedy)
-    if keys:
-        fields = {**report.feedback.model_dump(mode="json", exclude_unset=True), **keys}
-        changed: Feedback = checked(Feedback, fields, "feedback")
-        return RobotReport(address, changed, joints_of(changed), report.rate_hz, said=report.said)
     return report
 
 
@@ -86,7 +92,10 @@ def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
         chosen_arm(name)
         return name
 
-    question = f"Arm: {', '.join(_likely_arms(answers))}, or a file with a section robot"
+    arms = fill(
+        ", ".join(_likely_arms(answers)), _COLUMNS, break_on_hyphens=False, initial_indent="  ", subsequent_indent="  "
+    )
+    question = f"Arm: its name in the library, or a file with a section robot\n{arms}\nArm"
     given = options.arm or answers.arm
     name = read(given) if given else dialogue.ask(question, "--arm", read)
     return answers.model_copy(update={"arm": name})
@@ -133,12 +142,12 @@ def ask_circle(answers: Answers, options: Options, dialogue: Dialogue, rig: Rig)
             raise FileError(repr(answer), "is not y or n", "type y or n")
         joints_deg = joints_of(rig.feedback)
         circle = circle_from_start(rig.robot, joints_deg, options.radius_mm)
-        tests = rig.tests.model_copy(update={"circle": circle})
-        for line in feasible_tests(rig.model_copy(update={"tests": tests})):
-            dialogue.say(f"  {line}")
         return answers.model_copy(update={"circle": circle, "circle_later": False})
 
     if options.circle_here is not None:
         return read("y" if options.circle_here else "n")
-    question = "Does the robot stand at the start of its circle, ball link on? y or n"
+    question = (
+        f"The circle has a radius of {options.radius_mm:g} mm; --radius-mm gives another.\n"
+        "Does the robot stand at the start of its circle, ball link on? y or n"
+    )
     return dialogue.ask(question, "--circle-here", read, "n")

@@ -28,7 +28,7 @@ def make_rig_file(options: Options, dialogue: Dialogue) -> None:
     checked(Annotated[str, *Rig.model_fields["name"].metadata], options.name, "--name")
     answers = load_answers(path)
     if answers.count:
-        dialogue.say(f"going on with the {answers.count} answers in {kept_in(path)}; remove it to begin again")
+        dialogue.say(f"going on with the answers in {kept_in(path)}; remove it to begin again")
     for ask in (ask_robot, ask_gauges, ask_baseline, ask_arm, ask_tool):
         answers = ask(answers, options, dialogue)
         keep_answers(path, answers)

@@ -47,6 +47,12 @@ class Attempt:
         """The name of the interface."""
         return self.gauges[0].interface
 
+    @property
+    def request(self) -> bytes:
+        """What asks for the first reading; empty where the instrument sends by itself."""
+        host = gauges.host(self.gauges)
+        return host.tick(host.connected(0).wake_ns or 0).send
+
 
 def attempts(port: str, modbus_units: Sequence[int] = (1,)) -> list[Attempt]:
     """Return what to try on a port that nothing is known of: listening, the makers' line settings, the usual ones."""

@@ -1,4 +1,10 @@
-"""Trying a robot's address: a host's known ports, a port that prints lines, or a port here that a controller calls."""
+"""Trying a robot's address: RTDE at its port, a port that prints lines, or a port here that a controller calls.
+
+What is sent depends on the address alone. RTDE's read requests go to port 30004, the request for a status to port
+60015, FANUC's Stream Motion. Any other port is only listened to: bytes that it does not expect can stop the program
+that serves it, and Universal Robots' script ports run what they are sent. A person who names the interface has it
+spoken to as rigd would.
+"""
 
 from __future__ import annotations
 
@@ -47,15 +53,16 @@ class _Tried:
     sure: bool = True
 
 
-def search_robot(address: str) -> RobotReport:
+def search_robot(address: str, named: Feedback | None = None) -> RobotReport:
     """Search a robot at a host, a `tcp://host:port` or serial port that prints lines, or a `udp://address:port`.
 
-    The UDP address may be one of this computer, which a controller calls.
+    The UDP address may be one of this computer, which a controller calls. named: the interface that a person gave, in
+    place of every other.
     """
     failed: list[str] = []
     try:
-        for tried in _tries(address):
-            if evidence_of(tried.trial.items).enough:
+        for tried in _tries(address) if named is None else [_try(named)]:
+            if evidence_of(tried.trial.items).enough or (named and tried.trial.samples):
                 return _found(address, tried)
             failed.append(f"{tried.feedback.interface} on {tried.feedback.port}: {_why_not(tried.trial)}")
     except ValidationError:
@@ -78,25 +85,19 @@ def joints_of(robot: Feedback) -> tuple[float, ...]:
 
 def _tries(address: str) -> Iterator[_Tried]:
     """Try what is possible at an address, one after the other."""
-    if udp_address(address):
-        # Who is asked answers, or its computer refuses; only then is the port taken, to be called at.
+    tcp, udp = tcp_address(address), udp_address(address)
+    if udp and udp[1] == _STREAM_MOTION:
         yield _try(FANUCStreamMotion(interface="fanuc_stream_motion", port=address))
+    elif udp:
         for cycle_ms in _CYCLES_MS:
             yield _try(KUKARSI(interface="kuka_rsi", port=address, cycle_ms=cycle_ms))
         yield _try(ABBEGM(interface="abb_egm", port=address))
-        return
-    if address.startswith("/"):
-        yield _line_feed(address)
-        return
-    host = address
-    if tcp_address(address):
+    elif address.startswith("/") or (tcp and tcp[1] != _RTDE):
         yield _line_feed(address)
     else:
-        address = f"tcp://{host}:{_RTDE}"
-    for rate_hz in _RATES_HZ:
-        yield _try(URRTDE(interface="ur_rtde", port=address, rate_hz=rate_hz))
-    if address != host:
-        yield _try(FANUCStreamMotion(interface="fanuc_stream_motion", port=f"udp://{host}:{_STREAM_MOTION}"))
+        port = address if tcp else f"tcp://{address}:{_RTDE}"
+        for rate_hz in _RATES_HZ:
+            yield _try(URRTDE(interface="ur_rtde", port=port, rate_hz=rate_hz))
 
 
 def _line_feed(address: str) -> _Tried:
@@ -170,11 +171,14 @@ def _said(trial: Trial) -> str:
 
 
 def _remedy(address: str) -> str:
-    if udp_address(address):
+    tcp, udp = tcp_address(address), udp_address(address)
+    if udp and udp[1] == _STREAM_MOTION:
+        return "check the address, the cable, and that the controller has option J519"
+    if udp:
         return "start the program that sends (RSI_ON, EGMStreamStart), to this address and port of this computer"
-    if tcp_address(address):
-        return "start the program that prints, or give the host alone where it is a Universal Robots arm"
+    if tcp and tcp[1] != _RTDE:
+        return "start the program that prints; for a Universal Robots arm give its host alone"
     return (
-        "switch it on; where a program prints lines give --robot tcp://HOST:PORT, and where the controller calls this "
-        "computer (KUKA RSI, ABB EGM) --robot udp://ADDRESS:PORT"
+        "switch it on; where a program prints lines give tcp://HOST:PORT, for FANUC's Stream Motion udp://HOST:60015, "
+        "and where the controller calls this computer (KUKA RSI, ABB EGM) udp://ADDRESS:PORT"
     )

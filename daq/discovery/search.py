@@ -29,7 +29,7 @@ from daq.doctor.ports import examine_port, port_names
 from daq.doctor.trial import Trial, try_line
 from daq.protocol.conversation import FaultKind, Host, Sample
 from rigs.schema.gauges import Gauge
-from rigs.schema.links import Port
+from rigs.schema.links import Line, Port
 
 _ANSWER_S = 0.3
 """What an answer may take while it is tried: 9 characters at 4800 baud take 21 ms, an FTDI adapter holds them for 16
@@ -38,6 +38,7 @@ _PATIENCE_S = 2.0
 _CONFIRM_S = 0.5
 """For more readings, once a protocol fits."""
 LISTEN_S = 1.0
+_ROOT = Path("/")
 
 _PORT: TypeAdapter[str] = TypeAdapter(Port)
 Progress = Callable[[str], None]
@@ -45,48 +46,52 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Wanted:
-    """What to search. ports: serial devices and TCP addresses that a person named; every: also all that are plugged in.
+    """What to search. ports: serial devices and TCP addresses that a person named; no other is opened.
 
     named: what to try on a port whose instrument is known, in place of everything. listen_s: how long to listen at
     each setting. modbus_units: the units that are asked.
     """
 
-    ports: tuple[str, ...] = ()
-    every: bool = True
+    ports: tuple[str, ...]
     named: Mapping[str, Sequence[Attempt]] = field(default_factory=dict)
     listen_s: float = LISTEN_S
     modbus_units: tuple[int, ...] = (1,)
-    root: Path = Path("/")
 
-    def places(self) -> dict[str, str]:
-        """Return each port with what the system says of it."""
-        here = dict.fromkeys(port_names(self.root), "") if self.every else {}
-        described: dict[str, str] = {}
-        for one in list_ports.comports() if self.every and self.root == Path("/") else ():
-            name = next((name for name in here if Path(name).resolve() == Path(one.device).resolve()), one.device)
-            described[name] = one.description if one.description != "n/a" else ""
-        return {**dict.fromkeys(self.ports, ""), **here, **described}
+
+def ports_here() -> dict[str, str]:
+    """Return the serial ports of this computer, each with what the system says of it; none is opened."""
+    here = dict.fromkeys(port_names(_ROOT), "")
+    for one in list_ports.comports():
+        name = next((name for name in here if Path(name).resolve() == Path(one.device).resolve()), one.device)
+        here[name] = one.description if one.description != "n/a" else ""
+    return here
 
 
 def search(wanted: Wanted, progress: Progress) -> list[PortReport]:
     """Search all ports at once. On Ctrl-C each ends its attempt, and its port gets its settings back."""
-    places, found, stop = wanted.places(), dict[str, PortReport](), threading.Event()
+    here, found, stop = ports_here(), dict[str, PortReport](), threading.Event()
 
-    def one(port: str, description: str) -> None:
-        found[port] = search_port(port, description, wanted, progress, stop)
+    def one(port: str) -> None:
+        found[port] = search_port(port, here.get(port, ""), wanted, progress, stop)
 
-    threads = [threading.Thread(target=one, args=place, name=f"search {place[0]}") for place in places.items()]
-    for thread in threads:
-        thread.start()
+    threads = [threading.Thread(target=one, args=(port,), name=f"search {port}") for port in wanted.ports]
     try:
+        for thread in threads:
+            thread.start()
         for thread in threads:
             thread.join()
     except BaseException:
         stop.set()
-        for thread in threads:
-            thread.join()
+        join_started(threads)
         raise
-    return [found[port] for port in places]
+    return [found[port] for port in wanted.ports]
+
+
+def join_started(threads: Sequence[threading.Thread]) -> None:
+    """Wait for the threads that have begun; one that still begins sees at once that it has to stop."""
+    for thread in threads:
+        if thread.is_alive():
+            thread.join()
 
 
 def search_port(port: str, description: str, wanted: Wanted, progress: Progress, stop: threading.Event) -> PortReport:
@@ -97,7 +102,7 @@ def search_port(port: str, description: str, wanted: Wanted, progress: Progress,
     except ValidationError:
         return _failed(report, "is not a port", "write it as /dev/serial/by-id/… or tcp://host:502")
     if port.startswith("/"):
-        for finding in examine_port(port, port, wanted.root, served=False):
+        for finding in examine_port(port, port, _ROOT, served=False):
             if finding.verdict is Verdict.WRONG:
                 return _failed(report, finding.what.removeprefix(f"{port}: "), finding.remedy)
     tried = wanted.named.get(port) or attempts(port, wanted.modbus_units)
@@ -120,11 +125,15 @@ def _tried(
     best: list[tuple[Attempt, Trial]] = []
     own_error: tuple[Attempt, Trial] | None = None
     received = 0
+    unanswered: set[tuple[bytes, Line]] = set()
     for number, attempt in enumerate(tried, 1):
         answered = best[0] if best else own_error
         if stop.is_set() or (answered and attempt.line != answered[0].line):
             break
-        progress(f"{report.port}: {attempt.interface} at {attempt.line} ({number} of {len(tried)})")
+        asked = attempt.request, attempt.line
+        if asked in unanswered:  # as another interface's, which has the same request
+            continue
+        progress(f"{number} of {len(tried)}: {attempt.interface} at {attempt.line} on {report.port}")
         trial = _trial(report.port, attempt, listen_s)
         if trial.error is not None:
             return _failed(report, trial.error.what, trial.error.remedy)
@@ -132,6 +141,8 @@ def _tried(
         if FaultKind.DISCONNECTED in kinds:
             return _failed(report, f"disappeared during the search ({trial.last_fault})", "plug it in again")
         received += trial.received
+        if attempt.sends == "requests" and not trial.received:
+            unanswered.add(asked)
         evidence = evidence_of(trial.items)
         if evidence.enough:
             best.append((attempt, trial))

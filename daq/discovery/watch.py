@@ -12,7 +12,7 @@ from types import TracebackType
 from daq.acquisition.stream_buffer import samples_of
 from daq.acquisition.streams import Stream
 from daq.discovery.reports import FoundGauge
-from daq.discovery.search import LISTEN_S, host_of
+from daq.discovery.search import LISTEN_S, host_of, join_started
 from daq.protocol.conversation import Item
 from daq.wire.links import LinkLost
 from daq.wire.session import run_conversation
@@ -65,14 +65,16 @@ class Watch:
         self._threads = [
             threading.Thread(target=self._read, args=(group,), name=f"watch {port}") for port, group in by_port.items()
         ]
-        for thread in self._threads:
-            thread.start()
+        try:
+            for thread in self._threads:
+                thread.start()
+        except BaseException:  # Ctrl-C between two of them
+            self._end()
+            raise
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._stop.set()
-        for thread in self._threads:
-            thread.join()
+        self._end()
 
     def readings_mm(self) -> dict[str, float]:
         """Return the latest reading of each gauge by its place. Raises CellError where a port is lost."""
@@ -94,6 +96,10 @@ class Watch:
         """Return which of these gauges has moved since `rest`; None while none has."""
         now_mm = self.readings_mm()
         return pushed({place: self._rest[place] for place in places}, now_mm)
+
+    def _end(self) -> None:
+        self._stop.set()
+        join_started(self._threads)
 
     def _have_rested(self) -> bool:
         return all(len(values) >= _AT_REST for values in self._latest.values())

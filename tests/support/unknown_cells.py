@@ -47,17 +47,22 @@ ROBOTS: dict[str, dict[str, Any]] = {
 }
 
 
-def cell_text(gauges: str, robot: str) -> str:
-    """The rig file of such a cell: what the cell is, and what rig init does not see."""
+def cell_text(gauges: str, robot: str, speed_mm_s: float = 25) -> str:
+    """The rig file of such a cell, with the speed of its circle: what the cell is, and what rig init does not see."""
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     data["name"] = "unknown"
-    data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": 25}
+    data["tests"]["circle"] |= {"laps": 1, "speed_mm_s": speed_mm_s}
     data["feedback"] = ROBOTS[robot]
     data["gauges"] = {
         f"g{number}": {"port": f"/dev/{number}", **gauge, "offset_mm": 25 if number == 1 else -25}
         for number, gauge in enumerate(GAUGES[gauges], 1)
     }
     return yaml.safe_dump(data)
+
+
+def named_robot(kind: str) -> list[str]:
+    """The options that name a robot's interface where only its port shows it."""
+    return ["--key", f"feedback.interface={ROBOTS[kind]['interface']}"] if kind in ("ur", "stream motion") else []
 
 
 @dataclass
@@ -76,9 +81,10 @@ class Pushed:
 
 @dataclass
 class UnknownCell:
-    """A cell that is switched on; the readings are set by hand."""
+    """A cell that is switched on; the readings are set by hand. robot_kind: of `ROBOTS`."""
 
     cell: Cell
+    robot_kind: str
     hand: ByHand = field(default_factory=ByHand)
 
     @property
@@ -91,6 +97,11 @@ class UnknownCell:
         """Its robot's address."""
         return self.cell.ports["feedback"]
 
+    @property
+    def robot_is_named(self) -> list[str]:
+        """The options that name its interface, where it is known by its port, which an emulated one does not have."""
+        return named_robot(self.robot_kind)
+
 
 @contextmanager
 def switched_on(
@@ -98,7 +109,7 @@ def switched_on(
 ) -> Iterator[UnknownCell]:
     """Such a cell, until it is left. streaming: whether its owner has set its laser sensors to send."""
     hand = ByHand()
-    made = UnknownCell(emulated(parse(cell_text(gauges, robot), "unknown"), motion or hand), hand)
+    made = UnknownCell(emulated(parse(cell_text(gauges, robot), "unknown"), motion or hand), robot, hand)
     made.cell.start()
     try:
         if robot == "stream motion":

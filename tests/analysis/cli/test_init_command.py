@@ -26,7 +26,7 @@ def command(*arguments: str | Path) -> list[str | Path]:
 
 def at_ports(unknown: UnknownCell) -> list[str]:
     """Ptys are not among the ports that a computer lists."""
-    return [word for port in unknown.gauge_ports for word in ("--port", port)] + QUICK
+    return [*(word for port in unknown.gauge_ports for word in ("--port", port)), *unknown.robot_is_named, *QUICK]
 
 
 def ran(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -98,16 +98,9 @@ def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> Non
 def test_a_sensor_is_named_and_gets_its_keys(tmp_path: Path) -> None:
     with switched_on("micro_epsilon", "ur", streaming=False) as unknown:
         first, _ = unknown.gauge_ports
-        keys = [
-            "--key",
-            "g1.interface=micro_epsilon_ild1420",
-            "--key",
-            "g1.range_mm=10",
-            "--key",
-            "feedback.rate_hz=125",
-        ]
-        given = ["--robot", unknown.robot, "--g1", first, *keys, "--arm", "ur10e", "--tool", "0,0,150"]
-        done = ran(tmp_path, "cell.yaml", *given)
+        keys = ["--key", "g1.interface=micro_epsilon_ild1420", "--key", "g1.range_mm=10", *unknown.robot_is_named]
+        given = ["--robot", unknown.robot, "--g1", first, *keys, "--key", "feedback.rate_hz=125"]
+        done = ran(tmp_path, "cell.yaml", *given, "--arm", "ur10e", "--tool", "0,0,150")
     assert done.returncode == 0, done.stderr
     rig, _ = load(tmp_path / "cell.yaml")
     assert rig.gauges.g1.interface == "micro_epsilon_ild1420" and rig.gauges.g1.range_mm == 10
@@ -122,6 +115,21 @@ def test_what_was_found_as_json(tmp_path: Path) -> None:
     assert [gauge["gauge"]["channel"] for gauge in found["ports"][0]["gauges"] if gauge["gauge"].get("channel")] == [2]
     assert "no such port" in found["ports"][1]["problem"]
     assert found["robots"][0]["joints_deg"] == pytest.approx([0, 10, 20, 30, 40, 50])
+
+
+def test_the_same_command_goes_on_with_its_keys(tmp_path: Path) -> None:
+    with switched_on("keyence", "ur") as unknown:
+        given: list[str | Path] = [tmp_path / "cell.yaml", *at_ports(unknown), "--key", "g1.accuracy_mm=0.002"]
+        with Terminal(command(*given), 80, 60, {}) as terminal:
+            person = Person(terminal)
+            person.answers("Robot: its", unknown.robot)
+            person.answers("Push gauge 1", "1")
+            person.asked("Distance between")
+            terminal.type("\x04")
+            assert terminal.ended() == 130
+        with Terminal(command(*given), 80, 60, {}) as terminal:
+            Person(terminal).asked("Distance between")
+            assert "Push gauge" not in terminal.text() and "Robot:" not in terminal.text()
 
 
 QUESTIONS = ["Robot: its", "Push gauge 1", "Distance between", "Arm: ", "The ball on", "Does the robot"]
@@ -207,7 +215,7 @@ def test_a_file_that_appears_meanwhile_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "cell.yaml"
     with switched_on("tesa", "ur") as unknown:
         (port,) = unknown.gauge_ports
-        given = ["--robot", unknown.robot, "--g1", port, "--arm", "ur10e", "--tool", "0,0,150"]
+        given = ["--robot", unknown.robot, *unknown.robot_is_named, "--g1", port, "--arm", "ur10e", "--tool", "0,0,150"]
         with Terminal(command(path, *given, *QUICK), 80, 60, {}) as terminal:
             person = Person(terminal)
             person.asked("Does the robot")
@@ -227,13 +235,14 @@ def test_two_gauges_and_nobody_to_push_them(tmp_path: Path) -> None:
         line = one_line(done, 3)
         (port,) = unknown.gauge_ports
         assert "2 answer" in line and "--g1 PORT --g2 PORT" in line
-        done = ran(tmp_path, "cell.yaml", "--robot", unknown.robot, "--g1", port, "--arm", "ur10e", *QUICK)
+        done = ran(tmp_path, "cell.yaml", "--robot", unknown.robot, "--g1", port, *unknown.robot_is_named, *QUICK)
         assert f"{port}#1, {port}#2" in one_line(done, 3)
 
 
 def test_no_port_at_all(tmp_path: Path) -> None:
     with switched_on("tesa", "ur") as unknown:
-        done = ran(tmp_path, "cell.yaml", "--robot", unknown.robot, "--port", str(tmp_path / "none"))
+        given = ["--robot", unknown.robot, *unknown.robot_is_named]
+        done = ran(tmp_path, "cell.yaml", *given, "--port", str(tmp_path / "none"))
     assert "none answers" in one_line(done, 4) and "no such port" in done.stdout
 
 

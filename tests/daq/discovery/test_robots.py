@@ -5,17 +5,19 @@ from __future__ import annotations
 import socket
 import struct
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
+from pydantic import TypeAdapter
 
 from daq.discovery import joints_of, search_robot
 from daq.discovery.ur_safety import STOPPED, stopped_by
 from daq.emulators.tcp_port import TcpPort
-from daq.protocol.conversation import Fault, Step
+from daq.protocol.conversation import Device, Fault, Step
 from daq.protocol.framing import Sized
 from rigs.errors import CellError
+from rigs.schema.feedback import Feedback
 from tests.support.unknown_cells import ROBOTS, switched_on
 
 DEGREES = [0.5, -70.0, 100.0, 55.25, 84.5, 107.75]
@@ -25,7 +27,9 @@ DEGREES = [0.5, -70.0, 100.0, 55.25, 84.5, 107.75]
 def test_the_robot_of_a_cell_is_found(kind: str) -> None:
     with switched_on("tesa", kind) as unknown:
         unknown.hand.deg = DEGREES
-        report = search_robot(unknown.robot)
+        fields = {**ROBOTS[kind], "port": unknown.robot}
+        named = TypeAdapter(Feedback).validate_python(fields) if unknown.robot_is_named else None
+        report = search_robot(unknown.robot, named)
         assert report.feedback is not None, report
         assert joints_of(report.feedback) == pytest.approx(DEGREES, abs=1e-4)
     assert report.feedback.interface == ROBOTS[kind]["interface"]
@@ -35,6 +39,41 @@ def test_the_robot_of_a_cell_is_found(kind: str) -> None:
         assert report.feedback.cycle_ms == 12, "its IPOC shows the cycle"  # type: ignore[union-attr]
     if kind == "fanuc":
         assert report.feedback.fields[0] == "t_ms"  # type: ignore[union-attr]
+
+
+class _Listener:
+    """A program that waits for what it is told."""
+
+    sent = 0
+
+    def __init__(self) -> None:
+        self.heard = b""
+
+    def connected(self, now_ns: int) -> Step:
+        return Step()
+
+    def tick(self, now_ns: int) -> Step:
+        return Step()
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        self.heard += data
+        return Step()
+
+
+def test_a_port_that_is_not_rtdes_is_sent_nothing() -> None:
+    listener = _Listener()
+    with served(lambda: listener) as port:
+        report = search_robot(port)
+    assert listener.heard == b"" and "nothing arrived" in report.problem and "host alone" in report.remedy
+
+
+def test_a_udp_port_that_is_not_stream_motions_is_sent_nothing() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        other.bind(("127.0.0.1", 0))
+        search_robot(f"udp://127.0.0.1:{other.getsockname()[1]}")
+        other.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            other.recv(100)
 
 
 def test_a_robot_that_is_not_there() -> None:
@@ -106,8 +145,9 @@ def _packet(kind: bytes, payload: bytes) -> bytes:
 
 
 @contextmanager
-def controller(mode: int | None) -> Iterator[str]:
-    port, stop = TcpPort.open(lambda: _Controller(mode)), threading.Event()
+def served(device: Callable[[], Device]) -> Iterator[str]:
+    """The address of a TCP port with this behind it."""
+    port, stop = TcpPort.open(device), threading.Event()
     thread = threading.Thread(target=port.serve, args=(stop,))
     thread.start()
     try:
@@ -119,7 +159,7 @@ def controller(mode: int | None) -> Iterator[str]:
 
 @pytest.mark.parametrize("mode", [1, 2, 3, 5, 7, None])
 def test_why_a_controller_runs_no_program(mode: int | None) -> None:
-    with controller(mode) as port:
+    with served(lambda: _Controller(mode)) as port:
         assert stopped_by(port) == STOPPED.get(mode or 0, "")
     if mode == 3:
         assert "protective stop" in STOPPED[mode] and "unlock" in STOPPED[mode]

@@ -22,7 +22,7 @@ LISTEN_S = 0.3
 
 
 def searched(*ports: str, **more: object) -> list[PortReport]:
-    return search(Wanted(ports, every=False, listen_s=LISTEN_S, **more), lambda doing: None)  # type: ignore[arg-type]
+    return search(Wanted(ports, listen_s=LISTEN_S, **more), lambda doing: None)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("kind", [kind for kind in GAUGES if "at" not in kind.split()])
@@ -84,7 +84,7 @@ def test_a_modbus_unit_with_registers_of_its_own() -> None:
 def test_a_modbus_unit_of_another_number() -> None:
     with switched_on("modbus unit 7 at") as unknown:
         (port,) = unknown.gauge_ports
-        (report,) = search(Wanted((port,), every=False, listen_s=LISTEN_S, modbus_units=(1, 7)), lambda doing: None)
+        (report,) = search(Wanted((port,), listen_s=LISTEN_S, modbus_units=(1, 7)), lambda doing: None)
     assert [gauge.gauge.unit for gauge in report.gauges] == [7]  # type: ignore[union-attr]
 
 
@@ -138,6 +138,16 @@ def test_a_silent_port_and_one_that_babbles() -> None:
     assert "bytes arrived" in something.problem and "rig interfaces" in something.remedy
 
 
+def test_a_request_that_nothing_answers_is_sent_once_at_each_line() -> None:
+    silent, said = PtyLine.open(Line.model_validate("9600 8N1"), paced=False), list[str]()
+    tried = [attempt for attempt in attempts(silent.port) if attempt.request == b"?\r"][:4]
+    try:
+        search(Wanted((silent.port,), {silent.port: tried}, LISTEN_S), said.append)
+    finally:
+        silent.close()
+    assert len({str(attempt.line) for attempt in tried}) == len(said) < len(tried)
+
+
 def test_a_port_keeps_the_settings_that_it_had() -> None:
     with switched_on("tesa") as unknown:
         (port,) = unknown.gauge_ports
@@ -157,9 +167,7 @@ def test_ctrl_c_ends_the_search_and_leaves_the_port_as_it_was() -> None:
         try:
             before = termios.tcgetattr(fd)
             with pytest.raises(KeyboardInterrupt):
-                search(
-                    Wanted((port,), every=False, listen_s=LISTEN_S), lambda doing: signal.raise_signal(signal.SIGINT)
-                )
+                search(Wanted((port,), listen_s=LISTEN_S), lambda doing: signal.raise_signal(signal.SIGINT))
             assert termios.tcgetattr(fd) == before
         finally:
             os.close(fd)
@@ -170,7 +178,7 @@ def test_a_port_that_disappears_while_it_is_searched() -> None:
     with switched_on("tesa") as unknown:
         (port,) = unknown.gauge_ports
         (report,) = search(
-            Wanted((port,), every=False, listen_s=LISTEN_S),
+            Wanted((port,), listen_s=LISTEN_S),
             lambda doing: unknown.cell.unplug("g1") if "tesa" in doing else None,
         )
     assert not report.gauges and report.problem and report.remedy
