@@ -50,10 +50,12 @@ FAULTS = {
 
 @dataclass(frozen=True)
 class Case:
-    """One diagnosis: the size's standard uncertainty, and how far it is off, in the plan's u; nan where not named."""
+    """One diagnosis: the size's standard uncertainty, and how far it is off, in the plan's u; nan where not named. And
+    the names of all effects that it found."""
 
     stated: float
     off: float
+    names: tuple[str, ...]
 
 
 def main() -> None:
@@ -74,7 +76,10 @@ def main() -> None:
             size = max(TIMES * healthy_of(fault.effect, fault.keys), SIGMAS * foretold(expected, fault))
             u = foretold(expected, fault, size)
             seeds = range(given.seed, given.seed + given.count)
-            cases = [tried(robot, fault.sized(size), u, seed) for seed in seeds]
+            cases = []
+            for seed in seeds:
+                cases.append(tried(robot, fault.sized(size), u, seed))
+                print(f"  seed {seed}: {in_words(cases[-1])}", flush=True)
             everything += cases
             told(f"{robot} {fault.name}, {size:.3g}", u, cases)
     told("all", float("nan"), everything)
@@ -98,17 +103,24 @@ def tried(robot: str, fault: Fault, u: float, seed: int) -> Case:
         truth = generate_known(robot, fault, NOISE, seed, case)
         import_case(case)
         answer = diagnose_case(runs_of(case)["train"], [], [])
-    found = [one for one in answer["effects"] if one["name"] == fault.name]
-    found = [one for one in found if _is_near(one, fault)]
+    names = tuple(str(one["name"]) for one in answer["effects"])
+    found = [one for one in answer["effects"] if one["name"] == fault.name and _is_near(one, fault)]
     if not found:
-        return Case(float("nan"), float("nan"))
+        return Case(float("nan"), float("nan"), names)
     size = found[0]["parameters"][SIZE[fault.effect]]
-    return Case(size["sd"] / u, (abs(size["value"]) - abs(truth)) / u)
+    return Case(size["sd"] / u, (abs(size["value"]) - abs(truth)) / u, names)
 
 
 def _is_near(one: dict[str, Any], fault: Fault) -> bool:
     order = fault.shape.get("order")
     return order is None or abs(one["parameters"]["order"]["value"] / order - 1) < 0.1
+
+
+def in_words(one: Case) -> str:
+    """What a diagnosis said of the fault."""
+    if np.isfinite(one.off):
+        return f"stated {one.stated:5.2f} u  off {one.off:+6.2f} u"
+    return f"not named, but {', '.join(one.names) or 'nothing'}"
 
 
 def told(what: str, u: float, cases: Sequence[Case]) -> None:

@@ -76,3 +76,4 @@ def correct(
         say("next: --controller ur, fanuc, kuka, abb or yaskawa writes the controller's own parameters", err=True)
     if path:
         say(f"next: send the controller to q1_deg … q6_deg of {written[-1]}", err=True)
+        say(f"      or, for the targets of a test: rig program RIG … --path {written[-1]}", err=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -11,6 +12,9 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.options import RigArgument
+
+if TYPE_CHECKING:
+    from analysis.robot_programs.plan import Plan
 
 
 @command(app, "rig program ur10e --for ur --test circle -o programs")
@@ -34,9 +38,18 @@ def program(
             "default: those that the rig file names."
         ),
     ] = "",
+    targets: Annotated[
+        bool,
+        typer.Option("--targets", help="Also write the targets, TEST-path.csv, as a table for rig correct --path."),
+    ] = False,
+    path: Annotated[
+        Path | None,
+        typer.Option(help="Table of these targets as rig correct --path corrected it; default: the nominal targets."),
+    ] = None,
 ) -> None:
     """Write the robot programs of a test, after a check of limits, singularities and turns; the robot is not moved."""
     from analysis.cli.progress import progress_of  # noqa: PLC0415
+    from analysis.robot_programs.compensated import table_of  # noqa: PLC0415
     from analysis.robot_programs.examine import demand_lines, demand_of  # noqa: PLC0415
     from analysis.robot_programs.planned import plans_of  # noqa: PLC0415
     from analysis.robot_programs.write import feedback_note, make_room, programs_of, write_programs  # noqa: PLC0415
@@ -44,17 +57,31 @@ def program(
 
     rig, _ = load(rig_file)
     with progress_of("checking the programs"):
-        plans = plans_of(rig, test, dwell_s, _numbers(outputs))
+        nominal = plans_of(rig, test, dwell_s, _numbers(outputs))
+        plans = _compensated(nominal, path) if path else nominal
         demands = [demand_of(plan) for plan in plans]
     files = programs_of(dialect, list(zip(plans, demands, strict=True)))
+    if targets:
+        files[f"{test}-path.csv"] = table_of(nominal)
     make_room(files, directory)
     names = [axis.name for axis in rig.robot.axes]
     for plan, demand in zip(plans, demands, strict=True):
         for line in demand_lines(plan, demand, names):
             say(f"{plan.name}: {line}", err=True)
     say(feedback_note(dialect, rig.feedback), err=True)
-    for path in write_programs(dialect, files, directory):
-        say(path)
+    for written in write_programs(dialect, files, directory):
+        say(written)
+
+
+def _compensated(plans: Sequence[Plan], path: Path) -> list[Plan]:
+    """The plans with the targets of a corrected table."""
+    import numpy as np  # noqa: PLC0415
+
+    from analysis.correction.target_path import read_corrected_path  # noqa: PLC0415
+    from analysis.robot_programs.compensated import compensated  # noqa: PLC0415
+
+    joints, poses = read_corrected_path(path)
+    return compensated(plans, np.radians(joints.values), poses.poses(), joints.lines, str(path))
 
 
 def _numbers(text: str) -> tuple[int, ...]:

@@ -71,12 +71,13 @@ class Controller:
 
 
 _CHECK_READING = (
-    "Check before any motion: at an unchanged posture every corrected axis must now read the degrees above more than "
-    "before, and no other axis anything else. If not, enter the old value again."
+    "Check before any motion, since no real controller has tested these signs: at an unchanged posture every corrected "
+    "axis must now read the degrees above more than before, and no other axis anything else. If not, enter the old "
+    "value again."
 )
 _CHECK_MODEL = (
-    "Check before any motion: the joint angles on the pendant must be those of before; the position of the tool "
-    "changes. If not, restore calibration.conf."
+    "Check before any motion, since no real controller has tested these signs: the joint angles on the pendant must be "
+    "those of before; the position of the tool changes. If not, restore calibration.conf."
 )
 
 CONTROLLERS: dict[ControllerName, Controller] = {

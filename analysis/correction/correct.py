@@ -13,7 +13,7 @@ from analysis.correction.controller_entries import ControllerEntries, as_entered
 from analysis.correction.controllers import ControllerName
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
 from analysis.correction.support import Support, supports
-from analysis.correction.target_path import TargetPath, read_path
+from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
 from rigs.errors import FileError
 from rigs.rig import Rig
 
@@ -50,6 +50,7 @@ def correct_rig(
     targets = None
     if path:
         given = read_path(path)
+        hold_uncorrected(given, str(path))
         q = np.radians(given.values) if given.joints else angles_for(rig, given.poses(), given.lines, str(path))
         targets = path, given, corrected(rig, found, q, given.lines, str(path))
     entries = controller_entries(rig, found, controller, scale) if controller else None

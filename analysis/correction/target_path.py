@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 import io
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from analysis.traces.table_layout import JOINTS, PLACE, TURN
 from rigs.errors import FileError
 from rigs.files import read_bytes
 
+POSES = (*PLACE, *TURN)
 ADDED = ("missed_mm", "left_out_mm", "u_mm")
 """Columns of a corrected path beside the given ones: the error of the uncorrected arm at the target, the error of
 effects that are not corrected, and the uncertainty of the corrected position, which includes the latter."""
@@ -54,16 +56,30 @@ class TargetPath:
 
 
 def read_path(path: Path) -> TargetPath:
-    """Read targets. Raises FileError for a file that is not a path, and TableFileError with every bad cell."""
+    """Read targets, as joint angles if the table has them. Raises FileError for a file that is not a path, and
+    TableFileError with every bad cell."""
     names, rows = _rows(path)
-    wanted = JOINTS if set(JOINTS) <= set(names) else (*PLACE, *TURN)
+    wanted = JOINTS if set(JOINTS) <= set(names) else POSES
+    return _targets(path, names, rows, wanted, f"give {','.join(JOINTS)}, or {','.join(POSES)}")
+
+
+def read_corrected_path(path: Path) -> tuple[TargetPath, TargetPath]:
+    """Read a path that `rig correct` wrote: the joint angles of its targets, and the poses that the controller computes
+    there. Raises as `read_path` does."""
+    names, rows = _rows(path)
+    remedy = "give the table corrected-….csv that rig correct --path wrote"
+    return _targets(path, names, rows, JOINTS, remedy), _targets(path, names, rows, POSES, remedy)
+
+
+def _targets(
+    path: Path, names: list[str], rows: list[tuple[int, list[str]]], wanted: tuple[str, ...], remedy: str
+) -> TargetPath:
     missing = [name for name in wanted if name not in names]
     if missing:
-        remedy = f"give {','.join(JOINTS)}, or {','.join((*PLACE, *TURN))}"
         raise FileError(str(path), f"has no column {', '.join(missing)}", remedy)
-    if len(set(names)) < len(names) or set(ADDED) & set(names):
-        twice = next(name for name in names if names.count(name) > 1 or name in ADDED)
-        raise FileError(str(path), f"has a column {twice} already", "rename it; is the path corrected already?")
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise FileError(str(path), f"has two columns {twice}", "rename one of them")
     if not rows:
         raise FileError(str(path), "has a header and no rows", "give the targets")
     problems = [
@@ -85,14 +101,19 @@ def read_path(path: Path) -> TargetPath:
     return TargetPath(columns, wanted, tuple(line for line, _ in rows), values)
 
 
+def hold_uncorrected(path: TargetPath, where: str) -> None:
+    """Raise FileError for a path with the columns of a corrected one."""
+    if there := [name for name in ADDED if name in path.columns]:
+        raise FileError(where, f"has a column {there[0]} already", "rename it; is the path corrected already?")
+
+
 def write_path(path: TargetPath, found: Corrected, output: Path) -> None:
-    """Write the same table with corrected targets and their errors, and with the joint angles of targets given as
-    poses. Raises FileError where the file exists already."""
-    values = np.degrees(found.q) if path.joints else _columns_of(found.T)
+    """Write the same table with corrected targets, as joint angles and as poses, and their errors. Raises FileError
+    where the file exists already."""
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
-    # A program takes the joint angles: they say in which of its postures the arm reaches a pose.
-    joints = dict(zip(JOINTS, np.degrees(found.q).T, strict=True))
-    for name, corrected in (dict(zip(path.names, values.T, strict=True)) | joints).items():
+    # A program takes both: the joint angles say in which of its postures the arm reaches a pose.
+    values = np.concatenate([np.degrees(found.q), _columns_of(found.T)], axis=1)
+    for name, corrected in zip((*JOINTS, *POSES), values.T, strict=True):
         columns[name] = (np.round(corrected, 7) + 0.0).tolist()  # no -0.0
     added = (found.missed_mm, np.linalg.norm(found.left_out_mm, axis=1), found.u_mm)
     columns |= {name: np.round(mm, 6).tolist() for name, mm in zip(ADDED, added, strict=True)}
@@ -103,7 +124,10 @@ def _columns_of(T: Array) -> Array:
     """Return positions in mm and fixed-axis roll-pitch-yaw in degrees (n, 6) of poses (n, 4, 4)."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
-    turns = Rotation.from_matrix(T[:, :3, :3]).as_euler("xyz", degrees=True)
+    with warnings.catch_warnings():
+        # At a pitch of 90° the other two angles turn about one axis; scipy then sets the third to zero, and says so.
+        warnings.simplefilter("ignore", UserWarning)
+        turns = Rotation.from_matrix(T[:, :3, :3]).as_euler("xyz", degrees=True)
     return np.concatenate([T[:, :3, 3], turns], axis=1)
 
 

@@ -43,7 +43,10 @@ def as_table(found: ControllerEntries) -> RenderableType:
 
 
 def _entries(found: ControllerEntries) -> Table:
-    title = f"at the controller ({found.controller.maker}); worth and leaves: rms of the tool over the tests"
+    title = (
+        f"the same at the controller ({found.controller.maker}), to be entered once; "
+        "worth and leaves: rms of the tool over the tests"
+    )
     table = Table(title=title, title_style="bold", title_justify="left", header_style="bold")
     for heading in ("add to", "value", "± u", "unit", "reading", "worth", "leaves"):
         table.add_column(heading, justify="left" if heading in ("add to", "unit") else "right")

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from analysis.cli import app
 from analysis.diagnosis import proposal as proposals
+from analysis.diagnosis.blocks import Block
 from analysis.diagnosis.circle_candidates import CircleCandidate, CircleCandidates, circle_candidates
 from analysis.diagnosis.expected_posterior import ExpectedPosterior
 from analysis.diagnosis.form_information import FormInformation
@@ -19,6 +20,7 @@ from analysis.diagnosis.planned_runs import planned_blocks
 from analysis.diagnosis.proposal import Proposal, propose
 from analysis.geometry.feasible import feasible_tests
 from analysis.geometry.programs import circle_program
+from analysis.model.predict import SetUp
 from analysis.reporting.proposal_report import write
 from rigs.errors import FileError
 from rigs.load import load
@@ -27,7 +29,7 @@ from rigs.schema.vocabulary import TestName
 
 RIG, TEXT = load("paper-fanuc")
 CIRCLE: tuple[TestName, ...] = ("yaw", "roll")
-SEVERAL = ("100 mm nearer to axis 1, radius 140 mm", "ball 40 mm off axis 6", "4 times as fast")
+SEVERAL = ("100 mm nearer to axis 1, radius 140 mm", "ball 40 mm off axis 6")
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +44,7 @@ def _some(every: CircleCandidates, words: Sequence[str]) -> CircleCandidates:
 
 @pytest.fixture(scope="module")
 def proposed(every: CircleCandidates) -> Proposal:
-    """Of a few circles: each takes seconds to look at."""
+    """Of two circles: each takes seconds to look at."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(proposals, "circle_candidates", lambda *_: _some(every, SEVERAL))
         return propose(RIG, CIRCLE, 3, 120.0)
@@ -59,19 +61,27 @@ def test_every_candidate_is_driven_from_its_own_posture_and_takes_its_time(every
         assert one.minutes == pytest.approx(10 + 2 * 2 * 3 * program.t_s[-1] / 60, rel=1e-6)
 
 
-def test_information_gives_the_uncertainty_that_the_plan_gives() -> None:
-    blocks, setups = planned_blocks(RIG, CIRCLE, 3)
-    expected = ExpectedPosterior(blocks, setups)
+@pytest.fixture(scope="module")
+def circle_alone() -> tuple[list[Block], dict[str, SetUp]]:
+    """A run of each test: what is compared here does not depend on their number."""
+    return planned_blocks(RIG, CIRCLE, 1)
+
+
+def test_information_gives_the_uncertainty_that_the_plan_gives(
+    circle_alone: tuple[list[Block], dict[str, SetUp]],
+) -> None:
+    expected = ExpectedPosterior(*circle_alone)
     forms = FormInformation(expected.candidates)
-    known = forms.posterior(forms.of(blocks, setups))
+    known = forms.posterior(forms.of(*circle_alone))
     for name in ("joint_offset 3", "link_geometry 4.a", "wrist_coupling 4>5", "gauge_baseline"):
         (one,) = (one for one in expected.candidates if one.name == name)
         assert known.sd(one) == pytest.approx(expected.sd(one), rel=0.02), name
 
 
-def test_information_of_two_sets_of_runs_adds_up() -> None:
-    far = circle_candidates(RIG, CIRCLE, 3).found[0].rig
-    own, other = planned_blocks(RIG, CIRCLE, 3), planned_blocks(far, CIRCLE, 3, " further")
+def test_information_of_two_sets_of_runs_adds_up(
+    every: CircleCandidates, circle_alone: tuple[list[Block], dict[str, SetUp]]
+) -> None:
+    own, other = circle_alone, planned_blocks(every.found[0].rig, CIRCLE, 1, " further")
     both = ExpectedPosterior([*own[0], *other[0]], {**own[1], **other[1]})
     forms = FormInformation(both.candidates)
     known = forms.posterior(forms.of(*own) + forms.of(*other))
@@ -89,9 +99,11 @@ def test_the_ball_beside_axis_6_and_another_radius_are_proposed_for_what_one_cir
     assert proposed.used_min <= 120
 
 
-def test_time_that_is_too_short_proposes_nothing(every: CircleCandidates, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(proposals, "circle_candidates", lambda *_: _some(every, SEVERAL))
-    found = propose(RIG, CIRCLE, 3, 5.0)
+def test_time_that_is_too_short_proposes_nothing(proposed: Proposal, every: CircleCandidates) -> None:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(proposals, "circle_candidates", lambda *_: every)
+        patch.setattr(proposals, "judged", lambda _: proposed.before)
+        found = propose(RIG, CIRCLE, 3, 5.0)
     assert found.circles == () and found.after is found.before
 
 
