@@ -49,11 +49,11 @@ class RunScatter:
     drifting_ball: float
 
     def constant(self, terms: int) -> Array:
-        """Return the constant scatter (terms,) of the six joints and then, if included, of the ball."""
+        """Return the constant scatter (terms,), relative to its unit, of the six joints and then, if included, of the ball."""
         return np.array([self.joints] * 6 + [self.ball] * 3)[:terms]
 
     def drifting(self, terms: int) -> Array:
-        """Return the drifting scatter (terms,), in the same order."""
+        """Return the drifting scatter (terms,), relative to its unit, in the same order."""
         return np.array([self.drifting_joints] * 6 + [self.drifting_ball] * 3)[:terms]
 
 
