@@ -49,7 +49,8 @@ class RunScatter:
     drifting_ball: float
 
     def constant(self, terms: int) -> Array:
-        """Return the constant scatter (terms,), relative to its unit, of the six joints and then, if included, of the ball."""
+        """Return the constant scatter (terms,), relative to its unit, of the six joints and then of the ball, if it is
+        included."""
         return np.array([self.joints] * 6 + [self.ball] * 3)[:terms]
 
     def drifting(self, terms: int) -> Array:
