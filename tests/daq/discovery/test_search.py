@@ -7,6 +7,7 @@ import os
 import signal
 import termios
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -161,7 +162,10 @@ def test_a_port_keeps_the_settings_that_it_had() -> None:
 
 
 def test_ctrl_c_ends_the_search_and_leaves_the_port_as_it_was() -> None:
-    with switched_on("tesa") as unknown:
+    # What a shell starts in the background ignores it from the beginning.
+    before_test = signal.signal(signal.SIGINT, signal.default_int_handler)
+    with ExitStack() as at_the_end, switched_on("tesa") as unknown:
+        at_the_end.callback(signal.signal, signal.SIGINT, before_test)
         (port,) = unknown.gauge_ports
         fd = os.open(port, os.O_RDWR | os.O_NOCTTY)
         try:
