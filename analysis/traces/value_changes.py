@@ -66,7 +66,7 @@ def changes(asked_ns: Array, values: Array) -> Bounds:
         steps = np.nan_to_num(np.abs(values[row] - values[row - 1])).max(axis=1, initial=0.0)
     resolution = steps[steps > 0].min(initial=np.inf)
     near = np.lib.stride_tricks.sliding_window_view(np.pad(steps, 2, mode="edge"), 5) if len(steps) else steps[:, None]
-    jumps = np.median(near, axis=1) >= _JUMP * resolution
+    jumps = np.median(near, axis=1) / _JUMP >= resolution
     return Bounds(asked_ns[row - 1], asked_ns[row], row, jumps)
 
 

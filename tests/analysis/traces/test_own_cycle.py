@@ -167,3 +167,8 @@ def test_the_shift_of_a_lap_by_gauges_of_a_100_ms_cycle_is_true(
     assert abs(shift.value - expected) < 2 * shift.u and shift.u < 0.2
     assert any("cycle of its own" in doubt for doubt in measured.doubts) != stated
     assert sum("100 ms apart" in doubt for doubt in measured.doubts) == 2
+
+
+def test_readings_as_large_as_a_double_are_compared() -> None:
+    values = np.array([[0.0], [1.5e308], [0.0], [1.5e308], [0.0]])
+    assert len(changes(np.arange(5.0), values).row) == 4
