@@ -13,13 +13,12 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.progress import progress_of
+from rigs.schema.vocabulary import MAKERS, maker_of
 
 if TYPE_CHECKING:
     from analysis.setup.options import Options
 
 _INTERRUPTED = 130
-_MAKERS = ("ur", "fanuc", "kuka", "abb", "yaskawa")
-"""The controllers that rig program writes for; a feedback interface begins with the name of its maker."""
 
 
 @command(app, "rig init cell.yaml --robot 192.168.1.20 --arm ur10e")
@@ -84,24 +83,15 @@ def init(
     Without a terminal, every question has its option.
     """
     from analysis.cli.check import check  # noqa: PLC0415
-    from analysis.setup.answers import kept_in  # noqa: PLC0415
-    from analysis.setup.dialogue import Stopped, at_terminal  # noqa: PLC0415
-    from analysis.setup.options import Options, keys_of  # noqa: PLC0415
-    from analysis.setup.session import make_rig_file  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
+    from analysis.setup.options import Options, keys_of, places_of  # noqa: PLC0415
 
     keys = keys_of(key or ())
-    if g2 is not None and g1 is None:
-        raise FileError("--g2", "is given without --g1", "give both, or neither")
-    for gauge, place in (("g1", g1), ("g2", g2)):
-        if "interface" in keys[gauge] and place is None:
-            raise FileError(f"--key {gauge}.interface", f"is given without --{gauge}", f"give --{gauge} PORT as well")
     options = Options(
         path=rig_file,
         name=name or _name_of(rig_file),
         robot=robot,
         ports=tuple(port or ()),
-        places=tuple(place for place in (g1, g2) if place is not None),
+        places=places_of(g1, g2, keys),
         keys=keys,
         baseline_mm=baseline_mm,
         arm=arm,
@@ -114,18 +104,27 @@ def init(
     if as_json:
         say_json(_found(options))
         return
-    try:
-        make_rig_file(options, at_terminal(say, progress_of))
-    except (KeyboardInterrupt, Stopped):
-        say("")
-        kept = kept_in(rig_file)
-        what = f"the same command goes on with the answers in {kept}" if kept.exists() else "nothing was written"
-        say(f"stopped; {what}", err=True)
-        raise typer.Exit(_INTERRUPTED) from None
+    _make(options)
     check(str(rig_file))
     say("next:")
     for line in next_steps(rig_file):
         say(f"  {line}")
+
+
+def _make(options: Options) -> None:
+    """Ask, and write the rig file; exit where the person stops."""
+    from analysis.setup.answers import kept_in  # noqa: PLC0415
+    from analysis.setup.dialogue import Stopped, at_terminal  # noqa: PLC0415
+    from analysis.setup.session import make_rig_file  # noqa: PLC0415
+
+    try:
+        make_rig_file(options, at_terminal(say, progress_of))
+    except (KeyboardInterrupt, Stopped):
+        say("")
+        kept = kept_in(options.path)
+        what = f"the same command goes on with the answers in {kept}" if kept.exists() else "nothing was written"
+        say(f"stopped; {what}", err=True)
+        raise typer.Exit(_INTERRUPTED) from None
 
 
 def _found(options: Options) -> dict[str, object]:
@@ -157,12 +156,13 @@ def next_steps(rig_file: Path) -> list[str]:
             "# jog the robot to three or more points of its circle, then Ctrl-C:",
             f"rig circle fit --live --rig {file} --write",
         ]
-    maker = rig.feedback.interface.partition("_")[0]
-    known = maker in _MAKERS
+    maker, others = maker_of(rig.feedback.interface), ""
+    if maker is None:
+        maker, *more = MAKERS
+        others = f"  # or {', '.join(more)}"
     return [
         *begin,
-        f"rig program {file} --for {maker if known else _MAKERS[0]} --test circle -o programs"
-        + ("" if known else f"  # or {', '.join(_MAKERS[1:])}"),
+        f"rig program {file} --for {maker} --test circle -o programs{others}",
         "rig record start first-acw --test yaw --direction acw",
         "# start the robot's program, at reduced speed",
         "rig record stop",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,7 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say
 from analysis.cli.options import RigArgument
+from rigs.schema.vocabulary import Maker, ProgramTest
 
 if TYPE_CHECKING:
     from analysis.robot_programs.plan import Plan
@@ -20,11 +21,9 @@ if TYPE_CHECKING:
 @command(app, "rig program ur10e --for ur --test circle -o programs")
 def program(
     rig_file: RigArgument,
-    dialect: Annotated[
-        Literal["ur", "fanuc", "kuka", "abb", "yaskawa"], typer.Option("--for", help="Maker of the controller.")
-    ],
+    maker: Annotated[Maker, typer.Option("--for", help="Maker of the controller.")],
     test: Annotated[
-        Literal["circle", "roll", "hemisphere", "repeatability"],
+        ProgramTest,
         typer.Option(help="Test to drive; circle is the yaw test, roll the same circle for the roll test."),
     ],
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the programs to.")],
@@ -60,7 +59,7 @@ def program(
         nominal = plans_of(rig, test, dwell_s, _numbers(outputs))
         plans = _compensated(nominal, path) if path else nominal
         demands = [demand_of(plan) for plan in plans]
-    files = programs_of(dialect, list(zip(plans, demands, strict=True)))
+    files = programs_of(maker, list(zip(plans, demands, strict=True)))
     if targets:
         files[f"{test}-path.csv"] = table_of(nominal)
     make_room(files, directory)
@@ -68,8 +67,8 @@ def program(
     for plan, demand in zip(plans, demands, strict=True):
         for line in demand_lines(plan, demand, names):
             say(f"{plan.name}: {line}", err=True)
-    say(feedback_note(dialect, rig.feedback), err=True)
-    for written in write_programs(dialect, files, directory):
+    say(feedback_note(maker, rig.feedback), err=True)
+    for written in write_programs(maker, files, directory):
         say(written)
 
 

@@ -7,7 +7,6 @@ is a run of its own. hemisphere and repeatability: a stop at each target.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -46,10 +45,9 @@ from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.feedback import URRTDE
 from rigs.schema.part import Vector
-from rigs.schema.vocabulary import Direction
+from rigs.schema.vocabulary import Direction, ProgramTest, TestName
 
-ProgramTest = Literal["circle", "roll", "hemisphere", "repeatability"]
-RECORDED_AS: dict[ProgramTest, Literal["yaw", "roll", "radial", "repeatability"]] = {
+RECORDED_AS: dict[ProgramTest, TestName] = {
     "circle": "yaw",
     "roll": "roll",
     "hemisphere": "radial",

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from analysis.geometry.circle_through import circles_through
 from analysis.kinematics.arm import Array
 
 _STEP_MM = 4.0
@@ -49,7 +50,8 @@ def turned(begin: Array, end: Array, speed_rad_s: float) -> Way:
 
 def around(begin: Array, via_mm: Array, end: Array, speed_mm_s: float) -> Way:
     """On the circle from one pose (4, 4) through a place (3,) mm to another."""
-    centre, axis = _circle_through(begin[:3, 3], via_mm, end[:3, 3])
+    centres, axes, _ = circles_through(np.stack([begin[:3, 3], via_mm, end[:3, 3]])[None])
+    centre, axis = centres[0], axes[0]
     arm = begin[:3, 3] - centre
     angle = _angle_about(axis, arm, end[:3, 3] - centre)
     length = angle * float(np.linalg.norm(arm))
@@ -80,14 +82,6 @@ def middle_of(begin: Array, end: Array, centre_mm: Array, radius_mm: float) -> A
 
 def _shares(length_mm: float, angle: float) -> Array:
     return np.linspace(0, 1, 3 + 2 * int(max(length_mm / _STEP_MM, angle / _STEP_RAD)))
-
-
-def _circle_through(a: Array, b: Array, c: Array) -> tuple[Array, Array]:
-    """Centre (3,) mm and unit axis (3,) of the circle through three points, about which a goes to b and on to c."""
-    u, v = b - a, c - a
-    n = np.cross(u, v)
-    centre = a + np.cross(u @ u * v - v @ v * u, n) / (2 * (n @ n))
-    return centre, n / np.linalg.norm(n)
 
 
 def _angle_about(axis: Array, begin: Array, end: Array) -> float:

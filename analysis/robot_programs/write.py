@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import BinaryIO
 
 from analysis.files.write import write_new
 from analysis.robot_programs import abb, fanuc, kuka, ur, yaskawa
@@ -15,8 +15,7 @@ from analysis.robot_programs.examine import Demand
 from analysis.robot_programs.plan import Plan
 from rigs.errors import FileError
 from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed, ModbusJoints
-
-DialectName = Literal["ur", "fanuc", "kuka", "abb", "yaskawa"]
+from rigs.schema.vocabulary import Maker
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ _BY_ITSELF = "the controller serves it without the program"
 _FROM_ONE = range(1, 4097)
 """Digital outputs count from 1; KUKA and Yaskawa have up to 4096, others fewer."""
 
-DIALECTS: dict[DialectName, Dialect] = {
+DIALECTS: dict[Maker, Dialect] = {
     "ur": Dialect(ur.write, ur.NEWLINE, ur.OUTPUTS, {URRTDE: _BY_ITSELF, ModbusJoints: _BY_ITSELF}),
     "fanuc": Dialect(
         fanuc.write,
@@ -63,13 +62,13 @@ DIALECTS: dict[DialectName, Dialect] = {
 }
 
 
-def feedback_note(dialect: DialectName, feedback: Feedback) -> str:
+def feedback_note(dialect: Maker, feedback: Feedback) -> str:
     """What the feedback of the rig file needs on a controller, in words."""
     need = DIALECTS[dialect].feedbacks.get(type(feedback), "nothing in this program serves it; provide it yourself")
     return f"feedback {feedback.interface}: {need}"
 
 
-def programs_of(dialect: DialectName, plans: Sequence[tuple[Plan, Demand]]) -> dict[str, str]:
+def programs_of(dialect: Maker, plans: Sequence[tuple[Plan, Demand]]) -> dict[str, str]:
     """The text of each file by its name; what several plans share is one file. Raises FileError where two plans would
     be one program, and for an output that the controller does not have."""
     files: dict[str, str] = {}
@@ -94,7 +93,7 @@ def make_room(files: Iterable[str], directory: Path) -> None:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
 
 
-def write_programs(dialect: DialectName, files: dict[str, str], directory: Path) -> list[Path]:
+def write_programs(dialect: Maker, files: dict[str, str], directory: Path) -> list[Path]:
     """Write the files into a directory, all of them or none. Raises FileError where one is there already."""
     written: list[Path] = []
     try:

@@ -48,6 +48,17 @@ def keys_of(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
     return found
 
 
+def places_of(g1: str | None, g2: str | None, keys: Mapping[str, Mapping[str, Any]]) -> tuple[str, ...]:
+    """Return where g1 and g2 are, as far as they are given. Raises FileError for g2 alone, and for the interface of a
+    gauge whose place is not given."""
+    if g2 is not None and g1 is None:
+        raise FileError("--g2", "is given without --g1", "give both, or neither")
+    for gauge, place in (("g1", g1), ("g2", g2)):
+        if "interface" in keys[gauge] and place is None:
+            raise FileError(f"--key {gauge}.interface", f"is given without --{gauge}", f"give --{gauge} PORT as well")
+    return tuple(place for place in (g1, g2) if place is not None)
+
+
 def checked(schema: Any, fields: Any, section: str) -> Any:
     """Return a part of a rig file made from its keys, or of its value. Raises FileError with the first mistake."""
     try:

@@ -20,6 +20,7 @@ from rigs.errors import CellError, FileError
 from rigs.rig import Rig
 from rigs.schema.feedback import Feedback
 from rigs.schema.robot import Pose
+from rigs.schema.vocabulary import maker_of
 
 _COLUMNS = 79
 _ADDRESS = """\
@@ -103,8 +104,8 @@ def ask_arm(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:
 
 def _likely_arms(answers: Answers) -> Sequence[str]:
     """The arms of the maker whose interface the robot speaks, or all: `kuka_rsi` is KUKA's."""
-    maker = answers.feedback.interface.partition("_")[0] if answers.feedback else ""
-    return [name for name in arm_names() if name.startswith(maker)] or arm_names()
+    maker = maker_of(answers.feedback.interface) if answers.feedback else None
+    return [name for name in arm_names() if maker and name.startswith(maker)] or arm_names()
 
 
 def ask_tool(answers: Answers, options: Options, dialogue: Dialogue) -> Answers:

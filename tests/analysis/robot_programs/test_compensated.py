@@ -28,11 +28,12 @@ from analysis.reporting.correction_report import write
 from analysis.robot_programs.compensated import compensated, table_of
 from analysis.robot_programs.examine import Demand, demand_of
 from analysis.robot_programs.plan import Plan
-from analysis.robot_programs.planned import ProgramTest, plans_of
-from analysis.robot_programs.write import DIALECTS, DialectName, programs_of
+from analysis.robot_programs.planned import plans_of
+from analysis.robot_programs.write import DIALECTS, programs_of
 from rigs.effects import Found, JointOffset
 from rigs.errors import FileError
 from rigs.load import load
+from rigs.schema.vocabulary import Maker, ProgramTest
 from tests.support.command_line import ended
 from tests.support.independent_arm import Array, Wrong, constants_of, flange
 from tests.support.interpreters.driven import paths, run
@@ -78,7 +79,7 @@ def _planned(test: ProgramTest, path: Path) -> tuple[Plan, Demand]:
     return plan, demand_of(plan)
 
 
-def _driven(dialect: DialectName, test: ProgramTest, path: Path) -> list[Event]:
+def _driven(dialect: Maker, test: ProgramTest, path: Path) -> list[Event]:
     newline = DIALECTS[dialect].newline
     files = programs_of(dialect, [_planned(test, path)])
     return run(dialect, {name: text.replace("\n", newline) for name, text in files.items()}, RIG)
@@ -111,7 +112,7 @@ def _column(path: Path, name: str) -> Array:
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_on_the_circle_what_the_uncertainty_leaves_is_left_and_little_between_targets(
-    dialect: DialectName, tables: Tables
+    dialect: Maker, tables: Tables
 ) -> None:
     path, circle = tables("circle"), circle_of(RIG)
     pieces = paths(_driven(dialect, "circle", path))

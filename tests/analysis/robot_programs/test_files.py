@@ -16,9 +16,10 @@ from analysis.robot_programs.examine import Demand, demand_of
 from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import plans_of
 from analysis.robot_programs.text import fixed, identifier, wrapped
-from analysis.robot_programs.write import DIALECTS, DialectName, programs_of, write_programs
+from analysis.robot_programs.write import DIALECTS, programs_of, write_programs
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
+from rigs.schema.vocabulary import Maker
 from tests.support.command_line import ended
 
 LONG = "a-cell-with-a-name-of-sixty-three-characters-which-is-the-most-"
@@ -34,7 +35,7 @@ def planned() -> list[tuple[Plan, Demand]]:
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_names_fit_the_controller_and_differ_between_directions(
-    dialect: DialectName, planned: list[tuple[Plan, Demand]]
+    dialect: Maker, planned: list[tuple[Plan, Demand]]
 ) -> None:
     files = programs_of(dialect, planned)
     names = {name.rpartition(".")[0] for name in files}
@@ -44,7 +45,7 @@ def test_names_fit_the_controller_and_differ_between_directions(
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 def test_the_first_comment_is_the_override_and_the_clearance(
-    dialect: DialectName, planned: list[tuple[Plan, Demand]]
+    dialect: Maker, planned: list[tuple[Plan, Demand]]
 ) -> None:
     text = next(iter(programs_of(dialect, planned).values()))
     comments = re.findall(r"^\s*(?:\d+:)?\s*(?:[#;'!] ?)(.*?)(?: ;)?$", text, re.M)

@@ -17,8 +17,9 @@ from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_of, circle_program, hemisphere_of, radial_stops, repeatability_stops
 from analysis.robot_programs.examine import Demand, demand_of
 from analysis.robot_programs.plan import Plan
-from analysis.robot_programs.planned import ProgramTest, plans_of
-from analysis.robot_programs.write import DIALECTS, DialectName, programs_of
+from analysis.robot_programs.planned import plans_of
+from analysis.robot_programs.write import DIALECTS, programs_of
+from rigs.schema.vocabulary import Maker, ProgramTest
 from tests.support.interpreters.arms import ARMS, LIBRARY, pose_of, reached, rig_of
 from tests.support.interpreters.driven import along, paths, run, stops
 from tests.support.interpreters.joints import postures
@@ -33,7 +34,7 @@ EXACT_MM, EXACT_RAD = 1e-6, 1e-7
 
 
 @lru_cache
-def programs(arm: str, test: ProgramTest, dialect: DialectName) -> tuple[dict[str, str], ...]:
+def programs(arm: str, test: ProgramTest, dialect: Maker) -> tuple[dict[str, str], ...]:
     """The files of each program of a test, lines ending as the controller's do."""
     newline = DIALECTS[dialect].newline
     return tuple(
@@ -72,7 +73,7 @@ def tolerances(dialect: str) -> tuple[float, float]:
 @pytest.mark.parametrize("direction", ["acw", "cw"])
 @pytest.mark.parametrize("test", ["circle", "roll"])
 @pytest.mark.parametrize("arm", ARMS)
-def test_a_circle_is_the_simulators(arm: str, test: ProgramTest, direction: str, dialect: DialectName) -> None:
+def test_a_circle_is_the_simulators(arm: str, test: ProgramTest, direction: str, dialect: Maker) -> None:
     files = programs(arm, test, dialect)[("acw", "cw").index(direction)]
     pieces = paths(run(dialect, files, rig_of(arm)))
     way, *expected = simulated(arm, direction)
@@ -82,7 +83,7 @@ def test_a_circle_is_the_simulators(arm: str, test: ProgramTest, direction: str,
 
 
 @pytest.mark.parametrize(("arm", "dialect"), [(arm, arm.partition("-")[0]) for arm in LIBRARY])
-def test_arms_of_the_library_drive_the_simulators_circle(arm: str, dialect: DialectName) -> None:
+def test_arms_of_the_library_drive_the_simulators_circle(arm: str, dialect: Maker) -> None:
     """In the language of their maker: their angles are the controller's, with its signs and couplings."""
     pieces = paths(run(dialect, programs(arm, "circle", dialect)[0], rig_of(arm)))
     way, *expected = simulated(arm, "acw")
@@ -94,7 +95,7 @@ def test_arms_of_the_library_drive_the_simulators_circle(arm: str, dialect: Dial
     ("arm", "dialect", "axes"),
     [("fanuc-m-10ia", "fanuc", (3, 4, 5)), ("yaskawa-gp7", "yaskawa", (3, 5, 0)), ("kuka-hanging", "fanuc", (3, 4, 5))],
 )
-def test_positions_say_the_posture_in_which_the_arm_arrives(arm: str, dialect: DialectName, axes: list[int]) -> None:
+def test_positions_say_the_posture_in_which_the_arm_arrives(arm: str, dialect: Maker, axes: list[int]) -> None:
     rig = rig_of(arm)
     start = circle_program(rig, "acw").q[0]
     said = postures(rig, run(dialect, programs(arm, "circle", dialect)[0], rig), start)
@@ -108,7 +109,7 @@ def test_positions_say_the_posture_in_which_the_arm_arrives(arm: str, dialect: D
 @pytest.mark.parametrize("dialect", DIALECTS)
 @pytest.mark.parametrize("test", ["hemisphere", "repeatability"])
 @pytest.mark.parametrize("arm", ARMS)
-def test_stops_are_the_simulators(arm: str, test: ProgramTest, dialect: DialectName) -> None:
+def test_stops_are_the_simulators(arm: str, test: ProgramTest, dialect: Maker) -> None:
     rig = rig_of(arm)
     events = run(dialect, programs(arm, test, dialect)[0], rig)
     q = radial_stops(rig) if test == "hemisphere" else repeatability_stops(rig)
@@ -118,7 +119,7 @@ def test_stops_are_the_simulators(arm: str, test: ProgramTest, dialect: DialectN
 
 @pytest.mark.parametrize("dialect", DIALECTS)
 @pytest.mark.parametrize("arm", ARMS)
-def test_the_link_is_never_pulled_between_targets(arm: str, dialect: DialectName) -> None:
+def test_the_link_is_never_pulled_between_targets(arm: str, dialect: Maker) -> None:
     """The way between targets keeps to the sphere, which the simulator's joint moves do not."""
     rig = rig_of(arm)
     sphere = hemisphere_of(rig)
@@ -129,7 +130,7 @@ def test_the_link_is_never_pulled_between_targets(arm: str, dialect: DialectName
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(dialect: DialectName) -> None:
+def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(dialect: Maker) -> None:
     circle = circle_of(rig_of("ur10e"))
     pieces = paths(run(dialect, programs("ur10e", "circle", dialect)[0], rig_of("ur10e")))
     ends = [number for number, piece in enumerate(pieces) if piece.stops]
@@ -142,7 +143,7 @@ def test_laps_run_at_the_speed_of_the_rig_file_and_stop_at_their_ends_only(diale
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_the_robot_waits_for_the_link_and_stands_at_each_target(dialect: DialectName) -> None:
+def test_the_robot_waits_for_the_link_and_stands_at_each_target(dialect: Maker) -> None:
     events: list[Event] = run(dialect, programs("ur10e", "hemisphere", dialect)[0], rig_of("ur10e"))
     assert isinstance(events[0], Stood) and isinstance(events[1], Held)
     assert sum(isinstance(event, Held) for event in events) == 1

@@ -9,7 +9,8 @@ import pytest
 
 from analysis.robot_programs.examine import demand_of
 from analysis.robot_programs.planned import plans_of
-from analysis.robot_programs.write import DIALECTS, DialectName, programs_of
+from analysis.robot_programs.write import DIALECTS, programs_of
+from rigs.schema.vocabulary import Maker
 from tests.support.interpreters.arms import rig_of
 from tests.support.interpreters.driven import SUFFIX, run
 from tests.support.interpreters.machine import ProgramError
@@ -37,14 +38,14 @@ MARKS = {
 
 
 @lru_cache
-def program(dialect: DialectName) -> dict[str, str]:
+def program(dialect: Maker) -> dict[str, str]:
     plan = plans_of(rig_of("ur10e"), "circle", 3.0)[0]
     files = programs_of(dialect, [(plan, demand_of(plan))])
     return {name: text.replace("\n", DIALECTS[dialect].newline) for name, text in files.items()}
 
 
 @pytest.mark.parametrize(("dialect", "mark"), [(dialect, mark) for dialect in DIALECTS for mark in MARKS[dialect]])
-def test_a_missing_mark_is_refused(dialect: DialectName, mark: str) -> None:
+def test_a_missing_mark_is_refused(dialect: Maker, mark: str) -> None:
     files = program(dialect)
     name = next(name for name in files if name.endswith(SUFFIX[dialect]))
     newline = DIALECTS[dialect].newline
@@ -63,7 +64,7 @@ def _in_comment(text: str, at: int, dialect: str) -> bool:
 
 
 @pytest.mark.parametrize("dialect", DIALECTS)
-def test_the_program_without_a_slip_is_taken(dialect: DialectName) -> None:
+def test_the_program_without_a_slip_is_taken(dialect: Maker) -> None:
     assert run(dialect, program(dialect), rig_of("ur10e"))
 
 
