@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import io
-from functools import partial
 from pathlib import Path
-from shutil import copyfileobj
 from typing import Annotated
 
 import typer
@@ -66,10 +63,10 @@ def arms(
 
 def write_section(text: str, output: Path | None) -> None:
     """Write a section into a new file, or to the screen."""
-    from analysis.files.write import write_new  # noqa: PLC0415
+    from analysis.files.write import holding, write_new  # noqa: PLC0415
 
     if output is None:
         typer.echo(plain_lines(text), nl=False)
         return
-    write_new(output, partial(copyfileobj, io.BytesIO(text.encode())))
+    write_new(output, holding(text.encode()))
     say(f"wrote {output}", err=True)

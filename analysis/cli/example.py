@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
-from shutil import copyfileobj
 from typing import Annotated
 
 import typer
@@ -21,18 +19,9 @@ def example(
     ],
 ) -> None:
     """Write the shipped rig files, and what their emulated cells hide, into a directory: copies to start from."""
-    from analysis.files.write import write_new  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
+    from analysis.files.write import holding, write_all_new  # noqa: PLC0415
     from rigs.load import shipped, shipped_effects  # noqa: PLC0415
 
     sources = [*shipped().values(), *shipped_effects().values()]
-    if taken := next((folder / file.name for file in sources if (folder / file.name).exists()), None):
-        raise FileError(str(taken), "exists already", "choose another directory, or remove the file first")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(str(folder), error.strerror or str(error), "choose another directory") from None
-    for source in sources:
-        with source.open("rb") as original:
-            write_new(folder / source.name, partial(copyfileobj, original))
-        say(str(folder / source.name))
+    for path in write_all_new(folder, {source.name: holding(source.read_bytes()) for source in sources}):
+        say(str(path))

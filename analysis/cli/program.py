@@ -51,7 +51,7 @@ def program(
     from analysis.robot_programs.compensated import table_of  # noqa: PLC0415
     from analysis.robot_programs.examine import demand_lines, demand_of  # noqa: PLC0415
     from analysis.robot_programs.planned import plans_of  # noqa: PLC0415
-    from analysis.robot_programs.write import feedback_note, make_room, programs_of, write_programs  # noqa: PLC0415
+    from analysis.robot_programs.write import feedback_note, programs_of, write_programs  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
@@ -62,13 +62,13 @@ def program(
     files = programs_of(maker, list(zip(plans, demands, strict=True)))
     if targets:
         files[f"{test}-path.csv"] = table_of(nominal)
-    make_room(files, directory)
+    paths = write_programs(maker, files, directory)
     names = [axis.name for axis in rig.robot.axes]
     for plan, demand in zip(plans, demands, strict=True):
         for line in demand_lines(plan, demand, names):
             say(f"{plan.name}: {line}", err=True)
     say(feedback_note(maker, rig.feedback), err=True)
-    for written in write_programs(maker, files, directory):
+    for written in paths:
         say(written)
 
 

@@ -1,20 +1,54 @@
-"""Writing a file that is not there yet: a table as CSV or Parquet, or whatever a writer puts into it."""
+"""Writing files that are not there yet: tables as CSV or Parquet, or whatever a writer puts into them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, BinaryIO
-
-import pyarrow as pa
-import pyarrow.parquet as pq
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from rigs.errors import CellError, FileError
 from rigs.text import plain_lines
 
+if TYPE_CHECKING:
+    import pyarrow as pa
 
-def write_new(path: Path, write: Callable[[BinaryIO], None]) -> None:
+Writer = Callable[[BinaryIO], object]
+"""Puts what a file holds into it."""
+
+
+def holding(data: bytes) -> Writer:
+    """Return the writer of a file that holds these bytes."""
+    return lambda file: file.write(data)
+
+
+def write_all_new(directory: Path, files: Mapping[str, Writer]) -> list[Path]:
+    """Make files by their names in a directory, which is made where it is missing: all of them or none.
+
+    Raises FileError where one exists already or cannot be made, CellError when the disk refuses.
+    """
+    paths = [directory / name for name in files]
+    for path in paths:
+        if path.exists():
+            raise FileError(str(path), "exists already", "choose another directory, or remove it first")
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise FileError(str(directory), error.strerror or str(error), "choose another directory") from None
+    written: list[Path] = []
+    try:
+        for path, write in zip(paths, files.values(), strict=True):
+            write_new(path, write)
+            written.append(path)
+    except BaseException:
+        for path in written:
+            with suppress(OSError):
+                path.unlink()
+        raise
+    return paths
+
+
+def write_new(path: Path, write: Writer) -> None:
     """Make a file by `write`, whole or not at all.
 
     Raises FileError where it exists already or cannot be made, CellError when the disk refuses.
@@ -39,6 +73,8 @@ def write_new(path: Path, write: Callable[[BinaryIO], None]) -> None:
 
 def write_parquet(table: pa.Table, file: BinaryIO) -> None:
     """The table as Parquet, without the store's own notes."""
+    import pyarrow.parquet as pq  # noqa: PLC0415 - slow to import, needed for Parquet only
+
     pq.write_table(table.replace_schema_metadata(None), file, compression="zstd")
 
 

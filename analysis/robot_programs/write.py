@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import BinaryIO
 
-from analysis.files.write import write_new
+from analysis.files.write import holding, write_all_new
 from analysis.robot_programs import abb, fanuc, kuka, ur, yaskawa
 from analysis.robot_programs.examine import Demand
 from analysis.robot_programs.plan import Plan
@@ -62,52 +59,29 @@ DIALECTS: dict[Maker, Dialect] = {
 }
 
 
-def feedback_note(dialect: Maker, feedback: Feedback) -> str:
+def feedback_note(maker: Maker, feedback: Feedback) -> str:
     """What the feedback of the rig file needs on a controller, in words."""
-    need = DIALECTS[dialect].feedbacks.get(type(feedback), "nothing in this program serves it; provide it yourself")
+    need = DIALECTS[maker].feedbacks.get(type(feedback), "nothing in this program serves it; provide it yourself")
     return f"feedback {feedback.interface}: {need}"
 
 
-def programs_of(dialect: Maker, plans: Sequence[tuple[Plan, Demand]]) -> dict[str, str]:
+def programs_of(maker: Maker, plans: Sequence[tuple[Plan, Demand]]) -> dict[str, str]:
     """The text of each file by its name; what several plans share is one file. Raises FileError where two plans would
     be one program, and for an output that the controller does not have."""
     files: dict[str, str] = {}
-    known = DIALECTS[dialect].outputs
+    known = DIALECTS[maker].outputs
     for plan, demand in plans:
         if unknown := [number for number in plan.signal_place.outputs if number not in known]:
-            what = f"a controller of {dialect} has no digital output {unknown[0]}"
+            what = f"a controller of {maker} has no digital output {unknown[0]}"
             raise FileError(plan.name, what, f"give --outputs from {known.start} to {known.stop - 1}")
-        for name, text in DIALECTS[dialect].write(plan, demand).items():
+        for name, text in DIALECTS[maker].write(plan, demand).items():
             if files.setdefault(name, text) != text:
                 raise FileError(name, "would hold two programs", "give the rig file a shorter name")
     return files
 
 
-def make_room(files: Iterable[str], directory: Path) -> None:
-    """Make the directory for files of these names. Raises FileError where one is there already."""
-    if taken := next((directory / name for name in files if (directory / name).exists()), None):
-        raise FileError(str(taken), "exists already", "give another --output, or remove it first")
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
-
-
-def write_programs(dialect: Maker, files: dict[str, str], directory: Path) -> list[Path]:
+def write_programs(maker: Maker, files: dict[str, str], directory: Path) -> list[Path]:
     """Write the files into a directory, all of them or none. Raises FileError where one is there already."""
-    written: list[Path] = []
-    try:
-        for name, text in files.items():
-            data = text.replace("\n", DIALECTS[dialect].newline).encode("ascii")
-            write_new(directory / name, partial(_write_bytes, data))
-            written.append(directory / name)
-    except BaseException:
-        for path in written:
-            with suppress(OSError):
-                path.unlink()
-        raise
-    return written
-
-
-def _write_bytes(data: bytes, file: BinaryIO) -> None:
-    file.write(data)
+    end = DIALECTS[maker].newline
+    encoded = {name: holding(text.replace("\n", end).encode("ascii")) for name, text in files.items()}
+    return write_all_new(directory, encoded)

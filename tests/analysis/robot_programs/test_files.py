@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO
 
 import pytest
 import yaml
 
-from analysis.files.write import write_new
-from analysis.robot_programs import write
 from analysis.robot_programs.examine import Demand, demand_of
 from analysis.robot_programs.plan import Plan
 from analysis.robot_programs.planned import plans_of
 from analysis.robot_programs.text import fixed, identifier, wrapped
-from analysis.robot_programs.write import DIALECTS, programs_of, write_programs
+from analysis.robot_programs.write import DIALECTS, programs_of
 from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.schema.vocabulary import Maker
@@ -124,27 +120,12 @@ def test_wrong_use_is_one_line(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("stopped_by", [KeyboardInterrupt, FileError("b", "no space left", "make room")])
-def test_a_writing_that_is_stopped_leaves_nothing(
-    stopped_by: type[BaseException] | BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def stops_at_the_second(path: Path, fill: Callable[[BinaryIO], None]) -> None:
-        if path.name == "b":
-            raise stopped_by
-        write_new(path, fill)
-
-    monkeypatch.setattr(write, "write_new", stops_at_the_second)
-    with pytest.raises((KeyboardInterrupt, FileError)):
-        write_programs("ur", {"a": "x\n", "b": "y\n"}, tmp_path)
-    assert not list(tmp_path.iterdir())
-
-
 def test_a_directory_that_cannot_be_made_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "file").touch()
     for output in (tmp_path / "file", tmp_path / "file" / "below"):
         assert ended("program", "ur10e", "--for", "ur", "--test", "repeatability", "-o", output) == 3
         (line,) = capsys.readouterr().err.splitlines()
-        assert line.startswith(f"error: {output}: ") and line.endswith("; give another --output")
+        assert line.startswith(f"error: {output}: ") and line.endswith("; choose another directory")
 
 
 def test_a_rig_without_the_test_and_one_out_of_reach_write_nothing(

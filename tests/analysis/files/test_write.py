@@ -1,0 +1,39 @@
+"""Several new files in a directory: all of them, or none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import BinaryIO
+
+import pytest
+
+from analysis.files.write import holding, write_all_new
+from rigs.errors import CellError, FileError
+
+
+def test_all_are_written_into_a_directory_that_is_made(tmp_path: Path) -> None:
+    paths = write_all_new(tmp_path / "new" / "below", {"a": holding(b"x"), "b": holding(b"y")})
+    assert [(path.name, path.read_bytes()) for path in paths] == [("a", b"x"), ("b", b"y")]
+
+
+def test_one_that_exists_leaves_all_as_they_are(tmp_path: Path) -> None:
+    (tmp_path / "b").write_bytes(b"old")
+    with pytest.raises(FileError, match="b: exists already; choose another directory"):
+        write_all_new(tmp_path, {"a": holding(b"x"), "b": holding(b"y")})
+    assert [path.name for path in tmp_path.iterdir()] == ["b"] and (tmp_path / "b").read_bytes() == b"old"
+
+
+@pytest.mark.parametrize(
+    ("stopped_by", "reported_as"),
+    [(KeyboardInterrupt(), KeyboardInterrupt), (OSError(28, "No space left on device"), CellError)],
+)
+def test_what_stops_one_leaves_none(
+    stopped_by: BaseException, reported_as: type[BaseException], tmp_path: Path
+) -> None:
+    def stops(file: BinaryIO) -> None:
+        file.write(b"half")
+        raise stopped_by
+
+    with pytest.raises(reported_as):
+        write_all_new(tmp_path, {"a": holding(b"x"), "b": stops})
+    assert not list(tmp_path.iterdir())
