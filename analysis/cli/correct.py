@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,41 +12,49 @@ from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson
 
+if TYPE_CHECKING:
+    from analysis.correction.controllers import ControllerName
+
+_FoundRig = Annotated[
+    str,
+    typer.Argument(
+        metavar="RIG",
+        autocompletion=completion.rig_files,
+        help="Rig file that holds effects found by rig diagnose or rig calibrate.",
+    ),
+]
+_Targets = Annotated[
+    Path | None,
+    typer.Option(
+        help="CSV of targets to correct, with q1_deg … q6_deg, or with x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg "
+        "(roll-pitch-yaw about fixed axes, in the world frame of the rig file); default: none."
+    ),
+]
+_Maker = Annotated[
+    str | None,
+    typer.Option(
+        metavar="MAKER",
+        help="Controller for whose parameters the corrections are written: ur, fanuc, kuka, abb or yaskawa; "
+        "default: that of the robot feedback in the rig file.",
+    ),
+]
+_Scale = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NUMBERS",
+        help="Six numbers, separated by commas: signed counts per degree of each axis (fanuc, yaskawa), or its "
+        "gear ratio (abb); default: changes are given in degrees of the reading.",
+    ),
+]
+
 
 @command(app, "rig correct found/cell.yaml -o corrections")
 def correct(
-    rig_file: Annotated[
-        str,
-        typer.Argument(
-            metavar="RIG",
-            autocompletion=completion.rig_files,
-            help="Rig file that holds effects found by rig diagnose or rig calibrate.",
-        ),
-    ],
+    rig_file: _FoundRig,
     directory: Annotated[Path, typer.Option("--output", "-o", help="Directory to write the corrections to.")],
-    path: Annotated[
-        Path | None,
-        typer.Option(
-            help="CSV of targets to correct, with q1_deg … q6_deg, or with x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg "
-            "(roll-pitch-yaw about fixed axes, in the world frame of the rig file); default: none."
-        ),
-    ] = None,
-    controller: Annotated[
-        str | None,
-        typer.Option(
-            metavar="MAKER",
-            help="Controller for whose parameters the corrections are written: ur, fanuc, kuka, abb or yaskawa; "
-            "default: that of the robot feedback in the rig file.",
-        ),
-    ] = None,
-    scale: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NUMBERS",
-            help="Six numbers, separated by commas: signed counts per degree of each axis (fanuc, yaskawa), or its "
-            "gear ratio (abb); default: changes are given in degrees of the reading.",
-        ),
-    ] = None,
+    path: _Targets = None,
+    controller: _Maker = None,
+    scale: _Scale = None,
     entered: Annotated[
         bool, typer.Option("--entered", help="The controller has its entries already: targets are for it as it is now.")
     ] = False,
@@ -62,7 +70,8 @@ def correct(
     from rigs.load import load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
-    name, factors = controller_named(controller) if controller else controller_of(rig), scale_of(scale)
+    name = controller_named(controller) if controller else controller_of(rig)
+    factors = scale_of(scale)
     with progress_of("correcting"):
         found = correct_rig(rig, path, name, factors, entered=entered)
         written = correction_report.write(found, directory)
@@ -72,8 +81,13 @@ def correct(
         PlainConsole().print(correction_report.as_table(found))
     for file in written:
         say(f"wrote {file}", err=True)
-    if name is None:
+    _say_next(name, written[-1] if path else None)
+
+
+def _say_next(controller: ControllerName | None, corrected: Path | None) -> None:
+    """Say what a person can do with the corrections; `corrected` is the table of corrected targets."""
+    if controller is None:
         say("next: --controller ur, fanuc, kuka, abb or yaskawa writes the controller's own parameters", err=True)
-    if path:
-        say(f"next: send the controller to q1_deg … q6_deg of {written[-1]}", err=True)
-        say(f"      or, for the targets of a test: rig program RIG … --path {written[-1]}", err=True)
+    if corrected:
+        say(f"next: send the controller to q1_deg … q6_deg of {corrected}", err=True)
+        say(f"      or, for the targets of a test: rig program RIG … --path {corrected}", err=True)

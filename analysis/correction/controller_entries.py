@@ -89,13 +89,12 @@ def controller_entries(
     q = work_angles(rig)
     corrections = [*joint_zeros(entered), *link_constants(rig, entered)]
     entries = [_entry(rig, controller, scale, one, _effects_of(one, entered), q) for one in corrections]
-    errors = {label_of(one.effect): _error_mm(rig, one, q) for one in others}
     return ControllerEntries(
         name,
         controller,
         tuple(entries),
         tuple(entered),
-        tuple(NotEntered(one.effect, _rms_um(errors[label_of(one.effect)]), one.use != "none") for one in others),
+        tuple(NotEntered(one.effect, _rms_um(_position_error_mm(rig, [one], q)), one.use != "none") for one in others),
         _rms_um(_position_error_mm(rig, found, q)),
         _rms_um(np.hypot(_position_error_mm(rig, others, q), position_u_mm(rig, entered, q))),
         (*controller.steps, controller.check),
@@ -166,13 +165,6 @@ def _entry(
     reading_deg = one.delta if one.key == "q_deg" and controller.changes_reading else 0.0
     add, u = per_unit * one.delta, abs(per_unit) * one.u
     return Entry(one.axis, parameter, add, u, unit, reading_deg, worth_um, leaves_um)
-
-
-def _error_mm(rig: Rig, one: Support, q: Array) -> Array:
-    """Return what one effect does to the tool's position, (n,) mm."""
-    if one.effect.compensation().use == "none":
-        return left_out_mm(rig, [one.effect], q)[:, 0]
-    return displaced_mm(rig, [one.effect], q)
 
 
 def _position_error_mm(rig: Rig, found: Sequence[Support], q: Array) -> Array:

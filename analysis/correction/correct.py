@@ -46,17 +46,21 @@ def correct_rig(
         raise FileError(
             rig.name, "has no effects to correct", "diagnose or calibrate it, and give the rig file written"
         )
-    found = supports(rig)
-    targets = None
-    if path:
-        given = read_path(path)
-        hold_uncorrected(given, str(path))
-        q = np.radians(given.values) if given.joints else angles_for(rig, given.poses(), given.lines, str(path))
-        targets = path, given, corrected(rig, found, q, given.lines, str(path))
-    entries = controller_entries(rig, found, controller, scale) if controller else None
-    if entered and not (entries and targets):
+    if entered and not (path and controller):
         raise FileError("--entered", "needs --path, and --controller or a feedback that names it", "give both")
-    if entered and entries and targets:
-        targets = targets[0], targets[1], as_entered(rig, targets[2], entries)
+    found = supports(rig)
+    entries = controller_entries(rig, found, controller, scale) if controller else None
     zeros, constants = joint_zeros(found), link_constants(rig, found)
+    targets = _targets(rig, found, path, entries if entered else None) if path else None
     return Corrections(rig, tuple(found), tuple(zeros), tuple(constants), targets, entries)
+
+
+def _targets(
+    rig: Rig, found: Sequence[Support], path: Path, entered: ControllerEntries | None
+) -> tuple[Path, TargetPath, Corrected]:
+    """Return a path and its corrected targets, for a controller as it was or with `entered`."""
+    given = read_path(path)
+    hold_uncorrected(given, str(path))
+    q = np.radians(given.values) if given.joints else angles_for(rig, given.poses(), given.lines, str(path))
+    targets = corrected(rig, found, q, given.lines, str(path))
+    return path, given, as_entered(rig, targets, entered) if entered else targets

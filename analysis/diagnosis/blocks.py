@@ -176,7 +176,7 @@ def _target_block(raw: _RepeatedRuns, noise: CircleNoise, number: int) -> Block:
     sd, measured = target_sd(raw.rows, raw.response, _visit_numbers(raw.first.one))
     if isinstance(table, PoseTable) and not measured:
         sd = np.full(len(sd), POSE_MM)
-    scatter = raw.response * noise.scatter(raw.first.one.setup).constant(raw.response.shape[1]) / np.sqrt(count)
+    scatter = scatter_columns(raw.response, raw.drifting, noise.scatter(raw.first.one.setup)) / np.sqrt(count)
     band = np.full(len(sd), number * len(BAND_EDGES))
     y, sd = raw.rows.mean(axis=0), sd / np.sqrt(count)
     return Block(

@@ -19,7 +19,7 @@ from rigs.schema.vocabulary import TestName
 
 _TILT_DEG = 30.0
 """Tilt of a further circle's plane. Chosen: enough to change the posture of the wrist, and driven by most arms."""
-_SET_UP_MIN = 10.0
+SET_UP_MIN = 10.0
 """Minutes to move the ball, set the link and load the program for another circle. Chosen: somebody who has done it
 before."""
 
@@ -64,7 +64,7 @@ def circle_candidates(rig: Rig, tests: Sequence[TestName], runs: int) -> CircleC
         start_deg = np.degrees(program.q[0]).round(2).tolist()
         ready = with_circle(other, other.tests.circle, posture_deg=tuple(start_deg))
         driven_min = len(tests) * 2 * runs * float(program.t_s[-1]) / 60
-        found.append(CircleCandidate(ready, words, driven_min + _SET_UP_MIN))
+        found.append(CircleCandidate(ready, words, driven_min + SET_UP_MIN))
     return CircleCandidates(tuple(found), refused)
 
 

@@ -60,16 +60,12 @@ class Columns:
     """
 
     def __init__(self, linear: Linearisation, candidates: Sequence[Candidate]) -> None:
-        every = [form for one in candidates for form in in_each_shape(one)]
+        every = in_each_shape(candidates)
         sizes = np.repeat([one.size for one in every], [len(one.effects) for one in every])
         columns = linear.columns([effect for one in every for effect in one.effects]) / sizes
         self.not_seen, kept, columns = _detectable(every, columns)
         self.among = Counter(one.name for one in kept)
-        ends = np.cumsum([len(one.effects) for one in kept]).tolist()
-        self.forms = tuple(
-            Form(one.name, one.effects, one.size, tuple(range(end - len(one.effects), end)), self.among[one.name])
-            for one, end in zip(kept, ends, strict=True)
-        )
+        self.forms = forms_of(kept)
         # Every joint of a healthy arm has some play, and its position in the play at the start of a run is unknown.
         plays = [healthy(one.effect) for one in candidates if is_play(one.effect)]
         begins = initial_play_columns(linear, list({name_of(play): play for play in plays}.values()))
@@ -77,9 +73,7 @@ class Columns:
         numbers = {name: k for k, name in enumerate(self.among)}
         own = np.concatenate([np.full(len(form.columns), numbers[form.name]) for form in self.forms])
         self.name_of_column = np.concatenate([own, np.full(self.X.shape[1] - len(own), -1)])
-        share = np.concatenate(
-            [np.full(len(form.columns), 1 / (form.among * len(form.columns))) for form in self.forms]
-        )
+        share = healthy_shares(self.forms)
         self.healthy: Array = np.concatenate([share, np.zeros(self.X.shape[1] - len(share))])
         self.fixed = np.concatenate(
             [
@@ -123,6 +117,23 @@ def _detectable(every: Sequence[Candidate], columns: Array) -> tuple[tuple[str, 
     return hidden, kept, columns[:, np.repeat(shows, widths)]
 
 
-def in_each_shape(one: Candidate) -> list[Candidate]:
-    """Return a candidate and its variants in other shapes."""
-    return [one, *(replace(one, effects=(effect,)) for effect in one.shaped)]
+def in_each_shape(candidates: Sequence[Candidate]) -> list[Candidate]:
+    """Return candidates, each followed by its variants in other shapes."""
+    return [form for one in candidates for form in (one, *(replace(one, effects=(own,)) for own in one.shaped))]
+
+
+def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
+    """Return the forms of candidates, with columns in their order."""
+    among = Counter(one.name for one in every)
+    ends = np.cumsum([len(one.effects) for one in every]).tolist()
+    return tuple(
+        Form(one.name, one.effects, one.size, tuple(range(end - len(one.effects), end)), among[one.name])
+        for one, end in zip(every, ends, strict=True)
+    )
+
+
+def healthy_shares(forms: Sequence[Form]) -> Array:
+    """Return the prior variance (p,) of the columns of forms in a healthy arm, in healthy sizes squared: each name's is
+    distributed over its forms."""
+    shares: Array = np.concatenate([np.full(len(one.columns), 1 / (one.among * len(one.columns))) for one in forms])
+    return shares

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from analysis.diagnosis.background import Background, FittedTerms, fault_sizes
+from analysis.diagnosis.background import Background, fault_sizes
 from analysis.diagnosis.blocks import Block
 from analysis.diagnosis.candidates import Candidate, candidates_for
 from analysis.diagnosis.columns import LARGEST_FAULT, Columns
@@ -38,9 +38,7 @@ class ExpectedPosterior:
         self.least = float(fault_sizes(level)[0])
         self._columns = Columns(self.linear, self.candidates)
         self._variance = self._columns.variance(level)
-        none = np.empty((len(self.linear.y), 0))
-        nothing = FittedTerms(np.zeros(len(self.linear.y)), none, np.empty((0, 0)), np.empty(0))
-        A = self._background_without(()).posterior(nothing).A
+        A = Background(self._columns, np.ones(len(self.linear.y)), self._variance).covariance
         self._known = FormPosterior(self._columns.forms, A, self._variance)
 
     def sd(self, candidate: Candidate, size: float | None = None) -> float:

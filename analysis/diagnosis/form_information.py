@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from analysis.diagnosis.blocks import Block
 from analysis.diagnosis.candidates import Candidate
-from analysis.diagnosis.columns import Columns, Form, in_each_shape
+from analysis.diagnosis.columns import Columns, forms_of, healthy_shares, in_each_shape
 from analysis.diagnosis.form_posterior import FormPosterior
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.kinematics.arm import Array
@@ -28,17 +27,8 @@ class FormInformation:
 
     def __init__(self, candidates: Sequence[Candidate]) -> None:
         self.candidates = tuple(candidates)
-        every = [form for one in candidates for form in in_each_shape(one)]
-        among = Counter(one.name for one in every)
-        ends = np.cumsum([len(one.effects) for one in every]).tolist()
-        self.forms = tuple(
-            Form(one.name, one.effects, one.size, tuple(range(end - len(one.effects), end)), among[one.name])
-            for one, end in zip(every, ends, strict=True)
-        )
-        # The healthy size of a name is distributed over its forms, as in `Columns`.
-        self._variance: Array = np.concatenate(
-            [np.full(len(form.columns), 1 / (form.among * len(form.columns))) for form in self.forms]
-        )
+        self.forms = forms_of(in_each_shape(candidates))
+        self._variance = healthy_shares(self.forms)
         self._place = {form.effects: form.columns for form in self.forms}
 
     def of(self, blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Array:

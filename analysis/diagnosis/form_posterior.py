@@ -4,6 +4,7 @@ a healthy arm, from which the uncertainty of a name and the separation of two na
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -34,15 +35,17 @@ def is_detectable(sd: float) -> bool:
     return DETECTABLE * sd <= LARGEST_FAULT
 
 
+@dataclass(frozen=True)
 class FormPosterior:
     """The posterior covariance A (p, p) of the coefficients of `forms` beside everything else, with their prior
     variances (p,), all in healthy sizes."""
 
-    def __init__(self, forms: Sequence[Form], A: Array, variance: Array) -> None:
-        self.forms, self.A, self.variance = tuple(forms), A, variance
+    forms: tuple[Form, ...]
+    A: Array
+    variance: Array
 
     @cached_property
-    def number(self) -> dict[tuple[Effect, ...], int]:
+    def _number(self) -> dict[tuple[Effect, ...], int]:
         """The index of each form by its effects."""
         return {form.effects: k for k, form in enumerate(self.forms)}
 
@@ -61,7 +64,7 @@ class FormPosterior:
     def sd(self, candidate: Candidate) -> float:
         """Return the standard uncertainty of a candidate's size, in healthy sizes, as if its shape were known, averaged
         over the phases where one is free."""
-        k = self.number.get(candidate.effects)
+        k = self._number.get(candidate.effects)
         if k is None:
             return float("inf")
         known = np.linalg.eigvalsh(self._cavity(self.columns_of_name(candidate.effect), self.forms[k].columns))
@@ -83,7 +86,7 @@ class FormPosterior:
         # A dummy column without information completes forms that have only one.
         A, variance = np.eye(p + 2), np.append(self.variance, [1.0, 1.0])
         A[:p, :p] = self.A
-        own = [self.forms[self.number[one.effects]].columns for one in chosen]
+        own = [self.forms[self._number[one.effects]].columns for one in chosen]
         first, second = pairs.T
         columns = np.concatenate([[(*one, dummy)[:2] for one in own] for dummy in (p, p + 1)], axis=1).reshape(
             len(chosen), 2, 2

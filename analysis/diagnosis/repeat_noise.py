@@ -21,7 +21,7 @@ from analysis.diagnosis.run_scatter import (
     ScatteredRuns,
     average_scatter,
     scatter_of,
-    span_of,
+    unscattered,
 )
 from analysis.kinematics.arm import Array, Integers
 from analysis.noise.cell import SLOW_MM, TARGET_MM, WHITE_MM
@@ -118,7 +118,7 @@ def _setup_noise(every: Sequence[ScatteredRuns]) -> tuple[list[Array], RunScatte
     Noise and scatter are estimated in turn, each with what the other explains removed; in the first round the noise is
     taken from what no scatter could explain.
     """
-    parts = [_unscattered(runs) for runs in every]
+    parts = [unscattered(runs.apart, np.concatenate([runs.constant, *runs.drifting], axis=1)) for runs in every]
     levels = [np.ones((len(runs.apart), 4)) for runs in every]
     for _ in range(_ROUNDS):
         for _ in range(2):
@@ -132,12 +132,6 @@ def _setup_noise(every: Sequence[ScatteredRuns]) -> tuple[list[Array], RunScatte
         scatter = scatter_of(list(zip(every, typical, strict=True)))
         parts = [runs.noise(scatter, sd) for runs, sd in zip(every, typical, strict=True)]
     return sd_mm, scatter
-
-
-def _unscattered(runs: ScatteredRuns) -> tuple[Array, Array]:
-    """Return the part (n, N) mm of the deviations that no scatter explains, and the share (N,) of noise in it."""
-    span = span_of(np.concatenate([runs.constant, *runs.drifting], axis=1))
-    return runs.apart - (runs.apart @ span) @ span.T, 1 - (span**2).sum(axis=1)
 
 
 _PART: Integers = np.asarray((np.arange(len(ORDER_OF)) >= len(ORDER_OF) // 2) * 2 + (ORDER_OF >= _SLOW), dtype=np.int64)
@@ -207,11 +201,10 @@ def target_sd(rows_mm: Array, response: Array, alike: NDArray[np.int64]) -> tupl
     """Return the standard deviation (N,) mm of readings at targets of repeated runs (n, N) mm, and whether repeats
     determine it. The scatter that moves all targets of a run together, with a response (N, c), is excluded. `alike`
     (N,) has an integer that readings of the same place and approach share."""
-    span, mean = span_of(response), rows_mm.mean(axis=0)
-    apart = rows_mm - mean
+    mean = rows_mm.mean(axis=0)
+    own, free = unscattered(rows_mm - mean, response)
     # The part that the scatter of a run explains is removed, and the rest is scaled to its original variance.
-    free = np.maximum(1 - (span**2).sum(axis=1), _LEAST_FREE)
-    rows = mean + (apart - (apart @ span) @ span.T) / np.sqrt(free)
+    rows = mean + own / np.sqrt(np.maximum(free, _LEAST_FREE))
     squares, freedom = np.zeros(rows.shape[1]), np.zeros(rows.shape[1])
     away = []
     for number in np.unique(alike):

@@ -133,7 +133,14 @@ def without_unseen(columns: Array, sd_mm: Array) -> Array:
     return found
 
 
-def span_of(columns: Array) -> Array:
+def unscattered(apart: Array, columns: Array) -> tuple[Array, Array]:
+    """Return the part (n, N) mm of deviations (n, N) mm that columns (N, c) cannot explain, and the share (N,) of the
+    noise that this part contains."""
+    span = _span_of(columns)
+    return apart - (apart @ span) @ span.T, 1 - (span**2).sum(axis=1)
+
+
+def _span_of(columns: Array) -> Array:
     """Return an orthonormal basis of columns (N, c), without directions that are nearly zero."""
     left, size, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(left[:, size > 1e-3 * size[0]], dtype=float)
@@ -155,7 +162,7 @@ def scatter_of(repeated: Sequence[tuple[ScatteredRuns, Array]]) -> RunScatter:
 def _evidence(runs: ScatteredRuns, sd_mm: Array, squares: Array) -> Array:
     """Return the log evidence (s,) of scatters, given their squares (s, 4) in the order of `RunScatter`."""
     constant, drifting = runs.constant / sd_mm[:, None], runs.drifting / sd_mm[:, None]
-    span = span_of(np.concatenate([constant, *drifting], axis=1))
+    span = _span_of(np.concatenate([constant, *drifting], axis=1))
     waves = [drifting[:, :, own].transpose(1, 0, 2).reshape(len(constant), -1) for own in _OWN]
     inside = [span.T @ part for part in (*(constant[:, own] for own in _OWN), *waves)]
     C = np.tensordot(squares, np.stack([part @ part.T for part in inside]), axes=1)

@@ -28,17 +28,14 @@ _INK, _CHANGE, _WILD, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 def write_page(history: History, path: Path) -> None:
     """Write the page. Raises FileError where it cannot be written."""
     shown = sorted(history.series, key=lambda series: (not _is_beyond(series), not series.trend.changes))
-    html = (
-        environment()
-        .get_template("history.html")
-        .render(
-            robot=history.robot,
-            sentences=sentences(history),
-            remarks=remarks(history),
-            doubts=doubts(history),
-            left_out=max(0, len(shown) - _MOST),
-            pictures=[(series, against_limit(series), _picture(series)) for series in shown[:_MOST]],
-        )
+    template = environment().get_template("history.html")
+    html = template.render(
+        robot=history.robot,
+        sentences=sentences(history),
+        remarks=remarks(history),
+        doubts=doubts(history),
+        left_out=max(0, len(shown) - _MOST),
+        pictures=[(series, against_limit(series), _picture(series)) for series in shown[:_MOST]],
     )
     write_html(html, path)
 

@@ -24,8 +24,8 @@ def as_table(found: ControllerEntries) -> RenderableType:
     parts: list[RenderableType] = [head]
     if found.entries:
         parts += [Text(f"{number}. {step}") for number, step in enumerate(found.steps, start=1)]
-        parts += [Text(f"from {found.controller.source}", style="dim")]
-    parts.append(Text(f"{found.controller.missing}", style="dim"))
+        parts.append(Text(f"from {found.controller.source}", style="dim"))
+    parts.append(Text(found.controller.missing, style="dim"))
     if _unscaled(found):
         parts.append(Text(f"with --scale, six {found.controller.scale}: the same as {found.controller.unit}"))
     parts += [Text(_not_entered(one)) for one in found.not_entered]

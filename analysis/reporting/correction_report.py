@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Sequence
-from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 import yaml
@@ -157,10 +156,6 @@ def _constant(one: Correction) -> dict[str, Any]:
     }
 
 
-def _write_text(text: str, file: BinaryIO) -> None:
-    file.write(text.encode())
-
-
 def _short(value: float) -> float:
     return float(f"{value:.9g}")
 
@@ -169,7 +164,7 @@ def write(found: Corrections, directory: Path) -> list[Path]:
     """Write corrections.yaml, dh.csv where a constant changes, and the path. Raises FileError where one is there."""
     import pyarrow as pa  # noqa: PLC0415 - slow to import
 
-    from analysis.files.write import write_csv, write_new  # noqa: PLC0415
+    from analysis.files.write import write_csv, write_new, write_new_bytes  # noqa: PLC0415
 
     files = {"corrections.yaml": True, "dh.csv": bool(found.constants)}
     if found.path:
@@ -184,7 +179,7 @@ def write(found: Corrections, directory: Path) -> list[Path]:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
     head = _HEAD.format(name=found.rig.name, date=dt.datetime.now(dt.UTC).date())
     text = head + yaml.safe_dump(_contents(found), sort_keys=False, allow_unicode=True, width=10_000)
-    write_new(paths[0], partial(_write_text, text))
+    write_new_bytes(paths[0], text.encode())
     if found.constants:
         rows = corrected_table(found.rig, found.constants)
         table = pa.table({key: [row[key] for row in rows] for key in ("axis", "name", *CONSTANTS)})

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from analysis.diagnosis.circle_candidates import SET_UP_MIN
 from analysis.diagnosis.judgement import Judgement
 from analysis.diagnosis.proposal import Proposal, ProposedCircle
 from analysis.reporting.plan_report import noise_in_words
@@ -53,7 +53,7 @@ def _count(judgement: Judgement) -> str:
 
 
 def _circles(found: Proposal) -> Table:
-    table = Table(title=f"{found.used_min:.0f} min in all, with 10 min to set up each", title_style="dim")
+    table = Table(title=f"{found.used_min:.0f} min in all, with {SET_UP_MIN:g} min to set up each", title_style="dim")
     table.add_column("circle")
     table.add_column("min", justify="right")
     table.add_column("makes testable", ratio=1)
@@ -123,7 +123,7 @@ def hold_free(rig: Rig, directory: Path) -> None:
 def write(found: Proposal, text: str, directory: Path) -> list[Path]:
     """Write a rig file for each proposed circle: the given text with the circle's values. Raises FileError where one is
     there already."""
-    from analysis.files.write import write_new  # noqa: PLC0415 - slow to import
+    from analysis.files.write import write_new_bytes  # noqa: PLC0415 - slow to import
 
     rigs = [_named(found, number) for number in range(1, len(found.circles) + 1)]
     paths = [directory / f"{rig.name}.yaml" for rig in rigs]
@@ -134,12 +134,8 @@ def write(found: Proposal, text: str, directory: Path) -> list[Path]:
     except OSError as error:
         raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
     for path, changed in zip(paths, texts, strict=True):
-        write_new(path, partial(_write_text, changed))
+        write_new_bytes(path, changed.encode())
     return paths
-
-
-def _write_text(text: str, file: BinaryIO) -> None:
-    file.write(text.encode())
 
 
 def _named(found: Proposal, number: int) -> Rig:

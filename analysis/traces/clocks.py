@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.traces.lower_hull import Mask
-from analysis.traces.own_clock import FittedClock, through_clock
+from analysis.traces.own_clock import FittedClock, stands, through_clock
 from analysis.traces.own_cycle import anywhere_in_a_cycle, through_cycle
 from analysis.traces.steady_pace import through_pace
 from analysis.traces.value_changes import changes, repeats
@@ -56,6 +56,7 @@ _SPARSE = (
     "its readings are {:.0f} ms apart, too far to follow a joint that turns back: a band may be too large by what the "
     "other gauge shows earlier; drive the circle slower"
 )
+_STANDS = "its own clock does not advance and is not used; check the instrument"
 _FOUND = (
     "its readings repeat with a cycle of its own of {:.2f} ms; each takes the time of its tick; "
     "state the cycle as timing.cycle_ms in the rig file"
@@ -94,9 +95,17 @@ class Instants:
 
 def gauge_instants(stream: Columns, gauge: Gauge) -> Instants:
     """When each reading of a gauge was taken, in the middle of what its filter averages."""
+    stream, doubts = _without_standing_clock(stream)
     found, timing = _answered(stream, gauge), gauge.timing
     u_s = math.hypot(found.u_s, timing.filter_uncertainty_ms / 1e3)
-    return replace(found, ns=found.ns - timing.filter_ms * 1e6, u_s=u_s)
+    return replace(found, ns=found.ns - timing.filter_ms * 1e6, u_s=u_s, doubts=doubts + found.doubts)
+
+
+def _without_standing_clock(stream: Columns) -> tuple[Columns, tuple[str, ...]]:
+    """A stream without its instrument's clock where that does not advance, and a doubt that says so."""
+    if not stands(stream["device_time_s"]):
+        return stream, ()
+    return {**stream, "device_time_s": np.full(len(stream["device_time_s"]), np.nan)}, (_STANDS,)
 
 
 def _answered(stream: Columns, gauge: Gauge) -> Instants:
@@ -180,8 +189,9 @@ def robot_instants(stream: Columns) -> Instants:
     if (stream["requested_ns"] >= 0).all():
         asked_ns = stream["requested_ns"].astype(float)
         return asked_instants(asked_ns, np.maximum(stream["first_byte_ns"] - asked_ns, 0.0), held=False)
+    stream, doubts = _without_standing_clock(stream)
     fitted = _by_any_clock(stream["device_time_s"], stream["first_byte_ns"].astype(float))
-    return _listened(fitted, float(np.median(np.diff(fitted.ns))))
+    return replace(_listened(fitted, float(np.median(np.diff(fitted.ns)))), doubts=doubts)
 
 
 def _streamed(device_s: Array, set_out: Array, character_ns: int) -> Instants:

@@ -11,6 +11,8 @@ import numpy as np
 
 from analysis.kinematics.arm import Array, Integers
 
+TICK_S = 1e-9
+"""Stamps of the host count nanoseconds: what advances by less cannot be distinguished from what stands."""
 WINDOW_S = 120.0
 """A crystal's rate changes by less than 0.01 ppm/s with the temperature of a hall: 18 µs over half of this."""
 _BLOCK = 8
@@ -40,7 +42,7 @@ def floor(x: Array, y: Array, window: float = WINDOW_S) -> tuple[Array, Mask]:
 
 
 def low_outliers(x: Array, y: Array) -> Mask:
-    """Which of y (n,) at increasing x (n,), both in ns, lie alone below their neighbours' least: wrong
+    """Which of y (n,) at increasing x (n,), both in s, lie alone below their neighbours' least: wrong
     stamps, not short delays.
 
     The least of each block of rows is compared with those around it. No more than one in 500 (or three) is ever
@@ -54,7 +56,11 @@ def low_outliers(x: Array, y: Array) -> Mask:
     least = np.minimum.reduceat(y, np.arange(blocks) * size)
     at = x[np.arange(blocks) * size]
     half = blocks // 2
-    slope = float(np.median((least[-half:] - least[:half]) / (at[-half:] - at[:half])))
+    apart = at[-half:] - at[:half]
+    advances = apart >= TICK_S
+    if not advances.any():
+        return none
+    slope = float(np.median((least[-half:] - least[:half])[advances] / apart[advances]))
     level = least - slope * at
     around = np.median(np.lib.stride_tricks.sliding_window_view(_mirrored(level), _NEIGHBOURS), axis=1)
     spread = float(np.quantile(np.abs(level - around), 0.95))

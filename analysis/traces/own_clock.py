@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array, Integers
-from analysis.traces.lower_hull import Mask, floor
+from analysis.traces.lower_hull import TICK_S, Mask, floor
 
 _LEAP_S = 1.0
 """No network or serial line holds a message back for so long without losing its link; a busy computer may."""
@@ -46,6 +46,11 @@ class FittedClock:
     wrong: int = 0
     wanders_s: float = 0.0
     shared_u_s: float = 0.0
+
+
+def stands(device_s: Array) -> bool:
+    """Whether a clock that shows device_s (n,) does not advance, as far as stamps of the host can resolve it."""
+    return len(device_s) > 1 and bool(device_s.max() <= device_s.min() + TICK_S)
 
 
 def through_clock(device_s: Array, host_ns: Array) -> FittedClock:
@@ -134,7 +139,7 @@ def _longest_in_order(values: Sequence[float]) -> list[int]:
 
 
 def _fitted(device_s: Array, host_ns: Array) -> tuple[Array, Mask]:
-    if len(device_s) < 3 or np.ptp(device_s) == 0:
+    if len(device_s) < 3 or stands(device_s):
         return host_ns, np.zeros(len(host_ns), dtype=bool)
     since_s = device_s - device_s[0]
     line, low = floor(since_s, (host_ns - host_ns[0]) / 1e9 - since_s)

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from daq.acquisition.stream_buffer import samples_of
 from daq.protocol.conversation import Fault, FaultKind, Item, Samples
@@ -53,7 +54,9 @@ class PlausibilityCheck:
     _joints: tuple[float, ...] = ()
     _travel_deg: float = 0.0
     _errors: dict[str, deque[int]] = field(default_factory=dict)
-    _in_error: dict[str, bool] = field(default_factory=dict)
+    _in_error: dict[str, set[int | None]] = field(default_factory=dict)
+    """The columns of each stream whose gauges are in error; None for an error that does not say of which it is: it lasts
+    while messages lack the reading of any."""
 
     def check(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
         """Take what came on a stream since the last call, in order; return what is doubtful about it."""
@@ -61,7 +64,7 @@ class PlausibilityCheck:
         if "q1_deg" in columns:
             self._follow(samples)
             return []
-        doubts = self._intermittent(stream, items)
+        doubts = self._intermittent(stream, columns, items)
         for place, column in enumerate(columns if self.touching else ()):
             gauge = self._gauges.setdefault(column, _GaugeState())
             doubts += self._update(column, gauge, samples, place)
@@ -105,24 +108,31 @@ class PlausibilityCheck:
         what = f"has shown exactly {gauge.reading:.4f} mm for {seconds:.0f} s while the robot moved {moved_deg:.0f}°"
         return [_doubtful(now_ns, f"{_name(column)} {what}: is its plunger free, is the display on HOLD?")]
 
-    def _intermittent(self, stream: str, items: Sequence[Item]) -> list[Fault]:
-        times = self._errors.setdefault(stream, deque(maxlen=TIMES_IN_ERROR))
-        doubts = []
+    def _intermittent(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:
+        in_error, doubts = self._in_error.setdefault(stream, set()), list[Fault]()
         for item in items:
-            error = isinstance(item, Fault) and item.kind is FaultKind.DEVICE_ERROR
-            if isinstance(item, Fault) and error and not self._in_error.get(stream, False):
-                times.append(item.at_ns)
-                if len(times) == TIMES_IN_ERROR and (span_s := (item.at_ns - times[0]) / 1e9) <= IN_ERROR_S:
-                    what = f"went in and out of error {TIMES_IN_ERROR} times in {span_s:.0f} s ({item.detail})"
-                    doubts.append(
-                        _doubtful(item.at_ns, f"{stream} {what}: does the whole motion lie within its range?")
-                    )
-                    times.clear()
-            if error:
-                self._in_error[stream] = True
-            elif not isinstance(item, Fault) and np.isfinite(np.atleast_2d(item.values)).all(axis=1).any():
-                self._in_error[stream] = False  # a message without the reading of one gauge does not end its error
+            if not isinstance(item, Fault):
+                read = np.isfinite(np.atleast_2d(item.values))
+                in_error -= {place for place in in_error if _of_gauge(read, place).all(axis=1).any()}
+            elif item.kind is FaultKind.DEVICE_ERROR and item.column not in in_error:
+                in_error.add(item.column)
+                doubts += self._count_error(stream if item.column is None else _name(columns[item.column]), item)
         return doubts
+
+    def _count_error(self, name: str, fault: Fault) -> list[Fault]:
+        """Count that a gauge, or an instrument with several, went into error."""
+        times = self._errors.setdefault(name, deque(maxlen=TIMES_IN_ERROR))
+        times.append(fault.at_ns)
+        if len(times) < TIMES_IN_ERROR or (span_s := (fault.at_ns - times[0]) / 1e9) > IN_ERROR_S:
+            return []
+        times.clear()
+        what = f"{name} went in and out of error {TIMES_IN_ERROR} times in {span_s:.0f} s ({fault.detail})"
+        return [_doubtful(fault.at_ns, f"{what}: does the whole motion lie within its range?")]
+
+
+def _of_gauge(read: NDArray[np.bool_], place: int | None) -> NDArray[np.bool_]:
+    """What of the rows (n, columns) has to be there before an error is over: one gauge's column, or the whole row."""
+    return read if place is None else read[:, place : place + 1]
 
 
 def _name(column: str) -> str:

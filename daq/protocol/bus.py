@@ -128,11 +128,11 @@ class Bus:
         return Step(step.send, (*items, *self._items_of(first, step.items)), first.wake_ns)
 
     def _items_of(self, member: Member, items: Sequence[Item]) -> list[Item]:
-        """A member's items as those of the line: its value in its own column, its faults under its name."""
+        """A member's items as those of the line: its value in its own column, its faults under its name and column."""
         place, found = self._members.index(member), list[Item]()
         for item in items:
             if isinstance(item, Fault):
-                found.append(replace(item, detail=f"{member.name}: {item.detail}"))
+                found.append(replace(item, detail=f"{member.name}: {item.detail}", column=place))
             elif isinstance(item, Sample):
                 values = [math.nan] * len(self._members)
                 (values[place],) = item.values

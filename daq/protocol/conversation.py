@@ -81,13 +81,15 @@ class Sample:
 class Fault:
     """Something that went wrong, in words that help a person; `count` messages were affected.
 
-    A count of 0 adds details to what was counted before.
+    A count of 0 adds details to what was counted before. column: place among the conversation's columns of the gauge
+    that it concerns, where each gauge is asked by itself; it is not stored.
     """
 
     kind: FaultKind
     at_ns: int
     detail: str
     count: int = 1
+    column: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -140,20 +140,24 @@ class Sized:
         self._lost = False
 
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
-        found: list[Message | Fault] = []
         if self._lost:
-            return found
+            return []
         if not self._pieces.data and len(data) >= self._header and self._length(data[: self._header]) == len(data):
             return [Message(data, len(data), now_ns, now_ns)]  # an answer, nearly always, without the work of cutting
         self._pieces.add(data, now_ns)
-        while len(self._pieces.data) >= self._header:
+        found: list[Message | Fault] = []
+        while size := self._next_size(self._pieces.data):
+            found.append(self._pieces.take(size))
+        if size is None:
             head = bytes(self._pieces.data[: self._header])
-            length = self._length(head)
-            if length is None:
-                self._pieces.clear()
-                self._lost = True
-                return [*found, Fault(FaultKind.GARBLED, now_ns, f"a message cannot begin with {head.hex(' ')}")]
-            if len(self._pieces.data) < length:
-                break
-            found.append(self._pieces.take(length))
+            self._pieces.clear()
+            self._lost = True
+            found.append(Fault(FaultKind.GARBLED, now_ns, f"a message cannot begin with {head.hex(' ')}"))
         return found
+
+    def _next_size(self, pending: bytearray) -> int | None:
+        """The size of the message that is whole; 0 where more has to come first, None where no message begins so."""
+        if len(pending) < self._header:
+            return 0
+        size = self._length(bytes(pending[: self._header]))
+        return size if size is None or size <= len(pending) else 0

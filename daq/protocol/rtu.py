@@ -11,8 +11,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 from pymodbus.framer import FramerRTU
 
-from daq.protocol.conversation import Fault, FaultKind
-from daq.protocol.framing import Message, Pieces
+from daq.protocol.framing import Message, Sized
 from rigs.schema.links import Line
 
 REQUEST = 8
@@ -64,46 +63,20 @@ class RtuRequests:
         return found
 
 
-class RtuReplies:
+class RtuReplies(Sized):
     """The answers in a serial stream, and requests among them.
 
-    counts: how many registers an answer may have, by unit and function; any number of a unit that is not listed. What
-    begins neither an answer nor a request cannot be cut: from there on everything is discarded until `clear`.
+    counts: how many registers an answer may have, by unit and function; any number of a unit that is not listed.
     """
 
     def __init__(self, counts: Mapping[tuple[int, int], Collection[int]]) -> None:
+        super().__init__(_HEAD, self._answer_size)
         self.asked = b""
         """The request on the line, which may be echoed."""
         self._counts = counts
-        self._pieces = Pieces()
-        self._lost = False
 
-    @property
-    def pending(self) -> bool:
-        return self._lost or bool(self._pieces.data)
-
-    def clear(self) -> None:
-        self._pieces.clear()
-        self._lost = False
-
-    def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
-        if self._lost:
-            return []
-        if not self._pieces.data and len(data) >= _HEAD and self._answer_size(data) == len(data):
-            return [Message(data, len(data), now_ns, now_ns)]  # an answer, nearly always, without the work of cutting
-        self._pieces.add(data, now_ns)
-        found = list[Message | Fault]()
-        while (size := self._frame_size(bytes(self._pieces.data))) > 0:
-            found.append(self._pieces.take(size))
-        if size < 0:
-            head = bytes(self._pieces.data[:_HEAD])
-            self._pieces.clear()
-            self._lost = True
-            found.append(Fault(FaultKind.GARBLED, now_ns, f"a message cannot begin with {head.hex(' ')}"))
-        return found
-
-    def _frame_size(self, data: bytes) -> int:
-        """The size of the frame that the data begin with, 0 where more has to come first, -1 where there is none."""
+    def _next_size(self, pending: bytearray) -> int | None:
+        data = bytes(pending)
         if len(data) < _HEAD:
             return 0
         answer = self._answer_size(data)
@@ -115,7 +88,7 @@ class RtuReplies:
             return 0  # an answer of nine bytes whose last is 0 is intact without it, too
         if len(data) >= REQUEST and intact(data[:REQUEST]):
             return REQUEST
-        return answer or -1
+        return answer or None
 
     def _answer_size(self, head: bytes) -> int:
         """The size of an answer that begins so, 0 where none does."""

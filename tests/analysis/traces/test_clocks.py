@@ -134,6 +134,13 @@ def test_few_points_are_never_called_wrong() -> None:
     assert not low_outliers(np.arange(20.0), np.array([1.0] * 10 + [-5.0] + [1.0] * 9)).any()
 
 
+@pytest.mark.parametrize("step_s", [0.0, 5e-324, 1e-300])
+def test_a_clock_that_stood_for_most_of_a_run_has_no_infinite_rate(step_s: float) -> None:
+    x = np.concatenate([np.arange(2500) * step_s, 1 + np.arange(1500) * 8e-3])
+    line, low = floor(x, np.arange(4000) * 8e-3 - x)
+    assert np.isfinite(line).all() and not low.any()
+
+
 PERIOD_NS = 20.6e6
 
 

@@ -87,6 +87,19 @@ def test_a_controllers_clock_that_shows_nonsense_is_none(clock_s: float) -> None
     assert np.isfinite(measured.table.q).all() and np.ptp(measured.table.q, axis=0).max() > 1
 
 
+@pytest.mark.parametrize("step_s", [0.0, 5e-324, 1e-300, 1e-13])
+@pytest.mark.parametrize("stream", ["g1", "robot"])
+def test_a_clock_that_does_not_advance_is_not_used_and_is_said_to_be(stream: str, step_s: float) -> None:
+    count = len(lap().streams[stream]["device_time_s"])
+    measured = measured_of(
+        with_column(stream, "device_time_s", slice(None), 77 * (step_s == 0) + np.arange(count) * step_s)
+    )
+    without = measured_of(with_column(stream, "device_time_s", slice(None), np.nan))
+    (doubt,) = set(measured.doubts) - set(without.doubts)
+    assert doubt.startswith(f"{stream}: its own clock does not advance and is not used")
+    assert measured.u_lag_s == without.u_lag_s and np.array_equal(measured.table.q, without.table.q)
+
+
 def test_a_run_of_a_hundred_years_costs_no_more() -> None:
     run = lap()
     streams = {}

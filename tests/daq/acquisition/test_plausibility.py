@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import daq.gauges
 from daq.acquisition.plausibility import IN_ERROR_S, STUCK_S, TIMES_IN_ERROR, PlausibilityCheck
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
@@ -16,6 +17,8 @@ from daq.recording.label import Label
 from daq.recording.machine import Recording
 from daq.recording.recorder import Recorder
 from daq.store import RunWriter, read_run
+from tests.support.drivers import PLAIN, modbus
+from tests.support.simulated_line import SimulatedLine
 
 S = 1_000_000_000
 G1, ROBOT = ("g1_mm",), tuple(f"q{axis}_deg" for axis in range(1, 7))
@@ -91,6 +94,31 @@ def test_a_gauge_that_goes_in_and_out_of_error_is_told() -> None:
     assert (
         PlausibilityCheck(True).check("g1", G1, [Fault(FaultKind.DEVICE_ERROR, k * S, "ERR0") for k in range(50)]) == []
     )
+
+
+def test_of_gauges_that_are_asked_in_turn_each_one_ends_its_own_error() -> None:
+    near = {"address": 200, "count": 2, "value": {"address": 200, "type": "float32"}, "range_mm": [-1, 1], **PLAIN}
+    units = [modbus(unit=1, **near), modbus(unit=2, **near)]
+
+    def told(reads: Callable[[float], float]) -> list[Fault]:
+        device = daq.gauges.device(units, lambda now_ns: [0.5, reads(now_ns / S)])
+        items = SimulatedLine(units[0].line.character_ns).run(daq.gauges.host(units), device, 20 * S)
+        return PlausibilityCheck(True).check("g1_g2", ("g1_mm", "g2_mm"), items)
+
+    first, *_ = told(lambda t_s: 1.5 * math.sin(2 * math.pi * t_s / 3))
+    assert first.detail.startswith(f"g2 went in and out of error {TIMES_IN_ERROR} times in ")
+    assert told(lambda t_s: 0.5 if t_s < 2 else 1.5) == [], "the readings of the other do not end it"
+
+
+def test_a_message_that_lacks_one_gauge_does_not_end_the_error_of_its_instrument() -> None:
+    items: list[Item] = []
+    for k in range(2 * TIMES_IN_ERROR):
+        items += [Fault(FaultKind.DEVICE_ERROR, k * S, "ERR"), _sample([1.0, math.nan], k * S)]
+    check = PlausibilityCheck(True)
+    assert check.check("g1_g2", ("g1_mm", "g2_mm"), items) == []
+    whole = [item for k in range(TIMES_IN_ERROR) for item in (_sample([1.0, 2.0], k), items[0])]
+    (told,) = check.check("g1_g2", ("g1_mm", "g2_mm"), whole)
+    assert told.detail.startswith("g1_g2 went in and out of error")
 
 
 def test_a_doubt_is_in_the_run_and_in_the_status(tmp_path: Path) -> None:
