@@ -15,7 +15,7 @@ from rigs.schema.links import Line, ModemLines
 
 ROBOT = "robot"
 JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
-_NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
+NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
 """Robots are reached over the network, which has no line settings."""
 _PATIENCE = 3
 """Silent time-outs after which a TCP connection counts as lost."""
@@ -63,7 +63,7 @@ def streams_of(rig: Rig) -> list[Stream]:
     robot = rig.feedback
     columns = (*JOINTS, SIGNAL) if carries_signal(robot) else JOINTS
     host = partial(feedback.host, robot)
-    found.append(Stream(ROBOT, columns, robot.port, _NO_LINE, host, _dead_s(robot.timeout_s), robot.listens))
+    found.append(Stream(ROBOT, columns, robot.port, NO_LINE, host, _dead_s(robot.timeout_s), robot.listens))
     return found
 
 

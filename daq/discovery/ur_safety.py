@@ -10,18 +10,15 @@ from __future__ import annotations
 import struct
 from functools import partial
 
-from daq.acquisition.streams import ROBOT, Stream
+from daq.acquisition.streams import NO_LINE, ROBOT, Stream
 from daq.doctor.trial import try_line
+from daq.feedback.ur_rtde import VERSION, packet, packets
 from daq.protocol.conversation import NO_TIME, Fault, Sample
-from daq.protocol.framing import Message, Sized
+from daq.protocol.framing import Message
 from daq.protocol.streamed import Reaction, Streamed
-from rigs.schema.links import Line
 
-_HEADER = struct.Struct(">HB")
 _RATE_HZ = 10.0
-_LONGEST = 520
 _PATIENCE_S = 1.5
-_NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
 STOPPED = {
     3: "protective stop; find out why, then unlock it on the pendant",
     4: "recovery mode; move the robot back inside its limits",
@@ -37,7 +34,7 @@ STOPPED = {
 def stopped_by(port: str) -> str:
     """Return why a controller runs no program, and what to do; empty where it may run or does not say."""
     host = partial(Streamed, _SafetyMode(), _PATIENCE_S)
-    trial = try_line(Stream(ROBOT, (), port, _NO_LINE, host), _NO_LINE, _PATIENCE_S, 0.0)
+    trial = try_line(Stream(ROBOT, (), port, NO_LINE, host), NO_LINE, _PATIENCE_S, 0.0)
     return STOPPED.get(int(trial.samples[-1].values[0]), "") if trial.samples else ""
 
 
@@ -47,14 +44,14 @@ class _SafetyMode:
     check = "check that RTDE is enabled"
 
     def __init__(self) -> None:
-        self.frames = Sized(_HEADER.size, _length)
+        self.frames = packets()
         self._next = {
-            b"V": _packet(b"O", struct.pack(">d", _RATE_HZ) + b"safety_mode"),
-            b"O": _packet(b"S"),
+            b"V": packet(b"O", struct.pack(">d", _RATE_HZ) + b"safety_mode"),
+            b"O": packet(b"S"),
         }
 
     def start(self) -> bytes:
-        return _packet(b"V", struct.pack(">H", 2))
+        return packet(b"V", VERSION)
 
     def silent(self) -> Reaction:
         return Reaction(hang_up=True)
@@ -70,12 +67,3 @@ class _SafetyMode:
             stamps = (NO_TIME, message.first_byte_ns, message.last_byte_ns)
             return Reaction((Sample((float(mode),), *stamps, message.size),))
         return Reaction(send=self._next.get(kind, b""))
-
-
-def _packet(kind: bytes, payload: bytes = b"") -> bytes:
-    return _HEADER.pack(_HEADER.size + len(payload), kind[0]) + payload
-
-
-def _length(head: bytes) -> int | None:
-    size, kind = _HEADER.unpack(head)
-    return size if _HEADER.size <= size <= _LONGEST and bytes([kind]) in b"VOSPUM" else None

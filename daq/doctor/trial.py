@@ -69,6 +69,13 @@ class Trial:
         return list(samples_of(self.items))
 
     @property
+    def rate_hz(self) -> float:
+        """Readings a second; 0 where all came at once, as of a link that was then lost."""
+        stamps_ns = samples_of(self.items).last_byte_ns
+        lasted_ns = int(stamps_ns[-1] - stamps_ns[0]) if len(stamps_ns) else 0
+        return (len(stamps_ns) - 1) * 1e9 / lasted_ns if lasted_ns else 0.0
+
+    @property
     def understood(self) -> bool:
         """Whether both sides understand each other: mostly readings, or the instrument's own errors."""
         kinds = Counter(fault.kind for fault in faults_of(self.items))
@@ -186,13 +193,12 @@ def _of_readings(stream: Stream, trial: Trial, how: str) -> Finding:
 
 def pace(stream: Stream, trial: Trial) -> Finding | None:
     """Compare the readings per second with what the line could carry."""
-    samples = trial.samples
-    if len(samples) < _ENOUGH or not (lasted_ns := _lasted_ns(samples)):
+    readings, reached_hz = len(trial.samples), trial.rate_hz
+    if readings < _ENOUGH or not reached_hz:
         return None
-    reached_hz = (len(samples) - 1) * 1e9 / lasted_ns
     host = stream.host()
     gap_ns = host.gap_ns if isinstance(host, Bus) else 0
-    possible_hz = len(samples) * 1e9 / (trial.carried * stream.line.character_ns + len(samples) * gap_ns)
+    possible_hz = readings * 1e9 / (trial.carried * stream.line.character_ns + readings * gap_ns)
     what = f"{reached_hz:.1f} readings a second; the line could carry {possible_hz:.1f}"
     if reached_hz >= _SLOW * possible_hz:
         return ok(stream.name, what)
@@ -207,9 +213,11 @@ def clock(about: str, samples: Sequence[Sample]) -> Finding | None:
     The quickest arrivals of the first and of the last quarter lie closest to the truth: a delay only ever adds.
     """
     quarter = len(samples) // 4
-    if quarter < _ENOUGH or math.isnan(samples[0].device_time_s) or not _lasted_ns(samples):
+    if quarter < _ENOUGH or math.isnan(samples[0].device_time_s):
         return None
     begin_ns, end_ns = samples[0].last_byte_ns, samples[-1].last_byte_ns
+    if begin_ns == end_ns:  # all came at once, as of a link that was then lost
+        return None
     late_ns = [sample.last_byte_ns - begin_ns - sample.device_time_s * 1e9 for sample in samples]
     slope = (min(late_ns[-quarter:]) - min(late_ns[:quarter])) / (0.75 * (end_ns - begin_ns))
     level_ns = [late - slope * (s.last_byte_ns - begin_ns) for late, s in zip(late_ns, samples, strict=True)]
@@ -219,8 +227,3 @@ def clock(about: str, samples: Sequence[Sample]) -> Finding | None:
     if abs(drift_ppm) - 3 * uncertain_ppm < _POOR_PPM:
         return ok(about, what)
     return doubtful(about, what, "check `rate_hz` and the unit of its clock; a good clock is within 100 ppm")
-
-
-def _lasted_ns(samples: Sequence[Sample]) -> int:
-    """0 where all came at once, as of a link that was then lost."""
-    return samples[-1].last_byte_ns - samples[0].last_byte_ns

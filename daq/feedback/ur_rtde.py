@@ -32,7 +32,8 @@ from rigs.schema.feedback import URRTDE, RTDESignal
 
 _HEADER = struct.Struct(">HB")
 _FORMATS = {"DOUBLE": "d", "VECTOR6D": "6d", "UINT64": "Q", "INT32": "i"}
-_VERSION = 2
+VERSION = struct.pack(">H", 2)
+"""The payload that asks for this version of the protocol."""
 _LONGEST = 520
 """No packet of this recipe is longer; a text is 516 at most."""
 _MOST_UNKNOWN = 3
@@ -75,8 +76,14 @@ def _raw(place: RTDESignal, signal: float) -> int:
     return sum((int(signal) >> bit & 1) << output for bit, output in enumerate(place.outputs))
 
 
-def _packet(kind: bytes, payload: bytes = b"") -> bytes:
+def packet(kind: bytes, payload: bytes = b"") -> bytes:
+    """Return a packet of a type with its header."""
     return _HEADER.pack(_HEADER.size + len(payload), kind[0]) + payload
+
+
+def packets() -> Sized:
+    """Return what cuts the stream of either side into packets, header included."""
+    return Sized(_HEADER.size, _length)
 
 
 def _length(head: bytes) -> int | None:
@@ -90,7 +97,7 @@ class _RTDEClient:
     check = "check that the controller is on and RTDE is not disabled under Settings › Security › Services"
 
     def __init__(self, feedback: URRTDE) -> None:
-        self.frames = Sized(_HEADER.size, _length)
+        self.frames = packets()
         self._rate_hz = feedback.rate_hz
         self._place = feedback.signal
         self._types = _recipe(feedback)
@@ -102,7 +109,7 @@ class _RTDEClient:
         self._steps = SteadySteps(feedback.rate_hz)
 
     def start(self) -> bytes:
-        return _packet(b"V", struct.pack(">H", _VERSION))
+        return packet(b"V", VERSION)
 
     def silent(self) -> Reaction:
         return Reaction(hang_up=True)
@@ -137,7 +144,7 @@ class _RTDEClient:
             self._awaited = b"U"
             return Reaction()
         self._awaited = b"O"
-        return Reaction(send=_packet(b"O", struct.pack(">d", self._rate_hz) + ",".join(self._types).encode()))
+        return Reaction(send=packet(b"O", struct.pack(">d", self._rate_hz) + ",".join(self._types).encode()))
 
     def _recipe_answer(self, payload: bytes, message: Message) -> Reaction:
         types = payload[1:].decode("ascii", "replace").split(",")
@@ -149,7 +156,7 @@ class _RTDEClient:
                 return _refused(f"the controller answers {got} for {name}; {remedy}", message)
         self._recipe = payload[0]
         self._awaited = b"S"
-        return Reaction(send=_packet(b"S"))
+        return Reaction(send=packet(b"S"))
 
     def _data(self, payload: bytes, message: Message) -> Reaction:
         if len(payload) != self._fields.size or payload[0] != self._recipe:
@@ -213,7 +220,7 @@ class _RTDEController:
         self._read = read
         self._place = feedback.signal
         self._types = _recipe(feedback)
-        self._frames = Sized(_HEADER.size, _length)
+        self._frames = packets()
         self._connected_ns = 0
         self._recipe: list[str] = []
         self._rate_hz = 0.0
@@ -243,17 +250,17 @@ class _RTDEController:
 
     def _answer(self, kind: bytes, payload: bytes, now_ns: int) -> bytes:
         if kind == b"V":
-            return _packet(kind, bytes([payload == struct.pack(">H", _VERSION)]))
+            return packet(kind, bytes([payload == VERSION]))
         if kind == b"v":
-            return _packet(kind, struct.pack(">4I", *self.SOFTWARE))
+            return packet(kind, struct.pack(">4I", *self.SOFTWARE))
         if kind == b"O":
-            return _packet(kind, self._set_up(payload))
+            return packet(kind, self._set_up(payload))
         if kind == b"S":
             self._pace = Pace(self._rate_hz, now_ns) if self._recipe else None
-            return _packet(kind, bytes([bool(self._recipe)]))
+            return packet(kind, bytes([bool(self._recipe)]))
         if kind == b"P":
             self._pace = None
-            return _packet(kind, b"\1")
+            return packet(kind, b"\1")
         return b""
 
     def _set_up(self, payload: bytes) -> bytes:
@@ -274,4 +281,4 @@ class _RTDEController:
         if self._place:
             values[[*self._types][-1]] = [_raw(self._place, shown[6])]
         fields = [struct.pack(f">{_FORMATS[self._types[name]]}", *values[name]) for name in self._recipe]
-        return _packet(b"U", b"\1" + b"".join(fields))
+        return packet(b"U", b"\1" + b"".join(fields))
