@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
 
@@ -18,12 +18,12 @@ from pydantic import ValidationError
 
 from daq import feedback
 from daq.acquisition.stream_buffer import faults_of
-from daq.acquisition.streams import JOINTS, NO_LINE, ROBOT, Stream
+from daq.acquisition.streams import NO_LINE, ROBOT, robot_stream
 from daq.discovery.attempts import Sends
 from daq.discovery.lines import layout_of
 from daq.discovery.probing import Probing
 from daq.discovery.reports import RobotReport, evidence_of
-from daq.discovery.ur_safety import stopped_by
+from daq.doctor.condition import condition_in, stopped_by
 from daq.doctor.trial import Trial, try_line
 from daq.protocol.conversation import Arrival, Fault, FaultKind, Host
 from daq.wire.links import LinkLost, open_link
@@ -135,7 +135,7 @@ def _try(robot: Feedback) -> _Tried:
     limits = {"timeout_s": _LISTEN_S / _SILENCES} | ({"onlysend": True} if robot.interface == "kuka_rsi" else {})
     tried = robot.model_copy(update=limits)
     host = partial(_host, tried, "nothing" if robot.listens else "all")
-    stream = Stream(ROBOT, JOINTS, robot.port, NO_LINE, host, listens=robot.listens)
+    stream = replace(robot_stream(tried), host=host)
     return _Tried(robot, try_line(stream, NO_LINE, _PATIENCE_S, _CONFIRM_S))
 
 
@@ -144,11 +144,12 @@ def _host(robot: Feedback, sends: Sends) -> Host:
 
 
 def _found(address: str, tried: _Tried) -> RobotReport:
-    stopped = stopped_by(tried.feedback.port) if tried.feedback.interface == "ur_rtde" else ""
+    last = tried.trial.samples[-1]
+    stopped = stopped_by(condition_in(robot_stream(tried.feedback).columns, last))
     return RobotReport(
         address,
         tried.feedback,
-        tried.trial.samples[-1].values[:6],
+        last.values[:6],
         tried.trial.rate_hz,
         units_sure=tried.sure,
         said=stopped or _said(tried.trial),

@@ -16,12 +16,14 @@ import numpy as np
 
 from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.acquisition.streams import Stream
+from daq.doctor.condition import condition_in, of_condition
 from daq.doctor.finding import Finding, doubtful, ok, wrong
 from daq.protocol.bus import Bus
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 from daq.wire.links import Link, LinkLost
 from daq.wire.session import run_conversation
 from rigs.errors import CellError
+from rigs.schema.condition import CONDITION
 from rigs.schema.links import Line
 
 _LISTEN_S = 2.0
@@ -142,7 +144,10 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
 
 
 def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = try_line) -> Iterator[Finding]:
-    """Examine whether the instrument answers, how fast, and how its clock runs. timeout_s: of the instrument."""
+    """Examine whether the instrument answers, how fast, how its clock runs, and the condition of a robot.
+
+    timeout_s: of the instrument.
+    """
     wait_s = min(_LONGEST_WAIT_S, 2 * timeout_s)
     serial = stream.port.startswith("/")
     trial = attempt(stream, stream.line, _TALK_S + wait_s, _LISTEN_S)
@@ -154,6 +159,7 @@ def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = tr
     yield answers(stream, trial, search)
     if trial.understood and trial.samples:
         yield from filter(None, (pace(stream, trial) if serial else None, clock(stream.name, trial.samples)))
+        yield from of_condition(stream.name, condition_in(stream.columns, trial.samples[-1]))
 
 
 def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> Finding:
@@ -180,7 +186,8 @@ def _of_readings(stream: Stream, trial: Trial, how: str) -> Finding:
     """Check readings that came: whether all gauges of the link gave some, and how many faults came with them."""
     readings = samples_of(trial.items)
     what = f"{how}: {len(readings)} readings in {trial.seconds:.0f} s"
-    if missing := [stream.columns[k] for k in np.flatnonzero(np.isnan(readings.values).all(axis=0))]:
+    silent = [stream.columns[k] for k in np.flatnonzero(np.isnan(readings.values).all(axis=0))]
+    if missing := [name for name in silent if name not in CONDITION]:
         return wrong(stream.name, f"{what}, but none of {', '.join(missing)}", trial.last_fault)
     faults = Counter[str]()
     for fault in faults_of(trial.items):
@@ -188,7 +195,7 @@ def _of_readings(stream: Stream, trial: Trial, how: str) -> Finding:
     if faults.total() > _FEW and faults.total() > _POOR_SHARE * len(readings):
         counts = ", ".join(f"{count} {kind}" for kind, count in faults.items() if count)
         return doubtful(stream.name, f"{what}, and {counts}", trial.last_fault)
-    return ok(stream.name, what)
+    return ok(stream.name, f"{what}; it does not show {', '.join(silent)}" if silent else what)
 
 
 def pace(stream: Stream, trial: Trial) -> Finding | None:
