@@ -101,7 +101,7 @@ class _RTDEClient:
         self._recipe = _recipe(feedback)
         self._awaited = b"V"
         self._number = 0
-        """Of the recipe, as the controller counts them."""
+        """The number that the controller gave the recipe."""
         self._unknown = 0
         """Packets of no known type since the last one of a known."""
         self._steps = SteadySteps(feedback.rate_hz)

@@ -14,7 +14,7 @@ PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD = "program_state", "safety_state", "moto
 FULL_PERCENT = 99.5
 """A speed below this is lowered: controllers show it in whole percent."""
 TEMPERATURES = tuple(f"temperature{axis}_c" for axis in range(1, 7))
-"""Of the joints, in °C."""
+"""Temperatures of the joints in °C."""
 CONDITION = (PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD, *TEMPERATURES)
 """All columns of the condition."""
 
