@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
@@ -16,7 +17,7 @@ JOINT_FIELDS = {f"q{axis}_{unit}" for axis in range(1, 7) for unit in ("deg", "r
 CLOCK_FIELDS = {"t_s", "t_ms", "t_us"}
 SIGNAL = "signal"
 """The column in which a robot's samples carry the number of its program; the field of a line that does."""
-_TAG = r"^[A-Za-z_][A-Za-z0-9_-]{0,63}(\.[A-Za-z_][A-Za-z0-9_-]{0,63})?$"
+_TAG = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}(\.[A-Za-z_][A-Za-z0-9_-]{0,63})?")
 """The tag of an element, or of an attribute as `Element.Attribute`, in an Ethernet configuration of KUKA."""
 
 
@@ -50,6 +51,8 @@ class URRTDE(_Feedback):
         instruments="Universal Robots CB3, e-Series",
         source="maker's Python client and documents",
         standing="confirmed",
+        doubts="that a controller which lacks a field of the condition takes a second recipe on the same link (where "
+        "it does not, write condition: false)",
     )
 
     interface: Literal["ur_rtde"]
@@ -118,7 +121,7 @@ class KUKARSI(_Feedback):
     """A program that is restarted sends from another port, and is read once the old one has been silent for so long."""
     sentype: str = Field(default="ImFree", pattern=r"^[A-Za-z0-9_.-]{1,64}$")
     """SENTYPE of that configuration; the controller ignores answers of another name."""
-    condition: dict[str, Annotated[str, Field(pattern=_TAG)]] = Field(default_factory=dict)
+    condition: dict[str, str] = Field(default_factory=dict)
     """TAG in SEND of that configuration of each part of the robot's condition that it sends, as `speed_percent:
     Override` or `motors_on: Drives.On`."""
 
@@ -127,6 +130,8 @@ class KUKARSI(_Feedback):
     def _of_the_condition(cls, condition: dict[str, str]) -> dict[str, str]:
         if unknown := [name for name in condition if name not in CONDITION]:
             raise ValueError(f"unknown part {unknown[0]!r}; known: {', '.join(CONDITION)}")
+        if odd := [tag for tag in condition.values() if not _TAG.fullmatch(tag)]:
+            raise ValueError(f"{odd[0]!r} is not a TAG; write Element or Element.Attribute")
         return condition
 
 
@@ -139,7 +144,7 @@ class ABBEGM(_Feedback):
         source="ABB's egm.proto, as ros-industrial/abb_libegm publishes it (proto/egm.proto)",
         standing="confirmed",
         doubts="that feedBack.time is good for more than its ms (public code calls it useless on some controllers), "
-        "and from which software on positions are streamed",
+        "from which software on positions are streamed, and whether motorState and rapidExecState come with them",
     )
     interface: Literal["abb_egm"]
     port: UDPPort
@@ -158,7 +163,8 @@ class FANUCStreamMotion(_Feedback):
         standing="confirmed",
         doubts="the time stamp in ms (in steps of 2) and its wrap; that the status comes from the port it was asked "
         "at; that version 2 starts and sends as version 1 does; that a controller of version 1 only ignores the "
-        "question (a packet type that it does not know may post HOST-380: then state `version`)",
+        "question (a packet type that it does not know may post HOST-380: then state `version`); that bit 2 of the "
+        "status is SYSRDY in every version",
     )
     interface: Literal["fanuc_stream_motion"]
     port: UDPPort

@@ -76,8 +76,11 @@ class Gauges(Part):
             raise ValueError(f"{self.g1.interface} carries one gauge a port, not two; give g2 its own port")
         own = {"offset_mm", "channel", "accuracy_mm", "range_mm", "certificate", "calibrated"}
         common = {"interface", "line", "framing"} if self.g1.bus else type(self.g1).model_fields.keys() - own
-        if self.g1.model_dump(include=common) != self.g2.model_dump(include=common):
-            raise ValueError(f"g1 and g2 share {self.g1.port} but differ in interface or settings; make them equal")
+        for key in sorted(common):
+            first, second = (getattr(gauge, key, "none") for gauge in (self.g1, self.g2))
+            if first != second:
+                what = f"g1 and g2 share {self.g1.port} but not `{key}`, which is {first} and {second}"
+                raise ValueError(f"{what}; make them equal")
         if self.g1.place == self.g2.place:
             raise ValueError(f"g1 and g2 share {self.g1.port} and {self.g1.place}; give each its own")
         return self

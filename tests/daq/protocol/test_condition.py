@@ -123,6 +123,13 @@ def test_joints_that_a_controller_does_not_know_are_refused_all_the_same() -> No
     assert fault.kind is FaultKind.DEVICE_ERROR and "actual_q" in fault.detail and step.hang_up  # type: ignore[union-attr]
 
 
+def test_a_recipe_that_ends_with_a_comma_is_served_as_by_a_real_controller() -> None:
+    """SDU's ur_rtde 1.6.5 asks so, and calls the fields by their places in the answer."""
+    script = Script(daq.feedback.device(rtde(), lambda now_ns: [0.0] * 6))
+    asked = struct.pack(">d", 125) + b"timestamp,runtime_state,safety_mode,"
+    assert script.receive(_packet(b"O", asked)).send == _packet(b"O", b"\1DOUBLE,UINT32,INT32")
+
+
 @pytest.mark.parametrize(
     ("states", "motors", "program"),
     [
