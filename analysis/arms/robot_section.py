@@ -12,7 +12,7 @@ import yaml
 from pydantic import ValidationError
 
 from analysis.arms.six_axes import DenavitHartenberg, SixAxes, denavit_hartenberg
-from analysis.kinematics.arm import Array, arm_of, forward
+from analysis.kinematics.arm import Array, arm_of, forward, roll_pitch_yaw
 from rigs.errors import FileError
 from rigs.schema.robot import JointAxis, Pose, Robot
 from rigs.text import plain
@@ -170,13 +170,8 @@ def _vector(values: Array) -> tuple[float, float, float]:
 
 def _pose(T: Array) -> Pose:
     """A frame (4, 4) as position and fixed-axis roll-pitch-yaw."""
-    R = T[:3, :3]
-    yaw = np.arctan2(R[1, 0], R[0, 0])
-    # Near a pitch of 90 degrees yaw is uncertain; what is left when it is undone makes up for that.
-    c, s = np.cos(yaw), np.sin(yaw)
-    pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
-    roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
-    return Pose(xyz_mm=_vector(T[:3, 3]), rpy_deg=(_degrees(roll), _degrees(pitch), _degrees(yaw)))
+    roll, pitch, yaw = (_degrees(angle) for angle in roll_pitch_yaw(T))
+    return Pose(xyz_mm=_vector(T[:3, 3]), rpy_deg=(roll, pitch, yaw))
 
 
 def flow(value: Any) -> str:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import io
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from analysis.correction.corrected_targets import Corrected
 from analysis.files.cells import value
 from analysis.files.read import MOST_BYTES
 from analysis.files.table_problems import TableFileError, TableProblem
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, roll_pitch_yaw
 from analysis.traces.table_layout import JOINTS, PLACE, TURN
 from rigs.errors import FileError
 from rigs.files import read_bytes
@@ -120,13 +119,7 @@ def corrected_columns(path: TargetPath, found: Corrected) -> pa.Table:
 
 def _columns_of(T: Array) -> Array:
     """Return positions in mm and fixed-axis roll-pitch-yaw in degrees (n, 6) of poses (n, 4, 4)."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
-
-    with warnings.catch_warnings():
-        # At a pitch of 90° the other two angles turn about one axis; scipy then sets the third to zero, and says so.
-        warnings.simplefilter("ignore", UserWarning)
-        turns = Rotation.from_matrix(T[:, :3, :3]).as_euler("xyz", degrees=True)
-    return np.concatenate([T[:, :3, 3], turns], axis=1)
+    return np.concatenate([T[:, :3, 3], np.degrees(roll_pitch_yaw(T))], axis=1)
 
 
 def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
