@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
@@ -16,6 +15,7 @@ from analysis.kinematics.arm import Array, arm_of, forward, roll_pitch_yaw
 from rigs.errors import FileError
 from rigs.schema.robot import JointAxis, Pose, Robot
 from rigs.text import plain
+from rigs.yaml_text import flow
 
 _DECIMALS = 13
 """Decimals of mm and degrees as written: rounding by 1e-13 degrees moves a flange 3 m away by less than 1e-11 mm."""
@@ -172,21 +172,3 @@ def _pose(T: Array) -> Pose:
     """A frame (4, 4) as position and fixed-axis roll-pitch-yaw."""
     roll, pitch, yaw = (_degrees(angle) for angle in roll_pitch_yaw(T))
     return Pose(xyz_mm=_vector(T[:3, 3]), rpy_deg=(roll, pitch, yaw))
-
-
-def flow(value: Any) -> str:
-    """Return a value as YAML in one line, whole numbers without a point."""
-    whole = _whole(value)
-    text: str = yaml.safe_dump(whole, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
-    return text.strip().removesuffix("\n...").strip()
-
-
-def _whole(value: Any) -> Any:
-    match value:
-        case float() if value.is_integer():
-            return int(value)
-        case dict():
-            return {key: _whole(one) for key, one in value.items()}
-        case list():
-            return [_whole(one) for one in value]
-    return value
