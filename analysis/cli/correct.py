@@ -31,8 +31,9 @@ _Targets = Annotated[
 _Maker = Annotated[
     Maker | None,
     typer.Option(
-        help="Maker of the controller for whose parameters the corrections are written; "
-        "default: that of the robot feedback in the rig file.",
+        metavar="MAKER",  # all makers in its place do not fit 80 columns
+        help="Maker of the controller for whose parameters the corrections are written: ur, fanuc, kuka, abb or "
+        "yaskawa; default: that of the robot feedback in the rig file.",
     ),
 ]
 _Scale = Annotated[
