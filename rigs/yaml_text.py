@@ -1,5 +1,5 @@
-"""A rig file's text as YAML: read by the safe loader only, no key twice, no bomb of aliases, no number without end;
-written a value a line."""
+"""A rig file's text as YAML. It is read by the safe loader only: no key twice, no bomb of aliases, no number without
+end. A value is written in one line."""
 
 from __future__ import annotations
 
