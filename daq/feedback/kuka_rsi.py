@@ -21,7 +21,7 @@ from functools import partial
 from daq.feedback import Read
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Step
 from daq.protocol.framing import Message
-from daq.protocol.numerals import number
+from daq.protocol.numerals import number, plausible
 from daq.protocol.order import Order
 from daq.protocol.pace import Pace
 from daq.protocol.positions import Position, Positions, Refused
@@ -67,7 +67,7 @@ def _tags(feedback: KUKARSI) -> list[re.Pattern[bytes]]:
 def _condition(tags: Sequence[re.Pattern[bytes]], data: bytes) -> tuple[float, ...]:
     texts = (found[1].decode("ascii", "replace") if (found := tag.search(data)) else "" for tag in tags)
     values = (number(text) for text in texts)
-    return tuple(math.nan if value is None else value for value in values)
+    return tuple(math.nan if value is None else plausible(value) for value in values)
 
 
 def _decode(tags: Sequence[re.Pattern[bytes]], data: bytes) -> Position | Refused:

@@ -19,7 +19,7 @@ from collections.abc import Mapping, Sequence
 from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
 from daq.protocol.framing import Lines, Message
-from daq.protocol.numerals import are_angles, number
+from daq.protocol.numerals import are_angles, number, plausible
 from daq.protocol.pace import Pace
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.condition import CONDITION
@@ -90,7 +90,7 @@ def _sample(read: Mapping[str, float], beside: Sequence[str], message: Message) 
     )
     clock_s = [read[name] * _CLOCK_S[name] for name in read if name in CLOCK_FIELDS]
     return Sample(
-        (*angles_deg, *(read[name] for name in beside)),
+        (*angles_deg, *(plausible(read[name]) for name in beside)),
         NO_TIME,
         message.first_byte_ns,
         message.last_byte_ns,

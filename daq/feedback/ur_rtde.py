@@ -227,7 +227,8 @@ class _RTDEController:
         self._read = read
         self._place = feedback.signal
         self._condition = condition_columns(feedback)
-        self._known = {**_recipe(feedback).types, **dict.fromkeys(OLDER.values(), "INT32")}
+        older = dict.fromkeys(OLDER.values(), "INT32") if feedback.condition else {}
+        self._known = {**_recipe(feedback).types, **older}
         self._frames = packets()
         self._connected_ns = 0
         self._recipe = Recipe({})

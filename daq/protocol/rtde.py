@@ -19,6 +19,7 @@ from functools import cached_property
 from itertools import islice
 
 from daq.protocol.framing import Sized
+from daq.protocol.numerals import plausible
 from rigs.schema.condition import PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES, ProgramState, SafetyState
 
 Numbers = Sequence[float]
@@ -28,17 +29,17 @@ _HEADER = struct.Struct(">HB")
 _LONGEST = 520
 """No packet of our recipes is longer; a text is 516 at most."""
 _FORMATS = {"DOUBLE": (1, "d"), "VECTOR6D": (6, "6d"), "UINT64": (1, "Q"), "UINT32": (1, "I"), "INT32": (1, "i")}
-_MAIN = "safety_status"
+_SAFETY_FIELD = "safety_status"
 CONDITION_TYPES = {
     "runtime_state": "UINT32",
-    _MAIN: "INT32",
+    _SAFETY_FIELD: "INT32",
     "speed_scaling": "DOUBLE",
     "target_speed_fraction": "DOUBLE",
     "payload": "DOUBLE",
     "joint_temperatures": "VECTOR6D",
 }
 """The fields of the condition. Any may be unknown to the software of a controller."""
-OLDER = {_MAIN: "safety_mode"}
+OLDER = {_SAFETY_FIELD: "safety_mode"}
 """What a field was before; of the same type and codes."""
 _PROGRAM = {
     0: ProgramState.STOPPED,  # stopping
@@ -61,6 +62,8 @@ _SAFETY = {
     12: SafetyState.SAFEGUARD_STOP,  # in automatic mode
     13: SafetyState.SAFEGUARD_STOP,  # by the three-position enabling device
 }
+_UNKNOWN = -1
+"""A code that neither has."""
 _SHOWN_PROGRAM = {ProgramState.STOPPED: 1, ProgramState.RUNNING: 2, ProgramState.PAUSED: 4}
 _SHOWN_SAFETY = {state: code for code, state in reversed(_SAFETY.items())}
 
@@ -108,14 +111,15 @@ class Recipe:
 
 def condition_of(fields: Mapping[str, Numbers]) -> tuple[float, ...]:
     """Return the columns of the condition; nan where the field is missing, or its code is not known."""
-    (program,), (safety,) = fields.get("runtime_state", (-1,)), fields.get(_MAIN) or fields.get(OLDER[_MAIN], (-1,))
+    (program,) = fields.get("runtime_state", (_UNKNOWN,))
+    (safety,) = fields.get(_SAFETY_FIELD) or fields.get(OLDER[_SAFETY_FIELD], (_UNKNOWN,))
     (limited,), (slider,) = fields.get("speed_scaling", (math.nan,)), fields.get("target_speed_fraction", (math.nan,))
     return (
         float(_PROGRAM.get(int(program), math.nan)),
         float(_SAFETY.get(int(safety), math.nan)),
-        100 * limited * slider,
-        *fields.get("payload", (math.nan,)),
-        *fields.get("joint_temperatures", (math.nan,) * 6),
+        plausible(100 * limited * slider),
+        *map(plausible, fields.get("payload", (math.nan,))),
+        *map(plausible, fields.get("joint_temperatures", (math.nan,) * 6)),
     )
 
 
@@ -124,8 +128,8 @@ def fields_of(condition: Mapping[str, float]) -> dict[str, Numbers]:
     safety = _SHOWN_SAFETY[SafetyState(int(condition[SAFETY]))]
     return {
         "runtime_state": (_SHOWN_PROGRAM[ProgramState(int(condition[PROGRAM]))],),
-        _MAIN: (safety,),
-        OLDER[_MAIN]: (safety,),
+        _SAFETY_FIELD: (safety,),
+        OLDER[_SAFETY_FIELD]: (safety,),
         "speed_scaling": (1.0,),
         "target_speed_fraction": (condition[SPEED] / 100,),
         "payload": (condition[PAYLOAD],),

@@ -96,6 +96,11 @@ def test_codes_that_rtde_does_not_define_are_not_known() -> None:
     assert math.isnan(shown["program_state"]) and math.isnan(shown["safety_state"])
 
 
+@pytest.mark.parametrize("scaling", [math.inf, math.nan, 1e300])
+def test_a_speed_that_none_can_be_is_not_known(scaling: float) -> None:
+    assert math.isnan(_of_rtde(scaling=scaling)["speed_percent"])
+
+
 def test_a_field_that_a_controller_does_not_know_costs_that_field_alone() -> None:
     robot = rtde()
     script = Script(daq.feedback.host(robot))
@@ -121,6 +126,12 @@ def test_joints_that_a_controller_does_not_know_are_refused_all_the_same() -> No
     step = script.receive(_packet(b"O", b"\0" + ",".join(["DOUBLE", *["NOT_FOUND"] * 7]).encode()))
     (fault,) = script.taken()
     assert fault.kind is FaultKind.DEVICE_ERROR and "actual_q" in fault.detail and step.hang_up  # type: ignore[union-attr]
+
+
+def test_a_controller_without_a_condition_knows_none_of_its_fields() -> None:
+    script = Script(daq.feedback.device(rtde(condition=False), lambda now_ns: [0.0] * 6))
+    asked = struct.pack(">d", 125) + b"timestamp,safety_mode"
+    assert script.receive(_packet(b"O", asked)).send == _packet(b"O", b"\0DOUBLE,NOT_FOUND")
 
 
 def test_a_recipe_that_ends_with_a_comma_is_served_as_by_a_real_controller() -> None:
@@ -179,6 +190,7 @@ ROB = b'<Rob Type="KUKA"><AIPos A1="1" A2="1" A3="1" A4="1" A5="1" A6="1"/>%b<IP
         (b'<Override>75</Override><Drives Kg="3" On="1"/>', 75, 1),
         (b'<Drives On= "0" /><Override> 100.0 </Override>', 100, 0),
         (b"<Override/><Drives/>", math.nan, math.nan),
+        (b"<Override>1e300</Override>", math.nan, math.nan),
         (b'<Override>&lol;</Override><Drives On="yes"/>', math.nan, math.nan),
         (b'<Override>1e999</Override><Drives xOn="1"/>', math.nan, math.nan),
     ],
