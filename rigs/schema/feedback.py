@@ -49,7 +49,8 @@ class URRTDE(_Feedback):
 
     origin: ClassVar[Origin] = Origin(
         instruments="Universal Robots CB3, e-Series",
-        source="maker's Python client and documents",
+        source="maker's Python client and documents; the codes of the condition: UniversalRobots' client library and "
+        "ROS driver",
         standing="confirmed",
         doubts="that a controller which lacks a field of the condition takes a second recipe on the same link (where "
         "it does not, write condition: false)",
