@@ -46,14 +46,14 @@ class Stream:
 def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
     """Return the names of the gauges, with those on one port grouped together."""
     by_port: dict[str, list[str]] = {}
-    for name, gauge in rig.gauges:
+    for name, gauge in rig.gauges.recorded.items():
         by_port.setdefault(gauge.port, []).append(name)
     return [tuple(names) for names in by_port.values()]
 
 
 def streams_of(rig: Rig) -> list[Stream]:
     """Return all streams of a rig, the robot last."""
-    members = dict(rig.gauges)
+    members = rig.gauges.recorded
     found = []
     for names in gauge_groups(rig):
         group = [members[name] for name in names]
