@@ -203,6 +203,7 @@ PEERS = (
     Peer("abb_robot_client with egm.proto", ("abb_egm",), "host and emulator", abb_egm),
     Peer("roslibpy", ("ros2_joint_states",), "the emulator", roslibpy),
     Peer("websockets", ("ros2_joint_states",), "the host", _tested("tests/daq/protocol/test_joint_states.py")),
+    Peer("rosbags", ("ros2_joint_states",), "the import of a bag", _tested("tests/analysis/files/test_ros_bag.py")),
     Peer("pymodbus", ("modbus_map",), "host and emulator", _tested("tests/daq/protocol/test_modbus_interop.py")),
     Peer("libmodbus", ("modbus_map",), "host", _tested("tests/daq/protocol/test_libmodbus.py")),
     Peer("MinimalModbus", ("modbus_map",), "the emulator", minimalmodbus),
