@@ -25,52 +25,53 @@ LEFT_OUT = (
     (
         "KUKA Ethernet KRL (EKI)",
         "`line_feed` with `listens: true`",
-        "the XML of each program is its own, so there is no message to know; KRL can send a line of text as well",
+        "the XML of each program is its own, so that there is no message to know; a line of text does the same",
     ),
     (
         "ROS 2 without rosbridge (DDS)",
         "`ros2_joint_states`",
-        "a DDS library needs the type descriptions of the running system; rosbridge has them",
-    ),
-    (
-        "OPC UA Robotics",
-        "–",
-        "not built yet: public specification (OPC 40010-1), and the asyncua library would be its peer",
-    ),
-    (
-        "IO-Link masters (JSON over HTTP)",
-        "–",
-        "not built yet: the path and the layout of a gauge's process data are of each master and each device",
-    ),
-    (
-        "Yaskawa High-Speed Ethernet Server",
-        "`modbus_joints`, `line_feed`",
-        "not built yet: positions come in pulses, whose number per degree is of each arm and not public",
+        "a DDS library brings settings of its own (domain, quality of service) and compiled parts; "
+        "rosbridge needs neither",
     ),
     (
         "Doosan, Franka",
         "`ros2_joint_states`",
-        "their ROS 2 drivers publish the same joints; a driver of our own would add the maker's library",
+        "their ROS 2 drivers publish the same joints",
+    ),
+    (
+        "OPC UA Robotics",
+        "–",
+        "not built yet; OPC 40010-1 is public, and the asyncua library would be its peer",
+    ),
+    (
+        "IO-Link masters (JSON over HTTP)",
+        "–",
+        "not built yet; each device has its own layout of process data",
+    ),
+    (
+        "Yaskawa High-Speed Ethernet Server",
+        "`modbus_joints`, `line_feed`",
+        "not built yet; joints come in pulses (believed), whose number per degree would be needed for each arm",
     ),
     (
         "Beckhoff ADS",
-        "`modbus_map` by the PLC's Modbus TCP server",
-        "needs routes set in the PLC, and names that its program chooses",
+        "`modbus_map` by the controller's Modbus TCP server",
+        "not built yet; it needs a route set in the controller and the names of its program",
     ),
     (
         "Keyence DL-EN1",
         "`keyence_dl_rs1a` on RS-232C",
-        "EtherNet/IP assemblies known from the manual of the unit only, which was not had",
+        "not built yet; its EtherNet/IP assemblies were not looked into",
     ),
     (
         "Mitutoyo U-WAVE, USB-ITN",
         "`mitutoyo_usb`",
-        "U-WAVE's frames are in a manual that was not had; USB-ITN types as a keyboard, without a time",
+        "U-WAVE is not built yet; USB-ITN types as a keyboard does, which gives no time",
     ),
     (
         "Heidenhain EIB 741, Sylvac Bluetooth",
         "Heidenhain displays, Sylvac cables",
-        "no public description of the wire was found that is good enough to be right",
+        "not built yet; their sources were not looked into",
     ),
 )
 """Interface, what to use instead, why it is left out."""

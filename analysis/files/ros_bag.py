@@ -28,7 +28,7 @@ from rigs.schema.ros2 import ROS2JointStates
 
 MAGIC = b"\x89MCAP0\r\n"
 _MOST_MESSAGES = 5_000_000
-"""Of one topic; half an hour at 1 kHz has 1.8 million."""
+"""The most that are read of one topic; half an hour at 1 kHz has 1.8 million."""
 _JOINT_STATE, _NUMBER = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
 
 
@@ -91,6 +91,8 @@ def _read(data: bytes, where: str, rig: Rig) -> Mapping[str, _Track]:
     except Exception as error:  # noqa: BLE001 - of a damaged file, whatever its decompressors raise
         raise FileError(where, f"is damaged: {str(error)[:80] or type(error).__name__}", "copy the bag again") from None
     for topic, track in tracks.items():
+        if len(track.ns) >= _MOST_MESSAGES:
+            raise FileError(where, f"has more than {_MOST_MESSAGES} messages of {topic}", "import it in several runs")
         if len(track.ns) < 2:
             has = ", ".join(f"{name} ({kind})" for name, kind in sorted(found.items()))[:300] or "no messages"
             what = f"holds fewer than two usable messages of {topic} ({track.schema}); it has {has}"

@@ -29,7 +29,7 @@ from daq.protocol.websocket import LIMIT, WebSocketDevice, WebSocketHost
 from rigs.schema.ros2 import ROS2JointStates
 
 RATE_HZ = 100.0
-"""Of the emulated driver; drivers publish at 10 to 500 Hz, and the host assumes no rate."""
+"""The rate of the emulated driver (100 Hz is what ros2_control updates at by default); the host assumes none."""
 _TYPE = "sensor_msgs/msg/JointState"
 _BEHIND_S = 1.0
 """Further back, the clock was set or the simulation restarted."""

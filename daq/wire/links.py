@@ -179,7 +179,7 @@ class ListeningLink(Link):
     """A TCP port of ours, read once a program has connected to it; one at a time.
 
     A second program is refused while the first one makes samples. Where the first makes none the link is lost: it
-    is opened again for whoever connects next, with a new conversation, since half a line may have come.
+    is opened again for the next one that connects, with a new conversation, since half a line may have come.
     """
 
     def __init__(self, name: str, server: socket.socket, dead_s: float) -> None:
@@ -202,7 +202,7 @@ class ListeningLink(Link):
         return self._caller.read(0.0) if self._caller else b""
 
     def write(self, data: bytes) -> None:
-        """Send to the program that is connected; without one the data are for nobody. Raises LinkLost."""
+        """Send to the program that is connected; without one the data are dropped. Raises LinkLost."""
         if self._caller:
             self._caller.write(data)
 
