@@ -168,7 +168,7 @@ def _connected(stream: Stream, sent: bytes) -> bool:
 
 @pytest.mark.parametrize("babble", [b"", b"GET / HTTP/1.0\r\n\r\n"])
 def test_one_that_sends_nothing_readable_makes_room_for_the_next(babble: bytes) -> None:
-    stream = _lines(timeout_s=5)
+    stream = replace(_lines(timeout_s=5), dead_s=10 * PATIENCE_S)
     with _reading(stream) as count, _caller(stream) as first:
         first.sendall(babble)
         _until(lambda: count("garbled") == babble.count(b"\n"))
