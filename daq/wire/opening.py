@@ -6,6 +6,7 @@ file says so, and then at the address that it names and nowhere else.
 
 from __future__ import annotations
 
+import os
 import socket
 
 from daq.wire.links import DEAD_S, Link, ListeningLink, SerialLink, UdpLink, set_up_tcp
@@ -84,6 +85,8 @@ def _listen(name: str, address: tuple[str, int], dead_s: float) -> Link:
     except UnicodeError:
         raise CellError(where, "the host name is not valid", "correct the port in the rig file") from None
     except OSError as error:
-        raise CellError(where, f"cannot listen: {error.strerror or error}", _OURS) from None
+        # Without what Python adds to the words of the system; a name that is not known has a negative number.
+        why = os.strerror(error.errno) if error.errno and error.errno > 0 else error.strerror or str(error)
+        raise CellError(where, f"cannot listen: {why}", _OURS) from None
     server.setblocking(False)
     return ListeningLink(name, server, dead_s)
