@@ -12,6 +12,7 @@ from typing import Annotated, NoReturn
 import typer
 from typer.exceptions import TyperException
 
+from analysis.batch.outcomes import is_numerical
 from analysis.cli.commands import Group
 from analysis.cli.console import say_error
 from rigs.errors import CellError, FileError, RigError
@@ -56,7 +57,7 @@ def main() -> None:
     except BrokenPipeError:
         sys.exit(0)
     except (ArithmeticError, ValueError, RuntimeWarning) as error:
-        if not _is_numerical(error):
+        if not is_numerical(error):
             raise
         what = f"the computation failed: {error}"
         _fail(FileError("numbers", what, "check those in the rig file and in the runs"))
@@ -93,16 +94,6 @@ def _wrong_use(error: TyperException) -> NoReturn:
     wrong = RigError(command, what, f"see {command} --help")
     wrong.exit_code = 2
     _fail(wrong)
-
-
-def _is_numerical(error: BaseException) -> bool:
-    """Whether a computation failed for its numbers: an overflow, nan, or what numpy's and scipy's solvers raise."""
-    if isinstance(error, ArithmeticError | RuntimeWarning) or type(error).__name__ == "LinAlgError":
-        return True
-    trace = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    return trace is not None and str(trace.tb_frame.f_globals.get("__name__")).startswith("scipy.")
 
 
 def _version(asked: bool) -> None:

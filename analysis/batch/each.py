@@ -1,0 +1,28 @@
+"""`each`: a function over many items, wherever it runs; what it gives does not depend on that."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+from analysis.batch.outcomes import Item, Outcome, Value, attempt, outcome_of
+
+
+def each(work: Callable[[Item], Value], items: Sequence[Item], *, jobs: int = 1) -> Iterator[Outcome[Item, Value]]:
+    """The outcome of the work for each item, in the order of the items, each as soon as those before it are there.
+
+    work: at the top of a module, without a state of its own, so that other processes find it; what it raises as a
+    RigError, or for its numbers, is the outcome of that item. Any other exception is a bug and is raised here.
+    items, values: of types that can be pickled.
+    jobs: processes of this machine; 0 for one on each core.
+
+    A process that is killed, as by a system out of memory, costs time: its item is begun once more, and fails where
+    that is killed as well. Where the iteration is left early, as by Ctrl-C, the processes are killed.
+    """
+    from analysis.batch.processes import cores, in_processes  # noqa: PLC0415 - one run needs none
+
+    processes = min(jobs or cores(), len(items))
+    if processes > 1:
+        yield from in_processes(work, items, processes)
+        return
+    for item in items:
+        yield outcome_of(item, attempt(work, item))
