@@ -13,7 +13,7 @@ _NO_RUNS = "lost+found"
 
 
 def run_directories(paths: Iterable[Path]) -> list[Path]:
-    """The runs that the paths stand for, each once, where it first comes; of a directory in the order of names.
+    """The runs that the paths stand for, in the order given, each once; of a directory in the order of names.
 
     A path that holds no run stands for itself: whoever reads it finds out what is wrong with it.
     """

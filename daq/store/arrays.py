@@ -10,7 +10,7 @@ import pyarrow as pa
 
 
 def array_of(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
-    """A column as one array: (n,), not to be written to."""
+    """A column as one array (n,), in the unit of its name; it is not to be written to."""
     pieces = [piece_of(chunk) for chunk in column.chunks]
     if len(pieces) == 1:
         return pieces[0]
@@ -18,7 +18,7 @@ def array_of(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
 
 
 def piece_of(chunk: pa.Array) -> np.ndarray[Any, Any]:
-    """A chunk of a column as an array (n,), numbers without a copy."""
+    """A chunk of a column as an array (n,), in its unit; numbers without a copy."""
     is_plain = chunk.null_count == 0 and (pa.types.is_integer(chunk.type) or pa.types.is_floating(chunk.type))
     plain: np.ndarray[Any, Any] = np.from_dlpack(chunk) if is_plain and len(chunk) else chunk.to_numpy(False)
     return plain
