@@ -25,11 +25,12 @@ _FEW = 4
 """Runs that one process evaluates before others would have started."""
 _SAVED_EVERY = 50
 """Runs after which what is evaluated is saved: a minute of work at most is lost."""
-_REASONS = {
+REASONS = {
     "damaged": "its manifest or marks cannot be read",
     "crashed": "it was cut off: rig recover makes it readable",
     "recording": "it is being recorded",
 }
+"""Why a run has no figures, by its status."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def collect(directory: Path, robot: str, progress: Progress) -> Collected:
     if why:
         notes.append(f"{file} {why}: it is made again from the runs")
     found = list(survey(directory))
-    broken = [record_without_figures(run, _REASONS["damaged"]) for run in found if run.manifest is None]
+    broken = [record_without_figures(run, REASONS["damaged"]) for run in found if run.manifest is None]
     mine = [run for run in found if run.manifest is not None and _is_of(run.manifest, robot)]
     if not mine:
         raise FileError(str(directory), f"holds no run of {robot}", _remedy(found))
@@ -75,13 +76,19 @@ def collect(directory: Path, robot: str, progress: Progress) -> Collected:
             except Unusable as error:
                 usable = False
                 notes.append(_in_memory(file, str(error)))
-    broken += [record for record in records if record.problem]
+    rig_texts = {run.path.name: run.manifest.rig_text for run in mine if run.manifest}
+    return collected_of(robot, [*broken, *records], notes, rig_texts.__getitem__)
+
+
+def collected_of(
+    robot: str, records: Sequence[Record], notes: Sequence[str], rig_text_of: Callable[[str], str]
+) -> Collected:
+    """What the records of a robot's runs give, in any order; rig_text_of: the rig file of a run by its name."""
     runs, copies = _once(in_time(record for record in records if not record.problem))
-    notes += [f"{copy.name} is a copy of {original.name} and is left out" for copy, original in copies]
-    newest = next((run.manifest for run in mine if runs and run.path.name == runs[-1].name), None)
-    rig = _rig_of(newest.rig_text) if newest else None
-    broken.sort(key=lambda one: one.name)
-    return Collected(robot, tuple(runs), tuple(broken), tuple(notes), rig.limits if rig else Limits())
+    broken = sorted((record for record in records if record.problem), key=lambda one: one.name)
+    said = [f"{copy.name} is a copy of {original.name} and is left out" for copy, original in copies]
+    rig = _rig_of(rig_text_of(runs[-1].name)) if runs else None
+    return Collected(robot, tuple(runs), tuple(broken), (*notes, *said), rig.limits if rig else Limits())
 
 
 def _in_memory(file: Path, why: str) -> str:
@@ -95,8 +102,8 @@ def _sorted_out(
     records, jobs = [], []
     for run in runs:
         assert run.manifest is not None  # noqa: S101 - as chosen by the caller
-        if run.status in _REASONS:
-            broken.append(record_without_figures(run, _REASONS[run.status]))
+        if run.status in REASONS:
+            broken.append(record_without_figures(run, REASONS[run.status]))
             continue
         try:
             fingerprint = fingerprint_of(run.path)
