@@ -7,17 +7,25 @@ from collections.abc import Callable, Iterator, Sequence
 from analysis.batch.outcomes import Item, Outcome, Value, attempt, outcome_of
 
 
-def each(work: Callable[[Item], Value], items: Sequence[Item], *, jobs: int = 1) -> Iterator[Outcome[Item, Value]]:
+def each(
+    work: Callable[[Item], Value], items: Sequence[Item], *, jobs: int = 1, scheduler: str | None = None
+) -> Iterator[Outcome[Item, Value]]:
     """The outcome of the work for each item, in the order of the items, each as soon as those before it are there.
 
     work: at the top of a module, without a state of its own, so that other processes find it; what it raises as a
     RigError, or for its numbers, is the outcome of that item. Any other exception is a bug and is raised here.
     items, values: of types that can be pickled.
     jobs: processes of this machine; 0 for one on each core.
+    scheduler: the address of a Dask scheduler, whose workers do the work instead.
 
     A process that is killed, as by a system out of memory, costs time: its item is begun once more, and fails where
     that is killed as well. Where the iteration is left early, as by Ctrl-C, the processes are killed.
     """
+    if scheduler is not None:
+        from analysis.batch.dask_cluster import on_cluster  # noqa: PLC0415 - an extra
+
+        yield from on_cluster(work, items, scheduler)
+        return
     from analysis.batch.processes import cores, in_processes  # noqa: PLC0415 - one run needs none
 
     processes = min(jobs or cores(), len(items))

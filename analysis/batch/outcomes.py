@@ -40,9 +40,10 @@ def attempt(work: Callable[[Item], Value], item: Item) -> Value | RigError:
 
     A RuntimeWarning is an error here, whatever process this is: numpy only warns where a figure becomes nan.
     """
-    warnings.simplefilter("error", RuntimeWarning)
     try:
-        return work(item)
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            return work(item)
     except RigError as error:
         return error
     except MemoryError:

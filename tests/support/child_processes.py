@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import signal
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 
@@ -36,3 +38,25 @@ def sign_in(directory: Path) -> None:
 def signed_in(directory: Path) -> list[int]:
     """The processes that left their numbers."""
     return [int(file.name) for file in directory.iterdir() if file.name.isdecimal()]
+
+
+@dataclass(frozen=True)
+class Deadly:
+    """An item over which processes die so many times, counted in a directory."""
+
+    directory: Path
+    number: int
+    times: int
+
+    def __str__(self) -> str:
+        return f"item {self.number}"
+
+
+def die(item: Deadly) -> int:
+    """Die over an item as often as it says, then give its number."""
+    counted = item.directory / f"deaths-{item.number}"
+    with counted.open("a", encoding="ascii") as file:
+        file.write("x")
+    if counted.stat().st_size <= item.times:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return item.number

@@ -15,7 +15,7 @@ from analysis.batch.each import each
 from analysis.batch.outcomes import Done, Failed
 from rigs.errors import FileError
 from rigs.problems import Problem, RigFileError
-from tests.support.child_processes import is_gone, sign_in, signed_in, until
+from tests.support.child_processes import Deadly, die, is_gone, sign_in, signed_in, until
 
 BAD, NAN, MISTAKEN = 3, 4, 5
 
@@ -45,22 +45,10 @@ def test_several_processes_give_what_one_gives(jobs: int) -> None:
     assert "computation failed" in str(one[NAN]) and one[MISTAKEN][1] == ["rig.yaml, line 7, gauges: missing"]  # type: ignore[index]
 
 
-def killed(item: tuple[Path, int, int]) -> int:
-    """Die over item 1 as often as it says, counted in a file."""
-    counted, number, times = item
-    if number == 1 and counted.stat().st_size < times:
-        with counted.open("a") as file:
-            file.write("x")
-        os.kill(os.getpid(), signal.SIGKILL)
-    return number
-
-
 @pytest.mark.parametrize("times", [1, 2])
 def test_a_process_that_is_killed_costs_its_own_item_at_most(times: int, tmp_path: Path) -> None:
-    counted = tmp_path / "counted"
-    counted.touch()
-    items = [(counted, number, times) for number in range(6)]
-    found = list(each(killed, items, jobs=2))
+    items = [Deadly(tmp_path, number, times if number == 1 else 0) for number in range(6)]
+    found = list(each(die, items, jobs=2))
     assert [one.deaths for one in found] == [0, times, 0, 0, 0, 0]
     assert [one.value for one in found if isinstance(one, Done)] == [0, *([1] if times == 1 else []), 2, 3, 4, 5]
     if times == 2:
