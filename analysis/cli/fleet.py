@@ -12,7 +12,7 @@ import typer
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson
+from analysis.cli.options import AsJson, Jobs, Scheduler
 
 _SILENT_S, _STEP_S = 1.0, 0.1
 """Nothing is shown of what takes no longer, and then a line so often."""
@@ -39,14 +39,16 @@ def fleet(
     catalogue: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Catalogue of the figures; default: in the user's cache.")
     ] = None,
-    jobs: Annotated[int, typer.Option("--jobs", "-j", min=0, metavar="N", help="Processes; 0: one on each core.")] = 1,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
 ) -> None:
     """List the robots of a plant: state against limits, what changed and since when, runs and doubts.
 
     A robot is a name of a rig file in one directory of runs. Runs that
     are as they were are not read again: a catalogue keeps their figures."""
     from analysis.fleet import catalogue as kept  # noqa: PLC0415
-    from analysis.fleet.gather import Workers, gather  # noqa: PLC0415
+    from analysis.fleet.gather import gather  # noqa: PLC0415
+    from analysis.history.collect import Workers  # noqa: PLC0415
 
     if output:
         from analysis.reporting.page.write_page import hold_page  # noqa: PLC0415
@@ -55,8 +57,9 @@ def fleet(
     if catalogue:
         kept.refuse_foreign(catalogue)
     file = catalogue or kept.default_path(directory)
-    workers, progress = Workers(jobs), _Progress()
-    found = gather(directory, file, workers, progress)
+    workers, progress = Workers(jobs, scheduler), _Progress()
+    with progress:
+        found = gather(directory, file, workers, progress)
     if parquet:
         from analysis.fleet.table import write_figures  # noqa: PLC0415
 
@@ -79,18 +82,29 @@ def fleet(
 
 
 class _Progress:
-    """What is done of how much, on a terminal, once it takes longer than a second.
+    """What is done of how much, on a terminal, once it takes longer than a second; after Ctrl-C how far it got.
 
     Not `progress_of`: work goes on in forked processes, which must not inherit a display's thread and locks.
     """
 
     def __init__(self) -> None:
         self._began_s = self._shown_s = time.monotonic()
+        self._last = ("", "")
 
     def __call__(self, doing: str, done: int, total: int) -> None:
+        self._last = (doing, f"{done} of {total}")
         now_s = time.monotonic()
         if not sys.stderr.isatty() or now_s - self._began_s < _SILENT_S:
             return
         if done == total or now_s - self._shown_s >= _STEP_S:
             self._shown_s = now_s
             typer.echo(f"\r{doing}: {done} of {total}\x1b[K", err=True, nl=done == total)
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        doing, count = self._last
+        if kind is KeyboardInterrupt and doing:
+            start = "\r\x1b[K" if sys.stderr.isatty() else ""
+            say(f"interrupted while {doing}: {count} are kept, and the same command goes on", err=True, mark=start)

@@ -169,13 +169,10 @@ def keep(path: Path, found: Iterable[tuple[Seen, Examined | None]]) -> None:
     """Keep what was found out of runs; None for a run that is gone. Raises CellError."""
     with _changing(path) as file:
         for seen, examined in found:
-            run = (os.fsencode(seen.run),)
             if examined is None:
-                file.execute("delete from runs where run = ?", run)
-            elif examined.record is None:
-                file.execute("update runs set signature = ? where run = ?", (seen.signature, *run))
+                file.execute("delete from runs where run = ?", (os.fsencode(seen.run),))
             else:
-                _insert(file, seen, examined, examined.record)
+                _insert(file, seen, examined)
 
 
 def forget(path: Path, runs: Iterable[str]) -> None:
@@ -225,7 +222,8 @@ def forget_states(path: Path, keys: Iterable[Key]) -> None:
         file.executemany("delete from states where folder = ? and robot = ?", rows)
 
 
-def _insert(file: sqlite3.Connection, seen: Seen, examined: Examined, record: Record) -> None:
+def _insert(file: sqlite3.Connection, seen: Seen, examined: Examined) -> None:
+    record = examined.record
     sha256 = hashlib.sha256(examined.rig_text.encode("utf-8", "surrogatepass")).hexdigest()
     file.execute("insert or ignore into rigs values (?, ?)", (sha256, history_file.escaped(examined.rig_text)))
     signature = seen.signature if examined.is_evaluated else ""

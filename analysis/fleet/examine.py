@@ -12,34 +12,23 @@ from rigs.errors import FileError
 
 
 @dataclass(frozen=True)
-class Job:
-    """A run to examine; fingerprint: of what is known of it, empty for a new one."""
-
-    path: Path
-    fingerprint: str = ""
-
-    def __str__(self) -> str:
-        return str(self.path)
-
-
-@dataclass(frozen=True)
 class Examined:
-    """A run's record, None where its files say what they said before; rig_text: its rig file; is_evaluated: whether it
-    was evaluated, so that it has to change before it is examined again."""
+    """A run's record; rig_text: its rig file; is_evaluated: whether it was evaluated, so that it is examined again only
+    where it has changed."""
 
-    record: Record | None
+    record: Record
     rig_text: str = ""
     is_evaluated: bool = True
 
 
-def examine(job: Job) -> Examined | None:
+def examine(path: Path) -> Examined | None:
     """Evaluate a run, or say why it cannot be; None where it is gone. Never raises for a bad run."""
     try:
-        run = look(job.path)
+        run = look(path)
     except FileNotFoundError:
         return None
     except OSError as error:
-        unreadable = RunInfo(job.path, None, None, "damaged", 0, 0.0)
+        unreadable = RunInfo(path, None, None, "damaged", 0, 0.0)
         return Examined(record_without_figures(unreadable, error.strerror or str(error)), is_evaluated=False)
     if run.manifest is None or run.status in REASONS:
         return Examined(record_without_figures(run, REASONS[run.status]), _rig_text(run), is_evaluated=False)
@@ -47,8 +36,6 @@ def examine(job: Job) -> Examined | None:
         fingerprint = fingerprint_of(run.path)
     except (OSError, FileError) as error:
         return Examined(record_without_figures(run, str(error)), _rig_text(run), is_evaluated=False)
-    if fingerprint == job.fingerprint:
-        return Examined(None)
     return Examined(record_of(run.path, run.manifest, fingerprint), _rig_text(run))
 
 

@@ -19,10 +19,10 @@ from analysis.batch.each import each
 from analysis.batch.outcomes import Failed, Outcome
 from analysis.fleet import catalogue
 from analysis.fleet.catalogue import Damaged, Entry, Key
-from analysis.fleet.examine import Examined, Job, examine
+from analysis.fleet.examine import Examined, examine
 from analysis.fleet.seen import Seen, seen_runs
 from analysis.fleet.state import State, as_json, in_order, state_from_json, state_of
-from analysis.history.collect import Collected, collected_of
+from analysis.history.collect import Collected, Workers, collected_of
 from analysis.history.records import Record
 from rigs.errors import FileError
 
@@ -49,16 +49,10 @@ class Fleet:
     gone: int
 
 
-@dataclass(frozen=True)
-class Workers:
-    """Who does the work: processes of this machine (0: one on each core), or a Dask cluster for reading the runs."""
-
-    jobs: int = 1
-    scheduler: str | None = None
-
-
 def gather(directory: Path, file: Path, workers: Workers, progress: Progress) -> Fleet:
     """The robots of the runs below a directory; file: the catalogue, which is made where it is missing.
+
+    workers: who reads the runs; robots are judged by processes of this machine alone, which have the catalogue.
 
     Raises FileError where there is no such directory or no run in it, CellError where the catalogue cannot be written.
     """
@@ -83,7 +77,7 @@ def _gathered(
     if gone:
         catalogue.forget(file, gone)
     if fresh:
-        _examine(file, fresh, known, workers, progress)
+        _examine(file, fresh, workers, progress)
     if fresh or gone:
         known = catalogue.entries(file)
     digests = _digests(known.values())
@@ -104,11 +98,9 @@ def _signature(known: Mapping[str, Entry], seen: Seen) -> str:
     return known[seen.run].signature if seen.run in known else ""
 
 
-def _examine(
-    file: Path, fresh: Sequence[Seen], known: Mapping[str, Entry], workers: Workers, progress: Progress
-) -> None:
-    jobs = [Job(one.path, known[one.run].fingerprint if one.run in known else "") for one in fresh]
-    outcomes = each(examine, jobs, jobs=workers.jobs)
+def _examine(file: Path, fresh: Sequence[Seen], workers: Workers, progress: Progress) -> None:
+    paths = [one.path.absolute() for one in fresh]  # a worker of a cluster has a directory of its own
+    outcomes = each(examine, paths, jobs=workers.jobs, scheduler=workers.scheduler)
     found = ((seen, _examined(outcome)) for seen, outcome in zip(fresh, outcomes, strict=True))
     _kept(found, partial(catalogue.keep, file), lambda done: progress("reading runs", done, len(fresh)))
 
@@ -128,10 +120,10 @@ def _kept(found: Iterable[T], keep: Callable[[Sequence[T]], None], progress: Cal
         keep(piece)
 
 
-def _examined(outcome: Outcome[Job, Examined | None]) -> Examined | None:
+def _examined(outcome: Outcome[Path, Examined | None]) -> Examined | None:
     """What was found of a run; one that cost a process or the memory is tried again the next time."""
     if isinstance(outcome, Failed):
-        return Examined(Record(outcome.item.path.name, "", "", "", "", "", "", problem=outcome.error.what), "", False)
+        return Examined(Record(outcome.item.name, "", "", "", "", "", "", problem=outcome.error.what), "", False)
     return outcome.value
 
 

@@ -12,9 +12,10 @@ from urllib.parse import quote
 from analysis.batch.each import each
 from analysis.batch.outcomes import Failed
 from analysis.fleet.catalogue import Key
-from analysis.fleet.gather import Fleet, Progress, Workers, collected_in
+from analysis.fleet.gather import Fleet, Progress, collected_in
 from analysis.fleet.screen import WORDS, doubts_of, name_of, reading, summary
 from analysis.fleet.state import Attention, State
+from analysis.history.collect import Workers
 from analysis.history.history import history_of
 from analysis.history.history_file import made_by
 from analysis.reporting.html_page import environment, write_html

@@ -41,8 +41,8 @@ def summary(fleet: Fleet) -> str:
 
 def reading(fleet: Fleet) -> str:
     """How many runs there are, and how many of them had to be read."""
-    gone = f", {fleet.gone} gone since" if fleet.gone else ""
-    return f"{fleet.runs} runs, of which {fleet.examined} were new or had changed and were read{gone}"
+    gone = f", {fleet.gone} gone" if fleet.gone else ""
+    return f"{fleet.runs} runs, {fleet.examined} of them new or changed since the last time{gone}"
 
 
 def doubts_of(fleet: Fleet) -> list[str]:

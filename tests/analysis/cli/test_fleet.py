@@ -53,7 +53,7 @@ def test_the_robots_are_listed_what_needs_attention_first() -> None:
     names = re.findall(r"^ (robot-\d+) +(\w+)", printed, re.M)
     assert names[0] == ("robot-003", "beyond") and len(names) == 3
     assert "1 run has no figures and is left out" in printed and "the manifest lists this chunk" in printed
-    assert "30 runs, of which" in printed
+    assert "30 runs, 30 of them new or changed since the last time" in printed
 
 
 def test_json_has_every_robot_and_every_run_that_is_left_out() -> None:
@@ -90,12 +90,12 @@ def test_a_hostile_name_reaches_no_page_and_no_terminal_raw(work: Path) -> None:
     (page,) = (work / "hostile-robots").iterdir()
     assert re.fullmatch(r"[A-Za-z0-9_.-]+\.html", page.name)
     assert pq.read_table(work / "hostile.parquet")["robot"][0].as_py() == name
-    assert fleet("hostile").endswith("of which 0 were new or had changed and were read\n")
+    assert fleet("hostile").endswith("2 runs, 0 of them new or changed since the last time\n")
     assert "\x1b" not in fleet("hostile", "--json")
 
 
 def test_the_table_has_every_figure_of_every_run(work: Path) -> None:
-    fleet("plant", "--parquet", "figures.parquet", "-j", "2")
+    fleet("plant", "--parquet", "figures.parquet", "--jobs", "2")
     table = pq.read_table(work / "figures.parquet").to_pylist()
     figures = [row for row in table if row["figure"]]
     assert {row["problem"] for row in figures} == {None}

@@ -11,10 +11,11 @@ from pathlib import Path
 import pytest
 
 from analysis.fleet import catalogue
-from analysis.fleet.gather import Fleet, Workers, gather
-from analysis.fleet.seen import signature_of
+from analysis.fleet.gather import Fleet, gather
+from analysis.history.collect import Workers
 from daq.store import mark_kept
 from rigs.errors import CellError, FileError
+from tests.support.dask_cluster import cluster
 from tests.support.plant_runs import known_robot, write_visits
 
 VISITS = 12
@@ -81,34 +82,27 @@ def test_what_needs_attention_comes_first(plant: Path, file: Path) -> None:
     assert content(plant) == before
 
 
-def test_only_what_changed_is_read_again(plant: Path, file: Path) -> None:
+def test_only_what_changed_is_read_again(written: Path, plant: Path, file: Path) -> None:
     first = gathered(plant, file)
     assert (first.runs, first.examined) == (3 * VISITS, 3 * VISITS)
     again = gathered(plant, file)
     assert (again.examined, again.robots) == (0, first.robots)
     mark_kept(runs_of(plant, 1)[0], True)
-    assert gathered(plant, file).examined == 0
+    chunk = next(runs_of(plant, 2)[0].glob("*.parquet"))
+    status = chunk.stat()
+    chunk.write_bytes(bytes(status.st_size))
+    os.utime(chunk, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert gathered(plant, file).examined == 0  # sizes and times alone are looked at
+    os.utime(chunk)
+    assert gathered(plant, file).robots != first.robots
+    shutil.copy2(next(written.glob(f"robot-002/runs/{chunk.parent.name}/*.parquet")), chunk)
     write(plant, 1, 0.0, range(VISITS, VISITS + 1))
     shutil.rmtree(runs_of(plant, 3)[0])
     third = gathered(plant, file)
-    assert (third.runs, third.examined, third.gone) == (3 * VISITS, 1, 1)
+    assert (third.runs, third.examined, third.gone) == (3 * VISITS, 2, 1)
     assert {one.robot: one.runs for one in third.robots} == {"robot-001": 13, "robot-002": 12, "robot-003": 11}
     file.unlink()
     assert gathered(plant, file).robots == third.robots
-
-
-def test_a_run_whose_files_were_copied_is_not_evaluated_again(
-    plant: Path, file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first = gathered(plant, file)
-    run = runs_of(plant, 2)[4]
-    before = signature_of(run)
-    os.utime(run / "ledger.jsonl", (1e9, 1e9))
-    assert signature_of(run) != before
-    monkeypatch.setattr("analysis.fleet.examine.record_of", None)  # calling it would fail
-    again = gathered(plant, file)
-    assert (again.examined, again.robots) == (1, first.robots)
-    assert gathered(plant, file).examined == 0
 
 
 def test_a_bad_run_costs_its_own_row(plant: Path, file: Path) -> None:
@@ -219,5 +213,13 @@ def test_what_was_read_before_an_end_is_kept(plant: Path, file: Path) -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        gather(plant, file, Workers(), ended)
+        gather(plant, file, Workers(1), ended)
     assert gathered(plant, file).examined == 3 * VISITS - 5
+
+
+def test_the_workers_of_a_cluster_find_the_same(plant: Path, file: Path, tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
+    (tmp_path / "dask").mkdir()
+    with cluster(tmp_path / "dask") as dask:
+        found = gather(plant, file, Workers(1, dask.address), silent)
+    assert found.robots == gathered(plant, tmp_path / "other.sqlite").robots
