@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -13,6 +13,10 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, Jobs, Scheduler
+
+if TYPE_CHECKING:
+    from analysis.fleet.gather import Fleet, Progress
+    from analysis.history.collect import Workers
 
 _SILENT_S, _STEP_S = 1.0, 0.1
 """Nothing is shown of what takes no longer, and then a line so often."""
@@ -58,8 +62,25 @@ def fleet(
         kept.refuse_foreign(catalogue)
     file = catalogue or kept.default_path(directory)
     workers, progress = Workers(jobs, scheduler), _Progress()
-    with progress:
-        found = gather(directory, file, workers, progress)
+    try:
+        with progress:
+            found = gather(directory, file, workers, progress)
+        _write(found, output, parquet, workers, progress)
+    except kept.Damaged:
+        kept.remove(file)  # the error says that the next start makes it again
+        raise
+    from analysis.fleet import screen  # noqa: PLC0415
+
+    if as_json:
+        say_json(screen.as_object(found))
+    else:
+        from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+
+        PlainConsole().print(screen.as_screen(found))
+
+
+def _write(found: Fleet, output: Path | None, parquet: Path | None, workers: Workers, progress: Progress) -> None:
+    """Write what was asked for."""
     if parquet:
         from analysis.fleet.table import write_figures  # noqa: PLC0415
 
@@ -71,14 +92,6 @@ def fleet(
         for line in write_pages(found, output, workers, progress):
             say(f"warning: {line}", err=True)
         say(f"page: {output}", err=True)
-    from analysis.fleet import screen  # noqa: PLC0415
-
-    if as_json:
-        say_json(screen.as_object(found))
-    else:
-        from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
-
-        PlainConsole().print(screen.as_screen(found))
 
 
 class _Progress:

@@ -36,7 +36,8 @@ _SAVED_EVERY_S = 5.0
 @dataclass(frozen=True)
 class Fleet:
     """The robots of a plant, what needs attention first; strays: runs whose robot is not known, and why; notes: what
-    to know of the catalogue; examined and gone: how many runs were read, and how many are no longer there."""
+    to know of the catalogue; digests: of all that the state of each robot follows from; runs, examined and gone: how
+    many runs there are, how many of them were read, and how many are no longer there."""
 
     directory: Path
     catalogue: Path

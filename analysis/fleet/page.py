@@ -11,9 +11,9 @@ from urllib.parse import quote
 
 from analysis.batch.each import each
 from analysis.batch.outcomes import Failed
-from analysis.fleet.catalogue import Key
+from analysis.fleet.catalogue import Damaged, Key
 from analysis.fleet.gather import Fleet, Progress, collected_in
-from analysis.fleet.screen import WORDS, doubts_of, name_of, reading, summary
+from analysis.fleet.screen import WORDS, doubts_of, names_of, reading, summary
 from analysis.fleet.state import Attention, State
 from analysis.history.collect import Workers
 from analysis.history.history import history_of
@@ -40,7 +40,8 @@ class _Page:
 def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) -> list[str]:
     """Write the page of the plant, and of each robot the page of its history that is not there yet as it has to be.
 
-    Gives a line for each robot whose page could not be written. Raises FileError where the page cannot be written.
+    Gives a line for each robot whose page could not be written. Raises FileError where the page cannot be written
+    or the catalogue be read.
     """
     beside = path.with_name(f"{path.stem}-robots")
     pages = [_page(fleet, one, beside, path) for one in fleet.robots if one.runs]
@@ -48,16 +49,18 @@ def write_pages(fleet: Fleet, path: Path, workers: Workers, progress: Progress) 
     failed: list[str] = []
     for done, outcome in enumerate(each(_write, fresh, jobs=workers.jobs), 1):
         if isinstance(outcome, Failed):
+            if isinstance(outcome.error, Damaged):
+                raise outcome.error
             failed.append(f"{outcome.item.path}: {outcome.error.what}")
         progress("drawing the pages of robots", done, len(fresh))
     links = {one.key: quote(f"{beside.name}/{one.path.name}") for one in pages if one.path.exists()}
-    rows = [(one, name_of(one, fleet), links.get((one.folder, one.robot))) for one in fleet.robots]
+    named = zip(fleet.robots, names_of(fleet), strict=True)
     template = environment().get_template("fleet.html")
     html = template.render(
         title=fleet.directory.resolve().name or str(fleet.directory),
         summary=summary(fleet),
         doubts=doubts_of(fleet) + failed,
-        rows=rows,
+        rows=[(one, name, links.get((one.folder, one.robot))) for one, name in named],
         words=WORDS,
         standings=_STANDINGS,
         reading=reading(fleet),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 from rich.console import Group, RenderableType
@@ -48,7 +50,7 @@ def reading(fleet: Fleet) -> str:
 def doubts_of(fleet: Fleet) -> list[str]:
     """What to know of the catalogue, and runs that are left out: those of no known robot, then each robot's."""
     left_out = [*fleet.strays]
-    left_out += [(f"{one.folder}/{run}", why) for one in fleet.robots for run, why in one.without_figures]
+    left_out += [(str(Path(one.folder, run)), why) for one in fleet.robots for run, why in one.without_figures]
     lines = list(fleet.notes)
     if left_out:
         have, are = ("run has", "is") if len(left_out) == 1 else ("runs have", "are")
@@ -59,10 +61,10 @@ def doubts_of(fleet: Fleet) -> list[str]:
     return lines
 
 
-def name_of(state: State, fleet: Fleet) -> str:
-    """The name of a robot; with its directory where another has the same name."""
-    is_alone = sum(one.robot == state.robot for one in fleet.robots) == 1
-    return state.robot if is_alone else f"{state.robot} in {state.folder}"
+def names_of(fleet: Fleet) -> list[str]:
+    """The name of each robot, in their order; with its directory where another has the same name."""
+    times = Counter(one.robot for one in fleet.robots)
+    return [one.robot if times[one.robot] == 1 else f"{one.robot} in {one.folder}" for one in fleet.robots]
 
 
 def _table(fleet: Fleet) -> Table:
@@ -72,9 +74,9 @@ def _table(fleet: Fleet) -> Table:
     table.add_column("nearest to its limit, and what changed")
     table.add_column("last run", no_wrap=True)
     table.add_column("runs", justify="right", no_wrap=True)
-    for one in fleet.robots:
+    for one, name in zip(fleet.robots, names_of(fleet), strict=True):
         state = Text(WORDS[one.attention], style=_STYLES.get(one.attention, ""))
-        table.add_row(name_of(one, fleet), state, _found(one), one.last[:10], str(one.runs))
+        table.add_row(name, state, _found(one), one.last[:10], str(one.runs))
     return whole(table)
 
 

@@ -40,10 +40,12 @@ def write_figures(fleet: Fleet, path: Path) -> None:
             strays = [_label("", "", run) | {"problem": why} for run, why in fleet.strays]
             file.write_table(pa.Table.from_pylist(strays, schema))
         durable.rename(temporary, path)
-    except OSError as error:
+    except BaseException as error:
         with suppress(OSError):
             temporary.unlink()
-        raise FileError(str(path), error.strerror or str(error), "give another --parquet") from None
+        if isinstance(error, OSError):
+            raise FileError(str(path), error.strerror or str(error), "give another --parquet") from None
+        raise
 
 
 def _schema() -> pa.Schema:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 import os
 import re
+import sqlite3
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -127,6 +129,17 @@ def test_what_is_wrong_is_one_line(
     assert ended("fleet", *words) == 3
     assert capsys.readouterr().err.strip().startswith(line)
     assert (work / "letter").read_text() == "Dear all," and not list(work.glob("*.tmp"))
+
+
+def test_damaged_records_are_one_line_and_the_next_start_makes_them_again(
+    work: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fleet("plant", "--catalogue", "own.sqlite")
+    with closing(sqlite3.connect(work / "own.sqlite")) as file, file:
+        file.execute("update runs set record = '{'")
+    assert ended("fleet", "plant", "--catalogue", "own.sqlite", "--parquet", "again.parquet") == 3
+    assert "own.sqlite: is damaged" in capsys.readouterr().err and not list(work.glob("again.*"))
+    assert "30 runs, 30 of them new" in fleet("plant", "--catalogue", "own.sqlite", "--parquet", "again.parquet")
 
 
 def snippet(language: str) -> str:
