@@ -52,7 +52,8 @@ def _connected(address: str) -> Any:
         what = "needs dask.distributed, which is not installed"
         raise FileError("--scheduler", what, "pip install distributed") from None
     # What it logs of a lost connection would stand among the results; what matters of it is raised here.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for logger in ("distributed", "distributed.client"):
+        logging.getLogger(logger).setLevel(logging.CRITICAL)
     try:
         return Client(address, timeout=_CONNECTED_S, set_as_default=False)
     except (OSError, ValueError) as error:

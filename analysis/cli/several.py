@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -59,35 +60,37 @@ def over_runs(
     """
     from analysis.batch.each import each  # noqa: PLC0415
 
-    errors = []
-    outcomes = each(work, runs, jobs=jobs, scheduler=scheduler)
-    for outcome in _watched(outcomes, runs, doing, is_still=jobs != 1 or scheduler is not None):
-        if isinstance(outcome, Failed):
-            say_error(outcome.error)
-            errors.append(outcome.error)
-            continue
-        if outcome.deaths:
-            say(f"note: {outcome.item}: the process that worked on it was killed, and it was begun again", err=True)
-        use(outcome.value)
+    errors: list[RigError] = []
+    done = 0
+    with closing(each(work, runs, jobs=jobs, scheduler=scheduler)) as outcomes:
+        try:
+            for outcome in _watched(outcomes, runs, doing, is_still=jobs != 1 or scheduler is not None):
+                if isinstance(outcome, Failed):
+                    say_error(outcome.error)
+                    errors.append(outcome.error)
+                else:
+                    if outcome.deaths:
+                        say(f"note: {outcome.item}: its process was killed, and it was begun again", err=True)
+                    use(outcome.value)
+                done += 1
+        except KeyboardInterrupt:
+            if done < len(runs) > 1:
+                rest = " and what follows" if done + 1 < len(runs) else ""
+                say(f"interrupted after {done} of {len(runs)} runs: not done is {runs[done]}{rest}", err=True)
+            raise
     return errors
 
 
 def _watched(
     outcomes: Iterator[Outcome[Item, Value]], runs: Sequence[Item], doing: str, *, is_still: bool
 ) -> Iterator[Outcome[Item, Value]]:
-    """The outcomes, with what is being waited for on a terminal, and after Ctrl-C how far it got."""
+    """The outcomes, with what is being waited for on a terminal."""
     from analysis.cli.progress import progress_of  # noqa: PLC0415
 
-    for done, run in enumerate(runs):
-        count = f" ({done + 1} of {len(runs)})" if len(runs) > 1 else ""
-        try:
-            with progress_of(f"{doing} {run}{count}", is_still=is_still):
-                outcome = next(outcomes)
-        except KeyboardInterrupt:
-            if len(runs) > 1:
-                rest = "" if done + 1 == len(runs) else " and what follows"
-                say(f"interrupted after {done} of {len(runs)} runs: not done is {run}{rest}", err=True)
-            raise
+    for number, run in enumerate(runs, 1):
+        count = f" ({number} of {len(runs)})" if len(runs) > 1 else ""
+        with progress_of(f"{doing} {run}{count}", is_still=is_still):
+            outcome = next(outcomes)
         yield outcome
 
 

@@ -78,7 +78,7 @@ def signs_in_and_waits(item: Path) -> int:
 def test_no_process_is_left_where_the_iteration_is_left(tmp_path: Path) -> None:
     outcomes = each(signs_in_and_waits, [tmp_path] * 4, jobs=2)
     next(outcomes)
-    outcomes.close()  # type: ignore[attr-defined]
+    outcomes.close()
     assert signed_in(tmp_path) and all(map(is_gone, signed_in(tmp_path)))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 from pathlib import Path
 
 import pytest
@@ -76,7 +77,7 @@ def test_a_process_that_was_killed_is_reported(tmp_path: Path, capsys: pytest.Ca
     (error,) = over_runs(die, items, seen.append, doing="dying", jobs=2)
     assert seen == [0, 1, 2] and "killed by signal 9, 2 times" in error.what
     assert capsys.readouterr().err.splitlines() == [
-        "note: item 1: the process that worked on it was killed, and it was begun again",
+        "note: item 1: its process was killed, and it was begun again",
         f"error: {error}",
     ]
 
@@ -93,3 +94,13 @@ def test_after_ctrl_c_it_says_how_far_it_got(capsys: pytest.CaptureFixture[str])
         over_runs(stops, [0, 1, 2, 3], seen.append, doing="counting")
     assert seen == [0, 1]
     assert capsys.readouterr().err == "interrupted after 2 of 4 runs: not done is 2 and what follows\n"
+
+
+def test_ctrl_c_ends_processes_too_while_a_run_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    def show(item: int) -> None:
+        stops(item + 1)
+
+    with pytest.raises(KeyboardInterrupt):
+        over_runs(abs, [0, 1, 3], show, doing="counting", jobs=2)
+    assert capsys.readouterr().err == "interrupted after 1 of 3 runs: not done is 1 and what follows\n"
+    assert not multiprocessing.active_children()
