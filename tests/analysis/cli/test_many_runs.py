@@ -12,7 +12,7 @@ from typer.testing import CliRunner, Result
 from analysis.cli import app
 from analysis.cli.several import over_runs
 from tests.support.child_processes import Deadly, die
-from tests.support.dated_runs import dated_run
+from tests.support.plant_runs import robot_of, write_visits
 
 
 def ran(*words: object) -> Result:
@@ -23,10 +23,8 @@ def ran(*words: object) -> Result:
 def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four runs in two directories, and between them one that is none."""
     plant = tmp_path_factory.mktemp("plant")
-    for robot in ("a", "c"):
-        (plant / robot).mkdir()
-        for day in range(2):
-            dated_run(plant / robot, day, 0.01)
+    for directory in ("a", "c"):
+        assert list(write_visits(plant / directory, robot_of(1, 0, 365.0), [0.0, 30.0], ["yaw acw"], 0))
     (plant / "b").mkdir()
     (plant / "b" / "manifest.json").write_text("{}")
     return plant
@@ -44,10 +42,7 @@ def test_processes_print_what_one_prints(command: list[str], plant: Path) -> Non
 def test_lines_are_the_runs_of_the_object(plant: Path) -> None:
     lines = [json.loads(line) for line in ran("analyse", plant, "--lines").stdout.splitlines()]
     assert lines == json.loads(ran("analyse", plant, "--json").stdout)["runs"]
-    assert [line["run"] for line in lines] == [str(plant / robot / name) for robot in "ac" for name in NAMES]
-
-
-NAMES = ("000-acw", "001-acw")
+    assert [line["run"] for line in lines] == sorted(map(str, plant.glob("[ac]/*")))
 
 
 def test_a_page_names_the_run_that_it_lacks(plant: Path, tmp_path: Path) -> None:
@@ -59,11 +54,11 @@ def test_a_page_names_the_run_that_it_lacks(plant: Path, tmp_path: Path) -> None
 
 def test_the_history_has_runs_of_directories_below(plant: Path) -> None:
     one, two = (
-        json.loads(ran("history", "ur10e", "--data", plant, "--json", "--jobs", jobs).stdout) for jobs in (1, 2)
+        json.loads(ran("history", "robot-001", "--data", plant, "--json", "--jobs", jobs).stdout) for jobs in (1, 2)
     )
     assert one == two and set(one["without_figures"]) == {"b"}
     named = {point["run"] for series in one["series"] for point in series["points"]}
-    assert named == {f"{robot}/{name}" for robot in "ac" for name in NAMES}
+    assert named == {str(run.relative_to(plant)) for run in plant.glob("[ac]/*")}
 
 
 @pytest.mark.parametrize("jobs", ["some", "-1", "1.5", ""])
