@@ -17,7 +17,7 @@ from analysis.kinematics.canonical import canonical
 from analysis.kinematics.closed_form import branches
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
-from analysis.kinematics.newton import LENGTH_MM, newton
+from analysis.kinematics.newton import LENGTH_MM, from_nearby, newton
 from analysis.kinematics.singularity import cancelling_axes, conditioning
 from analysis.kinematics.solved import wrapped
 from rigs.errors import FileError
@@ -65,7 +65,7 @@ def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Arra
     path = np.concatenate([branches(form, poses[block], slot=slot)[0].T for block in blocks(len(poses))])
     path = np.unwrap(path, axis=0)
     path += 2 * np.pi * np.rint((theta - path[0]) / (2 * np.pi))
-    path, good = newton(arm, poses, (path - arm.offset) @ np.linalg.inv(arm.coupling).T)
+    path, good, _ = from_nearby(arm, poses, (path - arm.offset) @ np.linalg.inv(arm.coupling).T)
     if not good.all() or np.abs(path[0] - start).max() > _SAME_RAD:
         return None
     # From knot to knot no joint may leave the straight line by more than a jump does: it lies between its extremes.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.kinematics.arm import Arm, Array, Mask, blocks, forward_and_jacobian, pose_error
+from analysis.kinematics.arm import Arm, Array, Mask, blocks, forward, forward_and_jacobian, pose_error
 
 LENGTH_MM = 500.0
 """Weighs rotations against translations: the size of an arm."""
@@ -59,16 +59,65 @@ def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array,
     return q, size
 
 
+def from_nearby(arm: Arm, poses: Array, q: Array) -> tuple[Array, Mask, Array]:
+    """From angles q (n, 6) rad already near a solution of each pose (n, 4, 4), in half the time of `newton`: angles
+    (n, 6) rad, which (n,) converged as there, and the regularity (n,) where they began.
+
+    The simplified method: the Jacobian of the start serves for all steps; where this takes too many, a few steps of
+    Newton's own. Regularity is a lower bound of the conditioning, at most ten times too low.
+    """
+    at, size, regularity = q.copy(), np.empty(len(q)), np.empty(len(q))
+    for block in blocks(len(q), _BLOCK):
+        size[block], regularity[block] = _simplified(arm, poses[block], at[block])
+    rest = np.flatnonzero(~(size < _TOLERANCE_MM))
+    at[rest], good = newton(arm, poses[rest], q[rest], _FEW)
+    converged = size < 1e3 * _TOLERANCE_MM
+    converged[rest] = good
+    return at, converged, regularity
+
+
+def _simplified(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
+    """Moves q (n, 6) and returns how many mm (n,) it is off then, and the regularity (n,) where it began."""
+    T, J = forward_and_jacobian(arm, q)
+    J *= _SCALE[:, None]
+    Jt = np.swapaxes(J, 1, 2)
+    back = np.linalg.inv(_damped(Jt @ J, np.zeros(len(q))))
+    regularity = 1 / np.sqrt(np.einsum("nij,nij->n", J, J) * np.sqrt(np.einsum("nij,nij->n", back, back)))
+    back = back @ Jt
+    error = pose_error(T, poses) * _SCALE
+    size, left = np.full(len(q), np.inf), np.arange(len(q))
+    for _ in range(_FEW):
+        q[left] += _limited((back @ error[:, :, None])[:, :, 0])
+        error = pose_error(forward(arm, q[left]), poses[left]) * _SCALE
+        size[left] = np.linalg.norm(error, axis=1)
+        off = size[left] >= _TOLERANCE_MM
+        if not off.any():
+            break
+        left, error, back = left[off], error[off], back[off]
+    return size, regularity
+
+
 def _step(J: Array, error: Array, size: Array) -> Array:
     """The next step (n, 6) rad, no axis beyond half a radian, for errors (n, 6) of so many mm (n,)."""
     J = J * _SCALE[:, None]
     Jt = np.swapaxes(J, 1, 2)
-    normal = Jt @ J
-    # Damping that fades with the error: safe far away, quadratic close by. What stays is above the rounding
-    # of the normal equations, or a singular pose would have no step.
+    solved = np.linalg.solve(_damped(Jt @ J, size), Jt @ error[:, :, None])
+    return _limited(np.asarray(solved[:, :, 0], dtype=np.float64))
+
+
+def _damped(normal: Array, size: Array) -> Array:
+    """Normal equations (n, 6, 6) with damping for errors of so many mm (n,), in place.
+
+    Damping that fades with the error: safe far away, quadratic close by. What stays is above the rounding of the normal
+    equations, or a singular pose would have no step.
+    """
     diagonal = np.einsum("nii->ni", normal)
     diagonal += (1e-6 * size**2 + 1e-14 * diagonal.sum(axis=1))[:, None]
-    step = np.linalg.solve(normal, Jt @ error[:, :, None])[:, :, 0]
+    return normal
+
+
+def _limited(step: Array) -> Array:
+    """Steps (n, 6) rad, shortened where an axis would go beyond half a radian."""
     largest = np.abs(step).max(axis=1, keepdims=True)
     limited: Array = step * np.minimum(1.0, _LARGEST_STEP / np.maximum(largest, 1e-300))
     return limited

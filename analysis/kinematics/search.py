@@ -12,20 +12,18 @@ import numpy as np
 from analysis.kinematics.arm import Arm, Array, Mask, forward, pose_error
 from analysis.kinematics.canonical import Canonical
 from analysis.kinematics.closed_form import branches
-from analysis.kinematics.newton import LENGTH_MM, newton
-from analysis.kinematics.singularity import null_motion, regularity
+from analysis.kinematics.newton import LENGTH_MM, from_nearby, newton
+from analysis.kinematics.singularity import null_motion
 from analysis.kinematics.solved import TOLERANCE_MM, TOLERANCE_RAD, distinct, good, may_hold_twins, off_by, wrapped
 
 _SEEDS, _MOST = 96, 16
 """Seeds of the search, and how many solutions a general six-axis arm has at most (Raghavan and Roth 1993)."""
-_ITERATIONS, _FEW = 30, 6
-"""Of Newton from anywhere, and from the branches of the snapped arm: beside a regular solution three are enough."""
+_ITERATIONS = 30
 _BEYOND = 1.5
 """A branch that misses by more than so many times what snapping can move the tool is out of reach. Once would do: it
 misses by what the reach lacks."""
 _REGULAR = 2e-3
-"""Least regularity of solutions that Newton finds from the snapped arm's branches without a doubt: a singularity of the
-true arm is nearer to one of the snapped arm than this."""
+"""Regularity below which a branch of the snapped arm leaves a doubt: the true arm may have more solutions beside it."""
 _SPREADS = (0.0, 0.1)
 """rad between the two sides of a singularity of the snapped arm."""
 _SINGULAR = 0.01
@@ -52,14 +50,14 @@ def _near_branches(arm: Arm, form: Canonical, poses: Array) -> tuple[Array, Mask
     seeds: Array = back @ wrapped(branches(form, poses) - arm.offset[:, None])
     mm, rad = off_by(arm, poses, seeds)
     slot, row = np.nonzero(np.maximum(mm, rad * LENGTH_MM) < _BEYOND * form.snapped_mm)
-    reached, _ = newton(arm, poses[row], seeds[slot, :, row], _FEW)
+    reached, _, regularity = from_nearby(arm, poses[row], seeds[slot, :, row])
     turned = np.full(seeds.shape, np.nan)
     turned[slot, :, row] = wrapped(reached @ arm.coupling.T)
     q: Array = back @ turned
     mm, rad = off_by(arm, poses, q)
     found = ((mm < TOLERANCE_MM) & (rad < TOLERANCE_RAD)).T
     clear = ~may_hold_twins(turned, found.T)
-    clear[row[~found[row, slot] | (regularity(arm, reached) < _REGULAR)]] = False
+    clear[row[~found[row, slot] | (regularity < _REGULAR)]] = False
     return q.transpose(2, 0, 1), found, clear
 
 

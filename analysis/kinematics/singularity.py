@@ -19,13 +19,6 @@ def conditioning(arm: Arm, q: Array) -> Array:
     return null_motion(arm, q)[0]
 
 
-def regularity(arm: Arm, q: Array) -> Array:
-    """A lower bound (n,) of the conditioning at q (n, 6) rad, at most six times too low and much quicker."""
-    J = forward_and_jacobian(arm, q)[1]
-    J[:, 3:] *= LENGTH_MM
-    return np.asarray(1 / np.linalg.cond(J, "fro"))
-
-
 def null_motion(arm: Arm, q: Array) -> tuple[Array, Array]:
     """The conditioning (n,) at q (n, 6) rad, and the unit joint motion (n, 6) that moves the tool least."""
     J = forward_and_jacobian(arm, q)[1]
