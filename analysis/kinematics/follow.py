@@ -36,7 +36,7 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
     `where` names the path in errors. Raises FileError where a pose cannot be reached, at a singularity
     that the arm cannot pass without a jump, or where a joint would leave its limits.
     """
-    start = _begun(arm, poses[:1], posture, where)
+    start = _begun(arm, poses, posture, where)
     knots = _knots(poses)
     path = _on_one_branch(arm, poses, knots, start)
     if path is None:
@@ -45,12 +45,12 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
     return path
 
 
-def _begun(arm: Arm, pose: Array, posture: Array, where: str) -> Array:
-    """Angles (6,) rad at the first pose (1, 4, 4), by Newton from posture (6,), else the nearest branch to it."""
-    solution, good = newton(arm, pose, posture[None])
-    start = solution[0] if good[0] else _nearest_branch(arm, pose, posture)
+def _begun(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
+    """Angles (6,) rad at the first of poses (n, 4, 4), by Newton from posture (6,), else the nearest branch to it."""
+    solution, good = newton(arm, poses[:1], posture[None])
+    start = solution[0] if good[0] else _nearest_branch(arm, poses[:1], posture)
     if start is None:
-        raise _out_of_reach(pose, 0, where)
+        raise _out_of_reach(poses, 0, where)
     return start
 
 
@@ -68,10 +68,10 @@ def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Arra
     path, good, _ = from_nearby(arm, poses, (path - arm.offset) @ np.linalg.inv(arm.coupling).T)
     if not good.all() or np.abs(path[0] - start).max() > _SAME_RAD:
         return None
-    # From knot to knot no joint may leave the straight line by more than a jump does: it lies between its extremes.
-    ends = knots[:-1] if len(knots) > 1 else knots
-    swing = np.maximum.reduceat(path, ends) - np.minimum.reduceat(path, ends)
-    return path if swing.max() < _JUMP else None
+    # What turns by less than a jump from knot to knot leaves the straight line between them by less.
+    swing = np.maximum.reduceat(path, knots) - np.minimum.reduceat(path, knots)
+    step = np.abs(np.diff(path, axis=0)).max(initial=0.0)
+    return path if max(swing.max(), step) < _JUMP else None
 
 
 def _walked(arm: Arm, poses: Array, knots: Indices, start: Array, where: str) -> Array:

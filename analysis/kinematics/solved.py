@@ -13,10 +13,10 @@ _WEIGHTS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
 
 
 def good(error: Array) -> Mask:
-    good: Mask = (np.linalg.norm(error[..., :3], axis=-1) < TOLERANCE_MM) & (
-        np.linalg.norm(error[..., 3:], axis=-1) < TOLERANCE_RAD
-    )
-    return good
+    """Which pose errors (…, 6) in mm and rad are those of a solution."""
+    mm, rad = np.linalg.norm(error[..., :3], axis=-1), np.linalg.norm(error[..., 3:], axis=-1)
+    solved: Mask = (mm < TOLERANCE_MM) & (rad < TOLERANCE_RAD)
+    return solved
 
 
 def off_by(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
