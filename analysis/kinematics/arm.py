@@ -153,7 +153,7 @@ def link_columns(arm: Arm, q: Array) -> Iterator[Array]:
 
 
 def cos_sin(angle: Array) -> tuple[Array, Array]:
-    """Cosine and sine of angles in rad by the tangent of the half angle, the same within 3e-16.
+    """Cosine and sine (n, …) of angles (n, …) rad by the tangent of the half angle, the same within 3e-16.
 
     numpy evaluates the tangent by vector instructions and these two one by one: 2 ns instead of 16 for both.
     """

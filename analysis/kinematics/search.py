@@ -32,7 +32,8 @@ _ASIDE = np.array([-0.6, -0.15, -0.03, 0.03, 0.15, 0.6])
 
 
 def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mask]:
-    """Newton from the branches of the snapped arm, or from a spread; up to 16 solutions, found ones first."""
+    """q (n, 16, 6) rad and found (n, 16) for poses (n, 4, 4), by Newton from the branches of the snapped arm, or from a
+    spread; found ones first."""
     q, found = np.full((len(poses), _MOST, 6), np.nan), np.zeros((len(poses), _MOST), dtype=bool)
     rest = np.arange(len(poses))
     if form is not None:

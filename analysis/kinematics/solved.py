@@ -9,7 +9,7 @@ from analysis.kinematics.arm import Arm, Array, Mask, tool_columns
 TOLERANCE_MM, TOLERANCE_RAD = 1e-8, 1e-10
 _SAME_RAD = 1e-6
 _WEIGHTS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
-"""Of the six angles in a number that tells solutions apart: no sum of few of them is that of others."""
+"""Weights of the six angles in one number of a solution: no sum of few of them is that of others."""
 
 
 def good(error: Array) -> Mask:
@@ -33,13 +33,13 @@ def off_by(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
 
 
 def wrapped(angle: Array) -> Array:
-    """The same angles in (-180°, 180°]."""
+    """The same angles (n, …) rad in (-180°, 180°]."""
     wrapped: Array = angle - 2 * np.pi * np.ceil(angle / (2 * np.pi) - 0.5)
     return wrapped
 
 
 def distinct(arm: Arm, q: Array, found: Mask) -> tuple[Array, Mask]:
-    """The same without the solutions that an earlier slot has already; empty slots are nan."""
+    """q (n, k, 6) rad and found (n, k) without the solutions that an earlier slot has already; empty slots are nan."""
     found = found.copy()
     turned = q @ arm.coupling.T
     for slot in range(1, q.shape[1]):
