@@ -133,6 +133,7 @@ from analysis.cli import (  # noqa: E402 - each adds its commands
     emulate,  # noqa: F401
     example,  # noqa: F401
     export,  # noqa: F401
+    fleet,  # noqa: F401
     history,  # noqa: F401
     import_,  # noqa: F401
     import_urdf,  # noqa: F401

@@ -81,6 +81,13 @@ def robot_of(number: int, seed: int, days: float) -> Robot:
     )
 
 
+def known_robot(number: int, days: float, grown_deg: float) -> Robot:
+    """A robot with plays of 0.003° in all axes, the third of which grows by so much after half of the days."""
+    drawn = robot_of(number, 0, days)
+    plays_deg = np.full(_AXES, 0.003)
+    return replace(drawn, plays_deg=plays_deg, axis=2, grown_deg=grown_deg, grows_on_day=days / 2)
+
+
 def write_visits(
     directory: Path,
     robot: Robot,
