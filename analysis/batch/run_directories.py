@@ -19,33 +19,40 @@ def run_directories(paths: Iterable[Path]) -> list[Path]:
     """
     found: dict[Path, Path] = {}
     for path in paths:
-        for run in [path] if _is_run(path) else list(_runs_below(path, ())) or [path]:
+        for run in [path] if _is_run(path) else list(_runs_below(path)) or [path]:
             found.setdefault(run.resolve(), run)
     return list(found.values())
 
 
-def _runs_below(folder: Path, above: tuple[tuple[int, int], ...]) -> Iterator[Path]:
-    """The runs in a folder and in those below it; above: the folders that it lies in, where links lead no further.
+def _runs_below(top: Path) -> Iterator[Path]:
+    """The runs below a directory. Each directory is entered once, however many links lead to it.
 
     A directory that may not be read is given as if it were a run, since it may hold some.
     """
-    try:
-        status = folder.stat()
-        here = (status.st_dev, status.st_ino)
-        entries = sorted(folder.iterdir()) if here not in above else []
-    except NotADirectoryError:
-        return
-    except OSError:
-        if folder.name != _NO_RUNS:
+    entered: set[tuple[int, int]] = set()
+    todo = [top]
+    while todo:
+        folder = todo.pop()
+        if folder != top and _is_run(folder):
             yield folder
-        return
-    for entry in entries:
-        if entry.name.startswith(".") or not entry.is_dir():
             continue
-        if _is_run(entry):
-            yield entry
-        else:
-            yield from _runs_below(entry, (*above, here))
+        try:
+            status = folder.stat()
+            here = (status.st_dev, status.st_ino)
+            below = _directories_in(folder) if here not in entered else []
+        except NotADirectoryError:
+            continue
+        except OSError:
+            if folder.name != _NO_RUNS:
+                yield folder
+            continue
+        entered.add(here)
+        todo += reversed(below)
+
+
+def _directories_in(folder: Path) -> list[Path]:
+    """The directories and links to some in a folder, by name. Raises OSError where it may not be read or entered."""
+    return sorted(entry for entry in folder.iterdir() if not entry.name.startswith(".") and entry.is_dir())
 
 
 def _is_run(path: Path) -> bool:

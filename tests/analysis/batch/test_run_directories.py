@@ -48,3 +48,26 @@ def test_links_are_followed_and_lead_in_no_circle(plant: Path, tmp_path_factory:
     (elsewhere / "back").symlink_to(plant)
     runs = run_directories([plant])
     assert plant / "empty" / "share" / "far" in runs and len(runs) == 5
+
+
+def test_directories_that_link_to_each_other_are_entered_once(tmp_path: Path) -> None:
+    cells = [made(tmp_path / f"cell-{number:02d}" / "run").parent for number in range(12)]
+    for cell in cells:
+        for other in cells:
+            (cell / f"to-{other.name}").symlink_to(other)
+    # A walk along every path takes days.
+    assert [run.resolve() for run in run_directories([tmp_path])] == [cell / "run" for cell in cells]
+
+
+def test_a_directory_that_may_be_listed_and_not_entered_stands_for_itself(
+    plant: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    is_dir = Path.is_dir
+
+    def as_for_another_user(path: Path) -> bool:
+        if path.parent == plant / "b":
+            raise PermissionError(13, "Permission denied")
+        return is_dir(path)
+
+    monkeypatch.setattr(Path, "is_dir", as_for_another_user)
+    assert run_directories([plant]) == [plant / "a/deep/one", plant / "b"]
