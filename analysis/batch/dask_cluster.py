@@ -6,6 +6,7 @@ the same versions of what computes, so that their results are those of this comp
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -48,7 +49,6 @@ def on_cluster(work: Callable[[Item], Value], items: Sequence[Item], address: st
 def _connected(address: str) -> Any:
     try:
         from distributed import Client  # noqa: PLC0415 - an extra
-        from distributed.comm.addressing import parse_address, parse_host_port  # noqa: PLC0415
     except ModuleNotFoundError:
         what = "needs dask.distributed, which is not installed"
         raise FileError("--scheduler", what, "pip install distributed") from None
@@ -56,11 +56,22 @@ def _connected(address: str) -> Any:
     for logger in ("distributed", "distributed.client"):
         logging.getLogger(logger).setLevel(logging.CRITICAL)
     try:
-        parse_host_port(parse_address(address)[1])  # a client that was made for no address cannot be closed in order
+        # A client that is made where no scheduler is waits long for its own end, after Ctrl-C as well.
+        asyncio.run(asyncio.wait_for(_asked(address), _CONNECTED_S))
         return Client(address, timeout=_CONNECTED_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        what = f"no Dask scheduler answers: {error}"
-        raise CellError(address, what, "give the address that it printed, as tcp://10.0.0.5:8786") from None
+    except (MemoryError, OSError, TypeError, ValueError) as error:  # of memory: what is no scheduler names any size
+        what = f"no Dask scheduler answers: {str(error) or f'nothing came within {_CONNECTED_S} s'}"
+        remedy = "give the address that it printed, as tcp://10.0.0.5:8786"
+        raise CellError(f"--scheduler {address}", what, remedy) from None
+
+
+async def _asked(address: str) -> None:
+    """Ask a scheduler who it is. Raises what distributed raises where none answers."""
+    from distributed import Security  # noqa: PLC0415
+    from distributed.core import rpc  # noqa: PLC0415
+
+    async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
+        await scheduler.identity()
 
 
 def _require_same_versions(client: Any, address: str) -> None:

@@ -65,13 +65,14 @@ def test_a_table_is_the_same_from_a_cluster(two_workers: Cluster, tmp_path: Path
     assert here.stdout and (there.returncode, there.stdout, there.stderr) == (3, here.stdout, here.stderr)
 
 
-def test_no_scheduler_is_one_line() -> None:
+@pytest.mark.parametrize("address", ["an address", "http://127.0.0.1:80", "tls://127.0.0.1:1", ""])
+def test_no_scheduler_is_one_line(address: str) -> None:
     pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
     done = subprocess.run(
-        [*RIG, "verify", "nothing", "--scheduler", "an address"], capture_output=True, text=True, check=False
+        [*RIG, "verify", "nothing", "--scheduler", address], capture_output=True, text=True, check=False
     )
     (line,) = done.stderr.splitlines()
-    assert done.returncode == 4 and line.startswith("error: an address: no Dask scheduler answers")
+    assert done.returncode == 4 and line.startswith(f"error: --scheduler {address}: no Dask scheduler answers")
 
 
 def test_without_dask_the_line_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
