@@ -79,6 +79,8 @@ def refuse_foreign(path: Path) -> None:
     try:
         if not path.exists():
             return
+        if not path.is_file():  # a FIFO would be waited for
+            raise FileError(str(path), "is not a regular file", "give another --catalogue")
         with path.open("rb") as file:
             header = file.read(_HEADER)
     except OSError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,11 +26,12 @@ def examine(path: Path) -> Examined | None:
     """Evaluate a run, or say why it cannot be; None where it is gone. Never raises for a bad run."""
     try:
         run = look(path)
-    except FileNotFoundError:
-        return None
     except OSError as error:
+        if isinstance(error, FileNotFoundError) and not os.path.lexists(path):
+            return None
         unreadable = RunInfo(path, None, None, "damaged", 0, 0.0)
-        return Examined(record_without_figures(unreadable, error.strerror or str(error)), is_evaluated=False)
+        why = "it has no manifest" if isinstance(error, FileNotFoundError) else error.strerror or str(error)
+        return Examined(record_without_figures(unreadable, why), is_evaluated=False)
     if run.manifest is None or run.status in REASONS:
         return Examined(record_without_figures(run, REASONS[run.status]), _rig_text(run), is_evaluated=False)
     try:

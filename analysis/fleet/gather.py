@@ -142,24 +142,38 @@ def _judge(file: Path, digests: Mapping[Key, str], workers: Workers, progress: P
     """The states of all robots; those whose runs are the same are as they were kept."""
     kept = catalogue.states(file)
     catalogue.forget_states(file, kept.keys() - digests.keys())
-    fresh = [key for key, digest in digests.items() if key not in kept or kept[key][0] != digest]
+    # Not read back at the end: another command may have seen other robots meanwhile, of which this one knows no runs.
+    states: dict[Key, State] = {}
+    for key, (digest, text) in kept.items():
+        if digests.get(key) == digest:
+            states[key] = _state(file, text)
+    fresh = [key for key in digests if key not in states]
     outcomes = each(judge, [(file, key) for key in fresh], jobs=workers.jobs)
-    found = (_kept_state(outcome, digests) for outcome in outcomes)
+    found = (_judged(outcome, digests, states) for outcome in outcomes)
     _kept(found, partial(catalogue.keep_states, file), lambda done: progress("judging robots", done, len(fresh)))
+    return list(states.values())
+
+
+def _state(file: Path, text: str) -> State:
     try:
-        return [state_from_json(text) for _, text in catalogue.states(file).values()]
+        return state_from_json(text)
     except (TypeError, ValueError) as error:
         raise Damaged(file, str(error)) from None
 
 
-def _kept_state(outcome: Outcome[tuple[Path, Key], State], digests: Mapping[Key, str]) -> tuple[Key, str, str]:
-    """A robot with its digest and state; one that could not be judged is tried again the next time."""
+def _judged(
+    outcome: Outcome[tuple[Path, Key], State], digests: Mapping[Key, str], states: dict[Key, State]
+) -> tuple[Key, str, str]:
+    """A robot with its digest and state as they are kept, which is added to the states; one that could not be judged
+    is tried again the next time."""
     _, key = outcome.item
-    if not isinstance(outcome, Failed):
-        return key, digests[key], as_json(outcome.value)
-    if isinstance(outcome.error, Damaged):
-        raise outcome.error
-    return key, "", as_json(State(*key, problem=outcome.error.what))
+    if isinstance(outcome, Failed):
+        if isinstance(outcome.error, Damaged):
+            raise outcome.error
+        states[key] = State(*key, problem=outcome.error.what)
+        return key, "", as_json(states[key])
+    states[key] = outcome.value
+    return key, digests[key], as_json(outcome.value)
 
 
 def judge(item: tuple[Path, Key]) -> State:

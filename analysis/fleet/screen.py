@@ -15,6 +15,7 @@ from analysis.fleet.gather import Fleet
 from analysis.fleet.state import ORDER, Attention, State
 from analysis.frames import for_json
 from analysis.reporting.wide_tables import whole
+from rigs.text import plain
 
 WORDS: dict[Attention, str] = {
     "beyond": "beyond its limit",
@@ -44,7 +45,7 @@ def summary(fleet: Fleet) -> str:
 def reading(fleet: Fleet) -> str:
     """How many runs there are, and how many of them had to be read."""
     gone = f", {fleet.gone} gone" if fleet.gone else ""
-    return f"{fleet.runs} runs, {fleet.examined} of them new or changed since the last time{gone}"
+    return f"{fleet.runs} runs, {fleet.examined} of them read (new, changed, or unreadable the last time){gone}"
 
 
 def doubts_of(fleet: Fleet) -> list[str]:
@@ -55,7 +56,7 @@ def doubts_of(fleet: Fleet) -> list[str]:
     if left_out:
         have, are = ("run has", "is") if len(left_out) == 1 else ("runs have", "are")
         lines.append(f"{len(left_out)} {have} no figures and {are} left out:")
-        lines += [f"  {run}: {why}" for run, why in left_out[:_MOST_NAMED]]
+        lines += [plain(f"  {run}: {why}") for run, why in left_out[:_MOST_NAMED]]
         if len(left_out) > _MOST_NAMED:
             lines.append(f"  and {len(left_out) - _MOST_NAMED} more, which --json names")
     return lines
@@ -64,7 +65,7 @@ def doubts_of(fleet: Fleet) -> list[str]:
 def names_of(fleet: Fleet) -> list[str]:
     """The name of each robot, in their order; with its directory where another has the same name."""
     times = Counter(one.robot for one in fleet.robots)
-    return [one.robot if times[one.robot] == 1 else f"{one.robot} in {one.folder}" for one in fleet.robots]
+    return [plain(one.robot if times[one.robot] == 1 else f"{one.robot} in {one.folder}") for one in fleet.robots]
 
 
 def _table(fleet: Fleet) -> Table:
@@ -84,7 +85,7 @@ def _found(state: State) -> Text:
     """What was found of a robot, a line each."""
     lines = [Text(line) for line in (state.worst, state.trend) if line]
     lines += [Text(", ".join(state.tests), style="dim")] if state.tests else []
-    lines += [Text(", ".join(state.doubts), style="yellow")] if state.doubts else []
+    lines += [Text(plain(", ".join(state.doubts)), style="yellow")] if state.doubts else []
     return Text("\n").join(lines)
 
 

@@ -10,6 +10,7 @@ from analysis.history.history import History, Series
 from analysis.history.limits import judge
 from analysis.history.shapes import FEWEST
 from analysis.measures.quantity import Quantity
+from rigs.text import plain
 
 _MOST_NAMED = 5
 _MONTHS = ("Jan", "Feb", "March", "April", "May", "June", "July", "Aug", "Sept", "Oct", "Nov", "Dec")
@@ -43,7 +44,8 @@ def remarks(history: History) -> list[str]:
         for run, is_wild in zip(series.runs, series.trend.wild, strict=True):
             if is_wild:
                 wild.setdefault(run.name, []).append(f"{series.label} of {series.title}")
-    lines += [f"run {name} stands alone, and is left out of {_listed(of)}" for name, of in wild.items()][:_MOST_NAMED]
+    named = list(wild.items())[:_MOST_NAMED]
+    lines += [f"run {plain(name)} stands alone, and is left out of {_listed(of)}" for name, of in named]
     if len(wild) > _MOST_NAMED:
         lines.append(f"{len(wild) - _MOST_NAMED} further runs stand alone in a series and are left out of it")
     return lines
@@ -56,7 +58,7 @@ def doubts(history: History) -> list[str]:
     if broken:
         verb = "has" if len(broken) == 1 else "have"
         lines.append(f"{_count(len(broken), 'run')} {verb} no figures and {'is' if verb == 'has' else 'are'} left out:")
-        lines += [f"  {one.name}: {one.problem}" for one in broken[:_MOST_NAMED]]
+        lines += [plain(f"  {one.name}: {one.problem}") for one in broken[:_MOST_NAMED]]
         if len(broken) > _MOST_NAMED:
             lines.append(f"  and {len(broken) - _MOST_NAMED} more, which --json names")
     return lines

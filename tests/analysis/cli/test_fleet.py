@@ -55,7 +55,7 @@ def test_the_robots_are_listed_what_needs_attention_first() -> None:
     names = re.findall(r"^ (robot-\d+) +(\w+)", printed, re.M)
     assert names[0] == ("robot-003", "beyond") and len(names) == 3
     assert "1 run has no figures and is left out" in printed and "the manifest lists this chunk" in printed
-    assert "30 runs, 30 of them new or changed since the last time" in printed
+    assert "30 runs, 30 of them read (new, changed, or unreadable the last time)" in printed
 
 
 def test_json_has_every_robot_and_every_run_that_is_left_out() -> None:
@@ -85,14 +85,17 @@ def test_a_hostile_name_reaches_no_page_and_no_terminal_raw(work: Path) -> None:
     for path in write_visits(work / "hostile" / os.fsdecode(b"\xff\x1b<i>"), one, [0.0, 1.0]):
         edit_manifest(path, {"rig_name": name})
     next(path.glob("*.parquet")).unlink()
+    (work / "hostile" / "bad\nforged").mkdir()
+    (work / "hostile" / "bad\nforged" / "manifest.json").write_text("{")
     printed = fleet("hostile", "-o", "hostile.html", "--parquet", "hostile.parquet")
     assert "\x1b" not in printed and "\\x1b[31m" in printed
+    assert "\nforged" not in printed and r"bad\nforged: " in printed
     html = (work / "hostile.html").read_text()
     assert "<b>" not in html and "&lt;b&gt;" in html and "\u202e" not in html and "\x1b" not in html
     (page,) = (work / "hostile-robots").iterdir()
     assert re.fullmatch(r"[A-Za-z0-9_.-]+\.html", page.name)
     assert pq.read_table(work / "hostile.parquet")["robot"][0].as_py() == name
-    assert fleet("hostile").endswith("2 runs, 0 of them new or changed since the last time\n")
+    assert fleet("hostile").endswith("3 runs, 1 of them read (new, changed, or unreadable the last time)\n")
     assert "\x1b" not in fleet("hostile", "--json")
 
 
@@ -139,7 +142,7 @@ def test_damaged_records_are_one_line_and_the_next_start_makes_them_again(
         file.execute("update runs set record = '{'")
     assert ended("fleet", "plant", "--catalogue", "own.sqlite", "--parquet", "again.parquet") == 3
     assert "own.sqlite: is damaged" in capsys.readouterr().err and not list(work.glob("again.*"))
-    assert "30 runs, 30 of them new" in fleet("plant", "--catalogue", "own.sqlite", "--parquet", "again.parquet")
+    assert "30 runs, 30 of them read" in fleet("plant", "--catalogue", "own.sqlite", "--parquet", "again.parquet")
 
 
 def snippet(language: str) -> str:

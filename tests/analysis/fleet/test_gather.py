@@ -120,6 +120,8 @@ def test_a_bad_run_costs_its_own_row(plant: Path, file: Path) -> None:
     assert "cut off" in healthy.without_figures[1][1]
     assert found.strays == ((str(unreadable.relative_to(plant)), "its manifest or marks cannot be read"),)
     assert gathered(plant, file).robots == found.robots
+    (unreadable / "manifest.json").unlink()
+    assert gathered(plant, file).strays == ((str(unreadable.relative_to(plant)), "it has no manifest"),)
     shutil.copytree(runs_of(plant, 1)[5], unsealed, dirs_exist_ok=True)
     mended = next(one for one in gathered(plant, file).robots if one.robot == "robot-001")
     assert [name for name, _ in mended.without_figures] == [cut.name] and mended.copies == 1
@@ -177,6 +179,10 @@ def test_a_file_of_somebody_else_is_left_alone(tmp_path: Path, plant: Path, file
             catalogue.refuse_foreign(file)
         assert file.read_bytes() == held
     file.unlink()
+    os.mkfifo(file)
+    with pytest.raises(FileError, match="is not a regular file"):
+        catalogue.refuse_foreign(file)
+    file.unlink()
     catalogue.refuse_foreign(file)
     gathered(plant, file)
     catalogue.refuse_foreign(file)
@@ -205,6 +211,18 @@ def test_two_at_once_share_a_catalogue(plant: Path, file: Path) -> None:
         first, second = pool.map(lambda _: gathered(plant, file), range(2))
     assert first.robots == second.robots == gathered(plant, file).robots
     assert gathered(plant, file).examined == 0
+
+
+def test_robots_that_another_command_finds_meanwhile_are_its_own(plant: Path, file: Path) -> None:
+    def another(doing: str, done: int, total: int) -> None:
+        if (doing, done) == ("judging robots", total):
+            shutil.rmtree(plant / "robot-001")
+            write(plant, 4, 0.0)
+            gathered(plant, file)
+
+    found = gather(plant, file, Workers(1), another)
+    assert {one.robot for one in found.robots} == {f"robot-{number:03d}" for number in (1, 2, 3)}
+    assert {(one.folder, one.robot) for one in found.robots} == found.digests.keys()
 
 
 def test_what_was_read_before_an_end_is_kept(plant: Path, file: Path) -> None:
