@@ -12,10 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.optimize import least_squares
 
 from analysis.geometry.ball_link import angle
 from analysis.kinematics.arm import Array
@@ -29,6 +28,9 @@ from analysis.traces.laps import Laps
 from analysis.traces.tables import CircleTable
 from rigs.effects import Effect, play_of_joint
 from rigs.rig import Rig
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 _SMOOTH = 12
 """Orders that count as smooth: offsets, links and set-up make orders up to 3, eccentric gears some more."""
@@ -55,6 +57,8 @@ class _Jumps:
     @classmethod
     def through(cls, wider: Array) -> _Jumps:
         """The jumps through the curves (axes, widths, 2 NODES) mm of plays of _WIDTHS_DEG."""
+        from scipy.interpolate import CubicSpline  # noqa: PLC0415 - slow to import, needed where a run is read only
+
         curves = np.concatenate([-wider[:, ::-1], np.zeros_like(wider[:, :1]), wider], axis=1)
         return cls(curves, tuple(CubicSpline(_BOTH_WAYS_DEG, one) for one in curves))
 
@@ -117,6 +121,8 @@ def _fitted(lap: Array, jumps: _Jumps) -> Array:
             break
         start[axis] = 0.99 * _BOTH_WAYS_DEG[width]
         left = lap - jumps.of(start)
+
+    from scipy.optimize import least_squares  # noqa: PLC0415
 
     def gap(sizes: Array) -> Array:
         return jumps.of(sizes) - lap

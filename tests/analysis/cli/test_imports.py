@@ -76,3 +76,9 @@ def test_analyse_imports_what_evaluates_a_run(words: list[str], run: Path) -> No
     assert packages(modules) <= READING | OURS | {"daq"}, "no scipy, no pandas, no matplotlib"
     layers = {module.split(".")[1] for module in modules if module.startswith("analysis.")}
     assert not layers & {"diagnosis", "fitting", "correction", "simulation", "live", "setup", "history", "paper"}
+
+
+def test_what_is_known_of_a_plant_imports_nothing_that_evaluates(run: Path, tmp_path: Path) -> None:
+    words = ["fleet", run.parent, "--jobs", "1", "--catalogue", tmp_path / "catalogue.sqlite"]
+    assert "scipy" in packages(imported(*words)), "its play is fitted"
+    assert packages(imported(*words)) <= READING | OURS | {"daq"}
