@@ -119,8 +119,9 @@ def collected_of(
 def _runs_below(directory: Path) -> list[RunInfo]:
     """What is known of each run in a directory and below it. Raises FileError where there is no such directory."""
     found = list(survey(directory))
+    listed = {run.path.resolve() for run in found}
     for run in run_directories([directory]):
-        if directory not in (run, run.parent):
+        if run != directory and run.resolve() not in listed:
             with suppress(FileNotFoundError, PermissionError):  # as `survey` has it
                 found.append(look(run))
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import shutil
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,7 @@ def ran(*words: object) -> Result:
 
 @pytest.fixture(scope="module")
 def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Four runs in two directories, and between them one that is none."""
+    """Four runs in two directories, and between them one that is damaged."""
     plant = tmp_path_factory.mktemp("plant")
     for directory in ("a", "c"):
         assert list(write_visits(plant / directory, robot_of(1, 0, 365.0), [0.0, 30.0], ["yaw acw"], 0))
@@ -59,6 +60,14 @@ def test_the_history_has_runs_of_directories_below(plant: Path) -> None:
     assert one == two and set(one["without_figures"]) == {"b"}
     named = {point["run"] for series in one["series"] for point in series["points"]}
     assert named == {str(run.relative_to(plant)) for run in plant.glob("[ac]/*")}
+
+
+def test_a_link_to_a_run_below_hides_it_from_no_history(plant: Path, tmp_path: Path) -> None:
+    data = shutil.copytree(plant, tmp_path / "data")
+    (data / "0-latest").symlink_to(next((data / "a").iterdir()))
+    found = json.loads(ran("history", "robot-001", "--data", data, "--json", "--jobs", 1).stdout)
+    named = {point["run"] for series in found["series"] for point in series["points"]}
+    assert {(data / name).resolve() for name in named} == set(data.glob("[ac]/*"))
 
 
 @pytest.mark.parametrize("jobs", ["some", "-1", "1.5", ""])
