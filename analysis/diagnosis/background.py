@@ -158,7 +158,8 @@ class Posterior:
     """The posterior of all coefficients beside fitted terms.
 
     `known` (q,) and `known_covariance` (q, q) belong to the fitted terms, `mean` (p,) and `A` (p, p) to the columns of
-    the background. `residual` (N,) is the whitened residual with all coefficients at their means.
+    the background. `unexplained` (N,) is the whitened residual without any of them, `residual` (N,) the one with all
+    coefficients at their means.
     """
 
     def __init__(self, background: Background, known: FittedTerms) -> None:
@@ -168,7 +169,7 @@ class Posterior:
         products = weighed.products(weighed)
         self.known_covariance = np.linalg.inv(products[:q, :q] + known.precision)
         self.known = self.known_covariance @ (products[:q, q] + known.precision @ known.mean)
-        self._fitted, taken = T, background.taken(weighed)
+        self.unexplained, self._fitted, taken = r, T, background.taken(weighed)
         self._taken = taken[:, :q]
         self.mean = taken[:, q] - self._taken @ self.known
         self.A = background.covariance + self._taken @ self.known_covariance @ self._taken.T
@@ -234,6 +235,14 @@ class Posterior:
         known, left = across[:-1], across[-1] - self.known @ across[:-1]
         precision: Array = own.products(own) - known.T @ self.known_covariance @ known
         return precision, left
+
+    def left_of(self, columns: Array) -> Array:
+        """Return what everything else leaves of whitened columns (N, q) that are added to the readings."""
+        own = self.background.weighed(columns)
+        known = self.known_covariance @ self._weighed.products(own)[:-1]
+        taken = self.background.taken(own) - self._taken @ known
+        left: Array = columns - self._fitted @ known - self.background.columns.X @ taken
+        return left
 
     def size(self, form: Form) -> Array:
         """Return the coefficients (q,), in healthy sizes, that a form would have as a fault."""

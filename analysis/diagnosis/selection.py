@@ -23,10 +23,10 @@ from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import no_effects, refine
 from analysis.diagnosis.selection_state import SelectionState, is_same, size_of
-from analysis.diagnosis.starting_effect import starting_effect
+from analysis.diagnosis.starting_effect import starting_effects
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, healthy_size
-from rigs.schema.effect import is_play, name_of, scaled
+from rigs.schema.effect import name_of
 
 _FAULTS = 2.0
 """Expected number of faults of an arm that somebody diagnoses, before anything is measured. Chosen: between one fault
@@ -52,9 +52,10 @@ optimum. Chosen."""
 _TRIED, _CLOSE = 3, 0.5
 """Largest number of names that are fitted before one is added, and the share of the largest gain that the others must
 have. Chosen: each fit costs a fraction of a round."""
-_PLAY_STARTS = (0.5, 1.0, 1.9)
-"""Starting widths of the fit of a play, as multiples of the width of the linear fit. Chosen: a factor of two to either
-side, since the response to a play is not linear."""
+
+_SETTLING = 6
+"""Largest number of fits, each after an update of the noise, of a state with a new large effect. Chosen: most need
+three."""
 
 
 class Selection:
@@ -147,9 +148,9 @@ class Selection:
         rest = self.without(state, place)
         if whole >= self.evidence(rest):
             return None
-        return self._refusing(rest, state.refined.effects[place], state.origins[place])
+        return self.refusing(rest, state.refined.effects[place], state.origins[place])
 
-    def _refusing(self, state: SelectionState, effect: Effect, origin: int = -1) -> SelectionState:
+    def refusing(self, state: SelectionState, effect: Effect, origin: int = -1) -> SelectionState:
         """Return the state in which all forms of an effect, and the one it came from, are refused."""
         own = {k for k, form in enumerate(self.columns.forms) if is_same(form, effect)} | {origin}
         return replace(state, refused=state.refused | own)
@@ -233,16 +234,16 @@ class Selection:
             if rise > 0:
                 return changed, None
             for k in best:
-                state = self._refusing(state, self.columns.forms[k].effects[0])
+                state = self.refusing(state, self.columns.forms[k].effects[0])
             return self._forward_step(state, posterior)
         known = state.replaced_forms | {one.form.words for one in state.free_forms}
         forms = [form for form in self._free if form.words not in known]
+        changed = self.settled(changed)
         if not forms:
-            return self._refitted(changed), None
+            return changed, None
         free_form = best_free_form(forms, posterior)
         # A fit may be worse than its linear prediction where it moves the set-up far; the next iteration corrects that.
         named = max(most, rise)
-        changed = self._refitted(changed)
         if free_form.gain < _MARGIN * named:
             return changed, None
         return changed, self._refitted(replace(state, free_forms=(*state.free_forms, free_form)))
@@ -260,10 +261,8 @@ class Selection:
     def with_form(self, state: SelectionState, posterior: Posterior, k: int) -> SelectionState:
         """Return the state with form k added as an effect and fitted; the other effects move along their earlier
         tangents."""
-        effect = starting_effect(self.linear, self.columns, posterior, self.columns.forms[k])
-        # The response to a play is not proportional to its width, so a fit may end in a local minimum.
-        sizes = _PLAY_STARTS if is_play(effect) else (1.0,)
-        return self._likeliest([self._with_effect(state, scaled(effect, size), k) for size in sizes])[1]
+        effects = starting_effects(self.linear, self.columns, posterior, self.columns.forms[k])
+        return self._likeliest([self._with_effect(state, effect, k) for effect in effects])[1]
 
     def _likeliest(self, tried: Sequence[SelectionState]) -> tuple[float, SelectionState]:
         """Return the largest log evidence of some states, and the first state that has it."""
@@ -274,6 +273,23 @@ class Selection:
         effects = (*state.refined.effects, effect)
         bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
         return replace(bare, refined=refine(self.linear, self.background(bare), effects, state.refined))
+
+    def settled(self, state: SelectionState) -> SelectionState:
+        """Return the state with all effects and the noise fitted until the evidence hardly rises, from the present
+        strengths or from those of the noise alone, whichever becomes likelier.
+
+        Strengths estimated before a large effect was found leave its shape open, and a wrong shape keeps them large;
+        the residual then supports wrong names.
+        """
+        found = []
+        for begin in (state, replace(state, strength=np.ones_like(state.strength))):
+            now = self._refitted(begin)
+            for _ in range(_SETTLING):
+                best, now = now, self._refitted(self._with_updated_noise(now, self.posterior(now)))
+                if self.evidence(now) < self.evidence(best) + _SURE:
+                    break
+            found += [best, now]
+        return self._likeliest(found)[1]
 
     def _refitted(self, state: SelectionState) -> SelectionState:
         """Return the state with all effects fitted together."""
