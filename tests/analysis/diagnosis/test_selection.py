@@ -98,6 +98,7 @@ def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch:
 
     # private: rivals that are likelier after every swap cannot be made of readings
     monkeypatch.setattr("analysis.diagnosis.rivals._moves", lambda *_: True)
+    monkeypatch.setattr("analysis.diagnosis.rivals.without_needless_names", lambda _, state: state)
     monkeypatch.setattr(
         "analysis.diagnosis.rivals.rival_odds",
         lambda selection, state, place: RivalOdds(0.1, ((state, 0.9),), state.level),
