@@ -16,7 +16,7 @@ from analysis.diagnosis.candidates import Candidate, candidates_for
 from analysis.diagnosis.columns import LARGEST_FAULT, Columns
 from analysis.diagnosis.form_information import without_bands
 from analysis.diagnosis.form_posterior import DETECTABLE, SEPARABLE, FormPosterior, is_detectable
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.linearisation import linearise
 from analysis.diagnosis.refine import refine
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
@@ -33,7 +33,7 @@ class ExpectedPosterior:
     """
 
     def __init__(self, blocks: Sequence[Block], setups: Mapping[str, SetUp], level: float = 1.0) -> None:
-        self.linear = Linearisation(without_bands(blocks), setups)
+        self.linear = linearise(without_bands(blocks), setups)
         self.candidates = candidates_for(self.linear)
         self.least = float(fault_sizes(level)[0])
         self._columns = Columns(self.linear, self.candidates)

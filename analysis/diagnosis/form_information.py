@@ -11,7 +11,7 @@ from analysis.diagnosis.blocks import Block
 from analysis.diagnosis.candidates import Candidate
 from analysis.diagnosis.columns import Columns, forms_of, healthy_shares, in_each_shape
 from analysis.diagnosis.form_posterior import FormPosterior
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.linearisation import linearise
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
 
@@ -34,7 +34,7 @@ class FormInformation:
     def of(self, blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Array:
         """Return the information (p, p) that runs hold about the coefficients in healthy sizes, with their set-ups and
         scatter eliminated. Forms that they do not show have none."""
-        columns = Columns(Linearisation(without_bands(blocks), setups), self.candidates)
+        columns = Columns(linearise(without_bands(blocks), setups), self.candidates)
         other = columns.fixed > 0
         own, rest = np.flatnonzero(~other), np.flatnonzero(other)
         across = columns.gram[np.ix_(own, rest)]

@@ -16,7 +16,7 @@ from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.columns import Columns, Form
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.diagnosis import Diagnosis
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.observed_run import ObservedRun, observe_run
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.kinematics.arm import arm_of, forward
@@ -114,20 +114,20 @@ def healthy() -> Linearisation:
     """Two yaw circles each way of a healthy robot, about the set-up fitted to them."""
     runs = seen(circles(seed=90))
     setups, _ = fit_run_setups(runs)
-    return Linearisation(blocks_of(runs, setups), setups)
+    return linearise(blocks_of(runs, setups), setups)
 
 
 def holding(linear: Linearisation, y: Array) -> Linearisation:
     """The same with another residual (N,) in standard deviations."""
     parts = [y[rows] * block.sd_mm for rows, block in zip(linear.rows, linear.blocks, strict=True)]
     blocks = [replace(block, y_mm=part) for block, part in zip(linear.blocks, parts, strict=True)]
-    return Linearisation(blocks, linear.setups)
+    return linearise(blocks, linear.setups)
 
 
 def shown_by(linear: Linearisation, effects: Sequence[Effect]) -> Array:
     """What effects, on the simulator and all together, add to the residual (N,) in standard deviations."""
     return np.concatenate(
-        [block.whitened(linear.response_of(k, effects)(linear.setups)) for k, block in enumerate(linear.blocks)]
+        [block.white(added) for block, added in zip(linear.blocks, linear.responses(effects), strict=True)]
     )
 
 

@@ -17,7 +17,7 @@ from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.candidates import candidates_for
 from analysis.diagnosis.columns import Columns
 from analysis.diagnosis.diagnosis import Named
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.linearisation import linearise
 from analysis.diagnosis.observed_run import observe_run
 from analysis.diagnosis.plan import Plan, plan
 from analysis.diagnosis.refine import refine
@@ -159,7 +159,7 @@ def diagnosed(name: str) -> None:
     """It is a candidate, its shapes are fitted with it, and the answer has words for it."""
     runs = [observe_run(model_of(RIG), table, table.direction) for table in tables_of(name)]
     setups, _ = fit_run_setups(runs)
-    linear = Linearisation(blocks_of(runs, setups), setups)
+    linear = linearise(blocks_of(runs, setups), setups)
     candidates = [one for one in candidates_for(linear) if one.effect.effect == name]
     assert bool(candidates) == (VOCABULARY[name].swinging(5.0, 0.01) is None)
     assert all(np.isclose(size_of(one.effect), one.size * one.effect.healthy) for one in candidates)

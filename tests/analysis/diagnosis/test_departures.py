@@ -9,7 +9,7 @@ import pytest
 
 from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.departures import departure_columns
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.observed_run import ORDER_OF
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.model.hysteresis import turns
@@ -79,7 +79,7 @@ def _standing(run: Measured) -> Measured:
 def test_the_position_of_a_joint_in_its_play_before_the_run_is_free() -> None:
     runs = seen([_standing(run) for run in circles()])
     setups, _ = fit_run_setups(runs)
-    linear = Linearisation(blocks_of(runs, setups), setups)
+    linear = linearise(blocks_of(runs, setups), setups)
     assert [len(block.y_mm) for block in linear.blocks] == [len(ORDER_OF) + 4] * 2
     # Such a column shows before the lap, in its own run; what a set-up does is taken out everywhere.
     assert _before_the_lap(linear) == [1, 1]
