@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from analysis.diagnosis.background import Background, fault_sizes
+from analysis.diagnosis.background import Background, background_of, fault_sizes
 from analysis.diagnosis.blocks import Block
 from analysis.diagnosis.candidates import Candidate, candidates_for
-from analysis.diagnosis.columns import LARGEST_FAULT, Columns
+from analysis.diagnosis.columns import LARGEST_FAULT, columns_for
 from analysis.diagnosis.form_information import without_bands
 from analysis.diagnosis.form_posterior import DETECTABLE, SEPARABLE, FormPosterior, is_detectable
 from analysis.diagnosis.linearisation import linearise
@@ -36,9 +36,9 @@ class ExpectedPosterior:
         self.linear = linearise(without_bands(blocks), setups)
         self.candidates = candidates_for(self.linear)
         self.least = float(fault_sizes(level)[0])
-        self._columns = Columns(self.linear, self.candidates)
+        self._columns = columns_for(self.linear, self.candidates)
         self._variance = self._columns.variance(level)
-        A = Background(self._columns, np.ones(len(self.linear.y)), self._variance).covariance
+        A = background_of(self._columns, np.ones(len(self.linear.y)), self._variance).covariance
         self._known = FormPosterior(self._columns.forms, A, self._variance)
 
     def sd(self, candidate: Candidate, size: float | None = None) -> float:
@@ -89,7 +89,7 @@ class ExpectedPosterior:
         variance = self._variance.copy()
         for effect in effects:
             variance[self._known.columns_of_name(effect)] = 0.0
-        return Background(self._columns, np.ones(len(self.linear.y)), variance)
+        return background_of(self._columns, np.ones(len(self.linear.y)), variance)
 
     def _fitted_sd(self, effect: Effect, size: float) -> float:
         """Return the standard uncertainty of a size, in healthy sizes, where a fault is fitted together with its

@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.diagnosis.blocks import Block
 from analysis.diagnosis.candidates import Candidate
-from analysis.diagnosis.columns import Columns, forms_of, healthy_shares, in_each_shape
+from analysis.diagnosis.columns import columns_for, forms_of, healthy_shares, in_each_shape
 from analysis.diagnosis.form_posterior import FormPosterior
 from analysis.diagnosis.linearisation import linearise
 from analysis.kinematics.arm import Array
@@ -34,7 +34,7 @@ class FormInformation:
     def of(self, blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Array:
         """Return the information (p, p) that runs hold about the coefficients in healthy sizes, with their set-ups and
         scatter eliminated. Forms that they do not show have none."""
-        columns = Columns(linearise(without_bands(blocks), setups), self.candidates)
+        columns = columns_for(linearise(without_bands(blocks), setups), self.candidates)
         other = columns.fixed > 0
         own, rest = np.flatnonzero(~other), np.flatnonzero(other)
         across = columns.gram[np.ix_(own, rest)]

@@ -15,7 +15,7 @@ from analysis.diagnosis.observed_run import Sampling, at_grid
 from analysis.fitting.observation import Observation, predicted_in_scene
 from analysis.fitting.setups import columns_of, moved_setup, terms_of
 from analysis.kinematics.arm import Array, Integers
-from analysis.model.predict import Model, SetUp, driven, posed
+from analysis.model.predict import Model, SetUp, driven, moved
 from analysis.model.scene import Scene, apply
 from rigs.effects import Effect, turned
 
@@ -32,56 +32,59 @@ _READING = ("setup", "gauge")
 """Stages of effects that do not move the tool."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SimulatedBlock:
-    """One block about a model and a set-up, simulated at the angles of the grid (m readings of k gauges).
+    """One block about a set-up, simulated at the angles of the grid (m readings of k gauges).
 
-    `joints` and `scene` are the scene of the model up to the joints and up to the tool, `base` (m, k) its readings in
-    mm.
+    `known` lists the effects found so far, which the readings contain beside those of the rig file.
     """
 
     block: Block
-    model: Model
+    known: tuple[Effect, ...]
     setup: SetUp
     one: Observation
     sampling: Sampling | None
 
     @cached_property
-    def joints(self) -> Scene:
-        return driven(self.model, self.one.path)
-
-    @cached_property
     def scene(self) -> Scene:
-        return posed(self.model, self.one.path, self.joints)
+        """The scene up to the tool."""
+        return self.scene_with(self.known)
 
     @cached_property
     def base(self) -> Array:
-        return self.read(self.model, self.scene, self.setup)
+        """The readings (m, k) mm."""
+        return self.read(self.known, self.scene, self.setup)
 
     @cached_property
     def slopes(self) -> Array:
         """The derivatives (m, k, 6) of the readings in mm by the errors of the joints in rad."""
         slopes = np.empty((*self.base.shape, 6))
         for axis in range(1, 7):
-            model = _with(self.model, turned(axis, _STEP_DEG))
-            slopes[:, :, axis - 1] = self.read(model, self.scene_with(model), self.setup) - self.base
-        return slopes / np.radians(_STEP_DEG)
+            effects = (*self.known, turned(axis, _STEP_DEG))
+            slopes[:, :, axis - 1] = self.read(effects, self.scene_with(effects), self.setup) - self.base
+        slopes /= np.radians(_STEP_DEG)
+        return slopes
 
     @cached_property
     def by_setup(self) -> Array:
         """The change (N, t) of the whitened readings for a mm of each term of the set-up."""
         steps = _STEP_MM * np.eye(terms_of(self.one.table))
-        moved = [moved_setup(self.setup, self.one.table, step) for step in steps]
-        changed = np.stack([self.read(self.model, self.scene, setup) - self.base for setup in moved], axis=2)
+        setups = [moved_setup(self.setup, self.one.table, step) for step in steps]
+        changed = np.stack([self.read(self.known, self.scene, setup) - self.base for setup in setups], axis=2)
         return self.whitened(changed) / _STEP_MM
 
-    def scene_with(self, model: Model) -> Scene:
-        """Return the scene of another model up to the tool."""
-        return posed(model, self.one.path, driven(model, self.one.path))
+    @cached_property
+    def joints(self) -> Scene:
+        """The scene up to the joints, at the samples of the path."""
+        return driven(_with(self.block.model, *self.known), self.one.path)
 
-    def read(self, model: Model, scene: Scene, setup: SetUp) -> Array:
+    def scene_with(self, effects: Sequence[Effect]) -> Scene:
+        """Return the scene up to the tool with `effects` in place of the known ones."""
+        return moved(_with(self.block.model, *effects), self.one.path)
+
+    def read(self, effects: Sequence[Effect], scene: Scene, setup: SetUp) -> Array:
         """Return the readings (m, k) mm of a scene up to the tool."""
-        return predicted_in_scene(model, self.one, scene, setup)
+        return predicted_in_scene(_with(self.block.model, *effects), self.one, scene, setup)
 
     def at_readings(self, values: Array) -> Array:
         """Return values (n, …) at the samples of the path, in any unit, at the readings, (m, …)."""
@@ -105,13 +108,13 @@ class SimulatedBlock:
         added = np.zeros((*self.base.shape, len(effects)))
         for place, effect in enumerate(effects):
             if effect.STAGE == "joint":
-                off = apply([effect], "joint", self.joints).link_q - self.joints.link_q
-                for axis in np.flatnonzero(off.any(axis=0)).tolist():
-                    added[:, :, place] += self.slopes[:, :, axis] * self.at_readings(off[:, axis])[:, None]
+                error = self.at_readings(apply([effect], "joint", self.joints).link_q - self.joints.link_q)
+                for axis in np.flatnonzero(error.any(axis=0)).tolist():
+                    added[:, :, place] += self.slopes[:, :, axis] * error[:, axis, None]
             else:
-                model = _with(self.model, effect)
-                scene = self.scene if effect.STAGE in _READING else self.scene_with(model)
-                added[:, :, place] = self.read(model, scene, self.setup) - self.base
+                beside = (*self.known, effect)
+                scene = self.scene if effect.STAGE in _READING else self.scene_with(beside)
+                added[:, :, place] = self.read(beside, scene, self.setup) - self.base
         return self.whitened(added)
 
 
@@ -121,7 +124,7 @@ class Linearisation:
     standard deviations of the noise."""
 
     blocks: tuple[Block, ...]
-    setups: Mapping[str, SetUp]
+    setups: dict[str, SetUp]
     simulated: tuple[SimulatedBlock, ...]
 
     @cached_property
@@ -187,8 +190,8 @@ class Linearisation:
         the set-ups fit best with these effects, and taken back to the set-ups of this linearisation along their slopes.
         """
         responses = self._responses(effects)
-        moved = self._best_moves @ self._left(responses, self.setups)
-        return self._left(responses, self.setups_moved_by(moved)) + self.U @ moved
+        change = self._best_moves @ self._left(responses, self.setups)
+        return self._left(responses, self.setups_moved_by(change)) + self.U @ change
 
     def residual_at(self, effects: Sequence[Effect], setups: Mapping[str, SetUp]) -> Array:
         """Return the whitened residual (N,) with `effects` in place of the known ones in given set-ups."""
@@ -203,9 +206,8 @@ class Linearisation:
         """Return, for each block, a function of the set-ups that gives what `effects` add to its entries (N,) mm."""
 
         def response_of(one: SimulatedBlock) -> Callable[[Mapping[str, SetUp]], Array]:
-            model = _with(one.block.model, *effects)
-            scene = one.scene_with(model)
-            return lambda setups: one.entries(one.read(model, scene, setups[one.one.setup]) - one.base)
+            scene = one.scene_with(effects)
+            return lambda setups: one.entries(one.read(effects, scene, setups[one.one.setup]) - one.base)
 
         return [response_of(one) for one in self.simulated]
 
@@ -226,10 +228,10 @@ class Linearisation:
         fitted: Array = values - self._basis @ (self._basis.T @ values)
         return fitted
 
-    def setups_moved_by(self, moved: Array) -> dict[str, SetUp]:
+    def setups_moved_by(self, change: Array) -> dict[str, SetUp]:
         """Return the set-ups with their terms moved by (s,) mm."""
         tables = {block.one.setup: block.one.table for block in self.blocks}
-        return {name: moved_setup(self.setups[name], table, moved[self.terms[name]]) for name, table in tables.items()}
+        return {name: moved_setup(self.setups[name], table, change[self.terms[name]]) for name, table in tables.items()}
 
     def in_mm(self, left: Array) -> list[Array]:
         """Return whitened values (N,) as the entries of each block in mm."""
@@ -263,10 +265,10 @@ def linearise(blocks: Sequence[Block], setups: Mapping[str, SetUp], known: Seque
     """Return the linearisation of blocks about set-ups. `known` lists the effects found so far, which the model
     contains beside those of its rig file, so that the residuals (N,) of the blocks do not contain them."""
     simulated = [
-        SimulatedBlock(block, _with(block.model, *known), setups[block.one.setup], *at_grid(block.one, block.sampling))
+        SimulatedBlock(block, tuple(known), setups[block.one.setup], *at_grid(block.one, block.sampling))
         for block in blocks
     ]
-    return Linearisation(tuple(blocks), setups, tuple(simulated))
+    return Linearisation(tuple(blocks), dict(setups), tuple(simulated))
 
 
 def basis_of(columns: Array) -> Array:

@@ -35,7 +35,7 @@ _MOST = 120.0
 """Largest size of a fault in healthy sizes. Faults are at most 100 healthy sizes, and the simulator was not tested far
 beyond."""
 _ENOUGH = 0.02
-"""Half a chi-square that a round must gain for the fit to continue. Chosen: far below the log evidence that any
+"""Chi-square that a round must gain for the fit to continue. Chosen: far below the log evidence that any
 decision depends on."""
 
 
@@ -164,10 +164,11 @@ class _Problem:
                 there = self._with(now, tried)
                 there_r = self._projected(self.linear.residual(there)[:, None])
                 there_cost = self._cost(there_r, tried)
-                if there_cost < cost:
+                # A shorter step than one that could gain little gains less.
+                if there_cost < cost or step @ (2 * gradient - H @ step) < _ENOUGH:
                     break
                 damping = max(damping, 1e-2) * 8
-            else:
+            if there_cost >= cost:
                 break
             gained = cost - there_cost
             x, now, r, cost, damping = tried, there, there_r, there_cost, damping / 10

@@ -15,7 +15,7 @@ import numpy as np
 from analysis.diagnosis.background import Posterior
 from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.candidates import candidates_for
-from analysis.diagnosis.columns import Columns
+from analysis.diagnosis.columns import columns_for
 from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals
@@ -69,7 +69,7 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
     for turn in range(_ITERATIONS):
         linear = linearise(blocks_of(runs, setups, known), setups, known)
         progress("computing the response to each effect" + " again" * (turn > 0))
-        selection = Selection(linear, Columns(linear, candidates_for(linear)))
+        selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         progress("selecting effects")
         state = selection.select(selection.initial_state(known))
         known = state.refined.effects

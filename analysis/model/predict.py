@@ -177,8 +177,14 @@ def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> 
 
 
 def moved(model: Model, path: Path) -> Scene:
-    """The scene up to where the tool is."""
-    return posed(model, path, driven(model, path))
+    """The scene up to where the tool is. What follows the joints has little memory, so that readings between samples
+    need no other postures."""
+    scene = driven(model, path)
+    if path.between:
+        motion = path.motion_read if scene.motion is path.motion else path.read_of(scene.motion)
+        link_q, form_mm = path.at_readings(scene.link_q), path.at_readings(scene.form_mm)
+        scene = replace(scene, motion=motion, link_q=link_q, form_mm=form_mm)
+    return apply(model.effects, "tool", replace(scene, T=forward(scene.arm, scene.link_q)))
 
 
 def driven(model: Model, path: Path) -> Scene:
@@ -198,14 +204,3 @@ def driven(model: Model, path: Path) -> Scene:
     for stage in STAGES[path.stands : STAGES.index("tool")]:
         scene = apply(model.effects, stage, scene)
     return scene
-
-
-def posed(model: Model, path: Path, scene: Scene) -> Scene:
-    """The scene up to where the tool is, given where the joints are. What follows the joints has little memory, so that
-    readings between samples need no other ones."""
-    if path.between:
-        motion = path.motion_read if scene.motion is path.motion else path.read_of(scene.motion)
-        scene = replace(
-            scene, motion=motion, link_q=path.at_readings(scene.link_q), form_mm=path.at_readings(scene.form_mm)
-        )
-    return apply(model.effects, "tool", replace(scene, T=forward(scene.arm, scene.link_q)))

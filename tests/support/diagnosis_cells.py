@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.background import Background
+from analysis.diagnosis.background import Background, background_of
 from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.columns import Columns, Form
 from analysis.diagnosis.diagnose import diagnose
@@ -138,12 +138,9 @@ def white(linear: Linearisation, seed: int) -> Array:
 
 def columns_of(X: Array, band: NDArray[np.int64], forms: Sequence[Form] = ()) -> Columns:
     """Columns (N, p) given as numbers: those of forms first, then those of set-ups."""
-    made = Columns.__new__(Columns)
-    made.X, made.forms = X, tuple(forms)
-    made.divide(band)
     ends = sum(len(form.columns) for form in forms)
-    made.set_ups = slice(ends, X.shape[1])
-    return made
+    nothing = np.zeros(X.shape[1])
+    return Columns(X, tuple(forms), slice(ends, X.shape[1]), band, nothing, nothing)
 
 
 def no_background(linear: Linearisation, more: Array | None = None) -> Background:
@@ -151,4 +148,4 @@ def no_background(linear: Linearisation, more: Array | None = None) -> Backgroun
     other = np.empty((len(linear.y), 0)) if more is None else more
     X = np.concatenate([linear.U, other], axis=1)
     variance = np.concatenate([np.full(linear.U.shape[1], 100.0), np.ones(other.shape[1])])
-    return Background(columns_of(X, np.zeros(len(X), dtype=np.int64)), np.ones(len(X)), variance)
+    return background_of(columns_of(X, np.zeros(len(X), dtype=np.int64)), np.ones(len(X)), variance)

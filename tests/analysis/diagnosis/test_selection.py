@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.candidates import candidates_for
-from analysis.diagnosis.columns import Columns
+from analysis.diagnosis.columns import Columns, columns_for
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals, rival_odds
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike, size_of
@@ -20,7 +20,7 @@ from tests.support.diagnosis_cells import Array, healthy, holding, shown_by, whi
 
 @cache
 def _columns() -> Columns:
-    return Columns(healthy(), candidates_for(healthy()))
+    return columns_for(healthy(), candidates_for(healthy()))
 
 
 def _searched(y: Array) -> tuple[Selection, SelectionState]:
