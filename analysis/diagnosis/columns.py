@@ -83,7 +83,7 @@ class Columns:
 
     @cached_property
     def rows(self) -> list[NDArray[np.int64]]:
-        """The entries of each band."""
+        """The entries (n,) of each band."""
         return [np.flatnonzero(self.band == b) for b in range(len(self.count))]
 
     @cached_property

@@ -11,14 +11,15 @@ the two it is. Effects whose evidence no longer covers their price are removed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from analysis.diagnosis.background import Background, Posterior, cavity_evidence, fault_evidence, fault_sizes
 from analysis.diagnosis.background_cache import Backgrounds
 from analysis.diagnosis.columns import LARGEST_FAULT, Columns
-from analysis.diagnosis.free_forms import FREE_PRICE, best_free_form, free_forms_of
+from analysis.diagnosis.free_forms import FREE_PRICE, FreeForm, best_free_form, free_forms_of
 from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import no_effects, refine
@@ -47,28 +48,43 @@ _MUCH = 50.0
 """Log evidence above which an effect must also exceed the free forms, and after which all others are fitted again.
 Chosen: foreign effects leave 50 to 500 in log evidence, and effects of the library mostly less than 8."""
 _MARGIN = 1.2
-"""Factor by which a free form must explain more than the best name, because the first fit of a name is not yet at its
-optimum. Chosen."""
+"""Factor by which a free form must explain more than the best name, whose first fit is not at its optimum. Chosen."""
 _TRIED, _CLOSE = 3, 0.5
 """Largest number of names that are fitted before one is added, and the share of the largest gain that the others must
 have. Chosen: each fit costs a fraction of a round."""
 _PLAY_STARTS = (0.5, 1.0, 1.9)
-"""Starting widths of the fit of a play, as multiples of the width of the linear fit. Chosen: a factor of two to either
-side, since the response to a play is not linear."""
+"""Starting widths of the fit of a play, in widths of the linear fit, which is not exact. Chosen: a factor of two."""
 
 
+@dataclass(frozen=True)
 class Selection:
     """The selection of effects for the residual (N,) of one linearisation."""
 
-    def __init__(self, linear: Linearisation, columns: Columns) -> None:
-        self.linear, self.columns = linear, columns
-        self._fault_price = float(np.log(_FAULTS / max(len(columns.among), 1)))
-        self._among = np.log([form.among for form in columns.forms])
-        self._hyperparameters = Hyperparameters(linear, columns)
-        self._backgrounds = Backgrounds(columns)
+    linear: Linearisation
+    columns: Columns
+
+    @cached_property
+    def _fault_price(self) -> float:
+        return float(np.log(_FAULTS / max(len(self.columns.among), 1)))
+
+    @cached_property
+    def _among(self) -> Array:
+        """The logarithm (n,) of the number of forms of the name of each form."""
+        return np.log([form.among for form in self.columns.forms])
+
+    @cached_property
+    def _hyperparameters(self) -> Hyperparameters:
+        return Hyperparameters(self.linear, self.columns)
+
+    @cached_property
+    def _backgrounds(self) -> Backgrounds:
+        return Backgrounds(self.columns)
+
+    @cached_property
+    def _free(self) -> tuple[FreeForm, ...]:
         # With targets alone a free form follows the scatter: on poses of a UR10 it replaced names, and the rms of
         # held-out poses was 0.317 mm instead of the 0.141 mm with names alone.
-        self._free = tuple(free_forms_of(linear)) if any(block.sampling for block in linear.blocks) else ()
+        return tuple(free_forms_of(self.linear)) if any(block.sampling for block in self.linear.blocks) else ()
 
     def initial_state(self, effects: Sequence[Effect] = ()) -> SelectionState:
         """Return a state with the given effects fitted, in an arm at healthy level and with the estimated noise."""

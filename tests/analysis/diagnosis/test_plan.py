@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from analysis.cli import app
 from analysis.diagnosis.background import background_of
 from analysis.diagnosis.columns import columns_for
-from analysis.diagnosis.expected_posterior import ExpectedPosterior, size_of
+from analysis.diagnosis.expected_posterior import expected_posterior, size_of
 from analysis.diagnosis.form_posterior import SEPARABLE
 from analysis.diagnosis.plan import Plan, plan
 from analysis.diagnosis.planned_runs import planned_blocks
@@ -133,7 +133,7 @@ def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs() ->
 )
 def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fault: Effect) -> None:
     blocks, setups = planned_blocks(RIG, CIRCLE, 3)
-    expected = ExpectedPosterior(blocks, setups)
+    expected = expected_posterior(blocks, setups)
     columns = columns_for(expected.linear, expected.candidates)
     variance = columns.variance(1.0)
     for form in columns.forms:
