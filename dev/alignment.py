@@ -16,7 +16,7 @@ import numpy as np
 from analysis.geometry.ball_link import readings
 from analysis.geometry.circle import frame_of
 from analysis.geometry.programs import circle_of
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, transform
 from analysis.measures.results import result_of
 from analysis.model.predict import model_of, moved, nominal_setup, path_of, predict
 from analysis.simulation.simulate import simulate, with_values
@@ -143,8 +143,6 @@ def _tilts(tilt: float, around: Array) -> Array:
 
 def _turned(rig: Rig, offset_mm: tuple[float, float, float]) -> Array:
     """An offset (3,) mm along the tool's axes, in those of the flange."""
-    from analysis.kinematics.arm import transform  # noqa: PLC0415
-
     return np.asarray(transform(rig.robot.tool)[:3, :3] @ np.array(offset_mm))
 
 

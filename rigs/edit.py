@@ -9,7 +9,8 @@ used twice (anchors) is refused instead of half changed.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from functools import reduce
+from typing import Any, Literal
 
 import yaml
 from pydantic import ValidationError
@@ -18,6 +19,7 @@ from rigs.errors import FileError
 from rigs.load import parse
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
+from rigs.yaml_text import flow
 
 Keys = tuple[str, ...]
 """The way to a value: ("tests", "circle", "radius_mm")."""
@@ -88,10 +90,10 @@ def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
             return [_added(text, root, node, parent[depth:], values)]
         if not isinstance(below, yaml.MappingNode):  # null
             gap = " " if below.start_mark.index == below.end_mark.index else ""
-            return [(below.start_mark.index, below.end_mark.index, gap + _flow(parent[depth + 1 :], values))]
+            return [(below.start_mark.index, below.end_mark.index, gap + flow(_nested(parent[depth + 1 :], values)))]
         node = below
     there = {key: _child(node, key) for key in values}
-    missing = [f"{key}: {_written(values[key])}" for key, found in there.items() if found is None]
+    missing = [f"{key}: {flow(values[key])}" for key, found in there.items() if found is None]
     edits = [_put_first(node, missing)] if missing else []
     for key, found in there.items():
         if found is not None:
@@ -102,7 +104,7 @@ def _edits(text: str, parent: Keys, values: Mapping[str, Value]) -> list[_Edit]:
 def _added(text: str, root: yaml.Node, node: yaml.MappingNode, keys: Keys, values: Mapping[str, Value]) -> _Edit:
     """A branch that was not there: at the end of the file, or as the first of its mapping."""
     if node.flow_style:
-        return _put_first(node, [f"{keys[0]}: {_flow(keys[1:], values)}"])
+        return _put_first(node, [f"{keys[0]}: {flow(_nested(keys[1:], values))}"])
     lines = _block(keys, values)
     if node is root:
         gap = "" if text.endswith("\n") else "\n"
@@ -113,7 +115,7 @@ def _added(text: str, root: yaml.Node, node: yaml.MappingNode, keys: Keys, value
 def _block(keys: Keys, values: Mapping[str, Value]) -> list[str]:
     """Values below these keys, a line each."""
     above = [f"{'  ' * depth}{key}:" for depth, key in enumerate(keys)]
-    return [*above, *(f"{'  ' * len(keys)}{key}: {_written(value)}" for key, value in values.items())]
+    return [*above, *(f"{'  ' * len(keys)}{key}: {flow(value)}" for key, value in values.items())]
 
 
 def _put_first(mapping: yaml.MappingNode, entries: Sequence[str]) -> _Edit:
@@ -132,7 +134,7 @@ def _replaced(node: yaml.Node, value: Value) -> list[_Edit]:
         and len(node.value) == len(value)
     ):
         return [edit for child, part in zip(node.value, value, strict=True) for edit in _replaced(child, part)]
-    return [(node.start_mark.index, node.end_mark.index, _written(value))]
+    return [(node.start_mark.index, node.end_mark.index, flow(value))]
 
 
 def _child(node: yaml.Node | None, key: str) -> yaml.Node | None:
@@ -141,25 +143,10 @@ def _child(node: yaml.Node | None, key: str) -> yaml.Node | None:
     return next((value for name, value in node.value if name.value == key), None)
 
 
-def _flow(keys: Keys, values: Mapping[str, Value]) -> str:
-    """Values below these keys, in braces."""
-    text = "{" + ", ".join(f"{key}: {_written(value)}" for key, value in values.items()) + "}"
-    for key in reversed(keys):
-        text = f"{{{key}: {text}}}"
-    return text
+def _nested(keys: Keys, values: Mapping[str, Value]) -> Mapping[str, Any]:
+    """Values below these keys, a mapping in a mapping."""
+    return reduce(lambda inner, key: {key: inner}, reversed(keys), values)
 
 
 def _rounded(value: float | Sequence[float]) -> float | list[float]:
     return [float(f"{part:.10g}") for part in value] if isinstance(value, Sequence) else float(f"{value:.10g}")
-
-
-def _written(value: Value) -> str:
-    """A value as YAML reads it back, several numbers in brackets."""
-    if isinstance(value, str):
-        return yaml.safe_dump(value, width=10_000, allow_unicode=True).removesuffix("\n").removesuffix("\n...")
-    if isinstance(value, Sequence):
-        return f"[{', '.join(_written(part) for part in value)}]"
-    short = f"{value:.10g}"
-    if "e" in short or float(short) != value:  # YAML wants a point before an exponent
-        return yaml.safe_dump(float(value)).partition("\n")[0]
-    return short

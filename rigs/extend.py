@@ -8,6 +8,7 @@ import yaml
 
 from rigs.effects import Effect
 from rigs.load import parse
+from rigs.yaml_text import flow
 
 
 def extended(text: str, effects: Sequence[Effect], where: str) -> str:
@@ -42,5 +43,4 @@ def _dumped(fields: dict[str, object]) -> str:
     ordered = {"effect": fields["effect"], **fields}
     if "found" in ordered:
         ordered["found"] = ordered.pop("found")
-    flow: str = yaml.safe_dump(ordered, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
-    return flow.strip()
+    return flow(ordered)

@@ -42,6 +42,14 @@ def read_bytes(path: Path, most: int) -> bytes:
     return data
 
 
+def read_text(path: Path, most: int) -> str:
+    """Return the text of a regular file. Raises as `read_bytes` does, and FileError where it is not UTF-8."""
+    try:
+        return read_bytes(path, most).decode()
+    except UnicodeDecodeError as error:
+        raise FileError(str(path), f"is not UTF-8 at byte {error.start}", "save it as UTF-8") from None
+
+
 def out_of_memory(path: Path) -> FileError:
     """Return the error for a file that may be good, and that this computer has no memory for."""
     return FileError(str(path), "cannot be read: not enough memory", "close other programs, or read it elsewhere")

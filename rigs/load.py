@@ -8,7 +8,7 @@ from pydantic import ValidationError
 
 from rigs.effects import AnyEffect
 from rigs.errors import FileError
-from rigs.files import read_bytes
+from rigs.files import read_text
 from rigs.problems import RigFileError, problems_of
 from rigs.rig import Rig
 from rigs.schema.part import Part, Vector
@@ -72,13 +72,9 @@ def load(name: str | Path) -> tuple[Rig, str]:
 
 def _text(path: Path) -> str:
     try:
-        data = read_bytes(path, _MAX_BYTES)
+        return read_text(path, _MAX_BYTES)
     except OSError as error:
         raise _unreadable(path, error) from None
-    try:
-        return data.decode()
-    except UnicodeDecodeError as error:
-        raise FileError(str(path), f"not UTF-8 at byte {error.start}", "save it as UTF-8") from None
 
 
 def _unreadable(path: Path, error: OSError) -> FileError:

@@ -1,4 +1,5 @@
-"""A rig file's text as YAML: by the safe loader only, no key twice, no bomb of aliases, no number without end."""
+"""A rig file's text as YAML. It is read by the safe loader only: no key twice, no bomb of aliases, no number without
+end. A value is written in one line."""
 
 from __future__ import annotations
 
@@ -12,6 +13,8 @@ _MOST_PARTS = 500_000
 """Keys and values once every alias is followed; a megabyte written out has no more."""
 _LONGEST_NUMBER = 64
 """Characters; a double has 17 digits. PyYAML takes 1:30 for 90, and a minute for a megabyte written so."""
+_LARGEST_WHOLE = 2.0**53
+"""Every double is whole from here on, and has more digits than anybody wrote."""
 _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _UNREADABLE = (ValueError, TypeError, AttributeError, LookupError, ArithmeticError)
 """What PyYAML raises beside its own errors, for what stands behind an explicit tag."""
@@ -37,6 +40,24 @@ def read_yaml(text: str, where: str) -> tuple[yaml.Node | None, Any]:
         raise RigFileError(where, [Problem(1, "", "not readable as YAML: nested too deeply")]) from None
     except _UNREADABLE as error:
         raise RigFileError(where, [Problem(1, "", f"not readable as YAML: {error}")]) from None
+
+
+def flow(value: Any) -> str:
+    """Return a value as YAML in one line, whole numbers without a point."""
+    whole = _whole(value)
+    text: str = yaml.safe_dump(whole, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
+    return text.strip().removesuffix("\n...").strip()
+
+
+def _whole(value: Any) -> Any:
+    match value:
+        case float():  # numpy's as well, which PyYAML does not take
+            return int(value) if value.is_integer() and abs(value) < _LARGEST_WHOLE else float(value)
+        case dict():
+            return {key: _whole(one) for key, one in value.items()}
+        case list() | tuple():
+            return [_whole(one) for one in value]
+    return value
 
 
 def _refuse_repeats_and_long_numbers(root: yaml.Node, where: str) -> None:

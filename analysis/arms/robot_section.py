@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
 from pydantic import ValidationError
 
 from analysis.arms.six_axes import DenavitHartenberg, SixAxes, denavit_hartenberg
-from analysis.kinematics.arm import Array, arm_of, forward
+from analysis.kinematics.arm import Array, arm_of, forward, roll_pitch_yaw
 from rigs.errors import FileError
 from rigs.schema.robot import JointAxis, Pose, Robot
 from rigs.text import plain
+from rigs.yaml_text import flow
 
 _DECIMALS = 13
 """Decimals of mm and degrees as written: rounding by 1e-13 degrees moves a flange 3 m away by less than 1e-11 mm."""
@@ -170,28 +170,5 @@ def _vector(values: Array) -> tuple[float, float, float]:
 
 def _pose(T: Array) -> Pose:
     """A frame (4, 4) as position and fixed-axis roll-pitch-yaw."""
-    R = T[:3, :3]
-    yaw = np.arctan2(R[1, 0], R[0, 0])
-    # Near a pitch of 90 degrees yaw is uncertain; what is left when it is undone makes up for that.
-    c, s = np.cos(yaw), np.sin(yaw)
-    pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
-    roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
-    return Pose(xyz_mm=_vector(T[:3, 3]), rpy_deg=(_degrees(roll), _degrees(pitch), _degrees(yaw)))
-
-
-def flow(value: Any) -> str:
-    """Return a value as YAML in one line, whole numbers without a point."""
-    whole = _whole(value)
-    text: str = yaml.safe_dump(whole, default_flow_style=True, sort_keys=False, width=10_000, allow_unicode=True)
-    return text.strip().removesuffix("\n...").strip()
-
-
-def _whole(value: Any) -> Any:
-    match value:
-        case float() if value.is_integer():
-            return int(value)
-        case dict():
-            return {key: _whole(one) for key, one in value.items()}
-        case list():
-            return [_whole(one) for one in value]
-    return value
+    roll, pitch, yaw = (_degrees(angle) for angle in roll_pitch_yaw(T))
+    return Pose(xyz_mm=_vector(T[:3, 3]), rpy_deg=(roll, pitch, yaw))

@@ -28,7 +28,7 @@ from analysis.arms.six_axes import SixAxes
 from analysis.kinematics.arm import Array, arm_of, link_frames
 from rigs.arms import Arm
 from rigs.errors import FileError
-from rigs.files import read_bytes
+from rigs.files import read_text
 from rigs.schema.robot import Robot
 
 MAKER = "Universal Robots"
@@ -93,11 +93,9 @@ def read_calibration(path: Path) -> Differences:
     """Return the differences that a calibration.conf holds. Raises FileError."""
     parser = configparser.ConfigParser(interpolation=None, inline_comment_prefixes=("#",))
     try:
-        parser.read_string(read_bytes(path, _MOST_BYTES).decode(), source=path.name)
+        parser.read_string(read_text(path, _MOST_BYTES), source=path.name)
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), _REMEDY) from None
-    except UnicodeDecodeError:
-        raise FileError(str(path), "is no text", _REMEDY) from None
     except configparser.Error as error:
         raise FileError(str(path), error.message.splitlines()[0].rstrip("."), _REMEDY) from None
     if "mounting" not in parser:

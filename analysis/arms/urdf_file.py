@@ -16,7 +16,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from rigs.errors import CellError, FileError
-from rigs.files import read_bytes
+from rigs.files import read_text
 
 if TYPE_CHECKING:
     from pytransform3d.urdf import Joint, Link
@@ -107,13 +107,9 @@ def read_urdf(path: Path) -> Urdf:
 
 def _text(path: Path) -> str:
     try:
-        data = read_bytes(path, _MOST_BYTES)
+        text = read_text(path, _MOST_BYTES)
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), _REMEDY) from None
-    try:
-        text = data.decode()
-    except UnicodeDecodeError:
-        raise FileError(str(path), "is not UTF-8 text", _REMEDY) from None
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # a few lines of entities of entities make gigabytes
         raise FileError(str(path), "declares a document type or entities, which no URDF needs", "remove <!DOCTYPE …>")
     return text

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -11,9 +11,7 @@ from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson
-
-if TYPE_CHECKING:
-    from analysis.correction.controllers import ControllerName
+from rigs.schema.vocabulary import Maker, maker_of
 
 _FoundRig = Annotated[
     str,
@@ -31,11 +29,11 @@ _Targets = Annotated[
     ),
 ]
 _Maker = Annotated[
-    str | None,
+    Maker | None,
     typer.Option(
-        metavar="MAKER",
-        help="Controller for whose parameters the corrections are written: ur, fanuc, kuka, abb or yaskawa; "
-        "default: that of the robot feedback in the rig file.",
+        metavar="MAKER",  # all makers in its place do not fit 80 columns
+        help="Maker of the controller for whose parameters the corrections are written: ur, fanuc, kuka, abb or "
+        "yaskawa; default: that of the robot feedback in the rig file.",
     ),
 ]
 _Scale = Annotated[
@@ -63,17 +61,17 @@ def correct(
     """Write joint zeros, link constants and corrected targets, each only where the effects support it."""
 
     from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.correction.controllers import controller_named, controller_of, scale_of  # noqa: PLC0415
+    from analysis.correction.controllers import scale_of  # noqa: PLC0415
     from analysis.correction.correct import correct_rig  # noqa: PLC0415
     from analysis.reporting import correction_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     rig, _ = load(rig_file)
-    name = controller_named(controller) if controller else controller_of(rig)
+    maker = controller or maker_of(rig.feedback.interface)
     factors = scale_of(scale)
     with progress_of("correcting"):
-        found = correct_rig(rig, path, name, factors, entered=entered)
+        found = correct_rig(rig, path, maker, factors, entered=entered)
         written = correction_report.write(found, directory)
     if as_json:
         say_json(correction_report.as_object(found, written))
@@ -81,12 +79,12 @@ def correct(
         PlainConsole().print(correction_report.as_table(found))
     for file in written:
         say(f"wrote {file}", err=True)
-    _say_next(name, written[-1] if path else None)
+    _say_next(maker, written[-1] if path else None)
 
 
-def _say_next(controller: ControllerName | None, corrected: Path | None) -> None:
+def _say_next(maker: Maker | None, corrected: Path | None) -> None:
     """Say what a person can do with the corrections; `corrected` is the table of corrected targets."""
-    if controller is None:
+    if maker is None:
         say("next: --controller ur, fanuc, kuka, abb or yaskawa writes the controller's own parameters", err=True)
     if corrected:
         say(f"next: send the controller to q1_deg … q6_deg of {corrected}", err=True)

@@ -13,12 +13,12 @@ from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import AsJson, RigArgument
+from rigs.schema.vocabulary import TestName, maker_of
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
     from rigs.rig import Rig
-    from rigs.schema.vocabulary import TestName
 
 _LEAST_COLUMNS = 80
 
@@ -78,7 +78,6 @@ def _propose(
     rig: Rig, text: str, tests: Sequence[TestName], runs: int, minutes: float, output: Path | None, *, as_json: bool
 ) -> None:
     from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.correction.controllers import controller_of  # noqa: PLC0415
     from analysis.diagnosis.proposal import propose as proposed  # noqa: PLC0415
     from analysis.reporting import proposal_report  # noqa: PLC0415
 
@@ -94,7 +93,7 @@ def _propose(
     for path in written:
         say(f"wrote {path}", err=True)
     if written:
-        maker = controller_of(rig) or "MAKER"
+        maker = maker_of(rig.feedback.interface) or "MAKER"
         say(f"next: rig program {written[0]} --for {maker} --test circle -o programs", err=True)
     elif found.circles:
         say("next: the same with -o DIR writes a rig file of each circle", err=True)

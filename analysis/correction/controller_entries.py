@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from analysis.correction.constants import Correction, joint_zeros, link_constants
-from analysis.correction.controllers import CONTROLLERS, Controller, ControllerName
+from analysis.correction.controllers import CONTROLLERS, Controller
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.left_out import left_out_mm
 from analysis.correction.support import Support
@@ -23,6 +23,7 @@ from rigs.effects import Effect
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import label_of
+from rigs.schema.vocabulary import Maker
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class ControllerEntries:
     and all effects that are not entered. `steps` are for the person who enters the values.
     """
 
-    name: ControllerName
+    name: Maker
     controller: Controller
     entries: tuple[Entry, ...]
     entered: tuple[Support, ...]
@@ -74,7 +75,7 @@ class ControllerEntries:
 
 
 def controller_entries(
-    rig: Rig, found: Sequence[Support], name: ControllerName, scale: Sequence[float] | None = None
+    rig: Rig, found: Sequence[Support], name: Maker, scale: Sequence[float] | None = None
 ) -> ControllerEntries:
     """Return the changes at a controller for the effects of a rig that it has parameters for.
 

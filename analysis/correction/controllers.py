@@ -16,18 +16,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 from rigs.errors import FileError
-from rigs.rig import Rig
-
-ControllerName = Literal["ur", "fanuc", "kuka", "abb", "yaskawa"]
-_BY_FEEDBACK: dict[str, ControllerName] = {
-    "ur_rtde": "ur",
-    "kuka_rsi": "kuka",
-    "abb_egm": "abb",
-    "fanuc_stream_motion": "fanuc",
-}
+from rigs.schema.vocabulary import Maker
 
 
 @dataclass(frozen=True)
@@ -80,7 +71,7 @@ _CHECK_MODEL = (
     "those of before; the position of the tool changes. If not, restore calibration.conf."
 )
 
-CONTROLLERS: dict[ControllerName, Controller] = {
+CONTROLLERS: dict[Maker, Controller] = {
     "ur": Controller(
         "Universal Robots",
         "delta_theta[{axis}]",
@@ -156,21 +147,8 @@ CONTROLLERS: dict[ControllerName, Controller] = {
         "the sign of the pulses, pulses per degree and parameters for link constants were not found in public",
     ),
 }
-"""The controllers by name. Their signs follow from how each computes its reading, and the factors convert degrees and
+"""The controllers by maker. Their signs follow from how each computes its reading, and the factors convert degrees and
 mm to its units; each states its public source."""
-
-
-def controller_of(rig: Rig) -> ControllerName | None:
-    """Return the controller to which the rig's feedback interface belongs, or None where it serves several."""
-    return _BY_FEEDBACK.get(rig.feedback.interface)
-
-
-def controller_named(name: str) -> ControllerName:
-    """Return the controller of a name given by a person. Raises FileError for an unknown one."""
-    for known in CONTROLLERS:
-        if name == known:
-            return known
-    raise FileError("--controller", f"knows no {name!r}", f"give one of {', '.join(CONTROLLERS)}")
 
 
 def scale_of(text: str | None) -> tuple[float, ...] | None:

@@ -10,12 +10,12 @@ import numpy as np
 
 from analysis.correction.constants import Correction, joint_zeros, link_constants
 from analysis.correction.controller_entries import ControllerEntries, as_entered, controller_entries
-from analysis.correction.controllers import ControllerName
 from analysis.correction.corrected_targets import Corrected, angles_for, corrected
 from analysis.correction.support import Support, supports
 from analysis.correction.target_path import TargetPath, hold_uncorrected, read_path
 from rigs.errors import FileError
 from rigs.rig import Rig
+from rigs.schema.vocabulary import Maker
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Corrections:
 def correct_rig(
     rig: Rig,
     path: Path | None,
-    controller: ControllerName | None = None,
+    controller: Maker | None = None,
     scale: Sequence[float] | None = None,
     *,
     entered: bool = False,

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import csv
 import io
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,8 +17,7 @@ from analysis.correction.corrected_targets import Corrected
 from analysis.files.cells import value
 from analysis.files.read import MOST_BYTES
 from analysis.files.table_problems import TableFileError, TableProblem
-from analysis.files.write import write_csv, write_new
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, roll_pitch_yaw
 from analysis.traces.table_layout import JOINTS, PLACE, TURN
 from rigs.errors import FileError
 from rigs.files import read_bytes
@@ -107,9 +105,8 @@ def hold_uncorrected(path: TargetPath, where: str) -> None:
         raise FileError(where, f"has a column {there[0]} already", "rename it; is the path corrected already?")
 
 
-def write_path(path: TargetPath, found: Corrected, output: Path) -> None:
-    """Write the same table with corrected targets, as joint angles and as poses, and their errors. Raises FileError
-    where the file exists already."""
+def corrected_columns(path: TargetPath, found: Corrected) -> pa.Table:
+    """Return the same table with corrected targets, as joint angles and as poses, and their errors."""
     columns: dict[str, list[str] | list[float]] = dict(path.columns)
     # A program takes both: the joint angles say in which of its postures the arm reaches a pose.
     values = np.concatenate([np.degrees(found.q), _columns_of(found.T)], axis=1)
@@ -117,18 +114,12 @@ def write_path(path: TargetPath, found: Corrected, output: Path) -> None:
         columns[name] = (np.round(corrected, 7) + 0.0).tolist()  # no -0.0
     added = (found.missed_mm, np.linalg.norm(found.left_out_mm, axis=1), found.u_mm)
     columns |= {name: np.round(mm, 6).tolist() for name, mm in zip(ADDED, added, strict=True)}
-    write_new(output, lambda file: write_csv(pa.table(columns), file))
+    return pa.table(columns)
 
 
 def _columns_of(T: Array) -> Array:
     """Return positions in mm and fixed-axis roll-pitch-yaw in degrees (n, 6) of poses (n, 4, 4)."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
-
-    with warnings.catch_warnings():
-        # At a pitch of 90° the other two angles turn about one axis; scipy then sets the third to zero, and says so.
-        warnings.simplefilter("ignore", UserWarning)
-        turns = Rotation.from_matrix(T[:, :3, :3]).as_euler("xyz", degrees=True)
-    return np.concatenate([T[:, :3, 3], turns], axis=1)
+    return np.concatenate([T[:, :3, 3], np.degrees(roll_pitch_yaw(T))], axis=1)
 
 
 def _rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:

@@ -71,15 +71,6 @@ def write_new(path: Path, write: Writer) -> None:
         raise
 
 
-def write_new_bytes(path: Path, data: bytes) -> None:
-    """Make a file that holds `data`, like `write_new`."""
-
-    def write(file: BinaryIO) -> None:
-        file.write(data)
-
-    write_new(path, write)
-
-
 def write_parquet(table: pa.Table, file: BinaryIO) -> None:
     """The table as Parquet, without the store's own notes."""
     import pyarrow.parquet as pq  # noqa: PLC0415 - slow to import, needed for Parquet only

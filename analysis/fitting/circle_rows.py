@@ -7,7 +7,7 @@ deviations of neighbouring rows are averaged, not their places: the mean of plac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -47,13 +47,13 @@ _APART_S = 1e7
 @dataclass(frozen=True)
 class Binned:
     """Motions in bins, in order: t_s (n,) s; q (n, 6) rad, medians; T (n, 4, 4) of the tool; run (n,), the number of
-    the motion; stands: those of each motion, by its bins; rows: how many rows of each motion make a bin."""
+    the motion; stands, by bins; rows: how many rows of each motion make a bin."""
 
     t_s: Array
     q: Array
     T: Array
     run: Integers
-    stands: tuple[tuple[Stand, ...], ...]
+    stands: tuple[Stand, ...]
     rows: tuple[int, ...]
 
     @property
@@ -71,22 +71,14 @@ class Binned:
     @property
     def stand_rows(self) -> Integers:
         """Index (m,) of the bin in the middle of each stand."""
-        first = [int(np.searchsorted(self.run, number)) for number in range(len(self.stands))]
-        middle = [
-            begin + (one.begin + one.end) // 2
-            for begin, stands in zip(first, self.stands, strict=True)
-            for one in stands
-        ]
-        return np.array(middle, dtype=np.int64)
+        return np.array([(one.begin + one.end) // 2 for one in self.stands], dtype=np.int64)
 
     @property
     def moving(self) -> Mask:
         """Whether (n,) the robot moved."""
         moves = np.ones(len(self.t_s), dtype=bool)
-        for number, stands in enumerate(self.stands):
-            first = int(np.searchsorted(self.run, number))
-            for stand in stands:
-                moves[first + stand.begin : first + stand.end] = False
+        for one in self.stands:
+            moves[one.begin : one.end] = False
         return moves
 
 
@@ -94,7 +86,9 @@ def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
     """Motions in bins of a twentieth of a second, or of one row where rows are further apart.
 
     Raises FileError for a motion of fewer than two bins."""
-    times, angles, runs, stands, counts = [], [], [], [], []
+    times: list[Array] = []
+    angles, runs, counts = [], [], []
+    stands: list[Stand] = []
     for number, motion in enumerate(motions):
         count = max(1, int(np.ceil(_BIN_S / max(float(np.median(np.diff(motion.t_s))), 1e-6) - 0.1)))
         whole = len(motion.t_s) // count * count
@@ -103,10 +97,14 @@ def binned(motions: Sequence[RobotMotion], arm: Arm) -> Binned:
             raise FileError(motion.where, what, "record all of the circle, and drive it slower")
         t_s = np.median(motion.t_s[:whole].reshape(-1, count), axis=1)
         q = np.median(motion.q[:whole].reshape(-1, count, 6), axis=1)
+        first = sum(len(one) for one in times)
+        stands += [
+            replace(one, begin=first + one.begin, end=first + one.end)
+            for one in stands_of(t_s, q, np.empty((len(t_s), 0)))
+        ]
         times.append(t_s)
         angles.append(q)
         runs.append(np.full(len(t_s), number))
-        stands.append(tuple(stands_of(t_s, q, np.empty((len(t_s), 0)))))
         counts.append(count)
     q = np.concatenate(angles)
     return Binned(np.concatenate(times), q, forward(arm, q), np.concatenate(runs), tuple(stands), tuple(counts))

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.geometry.circle import CircleFrame
-from analysis.geometry.circle_through import circle_frame, circles_through, deviations, nearest_circle
+from analysis.geometry.circle import CircleFrame, circle_frame
+from analysis.geometry.circle_through import circles_through, deviations, largest_deviations, nearest_circle
 from analysis.kinematics.arm import Array, Integers, Mask
 
 _POINTS = 600
@@ -83,16 +83,12 @@ def find_circle(points: Array, run: Integers, tolerance: Tolerance) -> FoundCirc
     centre, normal, radius = circles_through(points[rows])
     sound = (radius > _RADIUS_MM[0]) & (radius < _RADIUS_MM[1])
     centre, normal, radius, rows = centre[sound], normal[sound], radius[sound], rows[sound]
-    away = points[None] - centre[:, None]
-    height = np.einsum("cki,ci->ck", away, normal)
-    level = np.sqrt(np.maximum((away**2).sum(axis=2) - height**2, 0.0)) - radius[:, None]
-    limit = np.minimum(tolerance.mm, tolerance.scale * _OF_RADIUS * radius)[:, None]
-    turned = ((np.abs(height) < limit) & (np.abs(level) < limit)).sum(axis=1) / radius
+    limit = np.array([tolerance.at(one) for one in radius.tolist()])
+    turned = (largest_deviations(points, centre, normal, radius) < limit[:, None]).sum(axis=1) / radius
     found: FoundCircle | None = None
     for k in np.argsort(-turned)[:_BEST]:
-        one = _refined(
-            points, run, circle_frame(centre[k], normal[k], points[rows[k, 0]] - centre[k], radius[k]), tolerance
-        )
+        circle = circle_frame(centre[k], normal[k], points[rows[k, 0]] - centre[k], radius[k])
+        one = _refined(points, run, circle, tolerance)
         if one and (found is None or one.turned_rad > found.turned_rad):
             found = one
     return found

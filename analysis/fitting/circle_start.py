@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.geometry.circle import CircleFrame
-from analysis.geometry.circle_through import circle_frame, deviations
+from analysis.geometry.circle import CircleFrame, circle_frame
 from analysis.kinematics.arm import Array
 from rigs.schema.declared_tests import Circle
 from rigs.schema.vocabulary import Direction
@@ -46,7 +45,7 @@ def start_of(circle: CircleFrame, T: Array, q: Array, direction: Direction | Non
     """The start of a circle from one stretch of tool poses T (n, 4, 4) in mm and angles q (n, 6) rad in order of time.
 
     direction: as the run is labelled; known: the circle of the rig file, if it has one."""
-    phi = np.unwrap(deviations(circle, T[:, :3, 3]).phi)
+    phi = circle.angle(T[:, :3, 3])
     doubts: list[str] = []
     if _sense(circle, T, phi, direction, known, doubts) < 0:
         circle, phi = circle_frame(circle.centre, -circle.n, circle.u, circle.radius), -phi
@@ -94,7 +93,7 @@ def _tool_doubts(circle: CircleFrame, T: Array) -> list[str]:
     """What is to be said of how the tool was held, against how a circle test holds it."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415 - slow to import, needed here only
 
-    held = circle.poses(deviations(circle, T[:, :3, 3]).phi)[:, :3, :3]
+    held = circle.poses(circle.angle(T[:, :3, 3]))[:, :3, :3]
     turn = Rotation.from_matrix(np.swapaxes(T[:, :3, :3], 1, 2) @ held)
     mean = turn.mean()
     off, spread = mean.magnitude(), float(np.degrees((mean.inv() * turn).magnitude().max()))

@@ -253,7 +253,7 @@ def _longest(circle: CircleFrame, bins: Binned, on: Mask) -> Mask:
     left = deviations(circle, bins.places).largest > DRIVEN.at(circle.radius) * _NEAR
     number = np.cumsum(left | (np.diff(bins.run, prepend=0) != 0))[rows]
     pieces = [rows[number == one] for one in np.unique(number)]
-    own = max(pieces, key=lambda piece: float(np.ptp(np.unwrap(deviations(circle, bins.places[piece]).phi))))
+    own = max(pieces, key=lambda piece: float(np.ptp(circle.angle(bins.places[piece]))))
     chosen = np.zeros(len(on), dtype=bool)
     chosen[own] = True
     return chosen

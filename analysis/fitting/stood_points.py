@@ -15,7 +15,7 @@ import numpy as np
 from analysis.fitting.circle_rows import Binned
 from analysis.fitting.circle_search import DRIVEN, FoundCircle
 from analysis.geometry.circle import CircleFrame
-from analysis.geometry.circle_through import circles_through, deviations, nearest_circle
+from analysis.geometry.circle_through import circles_through, deviations, largest_deviations, nearest_circle
 from analysis.kinematics.arm import Arm, Array, Mask, forward
 from rigs.errors import FileError
 
@@ -80,10 +80,7 @@ def on_one_circle(places: Array) -> Mask:
     """A mask of the places (m, 3) mm, three or more, that lie on one circle: that on which the most do, and best."""
     triples = np.array(list(combinations(range(min(len(places), _MOST_STANDS)), 3)))
     centre, normal, radius = circles_through(places[triples])
-    away = places[None] - centre[:, None]
-    height = np.einsum("tmi,ti->tm", away, normal)
-    level = np.sqrt(np.maximum((away**2).sum(axis=2) - height**2, 0.0)) - radius[:, None]
-    off = np.maximum(np.abs(height), np.abs(level))
+    off = largest_deviations(places, centre, normal, radius)
     near = off < _OFF_MM
     worth = near.sum(axis=1) - np.where(near, off, 0.0).sum(axis=1) / (_OFF_MM * len(places))
     together: Mask = near[int(worth.argmax())]
@@ -93,7 +90,7 @@ def on_one_circle(places: Array) -> Mask:
 def circle_through_stands(arm: Arm, bins: Binned, where: str) -> StoodCircle:
     """The circle through the stands, without a few that are elsewhere. Raises FileError where they lie on a line, or
     are on no circle."""
-    q = np.array([stand.q for stands in bins.stands for stand in stands])
+    q = np.array([stand.q for stand in bins.stands])
     T = forward(arm, q)
     together = on_one_circle(T[:, :3, 3])
     others = len(q) - int(together.sum())
@@ -136,8 +133,4 @@ def scatter(squares: float, free: int, within_mm: float) -> tuple[float, tuple[s
 
 def _within(bins: Binned) -> float:
     """Root mean square in mm of how places move in one coordinate while the robot stands."""
-    squares = []
-    for number, stands in enumerate(bins.stands):
-        places = bins.places[bins.run == number]
-        squares += [places[(one.begin + one.end) // 2 : one.end].var(axis=0).mean() for one in stands]
-    return float(np.sqrt(np.mean(squares)))
+    return float(np.sqrt(np.mean([bins.places[one.settled].var(axis=0).mean() for one in bins.stands])))

@@ -112,7 +112,7 @@ def _stands(run: Run, rig: Rig) -> tuple[tuple[Array, Array, Array], tuple[str, 
         doubts = (*said, f"without gauge g1 ({error.what}) all distances from the ball are taken as equal")
     stands = stands_of(t_s, q, g_mm)
     arm = arm_of(rig.robot)
-    within = [forward(arm, q[(one.begin + one.end) // 2 : one.end])[:, :3, 3].std(axis=0).mean() for one in stands]
+    within = [forward(arm, q[one.settled])[:, :3, 3].std(axis=0).mean() for one in stands]
     angles = np.array([one.q for one in stands]).reshape(-1, 6)
     return (angles, np.array([one.g_mm[0] for one in stands]), np.array(within)), doubts
 

@@ -50,14 +50,18 @@ class CircleFrame:
         return np.unwrap(np.arctan2(from_centre @ self.v, from_centre @ self.u))
 
 
+def circle_frame(centre: Array, normal: Array, towards: Array, radius: float) -> CircleFrame:
+    """A circle about centre (3,) mm; normal (3,) of any length; phi = 0 in the direction towards (3,), projected."""
+    n = normal / np.linalg.norm(normal)
+    u = towards - (towards @ n) * n
+    u = u / np.linalg.norm(u)
+    return CircleFrame(centre, u, np.cross(n, u), n, radius)
+
+
 @lru_cache(maxsize=16)
 def frame_of(circle: Circle) -> CircleFrame:
     """The frame of a rig file's circle; a fit asks for that of the same few over and over."""
-    n = np.array(circle.normal) / np.linalg.norm(circle.normal)
-    zero = np.array(circle.zero)
-    u = zero - (zero @ n) * n
-    u /= np.linalg.norm(u)
-    return CircleFrame(np.array(circle.centre_mm), u, np.cross(n, u), n, circle.radius_mm)
+    return circle_frame(np.array(circle.centre_mm), np.array(circle.normal), np.array(circle.zero), circle.radius_mm)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.geometry.circle import CircleFrame
+from analysis.geometry.circle import CircleFrame, circle_frame
 from analysis.kinematics.arm import Array
 
 _ROUNDS = 8
@@ -50,14 +50,6 @@ def moved(circle: CircleFrame, radial: Array, axial: Array) -> CircleFrame:
     return circle_frame(centre, n, circle.u, circle.radius + float(radial[0]))
 
 
-def circle_frame(centre: Array, normal: Array, towards: Array, radius: float) -> CircleFrame:
-    """A circle about centre (3,) mm; normal (3,) of any length; phi = 0 in the direction towards (3,), projected."""
-    n = normal / np.linalg.norm(normal)
-    u = towards - (towards @ n) * n
-    u = u / np.linalg.norm(u)
-    return CircleFrame(centre, u, np.cross(n, u), n, radius)
-
-
 def circles_through(points: Array) -> tuple[Array, Array, Array]:
     """Centre (k, 3) mm, unit normal (k, 3) and radius (k,) mm of the circles through points (k, 3, 3) mm, three each.
 
@@ -68,6 +60,16 @@ def circles_through(points: Array) -> tuple[Array, Array, Array]:
     square = np.maximum((normal**2).sum(axis=1), 1e-12 * aa * bb + 1e-30)
     arm = np.cross(aa[:, None] * b - bb[:, None] * a, normal) / (2 * square[:, None])
     return points[:, 0] + arm, normal / np.sqrt(square)[:, None], np.linalg.norm(arm, axis=1)
+
+
+def largest_deviations(points: Array, centre: Array, normal: Array, radius: Array) -> Array:
+    """The larger deviation (k, n) mm, radial or axial and without sign, of points (n, 3) mm from k circles: centre
+    (k, 3) mm, unit normal (k, 3), radius (k,) mm."""
+    away = points[None] - centre[:, None]
+    height = np.einsum("kni,ki->kn", away, normal)
+    level = np.sqrt(np.maximum((away**2).sum(axis=2) - height**2, 0.0)) - radius[:, None]
+    largest: Array = np.maximum(np.abs(height), np.abs(level))
+    return largest
 
 
 def nearest_circle(points: Array) -> CircleFrame | None:

@@ -18,6 +18,8 @@ from rigs.schema.robot import Pose, Robot
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+_UPRIGHT = 1e-13
+"""Cosine of a pitch below which it is 90° but for rounding; taking it for that turns a frame by no more, in rad."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,20 @@ def transform(pose: Pose) -> Array:
     ]
     T[:3, 3] = pose.xyz_mm
     return T
+
+
+def roll_pitch_yaw(T: Array) -> Array:
+    """Fixed-axis roll, pitch and yaw (..., 3) rad of frames (..., 4, 4): what `transform` makes a frame of.
+
+    At a pitch of 90° roll and yaw turn about one line: roll is zero there."""
+    R = np.moveaxis(T[..., :3, :3], (-2, -1), (0, 1))
+    upright = np.hypot(R[0, 0], R[1, 0]) < _UPRIGHT
+    yaw = np.where(upright, np.arctan2(-R[0, 1], R[1, 1]), np.arctan2(R[1, 0], R[0, 0]))
+    # Near a pitch of 90° yaw is uncertain; what is left when it is undone makes up for that.
+    c, s = np.cos(yaw), np.sin(yaw)
+    pitch = np.arctan2(-R[2, 0], c * R[0, 0] + s * R[1, 0])
+    roll = np.arctan2(s * R[0, 2] - c * R[1, 2], c * R[1, 1] - s * R[0, 1])
+    return np.stack([roll, pitch, yaw], axis=-1)
 
 
 def link_frames(arm: Arm, q: Array) -> Array:

@@ -55,12 +55,11 @@ def _of_noise(found: Calibration) -> list[Text]:
     """What was taken for the noise of readings and the scatter from run to run, and where both are from."""
     lines = []
     for setup, noise in found.noise.items():
-        again = (
-            f"visits of one place differ by {1e3 * noise.repeats.sd_mm:.2g} µm (one reading's standard deviation)"
-            if noise.repeats
-            else "which agrees with the residuals of the fit"
-        )
-        lines.append(Text(f"{setup}: readings count with {1e3 * noise.sd_mm:.2g} µm; {again}", style="dim"))
+        what = f"{setup}: readings are weighed with {1e3 * noise.sd_mm:.2g} µm, from the residuals of the fit and what "
+        what += "neighbours on a lap have in common"
+        if noise.repeats:
+            what += f"; visits of one place differ by {1e3 * noise.repeats.sd_mm:.2g} µm (standard deviation of one)"
+        lines.append(Text(what, style="dim"))
     if not found.gauges:
         return lines
     size = f"joints {found.scatter.joint_deg:.2g}°, ball {1e3 * found.scatter.ball_mm:.2g} µm"

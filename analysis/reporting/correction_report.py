@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,12 @@ from analysis.correction.constants import CONSTANTS, Correction, corrected_table
 from analysis.correction.correct import Corrections
 from analysis.correction.corrected_targets import Corrected
 from analysis.correction.support import Support
-from analysis.correction.target_path import write_path
+from analysis.correction.target_path import corrected_columns
 from analysis.kinematics.arm import Array
 from analysis.measures.parameters import quantity_of
 from analysis.reporting import controller_report
 from analysis.reporting.wide_tables import whole
 from rigs.effects import size_field
-from rigs.errors import FileError
 from rigs.schema.effect import label_of
 
 _REPORTED_MM = 1e-3
@@ -164,27 +164,16 @@ def write(found: Corrections, directory: Path) -> list[Path]:
     """Write corrections.yaml, dh.csv where a constant changes, and the path. Raises FileError where one is there."""
     import pyarrow as pa  # noqa: PLC0415 - slow to import
 
-    from analysis.files.write import write_csv, write_new, write_new_bytes  # noqa: PLC0415
+    from analysis.files.write import holding, write_all_new, write_csv  # noqa: PLC0415
 
-    files = {"corrections.yaml": True, "dh.csv": bool(found.constants)}
-    if found.path:
-        files[f"corrected-{found.path[0].name}"] = True
-    paths = [directory / name for name, wanted in files.items() if wanted]
-    for path in paths:
-        if path.exists():
-            raise FileError(str(path), "exists already", "give another --output, or remove it first")
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
     head = _HEAD.format(name=found.rig.name, date=dt.datetime.now(dt.UTC).date())
     text = head + yaml.safe_dump(_contents(found), sort_keys=False, allow_unicode=True, width=10_000)
-    write_new_bytes(paths[0], text.encode())
+    files = {"corrections.yaml": holding(text.encode())}
     if found.constants:
         rows = corrected_table(found.rig, found.constants)
         table = pa.table({key: [row[key] for row in rows] for key in ("axis", "name", *CONSTANTS)})
-        write_new(directory / "dh.csv", lambda file: write_csv(table, file))
+        files["dh.csv"] = partial(write_csv, table)
     if found.path:
-        _, given, targets = found.path
-        write_path(given, targets, paths[-1])
-    return paths
+        given_path, given, targets = found.path
+        files[f"corrected-{given_path.name}"] = partial(write_csv, corrected_columns(given, targets))
+    return write_all_new(directory, files)

@@ -123,19 +123,15 @@ def hold_free(rig: Rig, directory: Path) -> None:
 def write(found: Proposal, text: str, directory: Path) -> list[Path]:
     """Write a rig file for each proposed circle: the given text with the circle's values. Raises FileError where one is
     there already."""
-    from analysis.files.write import write_new_bytes  # noqa: PLC0415 - slow to import
+    from analysis.files.write import holding, write_all_new  # noqa: PLC0415 - slow to import
 
-    rigs = [_named(found, number) for number in range(1, len(found.circles) + 1)]
-    paths = [directory / f"{rig.name}.yaml" for rig in rigs]
-    hold_free(found.rig, directory)
-    texts = [with_values(text, _changes(found.rig, rig), rig, str(path)) for rig, path in zip(rigs, paths, strict=True)]
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(str(directory), error.strerror or str(error), "give another --output") from None
-    for path, changed in zip(paths, texts, strict=True):
-        write_new_bytes(path, changed.encode())
-    return paths
+    files = {}
+    for number in range(1, len(found.circles) + 1):
+        rig = _named(found, number)
+        name = f"{rig.name}.yaml"
+        changed = with_values(text, _changes(found.rig, rig), rig, str(directory / name))
+        files[name] = holding(changed.encode())
+    return write_all_new(directory, files)
 
 
 def _named(found: Proposal, number: int) -> Rig:

@@ -9,14 +9,12 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, roll_pitch_yaw
 from rigs.errors import FileError
 
 MM_DECIMALS = 7
 DEG_DECIMALS = 9
 """A target is to be the simulator's to 1e-6 mm; controllers round what they do not hold."""
-_GIMBAL = 1e-9
-"""Cosine of the middle angle below which only the sum of the outer two is known."""
 
 
 def fixed(value: float, decimals: int) -> str:
@@ -47,12 +45,6 @@ def wrapped(text: str, width: int) -> list[str]:
 def fixed_xyz_deg(T: Array) -> Array:
     """Angles (3,) deg about the fixed x, y, z axes, in this order, of a frame (4, 4): roll, pitch, yaw.
 
-    FANUC's W, P, R and Yaskawa's Rx, Ry, Rz; KUKA's A, B, C are the same three, the last first. At a pitch of 90° roll
-    is set to zero.
+    FANUC's W, P, R and Yaskawa's Rx, Ry, Rz; KUKA's A, B, C are the same three, the last first.
     """
-    R = T[:3, :3]
-    across = math.hypot(R[0, 0], R[1, 0])
-    pitch = math.atan2(-R[2, 0], across)
-    if across < _GIMBAL:
-        return np.degrees([0.0, pitch, math.atan2(-R[0, 1], R[1, 1])])
-    return np.degrees([math.atan2(R[2, 1], R[2, 2]), pitch, math.atan2(R[1, 0], R[0, 0])])
+    return np.degrees(roll_pitch_yaw(T))

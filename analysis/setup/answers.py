@@ -6,12 +6,12 @@ It is data that a person could have changed: read bounded and checked by the sch
 from __future__ import annotations
 
 import os
-import tempfile
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field, ValidationError
 
+from daq.store import durable
 from rigs.errors import CellError, FileError
 from rigs.files import read_bytes
 from rigs.schema.declared_tests import Circle
@@ -71,14 +71,7 @@ def keep_answers(rig_file: Path, answers: Answers) -> None:
     """Keep the answers, whole or not at all, readable by their owner alone. Raises CellError."""
     path = kept_in(rig_file)
     try:
-        fd, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name)  # which its owner alone can read
-        try:
-            with os.fdopen(fd, "w", encoding="utf-8") as file:
-                file.write(answers.model_dump_json(exclude_unset=True, indent=1))
-            Path(temporary).replace(path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        durable.replace(path, answers.model_dump_json(exclude_unset=True, indent=1).encode(), 0o600)
     except OSError as error:
         raise CellError(
             str(path), f"cannot be written: {error.strerror or error}", "choose another directory"

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from rigs.arms import arm_names, load_arm
 from rigs.errors import FileError
-from rigs.files import read_bytes
+from rigs.files import read_text
 from rigs.problems import RigFileError, problems_of
 from rigs.schema.part import Part
 from rigs.schema.robot import Robot
@@ -38,9 +38,7 @@ def chosen_arm(name: str) -> ChosenArm:
     if name in arm_names():
         return _of_library(name)
     try:
-        text = read_bytes(Path(name), _MAX_BYTES).decode()
-    except UnicodeDecodeError as error:
-        raise FileError(name, f"not UTF-8 at byte {error.start}", "save it as UTF-8") from None
+        text = read_text(Path(name), _MAX_BYTES)
     except FileNotFoundError:
         return _of_library(name)  # which reports the names that are near
     except OSError as error:

@@ -6,13 +6,14 @@ import datetime as dt
 from collections.abc import Iterator
 from typing import Any
 
-from analysis.arms.robot_section import flow, robot_text
+from analysis.arms.robot_section import robot_text
 from analysis.setup.answers import Answers
 from analysis.setup.arms import ChosenArm
 from rigs.schema.declared_tests import Circle
 from rigs.schema.feedback import Feedback
 from rigs.schema.gauges import Gauge
 from rigs.text import plain
+from rigs.yaml_text import flow
 
 _BASELINE_MM = 50.0
 _NO_CIRCLE = """\

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from analysis.kinematics.arm import Array
 from analysis.traces.align import robot_alone
 from analysis.traces.csv_tables import table_from
 from analysis.traces.tables import CircleTable
-from daq.store import Run, read_run
+from daq.store import Run
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction
 
@@ -26,13 +25,8 @@ class RobotMotion:
     doubts: tuple[str, ...] = ()
 
 
-def motion_of(path: Path) -> RobotMotion:
-    """The motion of a run directory, recorded, imported or simulated. Raises FileError where it holds none."""
-    return motion_in(read_run(path))
-
-
 def motion_in(run: Run) -> RobotMotion:
-    """The motion of a run that was read. Raises FileError where it holds none."""
+    """The motion of a run, recorded, imported or simulated. Raises FileError where it holds none."""
     path, direction = run.path, run.manifest.direction
     if run.table is None:
         t_s, q, doubts = robot_alone(path, run)

@@ -31,6 +31,11 @@ class Stand:
     g_mm: Array
     outliers: int
 
+    @property
+    def settled(self) -> slice:
+        """The rows that are averaged."""
+        return _settled(self.begin, self.end)
+
 
 def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
     """The stands of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k) of k gauges."""
@@ -40,10 +45,14 @@ def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
     stands = []
     for begin, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         end = int(ahead[last - 1]) + 1
-        settled = slice(begin + int((end - begin) * (1 - _SETTLED)), end)
+        settled = _settled(begin, end)
         mean_mm, outliers = _averaged(g_mm[settled])
         stands.append(Stand(begin, end, float(t_s[settled].mean()), q[settled].mean(axis=0), mean_mm, outliers))
     return stands
+
+
+def _settled(begin: int, end: int) -> slice:
+    return slice(begin + int((end - begin) * (1 - _SETTLED)), end)
 
 
 def _averaged(g_mm: Array) -> tuple[Array, int]:

@@ -2,9 +2,10 @@
 
 Commands and NAK for one that it does not know: maker's manual p. 102-108 (confirmed). The display is asked rather
 than the position, `ESC A0200`, which its sisters (ND 281 B, ND 720) send without the decimal point. It shows its
-dialogs and errors in the same place, and no unit, so `units` must be that of its display. Public
-drivers ask for the unit by `ESC A0800` and ignore NULs before an answer; what that question is answered with was not
-found, so it is not asked.
+dialogs and errors in the same place, and no unit. The unit is in its status bar, `ESC A0800`, which is asked for
+before the first reading and every `STATUS_EVERY` questions: STX, a digit for each of operating mode, input, scale
+factor, compensation, stopwatch, unit (0 mm, 1 inch, 2 to 4 angles), datum and soft-key page, CR LF (public driver).
+A display whose answer has another form is read all the same. Public drivers ignore NULs before an answer.
 """
 
 from __future__ import annotations
@@ -17,31 +18,43 @@ from dataclasses import replace
 from daq.gauges import Read
 from daq.protocol.conversation import Device, Fault, Host
 from daq.protocol.framing import Lines, Message
-from daq.protocol.polled import Polled
-from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, mm, shown
+from daq.protocol.polled import Polled, Reply
+from daq.protocol.texts import Reading, Show, TextDevice, TextDialect, Trouble, garbled, mm, shown, wrong_unit
+from rigs.schema.probe import Units
 from rigs.schema.serial_gauges import HeidenhainND287
 
 _STX, _NAK, _NUL, _END = b"\x02", b"\x15", b"\0", b"\r\n"
 _DISPLAY, _POSITION, _IDENTITY, _ERROR = b"\x1bA0100", b"\x1bA0200", b"\x1bA0000", b"\x1bA0301"
 _TEXT = re.compile(rb"\x02([ -~]{10,13})")
 _NUMBER = re.compile(rb" *[+-]? *\d+\.\d+ *")
+_STATUS = b"\x1bA0800"
+_STATUS_BAR = re.compile(rb"\x02 *(?P<mode>\d) *(?:\d *){4}(?P<unit>\d) *(?:\d *){2}")
+_STATUS_REPLY = re.compile(rb"\x02[ -~]*|\x15")
+_UNITS = {"mm": b"0", "inch": b"1"}
 _DECIMALS = {"mm": 4, "inch": 5}
+STATUS_EVERY = 50
+"""Questions of which one is for the status bar. Chosen: a unit changed on its keypad is noticed within seconds, for
+one reading in fifty."""
 
 
 def host(gauges: Sequence[HeidenhainND287]) -> Host:
     """Return our side of the conversation; a cable carries one gauge."""
-    return Polled(TextDialect(gauges, _DISPLAY + b"\r", _Replies(_END), _read), gauges[0].timeout_s)
+    return Polled(_Dialect(gauges), gauges[0].timeout_s)
 
 
 def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
     """Return the instrument's side of the conversation; its display shows a head in error."""
-    decimals = _DECIMALS[gauges[0].units]
+    units = gauges[0].units
+    decimals = _DECIMALS[units]
+    fixed = {
+        _IDENTITY: _END.join((b"ND-287    ", b"646118-01 ", b"V1-01     ", b"")),
+        _ERROR: b"NO ERROR     " + _END,
+        _STATUS: b"00000" + _UNITS[units] + b"11" + _END,
+    }
 
     def answer(command: bytes, show: Show) -> bytes:
-        if command == _IDENTITY:
-            return _STX + _END.join((b"ND-287    ", b"646118-01 ", b"V1-01     ", b""))
-        if command == _ERROR:
-            return _STX + b"NO ERROR     " + _END
+        if command in fixed:
+            return _STX + fixed[command]
         if command not in {_DISPLAY, _POSITION}:
             return _NAK
         (value,) = show()
@@ -52,6 +65,42 @@ def device(gauges: Sequence[HeidenhainND287], read: Read) -> Device:
         return _STX + f"{'-' if value < 0 else ' '}{abs(value):10.{decimals}f}".encode() + _END
 
     return TextDevice(gauges, read, Lines(b"\r"), answer)
+
+
+class _Dialect(TextDialect[HeidenhainND287]):
+    """The display's dialect: its status bar is asked for now and then, and again and again while it forbids reading."""
+
+    def __init__(self, gauges: Sequence[HeidenhainND287]) -> None:
+        self._replies = _Replies(_END)
+        super().__init__(gauges, _DISPLAY + b"\r", self._replies, _read)
+        self._units = gauges[0].units
+        self._questions = 0
+        self._asked_status = False
+
+    def request(self) -> bytes:
+        self._asked_status = self._questions % STATUS_EVERY == 0
+        self._questions += 1
+        self._replies.echo = _STATUS + b"\r" if self._asked_status else super().request()
+        return self._replies.echo
+
+    def read(self, message: Message, requested_ns: int) -> Reply:
+        if not self._asked_status or not _STATUS_REPLY.fullmatch(message.data):
+            return super().read(message, requested_ns)
+        bar = _STATUS_BAR.fullmatch(message.data)
+        trouble = _forbids(bar["mode"], bar["unit"], self._units) if bar else None
+        if trouble is None:
+            return Reply(())
+        self._questions = 0
+        return Reply((Fault(trouble.kind, message.last_byte_ns, trouble.detail),), trouble.then)
+
+
+def _forbids(mode: bytes, unit: bytes, units: Units) -> Trouble | None:
+    """Return why a display in this mode and unit cannot be read."""
+    if mode != b"0":
+        return Trouble("the display shows the distance to go; switch it to ACTUAL VALUE")
+    if unit != _UNITS[units]:
+        return wrong_unit({b"0": "mm", b"1": "inch"}.get(unit, "an angle"), units)
+    return None
 
 
 class _Replies(Lines):

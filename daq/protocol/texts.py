@@ -69,10 +69,12 @@ def in_mm(number: bytes, unit: bytes, gauge: Probe) -> Reading:
     sent = _UNITS.get(unit.lower())
     if sent == gauge.units:
         return mm(number, gauge)
-    return Trouble(
-        f"the gauge reads in {sent or shown(unit)}, the rig file says {gauge.units}; "
-        "switch the gauge over, or correct `units`"
-    )
+    return wrong_unit(sent or shown(unit), gauge.units)
+
+
+def wrong_unit(sent: str, units: Units) -> Trouble:
+    """Return the trouble that an instrument reads in another unit than the rig file says."""
+    return Trouble(f"the gauge reads in {sent}, the rig file says {units}; switch the gauge over, or correct `units`")
 
 
 def items_of(message: Message, requested_ns: int, readings: Sequence[Reading]) -> tuple[Item, ...]:

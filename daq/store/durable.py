@@ -131,12 +131,12 @@ def _seek_and_write(fd: int, data: memoryview, offset: int) -> int:
     return os.write(fd, data)
 
 
-def create(path: Path, data: bytes) -> int:
+def create(path: Path, data: bytes, mode: int = 0o644) -> int:
     """Create a file that begins with data, and return its descriptor; no file is left if this fails.
 
-    Raises FileExistsError if the name is taken.
+    mode: its permissions, as far as the umask grants them. Raises FileExistsError if the name is taken.
     """
-    fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | _BINARY, 0o644)
+    fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | _BINARY, mode)
     try:
         write_at(fd, data, 0)
     except OSError:
@@ -169,13 +169,13 @@ def is_named(fd: int, path: Path) -> bool:
     return os.path.samestat(found, os.fstat(fd))
 
 
-def replace(path: Path, data: bytes) -> None:
-    """Put data under a name, durably and all at once, and prove that the file holds it."""
+def replace(path: Path, data: bytes, mode: int = 0o644) -> None:
+    """Put data under a name, durably and all at once, and prove that the file holds it; mode: as for `create`."""
     temporary = path.with_name(path.name + TEMPORARY)
     try:
         with suppress(FileNotFoundError):
             remove(temporary)
-        fd = create(temporary, data)
+        fd = create(temporary, data, mode)
         try:
             sync(fd)
         finally:

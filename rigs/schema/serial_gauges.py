@@ -122,10 +122,10 @@ class HeidenhainND287(Probe):
 
     origin: ClassVar[Origin] = Origin(
         instruments="Heidenhain ND 287",
-        source="maker's manual p. 102-108",
+        source="maker's manual p. 102-108; public driver (status bar)",
         standing="confirmed",
-        doubts="baud; the unit is not sent with a reading, and the answer to the question for it (`ESC A0800`) is not "
-        "known: `units` must be that of its display; how a positive sign shows",
+        doubts="baud; the unit is not sent with a reading: it is taken from the status bar (`ESC A0800`), whose form "
+        "is that of a public driver; how a positive sign shows",
     )
 
     request_bytes = 7

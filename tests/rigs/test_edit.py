@@ -13,6 +13,7 @@ from rigs.errors import FileError
 from rigs.load import SHIPPED, parse
 from rigs.problems import RigFileError
 from rigs.rig import Rig
+from rigs.yaml_text import flow, read_yaml
 
 UR10E = (SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")
 FANUC = (SHIPPED / "paper-fanuc.yaml").read_text(encoding="utf-8")
@@ -139,3 +140,11 @@ def test_numbers_keep_all_their_digits_and_words_their_quotes() -> None:
     wanted = _wanted(FANUC, normal=(1e-5, 1 / 3, 1.0)).model_copy(update={"name": "true"})
     values = {("name",): "true", ("tests", "circle", "normal"): [1e-5, 1 / 3, 1.0]}
     assert rig != wanted == parse(with_values(FANUC, values, wanted, "cell"), "cell")
+
+
+@pytest.mark.parametrize("value", [0.1, 1e-5, -0.0, 70.0, 1e300, 1 / 3, "true", "a: b", "...", "Ä", [1.0, 1e-7], []])
+def test_a_value_in_one_line_is_read_back(value: float | str | list[float]) -> None:
+    text = flow(value)
+    assert "\n" not in text
+    assert read_yaml(f"key: {text}\n", "cell")[1] == {"key": value}
+    assert read_yaml(f"{flow({'key': {'in': value}})}\n", "cell")[1] == {"key": {"in": value}}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -38,7 +38,19 @@ def hostile_peer(path: Path, evil: str) -> Iterator[None]:
         "counters": {evil: {evil: 1}},
         "text": f"rig_up{{a={evil!r}}} 1\n",
     }
-    path.parent.mkdir(mode=0o700)
+
+    def answer_all(sock: socket.socket) -> None:
+        while sock.recv(1 << 16):
+            sock.sendall(json.dumps(answer).encode() + b"\n")
+
+    with serving(path, answer_all):
+        yield
+
+
+@contextmanager
+def serving(path: Path, answer: Callable[[socket.socket], None]) -> Iterator[None]:
+    """A socket like that of a daemon, at which `answer` serves one connection after another."""
+    path.parent.mkdir(exist_ok=True, mode=0o700)
     with socket.socket(socket.AF_UNIX) as listener:
         listener.bind(str(path))
         path.chmod(0o660)
@@ -49,8 +61,7 @@ def hostile_peer(path: Path, evil: str) -> Iterator[None]:
                 while True:
                     sock, _ = listener.accept()
                     with sock, suppress(OSError):
-                        while sock.recv(1 << 16):
-                            sock.sendall(json.dumps(answer).encode() + b"\n")
+                        answer(sock)
 
         server = threading.Thread(target=serve)
         server.start()

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import daq.gauges
 from daq.protocol.conversation import FaultKind
 from tests.support.drivers import gauge
+from tests.support.simulated_conversation import Script
 
 GARBLED, DEVICE_ERROR, MISSING = FaultKind.GARBLED, FaultKind.DEVICE_ERROR, FaultKind.MISSING
 
@@ -41,10 +43,32 @@ class Asked:
     gauges: tuple[Any, ...]
     request: bytes
     replies: dict[bytes, tuple[float, ...] | float | Told]
+    before: tuple[bytes, bytes] | None = None
+    """What it is asked first, and answers."""
+
+    def begun(self) -> Script:
+        """Return the conversation, in which the request has just been sent."""
+        script = Script(daq.gauges.host(self.gauges))
+        script.wake()
+        if self.before:
+            request, reply = self.before
+            assert script.sent == request
+            script.sent = b""
+            script.receive(reply)
+        assert script.sent == self.request
+        script.sent = b""
+        assert script.taken() == []
+        return script
 
 
-def one(interface: str, request: bytes, replies: dict[bytes, Any], **changes: object) -> Asked:
-    return Asked((gauge(interface, **changes),), request, replies)
+def one(
+    interface: str,
+    request: bytes,
+    replies: dict[bytes, Any],
+    before: tuple[bytes, bytes] | None = None,
+    **changes: object,
+) -> Asked:
+    return Asked((gauge(interface, **changes),), request, replies, before)
 
 
 POLLED: dict[str, Asked] = {
@@ -143,6 +167,7 @@ POLLED: dict[str, Asked] = {
             b"    12.3456\r\n": NONSENSE,
             b"\x02  12.345\r\n": NONSENSE,
         },
+        before=(b"\x1bA0800\r", b"\x0200010012\r\n"),
     ),
     "magnescale lt": one(
         "magnescale_lt",

@@ -16,18 +16,19 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from analysis.correction.controllers import CONTROLLERS, ControllerName, controller_of
+from analysis.correction.controllers import CONTROLLERS
 from analysis.correction.correct import correct_rig
 from rigs.effects import Backlash, Compliance, Effect, Found, JointOffset, LinkGeometry
 from rigs.errors import FileError
 from rigs.extend import extended
 from rigs.load import load
+from rigs.schema.vocabulary import Maker, maker_of
 from tests.support.independent_arm import Wrong as WrongArm
 from tests.support.independent_arm import constants_of, flange
 from tests.support.maker_controllers import NO_DELTA, Mastered, UniversalRobots
 
 Array = NDArray[np.float64]
-MASTERED: tuple[ControllerName, ...] = ("kuka", "fanuc", "abb", "yaskawa")
+MASTERED: tuple[Maker, ...] = ("kuka", "fanuc", "abb", "yaskawa")
 SCALE = np.array([4200.5, -3811.0, 4000.0, -2900.25, 3000.0, 1500.0])
 """Counts per degree of an arm that exists nowhere, two of its motors mounted the other way round."""
 GEAR = SCALE / 30
@@ -66,7 +67,7 @@ def _paper_arm(q: Array) -> tuple[Array, Array]:
     return R[0], p[0]
 
 
-def _mastered(name: ControllerName) -> Mastered:
+def _mastered(name: Maker) -> Mastered:
     """The paper's arm at a controller that takes its zeros for right."""
     at_zero = np.array([0.0, -90, 90, 0, 0, 0]) if name == "kuka" else np.zeros(6)
     per_deg = np.radians(1) * GEAR if name == "abb" else SCALE
@@ -90,7 +91,7 @@ def _errors_mm(controller: Mastered | UniversalRobots, wanted: Sequence[tuple[Ar
 
 
 @pytest.mark.parametrize("name", MASTERED)
-def test_zeros_entered_at_a_controller_that_counts_remove_the_error(tmp_path: Path, name: ControllerName) -> None:
+def test_zeros_entered_at_a_controller_that_counts_remove_the_error(tmp_path: Path, name: Maker) -> None:
     scale = {"kuka": [], "abb": ["--scale", ",".join(map(str, GEAR))]}.get(name, ["--scale", ",".join(map(str, SCALE))])
     entries = _printed(_cell(tmp_path, "paper-fanuc", ZEROS), tmp_path / "out", "--controller", name, *scale)
     controller = _mastered(name)
@@ -150,7 +151,7 @@ def test_a_path_for_a_controller_with_its_entries_holds_the_rest(tmp_path: Path,
     path = tmp_path / "path.csv"
     rows = [",".join(map(str, q)) for q in TARGETS_DEG]
     path.write_text("\n".join(["q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg", *rows]) + "\n")
-    name = controller_of(cell) or "fanuc"
+    name = maker_of(cell.feedback.interface) or "fanuc"
     alone, entered = (correct_rig(cell, path, name, entered=flag).path for flag in (False, True))
     assert alone and entered
     more_deg = np.degrees(entered[2].q - alone[2].q)
@@ -222,7 +223,6 @@ def test_an_axis_that_goes_with_another_motor_has_no_count_of_its_own(tmp_path: 
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        (["--controller", "cuca"], "--controller: knows no 'cuca'; give one of ur, fanuc, kuka, abb, yaskawa"),
         (["--controller", "kuka", "--scale", "1,2,3,4,5,6"], "--scale: KUKA takes deg, without a scale"),
         (["--controller", "abb", "--scale", "1,2,3"], "--scale: '1,2,3' is not six numbers other than zero"),
         (["--controller", "abb", "--scale", "1,2,3,4,5,0"], "is not six numbers other than zero"),
@@ -238,8 +238,15 @@ def test_wrong_use_is_one_line(tmp_path: Path, options: list[str], told: str) ->
     assert not (tmp_path / "out").exists()
 
 
+def test_an_unknown_maker_is_refused_with_the_known_ones(tmp_path: Path) -> None:
+    cell = _cell(tmp_path, "paper-fanuc", ZEROS)
+    done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--controller", "cuca"])
+    assert done.exit_code == 2 and "'cuca' is not one of" in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_feedback_that_serves_several_makers_names_no_controller(tmp_path: Path) -> None:
-    assert controller_of(load("paper-fanuc")[0]) is None
+    assert maker_of(load("paper-fanuc")[0].feedback.interface) is None
     cell = _cell(tmp_path, "paper-fanuc", ZEROS)
     done = CliRunner().invoke(app, ["correct", str(cell), "-o", str(tmp_path / "out"), "--json"])
     assert json.loads(done.stdout)["controller"] is None

@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from analysis.kinematics.arm import forward, forward_and_jacobian, pose_error
+from analysis.kinematics.arm import forward, forward_and_jacobian, pose_error, roll_pitch_yaw, transform
+from rigs.schema.robot import Pose
 from tests.support.five_arms import ARMS, OPW, PeerArm, pose_apart
 from tests.support.postures import everywhere
 
@@ -66,3 +67,22 @@ def test_forward_and_jacobian_are_the_peers(name: str) -> None:
     off = np.abs(J - peer.jacobian(q))
     assert off[:, :3].max() < 1e-8
     assert off[:, 3:].max() < 1e-10
+
+
+@pytest.mark.parametrize("below_90_deg", [90.0, 1.0, 1e-6, 1e-10, 1e-13, 0.0])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_roll_pitch_yaw_makes_the_frame_again(below_90_deg: float, sign: int) -> None:
+    rng = np.random.default_rng(6)
+    rolls, yaws = rng.uniform(-180, 180, (2, 50))
+    given = [(roll, sign * (90 - below_90_deg), yaw) for roll, yaw in zip(rolls, yaws, strict=True)]
+    T = np.stack([transform(Pose(xyz_mm=(1, 2, 3), rpy_deg=one)) for one in given])
+    found = np.degrees(roll_pitch_yaw(T))
+    again = np.stack([transform(Pose(xyz_mm=(1, 2, 3), rpy_deg=tuple(one))) for one in found])
+    np.testing.assert_allclose(again, T, atol=1e-12)
+    if below_90_deg >= 1:
+        np.testing.assert_allclose(found, given, atol=1e-9)
+
+
+def test_upright_the_roll_is_zero() -> None:
+    roll, pitch, yaw = np.degrees(roll_pitch_yaw(transform(Pose(rpy_deg=(30, 90, 50)))))
+    np.testing.assert_allclose([roll, pitch, yaw], [0, 90, 20], atol=1e-9)

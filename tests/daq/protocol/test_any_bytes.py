@@ -83,9 +83,7 @@ STREAMS: dict[str, tuple[Callable[[], Script], Sequence[bytes], int]] = {
         3,
     ),
     **{
-        name: (_polled(*case.gauges), [*case.replies, ENDLESS], 1)
-        for name, case in POLLED.items()
-        if case.gauges[0].units == "mm"
+        name: (case.begun, [*case.replies, ENDLESS], 1) for name, case in POLLED.items() if case.gauges[0].units == "mm"
     },
     "ild1420": (
         lambda: Script(daq.gauges.host([gauge("micro_epsilon_ild1420")])),

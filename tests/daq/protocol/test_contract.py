@@ -23,6 +23,9 @@ CHARACTER_NS = 200_000
 SILENT_IN_ERROR = {"mahr_c1208"}
 """Instruments of which no error reply is known."""
 
+STATUS_SIZE = 11
+"""Bytes of the status bar for which an ND 287 is asked now and then."""
+
 
 def _samples(items: Sequence[object]) -> list[Sample]:
     assert [item for item in items if isinstance(item, Fault)] == []
@@ -62,11 +65,12 @@ def test_gauge_gives_the_planted_values(name: str, gauges: Sequence[Gauge], reso
         for sample in samples:
             assert sample.last_byte_ns - sample.requested_ns == sample.size * CHARACTER_NS
         waits_ns = [b.requested_ns - a.last_byte_ns - (reads - 1) * a.size * CHARACTER_NS for a, b in pairwise(samples)]
-        stirs = [n for n, wait_ns in enumerate(waits_ns, start=1) if wait_ns]
+        status_ns = STATUS_SIZE * CHARACTER_NS if "nd287" in name else 0
+        stirs = [n for n, wait_ns in enumerate(waits_ns, start=1) if wait_ns not in {0, status_ns}]
         assert len(stirs) > 3 or len(samples) < 4 * STIR // reads
-        assert all(0 < waits_ns[n - 1] <= STIR_NS for n in stirs)
+        assert all(0 < waits_ns[n - 1] <= STIR_NS + status_ns for n in stirs)
         for before, after in pairwise([0, *stirs]):
-            assert (after - before) * reads >= STIR - 1
+            assert (after - before) * reads >= STIR - 1 - bool(status_ns)
             assert samples[after].requested_ns - samples[before].requested_ns > 0.9 * STIR_EVERY_NS or not before
 
 

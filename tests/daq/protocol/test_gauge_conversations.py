@@ -8,6 +8,7 @@ import pytest
 from pymodbus.framer import FramerRTU
 
 import daq.gauges
+from daq.gauges.heidenhain_nd287 import STATUS_EVERY
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.polled import PAUSE_NS
 from tests.support.drivers import SERIAL, gauge
@@ -20,8 +21,7 @@ CASES = [(name, reply) for name, asked_ in POLLED.items() for reply in asked_.re
 @pytest.mark.parametrize(("name", "reply"), CASES, ids=[f"{name} {reply!r}" for name, reply in CASES])
 def test_each_reply_becomes_a_reading_or_is_told(name: str, reply: bytes) -> None:
     case = POLLED[name]
-    script = Script(daq.gauges.host(case.gauges))
-    assert script.wake().send == case.request
+    script = case.begun()
     requested_ns, expected = script.now_ns, case.replies[reply]
     step = script.receive(reply, S)
     (item,) = script.taken()
@@ -73,6 +73,7 @@ DEVICES = [
     ("heidenhain_nd281b", b"\x05", b"NO ERROR     \r\n", b"NO ERROR     \r\n"),
     ("heidenhain_nd287", b"\x1bA0100\r", b"\x02-    1.5000\r\n", b"\x02SIGNAL ERROR \r\n"),
     ("heidenhain_nd287", b"\x1bA0200\r", b"\x02-000015000\r\n", b"\x02SIGNAL ERROR \r\n"),
+    ("heidenhain_nd287", b"\x1bA0800\r", b"\x0200000011\r\n", b"\x0200000011\r\n"),
     ("heidenhain_nd287", b"\x1bA0999\r", b"\x15", b"\x15"),
     ("magnescale_lt", b"R\r\n", b"A-01.5000\r\n", b"AE\r\n"),
     ("magnescale_mg80", b"D\r\n", b"01NMG-01.5000\r\n", b"01NME  Error \r\n"),
@@ -102,10 +103,48 @@ def test_what_the_emulated_gauge_answers(interface: str, command: bytes, good: b
 )
 def test_nd287_nuls_before_a_message_are_passed_over_and_none_in_it(reply: bytes, value_mm: float | None) -> None:
     """A NUL in a message is a character of wrong parity: without it the number would be another."""
-    script = asked(daq.gauges.host([gauge("heidenhain_nd287")]))
+    script = POLLED["nd287"].begun()
     script.receive(reply)
     (item,) = script.taken()
     assert (item.values[0] if isinstance(item, Sample) else None) == value_mm
+
+
+@pytest.mark.parametrize(
+    ("status", "units", "words"),
+    [
+        (b"\x0200000111\r\n", "mm", "reads in inch, the rig file says mm"),
+        (b"\x02 0 0 0 0 0 0 1 1\r\n", "inch", "reads in mm, the rig file says inch"),
+        (b"\x0200000211\r\n", "mm", "reads in an angle"),
+        (b"\x0210000011\r\n", "mm", "distance to go; switch it"),
+    ],
+)
+def test_nd287_whose_display_shows_something_else_is_not_read(status: bytes, units: str, words: str) -> None:
+    script = asked(daq.gauges.host([gauge("heidenhain_nd287", units=units)]))
+    for _ in range(2):
+        script.receive(status)
+        assert script.wake().send == b"\x1bA0800\r", "it is asked again until it can be read"
+    faults = script.taken()
+    assert {type(item) for item in faults} == {Fault} and words in str(faults)
+    assert script.receive(b"\x0200000%d11\r\n" % (units == "inch")).send == b"\x1bA0100\r"
+
+
+@pytest.mark.parametrize("status", [b"\x15", b"\x020000\r\n", b"\x02-    1.5000\r\n"])
+def test_nd287_with_another_status_bar_is_read_all_the_same(status: bytes) -> None:
+    script = asked(daq.gauges.host([gauge("heidenhain_nd287")]))
+    assert script.receive(status).send == b"\x1bA0100\r"
+    assert script.taken() == []
+
+
+def test_nd287_switched_to_inch_while_it_is_read_is_noticed() -> None:
+    script = POLLED["nd287"].begun()
+    asked_next, readings = b"\x1bA0100\r", 0
+    while asked_next == b"\x1bA0100\r":
+        step, readings = script.receive(b"\x02-    1.5000\r\n"), readings + 1
+        asked_next = step.send or script.wake().send
+    assert (asked_next, readings) == (b"\x1bA0800\r", STATUS_EVERY - 1)
+    script.receive(b"\x1bA0800\r\x0200000111\r\n")
+    *samples, fault = script.taken()
+    assert len(samples) == readings and isinstance(fault, Fault) and "reads in inch" in fault.detail
 
 
 # --- Micro-Epsilon: a stream of tagged bytes ---

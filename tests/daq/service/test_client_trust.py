@@ -6,10 +6,9 @@ import json
 import os
 import socket
 import subprocess
-import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ import daq.service.client
 from daq.service.client import Client
 from rigs.errors import CellError, RigError
 from tests.support.bench import BIN
+from tests.support.hostile_peers import serving
 
 HOSTILE = "a\x1b]0;title\x07\x1b[31m\nrig: all is well\r\u202e"
 SOMEBODY = 12345
@@ -29,32 +29,18 @@ ROOT_ONLY = pytest.mark.skipif(os.geteuid() != 0, reason="only root can be two u
 @contextmanager
 def answering(path: Path, *pieces: bytes, pause_s: float = 0.0) -> Iterator[Path]:
     """A socket that answers the first line of each connection with these bytes; the last of them again and again."""
-    path.parent.mkdir(exist_ok=True, mode=0o700)
-    with socket.socket(socket.AF_UNIX) as listener:
-        listener.bind(str(path))
-        path.chmod(0o660)
-        listener.listen()
 
-        def serve() -> None:
-            with suppress(OSError):
-                while True:
-                    sock, _ = listener.accept()
-                    with sock, suppress(OSError):
-                        if not sock.recv(1 << 16):
-                            continue
-                        for piece in pieces:
-                            sock.sendall(piece)
-                        while pause_s:
-                            time.sleep(pause_s)
-                            sock.sendall(pieces[-1])
+    def answer(sock: socket.socket) -> None:
+        if not sock.recv(1 << 16):
+            return
+        for piece in pieces:
+            sock.sendall(piece)
+        while pause_s:
+            time.sleep(pause_s)
+            sock.sendall(pieces[-1])
 
-        server = threading.Thread(target=serve)
-        server.start()
-        try:
-            yield path
-        finally:
-            listener.shutdown(socket.SHUT_RDWR)
-            server.join(10)
+    with serving(path, answer):
+        yield path
 
 
 STATUS: dict[str, Any] = {
