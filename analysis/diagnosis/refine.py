@@ -184,17 +184,17 @@ class _Problem:
         H, fall = self._normal(J, r)
         for _ in range(_ROUNDS if len(x) else 0):
             gradient = fall - (x - self.expected) / self.spread**2
-            for _ in range(_TRIES):
+            # Where a whole step could gain little, shorter ones are not tried.
+            for _ in range(_TRIES if gradient @ np.linalg.solve(H, gradient) > _ENOUGH else 1):
                 step = np.linalg.solve(H + damping * np.diag(np.diag(H)), gradient)
                 tried = self._bounded(now, x + step)
                 there = self._with(now, tried)
                 there_r = self._projected(self.linear.residual(there)[:, None])
                 there_cost = self._cost(there_r, tried)
-                # A shorter step than one that could gain little gains less.
-                if there_cost < cost or step @ (2 * gradient - H @ step) < _ENOUGH:
+                if there_cost < cost:
                     break
                 damping = max(damping, 1e-2) * 8
-            if there_cost >= cost:
+            else:
                 break
             gained = cost - there_cost
             x, now, r, cost, damping = tried, there, there_r, there_cost, damping / 10
