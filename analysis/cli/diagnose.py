@@ -55,12 +55,10 @@ def diagnose(
     import analysis  # noqa: PLC0415
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.cli.run_paths import distinct, load_runs  # noqa: PLC0415
-    from analysis.reporting.diagnosis_report import hold_empty  # noqa: PLC0415
-    from analysis.reporting.page.write_page import is_page  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
-    if output and not is_page(output):
-        hold_empty(output)
+    if output:
+        _hold_writable(output)
     held, other = distinct(hold_out or ()), distinct(unseen or ())
     measured, judges, elsewhere = (load_runs(paths) for paths in (_used(runs, held | other), held, other))
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
@@ -71,6 +69,16 @@ def diagnose(
     _show(found, as_json=as_json)
     if output:
         _write(found, measured, text, output)
+
+
+def _hold_writable(output: Path) -> None:
+    """Raise FileError where the answer cannot be written, before anything is computed. What writes pictures is imported
+    only for it, since it takes half a second."""
+    from analysis.reporting.diagnosis_report import hold_empty  # noqa: PLC0415
+    from analysis.reporting.page.write_page import is_page  # noqa: PLC0415
+
+    if not is_page(output):
+        hold_empty(output)
 
 
 def _used(runs: list[Path], judging: dict[Path, None]) -> list[Path]:

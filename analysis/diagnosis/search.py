@@ -15,8 +15,8 @@ import numpy as np
 from analysis.diagnosis.background import Posterior
 from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.candidates import candidates_for
-from analysis.diagnosis.columns import Columns
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.columns import columns_for
+from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals
 from analysis.diagnosis.run_setups import fit_run_setups
@@ -67,9 +67,9 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
     known: tuple[Effect, ...] = ()
     setups = fit_run_setups(_first_of_each(runs))[0]
     for turn in range(_ITERATIONS):
-        linear = Linearisation(blocks_of(runs, setups, known), setups, known)
+        linear = linearise(blocks_of(runs, setups, known), setups, known)
         progress("computing the response to each effect" + " again" * (turn > 0))
-        selection = Selection(linear, Columns(linear, candidates_for(linear)))
+        selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         progress("selecting effects")
         state = selection.select(selection.initial_state(known))
         known = state.refined.effects

@@ -11,18 +11,20 @@ the two it is. Effects whose evidence no longer covers their price are removed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from analysis.diagnosis.background import Background, Posterior, cavity_evidence, fault_evidence, fault_sizes
+from analysis.diagnosis.background import Background, Posterior, cavity_evidence, fault_evidence
 from analysis.diagnosis.background_cache import Backgrounds
-from analysis.diagnosis.columns import LARGEST_FAULT, Columns
-from analysis.diagnosis.free_forms import FREE_PRICE, best_free_form, free_forms_of
+from analysis.diagnosis.columns import LARGEST_FAULT, Columns, fault_sizes
+from analysis.diagnosis.free_forms import FREE_PRICE, FreeForm, best_free_form, free_forms_of
 from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import no_effects, refine
 from analysis.diagnosis.selection_state import SelectionState, is_same, size_of
+from analysis.diagnosis.settling import settled
 from analysis.diagnosis.starting_effect import starting_effects
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, healthy_size
@@ -47,29 +49,41 @@ _MUCH = 50.0
 """Log evidence above which an effect must also exceed the free forms, and after which all others are fitted again.
 Chosen: foreign effects leave 50 to 500 in log evidence, and effects of the library mostly less than 8."""
 _MARGIN = 1.2
-"""Factor by which a free form must explain more than the best name, because the first fit of a name is not yet at its
-optimum. Chosen."""
+"""Factor by which a free form must explain more than the best name, whose first fit is not at its optimum. Chosen."""
 _TRIED, _CLOSE = 3, 0.5
 """Largest number of names that are fitted before one is added, and the share of the largest gain that the others must
 have. Chosen: each fit costs a fraction of a round."""
 
-_SETTLING = 6
-"""Largest number of fits, each after an update of the noise, of a state with a new large effect. Chosen: most need
-three."""
 
-
+@dataclass(frozen=True)
 class Selection:
     """The selection of effects for the residual (N,) of one linearisation."""
 
-    def __init__(self, linear: Linearisation, columns: Columns) -> None:
-        self.linear, self.columns = linear, columns
-        self._fault_price = float(np.log(_FAULTS / max(len(columns.among), 1)))
-        self._among = np.log([form.among for form in columns.forms])
-        self._hyperparameters = Hyperparameters(linear, columns)
-        self._backgrounds = Backgrounds(columns)
+    linear: Linearisation
+    columns: Columns
+
+    @cached_property
+    def _fault_price(self) -> float:
+        return float(np.log(_FAULTS / max(len(self.columns.among), 1)))
+
+    @cached_property
+    def _among(self) -> Array:
+        """The logarithm (n,) of the number of forms of the name of each form."""
+        return np.log([form.among for form in self.columns.forms])
+
+    @cached_property
+    def _hyperparameters(self) -> Hyperparameters:
+        return Hyperparameters(self.linear, self.columns)
+
+    @cached_property
+    def _backgrounds(self) -> Backgrounds:
+        return Backgrounds(self.columns)
+
+    @cached_property
+    def _free(self) -> tuple[FreeForm, ...]:
         # With targets alone a free form follows the scatter: on poses of a UR10 it replaced names, and the rms of
         # held-out poses was 0.317 mm instead of the 0.141 mm with names alone.
-        self._free = tuple(free_forms_of(linear)) if any(block.sampling for block in linear.blocks) else ()
+        return tuple(free_forms_of(self.linear)) if any(block.sampling for block in self.linear.blocks) else ()
 
     def initial_state(self, effects: Sequence[Effect] = ()) -> SelectionState:
         """Return a state with the given effects fitted, in an arm at healthy level and with the estimated noise."""
@@ -226,8 +240,7 @@ class Selection:
         if not best or len(state.refined.effects) >= _DEPTH:
             return None
         # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
-        tried = [self.with_form(state, posterior, k) for k in best]
-        rise, changed = self._likeliest(tried)
+        rise, changed = self._likeliest([self.with_form(state, posterior, k) for k in best])
         rise -= self.evidence(state)
         most = float(gain[best[0]])
         if most < _MUCH:
@@ -243,8 +256,7 @@ class Selection:
             return changed, None
         free_form = best_free_form(forms, posterior)
         # A fit may be worse than its linear prediction where it moves the set-up far; the next iteration corrects that.
-        named = max(most, rise)
-        if free_form.gain < _MARGIN * named:
+        if free_form.gain < _MARGIN * max(most, rise):
             return changed, None
         return changed, self._refitted(replace(state, free_forms=(*state.free_forms, free_form)))
 
@@ -275,21 +287,9 @@ class Selection:
         return replace(bare, refined=refine(self.linear, self.background(bare), effects, state.refined))
 
     def settled(self, state: SelectionState) -> SelectionState:
-        """Return the state with all effects and the noise fitted until the evidence hardly rises, from the present
-        strengths or from those of the noise alone, whichever becomes likelier.
-
-        Strengths estimated before a large effect was found leave its shape open, and a wrong shape keeps them large;
-        the residual then supports wrong names.
-        """
-        found = []
-        for begin in (state, replace(state, strength=np.ones_like(state.strength))):
-            now = self._refitted(begin)
-            for _ in range(_SETTLING):
-                best, now = now, self._refitted(self._with_updated_noise(now, self.posterior(now)))
-                if self.evidence(now) < self.evidence(best) + _SURE:
-                    break
-            found += [best, now]
-        return self._likeliest(found)[1]
+        """Return the state with all effects and the noise fitted until its evidence hardly rises."""
+        noise = self._with_updated_noise
+        return settled(state, self._refitted, lambda one: noise(one, self.posterior(one)), self.evidence)
 
     def _refitted(self, state: SelectionState) -> SelectionState:
         """Return the state with all effects fitted together."""

@@ -56,7 +56,7 @@ def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect
         added = linear.columns([scaled(shape, float(width)) for width in _WIDTHS])
         left = posterior.residual[:, None] - posterior.left_of(added)
         cost.append(columns.count @ np.log([np.sum(left[rows] ** 2, axis=0) for rows in columns.rows]))
-        energy = np.sum(linear.without_set_up(posterior.unexplained[:, None] - added) ** 2, axis=0)
+        energy = np.sum(linear.without_set_up(posterior.terms.r[:, None] - added) ** 2, axis=0)
     beside, alone = float(_WIDTHS[np.argmin(np.min(cost, axis=0))]), float(_WIDTHS[np.argmin(energy)])
     return [*(scaled(shape, beside) for shape in shapes), *[scaled(shapes[0], alone)] * (alone != beside)]
 

@@ -9,7 +9,7 @@ import pytest
 
 from analysis.diagnosis.blocks import Block, blocks_of
 from analysis.diagnosis.departures import departure_columns, initial_play_columns
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.linearisation import linearise
 from analysis.diagnosis.observed_run import ORDER_OF
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.model.hysteresis import turns
@@ -107,7 +107,7 @@ def test_a_wide_play_may_begin_in_more_places_than_one_of_a_healthy_arm() -> Non
 def test_where_a_play_began_shows_while_the_robot_stands_before_its_lap() -> None:
     runs = seen([_standing(run) for run in circles()])
     setups, _ = fit_run_setups(runs)
-    linear = Linearisation(blocks_of(runs, setups), setups)
+    linear = linearise(blocks_of(runs, setups), setups)
     assert [len(block.y_mm) for block in linear.blocks] == [len(ORDER_OF) + 4] * 2
     found = initial_play_columns(linear, [Backlash(axis=2, width_deg=0.1)])
     first = [rows.start + len(ORDER_OF) + np.arange(2) for rows in linear.rows]

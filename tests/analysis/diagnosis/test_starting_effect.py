@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.candidates import candidates_for
-from analysis.diagnosis.columns import Columns
+from analysis.diagnosis.columns import Columns, columns_for
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState
 from analysis.diagnosis.starting_effect import starting_effects
@@ -18,7 +18,7 @@ from tests.support.diagnosis_cells import Array, healthy, holding, shown_by, whi
 
 @cache
 def _columns() -> Columns:
-    return Columns(healthy(), candidates_for(healthy()))
+    return columns_for(healthy(), candidates_for(healthy()))
 
 
 def _begun(*truth: Effect) -> tuple[Selection, SelectionState, Array]:
