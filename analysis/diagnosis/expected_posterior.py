@@ -12,10 +12,10 @@ from functools import cached_property
 
 import numpy as np
 
-from analysis.diagnosis.background import Background, background_of, fault_sizes
+from analysis.diagnosis.background import Background, background_of
 from analysis.diagnosis.blocks import Block
 from analysis.diagnosis.candidates import Candidate, candidates_for
-from analysis.diagnosis.columns import LARGEST_FAULT, Columns, columns_for
+from analysis.diagnosis.columns import LARGEST_FAULT, Columns, columns_for, fault_sizes
 from analysis.diagnosis.form_information import without_bands
 from analysis.diagnosis.form_posterior import DETECTABLE, SEPARABLE, FormPosterior, is_detectable
 from analysis.diagnosis.linearisation import Linearisation, linearise

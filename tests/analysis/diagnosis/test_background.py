@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from analysis.diagnosis.background import FittedTerms, Posterior, background_of, fault_sizes
-from analysis.diagnosis.columns import LARGEST_FAULT, Form
+from analysis.diagnosis.background import FittedTerms, Posterior, background_of
+from analysis.diagnosis.columns import LARGEST_FAULT, Form, fault_sizes
 from rigs.effects import Backlash, JointOffset, TransmissionError
 from tests.support.diagnosis_cells import Array, columns_of
 
