@@ -57,8 +57,56 @@ class CircleProgram:
     q: Array
 
 
+@dataclass(frozen=True)
+class Laps:
+    """The laps of a circle from rest to rest, all alike, and the ways back between them at `back` times the speed.
+
+    Of one lap with its lead-in and lead-out: t_s (n,); phi (n,) rad; q (n, 6) rad.
+    """
+
+    t_s: Array
+    phi: Array
+    q: Array
+    count: int
+    back: float
+
+    @property
+    def round_s(self) -> float:
+        """From the start of a lap to that of the next, with a pause before and after the way back."""
+        return float(self.t_s[-1] * (1 + 1 / self.back) + 2 * PAUSE_S)
+
+    @property
+    def end_s(self) -> float:
+        """The end of the last lap."""
+        return float((self.count - 1) * self.round_s + self.t_s[-1])
+
+    def at(self, t_s: Array) -> Array:
+        """Reported angles (m, 6) rad at moments t_s (m,) s of the program."""
+        lap_s = self.t_s[-1]
+        since = t_s - self.round_s * np.clip(np.floor(t_s / self.round_s), 0, self.count - 1)
+        driven_back = np.maximum(since - lap_s - PAUSE_S, 0.0) * self.back
+        on_lap = np.clip(np.minimum(since, lap_s) - driven_back, 0.0, lap_s)
+        k = np.clip(np.searchsorted(self.t_s, on_lap, side="right") - 1, 0, len(self.t_s) - 2)
+        share = (on_lap - self.t_s[k]) / (self.t_s[k + 1] - self.t_s[k])
+        q: Array = self.q[k]
+        q += share[:, None] * (self.q[k + 1] - q)
+        return q
+
+
 def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
-    """The circle of a rig, all its laps, from rest to rest. Raises FileError where the robot cannot drive it.
+    """The circle of a rig, all its laps, from rest to rest. Raises FileError where the robot cannot drive it."""
+    laps = circle_laps(rig, direction)
+    t_s, back_s = laps.t_s, laps.t_s / laps.back
+    times, rows = [t_s], [np.arange(len(t_s))]
+    for done in range(1, laps.count):
+        times += [t_s[-1] + PAUSE_S + back_s + (done - 1) * laps.round_s, t_s + done * laps.round_s]
+        rows += [rows[0][::-1], rows[0]]
+    order = np.concatenate(rows)
+    return CircleProgram(np.concatenate(times), laps.phi[order], laps.q[order])
+
+
+def circle_laps(rig: Rig, direction: Direction) -> Laps:
+    """What a circle's program drives. Raises FileError where the robot cannot drive it.
 
     Between two laps the robot drives back along the circle, since few arms have two turns of the wrist to give; twice
     as fast where its joints can."""
@@ -69,14 +117,7 @@ def circle_program(rig: Rig, direction: Direction) -> CircleProgram:
     q = drive(arm, frame, phi, np.radians(circle.posture_deg), where)
     fastest = fastest_joints(t_s, q)
     _hold_speeds(arm, fastest, where)
-    back_s = t_s / way_back(arm, fastest)
-    round_s = t_s[-1] + back_s[-1] + 2 * PAUSE_S
-    times, rows = [t_s], [np.arange(len(t_s))]
-    for done in range(1, circle.laps):
-        times += [t_s[-1] + PAUSE_S + back_s + (done - 1) * round_s, t_s + done * round_s]
-        rows += [rows[0][::-1], rows[0]]
-    order = np.concatenate(rows)
-    return CircleProgram(np.concatenate(times), phi[order], q[order])
+    return Laps(t_s, phi, q, circle.laps, way_back(arm, fastest))
 
 
 def drive(arm: Arm, frame: CircleFrame, phi: Array, posture: Array, where: str) -> Array:

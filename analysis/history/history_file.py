@@ -63,13 +63,18 @@ def read_records(path: Path) -> tuple[dict[str, Record], str]:
             raise sqlite3.DatabaseError("is too large")
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=_WAIT_S)) as file:
             _check_owner(file)
-            if _version(file) != VERSION or file.execute("select rig from made_by").fetchall() != [(_rig(),)]:
+            if _version(file) != VERSION or file.execute("select rig from made_by").fetchall() != [(made_by(),)]:
                 return {}, "was made by another version of rig"
             return _records(file), ""
     except (sqlite3.Error, TypeError, ValueError) as error:
-        if getattr(error, "sqlite_errorcode", 0) & 0xFF in _OF_THE_SYSTEM:
+        if is_of_the_system(error):
             raise Unusable(str(error)) from None
         return {}, f"was damaged ({error})"
+
+
+def is_of_the_system(error: Exception) -> bool:
+    """Whether disk, rights or locks are at fault, and the file itself may be good."""
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF in _OF_THE_SYSTEM
 
 
 def write_records(path: Path, records: Iterable[Record], gone: Iterable[str], *, from_new: bool) -> None:
@@ -86,7 +91,7 @@ def write_records(path: Path, records: Iterable[Record], gone: Iterable[str], *,
             if _version(file) != VERSION:
                 for statement in _TABLES.split(";\n"):
                     file.execute(statement)
-                file.execute("insert into made_by values (?)", (_rig(),))
+                file.execute("insert into made_by values (?)", (made_by(),))
                 file.execute(f"pragma application_id = {_OURS}")
                 file.execute(f"pragma user_version = {VERSION}")
             file.executemany("delete from runs where name = ?", [(os.fsencode(name),) for name in gone])
@@ -108,7 +113,8 @@ def _version(file: sqlite3.Connection) -> int:
     return int(file.execute("pragma user_version").fetchone()[0])
 
 
-def _rig() -> str:
+def made_by() -> str:
+    """The version of rig, whose figures may differ from those of another."""
     with suppress(metadata.PackageNotFoundError):
         return metadata.version("rig")
     return "not installed"
@@ -119,7 +125,7 @@ def _insert(file: sqlite3.Connection, record: Record) -> None:
     file.execute("delete from runs where name = ?", (name,))
     row = (record.fingerprint, record.rig, record.started, record.test, record.direction, record.placement)
     file.execute(
-        "insert into runs values (?, ?, ?, ?, ?, ?, ?, ?, ?)", (name, *row, record.program, _text(record.problem))
+        "insert into runs values (?, ?, ?, ?, ?, ?, ?, ?, ?)", (name, *row, record.program, escaped(record.problem))
     )
     file.executemany(
         "insert into figures values (?, ?, ?, ?, ?, ?, ?)",
@@ -127,7 +133,7 @@ def _insert(file: sqlite3.Connection, record: Record) -> None:
     )
 
 
-def _text(text: str) -> str:
+def escaped(text: str) -> str:
     """The text with lone surrogates, which no database stores, as their escapes."""
     return text.encode("utf-8", "backslashreplace").decode()
 

@@ -25,12 +25,16 @@ _DAY_S = 86400.0
 _INK, _CHANGE, _WILD, _LIMIT = "#1f5fa8", "#d95f02", "#999999", "#222222"
 
 
-def write_page(history: History, path: Path) -> None:
-    """Write the page. Raises FileError where it cannot be written."""
+def write_page(history: History, path: Path, *, made_of: str = "", overview: str = "") -> None:
+    """Write the page; made_of: a digest that it says it was made of; overview: address of a page that it links to.
+
+    Raises FileError where it cannot be written."""
     shown = sorted(history.series, key=lambda series: (not _is_beyond(series), not series.trend.changes))
     template = environment().get_template("history.html")
     html = template.render(
         robot=history.robot,
+        made_of=made_of,
+        overview=overview,
         sentences=sentences(history),
         remarks=remarks(history),
         doubts=doubts(history),

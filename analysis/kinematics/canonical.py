@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 
 from analysis.kinematics.arm import Arm, Array
+from analysis.kinematics.newton import LENGTH_MM
 
 Kind = Literal["spherical wrist", "parallel axes"]
 
@@ -36,7 +37,8 @@ class Canonical:
     """An arm of a kind, signs taken out: theta of the arm = sign · theta here.
 
     a, d, sign: (6,). T_one_world: (4, 4) from the world into the frame of axis 1 at rest, raised by d1.
-    T_tool_wrist: (4, 4) from the tool back along axis 6 by d6. exact: nothing had to be snapped.
+    T_tool_wrist: (4, 4) from the tool back along axis 6 by d6. snapped_mm: how far snapping can move the tool, a radian
+    counted as 500 mm.
     """
 
     kind: Kind
@@ -45,18 +47,26 @@ class Canonical:
     d: Array
     T_one_world: Array
     T_tool_wrist: Array
-    exact: bool
+    snapped_mm: float
+
+    @property
+    def exact(self) -> bool:
+        """Whether nothing had to be snapped."""
+        return self.snapped_mm == 0
 
 
 def canonical(arm: Arm) -> Canonical | None:
     """The kind that the arm belongs to or is near, or None for an arm of no such kind."""
     for kind, alpha in _ALPHA.items():
         half_turns = np.rint((arm.alpha[1:] - alpha) / np.pi)
-        off = np.concatenate([arm.alpha[1:] - alpha - half_turns * np.pi, arm.beta[1:], _must_vanish(arm, kind)])
-        deviation = np.abs(off).max()
+        turned = np.concatenate([arm.alpha[1:] - alpha - half_turns * np.pi, arm.beta[1:]])
+        lengths = _must_vanish(arm, kind)
+        deviation = max(np.abs(turned).max(), np.abs(lengths).max() / _size(arm))
         if deviation < _NEAR and not _degenerate(arm, kind):
             sign = np.cumprod(np.concatenate([[1.0], np.where(half_turns % 2 == 1, -1.0, 1.0)]))
-            return _snapped(arm, kind, sign, bool(deviation < _EXACT))
+            reach = _size(arm) + float(np.linalg.norm(arm.T_flange_tool[:3, 3])) + LENGTH_MM
+            moved = float(np.abs(lengths).sum() + np.abs(turned).sum() * reach)
+            return _snapped(arm, kind, sign, 0.0 if deviation < _EXACT else moved)
     return None
 
 
@@ -65,9 +75,9 @@ def _size(arm: Arm) -> float:
 
 
 def _must_vanish(arm: Arm, kind: Kind) -> Array:
-    """Lengths that the kind has zero, over the arm's size."""
+    """Lengths in mm that the kind has zero."""
     lengths = [arm.a[4], arm.a[5], arm.d[4]] if kind == "spherical wrist" else [arm.a[5]]
-    return np.array(lengths) / _size(arm)
+    return np.array(lengths)
 
 
 def _degenerate(arm: Arm, kind: Kind) -> bool:
@@ -76,7 +86,7 @@ def _degenerate(arm: Arm, kind: Kind) -> bool:
     return bool(min(abs(arm.a[2]), forearm) < _DEGENERATE * _size(arm))
 
 
-def _snapped(arm: Arm, kind: Kind, sign: Array, exact: bool) -> Canonical:
+def _snapped(arm: Arm, kind: Kind, sign: Array, snapped_mm: float) -> Canonical:
     d = sign * arm.d
     raised, drawn_back = np.eye(4), np.eye(4)
     raised[2, 3], drawn_back[2, 3] = d[0], -d[5]
@@ -89,7 +99,7 @@ def _snapped(arm: Arm, kind: Kind, sign: Array, exact: bool) -> Canonical:
         d,
         T_one_world=T_one_world,
         T_tool_wrist=np.linalg.inv(arm.T_flange_tool) @ half_turn @ drawn_back,
-        exact=exact,
+        snapped_mm=snapped_mm,
     )
 
 

@@ -18,21 +18,20 @@ K. Hawkins 2013 have the same branches in other parameters).
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, cos_sin
 from analysis.kinematics.canonical import Canonical
-
-Complex = NDArray[np.complex128]
 
 _BOTH = np.array([1.0, -1.0])
 _ON_AXIS_MM = 1e-9
 _WRIST_SINGULAR = 1e-12
 """sin t5 below which t4 is chosen: what that moves the tool by is far below every tolerance."""
+Point = tuple[Array, Array]
+"""Places in the plane of the arm, mm: its two coordinates, of the same shape."""
 
 
-def branches(form: Canonical, poses: Array, spread: float = 0.0) -> Array:
-    """theta (n, 8, 6) rad of the arm for tool poses (n, 4, 4) in the world, not wrapped.
+def branches(form: Canonical, poses: Array, spread: float = 0.0, slot: int | None = None) -> Array:
+    """theta (8, 6, n) rad of the arm for tool poses (n, 4, 4) in the world, not wrapped; of one slot alone (1, 6, n).
 
     Slot = 4 · shoulder + 2 · elbow + wrist. A branch out of reach is not marked: its angles come as near as
     the arm does, and forward kinematics decides. With `spread` > 0 (rad) the two sides of a singularity are
@@ -41,75 +40,93 @@ def branches(form: Canonical, poses: Array, spread: float = 0.0) -> Array:
     Singular poses: a wrist centre on axis 1 has t1 = 0 and 180°; t5 = 0 has t4 = 0 (spherical wrist), or the
     t2 + t3 + t4 that brings the elbow nearest to a right angle (parallel axes). Other splits exist.
     """
-    T = form.T_one_world @ poses @ form.T_tool_wrist
+    sides = [_BOTH] * 3 if slot is None else [_BOTH[[slot >> bit & 1]] for bit in (2, 1, 0)]
     solve = _spherical_wrist if form.kind == "spherical wrist" else _parallel_axes
-    theta = np.stack(np.broadcast_arrays(*solve(form, T, spread)), axis=-1)
-    return theta.reshape(len(poses), 8, 6) * form.sign
+    theta = np.empty((*(len(side) for side in sides), 6, len(poses)))
+    for axis, angle in enumerate(solve(form, _in_arm(form, poses), sides, spread)):
+        theta[:, :, :, axis] = form.sign[axis] * angle
+    return theta.reshape(8 if slot is None else 1, 6, len(poses))
 
 
-def _spherical_wrist(form: Canonical, T: Array, spread: float) -> list[Array]:
-    """t1 … t6, each to broadcast to (n, shoulder, elbow, wrist)."""
+def _in_arm(form: Canonical, poses: Array) -> Array:
+    """T_one_world poses T_tool_wrist without its last row, (3, 4, n): one product, since it is linear in the pose."""
+    both = np.kron(form.T_one_world[:3], form.T_tool_wrist.T)
+    return np.asarray(both @ poses.reshape(-1, 16).T).reshape(3, 4, -1)
+
+
+def _spherical_wrist(form: Canonical, T: Array, sides: list[Array], spread: float) -> list[Array]:
+    """t1 … t6, each to broadcast to (shoulder, elbow, wrist, n)."""
     a, d = form.a, form.d
-    t1, u = _shoulder(T, d[1] + d[2])
-    t2, t3 = _elbow(u - a[1] + 1j * T[:, 2, 3, None], a[2], a[3] - 1j * d[3], spread)
-    M = _down(t2 + t3, _down(t1, T[:, None, :3, :3])[:, :, None])
-    t4, t5, t6 = _wrist(M, np.zeros(t2.shape), spread)
-    return [t1[:, :, None, None], t2[..., None], t3[..., None], t4, t5, t6]
+    t1, u = _shoulder(T, d[1] + d[2], sides[0])
+    t2, t3 = _elbow((u - a[1], np.broadcast_to(T[2, 3], u.shape)), a[2], complex(a[3], -d[3]), sides[1], spread)
+    upper = _down(t1[:, None], T[:, None, :3])
+    M = _down((t2 + t3)[:, :, None], [row[:, None] for row in upper])
+    t4, t5, t6 = _wrist(M, np.zeros(()), sides[2], spread)
+    return [t1[:, None, None], t2[:, :, None], t3[:, :, None], t4, t5, t6]
 
 
-def _parallel_axes(form: Canonical, T: Array, spread: float) -> list[Array]:
-    """t1 … t6, each to broadcast to (n, shoulder, elbow, wrist)."""
+def _parallel_axes(form: Canonical, T: Array, sides: list[Array], spread: float) -> list[Array]:
+    """t1 … t6, each to broadcast to (shoulder, elbow, wrist, n)."""
     a, d = form.a, form.d
-    t1, u = _shoulder(T, d[1] + d[2] + d[3])
-    centre, hand = u - a[1] + 1j * T[:, 2, 3, None], complex(a[4], -d[4])
-    t234, t5, t6 = _wrist(_down(t1, T[:, None, :3, :3]), _bent(centre, hand, a[2], a[3]), spread)
-    t2, t3 = _elbow(centre[..., None] - hand * np.exp(1j * t234), a[2], complex(a[3]), spread)
-    t2, t3 = np.swapaxes(t2, 2, 3), np.swapaxes(t3, 2, 3)
-    return [t1[:, :, None, None], t2, t3, t234[:, :, None] - t2 - t3, t5[:, :, None], t6[:, :, None]]
+    t1, u = _shoulder(T, d[1] + d[2] + d[3], sides[0])
+    x, y, hand = u - a[1], np.broadcast_to(T[2, 3], u.shape), complex(a[4], -d[4])
+    t234, t5, t6 = _wrist(_down(t1[:, None], T[:, None, :3]), _bent((x, y), hand, a[2], a[3]), sides[2], spread)
+    c, s = cos_sin(t234)
+    centre = x[:, None] - hand.real * c + hand.imag * s, y[:, None] - hand.real * s - hand.imag * c
+    t2, t3 = _elbow(centre, a[2], complex(a[3]), sides[1], spread)
+    return [t1[:, None, None], t2, t3, t234[:, None] - t2 - t3, t5[:, None], t6[:, None]]
 
 
-def _shoulder(T: Array, off_plane: float) -> tuple[Array, Array]:
-    """t1 (n, 2) and the wrist centre's distance from axis 1 within the plane (n, 2)."""
-    x, y = T[:, 0, 3], T[:, 1, 3]
+def _shoulder(T: Array, off_plane: float, sides: Array) -> tuple[Array, Array]:
+    """t1 (shoulder, n) and the wrist centre's distance from axis 1 within the plane (shoulder, n)."""
+    x, y = T[0, 3], T[1, 3]
     r = np.hypot(x, y)
     bearing = np.where(r < _ON_AXIS_MM, 0.0, np.arctan2(y, x))
-    u = np.sqrt(np.maximum((r - off_plane) * (r + off_plane), 0.0))[:, None] * _BOTH
-    return bearing[:, None] - np.arctan2(-off_plane, u), u
+    u = np.sqrt(np.maximum((r - off_plane) * (r + off_plane), 0.0)) * sides[:, None]
+    return bearing - np.arctan2(-off_plane, u), u
 
 
-def _elbow(target: Complex, upper: float, forearm: complex, spread: float) -> tuple[Array, Array]:
-    """t2 and t3 (…, 2): two links in the plane whose end is at target (…)."""
-    length = abs(forearm)
-    cosine = (np.abs(target) ** 2 - upper**2 - length**2) / (2 * upper * length)
-    widest = np.cos(spread)
-    bend = np.arccos(np.clip(cosine, -widest, widest))[..., None] * _BOTH
-    t2 = np.angle(target)[..., None] - np.angle(upper + length * np.exp(1j * bend))
-    return t2, bend - np.angle(forearm)
+def _elbow(target: Point, upper: float, forearm: complex, sides: Array, spread: float) -> tuple[Array, Array]:
+    """t2 and t3 (shoulder, elbow, …): two links in the plane whose end is at target (shoulder, …)."""
+    x, y = target
+    length, widest = abs(forearm), np.cos(spread)
+    cosine = np.clip((x * x + y * y - upper**2 - length**2) / (2 * upper * length), -widest, widest)
+    ahead = np.arctan2(length * np.sqrt((1 - cosine) * (1 + cosine)), upper + length * cosine)
+    sides = sides.reshape(-1, *[1] * (x.ndim - 1))
+    t2 = np.arctan2(y, x)[:, None] - sides * ahead[:, None]
+    return t2, sides * np.arccos(cosine)[:, None] - np.angle(forearm)
 
 
-def _wrist(M: Array, free: Array, spread: float) -> tuple[Array, Array, Array]:
-    """t4, t5, t6 (…, 2) of rotations M (…, 3, 3); t4 is `free` (…) where the wrist is singular."""
-    sine = np.hypot(M[..., 0, 2], M[..., 1, 2])
-    t4 = np.where(sine < _WRIST_SINGULAR, free, np.arctan2(M[..., 1, 2], M[..., 0, 2]))
-    flipped = np.where(sine < _WRIST_SINGULAR, 0.0, np.pi)
-    t4 = np.stack([t4, t4 + flipped], axis=-1)
-    t5 = np.arctan2(np.maximum(sine, np.sin(spread)), -M[..., 2, 2])[..., None] * _BOTH
+def _wrist(M: list[Array], free: Array, sides: Array, spread: float) -> tuple[Array, Array, Array]:
+    """t4, t5, t6 (…, wrist, n) of rotations by their rows M, three of (…, 3, n); t4 is `free` (…, n) where the wrist is
+    singular."""
+    x, y = M[0][..., 2, :], M[1][..., 2, :]
+    sine = np.sqrt(x * x + y * y)
+    singular = sine < _WRIST_SINGULAR
+    t4, apart = np.arctan2(y, x), np.where(singular, 1.0, sine)
+    c4, s4 = x / apart, y / apart
+    if singular.any():
+        t4 = np.where(singular, free, t4)
+        c4, s4 = np.where(singular, np.cos(t4), c4), np.where(singular, np.sin(t4), s4)
+    t5 = np.arctan2(np.maximum(sine, np.sin(spread)), -M[2][..., 2, :])
     # From t4 and the second row, well-conditioned however small sin t5 is.
-    row = np.sin(t4)[..., None] * M[..., None, 0, :2] - np.cos(t4)[..., None] * M[..., None, 1, :2]
-    return t4, t5, np.arctan2(row[..., 0], row[..., 1])
+    t6 = np.arctan2(s4 * M[0][..., 0, :] - c4 * M[1][..., 0, :], s4 * M[0][..., 1, :] - c4 * M[1][..., 1, :])
+    flipped = np.where(singular, 0.0, np.pi)[..., None, :] * (sides < 0)[:, None]
+    return t4[..., None, :] + flipped, t5[..., None, :] * sides[:, None], t6[..., None, :] + flipped
 
 
-def _down(t: Array, M: Array) -> Array:
-    """RotX(-90°) Rz(-t) M for t (…) and rotations M (…, 3, 3)."""
-    c, s = np.cos(t)[..., None], np.sin(t)[..., None]
-    x, y, z = M[..., 0, :], M[..., 1, :], M[..., 2, :]
-    return np.stack(np.broadcast_arrays(c * x + s * y, z, s * x - c * y), axis=-2)
+def _down(t: Array, rows: Array | list[Array]) -> list[Array]:
+    """Rows of RotX(-90°) Rz(-t) M for t (…, 1, n) and the rows of rotations M, three of (…, 3, n)."""
+    c, s = cos_sin(t)
+    x, y, z = rows
+    return [c * x + s * y, z, s * x - c * y]
 
 
-def _bent(centre: Complex, hand: complex, upper: float, forearm: float) -> Array:
+def _bent(centre: Point, hand: complex, upper: float, forearm: float) -> Array:
     """Direction (…) rad of the hand that brings the elbow nearest to a right angle."""
-    wanted = upper**2 + forearm**2
-    reach = 2 * np.abs(centre) * abs(hand)
-    cosine = (np.abs(centre) ** 2 + abs(hand) ** 2 - wanted) / np.where(reach > 0, reach, 1.0)
-    angle: Array = np.angle(centre) + np.arccos(np.clip(cosine, -1.0, 1.0)) - np.angle(hand)
+    x, y = centre
+    square = x * x + y * y
+    reach = 2 * np.sqrt(square) * abs(hand)
+    cosine = (square + abs(hand) ** 2 - upper**2 - forearm**2) / np.where(reach > 0, reach, 1.0)
+    angle: Array = np.arctan2(y, x) + np.arccos(np.clip(cosine, -1.0, 1.0)) - np.angle(hand)
     return angle

@@ -1,24 +1,33 @@
 """Inverse kinematics along a path: joint angles that follow a sequence of tool poses without a jump.
 
-Strategy: walk a coarse subset of the poses one after the other, each solved by damped Newton from the
-one before, so that the arm stays in the posture it began in; interpolate; then refine all poses at once
-with the same Newton, vectorised. Works for any six-axis arm that the file describes. Where Newton does
-not reach the first pose from the posture, the walk begins at the branch nearest to the posture; where it
-fails later, all branches of that pose show whether it is out of reach or behind a singularity.
+Strategy: the first pose is solved by damped Newton from the posture, or, where this does not reach it, begins at the
+branch nearest to the posture. An arm that has a closed form, or is near one, keeps that branch over all poses at once,
+and Newton refines it. Where the branch does not go on without a jump, and for an arm of no known kind, a coarse subset
+of the poses is walked one after the other, each solved by Newton from the one before; what lies between is interpolated
+and refined. Where the walk fails, all branches of that pose show whether it is out of reach or behind a singularity.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from analysis.kinematics.arm import Arm, Array, pose_error
+from analysis.kinematics.arm import Arm, Array, blocks, pose_error
+from analysis.kinematics.canonical import canonical
+from analysis.kinematics.closed_form import branches
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
-from analysis.kinematics.newton import LENGTH_MM, newton
+from analysis.kinematics.newton import LENGTH_MM, from_nearby, newton
 from analysis.kinematics.singularity import cancelling_axes, conditioning
+from analysis.kinematics.solved import wrapped
 from rigs.errors import FileError
 
+Indices = NDArray[np.intp]
+
 _KNOT_TURN = np.radians(4.0)
+_JUMP = 10 * _KNOT_TURN
+"""How far a joint may leave the straight line between knots."""
+_SAME_RAD = 1e-6
 
 
 def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
@@ -27,37 +36,67 @@ def follow(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
     `where` names the path in errors. Raises FileError where a pose cannot be reached, at a singularity
     that the arm cannot pass without a jump, or where a joint would leave its limits.
     """
+    start = _begun(arm, poses, posture, where)
     knots = _knots(poses)
-    walked = _walk(arm, poses, knots, posture, where)
-    guess = np.stack([np.interp(np.arange(len(poses)), knots, column) for column in walked.T], axis=1)
-    path, good = newton(arm, poses, guess)
-    jump = np.where(good, np.abs(path - guess).max(axis=1), np.inf)
-    if jump.max() > 10 * _KNOT_TURN:
-        index = int(jump.argmax())
-        raise _flips(arm, poses, index, guess[index], where)
+    path = _on_one_branch(arm, poses, knots, start)
+    if path is None:
+        path = _walked(arm, poses, knots, start, where)
     _hold_limits(arm, path, where)
     return path
 
 
-def _walk(arm: Arm, poses: Array, knots: np.ndarray[tuple[int], np.dtype[np.intp]], q: Array, where: str) -> Array:
-    """Angles (k, 6) rad at the knots, each from the one before, the first from posture q (6,)."""
+def _begun(arm: Arm, poses: Array, posture: Array, where: str) -> Array:
+    """Angles (6,) rad at the first of poses (n, 4, 4), by Newton from posture (6,), else the nearest branch to it."""
+    solution, good = newton(arm, poses[:1], posture[None])
+    start = solution[0] if good[0] else _nearest_branch(arm, poses[:1], posture)
+    if start is None:
+        raise _out_of_reach(poses, 0, where)
+    return start
+
+
+def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Array | None:
+    """The branch (n, 6) rad of the closed form on which the first pose has angles start (6,), refined for the true arm;
+    None where there is no such branch, or it does not go on."""
+    form = canonical(arm)
+    if form is None:
+        return None
+    theta = arm.coupling @ start + arm.offset
+    slot = int(np.abs(wrapped(branches(form, poses[:1])[:, :, 0] - theta)).max(axis=1).argmin())
+    path = np.concatenate([branches(form, poses[block], slot=slot)[0].T for block in blocks(len(poses))])
+    path = np.unwrap(path, axis=0)
+    path += 2 * np.pi * np.rint((theta - path[0]) / (2 * np.pi))
+    path, good, _ = from_nearby(arm, poses, (path - arm.offset) @ np.linalg.inv(arm.coupling).T)
+    if not good.all() or np.abs(path[0] - start).max() > _SAME_RAD:
+        return None
+    # What turns by less than a jump from knot to knot leaves the straight line between them by less.
+    swing = np.maximum.reduceat(path, knots) - np.minimum.reduceat(path, knots)
+    step = np.abs(np.diff(path, axis=0)).max(initial=0.0)
+    return path if max(swing.max(), step) < _JUMP else None
+
+
+def _walked(arm: Arm, poses: Array, knots: Indices, start: Array, where: str) -> Array:
+    """Angles (n, 6) rad by Newton from knot to knot, from start (6,) rad at the first, and then in between."""
+    walked = _walk(arm, poses, knots, start, where)
+    guess = np.stack([np.interp(np.arange(len(poses)), knots, column) for column in walked.T], axis=1)
+    path, good = newton(arm, poses, guess)
+    jump = np.where(good, np.abs(path - guess).max(axis=1), np.inf)
+    if jump.max() > _JUMP:
+        index = int(jump.argmax())
+        raise _flips(arm, poses, index, guess[index], where)
+    return path
+
+
+def _walk(arm: Arm, poses: Array, knots: Indices, start: Array, where: str) -> Array:
+    """Angles (k, 6) rad at the knots, each from the one before, from start (6,) rad at the first."""
     walked = np.empty((len(knots), 6))
-    for row, index in enumerate(knots.tolist()):
+    q = walked[0] = start
+    for row, index in enumerate(knots[1:].tolist(), start=1):
         pose = poses[index : index + 1]
         solution, good = newton(arm, pose, q[None])
-        if good[0]:
-            q = walked[row] = solution[0]
-            continue
-        branch = _nearest_branch(arm, pose, q)
-        if branch is None:
-            raise FileError(
-                where,
-                f"{_named(poses, index)} is out of reach of the arm in every posture",
-                "move the centre",
-            )
-        if row > 0:
-            raise _flips(arm, poses, index, q, where)
-        q = walked[row] = branch
+        if not good[0]:
+            reachable = _nearest_branch(arm, pose, q) is not None
+            raise _flips(arm, poses, index, q, where) if reachable else _out_of_reach(poses, index, where)
+        q = walked[row] = solution[0]
     return walked
 
 
@@ -74,6 +113,10 @@ def _nearest_branch(arm: Arm, pose: Array, q: Array) -> Array | None:
     return nearest
 
 
+def _out_of_reach(poses: Array, index: int, where: str) -> FileError:
+    return FileError(where, f"{_named(poses, index)} is out of reach of the arm in every posture", "move the centre")
+
+
 def _flips(arm: Arm, poses: Array, index: int, q: Array, where: str) -> FileError:
     axes = " and ".join(str(axis) for axis in cancelling_axes(arm, q))
     return FileError(
@@ -84,11 +127,12 @@ def _flips(arm: Arm, poses: Array, index: int, q: Array, where: str) -> FileErro
     )
 
 
-def _knots(poses: Array) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+def _knots(poses: Array) -> Indices:
     """Indices at which tool turned or moved by a few degrees (of arm length) since the knot before."""
     if len(poses) == 1:
         return np.zeros(1, dtype=np.intp)
-    motion = np.abs(pose_error(poses[:-1], poses[1:]) / ([LENGTH_MM] * 3 + [1.0] * 3)).sum(axis=1)
+    steps = [pose_error(poses[:-1][block], poses[1:][block]) for block in blocks(len(poses) - 1)]
+    motion = np.abs(np.concatenate(steps) / ([LENGTH_MM] * 3 + [1.0] * 3)).sum(axis=1)
     counts = np.floor(np.concatenate([[0.0], np.cumsum(motion)]) / _KNOT_TURN)
     inner = np.flatnonzero(np.diff(counts) > 0) + 1
     return np.unique(np.concatenate([[0], inner, [len(poses) - 1]])).astype(np.intp)

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.kinematics.arm import Arm, Array, link_frames
+from analysis.kinematics.arm import Arm, Array, blocks, link_columns
 from rigs.schema.robot import Robot
 
-_G = np.array([0.0, 0.0, -9.80665])
+_G = 9.80665
+"""m/s², the standard acceleration of free fall (ISO 80000-3), against z of the world."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,8 @@ def load_of(robot: Robot) -> Load:
 
 _recent: deque[tuple[Arm, Load, Array, Array]] = deque(maxlen=32)
 """Torques of the last traces: a fit asks for those of the same few over and over. Nothing is changed in place."""
+_KEPT_ROWS = 50_000
+"""Longer traces are not kept: 32 of them would fill 150 MB and more with what a simulation asks for once."""
 
 
 def torques(arm: Arm, load: Load, q: Array) -> Array:
@@ -38,7 +41,8 @@ def torques(arm: Arm, load: Load, q: Array) -> Array:
         if known_q is q and known_arm is arm and _same(known_load, load):
             return torque
     torque = _torques(arm, load, q)
-    _recent.append((arm, load, q, torque))
+    if len(q) <= _KEPT_ROWS:
+        _recent.append((arm, load, q, torque))
     return torque
 
 
@@ -47,19 +51,26 @@ def _same(one: Load, other: Load) -> bool:
 
 
 def _torques(arm: Arm, load: Load, q: Array) -> Array:
-    frames = link_frames(arm, q)
-    origins, axes = frames[:, :, :3, 3], frames[:, :, :3, 2]
-    centres = np.einsum("nkij,kj->nki", frames[:, :, :3, :3], load.centre) + origins
-    weights = np.broadcast_to(load.mass, (len(q), 6)).copy()
-    weights[:, 5] += load.payload_kg
-    # The payload hangs at the flange: it shifts the last link's centre of mass.
-    if weights[0, 5] > 0:
-        share = load.payload_kg / weights[0, 5]
-        centres[:, 5] += share * (origins[:, 5] - centres[:, 5])
-    force = weights[:, :, None] * _G
-    # First moment of all weights from link k outwards, about the origin of joint k, in N mm.
-    moment = np.cumsum(np.cross(centres, force)[:, ::-1], axis=1)[:, ::-1]
-    total = np.cumsum(force[:, ::-1], axis=1)[:, ::-1]
-    per_theta = np.einsum("nki,nki->nk", axes, moment - np.cross(origins, total))
-    torque: Array = per_theta @ arm.coupling / 1000.0
+    """From the last link back: what lies beyond a joint weighs on it by the horizontal part of its first moment."""
+    mass, centre = _with_payload(load)
+    per_theta = np.empty((6, len(q)))
+    for block in blocks(len(q)):
+        links = list(link_columns(arm, q[block]))
+        beyond_kg, beyond_kg_mm = 0.0, np.zeros((2, links[0].shape[2]))
+        for axis in reversed(range(6)):
+            x, y, z, origin = links[axis][:, :2]
+            beyond_kg += mass[axis]
+            beyond_kg_mm += mass[axis] * (origin + centre[axis, 0] * x + centre[axis, 1] * y + centre[axis, 2] * z)
+            across_x, across_y = beyond_kg_mm - beyond_kg * origin
+            per_theta[axis, block] = _G * (z[1] * across_x - z[0] * across_y)
+    torque: Array = (arm.coupling.T @ per_theta / 1000.0).T
     return torque
+
+
+def _with_payload(load: Load) -> tuple[Array, Array]:
+    """Masses (6,) kg and their centres (6, 3) mm with the payload, which hangs at the flange: the place of frame 6."""
+    mass, centre = load.mass.copy(), load.centre.copy()
+    mass[5] += load.payload_kg
+    if mass[5] > 0:
+        centre[5] *= load.mass[5] / mass[5]
+    return mass, centre

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, Integers
 from rigs.schema.play import play
 
 _TURN_RAD = np.radians(0.003)
@@ -35,27 +35,36 @@ def turns(t_s: Array, x: Array) -> list[tuple[float, float]]:
     follower = play(x, _TURN_RAD / 2)
     moving = np.flatnonzero(np.diff(follower))
     direction = np.sign(np.diff(follower)[moving])
+    changes = np.append(np.flatnonzero(np.diff(x)), len(x) - 1)
     found = []
     for k in np.flatnonzero(np.diff(direction)):
         # The follower moves again only after the play; the turn itself was at the extreme before that.
         between = slice(moving[k], moving[k + 1] + 1)
         extreme = moving[k] + int(np.argmin(direction[k + 1] * x[between]))
-        found.append((_vertex(t_s, x, extreme), float(direction[k + 1])))
+        last = int(changes[np.searchsorted(changes, extreme)])
+        found.append((_vertex(t_s, x, extreme, last), float(direction[k + 1])))
     return found
 
 
-def _vertex(t_s: Array, x: Array, extreme: int) -> float:
-    """When x (n,) turned, between samples: the vertex of a parabola through those about its extreme."""
-    last = extreme + int(np.argmax(np.append(x[extreme:] != x[extreme], True))) - 1
-    if np.count_nonzero(np.abs(t_s - t_s[extreme]) <= _NEAR_S) < _LEAST:
+def _vertex(t_s: Array, x: Array, extreme: int, last: int) -> float:
+    """When x (n,) turned, between samples: the vertex of a parabola through those about its extreme, at which it stands
+    until `last`."""
+    if len(_near(t_s, extreme)) < _LEAST:
         # Of a program's stops: it stands there, and turns back as it leaves.
         return float(t_s[last])
     # Rounded angles stand about their turn.
     middle = (extreme + last) // 2
-    near = np.flatnonzero(np.abs(t_s - t_s[middle]) <= _NEAR_S)
+    near = _near(t_s, middle)
     since = t_s[near] - t_s[middle]
     bend, slope, _ = np.polyfit(since, x[near] - x[middle], 2)
     shift = -slope / (2 * bend) if bend else np.inf
     step = float(np.max(np.diff(since)))
     # Where the samples make no parabola, as about a stop, the extreme itself is as good as anything.
     return float(t_s[middle] + shift) if abs(shift) <= 2 * step else float(t_s[middle])
+
+
+def _near(t_s: Array, k: int) -> Integers:
+    """Indices of the samples whose times t_s (n,) s are near that of sample k."""
+    first, end = np.searchsorted(t_s, t_s[k] + 2 * _NEAR_S * np.array([-1, 1]))
+    near: Integers = first + np.flatnonzero(np.abs(t_s[first:end] - t_s[k]) <= _NEAR_S)
+    return near

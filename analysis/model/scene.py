@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
-from analysis.kinematics.arm import Arm, Array, link_frames
+from analysis.kinematics.arm import Arm, Array, blocks, link_columns
 from analysis.model.gravity import Load, torques
 from analysis.model.hysteresis import Motion
 from rigs.effects import Effect
@@ -54,15 +55,17 @@ class Scene:
         By cubics with the slopes of the samples: straight lines would be wrong by more than a millisecond's lag does.
         A joint that stands beside a sample has no slope there.
         """
-        t, q = self.t_s, self.q
-        slopes = np.gradient(q, t, axis=0)
-        stands = np.diff(q, axis=0) == 0
-        slopes[:-1][stands] = slopes[1:][stands] = 0.0
+        t = self.t_s
         k = np.clip(np.searchsorted(t, t_s) - 1, 0, len(t) - 2)
-        width = (t[k + 1] - t[k])[:, None]
-        x = np.clip((t_s - t[k])[:, None] / width, 0.0, 1.0)
-        rise, begin = x * x * (3 - 2 * x), x * (1 - x) ** 2
-        angles: Array = q[k] + rise * (q[k + 1] - q[k]) + width * (begin * slopes[k] - x * x * (1 - x) * slopes[k + 1])
+        width = t[k + 1] - t[k]
+        x = np.clip((t_s - t[k]) / width, 0.0, 1.0)
+        rise, begin, end = x * x * (3 - 2 * x), width * x * (1 - x) ** 2, width * x * x * (1 - x)
+        angles = np.empty((len(t_s), 6))
+        for axis, q in enumerate(self.q.T):  # one after the other: a long trace has few temporaries
+            slopes = np.gradient(q, t)
+            stands = np.diff(q) == 0
+            slopes[:-1][stands] = slopes[1:][stands] = 0.0
+            angles[:, axis] = q[k] + rise * (q[k + 1] - q[k]) + begin * slopes[k] - end * slopes[k + 1]
         return angles
 
     def reversals(self, axis: int) -> list[tuple[float, float]]:
@@ -75,10 +78,12 @@ class Scene:
 
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
         """Place (n, 3) mm of a joint (1 … 6), direction (n, 3) of its axis, and place (n, 3) mm of its link's end."""
-        frames = link_frames(self.arm, self.link_q)
-        joint = frames[:, axis - 1]
-        end = frames[:, axis, :3, 3] if axis < 6 else self.T[:, :3, 3]
-        return joint[:, :3, 3], joint[:, :3, 2], end
+        place, direction, end = np.empty((3, len(self.link_q), 3))
+        for block in blocks(len(self.link_q)):
+            links = list(islice(link_columns(self.arm, self.link_q[block]), axis + 1))
+            _, _, direction[block].T[:], place[block].T[:] = links[axis - 1]
+            end[block] = links[axis][3].T if axis < 6 else self.T[block, :3, 3]
+        return place, direction, end
 
     def taken_at(self, t_s: Array) -> Scene:
         """The scene as reported at other instants t_s (n,) s."""

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import accumulate, islice
 
 import numpy as np
 
 from analysis.geometry.programs import (
+    circle_laps,
     circle_of,
-    circle_program,
     radial_program,
     repeatability_of,
     repeatability_program,
@@ -102,10 +103,9 @@ def _program(rig: Rig, test: TestName, direction: Direction | None) -> CircleTab
     if test in ("yaw", "roll"):
         if direction is None:
             raise FileError(f"{test} test", "needs a direction", "give --direction cw, acw or both")
-        program = circle_program(rig, direction)
-        t_s = np.arange(0.0, program.t_s[-1], 1.0 / GAUGE_RATE_HZ)
-        q = np.stack([np.interp(t_s, program.t_s, joint) for joint in program.q.T], axis=1)
-        return CircleTable("yaw" if test == "yaw" else "roll", direction, t_s, q, np.empty((0, 2)))
+        laps = circle_laps(rig, direction)
+        t_s = np.arange(0.0, laps.end_s, 1.0 / GAUGE_RATE_HZ)
+        return CircleTable("yaw" if test == "yaw" else "roll", direction, t_s, laps.at(t_s), np.empty((0, 2)))
     if test == "radial":
         at = radial_program(rig)
         return RadialTable(at.target, at.polar, at.azimuth, at.orientation, _visits(len(at.q)), at.q, np.empty(0))
@@ -147,9 +147,6 @@ def _wander(t_s: Array, noise: Noise, rng: np.random.Generator) -> Array:
     """Correlated noise (m,) mm common to all gauges, of an Ornstein-Uhlenbeck process."""
     kept = np.exp(-np.diff(t_s, prepend=t_s[0] - 1e9) / noise.wander_s)
     kicks = rng.normal(0.0, noise.wander_mm, len(t_s)) * np.sqrt(1 - kept**2)
-    wander = np.empty(len(t_s))
-    level = 0.0
-    for k in range(len(t_s)):
-        level = kept[k] * level + kicks[k]
-        wander[k] = level
-    return wander
+    steps = zip(kept.tolist(), kicks.tolist(), strict=True)
+    levels = accumulate(steps, lambda level, step: step[0] * level + step[1], initial=0.0)
+    return np.fromiter(islice(levels, 1, None), dtype=float, count=len(t_s))

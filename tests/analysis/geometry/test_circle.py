@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from analysis.geometry.circle import frame_of, reversals
-from analysis.geometry.programs import circle_of, lap
+from analysis.geometry.programs import circle_laps, circle_of, circle_program, lap
 from analysis.kinematics.arm import arm_of, forward
 from analysis.simulation.emulated_robot import trace
 from rigs.errors import FileError
@@ -22,6 +22,19 @@ def test_the_circle_is_driven_pose_by_pose_without_a_jump(name: str, direction: 
     wanted = frame_of(circle_of(rig)).poses(driven.phi)
     assert np.abs(reached - wanted).max() < 1e-6
     assert np.abs(np.diff(driven.q, axis=0)).max() < np.radians(1)
+
+
+@pytest.mark.parametrize("name", RIGS)
+@pytest.mark.parametrize("direction", ["cw", "acw"])
+def test_a_program_at_any_moment_is_what_its_controller_drives(name: str, direction: str) -> None:
+    """Laps, pauses and ways back: at each period of the controller, and between two by a straight line."""
+    rig, _ = load(name)
+    program, laps = circle_program(rig, direction), circle_laps(rig, direction)  # type: ignore[arg-type]
+    assert laps.count > 1
+    assert laps.end_s == program.t_s[-1]
+    t_s = np.concatenate([program.t_s, (program.t_s[1:] + program.t_s[:-1]) / 2])
+    between = np.stack([np.interp(t_s, program.t_s, joint) for joint in program.q.T], axis=1)
+    np.testing.assert_allclose(laps.at(t_s), between, rtol=0, atol=1e-12)
 
 
 def test_reversals_of_the_papers_table_1() -> None:

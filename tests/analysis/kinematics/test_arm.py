@@ -5,10 +5,18 @@ import dataclasses
 import numpy as np
 import pytest
 
-from analysis.kinematics.arm import forward, forward_and_jacobian, pose_error, roll_pitch_yaw, transform
+from analysis.kinematics.arm import (
+    cos_sin,
+    forward,
+    forward_and_jacobian,
+    link_frames,
+    pose_error,
+    roll_pitch_yaw,
+    transform,
+)
 from rigs.schema.robot import Pose
 from tests.support.five_arms import ARMS, OPW, PeerArm, pose_apart
-from tests.support.postures import everywhere
+from tests.support.postures import everywhere, random_angles
 
 ANY = pytest.mark.parametrize("name", ARMS)
 
@@ -67,6 +75,30 @@ def test_forward_and_jacobian_are_the_peers(name: str) -> None:
     off = np.abs(J - peer.jacobian(q))
     assert off[:, :3].max() < 1e-8
     assert off[:, 3:].max() < 1e-10
+
+
+@ANY
+def test_a_large_stack_is_its_rows(name: str) -> None:
+    """It is computed in blocks: rows about their seams are those that a stack of their own has."""
+    arm, q = ARMS[name], random_angles(3, 10_001)
+    T, J = forward_and_jacobian(arm, q)
+    frames = link_frames(arm, q)
+    np.testing.assert_array_equal(forward(arm, q), T)
+    for row in (0, 1, 1499, 1500, 2999, 3000, 5000, 9999, 10_000):
+        alone, J_alone = forward_and_jacobian(arm, q[row : row + 1])
+        np.testing.assert_allclose(alone[0], T[row], rtol=0, atol=1e-11)
+        np.testing.assert_allclose(J_alone[0], J[row], rtol=0, atol=1e-11)
+        np.testing.assert_allclose(link_frames(arm, q[row : row + 1])[0], frames[row], rtol=0, atol=1e-11)
+    assert forward(arm, q[:0]).shape == (0, 4, 4)
+
+
+def test_cosine_and_sine_are_those_of_the_library_to_rounding() -> None:
+    quarters = np.pi / 2 * np.arange(-16, 17)
+    angle = np.concatenate([quarters, np.nextafter(quarters, 9), np.linspace(-20, 20, 100_001), [1e-300, 0.0]])
+    cosine, sine = cos_sin(angle)
+    assert np.abs(cosine - np.cos(angle)).max() < 1e-15
+    assert np.abs(sine - np.sin(angle)).max() < 1e-15
+    assert np.isnan(cos_sin(np.array([np.nan]))).all()
 
 
 @pytest.mark.parametrize("below_90_deg", [90.0, 1.0, 1e-6, 1e-10, 1e-13, 0.0])

@@ -38,6 +38,28 @@ def test_a_smooth_path_is_followed_as_it_was_driven(name: str, seed: int | None)
     np.testing.assert_allclose(follow(arm, poses, start + 0.05, "path"), q, atol=1e-7)
 
 
+@ANY
+@pytest.mark.parametrize("seed", [None, 4])
+def test_a_long_path_is_followed_from_wherever_its_posture_was_turned_to(name: str, seed: int | None) -> None:
+    """Whole turns of the posture stay: the branches that it is compared with have none."""
+    arm = ARMS[name] if seed is None else calibrated(ARMS[name], seed)
+    arm = replace(arm, limits=np.tile([-9.0, 9.0], (6, 1)))
+    start = START if name in UPRIGHT_IS_ZERO else np.radians([10.0, -70, 60, 40, 60, 20])
+    turns = 2 * np.pi * np.linalg.inv(arm.coupling) @ [1, 0, 0, -1, 0, 1]
+    q, poses = _path(arm, start, 25, n=5000)
+    np.testing.assert_allclose(follow(arm, poses, start + turns + 0.02, "path"), q + turns, atol=1e-9)
+
+
+@pytest.mark.parametrize("n", [400, 10])
+def test_a_path_straight_through_a_singular_wrist_keeps_axis_4(n: int) -> None:
+    """Axis 5 passes zero and the others go on: the branch of the closed form changes, the arm does not jump."""
+    arm = ARMS["ABB IRB 2400/10"]
+    q = np.tile(np.radians([10.0, 20, 10, 0, 0, 30]), (n, 1))
+    q[:, 4] = np.linspace(0.3, -0.3, n)
+    q[:, 0] += np.linspace(0, 0.2, n)
+    np.testing.assert_allclose(follow(arm, forward(arm, q), q[0], "path"), q, atol=1e-5)
+
+
 def _lost(arm: Arm) -> tuple[np.ndarray, np.ndarray]:
     """Poses (m, 4, 4) that Newton does not reach from the postures (m, 6) beside them."""
     rng = np.random.default_rng(0)
@@ -79,8 +101,8 @@ def test_what_the_arm_cannot_reach_is_told(name: str) -> None:
     arm = ARMS[name]
     far = forward(arm, START[None])
     far[:, :3, 3] += [4000, 0, 0]
-    with pytest.raises(FileError, match=r"path: pose 1 of 1 .* out of reach of the arm in every posture"):
-        follow(arm, far, START, "path")
+    with pytest.raises(FileError, match=r"path: pose 1 of 2 .* out of reach of the arm in every posture"):
+        follow(arm, np.repeat(far, 2, axis=0), START, "path")
 
 
 def test_a_path_that_leaves_the_reach_is_told_where() -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from analysis.kinematics.arm import Arm, forward
 from analysis.kinematics.inverse import Solutions, inverse
+from analysis.kinematics.newton import newton
 from analysis.kinematics.singularity import conditioning
 from tests.support.five_arms import ARMS, J2_IN_J3, OPW, Opw, PeerArm, apart, calibrated, pose_apart
 from tests.support.postures import BESIDE, at_limits, everywhere, random_angles, rows, singular
@@ -139,6 +140,32 @@ def test_planted_angles_of_a_calibrated_arm_are_found(name: str) -> None:
     missing = _missing(arm, solutions, q, near=1e-5)
     assert missing.sum() <= 2
     assert not missing[conditioning(arm, q) > 1e-3].any()
+
+
+@ANY
+def test_all_branches_of_a_calibrated_arm_go_over_from_those_of_the_ideal_one(name: str) -> None:
+    """From the ideal arm to the calibrated one in small steps, each solution by Newton from the one before: none that
+    stays regular on the way is missing."""
+    ideal, final = ARMS[name], calibrated(ARMS[name], seed=9)
+    poses = forward(final, random_angles(19, 300))
+    started = inverse(ideal, poses)
+    row, slot = np.nonzero(started.found)
+    q, regular = started.q[row, slot], np.ones(len(row), dtype=bool)
+    for share in np.linspace(0.1, 1.0, 10):
+        arm = replace(
+            ideal,
+            **{
+                part: (1 - share) * getattr(ideal, part) + share * getattr(final, part)
+                for part in ("a", "alpha", "beta", "d", "offset")
+            },
+        )
+        q, good = newton(arm, poses[row], q)
+        regular &= good
+        regular[regular] &= conditioning(arm, q[regular]) > 3e-3
+    assert regular.mean() > 0.85
+    solutions = inverse(final, poses)
+    near = (apart(final, solutions.q[row], q[:, None]) < 1e-6) & solutions.found[row]
+    assert near.any(axis=1)[regular].all()
 
 
 def test_an_arm_of_no_known_kind_is_searched() -> None:

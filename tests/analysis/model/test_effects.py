@@ -163,6 +163,20 @@ def test_a_spike_hangs_back_against_the_new_direction_and_relaxes() -> None:
     assert 0.009 < spike.max() < 0.01001 and abs(spike[-1]) < 1e-6
 
 
+def test_spikes_of_a_long_motion_are_the_sum_of_all_of_them() -> None:
+    """Each is left out once nothing of it is left; of these hundred some still last at the next turn."""
+    t = np.arange(0.0, 400.0, 0.02)
+    q = np.zeros((len(t), 6))
+    q[:, 1] = np.sin(2 * np.pi * t / 8.0)
+    effect = ReversalSpike(axis=2, amplitude_deg=0.1, decay_s=0.5, slow=0.4, rise=0.3)
+    whole = np.zeros(len(t))
+    for when, direction in Motion(t, q).reversals(2):
+        since = np.maximum(t - when, 0.0) / 0.5
+        relaxing = (0.6 * np.exp(-since) + 0.4 * np.exp(-since / 4)) * -np.expm1(-since / 0.3)
+        whole -= direction * np.where(t >= when, relaxing, 0.0)
+    np.testing.assert_allclose(_link_side_deg(effect, q, t), 0.1 * whole, rtol=0, atol=1e-12)
+
+
 def test_joint_effects_add_to_the_reported_angle() -> None:
     both = np.degrees(
         apply(

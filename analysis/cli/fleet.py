@@ -1,0 +1,123 @@
+"""`rig fleet DIR`: the robots of a plant, what needs attention first."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from analysis.cli import app
+from analysis.cli.commands import command
+from analysis.cli.console import say, say_json
+from analysis.cli.options import AsJson, Jobs, Scheduler
+
+if TYPE_CHECKING:
+    from analysis.fleet.gather import Fleet, Progress
+    from analysis.history.collect import Workers
+
+_SILENT_S, _STEP_S = 1.0, 0.1
+"""Nothing is shown of what takes no longer, and then a line so often."""
+
+
+@command(app, "rig fleet /srv/plant -o plant.html")
+def fleet(
+    directory: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Directory of the plant: every run below it, however deep.")
+    ],
+    as_json: AsJson = False,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE.html",
+            help="Page to write, and one of each robot beside it; default: none.",
+        ),
+    ] = None,
+    parquet: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Table to write of every figure of every run; default: none.")
+    ] = None,
+    catalogue: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Catalogue of the figures; default: in the user's cache.")
+    ] = None,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
+) -> None:
+    """List the robots of a plant: state against limits, what changed and since when, runs and doubts.
+
+    A robot is a name of a rig file in one directory of runs. Runs that
+    are as they were are not read again: a catalogue keeps their figures."""
+    from analysis.fleet import catalogue as kept  # noqa: PLC0415
+    from analysis.fleet.gather import gather  # noqa: PLC0415
+    from analysis.history.collect import Workers  # noqa: PLC0415
+
+    if output:
+        from analysis.reporting.page.write_page import hold_page  # noqa: PLC0415
+
+        hold_page(output)
+    if catalogue:
+        kept.refuse_foreign(catalogue)
+    file = catalogue or kept.default_path(directory)
+    workers, progress = Workers(jobs, scheduler), _Progress()
+    try:
+        with progress:
+            found = gather(directory, file, workers, progress)
+        _write(found, output, parquet, workers, progress)
+    except kept.Damaged:
+        kept.remove(file)  # the error says that the next start makes it again
+        raise
+    from analysis.fleet import screen  # noqa: PLC0415
+
+    if as_json:
+        say_json(screen.as_object(found))
+    else:
+        from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+
+        PlainConsole().print(screen.as_screen(found))
+
+
+def _write(found: Fleet, output: Path | None, parquet: Path | None, workers: Workers, progress: Progress) -> None:
+    """Write what was asked for."""
+    if parquet:
+        from analysis.fleet.table import write_figures  # noqa: PLC0415
+
+        write_figures(found, parquet)
+        say(f"table: {parquet}", err=True)
+    if output:
+        from analysis.fleet.page import write_pages  # noqa: PLC0415
+
+        for line in write_pages(found, output, workers, progress):
+            say(f"warning: {line}", err=True)
+        say(f"page: {output}", err=True)
+
+
+class _Progress:
+    """What is done of how much, on a terminal, once it takes longer than a second; after Ctrl-C how far it got.
+
+    Not `progress_of`: work goes on in forked processes, which must not inherit a display's thread and locks.
+    """
+
+    def __init__(self) -> None:
+        self._began_s = self._shown_s = time.monotonic()
+        self._last = ("", "")
+
+    def __call__(self, doing: str, done: int, total: int) -> None:
+        self._last = (doing, f"{done} of {total}")
+        now_s = time.monotonic()
+        if not sys.stderr.isatty() or now_s - self._began_s < _SILENT_S:
+            return
+        if done == total or now_s - self._shown_s >= _STEP_S:
+            self._shown_s = now_s
+            typer.echo(f"\r{doing}: {done} of {total}\x1b[K", err=True, nl=done == total)
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        doing, count = self._last
+        if kind is KeyboardInterrupt and doing:
+            start = "\r\x1b[K" if sys.stderr.isatty() else ""
+            say(f"interrupted while {doing}: {count} are kept, and the same command goes on", err=True, mark=start)

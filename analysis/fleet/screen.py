@@ -1,0 +1,110 @@
+"""The robots of a plant on a terminal and as JSON."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from analysis.fleet.gather import Fleet
+from analysis.fleet.state import ORDER, Attention, State
+from analysis.frames import for_json
+from analysis.reporting.wide_tables import whole
+
+WORDS: dict[Attention, str] = {
+    "beyond": "beyond its limit",
+    "watch": "watch",
+    "unreadable": "no figures",
+    "changed": "has changed",
+    "within": "within limits",
+    "unlimited": "no limits",
+}
+_STYLES: dict[Attention, str] = {"beyond": "bold red", "watch": "yellow", "unreadable": "yellow", "changed": "yellow"}
+_MOST_NAMED = 5
+
+
+def as_screen(fleet: Fleet) -> RenderableType:
+    """A sentence, a line for each robot, and what was left out."""
+    doubts = (Text(line, style="yellow") for line in doubts_of(fleet))
+    return Group(Text(summary(fleet), style="bold"), _table(fleet), *doubts, Text(reading(fleet), style="dim"))
+
+
+def summary(fleet: Fleet) -> str:
+    """How many robots there are, and how many of them stand how."""
+    counts = [(sum(one.attention == reason for one in fleet.robots), WORDS[reason]) for reason in ORDER]
+    words = ", ".join(f"{count} {word}" for count, word in counts if count)
+    return f"{len(fleet.robots)} {'robot' if len(fleet.robots) == 1 else 'robots'}: {words or 'none is known'}."
+
+
+def reading(fleet: Fleet) -> str:
+    """How many runs there are, and how many of them had to be read."""
+    gone = f", {fleet.gone} gone" if fleet.gone else ""
+    return f"{fleet.runs} runs, {fleet.examined} of them new or changed since the last time{gone}"
+
+
+def doubts_of(fleet: Fleet) -> list[str]:
+    """What to know of the catalogue, and runs that are left out: those of no known robot, then each robot's."""
+    left_out = [*fleet.strays]
+    left_out += [(str(Path(one.folder, run)), why) for one in fleet.robots for run, why in one.without_figures]
+    lines = list(fleet.notes)
+    if left_out:
+        have, are = ("run has", "is") if len(left_out) == 1 else ("runs have", "are")
+        lines.append(f"{len(left_out)} {have} no figures and {are} left out:")
+        lines += [f"  {run}: {why}" for run, why in left_out[:_MOST_NAMED]]
+        if len(left_out) > _MOST_NAMED:
+            lines.append(f"  and {len(left_out) - _MOST_NAMED} more, which --json names")
+    return lines
+
+
+def names_of(fleet: Fleet) -> list[str]:
+    """The name of each robot, in their order; with its directory where another has the same name."""
+    times = Counter(one.robot for one in fleet.robots)
+    return [one.robot if times[one.robot] == 1 else f"{one.robot} in {one.folder}" for one in fleet.robots]
+
+
+def _table(fleet: Fleet) -> Table:
+    table = Table(header_style="bold", box=None, padding=(0, 1))
+    table.add_column("robot")
+    table.add_column("state")
+    table.add_column("nearest to its limit, and what changed")
+    table.add_column("last run", no_wrap=True)
+    table.add_column("runs", justify="right", no_wrap=True)
+    for one, name in zip(fleet.robots, names_of(fleet), strict=True):
+        state = Text(WORDS[one.attention], style=_STYLES.get(one.attention, ""))
+        table.add_row(name, state, _found(one), one.last[:10], str(one.runs))
+    return whole(table)
+
+
+def _found(state: State) -> Text:
+    """What was found of a robot, a line each."""
+    lines = [Text(line) for line in (state.worst, state.trend) if line]
+    lines += [Text(", ".join(state.tests), style="dim")] if state.tests else []
+    lines += [Text(", ".join(state.doubts), style="yellow")] if state.doubts else []
+    return Text("\n").join(lines)
+
+
+def as_object(fleet: Fleet) -> dict[str, Any]:
+    """The same for scripts, with every run that was left out and why."""
+    plain: dict[str, Any] = for_json(
+        {
+            "directory": str(fleet.directory),
+            "catalogue": str(fleet.catalogue),
+            "robots": [_object(one) for one in fleet.robots],
+            "without_robot": dict(fleet.strays),
+            "notes": list(fleet.notes),
+            "runs": fleet.runs,
+            "runs_read": fleet.examined,
+            "runs_gone": fleet.gone,
+        }
+    )
+    return plain
+
+
+def _object(state: State) -> dict[str, Any]:
+    changed = {"attention": state.attention, "without_figures": dict(state.without_figures)}
+    return asdict(state) | changed

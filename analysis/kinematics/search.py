@@ -1,0 +1,129 @@
+"""Inverse kinematics of an arm without a closed form, by Newton's method on stacks of seeds.
+
+An arm near a kind that has one, as calibration leaves it, gets the branches of the snapped arm as seeds, all at once.
+Where this leaves a doubt, near a singularity or the end of a reach, and for an arm of no known kind, there are more
+seeds, and again some to both sides of each solution near a singularity.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from analysis.kinematics.arm import Arm, Array, Mask, forward, pose_error
+from analysis.kinematics.canonical import Canonical
+from analysis.kinematics.closed_form import branches
+from analysis.kinematics.newton import LENGTH_MM, from_nearby, newton
+from analysis.kinematics.singularity import null_motion
+from analysis.kinematics.solved import TOLERANCE_MM, TOLERANCE_RAD, distinct, good, may_hold_twins, off_by, wrapped
+
+_SEEDS, _MOST = 96, 16
+"""Seeds of the search, and how many solutions a general six-axis arm has at most (Raghavan and Roth 1993)."""
+_ITERATIONS = 30
+_BEYOND = 1.5
+"""A branch that misses by more than so many times what snapping can move the tool is out of reach. Once would do: it
+misses by what the reach lacks."""
+_REGULAR = 2e-3
+"""Regularity below which a branch of the snapped arm leaves a doubt: the true arm may have more solutions beside it."""
+_SPREADS = (0.0, 0.1)
+"""rad between the two sides of a singularity of the snapped arm."""
+_SINGULAR = 0.01
+_ASIDE = np.array([-0.6, -0.15, -0.03, 0.03, 0.15, 0.6])
+"""Conditioning below which a solution is taken as near a singularity, and rad to look to its sides."""
+
+
+def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mask]:
+    """q (n, 16, 6) rad and found (n, 16) for poses (n, 4, 4), by Newton from the branches of the snapped arm, or from a
+    spread; found ones first."""
+    q, found = np.full((len(poses), _MOST, 6), np.nan), np.zeros((len(poses), _MOST), dtype=bool)
+    rest = np.arange(len(poses))
+    if form is not None:
+        q[:, :8], found[:, :8], clear = _near_branches(arm, form, poses)
+        rest = np.flatnonzero(~clear)
+    if len(rest):
+        q[rest], found[rest] = _thorough(arm, form, poses[rest])
+    return _first(q, found)
+
+
+def _near_branches(arm: Arm, form: Canonical, poses: Array) -> tuple[Array, Mask, Mask]:
+    """Newton from each branch of the snapped arm that can be near a solution: q (n, 8, 6), found (n, 8), and which
+    poses (n,) are clear: no branch is near the end of its reach or another one, none near a singularity."""
+    back = np.linalg.inv(arm.coupling)
+    seeds: Array = back @ wrapped(branches(form, poses) - arm.offset[:, None])
+    mm, rad = off_by(arm, poses, seeds)
+    slot, row = np.nonzero(np.maximum(mm, rad * LENGTH_MM) < _BEYOND * form.snapped_mm)
+    reached, _, regularity = from_nearby(arm, poses[row], seeds[slot, :, row])
+    turned = np.full(seeds.shape, np.nan)
+    turned[slot, :, row] = wrapped(reached @ arm.coupling.T)
+    q: Array = back @ turned
+    mm, rad = off_by(arm, poses, q)
+    found = ((mm < TOLERANCE_MM) & (rad < TOLERANCE_RAD)).T
+    clear = ~may_hold_twins(turned, found.T)
+    clear[row[~found[row, slot] | (regularity < _REGULAR)]] = False
+    return q.transpose(2, 0, 1), found, clear
+
+
+def _thorough(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mask]:
+    """Newton from more seeds, and again from both sides of each solution near a singularity."""
+    if form is None:
+        theta: Array = np.broadcast_to(_spread(), (len(poses), _SEEDS, 6))
+    else:
+        theta = np.concatenate([branches(form, poses, spread) for spread in _SPREADS]).transpose(2, 0, 1)
+    q, found = _first(*_reached(arm, poses, _joints(arm, theta)))
+    seeds = _aside(arm, q, found)
+    again = np.isfinite(seeds).any(axis=(1, 2))
+    more, found_more = _reached(arm, poses[again], seeds[again])
+    both = np.concatenate([q[again], more], axis=1), np.concatenate([found[again], found_more], axis=1)
+    q[again], found[again] = _first(*distinct(arm, *_first(*both, most=None)))
+    return q, found
+
+
+def _aside(arm: Arm, q: Array, found: Mask) -> Array:
+    """Seeds (n, s, 6) to both sides of each solution near a singularity, else nan.
+
+    Branches lie close together there, along the joint motion that leaves the tool still, and the seeds of
+    several may have run into one.
+    """
+    row, slot = np.nonzero(found)
+    condition, still = null_motion(arm, q[row, slot])
+    near = condition < _SINGULAR
+    row, slot = row[near], slot[near]
+    seeds = np.full((*q.shape[:2], len(_ASIDE), 6), np.nan)
+    seeds[row, slot] = q[row, slot, None] + _ASIDE[:, None] * still[near, None]
+    return seeds.reshape(len(q), q.shape[1] * len(_ASIDE), 6)
+
+
+def _reached(arm: Arm, poses: Array, seeds: Array) -> tuple[Array, Mask]:
+    """Where Newton gets to from seeds (n, k, 6), each solution once; nan seeds lead nowhere."""
+    n, k, _ = seeds.shape
+    q = newton(arm, np.repeat(poses, k, axis=0), seeds.reshape(-1, 6), _ITERATIONS)[0].reshape(n, k, 6)
+    q = _joints(arm, q @ arm.coupling.T + arm.offset)
+    return distinct(arm, q, good(_errors(arm, poses, q)))
+
+
+def _first(q: Array, found: Mask, most: int | None = _MOST) -> tuple[Array, Mask]:
+    """At most so many slots, the found ones first, in their order; without `most` as many as hold all."""
+    most = most or max(_MOST, int(found.sum(axis=1).max(initial=0)))
+    order = np.argsort(~found, axis=1, kind="stable")[:, :most]
+    return np.take_along_axis(q, order[..., None], axis=1), np.take_along_axis(found, order, axis=1)
+
+
+def _spread() -> Array:
+    """Seeds (s, 6) rad that fill the six turns evenly: the additive recurrence of M. Roberts (2018)."""
+    root = 1.0
+    for _ in range(50):
+        root = (1 + root) ** (1 / 7)
+    steps = root ** -np.arange(1.0, 7.0)
+    filled: Array = 2 * np.pi * ((np.arange(1, _SEEDS + 1)[:, None] * steps) % 1.0) - np.pi
+    return filled
+
+
+def _joints(arm: Arm, theta: Array) -> Array:
+    """q (…, 6) of theta (…, 6), whole turns taken out of coupling @ q."""
+    q: Array = wrapped(theta - arm.offset) @ np.linalg.inv(arm.coupling).T
+    return q
+
+
+def _errors(arm: Arm, poses: Array, q: Array) -> Array:
+    """Pose errors (n, k, 6) of q (n, k, 6)."""
+    n, k, _ = q.shape
+    return pose_error(forward(arm, q.reshape(-1, 6)), np.repeat(poses, k, axis=0)).reshape(n, k, 6)
