@@ -28,7 +28,7 @@ import numpy as np
 import typer
 import yaml
 
-from daq.feedback import ur_rtde
+from daq import feedback
 from daq.protocol.conversation import Step
 from rigs.load import find, parse
 
@@ -91,7 +91,7 @@ class Controller:
         self._listener = socket.create_server(("127.0.0.1", 0))
         self._listener.setblocking(False)
         self.port = f"tcp://127.0.0.1:{self._listener.getsockname()[1]}"
-        self._device = ur_rtde.device(parse(find("ur10e").read_text(), "pace").feedback, self._read)
+        self._device = feedback.device(parse(find("ur10e").read_text(), "pace").feedback, self._read)
         self._socket: socket.socket | None = None
         self._wake_ns: int | None = None
         self._count = 0

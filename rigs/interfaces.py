@@ -48,14 +48,19 @@ def models(union: Any) -> tuple[type[BaseModel], ...]:
     return members
 
 
+def name_of(model: type[BaseModel]) -> str:
+    """The name by which a rig file chooses this class."""
+    (name,) = get_args(model.model_fields["interface"].annotation)
+    return str(name)
+
+
 def _interface(model: type[BaseModel], kind: Literal["gauge", "robot"]) -> Interface:
     fields = model.model_fields
     origin: Origin = model.origin  # type: ignore[attr-defined]
-    (name,) = get_args(fields["interface"].annotation)
     line = fields.get("line")
     own = {*model.__annotations__, *(fields.keys() - Probe.model_fields.keys())} - {"interface", "timing"}
     keys = tuple(key for key in fields if key in own)
-    found = Interface(name, kind, "" if line is None else _settings(line), origin, keys)
+    found = Interface(name_of(model), kind, "" if line is None else _settings(line), origin, keys)
     if not issubclass(model, Probe):
         return found
     modem = "; ".join(f"{cable} {lines}" for cable, lines in model.cables.items())

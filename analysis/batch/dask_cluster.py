@@ -48,6 +48,7 @@ def on_cluster(work: Callable[[Item], Value], items: Sequence[Item], address: st
 def _connected(address: str) -> Any:
     try:
         from distributed import Client  # noqa: PLC0415 - an extra
+        from distributed.comm.addressing import parse_address, parse_host_port  # noqa: PLC0415
     except ModuleNotFoundError:
         what = "needs dask.distributed, which is not installed"
         raise FileError("--scheduler", what, "pip install distributed") from None
@@ -55,6 +56,7 @@ def _connected(address: str) -> Any:
     for logger in ("distributed", "distributed.client"):
         logging.getLogger(logger).setLevel(logging.CRITICAL)
     try:
+        parse_host_port(parse_address(address)[1])  # a client that was made for no address cannot be closed in order
         return Client(address, timeout=_CONNECTED_S, set_as_default=False)
     except (OSError, ValueError) as error:
         what = f"no Dask scheduler answers: {error}"

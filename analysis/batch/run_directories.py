@@ -15,7 +15,7 @@ _NO_RUNS = "lost+found"
 def run_directories(paths: Iterable[Path]) -> list[Path]:
     """The runs that the paths stand for, in the order given, each once; of a directory in the order of names.
 
-    A path that holds no run stands for itself: whoever reads it finds out what is wrong with it.
+    A path that holds no run stands for itself, so that reading it reports what is wrong with it.
     """
     found: dict[Path, Path] = {}
     for path in paths:

@@ -40,7 +40,9 @@ def emulate(
 
     Writes rig.yaml, the rig file with these ports in it, for rigd; and
     truth.json, what a perfect measurement would find. Type acw, cw, roll acw,
-    roll cw, radial or repeatability to start the robot's program, quit to end.
+    roll cw, radial or repeatability to start the robot's program, quit to end;
+    show speed_percent 40, and the like, changes what the robot shows of its
+    condition, not how it drives.
     """
     import json  # noqa: PLC0415
     import signal  # noqa: PLC0415
@@ -55,7 +57,7 @@ def emulate(
     rig, text = load(rig_file)
     rig = load_hidden(effects).within(rig) if effects else rig
     robot = EmulatedRobot.of_rig(rig, seed)
-    cell = emulated(rig, robot, robot.signal)
+    cell = emulated(rig, robot, robot.signal, condition=robot.condition)
     try:
         directory.mkdir(parents=True, exist_ok=True)
         (directory / "rig.yaml").write_text(cell.rig_text(text), encoding="utf-8")
@@ -80,7 +82,7 @@ def emulate(
 
 
 def _obey(robot: EmulatedRobot, ends: SimpleQueue[int]) -> None:
-    """Lines of standard input start programs; `quit`, or the end of a keyboard's lines, ends the cell."""
+    """Lines of standard input start programs, or `show COLUMN VALUE`; `quit`, or a keyboard's end, ends the cell."""
     import sys  # noqa: PLC0415
 
     from rigs.errors import RigError  # noqa: PLC0415
@@ -89,6 +91,11 @@ def _obey(robot: EmulatedRobot, ends: SimpleQueue[int]) -> None:
         if program == "quit":
             break
         try:
+            if program.startswith("show "):
+                column, _, value = program.removeprefix("show ").strip().partition(" ")
+                robot.show(column, value.strip())
+                say(f"{column}: {value.strip()}")
+                continue
             seconds = robot.start(program)
         except RigError as error:
             say(str(error))

@@ -25,6 +25,8 @@ WATCHED = (
     *("rms_mm", "rms_deg", "repeat_mm"),
 )
 """Figures that show the robot, one of each kind. The others repeat these, or show how ball and gauges were mounted."""
+_OF_AN_AXIS = {"play_j": "play", "temperature_j": "mean temperature", "warming_j": "warming within a run"}
+"""What the figures of an axis are called; its number follows."""
 
 
 @dataclass(frozen=True)
@@ -79,8 +81,9 @@ class History:
 
 def label_of(figure: str) -> str:
     """What a figure is called where people read it, as `play of axis 2`."""
-    if figure.startswith("play_j"):
-        return f"play of axis {figure[len('play_j')]}"
+    for prefix, words in _OF_AN_AXIS.items():
+        if figure.startswith(prefix):
+            return f"{words} of axis {figure[len(prefix)]}"
     return label(figure).strip()
 
 

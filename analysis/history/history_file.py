@@ -19,7 +19,7 @@ from analysis.history.records import Record
 from analysis.measures.quantity import Quantity
 
 FILE = "history.sqlite"
-VERSION = 1
+VERSION = 2
 """Version of the tables below and of the figures in them."""
 _OURS = 0x52494748
 """SQLite's application_id, `RIGH`: a database of somebody else is left alone."""

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from analysis.history.joint_play import joint_plays
+from analysis.history.joint_warmth import joint_warmth
 from analysis.measures.quantity import Quantity
 from analysis.measures.results import result_of
 from analysis.traces.loading import load_measured
@@ -84,7 +85,7 @@ def record_of(path: Path, manifest: Manifest, fingerprint: str) -> Record:
             measured = load_measured(path)
             program = _program(measured.rig, manifest.test)
             result = result_of(measured)
-            figures = result.figures | joint_plays(result)
+            figures = result.figures | joint_plays(result) | joint_warmth(measured.condition)
     except FileError as error:
         problem = error.what
     except (ArithmeticError, ValueError, RuntimeWarning, np.linalg.LinAlgError) as error:

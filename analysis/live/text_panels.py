@@ -14,6 +14,7 @@ from analysis.live.controls import KEYS, Controls
 from analysis.live.figures import OLD_S
 from analysis.live.joints import JointReversal, moves, speeds
 from analysis.live.view import Event, LiveView
+from rigs.schema.condition import CONDITION, condition_words
 from rigs.schema.gauges import FURTHER
 from rigs.text import plain
 
@@ -100,7 +101,10 @@ def draw_links(area: Area, view: LiveView) -> None:
         words, style = ("connected", "green") if stream["connected"] else ("lost     ", "bold red")
         column = area.put(row, column + 1, *(("last known", "") if view.lost else (words, style)))
         column = area.put(row, column + 1, f"{stream['rate_hz']:6.1f} Hz")
-        old = [name for name, age_s in stream["age_s"].items() if age_s > OLD_S]
+        disturbed = [words for words, disturbs in condition_words(stream["last"]) if disturbs]
+        if disturbed and stream["connected"]:
+            column = area.put(row, column + 1, " · ".join(disturbed), "bold red")
+        old = [name for name, age_s in stream["age_s"].items() if age_s > OLD_S and name not in CONDITION]
         if old and stream["connected"]:
             column = area.put(row, column + 1, f"silent {stream['age_s'][old[0]]:.0f} s", "yellow")
         for gauge in [part for part in name.split("_") if part in FURTHER and part in view.readings]:

@@ -13,7 +13,7 @@ from analysis.noise.cell import NoiseSource
 
 _EXACT = 1e-9
 """Above the rounding error of a logarithm, so that 0.1 counts as 10⁻¹."""
-_SIGNS = {"deg": "°", "deg/Nm": "°/Nm", "hz": "Hz"}
+_SIGNS = {"c": "°C", "deg": "°", "deg/Nm": "°/Nm", "hz": "Hz"}
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from analysis.robot_programs.plan import Plan, SignalPlace
 from rigs.errors import FileError
+from rigs.schema.condition import CONDITION
 from rigs.schema.feedback import SIGNAL, LineFeed
 from rigs.schema.links import tcp_address
 
@@ -80,6 +81,8 @@ def _field(name: str) -> str:
         return "signal::6"
     if name == "_":
         return "'0'"
+    if name in CONDITION:
+        raise FileError("feedback", f"the program written here cannot print {name}", "take it out of `fields`")
     joint = f"joints[{name[1]}]"
     return f"{joint}::12::4" if name.endswith("_deg") else f"{joint} * {_RAD_PER_DEG}::12::7"
 

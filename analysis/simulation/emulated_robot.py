@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import Any, Literal
 
 import numpy as np
@@ -22,6 +23,7 @@ from analysis.noise.certificate import as_shown, link_excess_mm
 from analysis.simulation.simulate import readings_along
 from rigs.errors import FileError
 from rigs.rig import Rig
+from rigs.schema.condition import CONDITION, PROGRAM, SAFETY, ProgramState, SafetyState, words_of
 from rigs.schema.vocabulary import Direction
 
 _DWELL_S = 1.5
@@ -75,6 +77,8 @@ class EmulatedRobot:
         self._trace = self.traces["acw"]
         self._start_ns: int | None = None
         self._number = 0
+        self._shown: dict[str, float] = {}
+        """What a person made it show of its condition."""
         self.finished = threading.Event()
         """Set while it stands."""
         self.finished.set()
@@ -105,6 +109,23 @@ class EmulatedRobot:
         with self._lock:
             running = self._start_ns is not None and now_ns < self._start_ns + int(self._trace.t_s[-1] * 1e9)
             return float(self._number if running else 0)
+
+    def condition(self, now_ns: int) -> dict[str, float]:
+        """What it shows of its condition, beyond that of a robot that drives undisturbed."""
+        program = ProgramState.RUNNING if self.signal(now_ns) else ProgramState.STOPPED
+        return {PROGRAM: float(program), **self._shown}
+
+    def show(self, column: str, value: str) -> None:
+        """Show this from now on, whatever it drives. Raises FileError for what is no column, or no value of it."""
+        states: dict[str, type[IntEnum]] = {PROGRAM: ProgramState, SAFETY: SafetyState}
+        if column not in CONDITION:
+            raise FileError(repr(column), "is not of the robot's condition", f"give one of {', '.join(CONDITION)}")
+        try:
+            shown = float(states[column](int(value))) if column in states else float(value)
+        except ValueError:
+            known = ", ".join(f"{state.value} {words_of(state)}" for state in states.get(column, ()))
+            raise FileError(repr(value), f"is no {column}", f"give {known or 'a number'}") from None
+        self._shown = {**self._shown, column: shown}
 
     def start(self, program: str) -> float:
         """Begin a program of `PROGRAMS` now; returns how many seconds it takes.

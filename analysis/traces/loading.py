@@ -14,6 +14,7 @@ from analysis.frames import Tabular
 from analysis.noise.certificate import NO_CERTIFICATE, Systematic, corrected_gauges, link_excess_mm, systematic
 from analysis.noise.certificate import doubts_of as certificate_doubts
 from analysis.traces.align import align
+from analysis.traces.condition import NOT_SHOWN, Condition, condition_of
 from analysis.traces.csv_tables import columns_of, table_from
 from analysis.traces.dwells import radial_table, repeatability_table
 from analysis.traces.tables import CircleTable, PoseTable, Table
@@ -31,8 +32,8 @@ SIMULATED = "simulated, "
 class Measured(Tabular):
     """A run that was read, with its rig file as it was then (rig) and its readings as one table, in radians and mm;
     u_lag_s: standard uncertainty of the gauges' time against the robot's, 0 where a table came with its own time;
-    doubts in words; systematic: what calibration certificates leave uncertain. The run is without its streams: the
-    table is made of them, and of a long run they take as much memory."""
+    doubts in words; systematic: what calibration certificates leave uncertain; condition: what the robot showed beside
+    its joints. The run is without its streams: the table is made of them, and takes as much memory for a long run."""
 
     path: Path
     run: Run
@@ -41,6 +42,7 @@ class Measured(Tabular):
     u_lag_s: float
     doubts: tuple[str, ...]
     systematic: Systematic = NO_CERTIFICATE
+    condition: Condition = NOT_SHOWN
 
     @property
     def title(self) -> str:
@@ -69,7 +71,10 @@ def measured_of(run: Run) -> Measured:
         table = table_from(run.table, run.manifest.test, run.manifest.direction, str(path))
         return Measured(path, run, rig, table, 0.0, tuple(doubts), _systematic(rig, table))
     table, u_lag_s, more = _recorded(path, run, rig)
-    return Measured(path, replace(run, streams={}), rig, table, u_lag_s, (*doubts, *more), _systematic(rig, table))
+    condition = condition_of(run.streams["robot"]) if "robot" in run.streams else NOT_SHOWN
+    doubts += [*more, *condition.doubts]
+    bare = replace(run, streams={})
+    return Measured(path, bare, rig, table, u_lag_s, tuple(doubts), _systematic(rig, table), condition)
 
 
 def _is_in_step(run: Run) -> None:

@@ -55,7 +55,7 @@ class PlausibilityCheck:
     _travel_deg: float = 0.0
     _errors: dict[str, deque[int]] = field(default_factory=dict)
     _in_error: dict[str, set[int | None]] = field(default_factory=dict)
-    """The columns of each stream whose gauges are in error; None for an error that does not say of which it is: it lasts
+    """Columns of each stream whose gauges are in error; None for an error that does not say of which it is, and lasts
     while messages lack the reading of any."""
 
     def check(self, stream: str, columns: Sequence[str], items: Sequence[Item]) -> list[Fault]:

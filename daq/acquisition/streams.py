@@ -11,12 +11,12 @@ from daq.protocol.conversation import Host
 from daq.wire.links import DEAD_S, Link
 from daq.wire.opening import open_link
 from rigs.rig import Rig
-from rigs.schema.feedback import SIGNAL, carries_signal
+from rigs.schema.feedback import Feedback, columns_beside_joints
 from rigs.schema.links import Line, ModemLines
 
 ROBOT = "robot"
 JOINTS = tuple(f"q{axis}_deg" for axis in range(1, 7))
-_NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
+NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
 """Robots are reached over the network, which has no line settings."""
 _PATIENCE = 3
 """Silent time-outs after which a TCP connection counts as lost."""
@@ -61,11 +61,13 @@ def streams_of(rig: Rig) -> list[Stream]:
         host = partial(gauges.host, group)
         dead_s = _dead_s(max(gauge.timeout_s for gauge in group))
         found.append(Stream("_".join(names), columns, first.port, first.line, host, dead_s, modem=first.modem))
-    robot = rig.feedback
-    columns = (*JOINTS, SIGNAL) if carries_signal(robot) else JOINTS
-    host = partial(feedback.host, robot)
-    found.append(Stream(ROBOT, columns, robot.port, _NO_LINE, host, _dead_s(robot.timeout_s), robot.listens))
-    return found
+    return [*found, robot_stream(rig.feedback)]
+
+
+def robot_stream(robot: Feedback) -> Stream:
+    """Return the stream of a robot."""
+    columns, host = (*JOINTS, *columns_beside_joints(robot)), partial(feedback.host, robot)
+    return Stream(ROBOT, columns, robot.port, NO_LINE, host, _dead_s(robot.timeout_s), robot.listens)
 
 
 def _dead_s(timeout_s: float) -> float:

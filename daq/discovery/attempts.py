@@ -16,7 +16,7 @@ from pydantic import BaseModel, TypeAdapter
 from daq import gauges
 from daq.doctor.trial import USUAL_LINES
 from daq.protocol.streamed import Streamed
-from rigs.interfaces import models
+from rigs.interfaces import models, name_of
 from rigs.load import load
 from rigs.schema.gauges import Gauge
 from rigs.schema.links import Line, tcp_address
@@ -80,7 +80,7 @@ def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
     """
     placed = {"offset_mm": 0.0, **fields}
     lines = USUAL_LINES if "line" not in fields else ()
-    model = next((one for one in models(Gauge) if _name_of(one) == fields.get("interface")), None)
+    model = next((one for one in models(Gauge) if name_of(one) == fields.get("interface")), None)
     default = model.model_fields["line"].default if model else None
     first = fields.get("line", str(default) if isinstance(default, Line) else str(USUAL_LINES[0]))
     gauge = _GAUGE.validate_python({**placed, "line": first})
@@ -90,7 +90,7 @@ def named_attempts(fields: dict[str, Any]) -> list[Attempt]:
 
 def missing_keys(interface: str) -> list[str]:
     """Return the keys of an interface that only its owner knows: without a default, and not found by trying."""
-    (model,) = (one for one in models(Gauge) if _name_of(one) == interface)
+    (model,) = (one for one in models(Gauge) if name_of(one) == interface)
     found = {"interface", "port", "offset_mm", "line"}
     return [key for key, field in model.model_fields.items() if field.is_required() and key not in found]
 
@@ -106,12 +106,12 @@ def _candidates(port: str, modbus_units: Sequence[int]) -> Iterator[tuple[Gauge,
             for unit in modbus_units:
                 yield (example.model_copy(update={"port": port, "offset_mm": 0.0, "unit": unit}),)
             continue
-        needed = missing_keys(_name_of(model))
+        needed = missing_keys(name_of(model))
         if tcp_address(port) or any(key not in STAND_IN for key in needed):
             continue
         fields = {"port": port, "offset_mm": 0.0, **{key: STAND_IN[key] for key in needed}}
         for choice in _choices(model):
-            made = {**fields, **choice, "interface": _name_of(model), "line": _first_line(model)}
+            made = {**fields, **choice, "interface": name_of(model), "line": _first_line(model)}
             yield tuple(_GAUGE.validate_python({**made, "channel": channel}) for channel in _channels(model))
 
 
@@ -128,11 +128,6 @@ def _has_line(members: tuple[Gauge, ...]) -> bool:
 def _fits(members: tuple[Gauge, ...], line: Line) -> bool:
     """Whether a protocol can be spoken with so many data bits: Modbus RTU needs all eight."""
     return line.bits == 8 or members[0].interface != "modbus_map"
-
-
-def _name_of(model: type[BaseModel]) -> str:
-    (name,) = get_args(model.model_fields["interface"].annotation)
-    return str(name)
 
 
 def _first_line(model: type[BaseModel]) -> Line:

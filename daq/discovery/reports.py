@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from daq.acquisition.stream_buffer import size_of
 from daq.discovery.attempts import STAND_IN, Sends, missing_keys
 from daq.protocol.conversation import Fault, FaultKind, Item
 from rigs.schema.feedback import Feedback
@@ -41,8 +42,8 @@ def evidence_of(items: Iterable[Item]) -> Evidence:
     readings = row = longest = faults = 0
     for item in items:
         if not isinstance(item, Fault):
-            row += len(item) if hasattr(item, "__len__") else 1
-            readings, longest = readings + 1, max(longest, row)
+            row, readings = row + size_of(item), readings + size_of(item)
+            longest = max(longest, row)
         elif item.kind not in _OF_THE_INSTRUMENT:
             row, faults = 0, faults + 1
     return Evidence(readings, longest, faults)

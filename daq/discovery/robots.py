@@ -18,26 +18,25 @@ from pydantic import ValidationError
 
 from daq import feedback
 from daq.acquisition.stream_buffer import faults_of
-from daq.acquisition.streams import JOINTS, ROBOT, Stream
+from daq.acquisition.streams import NO_LINE, ROBOT, robot_stream
 from daq.discovery.attempts import Sends
 from daq.discovery.lines import layout_of
 from daq.discovery.probing import Probing
 from daq.discovery.reports import RobotReport, evidence_of
-from daq.discovery.ur_safety import stopped_by
+from daq.doctor.condition import condition_in, stopped_by
 from daq.doctor.trial import Trial, try_line
 from daq.protocol.conversation import Arrival, Fault, FaultKind, Host
 from daq.wire.links import LinkLost
 from daq.wire.opening import open_link
 from rigs.errors import CellError
 from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed
-from rigs.schema.links import Line, tcp_address, udp_address
+from rigs.schema.links import tcp_address, udp_address
 
 _LISTEN_S = 1.5
 _SILENCES = 3
 """Time-outs within that time: a datagram that asks can be lost."""
 _CONFIRM_S = 0.5
 _PATIENCE_S = 3.0
-_NO_LINE = Line(baud=9600, bits=8, parity="N", stop=1)
 _RTDE, _STREAM_MOTION = 30004, 60015
 """The ports of Universal Robots' RTDE and of FANUC's Stream Motion."""
 _RATES_HZ = (500.0, 125.0)
@@ -120,7 +119,7 @@ def _line_feed(address: str) -> _Tried:
 
 
 def _heard(address: str) -> list[Arrival]:
-    link = open_link(ROBOT, address, _NO_LINE)
+    link = open_link(ROBOT, address, NO_LINE)
     try:
         arrivals, until_s = list[Arrival](), time.monotonic() + _LISTEN_S
         while (left_s := until_s - time.monotonic()) > 0:
@@ -137,8 +136,8 @@ def _try(robot: Feedback) -> _Tried:
     limits = {"timeout_s": _LISTEN_S / _SILENCES} | ({"onlysend": True} if robot.interface == "kuka_rsi" else {})
     tried = robot.model_copy(update=limits)
     host = partial(_host, tried, "nothing" if robot.listens else "all")
-    stream = Stream(ROBOT, JOINTS, robot.port, _NO_LINE, host, listens=robot.listens)
-    return _Tried(robot, try_line(stream, _NO_LINE, _PATIENCE_S, _CONFIRM_S))
+    stream = replace(robot_stream(tried), host=host)
+    return _Tried(robot, try_line(stream, NO_LINE, _PATIENCE_S, _CONFIRM_S))
 
 
 def _host(robot: Feedback, sends: Sends) -> Host:
@@ -146,17 +145,16 @@ def _host(robot: Feedback, sends: Sends) -> Host:
 
 
 def _found(address: str, tried: _Tried) -> RobotReport:
-    samples = tried.trial.samples
-    lasted_s = (samples[-1].last_byte_ns - samples[0].last_byte_ns) / 1e9
-    stopped = stopped_by(tried.feedback.port) if tried.feedback.interface == "ur_rtde" else ""
-    report = RobotReport(
+    last = tried.trial.samples[-1]
+    stopped = stopped_by(condition_in(robot_stream(tried.feedback).columns, last))
+    return RobotReport(
         address,
         tried.feedback,
-        samples[-1].values[:6],
+        last.values[:6],
+        tried.trial.rate_hz,
         units_sure=tried.sure,
         said=stopped or _said(tried.trial),
     )
-    return replace(report, rate_hz=(len(samples) - 1) / lasted_s) if lasted_s else report
 
 
 def _why_not(trial: Trial) -> str:

@@ -7,6 +7,7 @@ The first line settings at which a protocol fits end the search of a port, once 
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import termios
 import threading
@@ -25,9 +26,10 @@ from daq.discovery.attempts import Attempt, Sends, attempts
 from daq.discovery.probing import Probing
 from daq.discovery.reports import FoundGauge, PortReport, evidence_of
 from daq.doctor.finding import Verdict
-from daq.doctor.ports import examine_port, port_names
+from daq.doctor.ports import examine_port
 from daq.doctor.trial import Trial, try_line
 from daq.protocol.conversation import FaultKind, Host, Sample
+from daq.wire.serial_port import port_names
 from rigs.schema.gauges import Gauge
 from rigs.schema.links import Line, Port
 
@@ -60,7 +62,7 @@ class Wanted:
 
 def ports_here() -> dict[str, str]:
     """Return the serial ports of this computer, each with what the system says of it; none is opened."""
-    here = dict.fromkeys(port_names(_ROOT), "")
+    here = dict.fromkeys(port_names(), "")
     for one in list_ports.comports():
         name = next((name for name in here if Path(name).resolve() == Path(one.device).resolve()), one.device)
         here[name] = one.description if one.description != "n/a" else ""
@@ -167,22 +169,19 @@ def _trial(port: str, attempt: Attempt, listen_s: float) -> Trial:
 
 def _with_gauges(report: PortReport, attempt: Attempt, trial: Trial, also: tuple[str, ...]) -> PortReport:
     """A gauge for each channel that reads."""
-    samples = trial.samples
-    lasted_s = (samples[-1].last_byte_ns - samples[0].last_byte_ns) / 1e9
-    rate_hz = (len(samples) - 1) / lasted_s if lasted_s else 0.0
     found = []
     for column, gauge in enumerate(attempt.gauges):
-        reading = _last(samples, column)
+        reading = _last(trial.samples, column)
         if reading is not None:
             declared = gauge.model_copy(update={"line": attempt.line})
-            found.append(FoundGauge(declared, reading, rate_hz, attempt.sends, also))
+            found.append(FoundGauge(declared, reading, trial.rate_hz, attempt.sends, also))
     return PortReport(report.port, report.description, tuple(found))
 
 
 def _last(samples: Sequence[Sample], column: int) -> float | None:
     """The last reading of a channel; None where it never reads."""
-    values = [sample.values[column] for sample in samples]
-    return next((value for value in reversed(values) if value == value), None)  # noqa: PLR0124 - nan is no reading
+    values = (sample.values[column] for sample in reversed(samples))
+    return next((value for value in values if not math.isnan(value)), None)
 
 
 def _nothing(report: PortReport, received: int, attempts_made: int) -> PortReport:

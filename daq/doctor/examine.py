@@ -9,12 +9,14 @@ from typing import Any
 
 from daq.acquisition.streams import Stream, streams_of
 from daq.doctor.computer import examine_computer
+from daq.doctor.condition import of_condition
 from daq.doctor.finding import Finding, Verdict, doubtful, ok, wrong
 from daq.doctor.ports import examine_port
 from daq.doctor.trial import examine_conversation
 from daq.service.client import Client, find_socket
 from rigs.errors import CellError
 from rigs.rig import Rig
+from rigs.schema.condition import CONDITION
 
 _FRESH_S = 3.0
 
@@ -70,13 +72,16 @@ def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Fin
         yield wrong("rigd", f"reads {ports}: not what the rig file says", "start rigd again, or give its own file")
     for name, stream in status["streams"].items():
         yield _stream(name, stream)
+        if stream["connected"]:
+            yield from of_condition(name, stream["last"])
 
 
 def _stream(name: str, stream: dict[str, Any]) -> Finding:
     if not stream["connected"]:
         return wrong(name, "its port is not open", stream["last_fault"] or "see rig logs")
-    silent = [column for column, age_s in stream["age_s"].items() if age_s > _FRESH_S]
-    if silent or not stream["age_s"]:
+    ages_s = {column: age_s for column, age_s in stream["age_s"].items() if column not in CONDITION}
+    silent = [column for column, age_s in ages_s.items() if age_s > _FRESH_S]
+    if silent or not ages_s:
         return wrong(name, f"no reading of {', '.join(silent) or name}", stream["last_fault"] or "see rig logs")
     faults = {kind: count for kind, count in stream["counters"].items() if kind != "samples"}
     good = stream["counters"].get("samples", 0)

@@ -14,9 +14,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from daq.doctor.finding import Finding, Verdict, doubtful, ok, wrong
+from daq.wire.serial_port import port_names
 
 _BY_PLUGGING_ORDER = re.compile(r"/dev/tty(USB|ACM)\d+")
-_LASTING = ("dev/rig", "dev/serial/by-id", "dev/serial/by-path")
 _GREEDY = ("ModemManager", "brltty")
 """Programs that open new serial ports by themselves."""
 _GROUP = "dialout"
@@ -112,16 +112,6 @@ def _below_dev(port: str, root: Path) -> str:
     device = _at(port, root).resolve()
     dev = (root / "dev").resolve()
     return str(device.relative_to(dev)) if device.is_relative_to(dev) else device.name
-
-
-def port_names(root: Path) -> list[str]:
-    """Return the serial ports that are plugged in, by the name to write into a rig file: one that lasts, if any."""
-    found = [file for folder in _LASTING if (root / folder).is_dir() for file in sorted((root / folder).iterdir())]
-    found += sorted(file for kind in ("ttyUSB*", "ttyACM*") for file in (root / "dev").glob(kind))
-    best: dict[Path, Path] = {}
-    for file in found:
-        best.setdefault(file.resolve(), file)
-    return [f"/{file.relative_to(root)}" for file in best.values()]
 
 
 def _open_files(process: Path) -> list[Path]:

@@ -16,12 +16,14 @@ import numpy as np
 
 from daq.acquisition.stream_buffer import faults_of, samples_of
 from daq.acquisition.streams import Stream
+from daq.doctor.condition import condition_in, of_condition
 from daq.doctor.finding import Finding, doubtful, ok, wrong
 from daq.protocol.bus import Bus
 from daq.protocol.conversation import Fault, FaultKind, Item, Sample
 from daq.wire.links import Link, LinkLost
 from daq.wire.session import run_conversation
 from rigs.errors import CellError
+from rigs.schema.condition import CONDITION
 from rigs.schema.links import Line
 
 _LISTEN_S = 2.0
@@ -67,6 +69,13 @@ class Trial:
     def samples(self) -> list[Sample]:
         """The readings that came."""
         return list(samples_of(self.items))
+
+    @property
+    def rate_hz(self) -> float:
+        """Readings a second; 0 where all came at once, as of a link that was then lost."""
+        stamps_ns = samples_of(self.items).last_byte_ns
+        lasted_ns = int(stamps_ns[-1] - stamps_ns[0]) if len(stamps_ns) else 0
+        return (len(stamps_ns) - 1) * 1e9 / lasted_ns if lasted_ns else 0.0
 
     @property
     def understood(self) -> bool:
@@ -135,7 +144,10 @@ def try_line(stream: Stream, line: Line, patience_s: float, listen_s: float) -> 
 
 
 def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = try_line) -> Iterator[Finding]:
-    """Examine whether the instrument answers, how fast, and how its clock runs. timeout_s: of the instrument."""
+    """Examine whether the instrument answers, how fast, how its clock runs, and the condition of a robot.
+
+    timeout_s: of the instrument.
+    """
     wait_s = min(_LONGEST_WAIT_S, 2 * timeout_s)
     serial = stream.port.startswith("/")
     trial = attempt(stream, stream.line, _TALK_S + wait_s, _LISTEN_S)
@@ -147,6 +159,7 @@ def examine_conversation(stream: Stream, timeout_s: float, attempt: Attempt = tr
     yield answers(stream, trial, search)
     if trial.understood and trial.samples:
         yield from filter(None, (pace(stream, trial) if serial else None, clock(stream.name, trial.samples)))
+        yield from of_condition(stream.name, condition_in(stream.columns, trial.samples[-1]))
 
 
 def answers(stream: Stream, trial: Trial, search: Callable[[], Line | None]) -> Finding:
@@ -173,7 +186,8 @@ def _of_readings(stream: Stream, trial: Trial, how: str) -> Finding:
     """Check readings that came: whether all gauges of the link gave some, and how many faults came with them."""
     readings = samples_of(trial.items)
     what = f"{how}: {len(readings)} readings in {trial.seconds:.0f} s"
-    if missing := [stream.columns[k] for k in np.flatnonzero(np.isnan(readings.values).all(axis=0))]:
+    silent = [stream.columns[k] for k in np.flatnonzero(np.isnan(readings.values).all(axis=0))]
+    if missing := [name for name in silent if name not in CONDITION]:
         return wrong(stream.name, f"{what}, but none of {', '.join(missing)}", trial.last_fault)
     faults = Counter[str]()
     for fault in faults_of(trial.items):
@@ -181,18 +195,17 @@ def _of_readings(stream: Stream, trial: Trial, how: str) -> Finding:
     if faults.total() > _FEW and faults.total() > _POOR_SHARE * len(readings):
         counts = ", ".join(f"{count} {kind}" for kind, count in faults.items() if count)
         return doubtful(stream.name, f"{what}, and {counts}", trial.last_fault)
-    return ok(stream.name, what)
+    return ok(stream.name, f"{what}; it does not show {', '.join(silent)}" if silent else what)
 
 
 def pace(stream: Stream, trial: Trial) -> Finding | None:
     """Compare the readings per second with what the line could carry."""
-    samples = trial.samples
-    if len(samples) < _ENOUGH or not (lasted_ns := _lasted_ns(samples)):
+    readings, reached_hz = len(trial.samples), trial.rate_hz
+    if readings < _ENOUGH or not reached_hz:
         return None
-    reached_hz = (len(samples) - 1) * 1e9 / lasted_ns
     host = stream.host()
     gap_ns = host.gap_ns if isinstance(host, Bus) else 0
-    possible_hz = len(samples) * 1e9 / (trial.carried * stream.line.character_ns + len(samples) * gap_ns)
+    possible_hz = readings * 1e9 / (trial.carried * stream.line.character_ns + readings * gap_ns)
     what = f"{reached_hz:.1f} readings a second; the line could carry {possible_hz:.1f}"
     if reached_hz >= _SLOW * possible_hz:
         return ok(stream.name, what)
@@ -207,9 +220,11 @@ def clock(about: str, samples: Sequence[Sample]) -> Finding | None:
     The quickest arrivals of the first and of the last quarter lie closest to the truth: a delay only ever adds.
     """
     quarter = len(samples) // 4
-    if quarter < _ENOUGH or math.isnan(samples[0].device_time_s) or not _lasted_ns(samples):
+    if quarter < _ENOUGH or math.isnan(samples[0].device_time_s):
         return None
     begin_ns, end_ns = samples[0].last_byte_ns, samples[-1].last_byte_ns
+    if begin_ns == end_ns:  # all came at once, as of a link that was then lost
+        return None
     late_ns = [sample.last_byte_ns - begin_ns - sample.device_time_s * 1e9 for sample in samples]
     slope = (min(late_ns[-quarter:]) - min(late_ns[:quarter])) / (0.75 * (end_ns - begin_ns))
     level_ns = [late - slope * (s.last_byte_ns - begin_ns) for late, s in zip(late_ns, samples, strict=True)]
@@ -219,8 +234,3 @@ def clock(about: str, samples: Sequence[Sample]) -> Finding | None:
     if abs(drift_ppm) - 3 * uncertain_ppm < _POOR_PPM:
         return ok(about, what)
     return doubtful(about, what, "check `rate_hz` and the unit of its clock; a good clock is within 100 ppm")
-
-
-def _lasted_ns(samples: Sequence[Sample]) -> int:
-    """0 where all came at once, as of a link that was then lost."""
-    return samples[-1].last_byte_ns - samples[0].last_byte_ns

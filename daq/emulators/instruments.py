@@ -6,7 +6,7 @@ So this package needs no kinematics.
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Protocol
@@ -20,7 +20,8 @@ from daq.emulators.own_cycle import STEADY, Unsteady
 from daq.emulators.timed import timed_device, timed_read
 from daq.protocol.conversation import Device
 from rigs.rig import Rig
-from rigs.schema.feedback import carries_signal
+from rigs.schema.condition import UNDISTURBED
+from rigs.schema.feedback import SIGNAL, columns_beside_joints
 from rigs.schema.modbus import ModbusMap, SolartronOrbit
 
 
@@ -40,15 +41,18 @@ def emulated(
     signal: Callable[[int], float] = lambda _: 0.0,
     adversity: Adversity = NONE,
     names: Path | None = None,
+    condition: Callable[[int], Mapping[str, float]] = lambda _: {},
 ) -> Cell:
     """Return a cell whose instruments measure a motion.
 
-    signal: number of the robot's program at a time, shown where the rig's feedback carries one. The rest: see `Cell`.
+    signal: number of the robot's program at a time, shown where the rig's feedback carries one. condition: what the
+    robot shows at a time that one which drives undisturbed does not. The rest: see `Cell`.
     """
+    beside = columns_beside_joints(rig.feedback)
 
     def shown(now_ns: int) -> Sequence[float]:
-        program = (signal(now_ns),) if carries_signal(rig.feedback) else ()
-        return [*motion.joints_deg(now_ns), *program]
+        values = {SIGNAL: signal(now_ns)} | UNDISTURBED | dict(condition(now_ns))
+        return [*motion.joints_deg(now_ns), *(values[name] for name in beside)]
 
     def controller() -> Device:
         return OwnClock(partial(feedback.device, rig.feedback), shown, adversity.drift_ppm)

@@ -1,8 +1,8 @@
 """Robot feedback: one interface a file, named as `interface` names it in the rig file.
 
-Each file offers `host(feedback)`, the conversation that listens (values q1_deg … q6_deg, always all six in
-that order, then `signal` where `rigs.schema.feedback.carries_signal`), and `device(feedback, read)`, the controller's
-side, where `read(now_ns)` gives the same: six angles in degrees, then the signal.
+Each file offers `host(feedback)`, the conversation that listens (values q1_deg … q6_deg, always all six in that order,
+then those of `rigs.schema.feedback.columns_beside_joints`: the signal, the condition of the robot), and
+`device(feedback, read)`, the controller's side, where `read(now_ns)` gives the same.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 
 from daq.protocol.conversation import Device, Host
-from rigs.schema.feedback import Feedback
+from rigs.schema.condition import UNDISTURBED
+from rigs.schema.feedback import SIGNAL, Feedback, columns_beside_joints
 
 Read = Callable[[int], Sequence[float]]
 
@@ -23,6 +24,15 @@ def host(feedback: Feedback) -> Host:
 
 
 def device(feedback: Feedback, read: Read) -> Device:
-    """Return the controller's side of the conversation."""
-    conversation: Device = import_module(f"daq.feedback.{feedback.interface}").device(feedback, read)
+    """Return the controller's side of the conversation.
+
+    What `read` leaves out at its end is shown as by a robot that drives undisturbed.
+    """
+    usual = [({SIGNAL: 0.0} | UNDISTURBED)[name] for name in columns_beside_joints(feedback)]
+
+    def shown(now_ns: int) -> Sequence[float]:
+        given = read(now_ns)
+        return [*given, *usual[len(given) - 6 :]]
+
+    conversation: Device = import_module(f"daq.feedback.{feedback.interface}").device(feedback, shown)
     return conversation

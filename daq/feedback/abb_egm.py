@@ -2,24 +2,34 @@
 
 The controller sends `EgmRobot` while its program streams (EGMStreamStart), up to 250 times a second, and expects no
 answer: nothing is ever sent to it. Taken from the message are header {1 seqno, 3 mtype}, feedBack {1 joints: the
-measured angles, 4 time: s and µs since 1970}; without `time` the clock is the header's {2 tm}, 32 bits of ms, which
-wraps after 49 days. A run keeps either as it came, and the analysis fits it in pieces.
+measured angles, 4 time: s and µs since 1970}, and of the condition 4 motorState and 8 rapidExecState, each {1 state};
+without `time` the clock is the header's {2 tm}, 32 bits of ms, which wraps after 49 days. A run keeps either as it
+came, and the analysis fits it in pieces.
 """
 
 from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
 
 from daq.feedback import Read
 from daq.protocol.conversation import Device, FaultKind, Host, Step
 from daq.protocol.order import Order
 from daq.protocol.pace import Pace
 from daq.protocol.positions import Position, Positions, Refused
-from daq.protocol.protobuf import doubles, doubles_in, fields, integer, message_in, nested, number_in
+from daq.protocol.protobuf import Field, doubles, doubles_in, fields, integer, message_in, nested, number_in
 from daq.protocol.streamed import Streamed
+from rigs.schema.condition import ProgramState
 from rigs.schema.feedback import ABBEGM
 
 RATE_HZ = 250.0
 _DATA = 2
 """The type of message that a controller sends; others are what a sensor sends to one."""
+_MOTORS, _RAPID = 4, 8
+_STATE_OF_MOTORS = {1: 1.0, 2: 0.0}
+"""MOTORS_ON, MOTORS_OFF."""
+_STATE_OF_RAPID = {1: ProgramState.STOPPED, 2: ProgramState.RUNNING}
+"""RAPID_STOPPED, RAPID_RUNNING."""
 
 
 def host(feedback: ABBEGM) -> Host:
@@ -39,13 +49,19 @@ def _decode(data: bytes) -> Position | Refused:
     feedback = None if message is None else message_in(message, 2)
     joints = None if feedback is None else message_in(feedback, 1)
     clock = None if feedback is None else message_in(feedback, 4)
-    if header is None or joints is None or clock is None or number_in(header, 3) != _DATA:
+    if not message or header is None or joints is None or clock is None or number_in(header, 3) != _DATA:
         return Refused(FaultKind.GARBLED, f"{data[:16].hex(' ')} is not an EgmRobot message")
     angles_deg = doubles_in(joints, 1)
     if len(angles_deg) < 6:
         return Refused(FaultKind.MISSING, f"{len(angles_deg)} joints where 6 are expected; check the mechanical unit")
     seconds = number_in(clock, 1) + number_in(clock, 2) * 1e-6 if clock else number_in(header, 2) / 1000
-    return Position(angles_deg[:6], seconds, number_in(header, 1) % 2**32)
+    program, motors = _state_in(message, _RAPID, _STATE_OF_RAPID), _state_in(message, _MOTORS, _STATE_OF_MOTORS)
+    return Position(angles_deg[:6], seconds, number_in(header, 1) % 2**32, (program, motors))
+
+
+def _state_in(message: Sequence[Field], number: int, meanings: Mapping[int, float]) -> float:
+    """What a state of the message means; nan where it is missing or undefined."""
+    return float(meanings.get(number_in(message_in(message, number) or [], 1), math.nan))
 
 
 class _EGMController:
@@ -77,7 +93,10 @@ class _EGMController:
     def _message(self, instant_ns: int) -> bytes:
         passed_us = round((instant_ns - self._start_ns) / 1000)
         header = integer(1, self.sent) + integer(2, passed_us // 1000 % 2**32) + integer(3, _DATA)
-        joints = nested(1, doubles(1, self._read(instant_ns)))
+        *angles_deg, program, motors = self._read(instant_ns)
+        joints = nested(1, doubles(1, angles_deg))
         clock = integer(1, self.EPOCH_S + passed_us // 1_000_000) + integer(2, passed_us % 1_000_000)
         self.sent += 1
-        return nested(1, header) + nested(2, joints + nested(4, clock))
+        condition = nested(_MOTORS, integer(1, 1 if motors else 2))
+        condition += nested(_RAPID, integer(1, 2 if program == ProgramState.RUNNING else 1))
+        return nested(1, header) + nested(2, joints + nested(4, clock)) + condition

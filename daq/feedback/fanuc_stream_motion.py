@@ -14,11 +14,15 @@ The requests are sent again while nothing comes: until it was answered, the ques
 start of version 1, since an old controller does not know the question. They are all that is ever sent: no motion, no
 program needed.
 
+Of the condition: bit 2 of the first byte of status is SYSRDY, servo power; from version 3 on the second has an error in
+bit 0 and the emergency stop in bit 2, and the third is the contact stop: 2 STOP, 4 ESCP (to be moved out of contact).
+
 The stamp is 32 bits of ms; it wraps after 49 days, and the analysis fits it in pieces.
 """
 
 from __future__ import annotations
 
+import math
 import struct
 
 from daq.feedback import Read
@@ -28,6 +32,7 @@ from daq.protocol.order import Order
 from daq.protocol.pace import Pace
 from daq.protocol.positions import Position, Positions, Refused
 from daq.protocol.streamed import Reaction, Streamed
+from rigs.schema.condition import SafetyState
 from rigs.schema.feedback import FANUCStreamMotion
 
 RATE_HZ = 125.0
@@ -48,6 +53,10 @@ _STATUS = {
 """The layouts of a status, by its type."""
 _STAMP = {0: 8, 202: 7, 204: 7}
 """Places of the time stamp in them; the numbers follow."""
+_BYTES_OF_STATE = 3
+"""Place of the first of them."""
+_SYSRDY, _ERROR, _E_STOP = 4, 1, 4
+_CONTACT = {2: SafetyState.PROTECTIVE_STOP, 4: SafetyState.RECOVERY}
 STOP = _REQUEST.pack(2, 1)
 ASK_VERSION = _CAPABILITY.pack(_ASK_CAPABILITY, _ASKED_AS, 1, 0, 0, 0, 0)
 
@@ -81,7 +90,22 @@ def _decode(data: bytes) -> Position | Refused:
         return Refused(FaultKind.GARBLED, f"a status of type {kind} has {layout.size}; check what is at this address")
     fields = layout.unpack(data)
     place = _STAMP[kind]
-    return Position(fields[place + 10 : place + 16], fields[place] / 1000, fields[2])
+    state, robot, contact = fields[_BYTES_OF_STATE : _BYTES_OF_STATE + 3]
+    condition = (math.nan if kind == 0 else float(_safety(robot, contact)), float(bool(state & _SYSRDY)))
+    return Position(fields[place + 10 : place + 16], fields[place] / 1000, fields[2], condition)
+
+
+def _safety(robot: int, contact: int) -> SafetyState:
+    """The state of the safety functions, the gravest first."""
+    if robot & _E_STOP:
+        return SafetyState.EMERGENCY_STOP
+    return _CONTACT.get(contact, SafetyState.FAULT if robot & _ERROR else SafetyState.NORMAL)
+
+
+def _bytes_of_state(safety: float, motors: float) -> tuple[int, int, int]:
+    contact = next((code for code, state in _CONTACT.items() if state == safety), 0)
+    robot = {SafetyState.EMERGENCY_STOP: _E_STOP, SafetyState.FAULT: _ERROR}.get(SafetyState(int(safety)), 0)
+    return _SYSRDY if motors else 0, robot, contact
 
 
 class _StreamMotionClient:
@@ -160,11 +184,13 @@ class _StreamMotionController:
 
     def _status(self, instant_ns: int) -> bytes:
         stamp_ms = (self.STAMP_START_MS + round((instant_ns - self._connected_ns) / 1e6)) % 2**32
-        numbers = [*[0.0] * 9, *self._read(instant_ns), 0.0, 0.0, 0.0, *[0.0] * 9]
+        *angles_deg, safety, motors = self._read(instant_ns)
+        state = _bytes_of_state(safety, motors)
+        numbers = [*[0.0] * 9, *angles_deg, 0.0, 0.0, 0.0, *[0.0] * 9]
         kind = status_type(self._version)
         head = (kind, self._version, self.sent % 2**32)
         self.sent += 1
         if kind == 0:
-            return _STATUS[kind].pack(*head, 0, 0, 0, 0, 0, stamp_ms, *numbers)
+            return _STATUS[kind].pack(*head, state[0], 0, 0, 0, 0, stamp_ms, *numbers)
         forces = () if kind == 202 else (*[0.0] * 6, 0xFFFFFFFF)
-        return _STATUS[kind].pack(*head, 0, 0, 0, 0, stamp_ms, *numbers, 1.0, *forces, bytes(256))
+        return _STATUS[kind].pack(*head, *state, 0, stamp_ms, *numbers, 1.0, *forces, bytes(256))

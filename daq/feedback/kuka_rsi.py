@@ -6,18 +6,22 @@ an answer in the same cycle, with the same IPOC, and stops its program after som
 answer here holds no correction, which is one of zero; where the configuration says ONLYSEND, it is left out.
 A datagram whose IPOC can be read is answered, whatever else is wrong with it: the robot shall not stop for it.
 
-Which other elements come is configuration. So only the two that are needed are looked for, by expressions that
-know no entities, no DTD and no nesting: there is nothing in a text that could grow.
+Which other elements come is configuration. So only the two that are needed are looked for, and those that the rig file
+names for the robot's condition, by expressions that know no entities, no DTD and no nesting: there is nothing in a text
+that could grow. A part of the condition that is not there, or is no number, is nan.
 """
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Sequence
+from functools import partial
 
 from daq.feedback import Read
 from daq.protocol.conversation import Device, Fault, FaultKind, Host, Step
 from daq.protocol.framing import Message
-from daq.protocol.numerals import number
+from daq.protocol.numerals import number, plausible
 from daq.protocol.order import Order
 from daq.protocol.pace import Pace
 from daq.protocol.positions import Position, Positions, Refused
@@ -47,7 +51,26 @@ def _answer(sentype: str, ipoc: str) -> bytes:
     return f'<Sen Type="{sentype}"><IPOC>{ipoc}</IPOC></Sen>'.encode()
 
 
-def _decode(data: bytes) -> Position | Refused:
+def _tags(feedback: KUKARSI) -> list[re.Pattern[bytes]]:
+    """An expression for each part of the condition: an element, or an attribute of one."""
+    found = []
+    for tag in feedback.condition.values():
+        element, _, attribute = (re.escape(part).encode() for part in tag.partition("."))
+        value = rb"\s*([^\s\"<>&]{1,40})\s*"
+        if attribute:
+            found.append(re.compile(rb"<%b\s(?:[^<>]*\s)?%b\s*=\s*\"%b\"" % (element, attribute, value)))
+        else:
+            found.append(re.compile(rb"<%b>%b</%b>" % (element, value, element)))
+    return found
+
+
+def _condition(tags: Sequence[re.Pattern[bytes]], data: bytes) -> tuple[float, ...]:
+    texts = (found[1].decode("ascii", "replace") if (found := tag.search(data)) else "" for tag in tags)
+    values = (number(text) for text in texts)
+    return tuple(math.nan if value is None else plausible(value) for value in values)
+
+
+def _decode(tags: Sequence[re.Pattern[bytes]], data: bytes) -> Position | Refused:
     ipoc, joints = _IPOC.findall(data), _JOINTS.findall(data)
     if not _ROB.fullmatch(data) or len(ipoc) != 1:
         return Refused(FaultKind.GARBLED, f"{data[:80]!r} is not a <Rob> with one <IPOC>")
@@ -60,7 +83,7 @@ def _decode(data: bytes) -> Position | Refused:
         return Refused(
             FaultKind.GARBLED, f"<AIPos{joints[0][:200].decode('ascii', 'replace')}> does not hold six numbers"
         )
-    return Position(angles_deg, int(ipoc[0]) / 1000, int(ipoc[0]))
+    return Position(angles_deg, int(ipoc[0]) / 1000, int(ipoc[0]), _condition(tags, data))
 
 
 class _RSIDialect(Positions):
@@ -68,7 +91,7 @@ class _RSIDialect(Positions):
 
     def __init__(self, feedback: KUKARSI) -> None:
         check = "check that the program with RSI_ON runs, and that the controller sends to this address"
-        super().__init__(_decode, check, Order(feedback.cycle_ms, _IPOC_WRAP))
+        super().__init__(partial(_decode, _tags(feedback)), check, Order(feedback.cycle_ms, _IPOC_WRAP))
         self._onlysend = feedback.onlysend
         self._sentype = feedback.sentype
         self._delays = 0
@@ -134,7 +157,14 @@ class _RSIController:
         return Step(self._text(instant_ns, ipoc), wake_ns=self._pace.next_ns)
 
     def _text(self, instant_ns: int, ipoc: int) -> bytes:
-        joints = " ".join(f'A{axis}="{angle:.5f}"' for axis, angle in enumerate(self._read(instant_ns), 1))
+        shown = self._read(instant_ns)
+        joints = " ".join(f'A{axis}="{angle:.5f}"' for axis, angle in enumerate(shown[:6], 1))
+        condition = "".join(map(_element, self._feedback.condition.values(), shown[6:]))
         pose = " ".join(f'{name}="0.00000"' for name in "XYZABC")
         delay = f'<Delay D="{self._delays}"/><IPOC>{ipoc}</IPOC>'
-        return f'<Rob Type="KUKA"><RIst {pose}/><AIPos {joints}/>{delay}</Rob>'.encode()
+        return f'<Rob Type="KUKA"><RIst {pose}/><AIPos {joints}/>{condition}{delay}</Rob>'.encode()
+
+
+def _element(tag: str, value: float) -> str:
+    element, _, attribute = tag.partition(".")
+    return f'<{element} {attribute}="{value:.3f}"/>' if attribute else f"<{element}>{value:.3f}</{element}>"

@@ -5,7 +5,8 @@ Which fields, in what units and with what between them is configuration (what th
 it is a standard). A line that has not exactly these fields, each a number, is GARBLED. Nothing is ever
 sent. On a serial port we may join in the middle of a line, whose rest could pass for a good one: it is left
 out. A datagram holds whole lines; one that the network has delayed shows by its clock, and is left out (LATE).
-`signal` is the number of the program, 0 say for none; a field left empty is nan, not known at the time.
+`signal` is the number of the program, 0 say for none; such a field, or one of the robot's condition, that is left
+empty is nan: not known at the time.
 
 The emulated controller prints `RATE_HZ` lines a second: about what a KAREL task that reads the joints and
 writes a socket in a loop keeps up with (believed, not confirmed); the host assumes no rate.
@@ -14,22 +15,23 @@ writes a socket in a loop keeps up with (believed, not confirmed); the host assu
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
 from daq.protocol.datagrams import DatagramLines
 from daq.protocol.framing import Framer, Lines, Message
-from daq.protocol.numerals import are_angles, number
+from daq.protocol.numerals import are_angles, number, plausible
 from daq.protocol.pace import Pace
 from daq.protocol.streamed import Reaction, Streamed
-from rigs.schema.feedback import CLOCK_FIELDS, SIGNAL, LineFeed
+from rigs.schema.condition import CONDITION
+from rigs.schema.feedback import CLOCK_FIELDS, SIGNAL, LineFeed, columns_beside_joints
 from rigs.schema.links import tcp_address, udp_address
 
 RATE_HZ = 100.0
 _BEHIND_S = 1.0
 """A network holds a datagram back by less than this. Further back, the program was started again."""
-_LEFT_OUT = {"_": 0.0, SIGNAL: math.nan}
+_LEFT_OUT = {"_": 0.0} | dict.fromkeys((SIGNAL, *CONDITION), math.nan)
 """What stands for a field that is skipped, or that a program leaves empty."""
 _CLOCK_S = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
 _CLOCK_FORMAT = {"t_s": ".3f", "t_ms": ".0f", "t_us": ".0f"}
@@ -57,6 +59,7 @@ class _LineFeedDialect:
             DatagramLines() if self._may_be_late else Lines(b"\n", joined_midway=tcp_address(feedback.port) is None)
         )
         self._fields = feedback.fields
+        self._beside = columns_beside_joints(feedback)
         # Blanks as separator: a run of them counts as one.
         self._separator = None if feedback.separator.isspace() else feedback.separator
 
@@ -78,7 +81,7 @@ class _LineFeedDialect:
             if value is None:
                 return _garbled(message, f"has no number in {name} = {part[:40]!r}")
             read[name] = value
-        sample = _sample(read, message)
+        sample = _sample(read, self._beside, message)
         if not are_angles(sample.values[:6]):
             return _garbled(message, "has an impossible angle")
         if self._may_be_late and 0 < self._last_clock_s - sample.device_time_s < _BEHIND_S:
@@ -93,14 +96,13 @@ def _garbled(message: Message, why: str) -> Reaction:
     return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
 
 
-def _sample(read: Mapping[str, float], message: Message) -> Sample:
+def _sample(read: Mapping[str, float], beside: Sequence[str], message: Message) -> Sample:
     angles_deg = (
         read[f"q{axis}_deg"] if f"q{axis}_deg" in read else math.degrees(read[f"q{axis}_rad"]) for axis in range(1, 7)
     )
-    signal = (read[SIGNAL],) if SIGNAL in read else ()
     clock_s = [read[name] * _CLOCK_S[name] for name in read if name in CLOCK_FIELDS]
     return Sample(
-        (*angles_deg, *signal),
+        (*angles_deg, *(plausible(read[name]) for name in beside)),
         NO_TIME,
         message.first_byte_ns,
         message.last_byte_ns,
@@ -115,6 +117,7 @@ class _Program:
     def __init__(self, feedback: LineFeed, read: Read) -> None:
         self.sent = 0
         self._feedback = feedback
+        self._beside = columns_beside_joints(feedback)
         self._read = read
         self._start_ns = 0
         self._pace = Pace(RATE_HZ, 0)
@@ -141,8 +144,8 @@ class _Program:
             elif name in CLOCK_FIELDS:
                 clock = (instant_ns - self._start_ns) * 1e-9 / _CLOCK_S[name]
                 parts.append(format(clock, _CLOCK_FORMAT[name]))
-            elif name == SIGNAL:
-                parts.append(format(shown[6], ".0f"))
+            elif name in self._beside:
+                parts.append(format(shown[6 + self._beside.index(name)], "g"))
             else:
                 angle = shown[int(name[1]) - 1]
                 parts.append(f"{angle:.5f}" if name.endswith("_deg") else f"{math.radians(angle):.7f}")

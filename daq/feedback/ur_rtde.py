@@ -1,14 +1,15 @@
 """Universal Robots Real-Time Data Exchange, protocol version 2, read only (UR's documents and client,
 confirmed but for the layout of `M`, which is believed only).
 
-Big-endian packets, `>HB`: size with header, type. The host asks for the version (`V`), for the recipe
-`timestamp, actual_q` at a rate (`O`), with the signal where the rig file names one (`actual_digital_output_bits`,
-UINT64, or `output_int_register_n`, INT32), and for the start (`S`); each is answered; then data (`U`) come at that
-rate, or at the controller's own where that is lower, until the link closes. Every packet is kept: the controller may
-skip some under load, which only its own clock shows (Fault SKIPPED). `M` carries the controller's texts in version 2:
-length, text, length, source, level 0 exception … 3 information. `v` asks for the controller's version, four UINT32; the
-maker's client does so first. A packet of any other type is left out; several with nothing between them are a stream out
-of step.
+Packets and recipes: `daq.protocol.rtde`. The host asks for the version (`V`), for the recipe `timestamp, actual_q` at
+a rate (`O`), with the signal where the rig file names one (`actual_digital_output_bits`, UINT64, or
+`output_int_register_n`, INT32) and with the condition of the robot, and for the start (`S`); each is answered; then
+data (`U`) come at that rate, or at the controller's own where that is lower, until the link closes. A field of the
+condition that the answer to the recipe calls NOT_FOUND costs that field alone: the recipe is asked for again without.
+Every packet is kept: the controller may skip some under load, which only its own clock shows (Fault SKIPPED). `M`
+carries the controller's texts in version 2: length, text, length, source, level 0 exception … 3 information. `v` asks
+for the controller's version, four UINT32; the maker's client does so first. A packet of any other type is left out;
+several with nothing between them are a stream out of step.
 
 A binary stream that is out of step cannot be picked up again without taking data for headers, a refused
 request will not be granted later on this link, and a silent controller is one that is gone (it streams at
@@ -23,20 +24,28 @@ import struct
 
 from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
-from daq.protocol.framing import Message, Sized
+from daq.protocol.framing import Message
 from daq.protocol.numerals import are_angles
 from daq.protocol.pace import Pace
+from daq.protocol.rtde import (
+    CONDITION_TYPES,
+    OLDER,
+    VERSION,
+    Numbers,
+    Recipe,
+    condition_of,
+    fields_of,
+    packet,
+    packets,
+)
 from daq.protocol.steady_steps import SteadySteps
 from daq.protocol.streamed import Reaction, Streamed
-from rigs.schema.feedback import URRTDE, RTDESignal
+from rigs.schema.feedback import URRTDE, RTDESignal, condition_columns
 
-_HEADER = struct.Struct(">HB")
-_FORMATS = {"DOUBLE": "d", "VECTOR6D": "6d", "UINT64": "Q", "INT32": "i"}
-_VERSION = 2
-_LONGEST = 520
-"""No packet of this recipe is longer; a text is 516 at most."""
 _MOST_UNKNOWN = 3
 """Packets of a type that is not known in a row: a stream out of step soon has more."""
+_DISPENSABLE = {*CONDITION_TYPES, *OLDER.values()}
+"""Fields without which a run is recorded all the same."""
 _MAX_CLOCK_S = 1e9
 """No controller has been on for 30 years: a later stamp is invalid."""
 
@@ -51,14 +60,18 @@ def device(feedback: URRTDE, read: Read) -> Device:
     return _RTDEController(feedback, read)
 
 
-def _recipe(feedback: URRTDE) -> dict[str, str]:
-    """Fields in their order, each with its type."""
-    fields = {"timestamp": "DOUBLE", "actual_q": "VECTOR6D"}
-    if feedback.signal is None:
-        return fields
-    if feedback.signal.int_register is not None:
-        return {**fields, f"output_int_register_{feedback.signal.int_register}": "INT32"}
-    return {**fields, "actual_digital_output_bits": "UINT64"}
+def _recipe(feedback: URRTDE) -> Recipe:
+    signal = {_signal_field(feedback.signal): _signal_type(feedback.signal)} if feedback.signal else {}
+    condition = CONDITION_TYPES if feedback.condition else {}
+    return Recipe({"timestamp": "DOUBLE", "actual_q": "VECTOR6D", **signal, **condition})
+
+
+def _signal_field(place: RTDESignal) -> str:
+    return "actual_digital_output_bits" if place.outputs else f"output_int_register_{place.int_register}"
+
+
+def _signal_type(place: RTDESignal) -> str:
+    return "UINT64" if place.outputs else "INT32"
 
 
 def _signal(place: RTDESignal, raw: int) -> float:
@@ -75,34 +88,26 @@ def _raw(place: RTDESignal, signal: float) -> int:
     return sum((int(signal) >> bit & 1) << output for bit, output in enumerate(place.outputs))
 
 
-def _packet(kind: bytes, payload: bytes = b"") -> bytes:
-    return _HEADER.pack(_HEADER.size + len(payload), kind[0]) + payload
-
-
-def _length(head: bytes) -> int | None:
-    size, kind = _HEADER.unpack(head)
-    return size if _HEADER.size <= size <= _LONGEST and bytes([kind]).isalpha() else None
-
-
 class _RTDEClient:
     """The handshake, then the data."""
 
     check = "check that the controller is on and RTDE is not disabled under Settings › Security › Services"
 
     def __init__(self, feedback: URRTDE) -> None:
-        self.frames = Sized(_HEADER.size, _length)
+        self.frames = packets()
         self._rate_hz = feedback.rate_hz
         self._place = feedback.signal
-        self._types = _recipe(feedback)
-        self._fields = struct.Struct(">B" + "".join(_FORMATS[kind] for kind in self._types.values()))
+        self._condition = feedback.condition
+        self._recipe = _recipe(feedback)
         self._awaited = b"V"
-        self._recipe = 0
+        self._number = 0
+        """The number that the controller gave the recipe."""
         self._unknown = 0
         """Packets of no known type since the last one of a known."""
         self._steps = SteadySteps(feedback.rate_hz)
 
     def start(self) -> bytes:
-        return _packet(b"V", struct.pack(">H", _VERSION))
+        return packet(b"V", VERSION)
 
     def silent(self) -> Reaction:
         return Reaction(hang_up=True)
@@ -137,32 +142,41 @@ class _RTDEClient:
             self._awaited = b"U"
             return Reaction()
         self._awaited = b"O"
-        return Reaction(send=_packet(b"O", struct.pack(">d", self._rate_hz) + ",".join(self._types).encode()))
+        return self._ask_for_recipe()
+
+    def _ask_for_recipe(self) -> Reaction:
+        names = ",".join(self._recipe.types).encode()
+        return Reaction(send=packet(b"O", struct.pack(">d", self._rate_hz) + names))
 
     def _recipe_answer(self, payload: bytes, message: Message) -> Reaction:
         types = payload[1:].decode("ascii", "replace").split(",")
-        if len(types) != len(self._types):
+        if len(types) != len(self._recipe.types):
             return _out_of_step(message)
-        for (name, expected), got in zip(self._types.items(), types, strict=True):
-            if got != expected:
-                remedy = "end the other RTDE client" if got == "IN_USE" else "update the controller's software"
-                return _refused(f"the controller answers {got} for {name}; {remedy}", message)
-        self._recipe = payload[0]
+        asked = zip(self._recipe.types.items(), types, strict=True)
+        other = {name: got for (name, expected), got in asked if got != expected}
+        if name := next((name for name in other if name not in _DISPENSABLE), ""):
+            remedy = "end the other RTDE client" if other[name] == "IN_USE" else "update the controller's software"
+            return _refused(f"the controller answers {other[name]} for {name}; {remedy}", message)
+        if other:
+            self._recipe = self._recipe.without(other)
+            return self._ask_for_recipe()
+        self._number = payload[0]
         self._awaited = b"S"
-        return Reaction(send=_packet(b"S"))
+        return Reaction(send=packet(b"S"))
 
     def _data(self, payload: bytes, message: Message) -> Reaction:
-        if len(payload) != self._fields.size or payload[0] != self._recipe:
+        if len(payload) != self._recipe.layout.size or payload[0] != self._number:
             return _out_of_step(message)
-        _, clock_s, *numbers = self._fields.unpack(payload)
-        angles_rad = numbers[:6]
-        signal = (_signal(self._place, numbers[6]),) if self._place else ()
+        fields = self._recipe.read(payload)
+        (clock_s,), angles_rad = fields["timestamp"], fields["actual_q"]
+        signal = (_signal(self._place, int(fields[_signal_field(self._place)][0])),) if self._place else ()
+        condition = condition_of(fields) if self._condition else ()
         angles_deg = tuple(map(math.degrees, angles_rad))
         if not (0 <= clock_s < _MAX_CLOCK_S and are_angles(angles_deg)):
             detail = f"packet with time {clock_s:g} s and angles {angles_rad} rad; left out"
             return Reaction((Fault(FaultKind.GARBLED, message.last_byte_ns, detail),))
         sample = Sample(
-            (*angles_deg, *signal),
+            (*angles_deg, *signal, *condition),
             NO_TIME,
             message.first_byte_ns,
             message.last_byte_ns,
@@ -212,10 +226,12 @@ class _RTDEController:
         self.sent = 0
         self._read = read
         self._place = feedback.signal
-        self._types = _recipe(feedback)
-        self._frames = Sized(_HEADER.size, _length)
+        self._condition = condition_columns(feedback)
+        older = dict.fromkeys(OLDER.values(), "INT32") if feedback.condition else {}
+        self._known = {**_recipe(feedback).types, **older}
+        self._frames = packets()
         self._connected_ns = 0
-        self._recipe: list[str] = []
+        self._recipe = Recipe({})
         self._rate_hz = 0.0
         self._pace: Pace | None = None
 
@@ -243,35 +259,37 @@ class _RTDEController:
 
     def _answer(self, kind: bytes, payload: bytes, now_ns: int) -> bytes:
         if kind == b"V":
-            return _packet(kind, bytes([payload == struct.pack(">H", _VERSION)]))
+            return packet(kind, bytes([payload == VERSION]))
         if kind == b"v":
-            return _packet(kind, struct.pack(">4I", *self.SOFTWARE))
+            return packet(kind, struct.pack(">4I", *self.SOFTWARE))
         if kind == b"O":
-            return _packet(kind, self._set_up(payload))
+            return packet(kind, self._set_up(payload))
         if kind == b"S":
-            self._pace = Pace(self._rate_hz, now_ns) if self._recipe else None
-            return _packet(kind, bytes([bool(self._recipe)]))
+            self._pace = Pace(self._rate_hz, now_ns) if self._recipe.types else None
+            return packet(kind, bytes([bool(self._recipe.types)]))
         if kind == b"P":
             self._pace = None
-            return _packet(kind, b"\1")
+            return packet(kind, b"\1")
         return b""
 
     def _set_up(self, payload: bytes) -> bytes:
         """The answer to a recipe: its number, 0 for none, and the types of its fields."""
-        names = payload[8:].decode("ascii", "replace").rstrip(",").split(",")  # some clients end the list with a comma
+        # SDU's ur_rtde ends its list with a comma, and real controllers serve it.
+        names = payload[8:].decode("ascii", "replace").removesuffix(",").split(",")
         (rate_hz,) = struct.unpack(">d", payload[:8]) if len(payload) >= 8 else (math.nan,)
-        types = [self._types.get(name, "NOT_FOUND") for name in names]
+        types = [self._known.get(name, "NOT_FOUND") for name in names]
         good = "NOT_FOUND" not in types and self.MIN_RATE_HZ <= rate_hz <= self.MAX_RATE_HZ
-        self._recipe, self._rate_hz = (names, rate_hz) if good else ([], 0.0)
+        recipe = Recipe(dict(zip(names, types, strict=True)))
+        self._recipe, self._rate_hz = (recipe, rate_hz) if good else (Recipe({}), 0.0)
         self._pace = None
         return bytes([good]) + ",".join(types).encode()
 
     def _data(self, instant_ns: int) -> bytes:
         clock_s = self.CLOCK_START_S + (instant_ns - self._connected_ns) * 1e-9
         shown = self._read(instant_ns)
-        values: dict[str, list[float]] = {name: [] for name in self._types}
-        values |= {"timestamp": [clock_s], "actual_q": [math.radians(angle) for angle in shown[:6]]}
+        fields: dict[str, Numbers] = {"timestamp": (clock_s,), "actual_q": tuple(map(math.radians, shown[:6]))}
         if self._place:
-            values[[*self._types][-1]] = [_raw(self._place, shown[6])]
-        fields = [struct.pack(f">{_FORMATS[self._types[name]]}", *values[name]) for name in self._recipe]
-        return _packet(b"U", b"\1" + b"".join(fields))
+            fields[_signal_field(self._place)] = (_raw(self._place, shown[6]),)
+        if self._condition:
+            fields |= fields_of(dict(zip(self._condition, shown[-len(self._condition) :], strict=True)))
+        return self._recipe.written(1, fields)

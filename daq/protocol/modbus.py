@@ -17,10 +17,11 @@ from pymodbus.pdu import DecodePDU, ModbusPDU
 from pymodbus.pdu.register_message import ReadHoldingRegistersRequest, ReadInputRegistersRequest
 
 from daq.protocol.framing import Framer, Lines, Sized
+from daq.protocol.register_values import Layout
 from daq.protocol.resync import Resync
 from daq.protocol.rtu import REQUEST, RtuReplies, RtuRequests
 from rigs.schema.links import tcp_address
-from rigs.schema.modbus import Framing, Order
+from rigs.schema.modbus import Framing
 
 _REQUEST = {3: ReadHoldingRegistersRequest, 4: ReadInputRegistersRequest}
 _ASCII_END = b"\r\n"
@@ -31,7 +32,7 @@ logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL + 1)
 """It logs each frame that it cannot decode; here that is a fault, reported at a limited rate."""
 
 
-class Block(Protocol):
+class Block(Layout, Protocol):
     """What a rig file says about the registers to be read."""
 
     @property
@@ -51,20 +52,8 @@ class Block(Protocol):
         """The function code: 3 reads holding registers, 4 input registers."""
 
     @property
-    def address(self) -> int:
-        """The first register."""
-
-    @property
     def count(self) -> int:
         """The number of registers."""
-
-    @property
-    def word_order(self) -> Order:
-        """The order of the registers of a value."""
-
-    @property
-    def byte_order(self) -> Order:
-        """The order of the bytes of a register."""
 
 
 class Wire:

@@ -21,11 +21,13 @@ _MAX_CLOCK_S = 1e11
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """The position in one datagram: six joint angles (deg), the controller's clock (s) and the datagram's number."""
+    """The position in one datagram: six joint angles (deg), the controller's clock (s) and the datagram's number, and
+    the columns of the robot's condition that the interface has."""
 
     angles_deg: tuple[float, ...]
     clock_s: float
     number: int
+    condition: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +68,8 @@ class Positions:
             detail = f"datagram of {message.size} bytes: {position.detail}"
             return Reaction((Fault(position.kind, at_ns, detail),))
         stamps = (NO_TIME, message.first_byte_ns, at_ns)
-        sample = Sample(position.angles_deg, *stamps, message.size, position.clock_s)
+        values = (*position.angles_deg, *position.condition)
+        sample = Sample(values, *stamps, message.size, position.clock_s)
         return Reaction(self._order.admit(sample, position.number))
 
 

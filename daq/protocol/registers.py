@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from pymodbus.constants import ExcCodes
 from pymodbus.pdu import ExceptionResponse
@@ -22,17 +22,18 @@ from daq.protocol.conversation import Fault, FaultKind, Host, Sample, Step
 from daq.protocol.framing import Message
 from daq.protocol.modbus import Block, Wire, exception_of, registers_of
 from daq.protocol.polled import Polled, Reply, Then
-from daq.protocol.register_values import pack, unpack
+from daq.protocol.register_values import Layout, pack, unpack
 from daq.protocol.resync import Resync
 from daq.protocol.rtu import silent_interval_ns
-from rigs.schema.links import Line
-from rigs.schema.modbus import Framing, StatusRegister
+from rigs.schema.modbus import ModbusMap, SolartronOrbit, StatusRegister
 
 Registers = Sequence[int]
 Reading = Callable[[Registers, Message, int], Sample | Fault]
 """What the block's registers mean, with the message they came in and when it was asked for."""
 Held = Callable[[int], list[int] | None]
 """All registers of a block as of a time."""
+GaugeT = TypeVar("GaugeT", ModbusMap, SolartronOrbit)
+"""A gauge that may have others on its line."""
 
 _REMEDY = {
     ExcCodes.ILLEGAL_FUNCTION: "set `function` to 3 or 4 as its manual says",
@@ -45,33 +46,6 @@ _REMEDY = {
 }
 _DAMAGED = "checksum wrong; check the cable and the line's settings"
 _RESPONSE = {3: ReadHoldingRegistersResponse, 4: ReadInputRegistersResponse}
-
-
-class Addressed(Protocol):
-    """A gauge that may have others on its line."""
-
-    @property
-    def port(self) -> str:
-        """The port, which all of them have."""
-
-    @property
-    def line(self) -> Line:
-        """Its settings, where it is a serial one."""
-
-    @property
-    def framing(self) -> Framing:
-        """The framing on a serial line."""
-
-    @property
-    def timeout_s(self) -> float:
-        """How long an answer may take."""
-
-    @property
-    def place(self) -> str:
-        """Which of them it is, for a person."""
-
-
-GaugeT = TypeVar("GaugeT", bound=Addressed)
 
 
 def on_one_wire(gauges: Sequence[GaugeT], exchange: Callable[[GaugeT, Wire, bool], Polled]) -> Host:
@@ -183,11 +157,11 @@ def _is_known(resync: Resync, count: int) -> bool:
     return count in resync.usual or count in resync.counts
 
 
-def verdict(registers: Registers, status: StatusRegister | None, block: Block, at_ns: int) -> int | Fault:
+def verdict(registers: Registers, status: StatusRegister | None, layout: Layout, at_ns: int) -> int | Fault:
     """Return the instrument's own verdict: 0 for good, its code for doubtful, a fault for anything else."""
     if status is None:
         return 0
-    code = unpack(registers, status, block)
+    code = unpack(registers, status, layout)
     if code in status.good:
         return 0
     if code in status.doubtful:
@@ -196,11 +170,11 @@ def verdict(registers: Registers, status: StatusRegister | None, block: Block, a
     return Fault(FaultKind.DEVICE_ERROR, at_ns, detail)
 
 
-def pack_verdict(registers: list[int], status: StatusRegister | None, block: Block, *, good: bool) -> None:
+def pack_verdict(registers: list[int], status: StatusRegister | None, layout: Layout, *, good: bool) -> None:
     """Put a status into the block: the first listed one if `good`, else one that is not listed."""
     if status is not None:
         known = (*status.good, *status.doubtful)
-        pack(registers, status, block, known[0] if good else min(set(range(len(known) + 1)) - set(known)))
+        pack(registers, status, layout, known[0] if good else min(set(range(len(known) + 1)) - set(known)))
 
 
 def _garbled(detail: str, at_ns: int) -> Reply:

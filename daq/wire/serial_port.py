@@ -15,9 +15,23 @@ import serial
 from rigs.errors import CellError
 from rigs.schema.links import Line, ModemLines
 
+_LASTING = ("dev/rig", "dev/serial/by-id", "dev/serial/by-path")
 _IFLAG = 0
 """Place of the input modes in what tcgetattr gives."""
 _BITS = {7: serial.SEVENBITS, 8: serial.EIGHTBITS}
+
+
+def port_names(root: Path = Path("/")) -> list[str]:
+    """Return the serial ports that are plugged in, by the name to write into a rig file: one that lasts, if any.
+
+    root: where /dev is.
+    """
+    found = [file for folder in _LASTING if (root / folder).is_dir() for file in sorted((root / folder).iterdir())]
+    found += sorted(file for kind in ("ttyUSB*", "ttyACM*") for file in (root / "dev").glob(kind))
+    best: dict[Path, Path] = {}
+    for file in found:
+        best.setdefault(file.resolve(), file)
+    return [f"/{file.relative_to(root)}" for file in best.values()]
 
 
 def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> serial.Serial:
@@ -25,7 +39,8 @@ def open_serial(name: str, port: str, line: Line, modem: ModemLines | None) -> s
     where = f"{name}, {port}"
     try:
         if not Path(port).exists():
-            raise CellError(where, "no such port", f"plug it in, or correct the port; ports here: {_ports()}")
+            here = ", ".join(port_names()) or "none"
+            raise CellError(where, "no such port", f"plug it in, or correct the port; ports here: {here}")
         device = _configured(port, line, modem)
         if line.parity != "N":
             _check_parity(device.fileno())
@@ -70,9 +85,3 @@ def _serial_problem(error: serial.SerialException) -> tuple[str, str]:
     if "Permission denied" in text:
         return "permission denied", "add the user to the group dialout and log in again"
     return f"cannot be opened as a serial port ({error.strerror or text})", "give the path of a serial port"
-
-
-def _ports() -> str:
-    names = sorted(map(str, Path("/dev/serial/by-id").glob("*")))
-    names = names or sorted(str(path) for kind in ("ttyUSB*", "ttyACM*") for path in Path("/dev").glob(kind))
-    return ", ".join(names) or "none"

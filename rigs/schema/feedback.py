@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from rigs.schema.condition import CONDITION, MOTORS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES
 from rigs.schema.links import AnyPort, Port, UDPPort, tcp_address, udp_address
 from rigs.schema.modbus import SLOWEST_HZ, RegisterBlock, StatusRegister, ValueRegister
 from rigs.schema.origin import Origin
@@ -16,6 +18,8 @@ JOINT_FIELDS = {f"q{axis}_{unit}" for axis in range(1, 7) for unit in ("deg", "r
 CLOCK_FIELDS = {"t_s", "t_ms", "t_us"}
 SIGNAL = "signal"
 """The column in which a robot's samples carry the number of its program; the field of a line that does."""
+_TAG = re.compile(r"[A-Za-z_][A-Za-z0-9_-]{0,63}(\.[A-Za-z_][A-Za-z0-9_-]{0,63})?")
+"""The tag of an element, or of an attribute as `Element.Attribute`, in an Ethernet configuration of KUKA."""
 
 
 class RTDESignal(Part):
@@ -47,14 +51,20 @@ class URRTDE(_Feedback):
     listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(
         instruments="Universal Robots CB3, e-Series",
-        source="maker's Python client and documents",
+        source="maker's Python client and documents; the codes of the condition: UniversalRobots' client library and "
+        "ROS driver",
         standing="confirmed",
+        doubts="that a controller which lacks a field of the condition takes a second recipe on the same link (where "
+        "it does not, write condition: false)",
     )
 
     interface: Literal["ur_rtde"]
     port: Port
     rate_hz: float = Field(default=500, ge=1, le=500)
     signal: RTDESignal | None = None
+    condition: bool = True
+    """Whether the condition of the robot is asked for beside its joints: program, safety, speed, payload, temperatures.
+    What the controller's software does not know of it is left out."""
 
 
 class LineFeed(_Feedback):
@@ -72,25 +82,26 @@ class LineFeed(_Feedback):
     """The program calls this computer: `port` is an address of ours, and one program at a time is read there."""
     fields: tuple[str, ...] = ("t_ms", *(f"q{axis}_deg" for axis in range(1, 7)))
     """Names in the order of the line: q1_deg … q6_deg (or _rad), at most one of t_s, t_ms, t_us, at most one
-    `signal`; `_` is skipped."""
+    `signal`, the columns of the robot's condition (program_state, speed_percent …) that it prints; `_` is skipped."""
     separator: str = Field(default=",", min_length=1)
     """A blank stands for any run of blanks and tabs."""
 
     @field_validator("fields")
     @classmethod
     def _known(cls, fields: tuple[str, ...]) -> tuple[str, ...]:
-        unknown = [name for name in fields if name not in JOINT_FIELDS | CLOCK_FIELDS | {SIGNAL, "_"}]
+        unknown = [name for name in fields if name not in JOINT_FIELDS | CLOCK_FIELDS | {SIGNAL, *CONDITION, "_"}]
         if unknown:
             raise ValueError(
-                f"unknown field {unknown[0]!r}; known: q1_deg … q6_deg, q1_rad …, t_s, t_ms, t_us, signal, _"
+                f"unknown field {unknown[0]!r}; known: q1_deg … q6_deg, q1_rad …, t_s, t_ms, t_us, signal, "
+                f"{', '.join(CONDITION)}, _"
             )
         axes = [name[:2] for name in fields if name in JOINT_FIELDS]
         if sorted(axes) != [f"q{axis}" for axis in range(1, 7)]:
             raise ValueError("each of q1 … q6 must occur once in the line, in _deg or _rad")
         if len(CLOCK_FIELDS & set(fields)) > 1:
             raise ValueError("only one of t_s, t_ms, t_us can be the controller's clock")
-        if fields.count(SIGNAL) > 1:
-            raise ValueError("signal can occur only once in the line")
+        if twice := [name for name in (SIGNAL, *CONDITION) if fields.count(name) > 1]:
+            raise ValueError(f"{twice[0]} can occur only once in the line")
         return fields
 
     @model_validator(mode="after")
@@ -123,6 +134,18 @@ class KUKARSI(_Feedback):
     """A program that is restarted sends from another port, and is read once the old one has been silent for so long."""
     sentype: str = Field(default="ImFree", pattern=r"^[A-Za-z0-9_.-]{1,64}$")
     """SENTYPE of that configuration; the controller ignores answers of another name."""
+    condition: dict[str, str] = Field(default_factory=dict)
+    """TAG in SEND of that configuration of each part of the robot's condition that it sends, as `speed_percent:
+    Override` or `motors_on: Drives.On`."""
+
+    @field_validator("condition")
+    @classmethod
+    def _of_the_condition(cls, condition: dict[str, str]) -> dict[str, str]:
+        if unknown := [name for name in condition if name not in CONDITION]:
+            raise ValueError(f"unknown part {unknown[0]!r}; known: {', '.join(CONDITION)}")
+        if odd := [tag for tag in condition.values() if not _TAG.fullmatch(tag)]:
+            raise ValueError(f"{odd[0]!r} is not a TAG; write Element or Element.Attribute")
+        return condition
 
 
 class ABBEGM(_Feedback):
@@ -134,7 +157,7 @@ class ABBEGM(_Feedback):
         source="ABB's egm.proto, as ros-industrial/abb_libegm publishes it (proto/egm.proto)",
         standing="confirmed",
         doubts="that feedBack.time is good for more than its ms (public code calls it useless on some controllers), "
-        "and from which software on positions are streamed",
+        "from which software on positions are streamed, and whether motorState and rapidExecState come with them",
     )
     interface: Literal["abb_egm"]
     port: UDPPort
@@ -154,7 +177,8 @@ class FANUCStreamMotion(_Feedback):
         standing="confirmed",
         doubts="the time stamp in ms (in steps of 2) and its wrap; that the status comes from the port it was asked "
         "at; that version 2 starts and sends as version 1 does; that a controller of version 1 only ignores the "
-        "question (a packet type that it does not know may post HOST-380: then state `version`)",
+        "question (a packet type that it does not know may post HOST-380: then state `version`); that bit 2 of the "
+        "status is SYSRDY in every version",
     )
     interface: Literal["fanuc_stream_motion"]
     port: UDPPort
@@ -207,3 +231,24 @@ def carries_signal(feedback: Feedback) -> bool:
         case LineFeed():
             return SIGNAL in feedback.fields
     return False
+
+
+def columns_beside_joints(feedback: Feedback) -> tuple[str, ...]:
+    """Return the columns that the robot's samples have after those of the joints, in order."""
+    return (*((SIGNAL,) if carries_signal(feedback) else ()), *condition_columns(feedback))
+
+
+def condition_columns(feedback: Feedback) -> tuple[str, ...]:
+    """Return what the robot's samples have of its condition, in order (`rigs.schema.condition`)."""
+    match feedback:
+        case URRTDE(condition=True):
+            return (PROGRAM, SAFETY, SPEED, PAYLOAD, *TEMPERATURES)
+        case LineFeed():
+            return tuple(name for name in feedback.fields if name in CONDITION)
+        case KUKARSI():
+            return tuple(feedback.condition)
+        case ABBEGM():
+            return (PROGRAM, MOTORS)
+        case FANUCStreamMotion():
+            return (SAFETY, MOTORS)
+    return ()

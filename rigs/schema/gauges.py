@@ -111,7 +111,10 @@ def _check_sharing(first: str, one: Gauge, second: str, other: Gauge) -> None:
         raise ValueError(f"{one.interface} carries one gauge a port, not two; give {second} its own port")
     own = {"offset_mm", "channel", "accuracy_mm", "range_mm", "certificate", "calibrated"}
     common = {"interface", "line", "framing"} if one.bus else type(one).model_fields.keys() - own
-    if one.model_dump(include=common) != other.model_dump(include=common):
-        raise ValueError(f"{first} and {second} share {one.port} but differ in interface or settings; make them equal")
+    for key in sorted(common):
+        settings = [getattr(gauge, key, "none") for gauge in (one, other)]
+        if settings[0] != settings[1]:
+            what = f"{first} and {second} share {one.port} but not `{key}`, which is {settings[0]} and {settings[1]}"
+            raise ValueError(f"{what}; make them equal")
     if one.place == other.place:
         raise ValueError(f"{first} and {second} share {one.port} and {one.place}; give each its own")

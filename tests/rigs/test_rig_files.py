@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
@@ -27,6 +28,7 @@ effects:
 """
 )
 FEEDBACK = TEXT[TEXT.index("interface: line_feed") : TEXT.index("\n\n", TEXT.index("interface: line_feed"))]
+RSI = "interface: kuka_rsi\n  port: udp://192.168.1.5:49152"
 JOINTS = (
     "interface: modbus_joints\n  port: tcp://robot:502\n  address: 0\n  count: 12\n  joints: ["
     + ", ".join(f"{{address: {2 * axis}, type: int32}}" for axis in range(6))
@@ -216,6 +218,8 @@ def test_a_key_given_twice_is_refused() -> None:
         (FEEDBACK, "interface: abb_egm\n  port: udp://192.168.1.5:0", "not a UDP port"),
         (FEEDBACK, "interface: kuka_rsi\n  port: udp://192.168.1.5:49152\n  cycle_ms: 8", "known here: 12, 4"),
         (FEEDBACK, "interface: kuka_rsi\n  port: udp://192.168.1.5:49152\n  sentype: '<x>'", "match"),
+        (FEEDBACK, f"{RSI}\n  condition: {{speed: Override}}", "unknown part 'speed'; known: program_state"),
+        (FEEDBACK, f"{RSI}\n  condition: {{speed_percent: 'a b'}}", "write Element or Element.Attribute"),
         (FEEDBACK, JOINTS.replace("count: 12", "count: 11"), "joints[5] at 10 lies outside the block 0 … 10"),
         (FEEDBACK, JOINTS.replace("tcp://robot:502", "/dev/ttyUSB0"), "not a TCP port"),
         (FEEDBACK, JOINTS.replace("{address: 10, type: int32}", ""), "missing"),
@@ -230,6 +234,21 @@ def test_what_cannot_be_is_refused(old: str, new: str, told: str) -> None:
 def test_a_block_that_misses_its_own_registers_is_refused() -> None:
     text = (SHIPPED / "ur10e.yaml").read_text().replace("count: 13", "count: 3")
     assert "widen" in " ".join(message for _, message in _problems(text).values())
+
+
+@pytest.mark.parametrize(
+    ("setting", "told"),
+    [
+        ({"line": "9600 8N1"}, "not `line`, which is 57600 8E1 and 9600 8N1; make them equal"),
+        ({"framing": "ascii"}, "not `framing`, which is rtu and ascii"),
+    ],
+)
+def test_units_of_one_line_that_are_set_otherwise_are_told_by_the_setting(setting: dict[str, str], told: str) -> None:
+    data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
+    gauges = data["gauges"]
+    gauges["g2"] |= {"port": gauges["g1"]["port"], "unit": 2, **setting}
+    messages = " ".join(message for _, message in _problems(yaml.safe_dump(data)).values())
+    assert told in messages
 
 
 def test_a_missing_file_names_what_is_shipped() -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from analysis.batch.each import each
 from analysis.batch.outcomes import Done
-from rigs.errors import CellError, FileError
+from rigs.errors import FileError
 from tests.support.child_processes import sign_in, signed_in, until
 from tests.support.dask_cluster import Cluster, cluster
 from tests.support.dated_runs import dated_run
@@ -67,8 +67,11 @@ def test_a_table_is_the_same_from_a_cluster(two_workers: Cluster, tmp_path: Path
 
 def test_no_scheduler_is_one_line() -> None:
     pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
-    with pytest.raises(CellError, match="no Dask scheduler answers"):
-        list(each(os.path.exists, ["."], scheduler="an address"))
+    done = subprocess.run(
+        [*RIG, "verify", "nothing", "--scheduler", "an address"], capture_output=True, text=True, check=False
+    )
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 4 and line.startswith("error: an address: no Dask scheduler answers")
 
 
 def test_without_dask_the_line_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,8 @@ finally:
 TYPER = {"typer", "annotated_doc", "rich", "pygments", "markdown_it", "mdurl", "attr", "attrs", "shellingham", "click"}
 """typer, and what rich takes for the help where it is installed."""
 RIG_FILE = {"pydantic", "pydantic_core", "annotated_types", "typing_extensions", "typing_inspection", "yaml", "_yaml"}
-READING = TYPER | RIG_FILE | {"numpy", "pyarrow"}
+READING = TYPER | RIG_FILE | {"numpy", "pyarrow", "cloudpickle"}
+"""pyarrow takes cloudpickle where it is installed, as beside Dask."""
 OURS = {"analysis", "rigs"}
 WORDS = {
     *("analysis", "analysis.batch", "analysis.batch.outcomes", "analysis.traces", "analysis.traces.table_layout"),

@@ -109,6 +109,14 @@ def connected_state() -> dict[str, object]:
     return {"rig": "ur10e", "recording": None, "streams": {"g1": stream}, "automatic": None, "last_end": ""}
 
 
+def test_a_robot_that_is_disturbed_is_told_in_its_row() -> None:
+    state = connected_state()
+    last = {"safety_state": 2.0, "program_state": 1.0, "speed_percent": 40.0, "temperature1_c": 30.0}
+    robot = {**state["streams"]["g1"], "last": last, "age_s": dict.fromkeys(last, 100.0)}  # type: ignore[index]
+    text = "\n".join(screen(LiveView(state={**state, "streams": {"robot": robot}}), Controls(), 120, 40).lines())
+    assert "protective stop · speed 40 %" in text and "silent" not in text
+
+
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40), (250, 70)])
 def test_all_figures_are_dim_while_the_daemon_is_lost(views: list[LiveView], width: int, height: int) -> None:
     view = replace(views[3], played=None, state=connected_state())

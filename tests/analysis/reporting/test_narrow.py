@@ -46,3 +46,19 @@ def test_a_whole_table_loses_no_letter(width: int) -> None:
     assert sum(text.count(letter) for letter in "bdpty") >= sum(
         "repeatability, bi-directional".count(c) for c in "bdpty"
     )
+
+
+def test_the_condition_of_the_robot_is_a_row_of_the_status() -> None:
+    last = {
+        "safety_state": 2.0,
+        "program_state": 2.0,
+        "speed_percent": 40.0,
+        "temperature1_c": 31.0,
+        "temperature2_c": 36.4,
+    }
+    robot = STREAM | {"last": last, "age_s": dict.fromkeys(last, 0.1)}
+    text = shown(screen(STATE | {"streams": {"robot": robot}}), 120)
+    assert "protective stop · program paused · speed 40 % · joints 31 to 36 °C" in text
+    old = STREAM | {"last": last, "age_s": dict.fromkeys(last, 9.0)}
+    assert "9 s old" in shown(screen(STATE | {"streams": {"robot": old}}), 120)
+    assert "protective" not in shown(screen(STATE), 120)

@@ -113,6 +113,13 @@ def test_the_lines_that_karel_prints_are_read_by_the_line_feed() -> None:
     assert sample.values == (10.5, 11.5, 12.5, 13.5, 14.5, 15.5, 2.0) and sample.device_time_s == 0.123
 
 
+def test_a_condition_that_karel_cannot_print_is_refused() -> None:
+    feedback = {**LINES, "fields": [*LINES["fields"], "speed_percent"]}
+    rig = rig_with("paper-fanuc", feedback=feedback, automatic={"rules": RULES})
+    with pytest.raises(FileError, match="cannot print speed_percent; take it out of"):
+        files_of(rig, "fanuc", plans_of(rig, "circle", 3.0, (9, 10))[0])
+
+
 def printed(text: str) -> bytes:
     """The line of a KAREL `WRITE`, whose items have a width and decimals after `::`; what CR sends is not known."""
     (items,) = re.findall(r"WRITE client \((.*)\)", text)

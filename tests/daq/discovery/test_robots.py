@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import socket
-import struct
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -11,13 +10,15 @@ from contextlib import contextmanager
 import pytest
 from pydantic import TypeAdapter
 
+import daq.feedback
 from daq.discovery import joints_of, search_robot
-from daq.discovery.ur_safety import STOPPED, stopped_by
+from daq.doctor.condition import STOPS
 from daq.emulators.tcp_port import TcpPort
-from daq.protocol.conversation import Device, Fault, Step
-from daq.protocol.framing import Sized
+from daq.protocol.conversation import Device, Step
 from rigs.errors import CellError
+from rigs.schema.condition import ProgramState, SafetyState
 from rigs.schema.feedback import Feedback
+from tests.support.drivers import rtde
 from tests.support.unknown_cells import ROBOTS, switched_on
 
 DEGREES = [0.5, -70.0, 100.0, 55.25, 84.5, 107.75]
@@ -110,40 +111,6 @@ def test_joints_of_a_robot_that_has_gone() -> None:
         joints_of(report.feedback)
 
 
-class _Controller:
-    """A UR controller that knows its safety mode, or does not."""
-
-    sent = 0
-
-    def __init__(self, mode: int | None) -> None:
-        self._mode = mode
-        self._frames = Sized(3, lambda head: int.from_bytes(head[:2], "big"))
-
-    def connected(self, now_ns: int) -> Step:
-        return Step()
-
-    def tick(self, now_ns: int) -> Step:
-        return Step()
-
-    def received(self, data: bytes, now_ns: int) -> Step:
-        answer = b""
-        for message in self._frames.feed(data, now_ns):
-            assert not isinstance(message, Fault)
-            kind = message.data[2:3]
-            if kind == b"V":
-                answer += _packet(b"V", b"\1")
-            elif kind == b"O":
-                assert message.data.endswith(b"safety_mode")
-                answer += _packet(b"O", b"\0NOT_FOUND" if self._mode is None else b"\1INT32")
-            elif kind == b"S":
-                answer += _packet(b"S", b"\1") + 5 * _packet(b"U", struct.pack(">Bi", 1, self._mode or 0))
-        return Step(answer)
-
-
-def _packet(kind: bytes, payload: bytes) -> bytes:
-    return struct.pack(">HB", 3 + len(payload), kind[0]) + payload
-
-
 @contextmanager
 def served(device: Callable[[], Device]) -> Iterator[str]:
     """The address of a TCP port with this behind it."""
@@ -157,9 +124,11 @@ def served(device: Callable[[], Device]) -> Iterator[str]:
         thread.join()
 
 
-@pytest.mark.parametrize("mode", [1, 2, 3, 5, 7, None])
-def test_why_a_controller_runs_no_program(mode: int | None) -> None:
-    with served(lambda: _Controller(mode)) as port:
-        assert stopped_by(port) == STOPPED.get(mode or 0, "")
-    if mode == 3:
-        assert "protective stop" in STOPPED[mode] and "unlock" in STOPPED[mode]
+@pytest.mark.parametrize("safety", SafetyState)
+def test_a_robot_that_runs_no_program_is_found_with_the_reason(safety: SafetyState) -> None:
+    robot = rtde(rate_hz=125)
+    with served(lambda: daq.feedback.device(robot, lambda _: [*DEGREES, ProgramState.STOPPED, safety])) as port:
+        report = search_robot(port, robot.model_copy(update={"port": port}))
+    assert report.joints_deg == pytest.approx(DEGREES) and report.said == "; ".join(STOPS.get(safety, ()))
+    if safety is SafetyState.PROTECTIVE_STOP:
+        assert "protective stop" in report.said and "unlock" in report.said

@@ -290,6 +290,7 @@ GOOD = {
     "port": "/dev/g1",
     "connected": True,
     "rate_hz": 48.0,
+    "last": {"g1_mm": 1.0},
     "age_s": {"g1_mm": 0.02},
     "counters": {"samples": 900},
     "last_fault": "",

@@ -14,7 +14,7 @@ import daq.feedback
 import daq.gauges
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Sample
 from daq.protocol.stirring import STIR, STIR_EVERY_NS, STIR_NS
-from rigs.schema.feedback import Feedback, carries_signal
+from rigs.schema.feedback import Feedback, columns_beside_joints
 from rigs.schema.gauges import Gauge
 from tests.support.drivers import FEEDBACKS, GAUGES, keyence, modbus, rtde, sylvac
 from tests.support.simulated_conversation import S, simulate
@@ -96,20 +96,35 @@ def test_gauge_tells_a_head_in_error(name: str, gauges: Sequence[Gauge], resolut
 @pytest.mark.parametrize(("name", "feedback"), FEEDBACKS, ids=[case[0] for case in FEEDBACKS])
 def test_feedback_gives_the_planted_angles(name: str, feedback: Feedback) -> None:
     def read(now_ns: int) -> list[float]:
-        signal = [float(now_ns // S % 4)] if carries_signal(feedback) else []
-        return [*(axis * 10 - now_ns * 1e-9 for axis in range(1, 7)), *signal]
+        changing = {
+            "signal": now_ns // S % 4,
+            "program_state": now_ns // S % 2,
+            "safety_state": 2 * (now_ns // S % 3),
+            "motors_on": now_ns // S % 2,
+            "speed_percent": 50 + now_ns // S,
+            "payload_kg": 0.5 * (now_ns // S),
+        }
+        warm = {f"temperature{axis}_c": 30 + axis + now_ns // S for axis in range(1, 7)}
+        beside = [float((changing | warm)[name]) for name in columns_beside_joints(feedback)]
+        return [*(axis * 10 - now_ns * 1e-9 for axis in range(1, 7)), *beside]
 
     device = daq.feedback.device(feedback, read)
     samples = _samples(simulate(daq.feedback.host(feedback), device, 4 * S))
     missed_while_joining, polled = "serial" in name, "polled" in name
     assert device.sent > 300 and len(samples) == device.sent - missed_while_joining
     for sample in samples:
-        assert sample.values == pytest.approx(read(sample.last_byte_ns), abs=2e-5)
+        assert sample.values == pytest.approx(_shown(read(sample.last_byte_ns), name), abs=2e-5, nan_ok=True)
         assert sample.requested_ns == (sample.last_byte_ns if polled else NO_TIME)
     if polled:
         return
     clock = [sample.device_time_s - sample.last_byte_ns * 1e-9 for sample in samples]
     assert max(clock) - min(clock) < 1e-6
+
+
+def _shown(values: list[float], name: str) -> list[float]:
+    """What a controller shows of them: Stream Motion has no state of the safety functions before version 3."""
+    without_safety = name in {"j519 version 1", "j519 version 2"}
+    return [*values[:6], math.nan, *values[7:]] if without_safety else values
 
 
 def test_nothing_is_lost_in_a_minute_of_rtde() -> None:

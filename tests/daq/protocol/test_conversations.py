@@ -450,7 +450,7 @@ ANGLES = (0.0, -90.0, 90.0, 45.0, -45.0, 360.0)
 
 
 def test_rtde_handshake_and_data() -> None:
-    script = Script(daq.feedback.host(rtde(rate_hz=125)))
+    script = Script(daq.feedback.host(rtde(rate_hz=125, condition=False)))
     assert script.sent == bytes.fromhex("0005560002")
     assert script.receive(VERSION).send == _rtde(b"O", struct.pack(">d", 125) + b"timestamp,actual_q")
     assert script.receive(RECIPE).send == _rtde(b"S")
@@ -474,7 +474,7 @@ def test_rtde_handshake_and_data() -> None:
     ],
 )
 def test_rtde_refusals(replies: list[bytes], word: str) -> None:
-    script = Script(daq.feedback.host(rtde()))
+    script = Script(daq.feedback.host(rtde(condition=False)))
     for reply in replies:
         script.receive(reply)
     _fault(script, DEVICE_ERROR, word, ";")
@@ -487,7 +487,7 @@ def test_rtde_refusals(replies: list[bytes], word: str) -> None:
     ids=["short", "long", "kind", "size", "recipe", "unasked", "text"],
 )
 def test_rtde_out_of_step_asks_for_a_new_link(packet: bytes) -> None:
-    script = Script(daq.feedback.host(rtde()))
+    script = Script(daq.feedback.host(rtde(condition=False)))
     script.receive(VERSION + RECIPE + STARTED + packet + _data(1, *ANGLES))
     _fault(script, GARBLED)
     assert script.step.hang_up
@@ -495,14 +495,14 @@ def test_rtde_out_of_step_asks_for_a_new_link(packet: bytes) -> None:
 
 
 def test_rtde_numbers_that_are_none() -> None:
-    script = Script(daq.feedback.host(rtde()))
+    script = Script(daq.feedback.host(rtde(condition=False)))
     script.receive(VERSION + RECIPE + STARTED + _data(math.nan, *ANGLES))
     _fault(script, GARBLED, "nan")
     assert not script.step.hang_up
 
 
 def test_rtde_silence() -> None:
-    script = Script(daq.feedback.host(rtde(timeout_s=2)))
+    script = Script(daq.feedback.host(rtde(timeout_s=2, condition=False)))
     assert script.step.wake_ns == 2 * S
     script.wake()
     _fault(script, FaultKind.SILENT, "2 s")
@@ -510,7 +510,7 @@ def test_rtde_silence() -> None:
 
 
 def test_rtde_texts() -> None:
-    script = Script(daq.feedback.host(rtde()))
+    script = Script(daq.feedback.host(rtde(condition=False)))
     script.receive(_rtde(b"M", b"\2hi\4RTDE\3"))
     assert script.taken() == []
     script.receive(_rtde(b"M", b"\4slow\4RTDE\2"))

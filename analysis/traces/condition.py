@@ -1,0 +1,116 @@
+"""What the robot showed of its condition while it drove: what disturbs a test, and how warm its joints were.
+
+The test is what lies between the robot's first and last motion. A stop, or a pause, may be what ended it, so those
+count from the first motion to the end of the run. Only what was shown is judged: nan stands for what was not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from analysis.kinematics.arm import Array
+from analysis.traces.lower_hull import Mask
+from rigs.schema.condition import (
+    FULL_PERCENT,
+    MOTORS,
+    PROGRAM,
+    SAFETY,
+    SPEED,
+    STOPPED,
+    TEMPERATURES,
+    ProgramState,
+    words_of,
+)
+
+_MOVED_DEG = 0.02
+"""A robot that holds its place shows less (as in recording_rule)."""
+_PART = 0.1
+"""Share of the run by which the temperature at its begin and at its end is taken."""
+
+
+@dataclass(frozen=True)
+class Warmth:
+    """A joint's temperature over a run: mean and rise from begin to end in °C, each with its standard uncertainty from
+    how the readings vary."""
+
+    mean_c: float
+    u_mean_c: float
+    rise_c: float
+    u_rise_c: float
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What a run shows of the robot beside its joints. doubts in words; warmth: by axis 1 … 6 where it is shown."""
+
+    doubts: tuple[str, ...] = ()
+    warmth: Mapping[int, Warmth] | None = None
+
+
+NOT_SHOWN = Condition()
+
+
+def condition_of(robot: Mapping[str, np.ndarray[Any, Any]]) -> Condition:
+    """The condition in the columns (n,) of a run's robot stream."""
+    stamps_ns = robot["last_byte_ns"]
+    if len(stamps_ns) < 2:
+        return NOT_SHOWN
+    t_s = (stamps_ns - stamps_ns[0]) / 1e9
+    q_deg = np.stack([robot[f"q{axis}_deg"] for axis in range(1, 7)], axis=1)
+    return Condition(tuple(_doubts(robot, t_s, *_motion(q_deg))), dict(_warmth(robot)))
+
+
+def _motion(q_deg: Array) -> tuple[Mask, Mask]:
+    """Which rows (n,) of angles (n, 6) lie between the first motion and the last, and which after the first begins."""
+    left = np.abs(q_deg - q_deg[0]).max(axis=1) > _MOVED_DEG
+    to_come = np.abs(q_deg - q_deg[-1]).max(axis=1) > _MOVED_DEG
+    begun = np.maximum.accumulate(left)
+    return begun & np.maximum.accumulate(to_come[::-1])[::-1], begun
+
+
+def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask, begun: Mask) -> Iterator[str]:
+    unknown = np.full(len(t_s), math.nan)
+    safety, program, motors, speed = (robot.get(name, unknown) for name in (SAFETY, PROGRAM, MOTORS, SPEED))
+    for state in sorted(STOPPED):
+        if when := _when(t_s, begun & (safety == state)):
+            yield f"robot: {words_of(state)} {when}; find out why, and record again"
+    if when := _when(t_s, begun & (program == ProgramState.PAUSED)):
+        yield f"robot: its program was paused {when}; the lap was not driven in one go: record again"
+    if when := _when(t_s, moving & (program == ProgramState.STOPPED)):
+        yield f"robot: its program did not run {when}, while the robot moved; record a motion of the program"
+    if when := _when(t_s, moving & (motors == 0)):
+        yield f"robot: its motors were off {when}; find out why, and record again"
+    slowed = moving & (speed < FULL_PERCENT) & ~np.isin(program, [ProgramState.PAUSED, ProgramState.STOPPED])
+    if when := _when(t_s, slowed):
+        low, high = speed[slowed].min(), speed[slowed].max()
+        shown = f"{low:.0f} %" if high - low < 1 else f"{low:.0f} to {high:.0f} %"
+        yield f"robot: its speed was {shown} {when}; set it to 100 % and record again, or compare only with such runs"
+
+
+def _when(t_s: Array, there: Mask) -> str:
+    """How often, from when and for how long a condition lasted, in words; empty where it never did."""
+    edges = np.diff(there.astype(np.int8), prepend=0, append=0)
+    begins, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    if not len(begins):
+        return ""
+    until_s = np.append(t_s, t_s[-1])
+    lasted_s = float((until_s[ends] - t_s[begins]).sum())
+    if len(begins) == 1:
+        return f"from {t_s[begins[0]]:.1f} s on for {lasted_s:.1f} s"
+    return f"{len(begins)} times, first from {t_s[begins[0]]:.1f} s on, {lasted_s:.1f} s in all"
+
+
+def _warmth(robot: Mapping[str, np.ndarray[Any, Any]]) -> Iterator[tuple[int, Warmth]]:
+    for axis, name in enumerate(TEMPERATURES, 1):
+        shown = robot.get(name, np.empty(0))
+        shown = shown[np.isfinite(shown)]
+        if len(shown):
+            part = max(1, round(_PART * len(shown)))
+            first, last = shown[:part], shown[-part:]
+            rise_c, u_rise_c = float(last.mean() - first.mean()), math.hypot(first.std(), last.std())
+            yield axis, Warmth(float(shown.mean()), float(shown.std()), rise_c, u_rise_c)

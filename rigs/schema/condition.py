@@ -1,0 +1,77 @@
+"""The condition of a robot beside its joints: columns and codes that are the same for every maker.
+
+Each interface translates what its controller shows. What a controller does not show, or shows in a code that is not
+known, is nan: it is never assumed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from enum import IntEnum
+
+PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD = "program_state", "safety_state", "motors_on", "speed_percent", "payload_kg"
+FULL_PERCENT = 99.5
+"""A speed below this is lowered: controllers show it in whole percent."""
+TEMPERATURES = tuple(f"temperature{axis}_c" for axis in range(1, 7))
+"""Temperatures of the joints in °C."""
+CONDITION = (PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD, *TEMPERATURES)
+"""All columns of the condition."""
+
+
+class ProgramState(IntEnum):
+    """What the program on the controller does (`program_state`)."""
+
+    STOPPED = 0
+    RUNNING = 1
+    PAUSED = 2
+
+
+class SafetyState(IntEnum):
+    """What the controller's safety functions do (`safety_state`)."""
+
+    NORMAL = 0
+    REDUCED = 1
+    """The robot moves within reduced limits."""
+    PROTECTIVE_STOP = 2
+    SAFEGUARD_STOP = 3
+    """A gate, a scanner or an enabling device."""
+    EMERGENCY_STOP = 4
+    RECOVERY = 5
+    """The robot is outside its limits, and may only be moved back."""
+    FAULT = 6
+
+
+STOPPED = frozenset(SafetyState) - {SafetyState.NORMAL, SafetyState.REDUCED}
+"""The states in which the robot does not move by program."""
+UNDISTURBED = {
+    PROGRAM: float(ProgramState.RUNNING),
+    SAFETY: float(SafetyState.NORMAL),
+    MOTORS: 1.0,
+    SPEED: 100.0,
+    PAYLOAD: 0.0,
+    **dict.fromkeys(TEMPERATURES, 30.0),
+}
+"""What a robot shows while it drives a test as it should; its temperatures are those of a joint that is warm."""
+
+
+def condition_words(shown: Mapping[str, float]) -> Iterator[tuple[str, bool]]:
+    """Yield what is known of a condition in words, each with whether it disturbs a test: a stop, a lowered speed …"""
+    if shown.get(SAFETY, math.nan) in STOPPED:
+        yield words_of(SafetyState(int(shown[SAFETY]))), True
+    if shown.get(MOTORS) == 0:
+        yield "motors off", True
+    if shown.get(PROGRAM, math.nan) in set(ProgramState):
+        state = ProgramState(int(shown[PROGRAM]))
+        yield f"program {words_of(state)}", state is ProgramState.PAUSED
+    if SPEED in shown:
+        yield f"speed {shown[SPEED]:.0f} %", shown[SPEED] < FULL_PERCENT
+    if PAYLOAD in shown:
+        yield f"payload {shown[PAYLOAD]:.1f} kg", False
+    if warm := [shown[name] for name in TEMPERATURES if name in shown]:
+        yield f"joints {min(warm):.0f} to {max(warm):.0f} °C", False
+
+
+def words_of(state: IntEnum) -> str:
+    """Return a state as a person calls it: `protective stop`."""
+    return state.name.lower().replace("_", " ")

@@ -1,0 +1,227 @@
+"""The condition of a robot as each controller sends it: bytes by hand, from the makers' documents and headers."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+import pytest
+
+import daq.feedback
+from daq.acquisition.streams import robot_stream
+from daq.protocol.conversation import FaultKind, Sample
+from rigs.schema.condition import ProgramState, SafetyState
+from rigs.schema.feedback import Feedback
+from tests.support.drivers import egm, j519, lines, rsi, rtde
+from tests.support.simulated_conversation import Script
+
+FIELDS = (
+    "timestamp",
+    "actual_q",
+    "runtime_state",
+    "safety_status",
+    "speed_scaling",
+    "target_speed_fraction",
+    "payload",
+    "joint_temperatures",
+)
+TYPES = ("DOUBLE", "VECTOR6D", "UINT32", "INT32", "DOUBLE", "DOUBLE", "DOUBLE", "VECTOR6D")
+WARM = (31.5, 32.0, 30.25, 34.0, 35.5, 36.0)
+
+
+def _packet(kind: bytes, payload: bytes = b"") -> bytes:
+    return struct.pack(">HB", 3 + len(payload), kind[0]) + payload
+
+
+def _last(feedback: Feedback, script: Script) -> dict[str, float]:
+    """The columns of the last sample beside the joints."""
+    sample = script.taken()[-1]
+    assert isinstance(sample, Sample)
+    columns = robot_stream(feedback).columns
+    assert len(columns) == len(sample.values)
+    return dict(zip(columns[6:], sample.values[6:], strict=True))
+
+
+def _of_rtde(program: int = 2, safety: int = 1, scaling: float = 1.0, slider: float = 1.0) -> dict[str, float]:
+    """What is made of a packet with these fields."""
+    robot = rtde()
+    script = Script(daq.feedback.host(robot))
+    assert script.receive(_packet(b"V", b"\1")).send.endswith(",".join(FIELDS).encode())
+    script.receive(_packet(b"O", b"\1" + ",".join(TYPES).encode()) + _packet(b"S", b"\1"))
+    data = struct.pack(">B7dIi3d6d", 1, 12.5, *[0.1] * 6, program, safety, scaling, slider, 4.25, *WARM)
+    script.receive(_packet(b"U", data))
+    return _last(robot, script)
+
+
+def test_what_rtde_has_of_the_condition() -> None:
+    shown = _of_rtde(slider=0.4)
+    assert shown.pop("speed_percent") == pytest.approx(40)
+    assert shown == {
+        "program_state": ProgramState.RUNNING,
+        "safety_state": SafetyState.NORMAL,
+        "payload_kg": 4.25,
+        **{f"temperature{axis}_c": warm for axis, warm in enumerate(WARM, 1)},
+    }
+    assert _of_rtde(scaling=0.5, slider=0.5)["speed_percent"] == pytest.approx(25), "both slow the robot down"
+
+
+@pytest.mark.parametrize(
+    ("code", "state"), [(0, "STOPPED"), (1, "STOPPED"), (2, "RUNNING"), (3, "PAUSED"), (4, "PAUSED"), (5, "RUNNING")]
+)
+def test_the_states_of_a_program_in_rtde(code: int, state: str) -> None:
+    assert _of_rtde(program=code)["program_state"] == ProgramState[state]
+
+
+@pytest.mark.parametrize(
+    ("code", "state"),
+    [
+        (2, "REDUCED"),
+        (3, "PROTECTIVE_STOP"),
+        (4, "RECOVERY"),
+        (5, "SAFEGUARD_STOP"),
+        (6, "EMERGENCY_STOP"),
+        (7, "EMERGENCY_STOP"),
+        (8, "FAULT"),
+        (9, "FAULT"),
+        (12, "SAFEGUARD_STOP"),
+        (13, "SAFEGUARD_STOP"),
+    ],
+)
+def test_the_states_of_safety_in_rtde(code: int, state: str) -> None:
+    assert _of_rtde(safety=code)["safety_state"] == SafetyState[state]
+
+
+def test_codes_that_rtde_does_not_define_are_not_known() -> None:
+    shown = _of_rtde(program=77, safety=-5)
+    assert math.isnan(shown["program_state"]) and math.isnan(shown["safety_state"])
+
+
+@pytest.mark.parametrize("scaling", [math.inf, math.nan, 1e300])
+def test_a_speed_that_none_can_be_is_not_known(scaling: float) -> None:
+    assert math.isnan(_of_rtde(scaling=scaling)["speed_percent"])
+
+
+def test_a_field_that_a_controller_does_not_know_costs_that_field_alone() -> None:
+    robot = rtde()
+    script = Script(daq.feedback.host(robot))
+    script.receive(_packet(b"V", b"\1"))
+    unknown = ("DOUBLE", "VECTOR6D", "UINT32", "NOT_FOUND", "DOUBLE", "DOUBLE", "NOT_FOUND", "VECTOR6D")
+    again = script.receive(_packet(b"O", b"\0" + ",".join(unknown).encode())).send
+    named = "timestamp,actual_q,runtime_state,safety_mode,speed_scaling,target_speed_fraction,joint_temperatures"
+    assert again[11:].decode() == named, "an older controller has the mode in place of the status"
+    kinds = "DOUBLE,VECTOR6D,UINT32,NOT_FOUND,DOUBLE,DOUBLE,VECTOR6D"
+    again = script.receive(_packet(b"O", b"\0" + kinds.encode())).send
+    assert again[11:].decode() == named.replace("safety_mode,", "")
+    assert script.receive(_packet(b"O", b"\2" + kinds.replace("NOT_FOUND,", "").encode())).send == _packet(b"S")
+    script.receive(_packet(b"S", b"\1"))
+    script.receive(_packet(b"U", struct.pack(">B7dI2d6d", 2, 12.5, *[0.1] * 6, 4, 1.0, 1.0, *WARM)))
+    shown = _last(robot, script)
+    assert {name for name, value in shown.items() if math.isnan(value)} == {"safety_state", "payload_kg"}
+    assert shown["program_state"] == ProgramState.PAUSED and shown["temperature6_c"] == 36.0
+
+
+def test_joints_that_a_controller_does_not_know_are_refused_all_the_same() -> None:
+    script = Script(daq.feedback.host(rtde()))
+    script.receive(_packet(b"V", b"\1"))
+    step = script.receive(_packet(b"O", b"\0" + ",".join(["DOUBLE", *["NOT_FOUND"] * 7]).encode()))
+    (fault,) = script.taken()
+    assert fault.kind is FaultKind.DEVICE_ERROR and "actual_q" in fault.detail and step.hang_up  # type: ignore[union-attr]
+
+
+def test_a_controller_without_a_condition_knows_none_of_its_fields() -> None:
+    script = Script(daq.feedback.device(rtde(condition=False), lambda now_ns: [0.0] * 6))
+    asked = struct.pack(">d", 125) + b"timestamp,safety_mode"
+    assert script.receive(_packet(b"O", asked)).send == _packet(b"O", b"\0DOUBLE,NOT_FOUND")
+
+
+def test_a_recipe_that_ends_with_a_comma_is_served_as_by_a_real_controller() -> None:
+    """SDU's ur_rtde 1.6.5 asks so, and calls the fields by their places in the answer."""
+    script = Script(daq.feedback.device(rtde(), lambda now_ns: [0.0] * 6))
+    asked = struct.pack(">d", 125) + b"timestamp,runtime_state,safety_mode,"
+    assert script.receive(_packet(b"O", asked)).send == _packet(b"O", b"\1DOUBLE,UINT32,INT32")
+
+
+@pytest.mark.parametrize(
+    ("states", "motors", "program"),
+    [
+        (b"\x22\x02\x08\x01\x42\x02\x08\x02", 1.0, ProgramState.RUNNING),
+        (b"\x22\x02\x08\x02\x42\x02\x08\x01", 0.0, ProgramState.STOPPED),
+        (b"\x22\x02\x08\x00\x42\x02\x08\x00", math.nan, math.nan),
+        (b"\x2a\x02\x08\x03", math.nan, math.nan),
+        (b"\x22\x02\x08", None, None),
+    ],
+    ids=["on, running", "off, stopped", "undefined", "neither", "cut off"],
+)
+def test_motor_state_and_rapid_state_of_egm(states: bytes, motors: float | None, program: float | None) -> None:
+    joints = b"\x0a\x36" + (b"\x09" + struct.pack("<d", 1.0)) * 6
+    script = Script(daq.feedback.host(egm()))
+    script.receive(b"\x0a\x04\x08\x01\x18\x02" + b"\x12\x38" + joints + states)
+    if motors is None:
+        assert not isinstance(script.taken()[-1], Sample)
+        return
+    shown = _last(egm(), script)
+    assert shown == pytest.approx({"program_state": program, "motors_on": motors}, nan_ok=True)
+
+
+@pytest.mark.parametrize(
+    ("state", "robot", "contact", "safety"),
+    [
+        (0b0101, 0, 0, "NORMAL"),
+        (0b0001, 0b010, 1, "NORMAL"),
+        (0b0100, 0b001, 0, "FAULT"),
+        (0b0100, 0b101, 2, "EMERGENCY_STOP"),
+        (0b0100, 0, 2, "PROTECTIVE_STOP"),
+        (0b0100, 0b001, 4, "RECOVERY"),
+    ],
+)
+def test_the_bytes_of_state_of_stream_motion(state: int, robot: int, contact: int, safety: str) -> None:
+    script = Script(daq.feedback.host(j519(version=3)))
+    script.receive(struct.pack(">III4BI27ff256x", 202, 3, 1, state, robot, contact, 0, 1000, *[1.0] * 27, 1.0))
+    shown = _last(j519(), script)
+    assert shown == {"safety_state": SafetyState[safety], "motors_on": bool(state & 0b0100)}
+
+
+ROB = b'<Rob Type="KUKA"><AIPos A1="1" A2="1" A3="1" A4="1" A5="1" A6="1"/>%b<IPOC>8</IPOC></Rob>'
+
+
+@pytest.mark.parametrize(
+    ("elements", "percent", "motors"),
+    [
+        (b'<Override>75</Override><Drives Kg="3" On="1"/>', 75, 1),
+        (b'<Drives On= "0" /><Override> 100.0 </Override>', 100, 0),
+        (b"<Override/><Drives/>", math.nan, math.nan),
+        (b"<Override>1e300</Override>", math.nan, math.nan),
+        (b'<Override>&lol;</Override><Drives On="yes"/>', math.nan, math.nan),
+        (b'<Override>1e999</Override><Drives xOn="1"/>', math.nan, math.nan),
+    ],
+)
+def test_the_elements_of_rsi_that_a_rig_file_names(elements: bytes, percent: float, motors: float) -> None:
+    robot = rsi(condition={"speed_percent": "Override", "motors_on": "Drives.On"})
+    script = Script(daq.feedback.host(robot))
+    step = script.receive(ROB % elements)
+    assert step.send, "the robot does not stop for it"
+    assert _last(robot, script) == pytest.approx({"speed_percent": percent, "motors_on": motors}, nan_ok=True)
+
+
+def test_the_fields_of_a_line_that_a_rig_file_names() -> None:
+    robot = lines(fields=("temperature2_c", *(f"q{axis}_deg" for axis in range(1, 7)), "signal", "program_state"))
+    script = Script(daq.feedback.host(robot))
+    script.receive(b"41.5,1,2,3,4,5,6,7,2\n")
+    assert _last(robot, script) == {"signal": 7.0, "temperature2_c": 41.5, "program_state": ProgramState.PAUSED}
+    script.receive(b",1,2,3,4,5,6,7,\n")
+    shown = _last(robot, script)
+    assert math.isnan(shown["temperature2_c"]) and math.isnan(shown["program_state"]), "left empty: not known"
+
+
+@pytest.mark.parametrize("robot", [rtde(), egm(), j519(version=3), rsi(condition={"payload_kg": "Load"})])
+def test_an_emulated_robot_is_undisturbed_unless_it_is_told_otherwise(robot: Feedback) -> None:
+    device = daq.feedback.device(robot, lambda now_ns: [1.0] * 6)
+    host = Script(daq.feedback.host(robot))
+    controller = Script(device)
+    answers = host.sent
+    for _ in range(5):
+        answers = host.receive(controller.receive(answers).send or controller.wake().send).send
+    shown = _last(robot, host)
+    assert shown.get("safety_state", 0) == 0
+    assert shown.get("program_state", 1) == 1 and shown.get("motors_on", 1) == 1
+    assert shown.get("speed_percent", 100) == 100
