@@ -36,7 +36,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument(
         "--scale", choices=SCALES, default=SCALES[0], help="quiet: what background and sizes are shares of"
     )
-    parser.add_argument("--jobs", type=int, default=1, help="processes (1)")
+    parser.add_argument("--jobs", type=int, default=1, help="processes; 0: one on each core (1)")
     parser.add_argument("--generate-only", action="store_true", help="make the cases of --keep, diagnose nothing")
     parser.add_argument("--json", type=Path, help="real: write table and reliability data to this file too")
     parser.add_argument(
@@ -68,8 +68,9 @@ def trial(given: argparse.Namespace, root: Path) -> None:
     begin = time.monotonic()
     with suppress(KeyboardInterrupt):
         if given.generate_only:
-            for job, _ in run_all(jobs, given.jobs, make_case):
-                print(f"{job.kind} {job.seed}: {job.case}, truth {job.truth}")
+            for job, failed in run_all(jobs, given.jobs, make_case):
+                made = failed["error"] if failed else f"{job.case}, truth {job.truth}"
+                print(f"{job.kind} {job.seed}: {made}")
             return
         for job, answer in run_all(jobs, given.jobs):
             answers[job.name] = answer

@@ -85,7 +85,7 @@ def _find_places(schema: Schema, path: str, definitions: dict[str, Schema], plac
                 continue
             keys = definitions[name]["properties"]
             chosen = [keys[one]["const"] for one in _CHOOSERS if one in keys]
-            where = here.replace("gauges.g1", "gauges.g1, g2")  # both are one union, met first in g1
+            where = here.replace("gauges.g1", "gauges.g1 to g8")  # all are one union, met first in g1
             places[name] = f"{where}: {chosen[0]}" if len(references) > 1 and chosen else where
             _find_places(definitions[name], here, definitions, places)
 

@@ -6,6 +6,8 @@ anything else that reaches a person as a traceback is a bug.
 
 from __future__ import annotations
 
+from typing import Any
+
 from rigs.text import plain
 
 _LONGEST = 1000
@@ -24,9 +26,17 @@ class RigError(Exception):
         super().__init__(_in_one_line(f"{where}: {what}; {remedy}"))
         self.where, self.what, self.remedy = where, what, remedy
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """How it crosses to another process: constructors of subclasses take other arguments than `Exception` keeps."""
+        return _again, (type(self), self.args), self.__dict__
+
     def lines(self) -> list[str]:
         """The message: one line for each mistake."""
         return [str(self)]
+
+
+def _again(kind: type[RigError], args: tuple[Any, ...]) -> RigError:
+    return kind.__new__(kind, *args)
 
 
 def _in_one_line(text: str) -> str:

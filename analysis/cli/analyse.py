@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, Runs
+from analysis.cli.options import AsJson, Jobs, RunsBelow, Scheduler
+from rigs.errors import FileError
+
+if TYPE_CHECKING:
+    from analysis import Result
 
 
 @command(app, "rig analyse runs/lap-acw runs/lap-cw --plot pictures")
 def analyse(
-    runs: Runs,
+    runs: RunsBelow,
     as_json: AsJson = False,
+    as_lines: Annotated[
+        bool,
+        typer.Option(
+            "--lines",
+            help="Print one line of JSON for each run by itself, as soon as it is evaluated; default: a table.",
+        ),
+    ] = False,
     plot: Annotated[
         Path | None, typer.Option(help="Directory for pictures; default: write none. A page: rig report.")
     ] = None,
@@ -28,26 +40,50 @@ def analyse(
         Path | None,
         typer.Option(help="File truth.json of an emulated cell, to show beside the figures; default: none."),
     ] = None,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
 ) -> None:
     """Evaluate runs of any test (yaw, roll, radial, repeatability, pose); every figure has its uncertainty."""
-    from analysis import evaluate_runs, load_run  # noqa: PLC0415
+    from analysis.cli.run_paths import runs_below  # noqa: PLC0415
+    from analysis.cli.several import end_with, evaluated, over_runs, worst  # noqa: PLC0415
+
+    paths = runs_below(runs, scheduler)
+    if as_lines:
+        if as_json or plot or each or truth:
+            what = "gives each run by itself, and nothing of several"
+            raise FileError("--lines", what, "leave out --json, --plot, --each and --truth")
+        end_with(worst(over_runs(_as_line, paths, say, doing="evaluating", jobs=jobs, scheduler=scheduler)))
+        return
+    results, errors = evaluated(paths, jobs=jobs, scheduler=scheduler)
+    if results:
+        _show(results, as_json=as_json, plot=plot, each=each, truth=truth)
+    end_with(worst(errors))
+
+
+def _as_line(run: Path) -> str:
+    """A run and its figures as one line of JSON, plain ASCII."""
+    from analysis.measures.results import read_and_evaluated  # noqa: PLC0415
+
+    return json.dumps(read_and_evaluated(run).to_dict())
+
+
+def _show(results: Sequence[Result], *, as_json: bool, plot: Path | None, each: bool, truth: Path | None) -> None:
+    """Draw the pictures, and print the table or the JSON object."""
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.reporting.run_report import as_object, as_tables  # noqa: PLC0415
-    from analysis.reporting.truth import compare  # noqa: PLC0415
 
-    with progress_of() as progress:
-        measured = [load_run(run) for run in runs]
-        progress(f"evaluating {len(runs)} runs")
-        results = evaluate_runs(measured)
-        truths = compare(results, truth) if truth else []
-        pictures: Iterable[Path] = ()
-        if plot:
-            from analysis.reporting.plots import save_all_pictures  # noqa: PLC0415
+    truths = []
+    if truth:
+        from analysis.reporting.truth import compare  # noqa: PLC0415
 
-            progress("drawing the pictures")
+        truths = compare(results, truth)
+    if plot:
+        from analysis.reporting.plots import save_all_pictures  # noqa: PLC0415
+
+        with progress_of("drawing the pictures"):
             pictures = list(save_all_pictures(results, plot))
-    for picture in pictures:
-        say(f"wrote {picture}", err=True)
+        for picture in pictures:
+            say(f"wrote {picture}", err=True)
     if as_json:
         say_json(as_object(results, truths))
         return

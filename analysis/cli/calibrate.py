@@ -47,6 +47,7 @@ def calibrate(
     import analysis  # noqa: PLC0415
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.cli.run_paths import distinct, load_runs  # noqa: PLC0415
+    from analysis.cli.several import end_with, worst  # noqa: PLC0415
     from analysis.reporting import calibration_report  # noqa: PLC0415
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
@@ -58,7 +59,8 @@ def calibrate(
     used = [path for path in distinct(runs) if path not in aside]
     if not used:
         raise FileError("--hold-out", "holds out every run, and a fit needs one", "hold out fewer")
-    measured, judges = load_runs(used), load_runs(aside)
+    (measured, bad), (judges, worse) = load_runs(used), load_runs(aside)
+    end_with(worst([*bad, *worse]))
     rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
     with progress_of(f"fitting {fit} to {len(measured)} runs"):
         found = analysis.calibrate(measured, fit, rig=rig, hold_out=judges, share=share, groups=groups, seed=seed)

@@ -22,7 +22,7 @@ def check(
 
     rig, _ = load(rig_file)
     tests = feasible_tests(rig)
-    gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges)
+    gauges = ", ".join(f"{name} {gauge.interface}" for name, gauge in rig.gauges.recorded.items())
     say(f"{find(rig_file)}: good")
     say(f"  {rig.robot.name}; {gauges}; robot by {rig.feedback.interface}")
     if rig.effects:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +11,8 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, ModelRig, RobotRuns
+from analysis.cli.options import AsJson, ModelRig, ReadingJobs, RobotRunsBelow, Scheduler
+from rigs.errors import FileError, RigError
 
 if TYPE_CHECKING:
     from analysis import Diagnosis, Measured
@@ -18,7 +20,7 @@ if TYPE_CHECKING:
 
 @command(app, "rig diagnose runs/* -o found")
 def diagnose(
-    runs: RobotRuns,
+    runs: RobotRunsBelow,
     rig_file: ModelRig = None,
     hold_out: Annotated[
         list[Path] | None,
@@ -50,25 +52,38 @@ def diagnose(
             help="Directory for the extended rig file, JSON and picture, or the page of rig report; default: none.",
         ),
     ] = None,
+    jobs: ReadingJobs = 1,
+    scheduler: Scheduler = None,
 ) -> None:
     """Find where simulation and measurement differ, name the missing effects, and verify that they close the gap."""
     import analysis  # noqa: PLC0415
     from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.cli.run_paths import distinct, load_runs  # noqa: PLC0415
+    from analysis.cli.run_paths import load_runs  # noqa: PLC0415
+    from analysis.cli.several import end_with, worst  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     if output:
         _hold_writable(output)
-    held, other = distinct(hold_out or ()), distinct(unseen or ())
-    measured, judges, elsewhere = (load_runs(paths) for paths in (_used(runs, held | other), held, other))
-    rig, text = load(rig_file) if rig_file else (measured[0].rig, measured[0].run.manifest.rig_text)
+    given = load(rig_file) if rig_file else None
+    errors: list[RigError] = []
+
+    def read(paths: Sequence[Path]) -> list[Measured]:
+        found, bad = load_runs(paths, jobs=jobs, scheduler=scheduler)
+        errors.extend(bad)
+        return found
+
+    measured, judges, elsewhere = map(read, _by_use(runs, hold_out or (), unseen or ()))
+    if not measured:
+        end_with(worst(errors))
+    rig, text = given or (measured[0].rig, measured[0].run.manifest.rig_text)
     with progress_of() as progress:
         found = analysis.diagnose(
             measured, rig=rig, hold_out=judges, unseen=elsewhere, tolerance_um=tolerance_um, progress=progress
         )
     _show(found, as_json=as_json)
     if output:
-        _write(found, measured, text, output)
+        _write(found, measured, text, output, errors)
+    end_with(worst(errors))
 
 
 def _hold_writable(output: Path) -> None:
@@ -81,16 +96,16 @@ def _hold_writable(output: Path) -> None:
         hold_empty(output)
 
 
-def _used(runs: list[Path], judging: dict[Path, None]) -> list[Path]:
-    """The runs that names are looked for in. Raises FileError where none is left."""
-    from analysis.cli.run_paths import distinct  # noqa: PLC0415
-    from rigs.errors import FileError  # noqa: PLC0415
+def _by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:
+    """The runs that names are looked for in, those held out, and those unseen. Raises FileError without the first."""
+    from analysis.cli.run_paths import runs_below  # noqa: PLC0415
 
-    used = [path for path in distinct(runs) if path not in judging]
+    every, held, elsewhere = ([run.resolve() for run in runs_below(paths)] for paths in (runs, hold_out, unseen))
+    used = [path for path in every if path not in {*held, *elsewhere}]
     if not used:
         what = "is held out or unseen, like every other run, and a diagnosis needs at least one"
         raise FileError("RUN…", what, "hold out fewer")
-    return used
+    return used, held, elsewhere
 
 
 def _show(found: Diagnosis, *, as_json: bool) -> None:
@@ -103,8 +118,9 @@ def _show(found: Diagnosis, *, as_json: bool) -> None:
         PlainConsole().print(as_screen(found))
 
 
-def _write(found: Diagnosis, measured: list[Measured], text: str, output: Path) -> None:
+def _write(found: Diagnosis, measured: list[Measured], text: str, output: Path, errors: Sequence[RigError]) -> None:
     """Write the page, or the directory; the rig file with what was missing comes last there."""
+    from analysis import evaluate_runs  # noqa: PLC0415
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.reporting.diagnosis_report import write  # noqa: PLC0415
     from analysis.reporting.page.report import gather  # noqa: PLC0415
@@ -112,7 +128,9 @@ def _write(found: Diagnosis, measured: list[Measured], text: str, output: Path) 
 
     if is_page(output):
         with progress_of() as progress:
-            written = [write_page(gather(measured, found.rig, found=found, progress=progress), output)]
+            results = evaluate_runs(measured)
+            report = gather(results, found.rig, found=found, left_out=errors, progress=progress)
+            written = [write_page(report, output)]
     else:
         written = write(found, text, output)
     for path in written:

@@ -13,7 +13,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson
+from analysis.cli.options import AsJson, Jobs, Scheduler
 
 _SILENT_S = 1.0
 """Nothing is shown of what takes no longer."""
@@ -27,7 +27,9 @@ def history(
             metavar="ROBOT", autocompletion=completion.robots, help="Name of its rig file, or of the robot in it."
         ),
     ],
-    data: Annotated[Path, typer.Option(metavar="DIR", help="Directory that holds the runs.")] = Path("runs"),
+    data: Annotated[
+        Path, typer.Option(metavar="DIR", help="Directory that holds the runs, or directories of them.")
+    ] = Path("runs"),
     figure: Annotated[
         str | None, typer.Option(metavar="NAME", help="One figure, as band_deg; default: those that show the robot.")
     ] = None,
@@ -42,16 +44,18 @@ def history(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="FILE.html", help="Page to write; default: write none.")
     ] = None,
+    jobs: Jobs = 0,
+    scheduler: Scheduler = None,
 ) -> None:
     """Show each figure of a robot over time, and report what changed by more than the scatter between its runs."""
-    from analysis.history.collect import collect  # noqa: PLC0415
+    from analysis.history.collect import Workers, collect  # noqa: PLC0415
     from analysis.history.history import history_of  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     if as_json and as_csv:
         raise FileError("--json and --csv", "cannot both be printed", "give one of them")
-    collected = collect(data, robot, _Progress())
+    collected = collect(data, robot, _Progress(), Workers(jobs, scheduler))
     limits = load(rig_file)[0].limits if rig_file else None
     found = history_of(collected, figure, since.date() if since else None, limits)
     if output:

@@ -1,4 +1,4 @@
-"""`rig import TABLE…`: tables of measurements from elsewhere as runs."""
+"""`rig import TABLE…`: tables of measurements from elsewhere, and bags of ROS 2, as runs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from rigs.schema.vocabulary import Direction, TestName
 @command(app, "rig import laps.csv --rig cell.yaml --test yaw -o runs/lap-acw", name="import")
 def import_(
     tables: Annotated[
-        list[Path], typer.Argument(metavar="TABLE…", help="CSV files with the columns of docs/tables.md.")
+        list[Path],
+        typer.Argument(metavar="TABLE…", help="CSV files with the columns of docs/tables.md, or MCAP bags of ROS 2."),
     ],
     rig_file: Annotated[
         str, typer.Option("--rig", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig.")

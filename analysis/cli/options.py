@@ -13,6 +13,37 @@ Runs = Annotated[list[Path], typer.Argument(metavar="RUN…", autocompletion=com
 RobotRuns = Annotated[
     list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one robot.")
 ]
+_STANDS_FOR = "a directory that holds runs stands for all of them."
+RunsBelow = Annotated[
+    list[Path],
+    typer.Argument(metavar="RUN…", autocompletion=completion.runs, help=f"Run directories; {_STANDS_FOR}"),
+]
+RobotRunsBelow = Annotated[
+    list[Path],
+    typer.Argument(metavar="RUN…", autocompletion=completion.runs, help=f"Run directories of one robot; {_STANDS_FOR}"),
+]
+
+
+def _processes(given: str | int) -> int:
+    """A number of processes, 0 for one on each core. Raises typer.BadParameter."""
+    if given == "auto":
+        return 0
+    if str(given).isdecimal():
+        return int(given)
+    raise typer.BadParameter(f"{given!r} is no number of processes: give 1 or more, or auto")
+
+
+_ON_EACH = "0 or auto: one on each core."
+Jobs = Annotated[
+    int, typer.Option(metavar="N", parser=_processes, help=f"Processes that read and evaluate the runs; {_ON_EACH}")
+]
+ReadingJobs = Annotated[
+    int, typer.Option("--jobs", metavar="N", parser=_processes, help=f"Processes that read the runs; {_ON_EACH}")
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Dask scheduler whose workers do that instead; default: this computer."),
+]
 RigArgument = Annotated[
     str,
     typer.Argument(metavar="RIG", autocompletion=completion.rig_files, help="Rig file, or the name of a shipped rig."),

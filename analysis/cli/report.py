@@ -10,12 +10,12 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say
-from analysis.cli.options import RobotRuns
+from analysis.cli.options import Jobs, RobotRunsBelow, Scheduler
 
 
 @command(app, "rig report runs/* -o report.html")
 def report(
-    runs: RobotRuns,
+    runs: RobotRunsBelow,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE.html", help="The page to write.")],
     rig_file: Annotated[
         str | None,
@@ -29,20 +29,28 @@ def report(
     diagnosis: Annotated[
         bool, typer.Option("--diagnosis/--no-diagnosis", help="Search for the cause of the errors, or leave it out.")
     ] = True,
+    jobs: Jobs = 1,
+    scheduler: Scheduler = None,
 ) -> None:
     """Write one page: the verdict against the limits, what is wrong and what to do, then every test with pictures.
 
-    The page needs no other file and no network, and prints to A4."""
+    The page needs no other file and no network, and prints to A4. A run that cannot be evaluated is named on it."""
     from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.cli.run_paths import distinct, load_runs  # noqa: PLC0415
+    from analysis.cli.run_paths import runs_below, say_doubts  # noqa: PLC0415
+    from analysis.cli.several import end_with, evaluated, worst  # noqa: PLC0415
     from analysis.reporting.page.report import gather  # noqa: PLC0415
     from analysis.reporting.page.write_page import hold_page, write_page  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     hold_page(output)
-    measured = load_runs(distinct(runs))
-    with progress_of() as progress:
-        gathered = gather(measured, load(rig_file)[0] if rig_file else None, diagnosed=diagnosis, progress=progress)
-        progress("drawing the pictures")
-        written = write_page(gathered, output, lang)
-    say(f"wrote {written}", err=True)
+    model = load(rig_file)[0] if rig_file else None
+    paths = [run.resolve() for run in runs_below(runs)]
+    results, errors = evaluated(paths, jobs=jobs, scheduler=scheduler)
+    if results:
+        say_doubts(result.measured for result in results)
+        with progress_of() as progress:
+            gathered = gather(results, model, diagnosed=diagnosis, left_out=errors, progress=progress)
+            progress("drawing the pictures")
+            written = write_page(gathered, output, lang)
+        say(f"wrote {written}", err=True)
+    end_with(worst(errors))

@@ -10,6 +10,7 @@ from analysis.cli.console import say
 
 if TYPE_CHECKING:
     from analysis import Measured
+    from rigs.errors import RigError
 
 
 def distinct(paths: Iterable[Path]) -> dict[Path, None]:
@@ -17,12 +18,28 @@ def distinct(paths: Iterable[Path]) -> dict[Path, None]:
     return dict.fromkeys(path.resolve() for path in paths)
 
 
-def load_runs(paths: Iterable[Path]) -> list[Measured]:
-    """The runs, their doubts written to standard error. Raises FileError."""
-    from analysis import load_run  # noqa: PLC0415
+def runs_below(paths: Iterable[Path], scheduler: str | None = None) -> list[Path]:
+    """The runs that the paths stand for; absolute for a cluster, whose workers have directories of their own."""
+    from analysis.batch.run_directories import run_directories  # noqa: PLC0415
 
-    runs = [load_run(path) for path in paths]
+    return [run if scheduler is None else run.absolute() for run in run_directories(paths)]
+
+
+def load_runs(
+    paths: Iterable[Path], *, jobs: int = 1, scheduler: str | None = None
+) -> tuple[list[Measured], list[RigError]]:
+    """The runs that can be read, their doubts written to standard error, and the errors of the others."""
+    from analysis.cli.several import over_runs  # noqa: PLC0415
+    from analysis.traces.loading import load_measured  # noqa: PLC0415
+
+    runs: list[Measured] = []
+    errors = over_runs(load_measured, list(paths), runs.append, doing="reading", jobs=jobs, scheduler=scheduler)
+    say_doubts(runs)
+    return runs, errors
+
+
+def say_doubts(runs: Iterable[Measured]) -> None:
+    """Print what a person should know of each run before it is used, on standard error."""
     for run in runs:
         for doubt in run.doubts:
             say(f"{run.title}, {run.run.manifest.name}: {doubt}", err=True)
-    return runs

@@ -10,8 +10,8 @@ import typer
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import Runs
-from analysis.cli.several import for_each
+from analysis.cli.options import Jobs, Runs, RunsBelow, Scheduler
+from analysis.cli.several import end_with, for_each, over_runs, worst
 
 
 @command(app, "rig runs /var/lib/rigd-cell/runs")
@@ -81,20 +81,20 @@ def _recover(path: Path) -> None:
     say(f"{path}: nothing to do" if done.nothing_to_do else f"{path}: recovered; next: rig verify {path}")
 
 
-@command(app, "rig verify runs/*")
-def verify(paths: Runs) -> None:
+@command(app, "rig verify runs --jobs auto")
+def verify(paths: RunsBelow, jobs: Jobs = 1, scheduler: Scheduler = None) -> None:
     """Report which runs are whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
-    for_each(paths, _verify)
+    from analysis.cli.run_paths import runs_below  # noqa: PLC0415
+    from daq.store import Verdict, judge  # noqa: PLC0415
 
+    not_whole = []
 
-def _verify(path: Path) -> None:
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from daq.store import judge  # noqa: PLC0415
+    def show(verdict: Verdict) -> None:
+        for line in verdict.lines:
+            say(line, err=True)
+        say(verdict.summary)
+        if verdict.lines:
+            not_whole.append(verdict.path)
 
-    with progress_of(f"verifying {path}"):
-        verdict = judge(path)
-    for line in verdict.lines:
-        say(line, err=True)
-    say(verdict.summary)
-    if verdict.lines:
-        raise typer.Exit(3)
+    errors = over_runs(judge, runs_below(paths, scheduler), show, doing="verifying", jobs=jobs, scheduler=scheduler)
+    end_with(max(worst(errors), 3 if not_whole else 0))

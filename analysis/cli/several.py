@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
-from analysis.cli.console import say_error
+from analysis.batch.outcomes import Failed, Item, Outcome, Value
+from analysis.cli.console import say, say_error
 from rigs.errors import RigError
+
+if TYPE_CHECKING:
+    from analysis import Result
 
 
 def for_each(paths: Iterable[Path], work: Callable[[Path], None]) -> None:
@@ -25,5 +31,87 @@ def for_each(paths: Iterable[Path], work: Callable[[Path], None]) -> None:
             codes.append(error.exit_code)
         except typer.Exit as end:
             codes.append(end.exit_code)
-    if max(codes):
-        raise typer.Exit(max(codes))
+    end_with(max(codes))
+
+
+def end_with(code: int) -> None:
+    """End the command with an exit code; 0 lets it go on. Raises typer.Exit."""
+    if code:
+        raise typer.Exit(code)
+
+
+def worst(errors: Iterable[RigError]) -> int:
+    """The highest exit code of errors, 0 of none."""
+    return max((error.exit_code for error in errors), default=0)
+
+
+def over_runs(
+    work: Callable[[Item], Value],
+    runs: Sequence[Item],
+    use: Callable[[Value], None],
+    *,
+    doing: str,
+    jobs: int = 1,
+    scheduler: str | None = None,
+) -> list[RigError]:
+    """Do the work for each run, wherever, and use its value as soon as it and those before it are there.
+
+    doing: in words, for a terminal. An error is reported as it comes, and the rest goes on. Returns the errors.
+    """
+    from analysis.batch.each import each  # noqa: PLC0415
+
+    errors: list[RigError] = []
+    done = 0
+    with closing(each(work, runs, jobs=jobs, scheduler=scheduler)) as outcomes:
+        try:
+            for outcome in _watched(outcomes, runs, doing, is_still=jobs != 1 or scheduler is not None):
+                if isinstance(outcome, Failed):
+                    say_error(outcome.error)
+                    errors.append(outcome.error)
+                else:
+                    if outcome.deaths:
+                        say(f"note: {outcome.item}: its process was killed, and it was begun again", err=True)
+                    use(outcome.value)
+                done += 1
+        except KeyboardInterrupt:
+            if done < len(runs) > 1:
+                rest = " and what follows" if done + 1 < len(runs) else ""
+                say(f"interrupted after {done} of {len(runs)} runs: not done is {runs[done]}{rest}", err=True)
+            raise
+    return errors
+
+
+def _watched(
+    outcomes: Iterator[Outcome[Item, Value]], runs: Sequence[Item], doing: str, *, is_still: bool
+) -> Iterator[Outcome[Item, Value]]:
+    """The outcomes, with what is being waited for on a terminal."""
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
+
+    for number, run in enumerate(runs, 1):
+        count = f" ({number} of {len(runs)})" if len(runs) > 1 else ""
+        with progress_of(f"{doing} {run}{count}", is_still=is_still):
+            outcome = next(outcomes)
+        yield outcome
+
+
+def evaluated(
+    runs: Sequence[Path], *, jobs: int = 1, scheduler: str | None = None
+) -> tuple[list[Result], list[RigError]]:
+    """The results of the runs that can be evaluated, as `evaluate_runs` gives them, and the errors of the others."""
+    from analysis.measures.results import borrowers, evaluated_again, read_and_evaluated  # noqa: PLC0415
+
+    first: list[Result] = []
+    errors = over_runs(read_and_evaluated, runs, first.append, doing="evaluating", jobs=jobs, scheduler=scheduler)
+    results = dict(enumerate(first))
+    to_repeat = borrowers(first)
+    for borrower in to_repeat:
+        del results[borrower.place]
+    errors += over_runs(
+        evaluated_again,
+        to_repeat,
+        lambda found: results.update([found]),
+        doing="evaluating with the noise of other runs",
+        jobs=jobs,
+        scheduler=scheduler,
+    )
+    return [result for _, result in sorted(results.items())], errors

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from analysis.files.read import read_csv
+from analysis.files.read import read_file
 from analysis.files.units import check_units
 from analysis.measures.checks import hold_alive
 from analysis.traces.laps import laps_of
@@ -34,7 +34,7 @@ def read_table(
     Raises FileError for mistakes in either file.
     """
     rig, rig_text = load(rig_file)
-    read = read_csv(source, test, rig, direction, joints)
+    read = read_file(source, test, rig, direction, joints)
     run = table_run(
         source,
         read.table,
@@ -49,7 +49,7 @@ def read_table(
     )
     measured = measured_of(run)
     doubts = (*check_units(measured.table, rig, str(source)), *_doubts(measured.table, rig, str(source)))
-    return replace(measured, doubts=(*doubts, *measured.doubts))
+    return replace(measured, doubts=(*read.doubts, *doubts, *measured.doubts))
 
 
 def _doubts(table: Table, rig: Rig, where: str) -> list[str]:

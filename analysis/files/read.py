@@ -18,6 +18,7 @@ import pyarrow as pa
 
 from analysis.files.columns import Columns, Row, column_type, columns_of
 from analysis.files.header import check_header
+from analysis.files.ros_bag import MAGIC, table_of_bag
 from analysis.files.sequence import check_sequence
 from analysis.files.table_problems import Problems, TableFileError, TableProblem
 from analysis.traces.table_layout import COMMANDED, JOINTS, LAYOUTS, JointSource
@@ -36,28 +37,30 @@ _MOST_CELLS, _MOST_COLUMNS = 20_000_000, 1000
 class TableFile:
     """A table as read. table: the file's columns, known ones as double, int64 or words, extra ones as text.
 
-    direction: of a circle. sha256: of the file's bytes.
+    direction: of a circle. sha256: of the file's bytes. doubts: what a bag leaves in doubt, in words.
     """
 
     path: Path
     sha256: str
     direction: Direction | None
     table: pa.Table
+    doubts: tuple[str, ...] = ()
 
 
-def read_csv(
+def read_file(
     path: Path, test: TestName, rig: Rig, direction: Direction | None = None, joints: JointSource = "measured"
 ) -> TableFile:
-    """Read a table of docs/geometry.md.
+    """Read a table of docs/geometry.md: a CSV file, or a bag of ROS 2 from which one is made.
 
     direction: of a circle whose table has no direction column; the column is then added after t_s. joints: which of two
     sets of columns are the robot's; the other is kept under a name that says what it is.
     Raises FileError for a file that cannot be read, TableFileError with every mistake in it.
     """
     data = _bytes(path)
-    table = parse_csv(data, str(path), test, rig, direction, joints)
+    text, doubts = (data, ()) if not data.startswith(MAGIC) else table_of_bag(data, str(path), rig)
+    table = parse_csv(text, str(path), test, rig, direction, joints)
     words = table["direction"][0].as_py() if "direction" in LAYOUTS[test].required else None
-    return TableFile(path, hashlib.sha256(data).hexdigest(), words, table)
+    return TableFile(path, hashlib.sha256(data).hexdigest(), words, table, doubts)
 
 
 def parse_csv(
@@ -68,7 +71,7 @@ def parse_csv(
     direction: Direction | None = None,
     joints: JointSource = "measured",
 ) -> pa.Table:
-    """The table in the bytes of a file; `where` names it in errors. See `read_csv`."""
+    """The table in the bytes of a file; `where` names it in errors. See `read_file`."""
     if direction and "direction" not in LAYOUTS[test].required:
         raise FileError(where, f"is of a {test} test, which has no direction", "leave --direction out")
     _require_text(where, data)

@@ -2,34 +2,59 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
+from analysis.batch.each import each
+from analysis.batch.outcomes import Done, Outcome
+from analysis.batch.run_directories import run_directories
 from analysis.history.history_file import FILE, Unusable, read_records, write_records
 from analysis.history.records import Record, fingerprint_of, in_time, record_of, record_without_figures
 from daq.store import Manifest, RunInfo, survey
-from rigs.errors import CellError, FileError
+from daq.store.retention import look
+from rigs.errors import FileError
 from rigs.load import parse
 from rigs.rig import Rig
 from rigs.schema.limits import Limits
 
 Progress = Callable[[int, int], None]
 """Called with how many of how many runs are evaluated."""
-Job = tuple[Path, Manifest, str]
 _FEW = 4
-"""Runs that one process evaluates before others would have started."""
+"""So few runs this process evaluates before others would have started, unless their number is asked for."""
 _SAVED_EVERY = 50
 """Runs after which what is evaluated is saved: a minute of work at most is lost."""
-_REASONS = {
+REASONS = {
     "damaged": "its manifest or marks cannot be read",
     "crashed": "it was cut off: rig recover makes it readable",
     "recording": "it is being recorded",
 }
+"""Why a run has no figures, by its status."""
+
+
+@dataclass(frozen=True)
+class Workers:
+    """Where runs are evaluated, as `analysis.batch.each` has it."""
+
+    jobs: int = 0
+    scheduler: str | None = None
+
+
+_HERE = Workers()
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run to evaluate, and what the history calls it."""
+
+    run: RunInfo
+    name: str
+    fingerprint: str
+
+    def __str__(self) -> str:
+        return str(self.run.path)
 
 
 @dataclass(frozen=True)
@@ -44,8 +69,9 @@ class Collected:
     limits: Limits
 
 
-def collect(directory: Path, robot: str, progress: Progress) -> Collected:
-    """The records of every run of a robot, by the name of its rig file or of the robot in it.
+def collect(directory: Path, robot: str, progress: Progress, how: Workers = _HERE) -> Collected:
+    """The records of every run of a robot in a directory and below it, by the name of its rig file or of the robot in
+    it. how: where runs are evaluated.
 
     Raises FileError where there is no such directory or no run of the robot.
     """
@@ -59,14 +85,14 @@ def collect(directory: Path, robot: str, progress: Progress) -> Collected:
         notes.append(_in_memory(file, str(error)))
     if why:
         notes.append(f"{file} {why}: it is made again from the runs")
-    found = list(survey(directory))
-    broken = [record_without_figures(run, _REASONS["damaged"]) for run in found if run.manifest is None]
+    found = _runs_below(directory)
+    broken = [_broken(run, directory, REASONS["damaged"]) for run in found if run.manifest is None]
     mine = [run for run in found if run.manifest is not None and _is_of(run.manifest, robot)]
     if not mine:
         raise FileError(str(directory), f"holds no run of {robot}", _remedy(found))
-    records, jobs = _sorted_out(mine, known, broken)
-    gone = sorted(known.keys() - {run.path.name for run in found})
-    for fresh in _evaluated(jobs, progress):
+    records, jobs = _sorted_out(directory, mine, known, broken)
+    gone = sorted(known.keys() - {_name(run.path, directory) for run in found})
+    for fresh in _evaluated(jobs, progress, how):
         records += fresh
         if usable and (fresh or gone or why):
             try:
@@ -75,13 +101,38 @@ def collect(directory: Path, robot: str, progress: Progress) -> Collected:
             except Unusable as error:
                 usable = False
                 notes.append(_in_memory(file, str(error)))
-    broken += [record for record in records if record.problem]
+    rig_texts = {_name(run.path, directory): run.manifest.rig_text for run in mine if run.manifest}
+    return collected_of(robot, [*broken, *records], notes, rig_texts.__getitem__)
+
+
+def collected_of(
+    robot: str, records: Sequence[Record], notes: Sequence[str], rig_text_of: Callable[[str], str]
+) -> Collected:
+    """What the records of a robot's runs give, in any order; rig_text_of: the rig file of a run by its name."""
     runs, copies = _once(in_time(record for record in records if not record.problem))
-    notes += [f"{copy.name} is a copy of {original.name} and is left out" for copy, original in copies]
-    newest = next((run.manifest for run in mine if runs and run.path.name == runs[-1].name), None)
-    rig = _rig_of(newest.rig_text) if newest else None
-    broken.sort(key=lambda one: one.name)
-    return Collected(robot, tuple(runs), tuple(broken), tuple(notes), rig.limits if rig else Limits())
+    broken = sorted((record for record in records if record.problem), key=lambda one: one.name)
+    said = [f"{copy.name} is a copy of {original.name} and is left out" for copy, original in copies]
+    rig = _rig_of(rig_text_of(runs[-1].name)) if runs else None
+    return Collected(robot, tuple(runs), tuple(broken), (*notes, *said), rig.limits if rig else Limits())
+
+
+def _runs_below(directory: Path) -> list[RunInfo]:
+    """What is known of each run in a directory and below it. Raises FileError where there is no such directory."""
+    found = list(survey(directory))
+    for run in run_directories([directory]):
+        if directory not in (run, run.parent):
+            with suppress(FileNotFoundError, PermissionError):  # as `survey` has it
+                found.append(look(run))
+    return found
+
+
+def _name(run: Path, directory: Path) -> str:
+    """What the history calls a run: its path below the directory."""
+    return str(run.relative_to(directory))
+
+
+def _broken(run: RunInfo, directory: Path, problem: str) -> Record:
+    return replace(record_without_figures(run, problem), name=_name(run.path, directory))
 
 
 def _in_memory(file: Path, why: str) -> str:
@@ -89,49 +140,57 @@ def _in_memory(file: Path, why: str) -> str:
 
 
 def _sorted_out(
-    runs: Sequence[RunInfo], known: dict[str, Record], broken: list[Record]
+    directory: Path, runs: Sequence[RunInfo], known: dict[str, Record], broken: list[Record]
 ) -> tuple[list[Record], list[Job]]:
     """Records that still hold, and runs to evaluate; runs that cannot be read are added to broken."""
     records, jobs = [], []
     for run in runs:
         assert run.manifest is not None  # noqa: S101 - as chosen by the caller
-        if run.status in _REASONS:
-            broken.append(record_without_figures(run, _REASONS[run.status]))
+        name = _name(run.path, directory)
+        if run.status in REASONS:
+            broken.append(_broken(run, directory, REASONS[run.status]))
             continue
         try:
             fingerprint = fingerprint_of(run.path)
         except (OSError, FileError) as error:
-            broken.append(record_without_figures(run, str(error)))
+            broken.append(_broken(run, directory, str(error)))
             continue
-        record = known.get(run.path.name)
+        record = known.get(name)
         if record is not None and record.fingerprint == fingerprint:
             records.append(record)
         else:
-            jobs.append((run.path, run.manifest, fingerprint))
+            jobs.append(Job(run, name, fingerprint))
     return records, jobs
 
 
-def _evaluated(jobs: Sequence[Job], progress: Progress) -> Iterator[list[Record]]:
-    """The records of runs in pieces worth saving, at least one, on every core where there are more than a few."""
-    if len(jobs) <= _FEW:
-        yield [_record(job) for job in jobs]
-        return
+def _evaluated(jobs: Sequence[Job], progress: Progress, how: Workers) -> Iterator[list[Record]]:
+    """The records of runs in pieces worth saving, at least one; what is done is saved where Ctrl-C ends it."""
+    piece: list[Record] = []
+    outcomes = each(_record, jobs, jobs=1 if len(jobs) <= _FEW and not how.jobs else how.jobs, scheduler=how.scheduler)
     try:
-        with ProcessPoolExecutor(min(os.cpu_count() or 1, len(jobs))) as pool:
-            piece: list[Record] = []
-            for done, record in enumerate(pool.map(_record, jobs), 1):
-                piece.append(record)
-                progress(done, len(jobs))
-                if len(piece) == _SAVED_EVERY or done == len(jobs):
-                    yield piece
-                    piece = []
-    except BrokenProcessPool:
-        what = "a process that evaluates runs was ended by the system"
-        raise CellError("memory", what, "close other programs, and start again") from None
+        for done, outcome in enumerate(outcomes, 1):
+            piece.append(_kept(outcome))
+            progress(done, len(jobs))
+            if len(piece) == _SAVED_EVERY:
+                yield piece
+                piece = []
+    except KeyboardInterrupt:
+        yield piece
+        raise
+    yield piece
+
+
+def _kept(outcome: Outcome[Job, Record]) -> Record:
+    """The record of a run; of one over which processes were killed without its fingerprint, so that it is tried
+    again."""
+    if isinstance(outcome, Done):
+        return outcome.value
+    return replace(record_without_figures(outcome.item.run, outcome.error.what), name=outcome.item.name)
 
 
 def _record(job: Job) -> Record:
-    return record_of(*job)
+    assert job.run.manifest is not None  # noqa: S101 - as chosen in `_sorted_out`
+    return replace(record_of(job.run.path, job.run.manifest, job.fingerprint), name=job.name)
 
 
 def _once(records: Sequence[Record]) -> tuple[list[Record], list[tuple[Record, Record]]]:

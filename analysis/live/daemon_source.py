@@ -23,6 +23,7 @@ from analysis.live.view import Reading, Update
 from daq.service.client import Client
 from rigs.errors import CellError, RigError
 from rigs.load import parse
+from rigs.schema.gauges import FURTHER
 
 _ASK_S, _STATE_S = 0.1, 0.5
 _RETRY_S = 0.5
@@ -39,6 +40,8 @@ class Asking:
         self._client, self.rig_lines = client, rig_lines
         self._after: dict[str, int] = {}
         self._joiner: Joiner = NO_TRACKS
+        self._further: dict[str, tuple[float, float]] = {}
+        """Time in s and reading in mm of the last sample of each gauge beside the two."""
         self._knows_rig = False
         self._state_due_s = 0.0
 
@@ -61,6 +64,8 @@ class Asking:
             for name, track in self._joiner.tracks.items()
             if name in GAUGES
         }
+        self._further |= _further_of(answer["streams"])
+        readings |= {name: Reading(mm, max(0.0, now_ns / 1e9 - t_s)) for name, (t_s, mm) in self._further.items()}
         return Update(rows=rows, readings=readings, state=state, cell=cell, notice=notice)
 
 
@@ -142,6 +147,18 @@ def tracks_of(streams: Mapping[str, Any]) -> dict[str, Track]:
         if all(joint in columns for joint in _JOINTS):
             found[ROBOT] = _track(values[:, 0], np.radians(np.stack([columns[joint] for joint in _JOINTS], axis=1)))
     return {name: track for name, track in found.items() if len(track.t_s)}
+
+
+def _further_of(streams: Mapping[str, Any]) -> dict[str, tuple[float, float]]:
+    """The last samples, s and mm, of gauges beside the two that tests take; no row waits for them."""
+    found = {}
+    for stream in streams.values():
+        for place, column in enumerate(stream["columns"], start=1):
+            name = column.removesuffix("_mm")
+            last = next((row for row in reversed(stream["rows"]) if row[place] is not None), None)
+            if name in FURTHER and last is not None and np.isfinite(last[place]):
+                found[name] = (last[0] / 1e9, float(last[place]))
+    return found
 
 
 def _track(t_ns: Array, values: Array) -> Track:

@@ -63,6 +63,8 @@ def figures(view: LiveView) -> dict[str, Any]:
                 "max_mm": high,
                 "trend_mm_s": _known(float(view.trends_mm_s[k])),
             }
+    for name in sorted(view.readings.keys() - gauges.keys()):
+        gauges[name] = {"mm": view.readings[name].mm, "age_s": round(view.readings[name].age_s, 3)}
     return {
         "rig": view.cell.name if view.cell else None,
         "lost": view.lost or None,

@@ -14,6 +14,7 @@ from analysis.live.controls import KEYS, Controls
 from analysis.live.figures import OLD_S
 from analysis.live.joints import JointReversal, moves, speeds
 from analysis.live.view import Event, LiveView
+from rigs.schema.gauges import FURTHER
 from rigs.text import plain
 
 _LITTLE_DISK = 0.05
@@ -102,6 +103,8 @@ def draw_links(area: Area, view: LiveView) -> None:
         old = [name for name, age_s in stream["age_s"].items() if age_s > OLD_S]
         if old and stream["connected"]:
             column = area.put(row, column + 1, f"silent {stream['age_s'][old[0]]:.0f} s", "yellow")
+        for gauge in [part for part in name.split("_") if part in FURTHER and part in view.readings]:
+            column = area.put(row, column + 1, f"{gauge} {view.readings[gauge].mm:.4f} mm", "bold")
         column = _clock(area, row, column + 1, state.get("clocks", {}).get(name))
         faults = ", ".join(f"{n} {kind}" for kind, n in stream["counters"].items() if kind != "samples")
         area.put(

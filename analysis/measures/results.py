@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
@@ -17,7 +18,7 @@ from analysis.measures.quantity import Quantity
 from analysis.measures.result_curves import JointReversal, ResultCurve, curve_of_result, reversals_of_rig
 from analysis.measures.rig_agreement import doubts_of
 from analysis.noise.spectrum import LapNoise
-from analysis.traces.loading import Measured
+from analysis.traces.loading import Measured, load_measured
 
 
 @dataclass(frozen=True)
@@ -95,14 +96,46 @@ class Result(Tabular):
         return plain
 
 
+@dataclass(frozen=True)
+class Borrower:
+    """A run of a single lap at a place among results, and the noise of angle and distance that it can borrow."""
+
+    place: int
+    measured: Measured
+    noise: tuple[LapNoise, LapNoise]
+
+    def __str__(self) -> str:
+        return str(self.measured.path)
+
+
 def evaluate_runs(runs: Sequence[Measured]) -> list[Result]:
     """Evaluate runs that were read; one of a single lap borrows the noise of another run of its test. Raises
     FileError."""
     results = [result_of(run) for run in runs]
-    for place, result in enumerate(results):
-        if like := _lender(result, results):
-            results[place] = result_of(result.measured, like)
+    for borrower in borrowers(results):
+        results[borrower.place] = evaluated_again(borrower)[1]
     return results
+
+
+def read_and_evaluated(path: Path) -> Result:
+    """The result of a run directory by itself. Raises FileError."""
+    return result_of(load_measured(path))
+
+
+def evaluated_again(borrower: Borrower) -> tuple[int, Result]:
+    """The place of a run, and its result with the noise of another. Raises FileError."""
+    return borrower.place, result_of(borrower.measured, borrower.noise)
+
+
+def borrowers(results: Sequence[Result]) -> list[Borrower]:
+    """The runs of a single lap with the noise of the first of their test that has more, where there is one."""
+    places = {id(result): place for place, result in enumerate(results)}
+    found = []
+    for group in by_test(results):
+        noise = next((one.lap_noise for one in group if one.lap_noise), None)
+        alone = (one for one in group if isinstance(one.found, CircleResult) and one.found.laps.count == 1)
+        found += [Borrower(places[id(one)], one.measured, noise) for one in alone if noise]
+    return sorted(found, key=lambda one: one.place)
 
 
 def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None) -> Result:
@@ -120,18 +153,6 @@ def result_of(measured: Measured, like: tuple[LapNoise, LapNoise] | None = None)
     return Result(measured, found, figures)
 
 
-def _lender(result: Result, results: Sequence[Result]) -> tuple[LapNoise, LapNoise] | None:
-    """Noise of angle and distance for a run of a single lap, from the first of its test that has more."""
-    if not isinstance(result.found, CircleResult) or result.found.laps.count > 1:
-        return None
-    group = by_test(results)[_group_of(result, results)]
-    return next((other.lap_noise for other in group if other.lap_noise), None)
-
-
-def _group_of(result: Result, results: Sequence[Result]) -> int:
-    return next(k for k, group in enumerate(by_test(results)) if any(one is result for one in group))
-
-
 def by_test(results: Sequence[Result]) -> list[list[Result]]:
     """Results in groups of one test of one robot at one place, in the order in which they first come."""
     groups: list[list[Result]] = []
@@ -147,8 +168,10 @@ def by_test(results: Sequence[Result]) -> list[list[Result]]:
 
 def _same_cell(one: Result, other: Result) -> bool:
     rig, its = one.measured.rig, other.measured.rig
+    # What is quick to compare comes first: a year of a plant has a thousand runs and more.
+    if one.test != other.test or rig.name != its.name:
+        return False
     if one.measured.run.manifest.placement != other.measured.run.manifest.placement:
         return False
     place = "circle" if isinstance(one.found, CircleResult) else "hemisphere"
-    alike = rig.name == its.name and rig.robot == its.robot
-    return one.test == other.test and alike and getattr(rig.tests, place) == getattr(its.tests, place)
+    return rig.robot == its.robot and getattr(rig.tests, place) == getattr(its.tests, place)

@@ -54,8 +54,10 @@ END rigfeed
 
 
 def feed(plan: Plan) -> dict[str, str]:
-    """The program for a rig that reads lines over TCP; nothing for others."""
-    if not isinstance(plan.feedback, LineFeed) or (address := tcp_address(plan.feedback.port)) is None:
+    """The program for a rig that calls it and reads lines over TCP; nothing for others."""
+    if not isinstance(plan.feedback, LineFeed) or plan.feedback.listens:
+        return {}
+    if (address := tcp_address(plan.feedback.port)) is None:
         return {}
     line = f", {_literal(plan.feedback.separator)}, ".join(map(_field, plan.feedback.fields))
     signal = _signal(plan.signal_place) if SIGNAL in plan.feedback.fields else ""

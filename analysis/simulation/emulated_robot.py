@@ -69,6 +69,7 @@ class EmulatedRobot:
         self._rig = rig
         self.traces = traces
         self._gauges = {name: (place, gauge) for place, (name, gauge) in enumerate(rig.gauges)}
+        self._further = {name: gauge for name, gauge in rig.gauges.recorded.items() if name not in self._gauges}
         self._random = np.random.default_rng(seed)
         self._lock = threading.Lock()
         self._trace = self.traces["acw"]
@@ -79,7 +80,13 @@ class EmulatedRobot:
         self.finished.set()
 
     def gauge_mm(self, name: str, now_ns: int) -> float:
-        """A reading with noise of the gauge's stated accuracy, and wrong by what its certificate says."""
+        """A reading with noise of the gauge's stated accuracy, and wrong by what its certificate says.
+
+        A gauge that no test measures with touches what stands still: it shows 0, and its noise.
+        """
+        if further := self._further.get(name):
+            with self._lock:
+                return float(self._random.normal(0.0, further.accuracy_mm))
         place, gauge = self._gauges[name]
         with self._lock:
             length_mm = self._at(now_ns, self._trace.g_mm[:, place]) + self._random.normal(0.0, gauge.accuracy_mm)

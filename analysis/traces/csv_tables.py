@@ -10,6 +10,7 @@ import pyarrow as pa
 from analysis.kinematics.arm import Array
 from analysis.traces.table_layout import JOINTS, LAYOUTS, PLACE, TURN
 from analysis.traces.tables import CircleTable, PoseTable, RadialTable, RepeatabilityTable, Table
+from daq.store.arrays import array_of
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction, TestName
 
@@ -35,10 +36,10 @@ def table_from(columns: pa.Table, test: TestName, direction: Direction | None, w
     t_s = _floats(columns, "t_s") if "t_s" in columns.column_names else np.zeros(len(q))
     if test == "radial":
         polar, azimuth = (np.radians(_floats(columns, name)) for name in ("polar_deg", "azimuth_deg"))
-        target, orientation = columns["target"].to_numpy(), columns["orientation"].to_numpy()
+        target, orientation = array_of(columns["target"]), array_of(columns["orientation"])
         return RadialTable(target, polar, azimuth, orientation, t_s, q, _floats(columns, "g1_mm"))
     approach = np.array(columns["approach"].to_pylist(), dtype=np.str_)
-    target, rounds = columns["target"].to_numpy(), columns["round"].to_numpy()
+    target, rounds = array_of(columns["target"]), array_of(columns["round"])
     return RepeatabilityTable(target, approach, rounds, t_s, q, _floats(columns, "g1_mm"))
 
 
@@ -66,7 +67,7 @@ def _circle_test(test: TestName) -> Literal["yaw", "roll"]:
 
 
 def _floats(columns: pa.Table, name: str) -> Array:
-    return np.asarray(columns[name].to_numpy(), dtype=float)
+    return np.asarray(array_of(columns[name]), dtype=float)
 
 
 def _stack(columns: pa.Table, names: tuple[str, ...]) -> Array:

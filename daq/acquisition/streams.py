@@ -8,7 +8,8 @@ from functools import partial
 
 from daq import feedback, gauges
 from daq.protocol.conversation import Host
-from daq.wire.links import DEAD_S, Link, open_link
+from daq.wire.links import DEAD_S, Link
+from daq.wire.opening import open_link
 from rigs.rig import Rig
 from rigs.schema.feedback import SIGNAL, carries_signal
 from rigs.schema.links import Line, ModemLines
@@ -25,7 +26,7 @@ _PATIENCE = 3
 class Stream:
     """One link: its name, its port, the columns of its samples, and the conversation that runs on it.
 
-    dead_s, listens, modem: see `daq.wire.links.open_link`.
+    dead_s, listens, modem: see `daq.wire.opening.open_link`.
     """
 
     name: str
@@ -45,14 +46,14 @@ class Stream:
 def gauge_groups(rig: Rig) -> list[tuple[str, ...]]:
     """Return the names of the gauges, with those on one port grouped together."""
     by_port: dict[str, list[str]] = {}
-    for name, gauge in rig.gauges:
+    for name, gauge in rig.gauges.recorded.items():
         by_port.setdefault(gauge.port, []).append(name)
     return [tuple(names) for names in by_port.values()]
 
 
 def streams_of(rig: Rig) -> list[Stream]:
     """Return all streams of a rig, the robot last."""
-    members = dict(rig.gauges)
+    members = rig.gauges.recorded
     found = []
     for names in gauge_groups(rig):
         group = [members[name] for name in names]

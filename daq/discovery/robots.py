@@ -26,7 +26,8 @@ from daq.discovery.reports import RobotReport, evidence_of
 from daq.discovery.ur_safety import stopped_by
 from daq.doctor.trial import Trial, try_line
 from daq.protocol.conversation import Arrival, Fault, FaultKind, Host
-from daq.wire.links import LinkLost, open_link
+from daq.wire.links import LinkLost
+from daq.wire.opening import open_link
 from rigs.errors import CellError
 from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed
 from rigs.schema.links import Line, tcp_address, udp_address

@@ -39,7 +39,7 @@ def examine(rig: Rig, runs: Path, unit: str | None = None, root: Path = Path("/"
 
 
 def _timeout_s(rig: Rig, stream: Stream) -> float:
-    gauge = dict(rig.gauges).get(stream.columns[0].removesuffix("_mm"))
+    gauge = rig.gauges.recorded.get(stream.columns[0].removesuffix("_mm"))
     return gauge.timeout_s if gauge else rig.feedback.timeout_s
 
 

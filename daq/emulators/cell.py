@@ -19,6 +19,7 @@ from daq.acquisition.streams import ROBOT, Stream, streams_of
 from daq.emulators.own_cycle import STEADY, Unsteady
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.punctual import Punctual
+from daq.emulators.tcp_caller import TcpCaller
 from daq.emulators.tcp_port import TcpPort
 from daq.emulators.udp_port import UdpPort
 from daq.protocol.conversation import Device
@@ -144,6 +145,8 @@ class Cell:
         name, made, late_ms = stream.name, self._noted(stream.name, make), adversity.jitter_ms
         if udp_address(stream.port):
             port = self._serve(name, UdpPort.open(made, calls=stream.listens, jitter_ms=late_ms))
+        elif tcp_address(stream.port) and stream.listens:
+            port = self._serve(name, TcpCaller.open(made, late_ms))
         elif tcp_address(stream.port):
             port = self._serve(name, TcpPort.open(made, late_ms if name == ROBOT else 0.0))
         else:

@@ -62,7 +62,7 @@ def gauge_device(rig: Rig, motion: Motion, group: Sequence[str], unsteady: Unste
 
     An instrument latches as the rig file's `timing` says; its own cycle begins at a phase that is its name's alone.
     """
-    members = {name: gauge for name, gauge in rig.gauges if name in group}
+    members = {name: gauge for name, gauge in rig.gauges.recorded.items() if name in group}
 
     def instrument(names: Sequence[str]) -> Device:
         chance, timing = random.Random("_".join(names)), members[names[0]].timing

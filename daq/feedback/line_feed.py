@@ -4,7 +4,8 @@ socket.
 Which fields, in what units and with what between them is configuration (what the program prints; nothing of
 it is a standard). A line that has not exactly these fields, each a number, is GARBLED. Nothing is ever
 sent. On a serial port we may join in the middle of a line, whose rest could pass for a good one: it is left
-out. `signal` is the number of the program, 0 say for none; a field left empty is nan, not known at the time.
+out. A datagram holds whole lines; one that the network has delayed shows by its clock, and is left out (LATE).
+`signal` is the number of the program, 0 say for none; a field left empty is nan, not known at the time.
 
 The emulated controller prints `RATE_HZ` lines a second: about what a KAREL task that reads the joints and
 writes a socket in a loop keeps up with (believed, not confirmed); the host assumes no rate.
@@ -17,14 +18,17 @@ from collections.abc import Mapping
 
 from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
-from daq.protocol.framing import Lines, Message
+from daq.protocol.datagrams import DatagramLines
+from daq.protocol.framing import Framer, Lines, Message
 from daq.protocol.numerals import are_angles, number
 from daq.protocol.pace import Pace
 from daq.protocol.streamed import Reaction, Streamed
 from rigs.schema.feedback import CLOCK_FIELDS, SIGNAL, LineFeed
-from rigs.schema.links import tcp_address
+from rigs.schema.links import tcp_address, udp_address
 
 RATE_HZ = 100.0
+_BEHIND_S = 1.0
+"""A network holds a datagram back by less than this. Further back, the program was started again."""
 _LEFT_OUT = {"_": 0.0, SIGNAL: math.nan}
 """What stands for a field that is skipped, or that a program leaves empty."""
 _CLOCK_S = {"t_s": 1.0, "t_ms": 1e-3, "t_us": 1e-6}
@@ -44,10 +48,14 @@ def device(feedback: LineFeed, read: Read) -> Device:
 class _LineFeedDialect:
     """Lines, taken apart by the configured fields."""
 
-    check = "check that the program on the controller is running"
-
     def __init__(self, feedback: LineFeed) -> None:
-        self.frames = Lines(b"\n", joined_midway=tcp_address(feedback.port) is None)
+        calls = f", and that it calls {feedback.port}" if feedback.listens else ""
+        self.check = f"check that the program on the controller is running{calls}"
+        self._last_clock_s = -math.inf
+        self._may_be_late = udp_address(feedback.port) is not None
+        self.frames: Framer = (
+            DatagramLines() if self._may_be_late else Lines(b"\n", joined_midway=tcp_address(feedback.port) is None)
+        )
         self._fields = feedback.fields
         # Blanks as separator: a run of them counts as one.
         self._separator = None if feedback.separator.isspace() else feedback.separator
@@ -73,6 +81,10 @@ class _LineFeedDialect:
         sample = _sample(read, message)
         if not are_angles(sample.values[:6]):
             return _garbled(message, "has an impossible angle")
+        if self._may_be_late and 0 < self._last_clock_s - sample.device_time_s < _BEHIND_S:
+            detail = f"line with clock {sample.device_time_s:g} s came after a later one; left out; check the network"
+            return Reaction((Fault(FaultKind.LATE, message.last_byte_ns, detail),))
+        self._last_clock_s = sample.device_time_s
         return Reaction((sample,))
 
 

@@ -258,7 +258,7 @@ class _RTDEController:
 
     def _set_up(self, payload: bytes) -> bytes:
         """The answer to a recipe: its number, 0 for none, and the types of its fields."""
-        names = payload[8:].decode("ascii", "replace").split(",")
+        names = payload[8:].decode("ascii", "replace").rstrip(",").split(",")  # some clients end the list with a comma
         (rate_hz,) = struct.unpack(">d", payload[:8]) if len(payload) >= 8 else (math.nan,)
         types = [self._types.get(name, "NOT_FOUND") for name in names]
         good = "NOT_FOUND" not in types and self.MIN_RATE_HZ <= rate_hz <= self.MAX_RATE_HZ

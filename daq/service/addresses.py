@@ -53,8 +53,8 @@ def resolved(name: str) -> Sequence[str]:
 
 
 def _needed(rig: Rig, resolve: Resolve, resolv_conf: str) -> list[str]:
-    listens = type(rig.feedback).listens
-    found = [*(gauge.port for _, gauge in rig.gauges), *([] if listens else [rig.feedback.port])]
+    listens = rig.feedback.listens
+    found = [*(gauge.port for gauge in rig.gauges.recorded.values()), *([] if listens else [rig.feedback.port])]
     hosts = [address[0] for port in found if (address := tcp_address(port) or udp_address(port))]
     needed = list(_PRIVATE) if listens else []
     for host in hosts:

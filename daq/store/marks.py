@@ -25,7 +25,7 @@ _MOST_BYTES = 1_000_000
 class Export(BaseModel):
     """One file that a run was written to, and when."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     at: str
     format: str
@@ -35,7 +35,7 @@ class Export(BaseModel):
 class Marks(BaseModel):
     """All marks of a run."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     version: Literal[1] = 1
     kept: bool = False

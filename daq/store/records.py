@@ -33,7 +33,7 @@ def parse_chunk(name: str) -> tuple[str, int, str] | None:
 class Record(BaseModel):
     """Anything that is stored as JSON: immutable, and refused with a key that it does not know."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
 
 class Clock(Record):

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from daq.store.arrays import array_of, piece_of
 from daq.store.chunk import MOST_BYTES, from_parquet
 from daq.store.durable import TEMPORARY, is_locked
 from daq.store.manifest import Manifest, load_manifest, unreadable
@@ -89,7 +90,8 @@ def read_stream(path: Path, manifest: Manifest, stream: str) -> pa.Table:
     """
     schema = manifest.arrow_schema(stream)
     tables = [read_chunk(path, chunk, schema) for chunk in manifest.chunks_of(stream)]
-    return pa.concat_tables([schema.empty_table(), *tables])
+    # Not `schema.empty_table()`, which imports pandas where that is installed, as `daq.store.arrays` says.
+    return pa.concat_tables([pa.Table.from_batches([], schema), *tables])
 
 
 def read_chunk(path: Path, chunk: Chunk, schema: pa.Schema) -> pa.Table:
@@ -125,12 +127,11 @@ def _arrays(table: pa.Table) -> dict[str, np.ndarray[Any, Any]]:
 def _array(column: pa.ChunkedArray) -> np.ndarray[Any, Any]:
     """A column as one array; where all its values are the same to the bit, as most stamps of a gauge that streams, a
     view of a single one, which takes no memory."""
-    pieces = [chunk.to_numpy() for chunk in column.chunks]
+    pieces = [piece_of(chunk) for chunk in column.chunks]
     first = next((piece[:1] for piece in pieces if len(piece)), None)
     if first is not None and all((_bits(piece) == _bits(first)).all() for piece in pieces):
         return np.broadcast_to(first.copy(), (len(column),))
-    whole: np.ndarray[Any, Any] = column.to_numpy()
-    return whole
+    return array_of(column)
 
 
 def _bits(values: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

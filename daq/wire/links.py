@@ -5,11 +5,11 @@ Every link is a file descriptor with a name, read with a time limit and stamped 
 A TCP peer that vanishes (power cut, cable, a program that hangs) closes nothing: a connection that brings nothing
 for `dead_s` is lost. The system notices a computer that is gone somewhat earlier, and reports it in its own words.
 
-UDP has no connections at all. A port is bound where the rig file names one and nowhere else; the sender of what made
-a sample is the peer until it is silent, and only that peer is answered and read (`UdpLink`).
+Who may speak at a port of ours: the sender of what made a sample, until it is silent, and only that one is answered and
+read. UDP has no connections at all (`UdpLink`); over TCP one program at a time may be connected (`ListeningLink`).
 
-pyserial opens and configures serial devices, and locks them (`daq.wire.serial_port`); reading goes straight to the
-descriptor, since one `select` and one `read` a piece is what keeps the stamps close to the arrival.
+Reading goes straight to the descriptor, since one `select` and one `read` a piece is what keeps the stamps close to the
+arrival. `daq.wire.opening` opens links.
 """
 
 from __future__ import annotations
@@ -27,21 +27,15 @@ from typing import Any
 import serial
 
 from daq.protocol.conversation import Fault, FaultKind, Item
-from daq.wire.serial_port import open_serial
-from rigs.errors import CellError
-from rigs.schema.links import Line, ModemLines, tcp_address, udp_address
 
-_CONNECT_S = 3.0
 _WRITE_S = 2.0
 DEAD_S = 10.0
 """A TCP connection that brings nothing for so long is lost, unless the instrument is given more time to answer."""
-_QUEUE = 1 << 20
-"""Bytes of datagrams that may wait for a reader held up; the system may allow fewer."""
 _REPORT_EVERY_S = 1.0
 
 
 Address = tuple[Any, ...]
-"""The address of a UDP sender as the system gives it: host, port, and more for IPv6."""
+"""The address of a peer as the system gives it: host, port, and more for IPv6."""
 
 
 class LinkLost(Exception):
@@ -138,9 +132,7 @@ class UdpLink(Link):
         self._sock = sock
         self._peer_is_fixed = peer is not None
         self._peer = self._sender = peer
-        self._strangers = 0
-        self._stranger: Address | None = None
-        self._reported_s = -math.inf
+        self._strangers = _Strangers("datagrams")
 
     def read(self, timeout_s: float) -> bytes:
         """Return the next datagram of the peer, waiting at most `timeout_s`; empty if none came. Raises LinkLost."""
@@ -153,8 +145,7 @@ class UdpLink(Link):
         except (OSError, ValueError) as error:
             raise LinkLost(str(error)) from None
         if self._peer is not None and sender != self._peer:
-            self._strangers += 1
-            self._stranger = sender
+            self._strangers.note(sender)
             return b""
         self._sender = sender
         return data
@@ -181,12 +172,92 @@ class UdpLink(Link):
                 self._peer = None
 
     def take_ignored(self) -> list[Fault]:
+        return self._strangers.report(self._peer)
+
+
+class ListeningLink(Link):
+    """A TCP port of ours, read once a program has connected to it; one at a time.
+
+    A second program is refused while the first one makes samples. Where the first makes none the link is lost: it
+    is opened again for the next one that connects, with a new conversation, since half a line may have come.
+    """
+
+    def __init__(self, name: str, server: socket.socket, dead_s: float) -> None:
+        super().__init__(name, server.fileno(), server.close, dead_s)
+        self._server = server
+        self._caller: Link | None = None
+        self._peer: Address | None = None
+        self._makes_samples = False
+        self._strangers = _Strangers("connections")
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what the program has sent, waiting at most `timeout_s`; empty if nothing came. Raises LinkLost."""
+        waited: list[socket.socket | Link] = [self._server, *([self._caller] if self._caller else [])]
+        try:
+            ready = select.select(waited, [], [], max(0.0, timeout_s))[0]
+        except (OSError, ValueError) as error:
+            raise LinkLost(str(error)) from None
+        if self._server in ready and self._caller not in ready:  # what has come may be what makes it the one to read
+            self._accept()
+        return self._caller.read(0.0) if self._caller else b""
+
+    def write(self, data: bytes) -> None:
+        """Send to the program that is connected; without one the data are dropped. Raises LinkLost."""
+        if self._caller:
+            self._caller.write(data)
+
+    def close(self) -> None:
+        if self._caller:
+            self._caller.close()
+        super().close()
+
+    def note_items(self, items: Sequence[Item]) -> None:
+        """A sample makes a program the one that is read, until it is silent."""
+        for item in items:
+            if not isinstance(item, Fault):
+                self._makes_samples = True
+            elif item.kind is FaultKind.SILENT:
+                self._makes_samples = False
+
+    def take_ignored(self) -> list[Fault]:
+        return self._strangers.report(self._peer)
+
+    def _accept(self) -> None:
+        try:
+            sock, address = self._server.accept()
+        except OSError:
+            return  # it has hung up before it was answered
+        if self._caller is None:
+            set_up_tcp(sock, self._dead_s)
+            self._caller, self._peer = Link(self.name, sock.fileno(), sock.close, self._dead_s), address
+            return
+        sock.close()
+        if not self._makes_samples:
+            old, new = _address_text(self._peer), _address_text(address)
+            raise LinkLost(f"{old} sends nothing that can be read, and {new} connects as well")
+        self._strangers.note(address)
+
+
+class _Strangers:
+    """What came from others than the peer: counted, and reported once a second."""
+
+    def __init__(self, what: str) -> None:
+        self._what = what
+        self._count = 0
+        self._last: Address | None = None
+        self._reported_s = -math.inf
+
+    def note(self, address: Address) -> None:
+        self._count += 1
+        self._last = address
+
+    def report(self, peer: Address | None) -> list[Fault]:
         now_s = time.monotonic()
-        if not self._strangers or self._stranger is None or now_s - self._reported_s < _REPORT_EVERY_S:
+        if not self._count or now_s - self._reported_s < _REPORT_EVERY_S:
             return []
-        count, self._strangers, self._reported_s = self._strangers, 0, now_s
-        stranger, peer = _address_text(self._stranger), _address_text(self._peer)
-        detail = f"datagrams from {stranger} ignored, since {peer} is being read; stop the other sender"
+        count, self._count, self._reported_s = self._count, 0, now_s
+        stranger, read = _address_text(self._last), _address_text(peer)
+        detail = f"{self._what} from {stranger} ignored, since {read} is being read; stop the other sender"
         return [Fault(FaultKind.STRANGER, time.monotonic_ns(), detail, count)]
 
 
@@ -194,73 +265,14 @@ def _address_text(address: Address | None) -> str:
     return f"{address[0]}:{address[1]}" if address else "unknown"
 
 
-def open_link(
-    name: str,
-    port: str,
-    line: Line,
-    *,
-    dead_s: float = DEAD_S,
-    listens: bool = False,
-    modem: ModemLines | None = None,
-) -> Link:
-    """Open the port of a rig file; `name` is the stream that it belongs to.
-
-    dead_s: when a TCP connection that brings nothing is lost. listens: a UDP port is ours, and not the other end's.
-    modem: the modem lines of a serial port, None for both on. Raises CellError with the remedy.
-    """
-    if address := tcp_address(port):
-        return _open_tcp(name, address, dead_s)
-    if address := udp_address(port):
-        return _open_udp(name, address, listens=listens)
-    return SerialLink(name, open_serial(name, port, line, modem))
-
-
-def _open_udp(name: str, address: tuple[str, int], *, listens: bool) -> Link:
-    where = f"{name}, udp://{address[0]}:{address[1]}"
-    try:
-        family, kind, protocol, _, found = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
-        sock = socket.socket(family, kind, protocol)
-    except UnicodeError:
-        raise CellError(where, "the host name is not valid", "correct the port in the rig file") from None
-    except OSError as error:
-        raise CellError(where, error.strerror or str(error), "check address and network") from None
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _QUEUE)
-    sock.setblocking(False)
-    try:
-        if listens:
-            sock.bind(found)
-    except OSError as error:
-        sock.close()
-        remedy = (
-            "give an address of this computer, to which the controller sends, and a port that no other program uses"
-        )
-        raise CellError(where, f"cannot be bound: {error.strerror or error}", remedy) from None
-    return UdpLink(name, sock, None if listens else found)
-
-
-def _open_tcp(name: str, address: tuple[str, int], dead_s: float) -> Link:
-    where = f"{name}, tcp://{address[0]}:{address[1]}"
-    try:
-        sock = socket.create_connection(address, timeout=_CONNECT_S)
-    except TimeoutError:
-        raise CellError(where, f"no answer in {_CONNECT_S:.0f} s", "check address, cable and firewall") from None
-    except ConnectionRefusedError:
-        raise CellError(where, "connection refused", "start the service there, or correct the port number") from None
-    except UnicodeError:
-        raise CellError(where, "the host name is not valid", "correct the port in the rig file") from None
-    except OSError as error:
-        raise CellError(where, error.strerror or str(error), "check address and network") from None
+def set_up_tcp(sock: socket.socket, dead_s: float) -> None:
+    """Send at once, never block, and let the system probe a silent peer, and give up data that is not acknowledged,
+    before `dead_s`."""
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    _set_keepalive(sock, dead_s)
-    sock.setblocking(False)
-    return Link(name, sock.fileno(), sock.close, dead_s)
-
-
-def _set_keepalive(sock: socket.socket, dead_s: float) -> None:
-    """Let the system probe a silent peer, and give up data that is not acknowledged, before `dead_s`."""
     part_s = max(1, round(dead_s / 5))
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE, part_s)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPINTVL, part_s)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPCNT, 3)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, round(dead_s * 800))
+    sock.setblocking(False)

@@ -6,10 +6,11 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from rigs.schema.links import Port, UDPPort, tcp_address
+from rigs.schema.links import AnyPort, Port, UDPPort, tcp_address, udp_address
 from rigs.schema.modbus import SLOWEST_HZ, RegisterBlock, StatusRegister, ValueRegister
 from rigs.schema.origin import Origin
 from rigs.schema.part import Part
+from rigs.schema.ros2 import ROS2JointStates
 
 JOINT_FIELDS = {f"q{axis}_{unit}" for axis in range(1, 7) for unit in ("deg", "rad")}
 CLOCK_FIELDS = {"t_s", "t_ms", "t_us"}
@@ -34,8 +35,8 @@ class RTDESignal(Part):
 
 
 class _Feedback(Part):
-    listens: ClassVar[bool] = False
-    """Whether `port` is ours, and the controller the one who speaks first (UDP)."""
+    """Each has `listens` as well: whether `port` is an address of ours, and the controller the one who speaks first."""
+
     timeout_s: float = Field(default=2.0, ge=0.01, le=60)
     """Without a message for so long it counts as silent."""
 
@@ -43,6 +44,7 @@ class _Feedback(Part):
 class URRTDE(_Feedback):
     """Universal Robots, Real-Time Data Exchange."""
 
+    listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(
         instruments="Universal Robots CB3, e-Series",
         source="maker's Python client and documents",
@@ -56,16 +58,18 @@ class URRTDE(_Feedback):
 
 
 class LineFeed(_Feedback):
-    """What a user's program on the controller prints: one line a sample over TCP."""
+    """What a user's program on the controller prints: one line a sample over TCP or UDP."""
 
     origin: ClassVar[Origin] = Origin(
-        instruments="any controller whose program prints lines over TCP: FANUC KAREL and others",
+        instruments="any controller whose program prints lines over TCP or UDP: FANUC KAREL and others",
         source="what the user's program prints",
         standing="confirmed",
     )
 
     interface: Literal["line_feed"]
-    port: Port
+    port: AnyPort
+    listens: bool = False
+    """The program calls this computer: `port` is an address of ours, and one program at a time is read there."""
     fields: tuple[str, ...] = ("t_ms", *(f"q{axis}_deg" for axis in range(1, 7)))
     """Names in the order of the line: q1_deg … q6_deg (or _rad), at most one of t_s, t_ms, t_us, at most one
     `signal`; `_` is skipped."""
@@ -88,6 +92,14 @@ class LineFeed(_Feedback):
         if fields.count(SIGNAL) > 1:
             raise ValueError("signal can occur only once in the line")
         return fields
+
+    @model_validator(mode="after")
+    def _who_calls(self) -> LineFeed:
+        if udp_address(self.port) and not self.listens:
+            raise ValueError("a program that sends datagrams calls us; add listens: true, and give our address as port")
+        if self.listens and self.port.startswith("/"):
+            raise ValueError("listens is for the network; leave it out on a serial port")
+        return self
 
 
 class KUKARSI(_Feedback):
@@ -133,6 +145,7 @@ class ABBEGM(_Feedback):
 class FANUCStreamMotion(_Feedback):
     """FANUC Stream Motion, its status only: `port` is the controller, which sends once it was asked to."""
 
+    listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(
         instruments="FANUC R-30iB Plus and later with Stream Motion (option J519), versions 1 to 4",
         source="versions 1 and 2: manual B-84904EN tables 3.3(a), (b) and (d) as public clients quote them "
@@ -152,6 +165,7 @@ class FANUCStreamMotion(_Feedback):
 class ModbusJoints(_Feedback, RegisterBlock):
     """Joint angles in the registers of a controller, read over Modbus TCP."""
 
+    listens: ClassVar[bool] = False
     origin: ClassVar[Origin] = Origin(
         instruments="any controller that shows its joints in Modbus TCP registers",
         source="the Modbus application protocol; the register map is the rig file's",
@@ -180,7 +194,8 @@ class ModbusJoints(_Feedback, RegisterBlock):
 
 
 Feedback = Annotated[
-    URRTDE | LineFeed | KUKARSI | ABBEGM | FANUCStreamMotion | ModbusJoints, Field(discriminator="interface")
+    URRTDE | LineFeed | KUKARSI | ABBEGM | FANUCStreamMotion | ModbusJoints | ROS2JointStates,
+    Field(discriminator="interface"),
 ]
 
 

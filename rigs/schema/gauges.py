@@ -7,6 +7,7 @@ Gauges that name the same port share one instrument, and differ in `channel`; or
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import combinations
 from typing import Annotated
 
 from pydantic import Field, model_validator
@@ -49,11 +50,22 @@ Gauge = Annotated[
 ]
 
 
+FURTHER = ("g3", "g4", "g5", "g6", "g7", "g8")
+"""Gauges that no test measures with."""
+
+
 class Gauges(Part):
-    """Gauge 1, and gauge 2 where the test measures an angle."""
+    """Gauge 1, and gauge 2 where the test measures an angle: the two that tests take. Any further ones are recorded,
+    exported and shown beside them."""
 
     g1: Gauge
     g2: Gauge | None = None
+    g3: Gauge | None = None
+    g4: Gauge | None = None
+    g5: Gauge | None = None
+    g6: Gauge | None = None
+    g7: Gauge | None = None
+    g8: Gauge | None = None
     baseline_u_mm: float = Field(default=0.05, ge=0, le=100)
     """Standard uncertainty of the distance between the two gauges."""
 
@@ -70,25 +82,36 @@ class Gauges(Part):
 
     @model_validator(mode="after")
     def _sharing(self) -> Gauges:
-        if self.g2 is None or self.g1.port != self.g2.port:
-            return self
-        if self.g1.interface == self.g2.interface and not (self.g1.shares or self.g1.bus):
-            raise ValueError(f"{self.g1.interface} carries one gauge a port, not two; give g2 its own port")
-        own = {"offset_mm", "channel", "accuracy_mm", "range_mm", "certificate", "calibrated"}
-        common = {"interface", "line", "framing"} if self.g1.bus else type(self.g1).model_fields.keys() - own
-        if self.g1.model_dump(include=common) != self.g2.model_dump(include=common):
-            raise ValueError(f"g1 and g2 share {self.g1.port} but differ in interface or settings; make them equal")
-        if self.g1.place == self.g2.place:
-            raise ValueError(f"g1 and g2 share {self.g1.port} and {self.g1.place}; give each its own")
+        for (first, one), (second, other) in combinations(self.recorded.items(), 2):
+            if one.port == other.port:
+                _check_sharing(first, one, second, other)
         return self
 
     def __iter__(self) -> Iterator[tuple[str, Gauge]]:  # type: ignore[override]
-        """Name and gauge, in order."""
+        """Name and gauge of the one or two that tests measure with, in order."""
         yield "g1", self.g1
         if self.g2 is not None:
             yield "g2", self.g2
 
     @property
+    def recorded(self) -> dict[str, Gauge]:
+        """All gauges by name, in order."""
+        further = {name: gauge for name in FURTHER if (gauge := getattr(self, name)) is not None}
+        return dict(self) | further
+
+    @property
     def baseline_mm(self) -> float:
         """Distance between the gauges, offset of g1 less that of g2: positive where there are two."""
         return self.g1.offset_mm - (self.g2.offset_mm if self.g2 else 0.0)
+
+
+def _check_sharing(first: str, one: Gauge, second: str, other: Gauge) -> None:
+    """Raise ValueError where two gauges on one port cannot share it."""
+    if one.interface == other.interface and not (one.shares or one.bus):
+        raise ValueError(f"{one.interface} carries one gauge a port, not two; give {second} its own port")
+    own = {"offset_mm", "channel", "accuracy_mm", "range_mm", "certificate", "calibrated"}
+    common = {"interface", "line", "framing"} if one.bus else type(one).model_fields.keys() - own
+    if one.model_dump(include=common) != other.model_dump(include=common):
+        raise ValueError(f"{first} and {second} share {one.port} but differ in interface or settings; make them equal")
+    if one.place == other.place:
+        raise ValueError(f"{first} and {second} share {one.port} and {one.place}; give each its own")

@@ -88,5 +88,10 @@ def _udp_port(value: str) -> str:
     return value
 
 
+def _any_port(value: str) -> str:
+    return _udp_port(value) if value.startswith("udp:") else _port(value)
+
+
 Port = Annotated[str, AfterValidator(_port)]
 UDPPort = Annotated[str, AfterValidator(_udp_port)]
+AnyPort = Annotated[str, AfterValidator(_any_port)]

@@ -19,4 +19,4 @@ Axis = Annotated[int, Field(ge=1, le=6)]
 class Part(BaseModel):
     """A mapping in a rig file."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)

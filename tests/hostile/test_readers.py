@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import analysis.files.read
-from analysis.files.read import read_csv
+from analysis.files.read import read_file
 from daq.store import RunWriter, chunk, read_run, recover, verify
 from daq.store.chunk import from_parquet, salvage
 from daq.store.schema import FAULTS, schema_of
@@ -101,13 +101,13 @@ def test_a_table_has_an_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     # private: a table of that many cells would take minutes to write
     monkeypatch.setattr(analysis.files.read, "_MOST_CELLS", 400)
     with pytest.raises(FileError, match=r"has more than 400 cells.*; import it in several runs"):
-        read_csv(table, "pose", paper)
+        read_file(table, "pose", paper)
     table.write_text(",".join(f"c{number}" for number in range(5000)) + "\n")
     with pytest.raises(FileError, match="has 5000 columns, more than 1000"):
-        read_csv(table, "pose", paper)
+        read_file(table, "pose", paper)
     monkeypatch.setattr(analysis.files.read, "MOST_BYTES", 1000)
     with pytest.raises(FileError, match=r"is larger than 0\.001 MB"):
-        read_csv(table, "pose", paper)
+        read_file(table, "pose", paper)
 
 
 def many_equal_rows(rows: int) -> bytes:

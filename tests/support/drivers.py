@@ -10,6 +10,7 @@ from pydantic import TypeAdapter
 from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed, ModbusJoints
 from rigs.schema.gauges import Gauge
 from rigs.schema.modbus import ModbusMap
+from rigs.schema.ros2 import ROS2JointStates
 from rigs.schema.serial_gauges import KeyenceDLRS1A, SylvacOptoRS
 
 _GAUGE: TypeAdapter[Any] = TypeAdapter(Gauge)
@@ -108,6 +109,14 @@ def joints(**changes: object) -> ModbusJoints:
     return ModbusJoints.model_validate(fields | changes)
 
 
+PANDA = tuple(f"panda_joint{axis}" for axis in range(1, 7))
+
+
+def joint_states(**changes: object) -> ROS2JointStates:
+    fields = {"interface": "ros2_joint_states", "port": "tcp://127.0.0.1:9090", "joints": PANDA}
+    return ROS2JointStates.model_validate(fields | changes)
+
+
 SCALED = {"address": 202, "type": "int32", "scale": 1e-4, "offset": -5.0}
 PLAIN = {"status": None, "clock_s": None, "clock_us": None}
 
@@ -152,12 +161,15 @@ FEEDBACKS: list[tuple[str, Feedback]] = [
     ("lines signal", lines(fields=("t_ms", *(f"q{axis}_deg" for axis in range(1, 7)), "signal"))),
     ("lines rad", lines(fields=RADIANS, separator=" ")),
     ("lines serial", lines(port=SERIAL, separator=";")),
+    ("lines that call", lines(listens=True)),
+    ("lines by udp", lines(port="udp://127.0.0.1:9000", listens=True)),
     ("rsi 4 ms", rsi()),
     ("rsi 12 ms", rsi(cycle_ms=12, sentype="Rig")),
     ("rsi onlysend", rsi(onlysend=True)),
     ("egm", egm()),
     ("j519", j519()),
     *((f"j519 version {version}", j519(version=version)) for version in (1, 2, 4)),
+    ("joint states", joint_states()),
     ("joints polled", joints()),
     ("joints polled rad", joints(units="rad", function=4, word_order="little", status=None)),
     ("joints polled scaled", joints(joints=TEN_MICRODEGREES)),

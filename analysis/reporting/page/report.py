@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from analysis.api import Compared, Diagnosis, Measured, Result, RigError, compare, diagnose, evaluate_runs
+from analysis.api import Compared, Diagnosis, Measured, Result, RigError, compare, diagnose
 from analysis.measures.pose import PoseResult
 from rigs.errors import FileError
 from rigs.rig import Rig
@@ -14,7 +14,8 @@ from rigs.rig import Rig
 @dataclass(frozen=True)
 class Report:
     """Runs of one robot, evaluated. rig: the model and the limits; simulated: the runs beside the model; corrected:
-    beside the model with the effects found, None where nothing was found; undiagnosed: why there is no diagnosis."""
+    beside the model with the effects found, None where nothing was found; undiagnosed: why there is no diagnosis;
+    left_out: the errors of runs that could not be evaluated."""
 
     rig: Rig
     results: tuple[Result, ...]
@@ -22,6 +23,7 @@ class Report:
     corrected: Compared | None
     found: Diagnosis | None
     undiagnosed: str
+    left_out: tuple[str, ...]
 
     @property
     def title(self) -> str:
@@ -30,22 +32,23 @@ class Report:
 
 
 def gather(
-    runs: Sequence[Measured],
+    results: Sequence[Result],
     rig: Rig | None = None,
     *,
     diagnosed: bool = True,
     found: Diagnosis | None = None,
+    left_out: Sequence[RigError] = (),
     progress: Callable[[str], None],
 ) -> Report:
-    """Evaluate, compare and diagnose runs. found: a diagnosis made already; diagnosed: whether to make one.
+    """Compare and diagnose runs that were evaluated. found: a diagnosis made already; diagnosed: whether to make one;
+    left_out: why other runs could not be evaluated.
 
-    Runs that cannot be compared or diagnosed are reported all the same, with the reason. Raises FileError for runs that
-    cannot be evaluated or are of several robots.
+    Runs that cannot be compared or diagnosed are reported all the same, with the reason. Raises FileError for runs of
+    several robots.
     """
+    runs = [result.measured for result in results]
     model = rig if rig is not None else runs[0].rig
     _hold_one_robot(runs, model)
-    progress("evaluating the runs")
-    results = tuple(evaluate_runs(runs))
     undiagnosed = ""
     if found is None and diagnosed:
         try:
@@ -56,7 +59,7 @@ def gather(
     simulated, corrected = _compared(results, model), None
     if found is not None and found.standing:
         corrected = _compared(results, found.extended_rig)
-    return Report(model, results, simulated, corrected, found, undiagnosed)
+    return Report(model, tuple(results), simulated, corrected, found, undiagnosed, tuple(map(str, left_out)))
 
 
 def _hold_one_robot(runs: Sequence[Measured], model: Rig) -> None:

@@ -41,7 +41,7 @@ COMMANDS = [
     ("verify", (), "verifying"),
     ("recover", (), "recovering"),
     ("export", ("--to", "mcap", "-o", "raw.mcap"), "exporting"),
-    ("analyse", (), "reading the runs"),
+    ("analyse", (), "evaluating"),
 ]
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.files.read import parse_csv, read_csv
+from analysis.files.read import parse_csv, read_file
 from analysis.files.table_problems import TableFileError
 from analysis.files.units import check_units
 from analysis.traces.csv_tables import table_from
@@ -201,7 +201,7 @@ def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) 
     foreign = tmp_path / "series.csv"
     foreign.write_text("Timestamp;Goal x;shoulder_pan_joint;elbow_joint\n2,0E+13;0,0001;-2,78E-05;-1,5\n")
     with pytest.raises(FileError, match=r"separates its columns by semicolons.* sed 'y/,;/\.,/' .*series\.csv"):
-        read_csv(foreign, "pose", rig())
+        read_file(foreign, "pose", rig())
 
 
 @pytest.mark.parametrize(
@@ -220,13 +220,13 @@ def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) 
 def test_a_file_that_is_no_table(tmp_path: Path, data: bytes, reason: str) -> None:
     (tmp_path / "t.csv").write_bytes(data)
     with pytest.raises(FileError, match=reason):
-        read_csv(tmp_path / "t.csv", "pose", rig())
+        read_file(tmp_path / "t.csv", "pose", rig())
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     for path in (tmp_path / "none.csv", tmp_path, tmp_path / "a\0b"):
         with pytest.raises(FileError, match="check the path"):
-            read_csv(path, "pose", rig())
+            read_file(path, "pose", rig())
 
 
 def test_nothing_is_made_of_a_bad_table(tmp_path: Path) -> None:

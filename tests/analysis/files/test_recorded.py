@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.files.read import read_csv
+from analysis.files.read import read_file
 from analysis.files.write import write_csv, write_new
 from analysis.geometry.programs import repeatability_stops, stops
 from analysis.traces.align import align
@@ -80,7 +80,7 @@ def test_what_is_exported_goes_in_again(tmp_path: Path) -> None:
     assert notes == []
     assert columns.column_names == list(plain("yaw"))
     write_new(tmp_path / "t.csv", lambda out: write_csv(columns, out))
-    back = read_csv(tmp_path / "t.csv", "yaw", rig())
+    back = read_file(tmp_path / "t.csv", "yaw", rig())
     assert back.direction == "cw"
     assert back.table.to_pydict() == columns.to_pydict()
     imported = {"rig_file": RIG_FILE, "test": "yaw", "direction": None, "operator": ""}

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.files.read import read_csv
+from analysis.files.read import read_file
 from analysis.files.write import write_csv, write_new, write_parquet
 from analysis.traces.csv_tables import columns_of
 from analysis.traces.loading import measured_of
@@ -65,7 +65,7 @@ def test_a_table_goes_in_comes_out_and_comes_back_the_same(
             assert [float(text) for text in column] == [float(text) for text in rows[name]], name
         else:
             assert list(column) == [plain_lines(text) for text in rows[name]], name
-    back = read_csv(out, test, rig())
+    back = read_file(out, test, rig())
     stored, extra = read_run(run).table, [name for name in rows if name not in known]
     assert stored is not None and back.table.drop_columns(extra).equals(stored.drop_columns(extra))
     assert pq.read_table(exported(run, "parquet")).equals(stored)
@@ -150,7 +150,7 @@ def test_a_circle_without_direction_takes_that_of_the_command(tmp_path: Path) ->
     del rows["direction"]
     run = imported(tmp_path, rows, "yaw", "cw")
     assert load_manifest(run).direction == "cw"
-    back = read_csv(exported(run, "csv"), "yaw", rig())
+    back = read_file(exported(run, "csv"), "yaw", rig())
     assert back.direction == "cw"
     assert [name for name in back.table.column_names if name != "direction"] == list(rows)
 
@@ -160,11 +160,11 @@ def test_what_spreadsheets_write_is_read(tmp_path: Path) -> None:
     text = "\n".join(",".join(cells) for cells in [tuple(rows), *zip(*rows.values(), strict=True)])
     table = tmp_path / "table.csv"
     table.write_text(text + "\n")
-    plainly = read_csv(table, "repeatability", rig()).table
+    plainly = read_file(table, "repeatability", rig()).table
     table.write_bytes(b"\xef\xbb\xbf" + (text.replace("\n", "\r\n") + "\r\n\r\n").encode())
-    assert read_csv(table, "repeatability", rig()).table.equals(plainly)
+    assert read_file(table, "repeatability", rig()).table.equals(plainly)
     table.write_text(text.replace(",1,", ", 1.0 ,"))
-    assert read_csv(table, "repeatability", rig()).table.equals(plainly)
+    assert read_file(table, "repeatability", rig()).table.equals(plainly)
 
 
 def test_names_that_are_no_utf8_are_kept_as_far_as_they_can_be(tmp_path: Path) -> None:
@@ -257,11 +257,11 @@ def test_extra_columns_hold_any_text(tmp_path_factory: pytest.TempPathFactory, t
     rows = {"extra": [texts[k % len(texts)] for k in range(len(rows["q1_deg"]))], **rows}
     file = tmp_path_factory.mktemp("any") / "in.csv"
     file.write_bytes(csv_text(rows).encode())
-    table = read_csv(file, "pose", rig()).table
+    table = read_file(file, "pose", rig()).table
     assert table["extra"].to_pylist() == rows["extra"]
     out = file.with_name("out.csv")
     write_new(out, lambda sink: write_csv(table, sink))
-    back = read_csv(out, "pose", rig()).table
+    back = read_file(out, "pose", rig()).table
     assert back.drop_columns("extra").equals(table.drop_columns("extra"))
     assert back["extra"].to_pylist() == [plain_lines(text) for text in rows["extra"]]
     assert all(line.isprintable() for line in out.read_text(encoding="utf-8").split("\n"))

@@ -13,7 +13,8 @@ import pytest
 from analysis.history import collect as module
 from analysis.history.collect import collect
 from analysis.history.history_file import FILE
-from analysis.history.records import record_of
+from analysis.history.records import Record, record_of
+from daq.store import Manifest
 from rigs.errors import FileError
 from tests.support.dated_runs import dated_run
 
@@ -36,11 +37,11 @@ def evaluated(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The names of runs that are evaluated from here on."""
     names: list[str] = []
 
-    def noted(job: module.Job) -> object:
-        names.append(job[0].name)
-        return record_of(*job)
+    def noted(path: Path, manifest: Manifest, fingerprint: str) -> Record:
+        names.append(path.name)
+        return record_of(path, manifest, fingerprint)
 
-    monkeypatch.setattr(module, "_record", noted)  # private: counts the runs that are evaluated
+    monkeypatch.setattr(module, "record_of", noted)
     return names
 
 

@@ -15,8 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.live.controls import Label, Pause, Start, Stop
+from analysis.live.controls import UNITS, Label, Pause, Start, Stop
 from analysis.live.daemon_source import DaemonSource, tracks_of
+from analysis.live.figures import figures, plain_line
 from analysis.live.loop import DaemonPlayer
 from analysis.live.view import LiveView
 from daq.store import load_manifest
@@ -121,6 +122,25 @@ def test_samples_become_rows_and_each_is_asked_for_once(path: Path) -> None:
         assert [request["after"] for request in asked][:3] == [{}, {"g1": 2}, {"g1": 4}]
         # Its whole state, which is dear, is asked for less often.
         assert sum(request["command"] == "status" for request in list(daemon.asked)) < len(asked)
+
+
+def test_a_further_gauge_is_shown_and_no_row_waits_for_it(path: Path) -> None:
+    with fake(path) as daemon, DaemonSource(path) as source:
+
+        def once(request: dict[str, Any]) -> dict[str, Any]:
+            answer = daemon.usual(request)
+            if request["command"] == "samples" and "g3_g4" not in request["after"]:
+                rows = [[answer["now_ns"] - 10**10, 0.25, None], [answer["now_ns"] - 10**10 + 1, None, None]]
+                answer["streams"]["g3_g4"] = {"newest": 2, "columns": ["g3_mm", "g4_mm"], "rows": rows}
+            elif request["command"] == "samples":
+                answer["streams"]["g3_g4"] = {"newest": 2, "columns": ["g3_mm", "g4_mm"], "rows": []}
+            return answer
+
+        daemon.answers = once
+        view = watched_until(source, LiveView(), lambda view: len(view.rows) > 6 and "g3" in view.readings)
+        assert view.readings["g3"].mm == 0.25 and 10 <= view.readings["g3"].age_s < 20 and "g4" not in view.readings
+        assert figures(view)["gauges"]["g3"]["mm"] == 0.25
+        assert "g3 0.2500 mm" in plain_line(view, UNITS[0])
 
 
 def test_a_daemon_that_goes_is_waited_for_and_what_was_seen_stays(path: Path) -> None:

@@ -27,7 +27,7 @@ from daq.emulators.tcp_port import TcpPort
 from daq.emulators.uart import heard
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Sample, Step
 from daq.service.client import Client
-from daq.wire.links import open_link
+from daq.wire.opening import open_link
 from daq.wire.session import ByteLink
 from rigs.load import parse
 from rigs.schema.links import Line

@@ -18,7 +18,7 @@ from daq.emulators.own_cycle import OwnCycle, Unsteady
 from daq.emulators.pty_line import PtyLine
 from daq.emulators.timed import timed_read
 from daq.protocol.conversation import Item, Sample
-from daq.wire.links import open_link
+from daq.wire.opening import open_link
 from daq.wire.session import run_conversation
 from rigs.load import load
 from rigs.schema.feedback import URRTDE

@@ -533,6 +533,7 @@ def test_rtde_controller_refuses() -> None:
     assert script.receive(wrong).send == _rtde(b"O", b"\0DOUBLE,NOT_FOUND")
     right = _rtde(b"O", struct.pack(">d", 500) + b"timestamp,actual_q")
     assert script.receive(right).send == RECIPE
+    assert script.receive(_rtde(b"O", right[3:] + b",")).send == RECIPE, "as SDU's client ends the list"
     assert script.receive(_rtde(b"S")).send == STARTED and script.step.wake_ns == 0
     assert script.receive(_rtde(b"P")).send == _rtde(b"P", b"\1") and script.step.wake_ns is None
 
@@ -567,6 +568,26 @@ def test_line_feed_garbage(line: bytes, word: str) -> None:
     script = Script(daq.feedback.host(lines()))
     script.receive(line)
     _fault(script, GARBLED, word)
+
+
+def test_a_datagram_holds_whole_lines_and_continues_nothing() -> None:
+    script = Script(daq.feedback.host(lines(port="udp://127.0.0.1:9000", listens=True)))
+    script.receive(b"1000,1,2,3,4,5,6\r\n1010,1,2,3,4,5,6")
+    assert [item.device_time_s for item in script.taken() if isinstance(item, Sample)] == [1.0, 1.01]
+    script.receive(b"1020,1,2,3")
+    _fault(script, GARBLED, "4 fields where 7")
+    script.receive(b"1030,1,2,3,4,5,6")
+    assert len(script.taken()) == 1
+
+
+def test_a_datagram_that_was_overtaken_is_left_out_and_a_new_start_is_not() -> None:
+    script = Script(daq.feedback.host(lines(port="udp://127.0.0.1:9000", listens=True)))
+    for clock_ms in (5000, 5020, 5010):
+        script.receive(b"%d,1,2,3,4,5,6\n" % clock_ms)
+    assert [getattr(item, "kind", None) for item in script.taken()] == [None, None, FaultKind.LATE]
+    script.receive(b"0,1,2,3,4,5,6\n")
+    (sample,) = script.taken()
+    assert isinstance(sample, Sample) and sample.device_time_s == 0
 
 
 def test_line_feed_silence_once_per_timeout() -> None:

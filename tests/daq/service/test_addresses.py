@@ -17,12 +17,12 @@ RESOLV_CONF = "# made by hand\nnameserver 127.0.0.53\nnameserver fe80::1%eth0\ns
 NAMES = {"robot.plant": ["192.168.7.7", "fd00::7"], "localhost": ["127.0.0.1"]}
 
 
-def allowed(gauges: str, feedback: str, interface: str = "ur_rtde") -> list[str]:
+def allowed(gauges: str, feedback: str, interface: str = "ur_rtde", **more: bool) -> list[str]:
     data = yaml.safe_load((SHIPPED / "ur10e.yaml").read_text())
     data["gauges"] = yaml.safe_load((SHIPPED / "paper-fanuc.yaml").read_text())["gauges"]
     for name, port in zip(("g1", "g2"), gauges.split(), strict=True):
         data["gauges"][name]["port"] = port
-    data["feedback"] = {"interface": interface, "port": feedback}
+    data["feedback"] = {"interface": interface, "port": feedback} | more
     text = drop_in(parse(yaml.safe_dump(data), "rig.yaml"), NAMES.__getitem__, RESOLV_CONF)
     head, section, *lines = text.splitlines()
     assert head.startswith("# ") and section == "[Service]"
@@ -45,6 +45,7 @@ def test_a_name_is_allowed_with_who_knows_it() -> None:
 def test_for_a_controller_that_speaks_first_private_networks_are_allowed() -> None:
     found = allowed("/dev/ttyUSB0 /dev/ttyUSB1", "udp://0.0.0.0:49152", "kuka_rsi")
     assert {"10.0.0.0/8", "192.168.0.0/16"} < set(found) and "any" not in found
+    assert "10.0.0.0/8" in allowed("/dev/ttyUSB0 /dev/ttyUSB1", "tcp://192.168.1.5:9000", "line_feed", listens=True)
     assert allowed("/dev/ttyUSB0 /dev/ttyUSB1", "udp://192.168.1.5:60015", "fanuc_stream_motion") == ["192.168.1.5"]
 
 

@@ -16,7 +16,7 @@ from daq.acquisition.streams import streams_of
 from daq.doctor import trial
 from daq.emulators.pty_line import PtyLine
 from daq.protocol.conversation import Fault, FaultKind, Host, Item, Sample, Step
-from daq.wire.links import open_link
+from daq.wire.opening import open_link
 from daq.wire.session import run_conversation
 from rigs.interfaces import known
 from rigs.load import SHIPPED, parse

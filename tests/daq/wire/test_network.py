@@ -20,7 +20,8 @@ from daq.acquisition.reader import Reader
 from daq.acquisition.stream_buffer import StreamBuffer
 from daq.acquisition.streams import Stream, streams_of
 from daq.store import read_run
-from daq.wire.links import LinkLost, open_link
+from daq.wire.links import LinkLost
+from daq.wire.opening import open_link
 from rigs.errors import CellError
 from rigs.load import parse
 from rigs.schema.links import Line
@@ -104,6 +105,126 @@ def test_the_system_asks_a_silent_tcp_peer_whether_it_is_there() -> None:
             idle_s, every_s, times = (sock.getsockopt(socket.IPPROTO_TCP, name) for name in names)
             assert idle_s + every_s * times < 10
             assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT) < 10_000
+
+
+# --- A TCP port of ours ---
+
+LISTED = b"1000,1,2,3,4,5,6\n"
+
+
+def _lines(**changes: object) -> Stream:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+    return _robot(**{"interface": "line_feed", "port": port, "listens": True, "timeout_s": 0.2} | changes)
+
+
+def _caller(stream: Stream) -> socket.socket:
+    sock = socket.create_connection(("127.0.0.1", int(stream.port.rpartition(":")[2])), PATIENCE_S)
+    sock.settimeout(PATIENCE_S)
+    return sock
+
+
+def test_a_program_that_connects_is_read_and_a_second_one_refused() -> None:
+    stream = _lines(timeout_s=5)
+    with _reading(stream) as count, _caller(stream) as program:
+        program.sendall(LISTED)
+        _until(lambda: count("samples") == 1)
+        with _caller(stream) as second:
+            assert second.recv(1) == b"", "hung up on"
+            _until(lambda: count("stranger") == 1)
+        program.sendall(LISTED)
+        _until(lambda: count("samples") == 2)
+        assert count("disconnected") == count("garbled") == 0
+
+
+def test_without_a_program_the_port_stays_open_and_the_silence_is_reported() -> None:
+    stream = _lines()
+    with _reading(stream) as count:
+        _until(lambda: count("silent") >= 2)
+        with _caller(stream) as program:
+            program.sendall(LISTED)
+            _until(lambda: count("samples") == 1)
+        assert count("disconnected") <= 1
+
+
+def test_a_program_that_is_started_again_leaves_no_half_line_behind() -> None:
+    stream = _lines(timeout_s=5)
+    with _reading(stream) as count:
+        for turn in (1, 2, 3):
+            _until(lambda: _connected(stream, LISTED + b"10"))
+            _until(lambda turn=turn: count("disconnected") == turn)
+            assert count("samples") == turn and count("garbled") == 0
+
+
+def _connected(stream: Stream, sent: bytes) -> bool:
+    """Whether a program could connect; it sends and ends."""
+    try:
+        with _caller(stream) as program:
+            program.sendall(sent)
+    except ConnectionRefusedError:
+        return False
+    return True
+
+
+@pytest.mark.parametrize("babble", [b"", b"GET / HTTP/1.0\r\n\r\n"])
+def test_one_that_sends_nothing_readable_makes_room_for_the_next(babble: bytes) -> None:
+    stream = replace(_lines(timeout_s=5), dead_s=10 * PATIENCE_S)
+    with _reading(stream) as count, _caller(stream) as first:
+        first.sendall(babble)
+        _until(lambda: count("garbled") == babble.count(b"\n"))
+        _until(lambda: count("samples") or not _connected(stream, LISTED))
+        _until(lambda: _connected(stream, LISTED) and count("samples"))
+        assert first.recv(1) == b""
+
+
+def test_a_program_that_vanishes_is_left() -> None:
+    stream = replace(_lines(timeout_s=0.1), dead_s=0.3)
+    with _reading(stream) as count, _caller(stream) as gone:
+        gone.sendall(LISTED)
+        _until(lambda: count("disconnected") == 1)
+        _until(lambda: _connected(stream, LISTED))
+        _until(lambda: count("samples") == 2)
+
+
+@pytest.mark.parametrize(
+    ("address", "told"), [("203.0.113.7", "an address of this computer"), ("taken", "no other program")]
+)
+def test_a_tcp_address_that_cannot_be_ours_is_one_line(address: str, told: str) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = f"tcp://{address.replace('taken', '127.0.0.1')}:{other.getsockname()[1]}"
+        with pytest.raises(CellError, match=told):
+            open_link("robot", port, LINE, listens=True)
+
+
+def test_ros2_joint_states_are_recorded_through_a_new_start_of_the_server(tmp_path: Path) -> None:
+    data = yaml.safe_load(rig_text())
+    joints = [f"joint_{axis}" for axis in range(1, 7)]
+    data["feedback"] = {"interface": "ros2_joint_states", "port": "tcp://192.168.1.5:9090", "joints": joints}
+    _recorded_through_a_new_start(data, "disconnected", tmp_path)
+
+
+@pytest.mark.parametrize("port", ["tcp://192.168.1.5:9000", "udp://192.168.1.5:9000"])
+def test_lines_that_call_are_recorded_through_a_new_start_of_their_program(port: str, tmp_path: Path) -> None:
+    data = yaml.safe_load(rig_text())
+    data["feedback"] = {"interface": "line_feed", "port": port, "listens": True, "timeout_s": 0.5}
+    _recorded_through_a_new_start(data, "disconnected" if port.startswith("tcp") else "silent", tmp_path)
+
+
+def _recorded_through_a_new_start(data: dict[str, Any], ended: str, tmp_path: Path) -> None:
+    """Record over an end of the robot's conversation, which is counted as `ended`."""
+    with Bench(tmp_path, yaml.safe_dump(data)) as bench:
+        bench.start().all_reading()
+        path = bench.record()
+        bench.recorded(20)
+        bench.cell.hang_up("robot")
+        state = bench.until(lambda state: ended in state["streams"]["robot"]["counters"])
+        bench.recorded(state["samples"]["robot"] + 20)
+        assert bench.run("rig", "record", "stop").returncode == 0
+        assert bench.run("rig", "verify", path).returncode == 0
+        run = read_run(path)
+        for axis, angle in enumerate(bench.motion.deg, 1):
+            assert np.allclose(run.streams["robot"][f"q{axis}_deg"], angle, atol=1e-5)
+        assert "garbled" not in run.manifest.counters["robot"]
 
 
 # --- UDP ---

@@ -15,15 +15,15 @@ import shutil
 import time
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from analysis.batch.each import each
+from analysis.batch.outcomes import Done
 from tests.support.blind.answers import name_in
 from tests.support.stranger import energy_of, gap_of, gap_of_real, generate, generate_real, left_of
 from tests.support.stranger.cases import Lap
@@ -44,6 +44,9 @@ class Job:
     scale: str
     root: Path
     world: str = "quiet"
+
+    def __str__(self) -> str:
+        return f"{self.kind} {self.seed}"
 
     @property
     def name(self) -> str:
@@ -236,9 +239,9 @@ def answered(job: Job) -> dict[str, Any]:
 
 
 def run_all(jobs: Sequence[Job], workers: int, work: Callable[[Job], Any] = answered) -> Iterator[tuple[Job, Any]]:
-    """Each job with its answer, or with what another `work` gives, as it ends."""
-    if workers <= 1:
-        yield from ((job, work(job)) for job in jobs)
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        yield from zip(jobs, pool.map(work, jobs), strict=True)
+    """Each job with its answer, or with what another `work` gives, in order; an `error` where it cost its process.
+
+    Numbers that cannot be computed are errors, as they are in the program.
+    """
+    for outcome in each(work, jobs, jobs=workers):
+        yield outcome.item, outcome.value if isinstance(outcome, Done) else {"error": str(outcome.error)}

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
-from analysis.files.read import read_csv
+from analysis.files.read import read_file
 from daq.store import read_run, recover, verify
 from daq.store.records import sha256
 from rigs.errors import RigError
@@ -171,7 +171,7 @@ def _table(dice: Random) -> int:
     file = BENCH.folder / "table.csv"
     _put(file, mutated(dice, _TABLES[test], LONGEST_FILE))
     with _only_lines():
-        read_csv(file, test, rig(), dice.choice((None, "cw", "acw")) if test in ("yaw", "roll") else None)
+        read_file(file, test, rig(), dice.choice((None, "cw", "acw")) if test in ("yaw", "roll") else None)
     return 1
 
 

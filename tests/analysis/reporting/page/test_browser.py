@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis import load_run
+from analysis import evaluate_runs, load_run
 from analysis.reporting.page.report import gather
 from analysis.reporting.page.write_page import write_page
 from rigs.load import load, load_hidden
@@ -33,7 +33,9 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     runs = [*write_simulated(hidden, text, "yaw", ("acw", "cw"), [1], folder)]
     runs += write_simulated(hidden, text, "radial", (None,), [1], folder)
     measured = [load_run(run) for run in runs]
-    return write_page(gather(measured, diagnosed=False, progress=lambda doing: None), folder / "page.html")
+    return write_page(
+        gather(evaluate_runs(measured), diagnosed=False, progress=lambda doing: None), folder / "page.html"
+    )
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from analysis import load_run
+from analysis import evaluate_runs, load_run
 from analysis.cli import app
 from analysis.reporting.page.circle_charts import circle_charts
 from analysis.reporting.page.report import Report, gather
@@ -47,7 +47,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def report(runs: list[Path]) -> Report:
-    return gather([load_run(run) for run in runs], progress=lambda doing: None)
+    return gather(evaluate_runs([load_run(run) for run in runs]), progress=lambda doing: None)
 
 
 @pytest.fixture(scope="module")
@@ -122,14 +122,14 @@ def test_runs_that_show_nothing_are_not_called_healthy(report: Report) -> None:
 def test_a_report_is_about_one_robot(runs: list[Path]) -> None:
     other = load("paper-fanuc")[0]
     with pytest.raises(FileError, match="make a report for each robot"):
-        gather([load_run(runs[0])], other, progress=lambda doing: None)
+        gather(evaluate_runs([load_run(runs[0])]), other, progress=lambda doing: None)
 
 
 def test_two_robots_of_one_type_do_not_share_a_page(runs: list[Path], tmp_path: Path) -> None:
     line2 = RIG.model_copy(update={"name": "line2"})
     (other,) = write_simulated(line2, TEXT.replace("name: ur10e", "name: line2", 1), "yaw", ("acw",), [1], tmp_path)
     with pytest.raises(FileError, match="is of rig line2, and the report is about rig ur10e; make a report for each"):
-        gather([load_run(runs[0]), load_run(other)], progress=lambda doing: None)
+        gather(evaluate_runs([load_run(runs[0]), load_run(other)]), progress=lambda doing: None)
 
 
 def test_title_and_heading_name_the_rig_and_the_robot(page: str) -> None:

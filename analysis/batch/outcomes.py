@@ -1,0 +1,69 @@
+"""What became of one item of many: a value or an error, never an exception, since one bad run must not end the rest."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from rigs.errors import CellError, FileError, RigError
+
+Item = TypeVar("Item")
+Value = TypeVar("Value")
+_REMEDY = "check those in its rig file and in its readings"
+
+
+@dataclass(frozen=True)
+class Done(Generic[Item, Value]):
+    """An item with its value; deaths: how often a process was killed over it before."""
+
+    item: Item
+    value: Value
+    deaths: int = 0
+
+
+@dataclass(frozen=True)
+class Failed(Generic[Item]):
+    """An item without a value, and why; deaths: how often a process was killed over it."""
+
+    item: Item
+    error: RigError
+    deaths: int = 0
+
+
+Outcome = Done[Item, Value] | Failed[Item]
+
+
+def attempt(work: Callable[[Item], Value], item: Item) -> Value | RigError:
+    """The value of the work, or the error that the item costs; any other exception is a bug and is raised.
+
+    A RuntimeWarning is an error here, whatever process this is: numpy only warns where a figure becomes nan.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", RuntimeWarning)
+            return work(item)
+    except RigError as error:
+        return error
+    except MemoryError:
+        return CellError(str(item), "there is not enough memory for it", "close other programs, or give fewer --jobs")
+    except (ArithmeticError, ValueError, RuntimeWarning) as error:
+        if not is_numerical(error):
+            raise
+        return FileError(str(item), f"the computation failed: {error}", _REMEDY)
+
+
+def outcome_of(item: Item, found: Value | RigError, deaths: int = 0) -> Outcome[Item, Value]:
+    """What `attempt` returned as an outcome."""
+    return Failed(item, found, deaths) if isinstance(found, RigError) else Done(item, found, deaths)
+
+
+def is_numerical(error: BaseException) -> bool:
+    """Whether a computation failed for its numbers: an overflow, nan, or what numpy's and scipy's solvers raise."""
+    if isinstance(error, ArithmeticError | RuntimeWarning) or type(error).__name__ == "LinAlgError":
+        return True
+    trace = error.__traceback__
+    while trace is not None and trace.tb_next is not None:
+        trace = trace.tb_next
+    return trace is not None and str(trace.tb_frame.f_globals.get("__name__")).startswith("scipy.")

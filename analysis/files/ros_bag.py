@@ -1,0 +1,151 @@
+"""A bag of ROS 2 (MCAP, rosbag2's own format) as the table of a circle, which is then read like any other.
+
+Joints come from the topic of `sensor_msgs/msg/JointState` that the rig file names (`ros2_joint_states`), gauges from
+topics of `std_msgs/msg/Float64` by their names, `/g1` and `/g2`, in mm. Such a number has no stamp, so that all times
+are those at which the bag's recorder received a message: one clock, and late by what the network took. Gauge 1 sets
+the rows; the rest is interpolated, and rows at gaps are left out and counted, as `analysis.traces.align` does.
+
+The two messages are taken from CDR here: their layout is fixed, where a general reader would build code from the text
+of definitions in a file that somebody else made.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from mcap.reader import make_reader
+
+from analysis.kinematics.arm import Array
+from analysis.traces.align import JUMPS_NS, MOVES_NS, gaps_ns
+from rigs.errors import FileError
+from rigs.rig import Rig
+from rigs.schema.ros2 import ROS2JointStates
+
+MAGIC = b"\x89MCAP0\r\n"
+_MOST_MESSAGES = 5_000_000
+"""The most that are read of one topic; half an hour at 1 kHz has 1.8 million."""
+_JOINT_STATE, _NUMBER = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
+
+
+@dataclass
+class _Track:
+    """Messages of one topic: log times in ns, and values, of which None is one that lacks a joint."""
+
+    schema: str
+    read: Callable[[bytes], list[float] | None]
+    ns: list[int]
+    values: list[list[float]]
+    lacking: int = 0
+
+    def add(self, ns: int, data: bytes) -> None:
+        values = self.read(data)
+        if values is None or not np.isfinite(values).all() or (self.ns and ns <= self.ns[-1]):
+            self.lacking += 1
+            return
+        self.ns.append(ns)
+        self.values.append(values)
+
+
+def table_of_bag(data: bytes, where: str, rig: Rig) -> tuple[bytes, tuple[str, ...]]:
+    """Return the CSV of a bag's bytes, and doubts in words. Raises FileError."""
+    tracks = _read(data, where, rig)
+    doubts = [f"{topic}: {one.lacking} messages are left out" for topic, one in tracks.items() if one.lacking]
+    begin_ns = min(one.ns[0] for one in tracks.values())  # since 1970, a float has steps of 256 ns
+    timed = ((np.array(one.ns) - begin_ns).astype(float) for one in tracks.values())
+    joints, first, *others = zip(timed, (np.array(one.values) for one in tracks.values()), strict=True)
+    rows_ns = first[0]
+    keep = np.ones(len(rows_ns), dtype=bool)
+    for (ns, _), short_ns in zip([joints, *others], [MOVES_NS, *[JUMPS_NS] * len(others)], strict=True):
+        keep &= (rows_ns >= ns[0]) & (rows_ns <= ns[-1]) & (gaps_ns(rows_ns, ns, short_ns) == 0)
+    if keep.sum() < 2:
+        raise FileError(where, "joints and gauges were never recorded at the same time", "record all topics together")
+    if dropped := int((~keep).sum()):
+        doubts.append(f"{dropped} of {len(keep)} rows are left out at gaps, and before and after the other topics")
+    doubts.append("times are those at which the bag received each message: how late that was is in no uncertainty")
+    rows_ns = rows_ns[keep]
+    parts = [np.interp(rows_ns, ns, column) for ns, values in (joints, first, *others) for column in values.T]
+    names = [*(f"q{axis}_deg" for axis in range(1, 7)), *(f"{topic[1:]}_mm" for topic in list(tracks)[1:])]
+    return _csv(["t_s", *names], np.column_stack([(rows_ns - rows_ns[0]) / 1e9, *parts])), tuple(doubts)
+
+
+def _read(data: bytes, where: str, rig: Rig) -> Mapping[str, _Track]:
+    """The topic of the joints, then those of the gauges."""
+    if not isinstance(rig.feedback, ROS2JointStates):
+        remedy = "describe it in the rig file: feedback: {interface: ros2_joint_states, joints: [six names]}"
+        raise FileError(where, "is a bag, and the rig file does not say which joints to take", remedy)
+    names = rig.feedback.joints
+    tracks = {"/" + rig.feedback.topic.lstrip("/"): _Track(_JOINT_STATE, lambda one: _angles_deg(one, names), [], [])}
+    tracks |= {f"/{name}": _Track(_NUMBER, _number, [], []) for name, _ in rig.gauges}
+    found: dict[str, str] = {}
+    try:
+        for schema, channel, message in make_reader(io.BytesIO(data)).iter_messages():
+            found[channel.topic] = schema.name if schema else ""
+            track = tracks.get(channel.topic)
+            if track and found[channel.topic] == track.schema and len(track.ns) < _MOST_MESSAGES:
+                track.add(message.log_time, message.data)
+    except Exception as error:  # noqa: BLE001 - of a damaged file, whatever its decompressors raise
+        raise FileError(where, f"is damaged: {str(error)[:80] or type(error).__name__}", "copy the bag again") from None
+    for topic, track in tracks.items():
+        if len(track.ns) >= _MOST_MESSAGES:
+            raise FileError(where, f"has more than {_MOST_MESSAGES} messages of {topic}", "import it in several runs")
+        if len(track.ns) < 2:
+            has = ", ".join(f"{name} ({kind})" for name, kind in sorted(found.items()))[:300] or "no messages"
+            what = f"holds fewer than two usable messages of {topic} ({track.schema}); it has {has}"
+            raise FileError(
+                where, what, "name the topic and the joints in the rig file, and the gauges' topics /g1, /g2"
+            )
+    return tracks
+
+
+def _csv(names: list[str], rows: Array) -> bytes:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(names)
+    writer.writerows(rows.tolist())
+    return text.getvalue().encode()
+
+
+class _Cdr:
+    """A serialised message: the encapsulation header of four bytes, then fields, each at a multiple of its size."""
+
+    def __init__(self, data: bytes) -> None:
+        self._body = data[4:]
+        self._order = "<" if data[1] & 1 else ">"
+        self._at = 0
+
+    def take(self, code: str, count: int = 1) -> tuple[float, ...]:
+        size = struct.calcsize(code)
+        self._at += -self._at % size if count else 0
+        values = struct.unpack_from(f"{self._order}{count}{code}", self._body, self._at)
+        self._at += size * count
+        return values
+
+    def count(self) -> int:
+        """The length of what follows; no more than there is."""
+        return min(int(self.take("I")[0]), len(self._body))
+
+    def text(self) -> str:
+        size = self.count()
+        (held,) = struct.unpack_from(f"{size}s", self._body, self._at)
+        self._at += size
+        return str(held.rstrip(b"\0"), "utf-8", "replace")
+
+
+def _angles_deg(data: bytes, names: tuple[str, ...]) -> list[float] | None:
+    """The six angles of a JointState; None where it lacks one."""
+    message = _Cdr(data)
+    message.take("I", 2)
+    message.text()
+    joints = [message.text() for _ in range(message.count())]
+    positions = message.take("d", message.count())
+    placed = dict(zip(joints, positions, strict=False))
+    return [float(np.degrees(placed[name])) for name in names] if set(names) <= placed.keys() else None
+
+
+def _number(data: bytes) -> list[float] | None:
+    return [float(_Cdr(data).take("d")[0])]

@@ -1,0 +1,188 @@
+"""ROS 2 joint states by a rosbridge server: JSON on a WebSocket (rosbridge v2.0; its origin has what is in doubt).
+
+The host subscribes to the topic, and sends nothing else, ever. Each `sensor_msgs/msg/JointState` has the names of its
+joints, positions in radians in the order of the names, and the stamp of its header, s and ns, which is kept as the
+controller's clock; a stamp of zero is one that the driver leaves empty. Several nodes may publish on one topic: a
+message without any of the six joints belongs to another (a hand), and is left out once one with all of them has come.
+A message that is no later than the one before was published twice, or by a second node, and is left out (LATE).
+
+pydantic takes a message apart, since what it refuses it names.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, Field, TypeAdapter, ValidationError
+
+from daq.feedback import Read
+from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
+from daq.protocol.datagrams import Datagrams
+from daq.protocol.framing import Message
+from daq.protocol.numerals import are_angles
+from daq.protocol.pace import Pace
+from daq.protocol.streamed import Reaction, Streamed
+from daq.protocol.websocket import LIMIT, WebSocketDevice, WebSocketHost
+from rigs.schema.ros2 import ROS2JointStates
+
+RATE_HZ = 100.0
+"""The rate of the emulated driver (100 Hz is what ros2_control updates at by default); the host assumes none."""
+_TYPE = "sensor_msgs/msg/JointState"
+_BEHIND_S = 1.0
+"""Further back, the clock was set or the simulation restarted."""
+
+
+class _Stamp(BaseModel):
+    sec: int
+    nanosec: int
+
+
+class _Header(BaseModel):
+    stamp: _Stamp
+
+
+class _JointState(BaseModel):
+    header: _Header
+    name: list[str]
+    position: list[float | None]
+    """null is what rosbridge makes of nan and infinity."""
+
+
+class _Published(BaseModel):
+    op: Literal["publish"]
+    topic: str
+    msg: _JointState
+
+
+class _Status(BaseModel):
+    op: Literal["status"]
+    level: str
+    msg: str
+
+
+_MESSAGE: TypeAdapter[_Published | _Status] = TypeAdapter(Annotated[_Published | _Status, Field(discriminator="op")])
+
+
+def host(feedback: ROS2JointStates) -> Host:
+    """Return our side of the conversation."""
+    address = feedback.port.removeprefix("tcp://")
+    return WebSocketHost(Streamed(_JointStates(feedback), feedback.timeout_s), address, feedback.timeout_s)
+
+
+def device(feedback: ROS2JointStates, read: Read) -> Device:
+    """Return the server's side of the conversation, and the driver's behind it."""
+    return WebSocketDevice(_Bridge(feedback, read))
+
+
+class _JointStates:
+    """Messages on the topic."""
+
+    def __init__(self, feedback: ROS2JointStates) -> None:
+        self.frames = Datagrams(LIMIT)
+        self.check = f"check that the robot's driver publishes on {feedback.topic}"
+        self._topic = feedback.topic
+        self._joints = feedback.joints
+        self._found = False
+        self._last_s = -math.inf
+
+    def start(self) -> bytes:
+        return json.dumps({"op": "subscribe", "topic": self._topic, "type": _TYPE}).encode()
+
+    def silent(self) -> Reaction:
+        return Reaction()
+
+    def read(self, message: Message | Fault) -> Reaction:
+        if isinstance(message, Fault):
+            return Reaction((message,))
+        try:
+            said = _MESSAGE.validate_json(message.data)
+        except ValidationError as error:
+            what = error.errors(include_url=False, include_input=False)[0]["msg"]
+            return _fault(message, FaultKind.GARBLED, f"message {message.data[:60]!r} is no joint state: {what}")
+        if isinstance(said, _Published):
+            return self._state(said.msg, message) if said.topic == self._topic else Reaction()
+        if said.level not in {"error", "warning"}:
+            return Reaction()
+        return _fault(message, FaultKind.DEVICE_ERROR, f"{said.level} of rosbridge: {said.msg[:200]}")
+
+    def _state(self, state: _JointState, message: Message) -> Reaction:
+        placed = dict(zip(state.name, state.position, strict=False))
+        angles_rad = [placed.get(joint) for joint in self._joints]
+        known_rad = [angle for angle in angles_rad if angle is not None]
+        if len(known_rad) < len(self._joints):
+            if self._found and not set(self._joints) & set(state.name):
+                return Reaction()
+            missing = self._joints[angles_rad.index(None)]
+            has = ", ".join(state.name)[:200] or "no joints"
+            detail = f"message without an angle of {missing}; it has {has}; check `joints`"
+            return _fault(message, FaultKind.MISSING, detail)
+        angles_deg = tuple(map(math.degrees, known_rad))
+        if not are_angles(angles_deg):
+            return _fault(message, FaultKind.GARBLED, f"angles {angles_deg}; left out")
+        self._found = True
+        return self._in_time(angles_deg, state.header.stamp, message)
+
+    def _in_time(self, angles_deg: tuple[float, ...], stamp: _Stamp, message: Message) -> Reaction:
+        clock_s = stamp.sec + stamp.nanosec * 1e-9 if stamp.sec or stamp.nanosec else math.nan
+        if 0 <= self._last_s - clock_s < _BEHIND_S:
+            detail = f"stamp {clock_s:.6f} s, no later than the one before; left out; check for a second publisher"
+            return _fault(message, FaultKind.LATE, detail)
+        self._last_s = clock_s
+        stamps = (NO_TIME, message.first_byte_ns, message.last_byte_ns)
+        return Reaction((Sample(angles_deg, *stamps, message.size, clock_s),))
+
+
+def _fault(message: Message, kind: FaultKind, detail: str) -> Reaction:
+    return Reaction((Fault(kind, message.last_byte_ns, detail),))
+
+
+class _Bridge:
+    """A rosbridge server, and behind it a driver that publishes a hand's joint as well, all in an order of its own."""
+
+    EPOCH_S = 1_700_000_000
+    """Its clock when it begins."""
+
+    def __init__(self, feedback: ROS2JointStates, read: Read) -> None:
+        self.sent = 0
+        self._feedback = feedback
+        self._read = read
+        self._start_ns = 0
+        self._pace: Pace | None = None
+
+    def connected(self, now_ns: int) -> Step:
+        self._start_ns = now_ns
+        return Step()
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        try:
+            asked = json.loads(data) if data else {}
+        except (ValueError, RecursionError):
+            asked = {}
+        if isinstance(asked, dict) and asked.get("op") == "subscribe" and asked.get("topic") == self._feedback.topic:
+            self._pace = Pace(RATE_HZ, now_ns)
+        return Step(wake_ns=self._pace.next_ns if self._pace else None)
+
+    def tick(self, now_ns: int) -> Step:
+        """Send one message; a tick that is late is followed by the next at once."""
+        if self._pace is None:
+            return Step()
+        instant_ns = self._pace.step(now_ns)
+        if instant_ns is None:
+            return Step(wake_ns=self._pace.next_ns)
+        self.sent += 1
+        return Step(self._message(self._read(instant_ns), instant_ns), wake_ns=self._pace.next_ns)
+
+    def _message(self, angles_deg: Sequence[float], instant_ns: int) -> bytes:
+        passed_ns = instant_ns - self._start_ns
+        stamp = {"sec": self.EPOCH_S + passed_ns // 10**9, "nanosec": passed_ns % 10**9}
+        state = {
+            "header": {"stamp": stamp, "frame_id": "base_link"},
+            "name": ["finger_joint", *reversed(self._feedback.joints)],
+            "position": [0.02, *map(math.radians, reversed(angles_deg))],
+            "velocity": [],
+            "effort": [],
+        }
+        return json.dumps({"op": "publish", "topic": self._feedback.topic, "msg": state}).encode()

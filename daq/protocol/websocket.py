@@ -1,0 +1,150 @@
+"""A conversation carried by a WebSocket (RFC 6455): each of its sendings is a text message.
+
+wsproto speaks the protocol itself, which touches no network either. Pings are answered. A message is stamped when its
+last piece came. What is over (refused, closed, out of step, longer than `LIMIT`) ends the link.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from wsproto import ConnectionType, WSConnection
+from wsproto.events import (
+    AcceptConnection,
+    CloseConnection,
+    Event,
+    Message,
+    Ping,
+    RejectConnection,
+    Request,
+    TextMessage,
+)
+from wsproto.utilities import RemoteProtocolError
+
+from daq.protocol.conversation import Conversation, Device, Fault, FaultKind, Host, Item, Step
+
+LIMIT = 1 << 16
+"""Bytes of a message: ten times the joint states of an arm with a hand."""
+
+
+class _WebSocket:
+    """One side. The conversation that it carries begins when the WebSocket is open."""
+
+    def __init__(self, side: ConnectionType, carried: Conversation) -> None:
+        self._socket = WSConnection(side)
+        self._carried = carried
+        self._open = self._over = False
+        self._message = bytearray()
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        if self._over:
+            return Step(hang_up=True)
+        if not data:  # which wsproto would take for the end
+            return self._waiting(Step(), now_ns)
+        try:
+            self._socket.receive_data(data)
+            whole = Step()
+            for event in self._socket.events():
+                whole = _after(whole, self._meaning(event, now_ns))
+                if whole.hang_up:
+                    return whole
+        except RemoteProtocolError as error:
+            return self._finish(FaultKind.GARBLED, now_ns, f"not a WebSocket: {error}")
+        return self._waiting(whole, now_ns)
+
+    def tick(self, now_ns: int) -> Step:
+        if self._over:
+            return Step(hang_up=True)
+        return self._carry(self._carried.tick(now_ns)) if self._open else self._waiting(Step(), now_ns)
+
+    def _waiting(self, step: Step, now_ns: int) -> Step:
+        """The step with a time to be woken at, which an event that says nothing does not have."""
+        if step.wake_ns is not None or step.hang_up or not self._open:
+            return step
+        return _after(step, self._carry(self._carried.received(b"", now_ns)))
+
+    def _meaning(self, event: Event, now_ns: int) -> Step:
+        match event:
+            case Request() | AcceptConnection():
+                accepted = self._socket.send(AcceptConnection()) if isinstance(event, Request) else b""
+                step = self._begin(now_ns)
+                return replace(step, send=accepted + step.send)
+            case RejectConnection(status_code=status):
+                return self._finish(
+                    FaultKind.DEVICE_ERROR, now_ns, f"the server refuses a WebSocket: HTTP status {status}"
+                )
+            case Message(data=data, message_finished=finished):
+                return self._read(data.encode() if isinstance(data, str) else data, finished, now_ns)
+            case Ping():
+                return Step(self._socket.send(event.response()))
+            case CloseConnection(code=code, reason=reason):
+                return self._finish(
+                    FaultKind.DEVICE_ERROR, now_ns, f"the WebSocket is closed: {int(code)} {reason or ''}"
+                )
+        return Step()
+
+    def _begin(self, now_ns: int) -> Step:
+        self._open = True
+        return self._carry(self._carried.connected(now_ns))
+
+    def _read(self, data: bytes | bytearray, finished: bool, now_ns: int) -> Step:
+        self._message += data
+        if len(self._message) > LIMIT:
+            return self._finish(FaultKind.GARBLED, now_ns, f"a message of more than {LIMIT} bytes")
+        if not finished:
+            return Step()
+        message, self._message = bytes(self._message), bytearray()
+        return self._carry(self._carried.received(message, now_ns))
+
+    def _finish(self, kind: FaultKind, now_ns: int, detail: str) -> Step:
+        self._over = True
+        return Step(items=(Fault(kind, now_ns, detail),), hang_up=True)
+
+    def _carry(self, step: Step) -> Step:
+        return replace(step, send=self._socket.send(TextMessage(step.send.decode()))) if step.send else step
+
+
+def _after(step: Step, following: Step) -> Step:
+    """Both as one: what comes last says when to be woken, and whether it is over."""
+    return replace(following, send=step.send + following.send, items=step.items + following.items)
+
+
+class WebSocketHost(_WebSocket):
+    """Our side: it asks for the WebSocket. address: of the server, as `robot:9090`."""
+
+    def __init__(self, carried: Host, address: str, timeout_s: float) -> None:
+        super().__init__(ConnectionType.CLIENT, carried)
+        self._host = carried
+        self._address = address
+        self._timeout_s = timeout_s
+        self._wake_ns = 0
+
+    def connected(self, now_ns: int) -> Step:
+        self._wake_ns = now_ns + round(self._timeout_s * 1e9)
+        return Step(self._socket.send(Request(host=self._address, target="/")), wake_ns=self._wake_ns)
+
+    def lost(self, now_ns: int) -> tuple[Item, ...]:
+        return self._host.lost(now_ns)
+
+    def _waiting(self, step: Step, now_ns: int) -> Step:
+        if self._open or step.hang_up:
+            return super()._waiting(step, now_ns)
+        if now_ns >= self._wake_ns:
+            what = f"no WebSocket within {self._timeout_s:g} s; check that a WebSocket server has this port"
+            return self._finish(FaultKind.SILENT, now_ns, what)
+        return replace(step, wake_ns=self._wake_ns)
+
+
+class WebSocketDevice(_WebSocket):
+    """The device's side: it accepts the WebSocket that it is asked for."""
+
+    def __init__(self, carried: Device) -> None:
+        super().__init__(ConnectionType.SERVER, carried)
+        self._device = carried
+
+    @property
+    def sent(self) -> int:
+        return self._device.sent
+
+    def connected(self, now_ns: int) -> Step:
+        return Step()

@@ -1,0 +1,77 @@
+"""The same outcomes from the workers of a Dask cluster, one of which dies; one line where there is no cluster."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from analysis.batch.each import each
+from analysis.batch.outcomes import Done
+from rigs.errors import CellError, FileError
+from tests.support.child_processes import sign_in, signed_in, until
+from tests.support.dask_cluster import Cluster, cluster
+from tests.support.dated_runs import dated_run
+
+RIG = [sys.executable, "-c", "from analysis.cli import main; main()"]
+
+
+@pytest.fixture
+def two_workers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
+    with cluster(tmp_path_factory.mktemp("dask")) as made:
+        yield made
+
+
+def held(item: tuple[Path, int]) -> int:
+    """Sign in and wait until released; one item is bad."""
+    directory, number = item
+    sign_in(directory)
+    until((directory / "released").exists)
+    if number == 3:
+        raise FileError("item 3", "is bad", "give another")
+    return number**2
+
+
+def test_a_worker_that_dies_costs_time(two_workers: Cluster, tmp_path: Path) -> None:
+    outcomes = each(held, [(tmp_path, number) for number in range(20)], scheduler=two_workers.address)
+
+    def kill_one() -> None:
+        until(lambda: len(signed_in(tmp_path)) == 2)
+        two_workers.workers[0].kill()
+        (tmp_path / "released").touch()
+
+    killer = threading.Thread(target=kill_one)
+    killer.start()
+    found = [one.value if isinstance(one, Done) else str(one.error) for one in outcomes]
+    killer.join()
+    assert found == [*(n**2 for n in range(3)), "item 3: is bad; give another", *(n**2 for n in range(4, 20))]
+    assert two_workers.workers[0].poll() is not None, "it was killed in the middle"
+
+
+def test_a_table_is_the_same_from_a_cluster(two_workers: Cluster, tmp_path: Path) -> None:
+    for day in range(4):
+        dated_run(tmp_path / "plant" / "robot", day, 0.01)
+    (tmp_path / "plant" / "bad").mkdir()
+    (tmp_path / "plant" / "bad" / "manifest.json").write_text("{}")
+    words = [*RIG, "analyse", str(tmp_path / "plant"), "--json"]
+    here = subprocess.run(words, capture_output=True, check=False)
+    there = subprocess.run([*words, "--scheduler", two_workers.address], capture_output=True, check=False)
+    assert here.stdout and (there.returncode, there.stdout, there.stderr) == (3, here.stdout, here.stderr)
+
+
+def test_no_scheduler_is_one_line() -> None:
+    pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
+    with pytest.raises(CellError, match="no Dask scheduler answers"):
+        list(each(os.path.exists, ["."], scheduler="an address"))
+
+
+def test_without_dask_the_line_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(FileError, match="pip install distributed"):
+        list(each(os.path.exists, ["."], scheduler="tcp://127.0.0.1:8786"))

@@ -1,0 +1,77 @@
+"""What a command imports before it works: the packages that it needs and no other, since imports are most of the time
+that a person waits for a small run."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.dated_runs import dated_run
+
+_PRINT = """
+import json, sys
+before = set(sys.modules)
+from analysis.cli import main
+try:
+    main()
+finally:
+    sys.stderr.write("modules " + json.dumps(sorted(set(sys.modules) - before)))
+"""
+TYPER = {"typer", "annotated_doc", "rich", "pygments", "markdown_it", "mdurl", "attr", "attrs", "shellingham", "click"}
+"""typer, and what rich takes for the help where it is installed."""
+RIG_FILE = {"pydantic", "pydantic_core", "annotated_types", "typing_extensions", "typing_inspection", "yaml", "_yaml"}
+READING = TYPER | RIG_FILE | {"numpy", "pyarrow"}
+OURS = {"analysis", "rigs"}
+WORDS = {
+    *("analysis", "analysis.batch", "analysis.batch.outcomes", "analysis.traces", "analysis.traces.table_layout"),
+    *("rigs", "rigs.errors", "rigs.schema", "rigs.schema.vocabulary", "rigs.text"),
+}
+"""What every command imports of rig: the words that its options take, its errors, its outcomes."""
+
+
+def imported(*words: str | Path) -> list[str]:
+    """The modules that a command imports, in a process of its own."""
+    done = subprocess.run([sys.executable, "-c", _PRINT, *words], capture_output=True, text=True, check=False)
+    modules: list[str] = json.loads(done.stderr.rpartition("modules ")[2])
+    assert "analysis.cli" in modules and done.returncode == 0, done.stderr
+    return modules
+
+
+def packages(modules: list[str]) -> set[str]:
+    """The packages that are neither of Python nor modules built by a compiler for one of them."""
+    found = {module.partition(".")[0] for module in modules}
+    return {name for name in found if name not in sys.stdlib_module_names and not name.startswith(("_", "cython"))}
+
+
+def test_help_imports_nothing_that_works() -> None:
+    modules = imported("--help")
+    assert packages(modules) <= TYPER | OURS
+    ours = {module for module in modules if module.partition(".")[0] in OURS}
+    below = {module for module in ours if not module.startswith("analysis.cli")}
+    assert below <= WORDS, "lists of names alone"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return dated_run(tmp_path_factory.mktemp("runs"), 0, 0.01)
+
+
+def test_runs_imports_what_reads_manifests(run: Path) -> None:
+    modules = imported("runs", run.parent)
+    assert packages(modules) <= READING | OURS | {"daq"}
+    works = {
+        module for module in modules if module.startswith(("analysis.measures", "analysis.traces", "analysis.model"))
+    }
+    assert works <= WORDS
+
+
+@pytest.mark.parametrize("words", [["analyse"], ["analyse", "--json"], ["analyse", "--lines"]])
+def test_analyse_imports_what_evaluates_a_run(words: list[str], run: Path) -> None:
+    modules = imported(*words, run)
+    assert packages(modules) <= READING | OURS | {"daq"}, "no scipy, no pandas, no matplotlib"
+    layers = {module.split(".")[1] for module in modules if module.startswith("analysis.")}
+    assert not layers & {"diagnosis", "fitting", "correction", "simulation", "live", "setup", "history", "paper"}

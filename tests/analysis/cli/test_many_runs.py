@@ -1,0 +1,101 @@
+"""Directories of runs in one command: the same output from any number of processes, and a bad run costs its own row."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from analysis.cli import app
+from analysis.cli.several import over_runs
+from tests.support.child_processes import Deadly, die
+from tests.support.plant_runs import robot_of, write_visits
+
+
+def ran(*words: object) -> Result:
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four runs in two directories, and between them one that is none."""
+    plant = tmp_path_factory.mktemp("plant")
+    for directory in ("a", "c"):
+        assert list(write_visits(plant / directory, robot_of(1, 0, 365.0), [0.0, 30.0], ["yaw acw"], 0))
+    (plant / "b").mkdir()
+    (plant / "b" / "manifest.json").write_text("{}")
+    return plant
+
+
+@pytest.mark.parametrize("command", [["verify"], ["analyse"], ["analyse", "--json"], ["analyse", "--lines"]])
+def test_processes_print_what_one_prints(command: list[str], plant: Path) -> None:
+    one, two = (ran(*command, plant, "--jobs", jobs) for jobs in (1, 2))
+    assert one.exit_code == 3 and one.stdout
+    (error,) = (line for line in one.stderr.splitlines() if "note" not in line)
+    assert str(plant / "b") in error
+    assert (two.exit_code, two.stdout, two.stderr) == (one.exit_code, one.stdout, one.stderr)
+
+
+def test_lines_are_the_runs_of_the_object(plant: Path) -> None:
+    lines = [json.loads(line) for line in ran("analyse", plant, "--lines").stdout.splitlines()]
+    assert lines == json.loads(ran("analyse", plant, "--json").stdout)["runs"]
+    assert [line["run"] for line in lines] == sorted(map(str, plant.glob("[ac]/*")))
+
+
+def test_a_page_names_the_run_that_it_lacks(plant: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    done = ran("report", plant, "--no-diagnosis", "-o", page, "--jobs", 2)
+    assert done.exit_code == 3
+    assert f"left out: {plant / 'b'}" in page.read_text()
+
+
+def test_the_history_has_runs_of_directories_below(plant: Path) -> None:
+    one, two = (
+        json.loads(ran("history", "robot-001", "--data", plant, "--json", "--jobs", jobs).stdout) for jobs in (1, 2)
+    )
+    assert one == two and set(one["without_figures"]) == {"b"}
+    named = {point["run"] for series in one["series"] for point in series["points"]}
+    assert named == {str(run.relative_to(plant)) for run in plant.glob("[ac]/*")}
+
+
+@pytest.mark.parametrize("jobs", ["some", "-1", "1.5", ""])
+def test_a_wrong_number_of_processes_is_refused(jobs: str, plant: Path) -> None:
+    assert ran("verify", plant, "--jobs", jobs).exit_code == 2
+
+
+def test_a_process_that_was_killed_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    seen: list[int] = []
+    items = [Deadly(tmp_path, number, times) for number, times in enumerate((0, 1, 0, 2))]
+    (error,) = over_runs(die, items, seen.append, doing="dying", jobs=2)
+    assert seen == [0, 1, 2] and "killed by signal 9, 2 times" in error.what
+    assert capsys.readouterr().err.splitlines() == [
+        "note: item 1: its process was killed, and it was begun again",
+        f"error: {error}",
+    ]
+
+
+def stops(item: int) -> int:
+    if item == 2:
+        raise KeyboardInterrupt
+    return item
+
+
+def test_after_ctrl_c_it_says_how_far_it_got(capsys: pytest.CaptureFixture[str]) -> None:
+    seen: list[int] = []
+    with pytest.raises(KeyboardInterrupt):
+        over_runs(stops, [0, 1, 2, 3], seen.append, doing="counting")
+    assert seen == [0, 1]
+    assert capsys.readouterr().err == "interrupted after 2 of 4 runs: not done is 2 and what follows\n"
+
+
+def test_ctrl_c_ends_processes_too_while_a_run_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    def show(item: int) -> None:
+        stops(item + 1)
+
+    with pytest.raises(KeyboardInterrupt):
+        over_runs(abs, [0, 1, 3], show, doing="counting", jobs=2)
+    assert capsys.readouterr().err == "interrupted after 1 of 3 runs: not done is 1 and what follows\n"
+    assert not multiprocessing.active_children()
