@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -36,12 +37,14 @@ class Path:
     """The reported motion behind a table, with the places passed between its readings.
 
     motion of n samples; rows (m,): which of them are the table's readings; stands: whether the robot stood at each,
-    long enough that it does not matter by which clock.
+    long enough that it does not matter by which clock. between: where readings lie between two samples, the second one
+    (m,) and its weight (m,).
     """
 
     motion: Motion
     rows: Integers
     stands: bool = False
+    between: tuple[Integers, Array] | None = None
 
     @property
     def t_s(self) -> Array:
@@ -52,6 +55,23 @@ class Path:
     def q(self) -> Array:
         """Reported angles (n, 6) rad."""
         return self.motion.q
+
+    def at_readings(self, values: Array) -> Array:
+        """Values (n, …) at the samples, in any unit, as values (m, …) at the readings."""
+        found: Array = values[self.rows]
+        if self.between is not None:
+            later, weight = self.between
+            found = found + (values[later] - found) * weight.reshape(-1, *[1] * (values.ndim - 1))
+        return found
+
+    @cached_property
+    def motion_read(self) -> Motion:
+        """The motion at the readings alone."""
+        return self.read_of(self.motion)
+
+    def read_of(self, motion: Motion) -> Motion:
+        """A motion of n samples at the m readings alone."""
+        return Motion(self.at_readings(motion.t_s), self.at_readings(motion.q))
 
 
 @dataclass(frozen=True)
@@ -153,11 +173,22 @@ def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> 
         scene = apply(model.effects, "setup", replace(scene, contact=contact))
         g_mm = (np.linalg.norm(to_tool, axis=1) - sphere.radius + scene.form_mm)[:, None]
     scene = apply(model.effects, "gauge", replace(scene, g_mm=g_mm - setup.zeros_mm))
-    return scene.g_mm[path.rows]
+    return scene.g_mm if path.between else scene.g_mm[path.rows]
 
 
 def moved(model: Model, path: Path) -> Scene:
-    """The scene up to where the tool is."""
+    """The scene up to where the tool is. What follows the joints has little memory, so that readings between samples
+    need no other postures."""
+    scene = driven(model, path)
+    if path.between:
+        motion = path.motion_read if scene.motion is path.motion else path.read_of(scene.motion)
+        link_q, form_mm = path.at_readings(scene.link_q), path.at_readings(scene.form_mm)
+        scene = replace(scene, motion=motion, link_q=link_q, form_mm=form_mm)
+    return apply(model.effects, "tool", replace(scene, T=forward(scene.arm, scene.link_q)))
+
+
+def driven(model: Model, path: Path) -> Scene:
+    """The scene up to where the joints are, at all n samples of a path."""
     n = len(path.q)
     scene = Scene(
         arm=model.arm,
@@ -172,4 +203,4 @@ def moved(model: Model, path: Path) -> Scene:
     )
     for stage in STAGES[path.stands : STAGES.index("tool")]:
         scene = apply(model.effects, stage, scene)
-    return apply(model.effects, "tool", replace(scene, T=forward(scene.arm, scene.link_q)))
+    return scene
