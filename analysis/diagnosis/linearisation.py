@@ -103,19 +103,35 @@ class SimulatedBlock:
         """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6)."""
         return self.whitened(self.slopes[:, :, axis - 1, None] * self.at_readings(off)[:, None])
 
+    @cached_property
+    def at_samples(self) -> SimulatedBlock:
+        """The same block at all samples of its path: a gauge that sticks remembers each of them."""
+        return replace(self, one=self.block.one, sampling=self.block.sampling)
+
+    def suited_to(self, effects: Sequence[Effect]) -> SimulatedBlock:
+        """Return this block, or for effects of gauges the same at all samples."""
+        return self.at_samples if any(effect.STAGE == "gauge" for effect in effects) else self
+
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the whitened readings, (N, p)."""
-        added = np.zeros((*self.base.shape, len(effects)))
-        for place, effect in enumerate(effects):
-            if effect.STAGE == "joint":
-                error = self.at_readings(apply([effect], "joint", self.joints).link_q - self.joints.link_q)
-                for axis in np.flatnonzero(error.any(axis=0)).tolist():
-                    added[:, :, place] += self.slopes[:, :, axis] * error[:, axis, None]
-            else:
-                beside = (*self.known, effect)
-                scene = self.scene if effect.STAGE in _READING else self.scene_with(beside)
-                added[:, :, place] = self.read(beside, scene, self.setup) - self.base
-        return self.whitened(added)
+        gauge = np.array([effect.STAGE == "gauge" for effect in effects])
+        columns = np.empty((len(self.block.y_mm), len(effects)))
+        for own, block in ((gauge, self.at_samples), (~gauge, self)):
+            if own.any():
+                chosen = [effects[k] for k in np.flatnonzero(own).tolist()]
+                columns[:, own] = block.whitened(np.stack([block.added_by(one) for one in chosen], axis=2))
+        return columns
+
+    def added_by(self, effect: Effect) -> Array:
+        """Return what an effect adds to the readings, (m, k) mm."""
+        if effect.STAGE == "joint":
+            error = self.at_readings(apply([effect], "joint", self.joints).link_q - self.joints.link_q)
+            moving = np.flatnonzero(error.any(axis=0))
+            added: Array = np.einsum("mkj,mj->mk", self.slopes[:, :, moving], error[:, moving])
+            return added
+        beside = (*self.known, effect)
+        scene = self.scene if effect.STAGE in _READING else self.scene_with(beside)
+        return self.read(beside, scene, self.setup) - self.base
 
 
 @dataclass(frozen=True)
@@ -209,7 +225,7 @@ class Linearisation:
             scene = one.scene_with(effects)
             return lambda setups: one.entries(one.read(effects, scene, setups[one.one.setup]) - one.base)
 
-        return [response_of(one) for one in self.simulated]
+        return [response_of(one.suited_to(effects)) for one in self.simulated]
 
     def _left(self, responses: Sequence[Callable[[Mapping[str, SetUp]], Array]], setups: Mapping[str, SetUp]) -> Array:
         """Return the whitened residual (N,) of the responses of all blocks in given set-ups."""
@@ -265,7 +281,9 @@ def linearise(blocks: Sequence[Block], setups: Mapping[str, SetUp], known: Seque
     """Return the linearisation of blocks about set-ups. `known` lists the effects found so far, which the model
     contains beside those of its rig file, so that the residuals (N,) of the blocks do not contain them."""
     simulated = [
-        SimulatedBlock(block, tuple(known), setups[block.one.setup], *at_grid(block.one, block.sampling))
+        SimulatedBlock(block, tuple(known), setups[block.one.setup], *at_grid(block.one, block.sampling)).suited_to(
+            (*block.model.effects, *known)
+        )
         for block in blocks
     ]
     return Linearisation(tuple(blocks), dict(setups), tuple(simulated))

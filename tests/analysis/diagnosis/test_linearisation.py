@@ -17,6 +17,8 @@ from rigs.effects import (
     Backlash,
     BallForm,
     Effect,
+    GaugeCyclic,
+    GaugeDeadBand,
     GaugeScale,
     JointOffset,
     LinkGeometry,
@@ -34,6 +36,8 @@ SMALL = (
     ReversalSpike(axis=2, amplitude_deg=0.005, decay_s=0.3),
     ServoLag(axis=5, lag_s=0.001),
     GaugeScale(gauge="g2", relative=0.001),
+    GaugeDeadBand(gauge="g1", width_mm=0.01),
+    GaugeCyclic(gauge="g1", amplitude_mm=0.002, period_mm=0.5),
     BallForm(lobes=3, amplitude_mm=0.002),
 )
 
