@@ -143,7 +143,7 @@ class Background:
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """The posterior of all coefficients beside fitted terms."""
+    """The posterior of all coefficients of whitened columns beside fitted terms."""
 
     background: Background
     terms: FittedTerms

@@ -11,8 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from analysis.diagnosis.blocks import Block, entries
-from analysis.diagnosis.observed_run import Sampling, at_grid
-from analysis.fitting.observation import Observation, predicted_in_scene
+from analysis.fitting.observation import predicted_in_scene
 from analysis.fitting.setups import columns_of, moved_setup, terms_of
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import Model, SetUp, driven, moved
@@ -34,7 +33,7 @@ _READING = ("setup", "gauge")
 
 @dataclass(frozen=True, eq=False)
 class SimulatedBlock:
-    """One block about a set-up, simulated at the angles of the grid (m readings of k gauges).
+    """One block about a set-up, simulated (m readings of k gauges).
 
     `known` lists the effects found so far, which the readings contain beside those of the rig file.
     """
@@ -42,8 +41,6 @@ class SimulatedBlock:
     block: Block
     known: tuple[Effect, ...]
     setup: SetUp
-    one: Observation
-    sampling: Sampling | None
 
     @cached_property
     def scene(self) -> Scene:
@@ -68,32 +65,32 @@ class SimulatedBlock:
     @cached_property
     def by_setup(self) -> Array:
         """The change (N, t) of the whitened readings for a mm of each term of the set-up."""
-        steps = _STEP_MM * np.eye(terms_of(self.one.table))
-        setups = [moved_setup(self.setup, self.one.table, step) for step in steps]
+        steps = _STEP_MM * np.eye(terms_of(self.block.one.table))
+        setups = [moved_setup(self.setup, self.block.one.table, step) for step in steps]
         changed = np.stack([self.read(self.known, self.scene, setup) - self.base for setup in setups], axis=2)
         return self.whitened(changed) / _STEP_MM
 
     @cached_property
     def joints(self) -> Scene:
         """The scene up to the joints, at the samples of the path."""
-        return driven(_with(self.block.model, *self.known), self.one.path)
+        return driven(_with(self.block.model, *self.known), self.block.one.path)
 
     def scene_with(self, effects: Sequence[Effect]) -> Scene:
         """Return the scene up to the tool with `effects` in place of the known ones."""
-        return moved(_with(self.block.model, *effects), self.one.path)
+        return moved(_with(self.block.model, *effects), self.block.one.path)
 
     def read(self, effects: Sequence[Effect], scene: Scene, setup: SetUp) -> Array:
         """Return the readings (m, k) mm of a scene up to the tool."""
-        return predicted_in_scene(_with(self.block.model, *effects), self.one, scene, setup)
+        return predicted_in_scene(_with(self.block.model, *effects), self.block.one, scene, setup)
 
     def at_readings(self, values: Array) -> Array:
         """Return values (n, …) at the samples of the path, in any unit, at the readings, (m, …)."""
-        found: Array = self.one.path.at_readings(values)[self.one.rows]
+        found: Array = values[self.block.one.path.rows][self.block.one.rows]
         return found
 
     def entries(self, readings: Array) -> Array:
         """Return readings (m, k, …) mm as entries (N, …) mm of the block."""
-        return entries(readings, self.sampling)
+        return entries(readings, self.block.sampling)
 
     def whitened(self, readings: Array) -> Array:
         """Return readings (m, k, …) mm as entries (N, …) in standard deviations of the noise."""
@@ -103,24 +100,9 @@ class SimulatedBlock:
         """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6)."""
         return self.whitened(self.slopes[:, :, axis - 1, None] * self.at_readings(off)[:, None])
 
-    @cached_property
-    def at_samples(self) -> SimulatedBlock:
-        """The same block at all samples of its path: a gauge that sticks remembers each of them."""
-        return replace(self, one=self.block.one, sampling=self.block.sampling)
-
-    def suited_to(self, effects: Sequence[Effect]) -> SimulatedBlock:
-        """Return this block, or for effects of gauges the same at all samples."""
-        return self.at_samples if any(effect.STAGE == "gauge" for effect in effects) else self
-
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the whitened readings, (N, p)."""
-        gauge = np.array([effect.STAGE == "gauge" for effect in effects])
-        columns = np.empty((len(self.block.y_mm), len(effects)))
-        for own, block in ((gauge, self.at_samples), (~gauge, self)):
-            if own.any():
-                chosen = [effects[k] for k in np.flatnonzero(own).tolist()]
-                columns[:, own] = block.whitened(np.stack([block.added_by(one) for one in chosen], axis=2))
-        return columns
+        return self.whitened(np.stack([self.added_by(effect) for effect in effects], axis=2))
 
     def added_by(self, effect: Effect) -> Array:
         """Return what an effect adds to the readings, (m, k) mm."""
@@ -169,7 +151,7 @@ class Linearisation:
         """The change (N, s) for a mm of each set-up term."""
         columns = np.zeros((len(self.y), 1 + max(map(max, self.terms.values()))))
         for one, rows in zip(self.simulated, self.rows, strict=True):
-            columns[rows, self.terms[one.one.setup]] = one.by_setup
+            columns[rows, self.terms[one.block.one.setup]] = one.by_setup
         return columns
 
     @cached_property
@@ -223,9 +205,9 @@ class Linearisation:
 
         def response_of(one: SimulatedBlock) -> Callable[[Mapping[str, SetUp]], Array]:
             scene = one.scene_with(effects)
-            return lambda setups: one.entries(one.read(effects, scene, setups[one.one.setup]) - one.base)
+            return lambda setups: one.entries(one.read(effects, scene, setups[one.block.one.setup]) - one.base)
 
-        return [response_of(one.suited_to(effects)) for one in self.simulated]
+        return [response_of(one) for one in self.simulated]
 
     def _left(self, responses: Sequence[Callable[[Mapping[str, SetUp]], Array]], setups: Mapping[str, SetUp]) -> Array:
         """Return the whitened residual (N,) of the responses of all blocks in given set-ups."""
@@ -263,7 +245,7 @@ class Linearisation:
         the samples of each circle's path, and zero for other tests."""
         parts = []
         for one in self.simulated:
-            each = np.array(shares) if one.sampling else np.zeros(one.base.shape[1])
+            each = np.array(shares) if one.block.sampling else np.zeros(one.base.shape[1])
             parts.append(one.whitened(each[:, None] * one.at_readings(off(one.block))[:, None]))
         return np.concatenate(parts)
 
@@ -280,12 +262,7 @@ class Linearisation:
 def linearise(blocks: Sequence[Block], setups: Mapping[str, SetUp], known: Sequence[Effect] = ()) -> Linearisation:
     """Return the linearisation of blocks about set-ups. `known` lists the effects found so far, which the model
     contains beside those of its rig file, so that the residuals (N,) of the blocks do not contain them."""
-    simulated = [
-        SimulatedBlock(block, tuple(known), setups[block.one.setup], *at_grid(block.one, block.sampling)).suited_to(
-            (*block.model.effects, *known)
-        )
-        for block in blocks
-    ]
+    simulated = [SimulatedBlock(block, tuple(known), setups[block.one.setup]) for block in blocks]
     return Linearisation(tuple(blocks), dict(setups), tuple(simulated))
 
 

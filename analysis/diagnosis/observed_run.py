@@ -4,7 +4,6 @@ with its repeats."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -75,35 +74,6 @@ class Sampling:
     def without_stands(self) -> Sampling:
         """Return the sampling of the lap alone, with stand_share (0,)."""
         return replace(self, stands=(), stand_share=np.empty(0))
-
-
-def at_grid(one: Observation, sampling: Sampling | None) -> tuple[Observation, Sampling | None]:
-    """Return an observation of a circle with the angles of the grid in place of its rows, and its sampling, for the
-    responses of a model: joints at the grid need fewer postures than readings at the rows beside it, and responses
-    (m, k) mm are as smooth as the motion. Any other observation is returned unchanged."""
-    if sampling is None:
-        return one, None
-    rows = one.path.rows[one.rows]
-    before, after, share = rows[sampling.before], rows[sampling.after], sampling.share
-    # Where a lap ends, the rows beside an angle are a whole lap apart, and nothing is between them.
-    seam = np.abs(after - before) > 1
-    first = np.concatenate([[0], *(rows[stand] for stand in sampling.stands), before.ravel(), after[seam]])
-    bare = len(first) - before.size - np.count_nonzero(seam)
-    second, weight = first.copy(), np.zeros(len(first))
-    lap = slice(bare, bare + before.size)
-    second[lap], weight[lap] = np.where(seam, before, after).ravel(), np.where(seam, 0.0, share).ravel()
-    t_s = one.path.t_s
-    order = np.argsort(t_s[first] + weight * (t_s[second] - t_s[first]), kind="stable")
-    place = np.empty(len(order), dtype=np.intp)
-    place[order] = np.arange(len(order))
-    ends = 1 + np.cumsum([0, *(len(stand) for stand in sampling.stands)])
-    stands = tuple(place[a:b] for a, b in pairwise(ends.tolist()))
-    here = place[lap].reshape(before.shape)
-    there = here.copy()
-    there[seam] = place[lap.stop :]
-    path = replace(one.path, rows=first[order], between=(second[order], weight[order]))
-    gridded = replace(sampling, before=here, after=there, share=np.where(seam, share, 0.0), stands=stands)
-    return replace(one, path=path, rows=np.arange(len(order))), gridded
 
 
 def by_orders(readings: Array) -> Array:

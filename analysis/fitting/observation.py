@@ -49,8 +49,7 @@ def with_placement(one: Observation, placement: str) -> Observation:
 def thinned(one: Observation, most: int) -> Observation:
     """Return a circle with at most `most` (m,) of its readings, evenly spaced, which alone are simulated."""
     kept = np.argsort(one.rows)[:: -(-len(one.rows) // most)]
-    samples = one.path.rows[one.rows[kept]]
-    path = replace(one.path, rows=samples, between=(samples, np.zeros(len(samples))))
+    path = replace(one.path, rows=one.path.rows[one.rows[kept]], alone=True)
     return replace(one, path=path, rows=np.arange(len(kept)), values=one.values[kept])
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -37,14 +36,14 @@ class Path:
     """The reported motion behind a table, with the places passed between its readings.
 
     motion of n samples; rows (m,): which of them are the table's readings; stands: whether the robot stood at each,
-    long enough that it does not matter by which clock. between: where readings lie between two samples, the second one
-    (m,) and its weight (m,).
+    long enough that it does not matter by which clock; alone: whether the tool is simulated at the readings alone,
+    because what follows the joints has little memory.
     """
 
     motion: Motion
     rows: Integers
     stands: bool = False
-    between: tuple[Integers, Array] | None = None
+    alone: bool = False
 
     @property
     def t_s(self) -> Array:
@@ -55,23 +54,6 @@ class Path:
     def q(self) -> Array:
         """Reported angles (n, 6) rad."""
         return self.motion.q
-
-    def at_readings(self, values: Array) -> Array:
-        """Values (n, …) at the samples, in any unit, as values (m, …) at the readings."""
-        found: Array = values[self.rows]
-        if self.between is not None:
-            later, weight = self.between
-            found = found + (values[later] - found) * weight.reshape(-1, *[1] * (values.ndim - 1))
-        return found
-
-    @cached_property
-    def motion_read(self) -> Motion:
-        """The motion at the readings alone."""
-        return self.read_of(self.motion)
-
-    def read_of(self, motion: Motion) -> Motion:
-        """A motion of n samples at the m readings alone."""
-        return Motion(self.at_readings(motion.t_s), self.at_readings(motion.q))
 
 
 @dataclass(frozen=True)
@@ -173,17 +155,15 @@ def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> 
         scene = apply(model.effects, "setup", replace(scene, contact=contact))
         g_mm = (np.linalg.norm(to_tool, axis=1) - sphere.radius + scene.form_mm)[:, None]
     scene = apply(model.effects, "gauge", replace(scene, g_mm=g_mm - setup.zeros_mm))
-    return scene.g_mm if path.between else scene.g_mm[path.rows]
+    return scene.g_mm if path.alone else scene.g_mm[path.rows]
 
 
 def moved(model: Model, path: Path) -> Scene:
-    """The scene up to where the tool is. What follows the joints has little memory, so that readings between samples
-    need no other postures."""
+    """The scene up to where the tool is."""
     scene = driven(model, path)
-    if path.between:
-        motion = path.motion_read if scene.motion is path.motion else path.read_of(scene.motion)
-        link_q, form_mm = path.at_readings(scene.link_q), path.at_readings(scene.form_mm)
-        scene = replace(scene, motion=motion, link_q=link_q, form_mm=form_mm)
+    if path.alone:
+        motion = Motion(scene.motion.t_s[path.rows], scene.motion.q[path.rows])
+        scene = replace(scene, motion=motion, link_q=scene.link_q[path.rows], form_mm=scene.form_mm[path.rows])
     return apply(model.effects, "tool", replace(scene, T=forward(scene.arm, scene.link_q)))
 
 

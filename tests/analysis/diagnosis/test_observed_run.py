@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.observed_run import GRID, ORDER_OF, Sampling, at_grid, curve, observe_run
-from analysis.fitting.observation import predicted
-from analysis.model.predict import model_of, nominal_setup
+from analysis.diagnosis.observed_run import GRID, ORDER_OF, Sampling, curve, observe_run
+from analysis.model.predict import model_of
 from analysis.traces.tables import CircleTable
-from rigs.effects import JointOffset
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction
 from tests.support.diagnosis_cells import RIG, WAYS, table_of
@@ -89,24 +87,6 @@ def test_the_step_of_the_coarser_gauge_is_kept(step_mm: float) -> None:
     g_mm = np.stack([np.round(table.g_mm[:, 0] / step_mm) * step_mm, np.round(table.g_mm[:, 1] / 1e-4) * 1e-4], axis=1)
     one = observe_run(model_of(RIG), replace(table, g_mm=g_mm), "run")
     assert one.step_mm == pytest.approx(step_mm, rel=0.01)
-
-
-@pytest.mark.parametrize("way", WAYS)
-def test_readings_at_the_grid_are_those_between_rows(way: Direction) -> None:
-    """Responses of a model at the grid, with fewer postures, hold against those at the rows beside it."""
-    one = observe_run(model_of(RIG), _standing(_circle(way), 60, 40), "run")
-    gridded, sampling = at_grid(one.one, one.sampling)
-    assert one.sampling and sampling and len(gridded.rows) < len(one.one.rows)
-    setup = nominal_setup(RIG, one.one.table)
-    bent = replace(one.model, effects=(JointOffset(axis=3, offset_deg=0.1),))
-    at_rows, at_angles = (predicted(bent, by, setup) - predicted(one.model, by, setup) for by in (one.one, gridded))
-    wanted = one.sampling.vector(at_rows)
-    assert np.linalg.norm(sampling.vector(at_angles) - wanted) < 1e-4 * np.linalg.norm(wanted)
-
-
-def test_targets_are_the_same_at_the_grid() -> None:
-    one = observe_run(model_of(RIG), table_of("radial", None, 7), "run")
-    assert at_grid(one.one, one.sampling) == (one.one, None)
 
 
 def test_targets_have_no_sampling() -> None:
