@@ -22,9 +22,10 @@ _BETWEEN = np.linspace(-0.6, 0.6, 9)
 half of the distance to either side."""
 
 
-_WIDTHS = np.geomspace(0.5, 100.0, 40)
+_WIDTHS = np.concatenate([0.5 ** np.arange(5.0, 1.0, -1.0), np.geomspace(0.5, 100.0, 40)])
 """Widths of a play that are tried, in healthy sizes, up to that of the largest fault. Neighbours differ by 15 %: fits
-that start within 20 % of the width reached it."""
+that start within 20 % of the width reached it. Below half a healthy size the response is nearly proportional to the
+width, and they differ by a factor of two."""
 
 
 def starting_effects(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> list[Effect]:

@@ -32,14 +32,17 @@ def _width(effect: Effect) -> float:
     return float(getattr(effect, "width_deg", np.nan))
 
 
-@pytest.mark.parametrize(("width_deg", "transit"), [(0.03, 0.5), (0.3, 0.05), (0.95, 0.05)])
-def test_the_fit_of_a_play_starts_near_its_width(width_deg: float, transit: float) -> None:
+@pytest.mark.parametrize(
+    ("width_deg", "transit", "within"), [(0.001, 0.5, 0.5), (0.03, 0.5, 0.25), (0.3, 0.05, 0.25), (0.95, 0.05, 0.25)]
+)
+def test_the_fit_of_a_play_starts_near_its_width(width_deg: float, transit: float, within: float) -> None:
+    """Also near one of a tenth of a healthy size, which a quiet cell shows, and other names would explain instead."""
     selection, state, _ = _begun(Backlash(axis=1, width_deg=width_deg, transit=transit))
-    posterior = selection.posterior(state)
-    for form in _columns().forms:
-        if form.name == "backlash 1":
-            widths = [_width(effect) for effect in starting_effects(selection.linear, _columns(), posterior, form)]
-            assert min(abs(np.log(width / width_deg)) for width in widths) < 0.25
+    forms = [form for form in _columns().forms if form.name == "backlash 1"]
+    assert forms
+    for form in forms:
+        effects = starting_effects(selection.linear, _columns(), selection.posterior(state), form)
+        assert min(abs(np.log(_width(effect) / width_deg)) for effect in effects) < within
 
 
 def test_an_effect_of_one_shape_starts_at_the_size_that_it_would_have() -> None:

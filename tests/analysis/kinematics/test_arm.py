@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from analysis.kinematics.arm import (
+    blocks,
     cos_sin,
     forward,
     forward_and_jacobian,
@@ -90,6 +91,15 @@ def test_a_large_stack_is_its_rows(name: str) -> None:
         np.testing.assert_allclose(J_alone[0], J[row], rtol=0, atol=1e-11)
         np.testing.assert_allclose(link_frames(arm, q[row : row + 1])[0], frames[row], rtol=0, atol=1e-11)
     assert forward(arm, q[:0]).shape == (0, 4, 4)
+
+
+@pytest.mark.parametrize("count", [0, 1, 6, 7, 8, 13, 14, 15])
+def test_blocks_hold_every_sample_once_in_order(count: int) -> None:
+    """Also where one sample is left for the last."""
+    samples = np.arange(count)
+    parts = [samples[block] for block in blocks(count, 7)]
+    assert [row for part in parts for row in part.tolist()] == samples.tolist()
+    assert all(1 <= len(part) <= 7 for part in parts)
 
 
 def test_cosine_and_sine_are_those_of_the_library_to_rounding() -> None:
