@@ -73,7 +73,8 @@ def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Fin
     for name, stream in status["streams"].items():
         yield _stream(name, stream)
         if stream["connected"]:
-            yield from of_condition(name, stream["last"])
+            now = {column: value for column, value in stream["last"].items() if stream["age_s"][column] <= _FRESH_S}
+            yield from of_condition(name, now)
 
 
 def _stream(name: str, stream: dict[str, Any]) -> Finding:
