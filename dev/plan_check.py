@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from analysis.diagnosis.expected_posterior import ExpectedPosterior
+from analysis.diagnosis.expected_posterior import ExpectedPosterior, expected_posterior
 from analysis.diagnosis.planned_runs import planned_blocks
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from rigs.effects import healthy_size
@@ -69,7 +69,7 @@ def main() -> None:
     for robot, faults in FAULTS.items():
         if given.rig not in (None, robot):
             continue
-        expected = ExpectedPosterior(*planned_blocks(load(robot)[0].model_copy(update={"effects": ()}), TESTS, 3))
+        expected = expected_posterior(*planned_blocks(load(robot)[0].model_copy(update={"effects": ()}), TESTS, 3))
         for fault in faults:
             if not fault.name.startswith(given.name or ""):
                 continue

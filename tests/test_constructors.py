@@ -14,13 +14,13 @@ ROOT = Path(__file__).parents[1]
 WORK = {
     *("open", "openpty", "socket", "create_server", "connect", "bind", "listen", "accept", "start", "submit", "Popen"),
     *("mkdir", "touch", "unlink", "symlink_to", "read_text", "read_bytes", "write_text", "write_bytes", "stat"),
-    *("svd", "inv", "solve", "lstsq", "eigh", "cholesky", "least_squares", "minimize", "sleep"),
+    *("least_squares", "minimize", "sleep"),
 }
 """Last names of calls that work."""
+MADE = {"array", "asarray", "empty", "zeros", "ones", "full", "eye", "default_rng"}
+"""What numpy makes without computing; everything else of numpy works, and so does a product of matrices."""
 ALLOWED = {
-    "analysis/diagnosis/background.py: Background": "it is the Cholesky factor of its arguments",
-    "analysis/diagnosis/background.py: Posterior": "it is the inverse of its arguments",
-    "analysis/diagnosis/refine.py: _Problem": "it is the projection of its arguments",
+    "analysis/noise/target_scatter.py: _Sampler": "it is the first state of a Markov chain",
 }
 """Constructors that do, each with its reason."""
 
@@ -38,7 +38,7 @@ def working_constructors(source: str) -> dict[str, set[str]]:
             if constructor in methods
             for name in _called(methods[constructor], functions, methods, {constructor})
         }
-        if works := called & WORK:
+        if works := {name for name in called if name in WORK or name == "@" or name.startswith("np.")}:
             found[owner.name] = works
     return found
 
@@ -50,14 +50,15 @@ def _called(
     seen: set[str],
 ) -> set[str]:
     """Return the last names of what a function calls, and what the functions and methods of the same file call."""
-    names = set()
+    names = {"@" for node in ast.walk(function) if isinstance(getattr(node, "op", None), ast.MatMult)}
     for call in (node for node in ast.walk(function) if isinstance(node, ast.Call)):
         called: ast.FunctionDef | None = None
         if isinstance(call.func, ast.Name):
             names.add(call.func.id)
             called = functions.get(call.func.id)
         elif isinstance(call.func, ast.Attribute):
-            names.add(call.func.attr)
+            numpy = ast.unparse(call.func).startswith("np.") and call.func.attr not in MADE
+            names.add(ast.unparse(call.func) if numpy else call.func.attr)
             if isinstance(call.func.value, ast.Name) and call.func.value.id == "self":
                 called = methods.get(call.func.attr)
         if called is not None and called.name not in seen:
@@ -73,6 +74,10 @@ def _called(
         ("self._begin()", {"start"}),
         ("self._line = _made()", {"openpty"}),
         ("self._lock = threading.Lock()", set()),
+        ("self._places = np.zeros(3)", set()),
+        ("self._whole = np.concatenate(path)", {"np.concatenate"}),
+        ("self._basis = np.linalg.qr(path)[0]", {"np.linalg.qr"}),
+        ("self._fitted = path.T @ path", {"@"}),
     ],
 )
 def test_a_constructor_that_works_is_found(body: str, works: set[str]) -> None:

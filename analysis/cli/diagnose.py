@@ -60,12 +60,10 @@ def diagnose(
     from analysis.cli.progress import progress_of  # noqa: PLC0415
     from analysis.cli.run_paths import load_runs  # noqa: PLC0415
     from analysis.cli.several import end_with, worst  # noqa: PLC0415
-    from analysis.reporting.diagnosis_report import hold_empty  # noqa: PLC0415
-    from analysis.reporting.page.write_page import is_page  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
-    if output and not is_page(output):
-        hold_empty(output)
+    if output:
+        _hold_writable(output)
     given = load(rig_file) if rig_file else None
     errors: list[RigError] = []
 
@@ -86,6 +84,16 @@ def diagnose(
     if output:
         _write(found, measured, text, output, errors)
     end_with(worst(errors))
+
+
+def _hold_writable(output: Path) -> None:
+    """Raise FileError where the answer cannot be written, before anything is computed. What writes pictures is imported
+    only for it, since it takes half a second."""
+    from analysis.reporting.diagnosis_report import hold_empty  # noqa: PLC0415
+    from analysis.reporting.page.write_page import is_page  # noqa: PLC0415
+
+    if not is_page(output):
+        hold_empty(output)
 
 
 def _by_use(runs: Sequence[Path], hold_out: Sequence[Path], unseen: Sequence[Path]) -> tuple[list[Path], ...]:

@@ -13,27 +13,13 @@ prior.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
-from analysis.diagnosis.columns import LARGEST_FAULT, Columns, Form
+from analysis.diagnosis.columns import LARGEST_FAULT, Columns, Form, fault_sizes
 from analysis.kinematics.arm import Array
-
-_SMALLEST_FAULT = 6.0
-"""Smallest size of a fault, as a multiple of what the arm shows of every effect. It comes from the definition of a
-fault as 5 to 100 healthy sizes, with a margin of one."""
-_SIZE_RATIO = 1.85
-"""Ratio between consecutive fault sizes of the grid, which gives the five sizes 6, 11, 20, 37 and 68 in a healthy arm.
-Chosen: the evidence is an average over sizes and smooth in their logarithm."""
-
-
-def fault_sizes(level: float) -> Array:
-    """Return the sizes (n,), in healthy sizes, that a fault may have in an arm whose background is at the
-    given level."""
-    least = min(_SMALLEST_FAULT * level, LARGEST_FAULT / 4)
-    return np.geomspace(least, LARGEST_FAULT, 1 + round(np.log(LARGEST_FAULT / least) / np.log(_SIZE_RATIO)))
 
 
 @dataclass(frozen=True)
@@ -62,29 +48,30 @@ class FittedTerms:
     mean: Array
 
 
+@dataclass(frozen=True, eq=False)
 class Background:
-    """The background of one state: noise weights (N,) of the readings and prior variances (p,) of all columns."""
+    """The background of one state: noise weights (N,) of the readings, prior variances (p,) of all columns, and the
+    weighted products X'WX (p, p) of the columns."""
 
-    def __init__(self, columns: Columns, weight: Array, variance: Array) -> None:
+    columns: Columns
+    weight: Array
+    variance: Array
+    gram: Array
+    _latest: list[tuple[FittedTerms, Weighed]] = field(default_factory=list, init=False, repr=False)
+
+    @cached_property
+    def _root(self) -> Array:
+        root: Array = np.sqrt(self.variance)
+        return root
+
+    @cached_property
+    def _chol(self) -> Array:
+        """The lower Cholesky factor (p, p) of M."""
         from scipy.linalg import cholesky  # noqa: PLC0415 - slow to import
 
-        self.columns, self.weight, self.variance = columns, weight, variance
-        self._root = np.sqrt(variance)
-        M = self._root[:, None] * self._weighted_gram() * self._root
+        M = self._root[:, None] * self.gram * self._root
         M[np.diag_indices_from(M)] += 1.0
-        self._chol = np.asarray(cholesky(M, lower=True, overwrite_a=True, check_finite=False), dtype=float)
-        self._last: tuple[FittedTerms, Weighed] | None = None
-
-    def _weighted_gram(self) -> Array:
-        """Return X'WX (p, p), computed from the products of bands whose readings have equal weights."""
-        columns, each = self.columns, [self.weight[rows] for rows in self.columns.rows]
-        equal = np.array([own[0] if np.ptp(own) == 0 else 0.0 for own in each])
-        gram: Array = np.tensordot(equal, columns.K, axes=1)
-        for rows, own in zip(columns.rows, each, strict=True):
-            if np.ptp(own) > 0:
-                part = columns.X[rows]
-                gram += part.T @ (own[:, None] * part)
-        return gram
+        return np.asarray(cholesky(M, lower=True, overwrite_a=True, check_finite=False), dtype=float)
 
     def weighed(self, values: Array) -> Weighed:
         """Return whitened values (N, k) with the terms that their products with C⁻¹ need."""
@@ -98,9 +85,9 @@ class Background:
     def weighed_terms(self, known: FittedTerms) -> Weighed:
         """Return the columns (N, q) of fitted terms and, last, the residual, weighed. The latest ones are kept, because
         a state's evidence and its posterior need the same."""
-        if self._last is None or self._last[0] is not known:
-            self._last = (known, self.weighed(np.column_stack([known.T, known.r])))
-        return self._last[1]
+        if not self._latest or self._latest[0][0] is not known:
+            self._latest[:] = [(known, self.weighed(np.column_stack([known.T, known.r])))]
+        return self._latest[0][1]
 
     def taken(self, weighed: Weighed) -> Array:
         """Return the coefficients (p, k) with which the columns absorb as much as possible of the values."""
@@ -154,34 +141,66 @@ class Background:
         return -0.5 * float(cost + occam)
 
 
+@dataclass(frozen=True, eq=False)
 class Posterior:
-    """The posterior of all coefficients beside fitted terms.
+    """The posterior of all coefficients of whitened columns beside fitted terms."""
 
-    `known` (q,) and `known_covariance` (q, q) belong to the fitted terms, `mean` (p,) and `A` (p, p) to the columns of
-    the background. `residual` (N,) is the whitened residual with all coefficients at their means.
-    """
+    background: Background
+    terms: FittedTerms
 
-    def __init__(self, background: Background, known: FittedTerms) -> None:
-        self.background = background
-        r, T, q = known.r, known.T, len(known.mean)
-        weighed = self._weighed = background.weighed_terms(known)
-        products = weighed.products(weighed)
-        self.known_covariance = np.linalg.inv(products[:q, :q] + known.precision)
-        self.known = self.known_covariance @ (products[:q, q] + known.precision @ known.mean)
-        self._fitted, taken = T, background.taken(weighed)
-        self._taken = taken[:, :q]
-        self.mean = taken[:, q] - self._taken @ self.known
-        self.A = background.covariance + self._taken @ self.known_covariance @ self._taken.T
-        self.residual = r - T @ self.known - background.columns.X @ self.mean
+    @cached_property
+    def _weighed(self) -> Weighed:
+        return self.background.weighed_terms(self.terms)
 
-    @property
+    @cached_property
+    def _products(self) -> Array:
+        return self._weighed.products(self._weighed)
+
+    @cached_property
+    def known_covariance(self) -> Array:
+        """The covariance (q, q) of the fitted terms."""
+        q = len(self.terms.mean)
+        return np.asarray(np.linalg.inv(self._products[:q, :q] + self.terms.precision), dtype=float)
+
+    @cached_property
+    def known(self) -> Array:
+        """The means (q,) of the fitted terms."""
+        q = len(self.terms.mean)
+        found: Array = self.known_covariance @ (self._products[:q, q] + self.terms.precision @ self.terms.mean)
+        return found
+
+    @cached_property
+    def _taken(self) -> Array:
+        """The coefficients (p, q + 1) with which the columns absorb the fitted terms and, last, the residual."""
+        return self.background.taken(self._weighed)
+
+    @cached_property
+    def mean(self) -> Array:
+        """The means (p,) of the columns of the background."""
+        found: Array = self._taken[:, -1] - self._taken[:, :-1] @ self.known
+        return found
+
+    @cached_property
+    def A(self) -> Array:  # noqa: N802 - a matrix
+        """The covariance (p, p) of the columns of the background."""
+        taken = self._taken[:, :-1]
+        found: Array = self.background.covariance + taken @ self.known_covariance @ taken.T
+        return found
+
+    @cached_property
+    def residual(self) -> Array:
+        """The whitened residual (N,) with all coefficients at their means."""
+        found: Array = self.terms.r - self.terms.T @ self.known - self.background.columns.X @ self.mean
+        return found
+
+    @cached_property
     def spent(self) -> Array:
         """The energy of each band (b,), in variances of the noise, that the uncertainty of all coefficients hides.
 
         What a fitted term adds to the readings is what the columns leave of it, since they take back the rest.
         """
         columns = self.background.columns
-        left = self._fitted - columns.X @ self._taken
+        left = self.terms.T - columns.X @ self._taken[:, :-1]
         each = np.einsum("ni,ij,nj->n", left, self.known_covariance, left)
         found: Array = self.background.spent + np.bincount(columns.band, each)
         return found
@@ -235,6 +254,14 @@ class Posterior:
         precision: Array = own.products(own) - known.T @ self.known_covariance @ known
         return precision, left
 
+    def left_of(self, columns: Array) -> Array:
+        """Return what everything else leaves of whitened columns (N, q) that are added to the readings."""
+        own = self.background.weighed(columns)
+        known = self.known_covariance @ self._weighed.products(own)[:-1]
+        taken = self.background.taken(own) - self._taken[:, :-1] @ known
+        left: Array = columns - self.terms.T @ known - self.background.columns.X @ taken
+        return left
+
     def size(self, form: Form) -> Array:
         """Return the coefficients (q,), in healthy sizes, that a form would have as a fault."""
         cols = list(form.columns)
@@ -242,6 +269,11 @@ class Posterior:
         eta = inverse @ self.mean[cols]
         precision = inverse - np.diag(1 / self.background.variance[cols])
         return np.asarray(np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta), dtype=float)
+
+
+def background_of(columns: Columns, weight: Array, variance: Array) -> Background:
+    """Return the background of noise weights (N,) and prior variances (p,)."""
+    return Background(columns, weight, variance, columns.weighted_gram(weight))
 
 
 def fault_evidence(values: Array, seen: Array, level: float) -> Array:

@@ -2,40 +2,60 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+from typing import TypeVar
+
 from analysis.diagnosis.background import Background
 from analysis.diagnosis.columns import Columns
-from analysis.diagnosis.selection_state import SelectionState, is_same
+from analysis.diagnosis.selection_state import SelectionState, is_same, order_of
+from analysis.kinematics.arm import Array
 from rigs.effects import Effect
 from rigs.schema.effect import name_of
 
 _KEPT = 12
 """Number of backgrounds that are cached, at some 8 MB each: about as many as one round of a search returns to."""
+_GRAMS = 4
+"""Number of weighted products of the columns that are cached, at some 8 MB each: one round tries two strengths."""
+
+_Key = TypeVar("_Key", bound=Hashable)
+_One = TypeVar("_One")
 
 
+@dataclass(frozen=True)
 class Backgrounds:
     """The backgrounds of states about some columns. States that differ only in the fitted sizes and shapes of the same
-    names share one."""
+    names share one; those that differ only in names and level share the weighted products of the columns."""
 
-    def __init__(self, columns: Columns) -> None:
-        self._columns = columns
-        self._recent: dict[tuple[bytes, bytes], Background] = {}
+    columns: Columns
+    _recent: dict[tuple[bytes, bytes], Background] = field(default_factory=dict, init=False, repr=False)
+    _grams: dict[bytes, Array] = field(default_factory=dict, init=False, repr=False)
+    _alike: dict[tuple[str, str], list[int]] = field(default_factory=dict, init=False, repr=False)
 
     def of(self, state: SelectionState) -> Background:
         """Return the background of everything that is not fitted as an effect in a state."""
-        columns, recent = self._columns, self._recent
+        columns = self.columns
         variance = columns.variance(state.level)
-        fitted: dict[str, list[Effect]] = {}
         for effect in state.refined.effects:
-            fitted.setdefault(name_of(effect), []).append(effect)
-        for form in columns.forms:
-            if any(is_same(form, effect) for effect in fitted.get(form.name, ())):
-                variance[list(form.columns)] = 0.0
+            variance[self._columns_alike(effect)] = 0.0
         weight = state.robust / state.strength[columns.band]
-        key = (weight.tobytes(), variance.tobytes())
-        if key in recent:
-            recent[key] = recent.pop(key)
-        else:
-            recent[key] = Background(columns, weight, variance)
-            if len(recent) > _KEPT:
-                del recent[next(iter(recent))]
-        return recent[key]
+        seen = weight.tobytes()
+        gram = _cached(self._grams, seen, lambda: columns.weighted_gram(weight), _GRAMS)
+        key = (seen, variance.tobytes())
+        return _cached(self._recent, key, lambda: Background(columns, weight, variance, gram), _KEPT)
+
+    def _columns_alike(self, effect: Effect) -> list[int]:
+        """Return the columns of all forms of an effect's name, of a wave those of about its order."""
+        key = (name_of(effect), str(order_of(effect)))
+        if key not in self._alike:
+            forms = [form for form in self.columns.forms if is_same(form, effect)]
+            self._alike[key] = [column for form in forms for column in form.columns]
+        return self._alike[key]
+
+
+def _cached(recent: dict[_Key, _One], key: _Key, compute: Callable[[], _One], most: int) -> _One:
+    """Return what is kept under a key, or compute it; of more than `most` the least recently used one is dropped."""
+    found = recent[key] = recent.pop(key) if key in recent else compute()
+    if len(recent) > most:
+        del recent[next(iter(recent))]
+    return found

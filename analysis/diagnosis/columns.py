@@ -32,6 +32,19 @@ Chosen: below the 7 sigma at which an effect is detected."""
 LARGEST_FAULT = 68.0
 """Largest size of a fault, in healthy sizes: the last of the sizes 6, 11, 20, 37 and 68, since faults are 5 to 100
 healthy sizes."""
+_SMALLEST_FAULT = 6.0
+"""Smallest size of a fault, as a multiple of what the arm shows of every effect. It comes from the definition of a
+fault as 5 to 100 healthy sizes, with a margin of one."""
+_SIZE_RATIO = 1.85
+"""Ratio between consecutive fault sizes of the grid, which gives the five sizes 6, 11, 20, 37 and 68 in a healthy arm.
+Chosen: the evidence is an average over sizes and smooth in their logarithm."""
+
+
+def fault_sizes(level: float) -> Array:
+    """Return the sizes (n,), in healthy sizes, that a fault may have in an arm whose background is at the
+    given level."""
+    least = min(_SMALLEST_FAULT * level, LARGEST_FAULT / 4)
+    return np.geomspace(least, LARGEST_FAULT, 1 + round(np.log(LARGEST_FAULT / least) / np.log(_SIZE_RATIO)))
 
 
 @dataclass(frozen=True)
@@ -51,46 +64,51 @@ class Form:
         return len(self.effects) == 1 and one_sided(self.effects[0])
 
 
+@dataclass(frozen=True, eq=False)
 class Columns:
     """The columns of one linearisation.
 
-    `X` (N, p) has the columns of forms per healthy size, then those of set-ups per mm, then those of the scatter.
-    `among` counts the forms of each name. `rows` lists the entries of each band, `K` (b, p, p) has the products of the
-    columns by band.
+    `X` (N, p) has the columns of forms per healthy size, then those of set-ups (`set_ups`) per mm, then those of the
+    scatter. `band` (N,) numbers the band of each entry. `healthy` and `fixed` (p,) are the prior variances of the
+    coefficients in a healthy arm: what grows with its level, and what does not. `not_seen` lists the names that no
+    fault size makes visible.
     """
 
-    def __init__(self, linear: Linearisation, candidates: Sequence[Candidate]) -> None:
-        every = in_each_shape(candidates)
-        sizes = np.repeat([one.size for one in every], [len(one.effects) for one in every])
-        columns = linear.columns([effect for one in every for effect in one.effects]) / sizes
-        self.not_seen, kept, columns = _detectable(every, columns)
-        self.among = Counter(one.name for one in kept)
-        self.forms = forms_of(kept)
-        # Every joint of a healthy arm has some play, and its position in the play at the start of a run is unknown.
-        plays = [healthy(one.effect) for one in candidates if is_play(one.effect)]
-        begins = initial_play_columns(linear, list({name_of(play): play for play in plays}.values()))
-        self.X = np.concatenate([columns, linear.U, linear.Z, begins], axis=1)
-        numbers = {name: k for k, name in enumerate(self.among)}
-        own = np.concatenate([np.full(len(form.columns), numbers[form.name]) for form in self.forms])
-        self.name_of_column = np.concatenate([own, np.full(self.X.shape[1] - len(own), -1)])
-        share = healthy_shares(self.forms)
-        self.healthy: Array = np.concatenate([share, np.zeros(self.X.shape[1] - len(share))])
-        self.fixed = np.concatenate(
-            [
-                np.zeros(len(share)),
-                np.full(linear.U.shape[1], _SET_UP_MM**2),
-                np.ones(linear.Z.shape[1] + begins.shape[1]),
-            ]
-        )
-        self.set_ups = slice(len(share), len(share) + linear.U.shape[1])
-        self.divide(np.unique(linear.band, return_inverse=True)[1])
+    X: Array
+    forms: tuple[Form, ...]
+    set_ups: slice
+    band: NDArray[np.int64]
+    healthy: Array
+    fixed: Array
+    not_seen: tuple[str, ...] = ()
 
-    def divide(self, band: NDArray[np.int64]) -> None:
-        """Compute the products of the whitened columns by the band (N,) of the entries."""
-        self.band = band
-        self.count: NDArray[np.int64] = np.bincount(band)
-        self.rows = [np.flatnonzero(band == b) for b in range(len(self.count))]
-        self.K = np.stack([self.X[rows].T @ self.X[rows] for rows in self.rows])
+    @cached_property
+    def among(self) -> Counter[str]:
+        """The number of forms of each name."""
+        return Counter(form.name for form in self.forms)
+
+    @cached_property
+    def name_of_column(self) -> NDArray[np.int64]:
+        """The index (p,) of the name of each column, and -1 for those that are not of a form."""
+        numbers = {name: k for k, name in enumerate(self.among)}
+        own = [numbers[form.name] for form in self.forms for _ in form.columns]
+        return np.array(own + [-1] * (self.X.shape[1] - len(own)), dtype=np.int64)
+
+    @cached_property
+    def rows(self) -> list[NDArray[np.int64]]:
+        """The entries (n,) of each band."""
+        return [np.flatnonzero(self.band == b) for b in range(len(self.count))]
+
+    @cached_property
+    def count(self) -> NDArray[np.int64]:
+        """The number (b,) of entries of each band."""
+        return np.bincount(self.band)
+
+    @cached_property
+    def K(self) -> Array:  # noqa: N802 - a matrix
+        """The products (b, p, p) of the whitened columns by band."""
+        parts = [self.X[rows] for rows in self.rows]
+        return np.stack([part.T @ part for part in parts])
 
     @cached_property
     def gram(self) -> Array:
@@ -98,11 +116,44 @@ class Columns:
         found: Array = self.K.sum(axis=0)
         return found
 
+    def weighted_gram(self, weight: Array) -> Array:
+        """Return the products X'WX (p, p), computed from those of bands whose readings have equal weights (N,)."""
+        each = [weight[rows] for rows in self.rows]
+        equal = np.array([own[0] if np.ptp(own) == 0 else 0.0 for own in each])
+        gram: Array = np.tensordot(equal, self.K, axes=1)
+        for rows, own in zip(self.rows, each, strict=True):
+            if np.ptp(own) > 0:
+                part = np.sqrt(own)[:, None] * self.X[rows]
+                gram += part.T @ part
+        return gram
+
     def variance(self, level: float) -> Array:
         """Return the prior variance (p,) of the coefficients in an arm that has `level` times the healthy size of every
         effect."""
         variance: Array = level**2 * self.healthy + self.fixed
         return variance
+
+
+def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Columns:
+    """Return the columns (N, p) of the candidates that runs show, of set-ups and of scatter."""
+    every = in_each_shape(candidates)
+    sizes = np.repeat([one.size for one in every], [len(one.effects) for one in every])
+    columns = linear.columns([effect for one in every for effect in one.effects]) / sizes
+    not_seen, kept, columns = _detectable(every, columns)
+    forms = forms_of(kept)
+    # Every joint of a healthy arm has some play, and its position in the play at the start of a run is unknown.
+    plays = [healthy(one.effect) for one in candidates if is_play(one.effect)]
+    begins = initial_play_columns(linear, list({name_of(play): play for play in plays}.values()))
+    share, set_ups, scattered = healthy_shares(forms), linear.U.shape[1], linear.Z.shape[1] + begins.shape[1]
+    return Columns(
+        np.concatenate([columns, linear.U, linear.Z, begins], axis=1),
+        forms,
+        slice(len(share), len(share) + set_ups),
+        np.unique(linear.band, return_inverse=True)[1],
+        np.concatenate([share, np.zeros(set_ups + scattered)]),
+        np.concatenate([np.zeros(len(share)), np.full(set_ups, _SET_UP_MM**2), np.ones(scattered)]),
+        not_seen,
+    )
 
 
 def _detectable(every: Sequence[Candidate], columns: Array) -> tuple[tuple[str, ...], list[Candidate], Array]:

@@ -10,23 +10,27 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from analysis.diagnosis.blocks import Block
 from analysis.diagnosis.linearisation import Linearisation
-from analysis.diagnosis.observed_run import ORDER_OF
 from analysis.kinematics.arm import Array
-from rigs.effects import Effect, turned
+from rigs.effects import Effect
+from rigs.schema.play import play
 
 _REVERSAL_SHIFT = 0.4
 """Standard deviation of the error at a sample next to a reversal, as a share of the effect's size. Chosen: the instant
 of a reversal is known to about one sample, so any part of the jump may fall on either side."""
-_LARGEST_TURN_DEG = 5.0
-"""Largest angle by which a joint is turned to compute a response. Chosen: wider than any play."""
+_LEAST = 1e-3
+"""Largest entry, in standard deviations of the noise, below which a column is left out: it changes nothing."""
+_PARTS = 16
+"""Parts of a fault's play in each of which a run may have begun. Chosen: finer than the rounding of a play."""
 
 
 def departure_columns(linear: Linearisation, effect: Effect) -> Array:
     """Return what the departures of an effect may add, one standard deviation each: columns (N, f) in standard
     deviations of the noise."""
     own = effect.departures()
-    parts = [linear.columns(own.beside), initial_play_columns(linear, [effect])]
+    parts = [linear.columns(own.beside)]
+    parts += [_initial_play(linear, *own.gap, _PARTS)] if own.gap else []
     parts += [_reversal_shifts(linear, *own.jolt)] if own.jolt else []
     parts += [_stick_columns(linear, *own.stick)] if own.stick else []
     return np.concatenate(parts, axis=1)
@@ -35,23 +39,37 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
 def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Array:
     """Return columns (N, b), one standard deviation each, for the unknown position in their play of the effects' joints
     before each run began."""
-    begins = [one.begin for one in (effect.departures() for effect in effects) if one.begin]
-    return np.concatenate([np.empty((len(linear.y), 0)), *(_initial_play(linear, *begin) for begin in begins)], axis=1)
+    gaps = [one.gap for one in (effect.departures() for effect in effects) if one.gap]
+    return np.concatenate([np.empty((len(linear.y), 0)), *(_initial_play(linear, *gap, 1) for gap in gaps)], axis=1)
 
 
-def _initial_play(linear: Linearisation, axis: int, off_deg: float) -> Array:
-    """Return columns (N, b), one for each circle, for the unknown position of a joint in its play before the
-    run began."""
-    raw = linear.columns([turned(axis, min(off_deg, _LARGEST_TURN_DEG))])[:, 0]
-    columns, begin = [], 0
-    for block in linear.blocks:
-        if block.sampling and block.sampling.stands:
-            first = slice(begin + len(ORDER_OF), begin + len(ORDER_OF) + 2)
-            column = np.zeros(len(raw))
-            column[first] = raw[first]
-            columns.append(column)
-        begin += len(block.y_mm)
-    return np.stack(columns, axis=1) if columns else np.empty((len(raw), 0))
+def _initial_play(linear: Linearisation, axis: int, half_deg: float, parts: int) -> Array:
+    """Return columns (N, b) for the unknown position of a joint in its play when each circle began.
+
+    It lasts until the joint has crossed the play, which may take much of a lap. The play of ± half_deg is divided into
+    parts, each with a column for each circle; a position anywhere in the play is equally likely.
+    """
+    edges, half = np.linspace(-1, 1, parts + 1), np.radians(half_deg)
+
+    def off(block: Block) -> Array:
+        x = block.one.path.q[:, axis - 1]
+        return np.diff([play(x, half, float(edge)) for edge in edges], axis=0).T * _usual_shares(edges)
+
+    whole, columns = linear.by_joint(axis, off), []
+    for block, rows in zip(linear.blocks, linear.rows, strict=True):
+        if block.sampling:
+            own = np.zeros_like(whole)
+            own[rows] = whole[rows]
+            columns.append(own[:, np.abs(own).max(axis=0) > _LEAST])
+    return np.concatenate([np.empty((len(whole), 0)), *columns], axis=1)
+
+
+def _usual_shares(edges: Array) -> Array:
+    """Return the root mean square (n,) of the share of each part of a play, between its edges (n + 1,), that lies
+    between its middle and a position that may be anywhere between -1 and 1."""
+    reached = np.clip(np.linspace(-1, 1, 201)[:, None], edges[:-1], edges[1:]) - np.clip(0.0, edges[:-1], edges[1:])
+    shares: Array = np.sqrt(np.mean((reached / np.diff(edges)) ** 2, axis=0))
+    return shares
 
 
 def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float) -> Array:

@@ -7,16 +7,18 @@ readings, so it is known before they exist.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from analysis.diagnosis.background import Background, fault_sizes
+from analysis.diagnosis.background import Background, background_of
 from analysis.diagnosis.blocks import Block
 from analysis.diagnosis.candidates import Candidate, candidates_for
-from analysis.diagnosis.columns import LARGEST_FAULT, Columns
+from analysis.diagnosis.columns import LARGEST_FAULT, Columns, columns_for, fault_sizes
 from analysis.diagnosis.form_information import without_bands
 from analysis.diagnosis.form_posterior import DETECTABLE, SEPARABLE, FormPosterior, is_detectable
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.refine import refine
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
@@ -24,22 +26,36 @@ from rigs.effects import Effect
 from rigs.schema.effect import healthy, healthy_size, is_play, is_wave, one_sided, scaled, size_field
 
 
+@dataclass(frozen=True)
 class ExpectedPosterior:
-    """The posterior that blocks of runs will give about their set-ups, at a level of the healthy background, while
-    their readings are unknown.
+    """The posterior that runs of a linearisation will give about their set-ups, at a level of the healthy background,
+    while their readings are unknown."""
 
-    `candidates` lists the effects of the vocabulary that the runs could show; `least` is the smallest fault, in healthy
-    sizes.
-    """
+    linear: Linearisation
+    level: float = 1.0
 
-    def __init__(self, blocks: Sequence[Block], setups: Mapping[str, SetUp], level: float = 1.0) -> None:
-        self.linear = Linearisation(without_bands(blocks), setups)
-        self.candidates = candidates_for(self.linear)
-        self.least = float(fault_sizes(level)[0])
-        self._columns = Columns(self.linear, self.candidates)
-        self._variance = self._columns.variance(level)
-        A = Background(self._columns, np.ones(len(self.linear.y)), self._variance).covariance
-        self._known = FormPosterior(self._columns.forms, A, self._variance)
+    @cached_property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """The effects of the vocabulary that the runs could show."""
+        return tuple(candidates_for(self.linear))
+
+    @cached_property
+    def least(self) -> float:
+        """The smallest fault, in healthy sizes."""
+        return float(fault_sizes(self.level)[0])
+
+    @cached_property
+    def _columns(self) -> Columns:
+        return columns_for(self.linear, self.candidates)
+
+    @cached_property
+    def _variance(self) -> Array:
+        return self._columns.variance(self.level)
+
+    @cached_property
+    def _known(self) -> FormPosterior:
+        A = background_of(self._columns, np.ones(len(self.linear.y)), self._variance).covariance
+        return FormPosterior(self._columns.forms, A, self._variance)
 
     def sd(self, candidate: Candidate, size: float | None = None) -> float:
         """Return the standard uncertainty of a candidate's size, in healthy sizes, averaged over the phases where one
@@ -89,7 +105,7 @@ class ExpectedPosterior:
         variance = self._variance.copy()
         for effect in effects:
             variance[self._known.columns_of_name(effect)] = 0.0
-        return Background(self._columns, np.ones(len(self.linear.y)), variance)
+        return background_of(self._columns, np.ones(len(self.linear.y)), variance)
 
     def _fitted_sd(self, effect: Effect, size: float) -> float:
         """Return the standard uncertainty of a size, in healthy sizes, where a fault is fitted together with its
@@ -105,6 +121,11 @@ class ExpectedPosterior:
         times = [size_of(one) / size_of(other) for one, other in zip(effects, small, strict=True)]
         whole: Array = self.linear.columns(small) * np.array(times)
         return whole
+
+
+def expected_posterior(blocks: Sequence[Block], setups: Mapping[str, SetUp], level: float = 1.0) -> ExpectedPosterior:
+    """Return the posterior that blocks of runs, with N entries each, will give."""
+    return ExpectedPosterior(linearise(without_bands(blocks), setups), level)
 
 
 def size_of(effect: Effect) -> float:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from analysis.diagnosis.blocks import Block
 from analysis.diagnosis.candidates import Candidate
-from analysis.diagnosis.columns import Columns, forms_of, healthy_shares, in_each_shape
+from analysis.diagnosis.columns import Form, columns_for, forms_of, healthy_shares, in_each_shape
 from analysis.diagnosis.form_posterior import FormPosterior
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.linearisation import linearise
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
+from rigs.effects import Effect
 
 
 def without_bands(blocks: Sequence[Block]) -> list[Block]:
@@ -22,19 +24,30 @@ def without_bands(blocks: Sequence[Block]) -> list[Block]:
     return [replace(block, band=np.zeros_like(block.band)) for block in blocks]
 
 
+@dataclass(frozen=True)
 class FormInformation:
     """The forms of `candidates`, p columns in all, and what runs say about them."""
 
-    def __init__(self, candidates: Sequence[Candidate]) -> None:
-        self.candidates = tuple(candidates)
-        self.forms = forms_of(in_each_shape(candidates))
-        self._variance = healthy_shares(self.forms)
-        self._place = {form.effects: form.columns for form in self.forms}
+    candidates: tuple[Candidate, ...]
+
+    @cached_property
+    def forms(self) -> tuple[Form, ...]:
+        """Every form of the candidates."""
+        return forms_of(in_each_shape(self.candidates))
+
+    @cached_property
+    def _variance(self) -> Array:
+        return healthy_shares(self.forms)
+
+    @cached_property
+    def _place(self) -> dict[tuple[Effect, ...], tuple[int, ...]]:
+        """The columns of each form."""
+        return {form.effects: form.columns for form in self.forms}
 
     def of(self, blocks: Sequence[Block], setups: Mapping[str, SetUp]) -> Array:
         """Return the information (p, p) that runs hold about the coefficients in healthy sizes, with their set-ups and
         scatter eliminated. Forms that they do not show have none."""
-        columns = Columns(Linearisation(without_bands(blocks), setups), self.candidates)
+        columns = columns_for(linearise(without_bands(blocks), setups), self.candidates)
         other = columns.fixed > 0
         own, rest = np.flatnonzero(~other), np.flatnonzero(other)
         across = columns.gram[np.ix_(own, rest)]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -70,7 +70,8 @@ def best_free_form(forms: Sequence[FreeForm], posterior: Posterior) -> FittedFre
 
 def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
     """Yield the free forms that the runs could show, with columns (N, c)."""
-    motion = _Motion(linear.blocks)
+    # On circles joints move while they are read, elsewhere between readings.
+    motion = _Motion(tuple(block for block in linear.blocks if block.sampling) or linear.blocks)
     for axis in range(1, 7):
         error = f"an error of axis {axis} that goes with"
         if motion.span[axis - 1] > 0:
@@ -86,15 +87,27 @@ def free_forms_of(linear: Linearisation) -> Iterator[FreeForm]:
     yield FreeForm("something of the ball that goes with where the link is", linear.by_gauge((1.0, 1.0), _around))
 
 
+@dataclass(frozen=True)
 class _Motion:
-    """The motion of the joints on the circles, or in all runs where there is no circle: `span` (6,) rad is their range,
-    `fastest` (6,) rad/s their largest speed."""
+    """The motion of the joints in some blocks."""
 
-    def __init__(self, blocks: Sequence[Block]) -> None:
-        used = [block for block in blocks if block.sampling] or list(blocks)
-        self._low = np.min([block.one.path.q.min(axis=0) for block in used], axis=0)
-        self.span = np.max([block.one.path.q.max(axis=0) for block in used], axis=0) - self._low
-        self.fastest = np.max([np.abs(_rates(block)).max(axis=0) for block in used], axis=0)
+    blocks: tuple[Block, ...]
+
+    @cached_property
+    def _low(self) -> Array:
+        """The smallest angles (6,) rad."""
+        return np.asarray(np.min([block.one.path.q.min(axis=0) for block in self.blocks], axis=0), dtype=float)
+
+    @cached_property
+    def span(self) -> Array:
+        """The range (6,) rad of the joints."""
+        highest: Array = np.max([block.one.path.q.max(axis=0) for block in self.blocks], axis=0)
+        return highest - self._low
+
+    @cached_property
+    def fastest(self) -> Array:
+        """The largest speeds (6,) rad/s of the joints."""
+        return np.asarray(np.max([np.abs(_rates(block)).max(axis=0) for block in self.blocks], axis=0), dtype=float)
 
     def angle(self, joint: int, block: Block) -> Array:
         """Return functions (n, c) rad of the angle of a joint at the samples of a block."""

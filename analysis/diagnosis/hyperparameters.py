@@ -4,7 +4,8 @@ robust weights."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from analysis.diagnosis.columns import Columns
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.repeat_noise import LEAST_ASSUMED
 from analysis.diagnosis.selection_state import SelectionState, size_of
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, Mask
 from rigs.schema.effect import name_of
 
 _BAND_PRICE, _TARGET_PRICE = 3.0, 8.0
@@ -40,15 +41,28 @@ _LEVEL_SPREAD = 1.4
 Chosen."""
 
 
+@dataclass(frozen=True)
 class Hyperparameters:
     """The hyperparameters of one linearisation, with N entries in b bands."""
 
-    def __init__(self, linear: Linearisation, columns: Columns) -> None:
-        self.columns = columns
-        assumed = np.concatenate([np.full(len(b.y_mm), not b.measured) for b in linear.blocks])
-        self._least = np.where(np.bincount(columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
-        self._targets = np.concatenate([np.full(len(b.y_mm), b.sampling is None) for b in linear.blocks])
-        self._band_price = np.where(np.bincount(columns.band, self._targets) > 0, _TARGET_PRICE, _BAND_PRICE)
+    linear: Linearisation
+    columns: Columns
+
+    @cached_property
+    def _least(self) -> Array:
+        """The smallest strength (b,) of each band."""
+        assumed = np.concatenate([np.full(len(b.y_mm), not b.measured) for b in self.linear.blocks])
+        return np.where(np.bincount(self.columns.band, assumed) > 0, LEAST_ASSUMED, 1.0)
+
+    @cached_property
+    def _targets(self) -> Mask:
+        """Whether each entry (N,) is at a target."""
+        return np.concatenate([np.full(len(b.y_mm), b.sampling is None) for b in self.linear.blocks])
+
+    @cached_property
+    def _band_price(self) -> Array:
+        """The log evidence (b,) that the strength of each band must gain."""
+        return np.where(np.bincount(self.columns.band, self._targets) > 0, _TARGET_PRICE, _BAND_PRICE)
 
     def level(self, state: SelectionState, posterior: Posterior) -> float:
         """Return the level of the background: the ratio of the mean square of each name's effects to its expectation in

@@ -4,18 +4,18 @@ one as columns or all together on the simulator."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from analysis.diagnosis.blocks import Block, entries
-from analysis.fitting.observation import predicted, predicted_in_scene
-from analysis.fitting.setups import columns_of, moved_setup
-from analysis.kinematics.arm import Array
-from analysis.model.predict import Model, SetUp, moved
-from analysis.model.scene import apply
+from analysis.fitting.observation import predicted_in_scene
+from analysis.fitting.setups import columns_of, moved_setup, terms_of
+from analysis.kinematics.arm import Array, Integers
+from analysis.model.predict import Model, SetUp, driven, moved
+from analysis.model.scene import Scene, apply
 from rigs.effects import Effect, turned
 
 _STEP_DEG = 1e-4
@@ -31,30 +31,137 @@ _READING = ("setup", "gauge")
 """Stages of effects that do not move the tool."""
 
 
-class Linearisation:
-    """Blocks about a model and its set-ups; N counts the entries of all blocks, in standard deviations of the noise.
+@dataclass(frozen=True, eq=False)
+class SimulatedBlock:
+    """One block about a set-up, simulated (m readings of k gauges).
 
-    `known` lists the effects found so far, which the model contains beside those of its rig file. `y` (N,) is the
-    residual with them; `U` (N, s) is the change for a mm of each set-up term; `Z` (N, c) is the change for one standard
-    deviation of the scatter between runs; `band` (N,) numbers the bands.
+    `known` lists the effects found so far, which the readings contain beside those of the rig file.
     """
 
-    def __init__(self, blocks: Sequence[Block], setups: Mapping[str, SetUp], known: Sequence[Effect] = ()) -> None:
-        self.blocks, self.setups, self.known = tuple(blocks), dict(setups), tuple(known)
-        self._scenes = [moved(_with(block.model, *known), block.one.path) for block in blocks]
-        self._base = [
-            predicted_in_scene(_with(block.model, *known), block.one, scene, setups[block.one.setup])
-            for block, scene in zip(blocks, self._scenes, strict=True)
-        ]
-        self._slopes = [self._slope(block, base) for block, base in zip(blocks, self._base, strict=True)]
-        self._tables = {block.one.setup: block.one.table for block in blocks}
-        self.terms = columns_of(self._tables)
-        sizes = [len(block.y_mm) for block in blocks]
-        self.rows = [slice(end - size, end) for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)]
-        self.y = np.concatenate([block.white(block.y_mm) for block in blocks])
-        self.U = self._setup_columns()
-        self.Z = self._scatter_columns()
-        self.band = np.concatenate([block.band for block in blocks])
+    block: Block
+    known: tuple[Effect, ...]
+    setup: SetUp
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene up to the tool."""
+        return self.scene_with(self.known)
+
+    @cached_property
+    def base(self) -> Array:
+        """The readings (m, k) mm."""
+        return self.read(self.known, self.scene, self.setup)
+
+    @cached_property
+    def slopes(self) -> Array:
+        """The derivatives (m, k, 6) of the readings in mm by the errors of the joints in rad."""
+        slopes = np.empty((*self.base.shape, 6))
+        for axis in range(1, 7):
+            effects = (*self.known, turned(axis, _STEP_DEG))
+            slopes[:, :, axis - 1] = self.read(effects, self.scene_with(effects), self.setup) - self.base
+        slopes /= np.radians(_STEP_DEG)
+        return slopes
+
+    @cached_property
+    def by_setup(self) -> Array:
+        """The change (N, t) of the whitened readings for a mm of each term of the set-up."""
+        steps = _STEP_MM * np.eye(terms_of(self.block.one.table))
+        setups = [moved_setup(self.setup, self.block.one.table, step) for step in steps]
+        changed = np.stack([self.read(self.known, self.scene, setup) - self.base for setup in setups], axis=2)
+        return self.whitened(changed) / _STEP_MM
+
+    @cached_property
+    def joints(self) -> Scene:
+        """The scene up to the joints, at the samples of the path."""
+        return driven(_with(self.block.model, *self.known), self.block.one.path)
+
+    def scene_with(self, effects: Sequence[Effect]) -> Scene:
+        """Return the scene up to the tool with `effects` in place of the known ones."""
+        return moved(_with(self.block.model, *effects), self.block.one.path)
+
+    def read(self, effects: Sequence[Effect], scene: Scene, setup: SetUp) -> Array:
+        """Return the readings (m, k) mm of a scene up to the tool."""
+        return predicted_in_scene(_with(self.block.model, *effects), self.block.one, scene, setup)
+
+    def at_readings(self, values: Array) -> Array:
+        """Return values (n, …) at the samples of the path, in any unit, at the readings, (m, …)."""
+        found: Array = values[self.block.one.path.rows][self.block.one.rows]
+        return found
+
+    def entries(self, readings: Array) -> Array:
+        """Return readings (m, k, …) mm as entries (N, …) mm of the block."""
+        return entries(readings, self.block.sampling)
+
+    def whitened(self, readings: Array) -> Array:
+        """Return readings (m, k, …) mm as entries (N, …) in standard deviations of the noise."""
+        return self.block.white(self.entries(readings))
+
+    def by_joint(self, axis: int, off: Array) -> Array:
+        """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6)."""
+        return self.whitened(self.slopes[:, :, axis - 1, None] * self.at_readings(off)[:, None])
+
+    def columns(self, effects: Sequence[Effect]) -> Array:
+        """Return what each effect adds to the whitened readings, (N, p)."""
+        return self.whitened(np.stack([self.added_by(effect) for effect in effects], axis=2))
+
+    def added_by(self, effect: Effect) -> Array:
+        """Return what an effect adds to the readings, (m, k) mm."""
+        if effect.STAGE == "joint":
+            error = self.at_readings(apply([effect], "joint", self.joints).link_q - self.joints.link_q)
+            moving = np.flatnonzero(error.any(axis=0))
+            added: Array = np.einsum("mkj,mj->mk", self.slopes[:, :, moving], error[:, moving])
+            return added
+        beside = (*self.known, effect)
+        scene = self.scene if effect.STAGE in _READING else self.scene_with(beside)
+        return self.read(beside, scene, self.setup) - self.base
+
+
+@dataclass(frozen=True)
+class Linearisation:
+    """Blocks, and the same blocks simulated about a model and its set-ups; N counts the entries of all blocks, in
+    standard deviations of the noise."""
+
+    blocks: tuple[Block, ...]
+    setups: dict[str, SetUp]
+    simulated: tuple[SimulatedBlock, ...]
+
+    @cached_property
+    def y(self) -> Array:
+        """The residual (N,) with the known effects."""
+        return np.concatenate([block.white(block.y_mm) for block in self.blocks])
+
+    @cached_property
+    def rows(self) -> list[slice]:
+        """The entries of each block."""
+        ends = np.cumsum([0, *(len(block.y_mm) for block in self.blocks)]).tolist()
+        return [slice(begin, end) for begin, end in pairwise(ends)]
+
+    @cached_property
+    def band(self) -> Integers:
+        """The number (N,) of the band of each entry."""
+        return np.concatenate([block.band for block in self.blocks])
+
+    @cached_property
+    def terms(self) -> dict[str, list[int]]:
+        """The columns of U that belong to each set-up."""
+        return columns_of({block.one.setup: block.one.table for block in self.blocks})
+
+    @cached_property
+    def U(self) -> Array:  # noqa: N802 - a matrix
+        """The change (N, s) for a mm of each set-up term."""
+        columns = np.zeros((len(self.y), 1 + max(map(max, self.terms.values()))))
+        for one, rows in zip(self.simulated, self.rows, strict=True):
+            columns[rows, self.terms[one.block.one.setup]] = one.by_setup
+        return columns
+
+    @cached_property
+    def Z(self) -> Array:  # noqa: N802 - a matrix
+        """The change (N, c) for one standard deviation of the scatter between runs."""
+        ends = np.cumsum([0, *(block.scatter_mm.shape[1] for block in self.blocks)])
+        columns = np.zeros((len(self.y), int(ends[-1])))
+        for block, rows, begin, end in zip(self.blocks, self.rows, ends, ends[1:], strict=False):
+            columns[rows, begin:end] = block.white(block.scatter_mm)
+        return columns
 
     @cached_property
     def _best_moves(self) -> Array:
@@ -62,11 +169,16 @@ class Linearisation:
         found: Array = np.asarray(np.linalg.pinv(self.U, rcond=_INDISTINCT), dtype=float)
         return found
 
+    @cached_property
+    def _basis(self) -> Array:
+        """An orthonormal basis (N, s) of what set-ups could absorb."""
+        return basis_of(self.U)
+
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the whitened readings, (N, p)."""
         if not effects:
             return np.empty((len(self.y), 0))
-        return np.concatenate([self._added(k, effects) for k in range(len(self.blocks))])
+        return np.concatenate([one.columns(effects) for one in self.simulated])
 
     def residual(self, effects: Sequence[Effect]) -> Array:
         """Return the whitened residual (N,) with `effects` in place of the known ones, all of them on the simulator
@@ -75,50 +187,49 @@ class Linearisation:
         A large effect moves the ball by a millimetre, over which readings are not linear. So they are simulated where
         the set-ups fit best with these effects, and taken back to the set-ups of this linearisation along their slopes.
         """
-        responses = [self.response_of(k, effects) for k in range(len(self.blocks))]
-        moved = self._best_moves @ self._left(responses, self.setups)
-        return self._left(responses, self.setups_moved_by(moved)) + self.U @ moved
+        responses = self._responses(effects)
+        change = self._best_moves @ self._left(responses, self.setups)
+        return self._left(responses, self.setups_moved_by(change)) + self.U @ change
 
     def residual_at(self, effects: Sequence[Effect], setups: Mapping[str, SetUp]) -> Array:
         """Return the whitened residual (N,) with `effects` in place of the known ones in given set-ups."""
-        return self._left([self.response_of(k, effects) for k in range(len(self.blocks))], setups)
+        return self._left(self._responses(effects), setups)
+
+    def responses(self, effects: Sequence[Effect], setups: Mapping[str, SetUp] | None = None) -> list[Array]:
+        """Return what `effects`, in place of the known ones, add to the entries (N,) mm of each block, in the set-ups
+        of this linearisation or in others."""
+        return [response(setups or self.setups) for response in self._responses(effects)]
+
+    def _responses(self, effects: Sequence[Effect]) -> list[Callable[[Mapping[str, SetUp]], Array]]:
+        """Return, for each block, a function of the set-ups that gives what `effects` add to its entries (N,) mm."""
+
+        def response_of(one: SimulatedBlock) -> Callable[[Mapping[str, SetUp]], Array]:
+            scene = one.scene_with(effects)
+            return lambda setups: one.entries(one.read(effects, scene, setups[one.block.one.setup]) - one.base)
+
+        return [response_of(one) for one in self.simulated]
 
     def _left(self, responses: Sequence[Callable[[Mapping[str, SetUp]], Array]], setups: Mapping[str, SetUp]) -> Array:
         """Return the whitened residual (N,) of the responses of all blocks in given set-ups."""
-        return np.concatenate([
-            block.white(block.y_mm) - block.whitened(response(setups))
-            for block, response in zip(self.blocks, responses, strict=True)
-        ])  # fmt: skip
+        added = [block.white(response(setups)) for block, response in zip(self.blocks, responses, strict=True)]
+        left: Array = self.y - np.concatenate(added)
+        return left
 
     def simulated_with(self, effects: Sequence[Effect]) -> Linearisation:
         """Return the linearisation of the same runs with readings simulated with `effects` in place of the known ones
         and without noise; y is (N,)."""
-        other = copy(self)
-        other.blocks = tuple(
-            replace(block, y_mm=entries(self.response_of(k, effects)(self.setups), block.sampling))
-            for k, block in enumerate(self.blocks)
-        )
-        other.y = np.concatenate([block.white(block.y_mm) for block in other.blocks])
-        return other
+        blocks = [replace(block, y_mm=added) for block, added in zip(self.blocks, self.responses(effects), strict=True)]
+        return replace(self, blocks=tuple(blocks))
 
     def without_set_up(self, values: Array) -> Array:
         """Return whitened values (N, …) with the part removed that set-ups could absorb."""
-        basis = basis_of(self.U)
-        fitted: Array = values - basis @ (basis.T @ values)
+        fitted: Array = values - self._basis @ (self._basis.T @ values)
         return fitted
 
-    def setups_moved_by(self, moved: Array) -> dict[str, SetUp]:
+    def setups_moved_by(self, change: Array) -> dict[str, SetUp]:
         """Return the set-ups with their terms moved by (s,) mm."""
-        return {
-            name: moved_setup(self.setups[name], table, moved[self.terms[name]]) for name, table in self._tables.items()
-        }
-
-    def response_of(self, k: int, effects: Sequence[Effect]) -> Callable[[Mapping[str, SetUp]], Array]:
-        """Return a function of the set-ups that gives what `effects`, in place of the known ones, add to the readings
-        (m, k) mm of one block."""
-        one, model, base = self.blocks[k].one, _with(self.blocks[k].model, *effects), self._base[k]
-        scene = moved(model, one.path)
-        return lambda setups: predicted_in_scene(model, one, scene, setups[one.setup]) - base
+        tables = {block.one.setup: block.one.table for block in self.blocks}
+        return {name: moved_setup(self.setups[name], table, change[self.terms[name]]) for name, table in tables.items()}
 
     def in_mm(self, left: Array) -> list[Array]:
         """Return whitened values (N,) as the entries of each block in mm."""
@@ -127,71 +238,32 @@ class Linearisation:
     def by_joint(self, axis: int, off: Callable[[Block], Array]) -> Array:
         """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6) at the samples of
         each block's path."""
-        return np.concatenate(
-            [
-                block.whitened(slopes[:, :, axis - 1, None] * off(block)[block.one.path.rows[block.one.rows], None])
-                for block, slopes in zip(self.blocks, self._slopes, strict=True)
-            ]
-        )
+        return np.concatenate([one.by_joint(axis, off(one.block)) for one in self.simulated])
 
     def by_gauge(self, shares: Sequence[float], off: Callable[[Block], Array]) -> Array:
         """Return the change (N, c) of the whitened readings for errors of the gauges: `shares` (2,) times (n, c) mm at
         the samples of each circle's path, and zero for other tests."""
         parts = []
-        for block, base in zip(self.blocks, self._base, strict=True):
-            each = np.array(shares) if block.sampling else np.zeros(base.shape[1])
-            parts.append(block.whitened(each[:, None] * off(block)[block.one.path.rows[block.one.rows], None]))
+        for one in self.simulated:
+            each = np.array(shares) if one.block.sampling else np.zeros(one.base.shape[1])
+            parts.append(one.whitened(each[:, None] * one.at_readings(off(one.block))[:, None]))
         return np.concatenate(parts)
 
     def jolt(self, k: int, axis: int, sample: int, angle_deg: float) -> Array:
         """Return the change (N,) of the whitened readings for an error of one joint (1 … 6) at a single sample of one
         block's path."""
-        block = self.blocks[k]
-        rows = block.one.path.rows[block.one.rows]
-        added = self._slopes[k][:, :, axis - 1] * (np.radians(angle_deg) * (rows == sample))[:, None]
+        off = np.zeros((len(self.blocks[k].one.path.q), 1))
+        off[sample] = np.radians(angle_deg)
         whole = np.zeros(len(self.y))
-        whole[self.rows[k]] = block.whitened(added)
+        whole[self.rows[k]] = self.simulated[k].by_joint(axis, off)[:, 0]
         return whole
 
-    def _added(self, k: int, effects: Sequence[Effect]) -> Array:
-        block, scene, base = self.blocks[k], self._scenes[k], self._base[k]
-        rows = block.one.path.rows[block.one.rows]
-        added = np.empty((*base.shape, len(effects)))
-        for place, effect in enumerate(effects):
-            if effect.STAGE == "joint":
-                off = apply([effect], "joint", scene).link_q[rows] - scene.link_q[rows]
-                added[:, :, place] = np.einsum("mkj,mj->mk", self._slopes[k], off)
-            else:
-                extended = _with(block.model, *self.known, effect)
-                there = scene if effect.STAGE in _READING else moved(extended, block.one.path)
-                added[:, :, place] = predicted_in_scene(extended, block.one, there, self.setups[block.one.setup]) - base
-        return block.whitened(added)
 
-    def _slope(self, block: Block, base: Array) -> Array:
-        slopes = np.empty((*base.shape, 6))
-        for axis in range(1, 7):
-            read = predicted(
-                _with(block.model, *self.known, turned(axis, _STEP_DEG)), block.one, self.setups[block.one.setup]
-            )
-            slopes[:, :, axis - 1] = (read - base) / np.radians(_STEP_DEG)
-        return slopes
-
-    def _setup_columns(self) -> Array:
-        columns = np.zeros((len(self.y), 1 + max(map(max, self.terms.values()))))
-        for block, rows, scene, base in zip(self.blocks, self.rows, self._scenes, self._base, strict=True):
-            model, setup = _with(block.model, *self.known), self.setups[block.one.setup]
-            terms = self.terms[block.one.setup]
-            for k, step in zip(terms, _STEP_MM * np.eye(len(terms)), strict=True):
-                changed = predicted_in_scene(model, block.one, scene, moved_setup(setup, block.one.table, step))
-                columns[rows, k] = block.whitened(changed - base) / _STEP_MM
-        return columns
-
-    def _scatter_columns(self) -> Array:
-        ends = np.cumsum([0, *(block.scatter_mm.shape[1] for block in self.blocks)])
-        columns = np.zeros((len(self.y), int(ends[-1])))
-        for block, rows, begin, end in zip(self.blocks, self.rows, ends, ends[1:], strict=False):
-            columns[rows, begin:end] = block.white(block.scatter_mm)
-        return columns
+def linearise(blocks: Sequence[Block], setups: Mapping[str, SetUp], known: Sequence[Effect] = ()) -> Linearisation:
+    """Return the linearisation of blocks about set-ups. `known` lists the effects found so far, which the model
+    contains beside those of its rig file, so that the residuals (N,) of the blocks do not contain them."""
+    simulated = [SimulatedBlock(block, tuple(known), setups[block.one.setup]) for block in blocks]
+    return Linearisation(tuple(blocks), dict(setups), tuple(simulated))
 
 
 def basis_of(columns: Array) -> Array:

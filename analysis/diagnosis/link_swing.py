@@ -110,13 +110,11 @@ def _power(one: _Deviation, f: Array) -> Array:
     """Return |sum r exp(-i 2 pi f t)|² / n (F,) mm² at the uneven instants of the laps."""
     t, r = one.t_s, one.left_mm
     r = r - np.polynomial.Polynomial.fit(t, r, 3)(t)
-    turn = np.exp(-2j * np.pi * (f[1] - f[0]) * t)
-    wave = r * np.exp(-2j * np.pi * f[0] * t)
-    found = np.empty(len(f), dtype=complex)
-    for k in range(len(f)):
-        found[k] = wave.sum()
-        wave = wave * turn
-    power: Array = np.abs(found) ** 2 / len(t)
+    # Frequencies are evenly spaced, so each wave is the product of a coarse one and a fine one.
+    width = int(np.ceil(np.sqrt(len(f))))
+    fine = np.exp(-2j * np.pi * np.outer(t, (f[1] - f[0]) * np.arange(width)))
+    coarse = np.exp(-2j * np.pi * np.outer(f[::width], t))
+    power: Array = np.abs((r * coarse) @ fine).ravel()[: len(f)] ** 2 / len(t)
     return power
 
 

@@ -50,9 +50,12 @@ class Sampling:
 
     def gridded(self, values: Array) -> Array:
         """Return values (m, …) at the rows, in any unit, as values (GRID, …) at the grid, averaged over the laps."""
-        share = self.share.reshape(*self.share.shape, *[1] * (values.ndim - 1))
-        found: Array = (values[self.before] * (1 - share) + values[self.after] * share).mean(axis=0)
-        return found
+        found = values[self.before]
+        between = np.nonzero(self.share)
+        share = self.share[between].reshape(-1, *[1] * (values.ndim - 1))
+        found[between] += (values[self.after[between]] - found[between]) * share
+        mean: Array = found.mean(axis=0)
+        return mean
 
     def vector(self, values: Array) -> Array:
         """Return readings (m, 2, …) of two gauges as entries (N, …): the orders of sum and difference (unitary), then

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from analysis.diagnosis.detectability import Detectability, by_name, undetectable
-from analysis.diagnosis.expected_posterior import ExpectedPosterior
+from analysis.diagnosis.expected_posterior import expected_posterior
 from analysis.diagnosis.form_posterior import is_detectable, is_separable
 from analysis.diagnosis.judgement import Judgement, judged, separation_sigma
 from analysis.diagnosis.planned_runs import planned_blocks
@@ -77,7 +77,7 @@ def plan(rig: Rig, tests: Sequence[TestName], runs: int = 3) -> Plan:
     off centre, by the rig file's eccentricity_mm where given. Raises FileError where the arm cannot drive a test.
     """
     blocks, setups = planned_blocks(rig, tests, runs)
-    judgement = judged(ExpectedPosterior(blocks, setups))
+    judgement = judged(expected_posterior(blocks, setups))
     possible, impossible = possible_tests(rig, tests, blocks, setups, runs=runs)
     further, gains = _further_tests(possible, judgement)
     return Plan(

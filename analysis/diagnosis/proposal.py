@@ -17,7 +17,7 @@ import numpy as np
 
 from analysis.diagnosis.blocks import Block
 from analysis.diagnosis.circle_candidates import CircleCandidate, circle_candidates
-from analysis.diagnosis.expected_posterior import ExpectedPosterior
+from analysis.diagnosis.expected_posterior import expected_posterior
 from analysis.diagnosis.form_information import FormInformation
 from analysis.diagnosis.judgement import Judgement, judged
 from analysis.diagnosis.planned_runs import planned_blocks
@@ -85,7 +85,7 @@ def propose(
     candidates = circle_candidates(rig, circle_tests, runs)
     progress("simulating the tests")
     blocks, setups = planned_blocks(rig, tests, runs)
-    expected = ExpectedPosterior(blocks, setups)
+    expected = expected_posterior(blocks, setups)
     before = judged(expected)
     forms = FormInformation(expected.candidates)
     affordable = [one for one in candidates.found if one.minutes <= minutes]
@@ -99,7 +99,7 @@ def propose(
         blocks, setups = [*blocks, *chosen.blocks], {**setups, **chosen.setups}
         circles.append(ProposedCircle(chosen.candidate, testable, separated))
     progress("judging the tests with the proposed circles")
-    after = judged(ExpectedPosterior(blocks, setups)) if circles else before
+    after = judged(expected_posterior(blocks, setups)) if circles else before
     return Proposal(
         rig, tuple(tests), runs, minutes, tuple(circles), before, after, len(candidates.found), candidates.refused
     )

@@ -35,7 +35,7 @@ _MOST = 120.0
 """Largest size of a fault in healthy sizes. Faults are at most 100 healthy sizes, and the simulator was not tested far
 beyond."""
 _ENOUGH = 0.02
-"""Half a chi-square that a round must gain for the fit to continue. Chosen: far below the log evidence that any
+"""Chi-square that a round must gain for the fit to continue. Chosen: far below the log evidence that any
 decision depends on."""
 
 
@@ -113,7 +113,11 @@ def refine(
     together removes it. `free` (N, f) has the columns of free forms, one standard deviation each.
     """
     before = fitted or no_effects(linear)
-    return _Problem(linear, background, effects, before, before.free if free is None else free).solved(effects)
+    new = effects[len(before.effects) :]
+    unknowns = (*before.unknowns, *_unknowns(effects, len(before.effects)))
+    departures = (*before.departures, *(departure_columns(linear, one) for one in new))
+    columns = before.free if free is None else free
+    return _Problem(linear, background, before, unknowns, departures, columns).solved(effects)
 
 
 def no_effects(linear: Linearisation) -> Refined:
@@ -130,23 +134,45 @@ class _Projected:
     across: Array
 
 
+@dataclass(frozen=True, eq=False)
 class _Problem:
-    def __init__(
-        self, linear: Linearisation, background: Background, effects: Sequence[Effect], fitted: Refined, free: Array
-    ) -> None:
-        self.linear, self.background, self.free = linear, background, free
-        self.old = len(fitted.effects)
-        self.unknowns = [*fitted.unknowns, *_unknowns(effects, self.old)]
-        self.tangents = fitted.tangents
-        self.departures = (*fitted.departures, *(departure_columns(linear, one) for one in effects[self.old :]))
-        self.expected = np.array([u.expected for u in self.unknowns])
-        self.spread = np.array([u.spread for u in self.unknowns])
-        departures = np.concatenate([*self.departures, free], axis=1)
-        self._weighted_departures = background.solved(background.weighed(departures))
-        own = departures.T @ self._weighted_departures
+    """A fit beside a background, of effects of which the first are `fitted` before; other arrays as in `Refined`."""
+
+    linear: Linearisation
+    background: Background
+    fitted: Refined
+    unknowns: tuple[Unknown, ...]
+    departures: tuple[Array, ...]
+    free: Array
+
+    @cached_property
+    def expected(self) -> Array:
+        """The expected values (q,) of the unknowns."""
+        return np.array([u.expected for u in self.unknowns])
+
+    @cached_property
+    def spread(self) -> Array:
+        """The prior standard deviations (q,) of the unknowns."""
+        return np.array([u.spread for u in self.unknowns])
+
+    @cached_property
+    def _allowed(self) -> Array:
+        """What is allowed for beside the effects: the columns (N, f) of departures and free forms."""
+        return np.concatenate([*self.departures, self.free], axis=1)
+
+    @cached_property
+    def _weighted_departures(self) -> Array:
+        return self.background.solved(self.background.weighed(self._allowed))
+
+    @cached_property
+    def _inverse(self) -> Array:
+        own = self._allowed.T @ self._weighted_departures
         own[np.diag_indices_from(own)] += 1.0
-        self._inverse = np.linalg.inv(own)
-        self._before = self._projected(self.tangents)
+        return np.asarray(np.linalg.inv(own), dtype=float)
+
+    @cached_property
+    def _before(self) -> _Projected:
+        return self._projected(self.fitted.tangents)
 
     def solved(self, effects: Sequence[Effect]) -> Refined:
         """Return the solution of the Levenberg-Marquardt iteration within the bounds of the parameters."""
@@ -158,7 +184,8 @@ class _Problem:
         H, fall = self._normal(J, r)
         for _ in range(_ROUNDS if len(x) else 0):
             gradient = fall - (x - self.expected) / self.spread**2
-            for _ in range(_TRIES):
+            # Where a whole step could gain little, shorter ones are not tried.
+            for _ in range(_TRIES if gradient @ np.linalg.solve(H, gradient) > _ENOUGH else 1):
                 step = np.linalg.solve(H + damping * np.diag(np.diag(H)), gradient)
                 tried = self._bounded(now, x + step)
                 there = self._with(now, tried)
@@ -175,11 +202,11 @@ class _Problem:
             H, fall = self._normal(J, r)
             if gained < _ENOUGH:
                 break
-        tangents = np.concatenate([self.tangents, J.weighed.values], axis=1)
+        tangents = np.concatenate([self.fitted.tangents, J.weighed.values], axis=1)
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
         residual = r.weighed.values[:, 0]
         return Refined(
-            tuple(now), tuple(self.unknowns), x, covariance, residual, tangents, self.departures, self.free
+            tuple(now), self.unknowns, x, covariance, residual, tangents, self.departures, self.free
         )  # fmt: skip
 
     def _projected(self, values: Array) -> _Projected:
@@ -203,13 +230,14 @@ class _Problem:
 
     def _slopes(self, effects: Sequence[Any]) -> _Projected:
         """Return the derivatives (N, q) by the new unknowns, computed for one effect at a time because effects add."""
-        unknowns = self.unknowns[self.tangents.shape[1] :]
+        unknowns = self.unknowns[self.fitted.tangents.shape[1] :]
         steps = np.array([_step(effects[unknown.effect], unknown) for unknown in unknowns])
         changed = [
             effects[u.effect].model_copy(update={u.field: float(getattr(effects[u.effect], u.field)) + step})
             for u, step in zip(unknowns, steps, strict=True)
         ]
-        base = self.linear.columns(effects[self.old :])[:, [u.effect - self.old for u in unknowns]]
+        old = len(self.fitted.effects)
+        base = self.linear.columns(effects[old:])[:, [u.effect - old for u in unknowns]]
         return self._projected((self.linear.columns(changed) - base) / steps)
 
     def _bounded(self, effects: Sequence[Any], x: Array) -> Array:

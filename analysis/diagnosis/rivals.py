@@ -10,7 +10,7 @@ import numpy as np
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState
 from analysis.diagnosis.worth import LEAST_MATERIAL_UM, worth
-from rigs.schema.effect import name_of
+from rigs.schema.effect import label_of, name_of
 
 _NEAR = 6.0
 """Log evidence behind a name within which its rivals are fitted on the simulator; further behind, their odds are below
@@ -43,6 +43,7 @@ def compare_with_rivals(selection: Selection, state: SelectionState) -> tuple[Se
 
     An effect of healthy size, or one that changes no reading, has no rivals, because it is not reported as a fault.
     """
+    state = without_needless_names(selection, state)
     swapped: set[int] = set()
     compared: list[RivalOdds] = []
     for swaps_left in reversed(range(_SWAPS + 1)):
@@ -62,10 +63,35 @@ def compare_with_rivals(selection: Selection, state: SelectionState) -> tuple[Se
     return state, tuple(compared)
 
 
+def without_needless_names(selection: Selection, state: SelectionState) -> SelectionState:
+    """Return the state without the faults that do not pay once everything else is fitted again without them.
+
+    A name that was added while a large fault was not fitted closely yet may have taken up what that left, and then
+    keeps it from its place. The fault of largest worth is not tried: the others are beside it.
+    """
+    state = selection.settled(state)
+    tried: set[str] = set()
+    while True:
+        um = {k: _most_um(selection, state, k) for k in range(len(state.refined.effects)) if state.is_fault(k)}
+        names = {k: label_of(state.refined.effects[k]) for k in sorted(um, key=lambda k: um[k])[:-1]}
+        place = next((k for k, name in names.items() if name not in tried and um[k] > LEAST_MATERIAL_UM), None)
+        if place is None:
+            return state
+        tried.add(names[place])
+        rest = selection.settled(selection.without(state, place))
+        if selection.evidence(rest) > selection.evidence(state):
+            state = selection.refusing(rest, state.refined.effects[place], state.origins[place])
+
+
 def _moves(selection: Selection, state: SelectionState, place: int) -> bool:
     """Return whether an effect could be material."""
+    return _most_um(selection, state, place) > LEAST_MATERIAL_UM
+
+
+def _most_um(selection: Selection, state: SelectionState, place: int) -> float:
+    """Return the worth in µm of an effect in the test that shows most of it."""
     change = selection.linear.residual(state.refined.without(place).effects) - state.refined.residual
-    return bool((worth(selection.linear, change).um > LEAST_MATERIAL_UM).any())
+    return float(worth(selection.linear, change).um.max())
 
 
 def rival_odds(selection: Selection, state: SelectionState, place: int) -> RivalOdds:

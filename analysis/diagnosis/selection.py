@@ -11,22 +11,24 @@ the two it is. Effects whose evidence no longer covers their price are removed.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from analysis.diagnosis.background import Background, Posterior, cavity_evidence, fault_evidence, fault_sizes
+from analysis.diagnosis.background import Background, Posterior, cavity_evidence, fault_evidence
 from analysis.diagnosis.background_cache import Backgrounds
-from analysis.diagnosis.columns import LARGEST_FAULT, Columns
-from analysis.diagnosis.free_forms import FREE_PRICE, best_free_form, free_forms_of
+from analysis.diagnosis.columns import LARGEST_FAULT, Columns, fault_sizes
+from analysis.diagnosis.free_forms import FREE_PRICE, FreeForm, best_free_form, free_forms_of
 from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import no_effects, refine
 from analysis.diagnosis.selection_state import SelectionState, is_same, size_of
-from analysis.diagnosis.starting_effect import starting_effect
+from analysis.diagnosis.settling import settled
+from analysis.diagnosis.starting_effect import starting_effects
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, healthy_size
-from rigs.schema.effect import is_play, name_of, scaled
+from rigs.schema.effect import name_of
 
 _FAULTS = 2.0
 """Expected number of faults of an arm that somebody diagnoses, before anything is measured. Chosen: between one fault
@@ -47,28 +49,41 @@ _MUCH = 50.0
 """Log evidence above which an effect must also exceed the free forms, and after which all others are fitted again.
 Chosen: foreign effects leave 50 to 500 in log evidence, and effects of the library mostly less than 8."""
 _MARGIN = 1.2
-"""Factor by which a free form must explain more than the best name, because the first fit of a name is not yet at its
-optimum. Chosen."""
+"""Factor by which a free form must explain more than the best name, whose first fit is not at its optimum. Chosen."""
 _TRIED, _CLOSE = 3, 0.5
 """Largest number of names that are fitted before one is added, and the share of the largest gain that the others must
 have. Chosen: each fit costs a fraction of a round."""
-_PLAY_STARTS = (0.5, 1.0, 1.9)
-"""Starting widths of the fit of a play, as multiples of the width of the linear fit. Chosen: a factor of two to either
-side, since the response to a play is not linear."""
 
 
+@dataclass(frozen=True)
 class Selection:
     """The selection of effects for the residual (N,) of one linearisation."""
 
-    def __init__(self, linear: Linearisation, columns: Columns) -> None:
-        self.linear, self.columns = linear, columns
-        self._fault_price = float(np.log(_FAULTS / max(len(columns.among), 1)))
-        self._among = np.log([form.among for form in columns.forms])
-        self._hyperparameters = Hyperparameters(linear, columns)
-        self._backgrounds = Backgrounds(columns)
+    linear: Linearisation
+    columns: Columns
+
+    @cached_property
+    def _fault_price(self) -> float:
+        return float(np.log(_FAULTS / max(len(self.columns.among), 1)))
+
+    @cached_property
+    def _among(self) -> Array:
+        """The logarithm (n,) of the number of forms of the name of each form."""
+        return np.log([form.among for form in self.columns.forms])
+
+    @cached_property
+    def _hyperparameters(self) -> Hyperparameters:
+        return Hyperparameters(self.linear, self.columns)
+
+    @cached_property
+    def _backgrounds(self) -> Backgrounds:
+        return Backgrounds(self.columns)
+
+    @cached_property
+    def _free(self) -> tuple[FreeForm, ...]:
         # With targets alone a free form follows the scatter: on poses of a UR10 it replaced names, and the rms of
         # held-out poses was 0.317 mm instead of the 0.141 mm with names alone.
-        self._free = tuple(free_forms_of(linear)) if any(block.sampling for block in linear.blocks) else ()
+        return tuple(free_forms_of(self.linear)) if any(block.sampling for block in self.linear.blocks) else ()
 
     def initial_state(self, effects: Sequence[Effect] = ()) -> SelectionState:
         """Return a state with the given effects fitted, in an arm at healthy level and with the estimated noise."""
@@ -147,9 +162,9 @@ class Selection:
         rest = self.without(state, place)
         if whole >= self.evidence(rest):
             return None
-        return self._refusing(rest, state.refined.effects[place], state.origins[place])
+        return self.refusing(rest, state.refined.effects[place], state.origins[place])
 
-    def _refusing(self, state: SelectionState, effect: Effect, origin: int = -1) -> SelectionState:
+    def refusing(self, state: SelectionState, effect: Effect, origin: int = -1) -> SelectionState:
         """Return the state in which all forms of an effect, and the one it came from, are refused."""
         own = {k for k, form in enumerate(self.columns.forms) if is_same(form, effect)} | {origin}
         return replace(state, refused=state.refused | own)
@@ -225,25 +240,23 @@ class Selection:
         if not best or len(state.refined.effects) >= _DEPTH:
             return None
         # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
-        tried = [self.with_form(state, posterior, k) for k in best]
-        rise, changed = self._likeliest(tried)
+        rise, changed = self._likeliest([self.with_form(state, posterior, k) for k in best])
         rise -= self.evidence(state)
         most = float(gain[best[0]])
         if most < _MUCH:
             if rise > 0:
                 return changed, None
             for k in best:
-                state = self._refusing(state, self.columns.forms[k].effects[0])
+                state = self.refusing(state, self.columns.forms[k].effects[0])
             return self._forward_step(state, posterior)
         known = state.replaced_forms | {one.form.words for one in state.free_forms}
         forms = [form for form in self._free if form.words not in known]
+        changed = self.settled(changed)
         if not forms:
-            return self._refitted(changed), None
+            return changed, None
         free_form = best_free_form(forms, posterior)
         # A fit may be worse than its linear prediction where it moves the set-up far; the next iteration corrects that.
-        named = max(most, rise)
-        changed = self._refitted(changed)
-        if free_form.gain < _MARGIN * named:
+        if free_form.gain < _MARGIN * max(most, rise):
             return changed, None
         return changed, self._refitted(replace(state, free_forms=(*state.free_forms, free_form)))
 
@@ -260,10 +273,8 @@ class Selection:
     def with_form(self, state: SelectionState, posterior: Posterior, k: int) -> SelectionState:
         """Return the state with form k added as an effect and fitted; the other effects move along their earlier
         tangents."""
-        effect = starting_effect(self.linear, self.columns, posterior, self.columns.forms[k])
-        # The response to a play is not proportional to its width, so a fit may end in a local minimum.
-        sizes = _PLAY_STARTS if is_play(effect) else (1.0,)
-        return self._likeliest([self._with_effect(state, scaled(effect, size), k) for size in sizes])[1]
+        effects = starting_effects(self.linear, self.columns, posterior, self.columns.forms[k])
+        return self._likeliest([self._with_effect(state, effect, k) for effect in effects])[1]
 
     def _likeliest(self, tried: Sequence[SelectionState]) -> tuple[float, SelectionState]:
         """Return the largest log evidence of some states, and the first state that has it."""
@@ -274,6 +285,11 @@ class Selection:
         effects = (*state.refined.effects, effect)
         bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
         return replace(bare, refined=refine(self.linear, self.background(bare), effects, state.refined))
+
+    def settled(self, state: SelectionState) -> SelectionState:
+        """Return the state with all effects and the noise fitted until its evidence hardly rises."""
+        noise = self._with_updated_noise
+        return settled(state, self._refitted, lambda one: noise(one, self.posterior(one)), self.evidence)
 
     def _refitted(self, state: SelectionState) -> SelectionState:
         """Return the state with all effects fitted together."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import permutations
 
 from analysis.diagnosis.blocks import Block
-from analysis.diagnosis.expected_posterior import ExpectedPosterior
+from analysis.diagnosis.expected_posterior import ExpectedPosterior, expected_posterior
 from analysis.diagnosis.further_tests import further_tests
 from analysis.diagnosis.planned_runs import planned_blocks
 from analysis.model.predict import SetUp
@@ -87,7 +87,7 @@ def possible_tests(
                 refused = refused or error.what
                 continue
             found.append(
-                PossibleTest(words, further.why, ExpectedPosterior([*blocks, *more], {**setups, **places}, level))
+                PossibleTest(words, further.why, expected_posterior([*blocks, *more], {**setups, **places}, level))
             )
             break
         else:

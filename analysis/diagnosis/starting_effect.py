@@ -1,4 +1,8 @@
-"""The effect with which the fit of a form starts on the simulator."""
+"""The effects with which the fit of a form starts on the simulator.
+
+The response to a play or a wave is not linear in its width or order, so a fit from afar ends in a local minimum, whose
+residual supports wrong names. Therefore widths and orders are scanned first.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +15,54 @@ from analysis.diagnosis.columns import LARGEST_FAULT, Columns, Form
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.selection_state import combined_effect, order_of
 from rigs.effects import Effect
+from rigs.schema.effect import healthy, identity, is_play, scaled
 
 _BETWEEN = np.linspace(-0.6, 0.6, 9)
 """Orders tried about the order of a form, as multiples of the distance to its neighbour. They cover a little more than
 half of the distance to either side."""
 
 
-def starting_effect(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> Effect:
-    """Return a form at the size that it would have as a fault; for a wave, of the order between its neighbours that
-    explains most of the readings (N,)."""
+_WIDTHS = np.geomspace(0.5, 100.0, 40)
+"""Widths of a play that are tried, in healthy sizes, up to that of the largest fault. Neighbours differ by 15 %: fits
+that start within 20 % of the width reached it."""
+
+
+def starting_effects(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> list[Effect]:
+    """Return the effects from which the fit of a form to the readings (N,) starts.
+
+    A wave has the order between its neighbours that explains most, and every other effect but a play the size that it
+    would have as a fault.
+    """
+    effect = form.effects[0]
+    if is_play(effect):
+        return _plays(columns, linear, posterior, effect)
+    if hasattr(effect, "order"):
+        return [_wave(linear, columns, posterior, form)]
+    return [combined_effect(form.effects, posterior.size(form))]
+
+
+def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect: Effect) -> list[Effect]:
+    """Return plays of two widths: the one that is most likely beside everything else, in each shape, and the one that
+    leaves least (N,) with the set-ups alone.
+
+    The strengths of the residual were estimated without the play and would hide it, so the first is the most likely one
+    whatever the strength of each band is. Where everything else has taken up the play already, the second is nearer.
+    """
+    expected = identity(effect).model_copy(update={free.field: free.expected for free in effect.FREE})
+    tried = [expected.model_copy(update={free.field: free.tried}) for free in effect.FREE if free.tried is not None]
+    shapes = [healthy(shape) for shape in (expected, *tried)]
+    cost, energy = [], np.empty(0)
+    for shape in reversed(shapes):
+        added = linear.columns([scaled(shape, float(width)) for width in _WIDTHS])
+        left = posterior.residual[:, None] - posterior.left_of(added)
+        cost.append(columns.count @ np.log([np.sum(left[rows] ** 2, axis=0) for rows in columns.rows]))
+        energy = np.sum(linear.without_set_up(posterior.terms.r[:, None] - added) ** 2, axis=0)
+    beside, alone = float(_WIDTHS[np.argmin(np.min(cost, axis=0))]), float(_WIDTHS[np.argmin(energy)])
+    return [*(scaled(shape, beside) for shape in shapes), *[scaled(shapes[0], alone)] * (alone != beside)]
+
+
+def _wave(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> Effect:
     effect: Any = form.effects[0]
-    if not hasattr(effect, "order"):
-        return combined_effect(form.effects, posterior.size(form))
     near = [abs(order_of(one.effects[0]) - effect.order) for one in columns.forms if one.name == form.name]
     tried = effect.order + (sorted(near)[1] if len(near) > 1 else 0.0) * _BETWEEN
     tried = tried[tried >= min(effect.order, max(one.low for one in effect.STRETCHED))]

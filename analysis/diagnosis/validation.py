@@ -9,7 +9,7 @@ import numpy as np
 
 from analysis.diagnosis.blocks import Block, blocks_of, entries, targets_key
 from analysis.diagnosis.diagnosis import Gap
-from analysis.diagnosis.linearisation import Linearisation, basis_of
+from analysis.diagnosis.linearisation import Linearisation, basis_of, linearise
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.run_setups import fit_run_setups, with_effects
 from analysis.diagnosis.search import SearchResult
@@ -109,7 +109,7 @@ def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str
     """Return a run at places, or in a way, that no run used has: other poses, another radius, another speed."""
     effects, forms = result.state.refined.effects, result.posterior.background.columns.forms
     placed = setups if run.one.setup in setups else fit_run_setups(with_effects([run], effects))[0]
-    alone = Linearisation(blocks_of([run], placed, effects), placed, effects)
+    alone = linearise(blocks_of([run], placed, effects), placed, effects)
     sizes = np.repeat([form.size for form in forms], [len(form.columns) for form in forms])
     share = alone.columns([effect for form in forms for effect in form.effects]) / sizes
     left = alone.residual(effects)

@@ -46,6 +46,13 @@ def with_placement(one: Observation, placement: str) -> Observation:
     return replace(one, setup=f"{one.setup} at {placement}") if placement else one
 
 
+def thinned(one: Observation, most: int) -> Observation:
+    """Return a circle with at most `most` (m,) of its readings, evenly spaced, which alone are simulated."""
+    kept = np.argsort(one.rows)[:: -(-len(one.rows) // most)]
+    path = replace(one.path, rows=one.path.rows[one.rows[kept]], alone=True)
+    return replace(one, path=path, rows=np.arange(len(kept)), values=one.values[kept])
+
+
 def predicted(model: Model, one: Observation, setup: SetUp) -> Array:
     """Return the readings (m, k) mm that a model predicts; for poses the positions."""
     return predicted_in_scene(model, one, moved(model, one.path), setup)

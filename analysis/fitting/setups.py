@@ -146,7 +146,7 @@ def _placed(parts: Parts, starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
     so_far, change, J = np.zeros(count), np.zeros(count), np.empty(0)
     for turn in range(_ROUNDS):
         r = left(so_far)
-        if turn < 2 or np.abs(change).max() > _STRAIGHT_MM:
+        if turn == 0 or np.abs(change).max() > _STRAIGHT_MM:
             J = np.stack([(r - left(step)) / _STEP_MM for step in so_far + _STEP_MM * np.eye(count)], axis=1)
         # A ball at the limit of its prior costs as much as the current residual, so the prior is strong at first.
         held = np.where(ball, (r @ r) / BALL_MM**2, 1e-12)

@@ -10,6 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from analysis.geometry.peaks import peaks
 from analysis.kinematics.arm import Arm, Array
 from analysis.kinematics.follow import follow
 from rigs.schema.declared_tests import Circle
@@ -78,15 +79,13 @@ def reversals(frame: CircleFrame, arm: Arm, posture: Array, where: str) -> list[
     posture (6,) rad: near the start of the circle. A joint that swings by less than 0.05° about the point is taken as
     standing. Raises FileError where the circle cannot be driven.
     """
-    from scipy.signal import find_peaks  # noqa: PLC0415 - slow to import, needed here only
-
     # Beyond one lap at both ends, so that a turn near the start has both its flanks.
     phi = np.radians(np.arange(-40.0, 400.0, 0.5))
     q = follow(arm, frame.poses(phi), posture, where)
     found = []
     for axis, joint in enumerate(q.T, start=1):
         for sign in (1.0, -1.0):
-            for k in find_peaks(sign * joint, prominence=np.radians(0.05))[0]:
+            for k in peaks(sign * joint, float(np.radians(0.05))):
                 c = np.polyfit(phi[k - 1 : k + 2] - phi[k], joint[k - 1 : k + 2], 2)
                 vertex = phi[k] - c[1] / (2 * c[0])
                 if 0 <= vertex < 2 * np.pi:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from analysis.geometry.circle import Reversal
+from analysis.geometry.peaks import peaks
 from analysis.kinematics.arm import Array
 from analysis.noise.readings import noise_beneath
 from analysis.traces.laps import Laps
@@ -74,13 +75,11 @@ def _extended(lap: Laps) -> tuple[Array, Array, Array]:
 
 
 def _of_joint(axis: int, phi: Array, joint: Array, rows: Array) -> list[Turn]:
-    from scipy.signal import find_peaks  # noqa: PLC0415 - slow to import, needed here only
-
     prominence = max(PROMINENCE_RAD, _NOISES * noise_beneath(joint, 0.0))
     first = float(phi[0] + _BEYOND)  # the lap's own start
     found = []
     for sign in (1.0, -1.0):
-        for k in find_peaks(sign * joint, prominence=prominence)[0]:
+        for k in peaks(sign * joint, prominence):
             vertex, u = _vertex(phi, sign * joint, float(phi[k]))
             if first - np.radians(1) <= vertex < first + 2 * np.pi + np.radians(1):
                 found.append(Turn(axis + 1, vertex % (2 * np.pi), u, sign > 0, int(rows[k])))

@@ -36,12 +36,14 @@ class Path:
     """The reported motion behind a table, with the places passed between its readings.
 
     motion of n samples; rows (m,): which of them are the table's readings; stands: whether the robot stood at each,
-    long enough that it does not matter by which clock.
+    long enough that it does not matter by which clock; alone: whether the tool is simulated at the readings alone,
+    because what follows the joints has little memory.
     """
 
     motion: Motion
     rows: Integers
     stands: bool = False
+    alone: bool = False
 
     @property
     def t_s(self) -> Array:
@@ -153,11 +155,20 @@ def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> 
         scene = apply(model.effects, "setup", replace(scene, contact=contact))
         g_mm = (np.linalg.norm(to_tool, axis=1) - sphere.radius + scene.form_mm)[:, None]
     scene = apply(model.effects, "gauge", replace(scene, g_mm=g_mm - setup.zeros_mm))
-    return scene.g_mm[path.rows]
+    return scene.g_mm if path.alone else scene.g_mm[path.rows]
 
 
 def moved(model: Model, path: Path) -> Scene:
     """The scene up to where the tool is."""
+    scene = driven(model, path)
+    if path.alone:
+        motion = Motion(scene.motion.t_s[path.rows], scene.motion.q[path.rows])
+        scene = replace(scene, motion=motion, link_q=scene.link_q[path.rows], form_mm=scene.form_mm[path.rows])
+    return apply(model.effects, "tool", replace(scene, T=forward(scene.arm, scene.link_q)))
+
+
+def driven(model: Model, path: Path) -> Scene:
+    """The scene up to where the joints are, at all n samples of a path."""
     n = len(path.q)
     scene = Scene(
         arm=model.arm,
@@ -172,4 +183,4 @@ def moved(model: Model, path: Path) -> Scene:
     )
     for stage in STAGES[path.stands : STAGES.index("tool")]:
         scene = apply(model.effects, stage, scene)
-    return apply(model.effects, "tool", replace(scene, T=forward(scene.arm, scene.link_q)))
+    return scene

@@ -31,7 +31,7 @@ class Datagrams:
     def feed(self, data: bytes, now_ns: int) -> Sequence[Message | Fault]:
         if len(data) > self._limit:
             return [Fault(FaultKind.GARBLED, now_ns, f"a datagram of {len(data)} bytes, over {self._limit}; left out")]
-        return [Message(data, len(data), now_ns, now_ns)] if data else []
+        return [Message(data, len(data), now_ns, now_ns)]
 
 
 class DatagramLines(Datagrams):

@@ -61,7 +61,7 @@ class _WebSocket:
         """The step with a time to be woken at, which an event that says nothing does not have."""
         if step.wake_ns is not None or step.hang_up or not self._open:
             return step
-        return _after(step, self._carry(self._carried.received(b"", now_ns)))
+        return _after(step, self._carry(self._carried.tick(now_ns)))
 
     def _meaning(self, event: Event, now_ns: int) -> Step:
         match event:

@@ -77,4 +77,4 @@ class Backlash(Effect):
     def departures(self) -> Departures:
         """Where in its play the joint began, and how it crosses it."""
         half_deg = self.width_deg / 2
-        return Departures(begin=(self.axis, half_deg), jolt=(self.axis, half_deg))
+        return Departures(gap=(self.axis, half_deg), jolt=(self.axis, half_deg))

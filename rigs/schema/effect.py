@@ -93,13 +93,13 @@ class StretchedShape:
 class Departures:
     """How nature departs from the page: what may stand beside an effect, because no gear, ball or brake is ideal.
 
-    beside: effects, each at one standard deviation; begin: a joint and by how many degrees it may stand off, since
-    it is unknown where a run began; jolt: a joint and by how many degrees it may be off about each of its turns; stick:
-    a gauge and by how many mm it may be off at a target, since it is unknown how the plunger came there.
+    beside: effects, each at one standard deviation; gap: a joint and half its play in degrees, since it is unknown
+    where in it a run began; jolt: a joint and by how many degrees it may be off about each of its turns; stick: a gauge
+    and by how many mm it may be off at a target, since it is unknown how the plunger came there.
     """
 
     beside: tuple[Effect, ...] = ()
-    begin: tuple[int, float] | None = None
+    gap: tuple[int, float] | None = None
     jolt: tuple[int, float] | None = None
     stick: tuple[Gauge, float] | None = None
 

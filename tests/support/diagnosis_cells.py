@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.diagnosis.background import Background
+from analysis.diagnosis.background import Background, background_of
 from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.columns import Columns, Form
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.diagnosis import Diagnosis
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.observed_run import ObservedRun, observe_run
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.kinematics.arm import arm_of, forward
@@ -114,20 +114,20 @@ def healthy() -> Linearisation:
     """Two yaw circles each way of a healthy robot, about the set-up fitted to them."""
     runs = seen(circles(seed=90))
     setups, _ = fit_run_setups(runs)
-    return Linearisation(blocks_of(runs, setups), setups)
+    return linearise(blocks_of(runs, setups), setups)
 
 
 def holding(linear: Linearisation, y: Array) -> Linearisation:
     """The same with another residual (N,) in standard deviations."""
     parts = [y[rows] * block.sd_mm for rows, block in zip(linear.rows, linear.blocks, strict=True)]
     blocks = [replace(block, y_mm=part) for block, part in zip(linear.blocks, parts, strict=True)]
-    return Linearisation(blocks, linear.setups)
+    return linearise(blocks, linear.setups)
 
 
 def shown_by(linear: Linearisation, effects: Sequence[Effect]) -> Array:
     """What effects, on the simulator and all together, add to the residual (N,) in standard deviations."""
     return np.concatenate(
-        [block.whitened(linear.response_of(k, effects)(linear.setups)) for k, block in enumerate(linear.blocks)]
+        [block.white(added) for block, added in zip(linear.blocks, linear.responses(effects), strict=True)]
     )
 
 
@@ -138,12 +138,9 @@ def white(linear: Linearisation, seed: int) -> Array:
 
 def columns_of(X: Array, band: NDArray[np.int64], forms: Sequence[Form] = ()) -> Columns:
     """Columns (N, p) given as numbers: those of forms first, then those of set-ups."""
-    made = Columns.__new__(Columns)
-    made.X, made.forms = X, tuple(forms)
-    made.divide(band)
     ends = sum(len(form.columns) for form in forms)
-    made.set_ups = slice(ends, X.shape[1])
-    return made
+    nothing = np.zeros(X.shape[1])
+    return Columns(X, tuple(forms), slice(ends, X.shape[1]), band, nothing, nothing)
 
 
 def no_background(linear: Linearisation, more: Array | None = None) -> Background:
@@ -151,4 +148,4 @@ def no_background(linear: Linearisation, more: Array | None = None) -> Backgroun
     other = np.empty((len(linear.y), 0)) if more is None else more
     X = np.concatenate([linear.U, other], axis=1)
     variance = np.concatenate([np.full(linear.U.shape[1], 100.0), np.ones(other.shape[1])])
-    return Background(columns_of(X, np.zeros(len(X), dtype=np.int64)), np.ones(len(X)), variance)
+    return background_of(columns_of(X, np.zeros(len(X), dtype=np.int64)), np.ones(len(X)), variance)

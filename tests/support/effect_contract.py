@@ -12,12 +12,12 @@ import numpy as np
 
 from analysis.correction.constants import joint_zeros, link_constants
 from analysis.correction.support import supports
-from analysis.diagnosis.background import Background
+from analysis.diagnosis.background import background_of
 from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.candidates import candidates_for
-from analysis.diagnosis.columns import Columns
+from analysis.diagnosis.columns import columns_for
 from analysis.diagnosis.diagnosis import Named
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.linearisation import linearise
 from analysis.diagnosis.observed_run import observe_run
 from analysis.diagnosis.plan import Plan, plan
 from analysis.diagnosis.refine import refine
@@ -159,15 +159,15 @@ def diagnosed(name: str) -> None:
     """It is a candidate, its shapes are fitted with it, and the answer has words for it."""
     runs = [observe_run(model_of(RIG), table, table.direction) for table in tables_of(name)]
     setups, _ = fit_run_setups(runs)
-    linear = Linearisation(blocks_of(runs, setups), setups)
+    linear = linearise(blocks_of(runs, setups), setups)
     candidates = [one for one in candidates_for(linear) if one.effect.effect == name]
     assert bool(candidates) == (VOCABULARY[name].swinging(5.0, 0.01) is None)
     assert all(np.isclose(size_of(one.effect), one.size * one.effect.healthy) for one in candidates)
     assert all((one.size == one.effect.STRAIGHT) or is_play(one.effect) for one in candidates)
-    columns = Columns(linear, candidates_for(linear))
+    columns = columns_for(linear, candidates_for(linear))
     seen = {form.name for form in columns.forms} | set(columns.not_seen)
     assert {one.name for one in candidates} <= seen
-    background = Background(columns, np.ones(len(linear.y)), columns.variance(0.0))
+    background = background_of(columns, np.ones(len(linear.y)), columns.variance(0.0))
     found = refine(linear, background, [scaled(fault(name), 0.7)])
     (effect,) = found.effects
     near(effect, fault(name), found.sd(0)[size_field(effect)])

@@ -7,8 +7,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from analysis.diagnosis.background import Background, FittedTerms, Posterior, fault_sizes
-from analysis.diagnosis.columns import LARGEST_FAULT, Form
+from analysis.diagnosis.background import FittedTerms, Posterior, background_of
+from analysis.diagnosis.columns import LARGEST_FAULT, Form, fault_sizes
 from rigs.effects import Backlash, JointOffset, TransmissionError
 from tests.support.diagnosis_cells import Array, columns_of
 
@@ -28,7 +28,7 @@ VARIANCE = np.array([1.0, 0.0, 0.5, 0.5, 100.0, 100.0, 1.0, 1.0, 2.0])
 Y = X @ np.array([4.0, 0.0, -3.0, 2.0, 5.0, -5.0, 1.0, 0.0, 0.5]) + RNG.normal(size=N)
 T = RNG.normal(size=(N, 2))
 PRECISION, MEAN = np.diag([0.1, 0.02]), np.array([0.5, -1.0])
-BACKGROUND = Background(columns_of(X, BAND, FORMS), WEIGHT, VARIANCE)
+BACKGROUND = background_of(columns_of(X, BAND, FORMS), WEIGHT, VARIANCE)
 
 
 def _covariance(variance: Array) -> Array:
@@ -126,7 +126,7 @@ def test_sigma_is_what_the_readings_say_without_a_healthy_prior() -> None:
 
 def test_a_size_that_cannot_be_negative_is_no_fault_the_wrong_way() -> None:
     play = Form("backlash 2", (Backlash(axis=2, width_deg=0.01),), 1.0, (0,), 1)
-    background = Background(columns_of(X, BAND, (play,)), WEIGHT, VARIANCE)
+    background = background_of(columns_of(X, BAND, (play,)), WEIGHT, VARIANCE)
     for sign, is_seen in ((1.0, True), (-1.0, False)):
         posterior = background.posterior(FittedTerms(sign * 10 * X[:, 0], T[:, :0], np.empty((0, 0)), np.empty(0)))
         assert np.isfinite(posterior.gains((play,), 1.0)[0][0]) == is_seen

@@ -7,16 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.blocks import blocks_of
-from analysis.diagnosis.departures import departure_columns
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.blocks import Block, blocks_of
+from analysis.diagnosis.departures import departure_columns, initial_play_columns
+from analysis.diagnosis.linearisation import linearise
 from analysis.diagnosis.observed_run import ORDER_OF
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.model.hysteresis import turns
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable
 from rigs.effects import Backlash, BallForm, GaugeCyclic, JointOffset, ReversalSpike, TransmissionError
-from tests.support.diagnosis_cells import circles, healthy, seen
+from rigs.schema.play import play
+from tests.support.diagnosis_cells import Array, circles, healthy, seen
 
 GEAR = TransmissionError(axis=1, order=20, amplitude_deg=0.02, phase_deg=30)
 
@@ -76,13 +77,42 @@ def _standing(run: Measured) -> Measured:
     return replace(run, table=table)
 
 
-def test_the_position_of_a_joint_in_its_play_before_the_run_is_free() -> None:
+@pytest.mark.parametrize("begin", [-1.0, -0.3, 0.7])
+def test_a_run_may_have_begun_anywhere_in_a_play(begin: float) -> None:
+    """Until the joint has crossed its play, it stands off by as much; of 0.6 degrees that is a part of the lap."""
+    linear, half = healthy(), np.radians(0.3)
+
+    def off(block: Block) -> Array:
+        x = block.one.path.q[:, 1]
+        return (play(x, half, begin) - play(x, half))[:, None]
+
+    added = linear.by_joint(2, off)[:, 0]
+    found = departure_columns(linear, Backlash(axis=2, width_deg=0.6))
+    weights, *_ = np.linalg.lstsq(found, added, rcond=None)
+    assert np.linalg.norm(added) > 50
+    assert np.linalg.norm(added - found @ weights) < 0.02 * np.linalg.norm(added)
+    elsewhere = linear.columns([Backlash(axis=3, width_deg=0.6)])[:, 0]
+    weights, *_ = np.linalg.lstsq(found, elsewhere, rcond=None)
+    assert np.linalg.norm(elsewhere - found @ weights) > 0.5 * np.linalg.norm(elsewhere)
+
+
+def test_a_wide_play_may_begin_in_more_places_than_one_of_a_healthy_arm() -> None:
+    """What a joint of healthy play begins with is crossed at once: one column for each circle is enough."""
+    linear = healthy()
+    wide, healthy_play = Backlash(axis=2, width_deg=0.6), Backlash(axis=2, width_deg=0.01)
+    assert initial_play_columns(linear, [healthy_play]).shape[1] <= len(linear.blocks)
+    assert departure_columns(linear, wide).shape[1] > 10 * len(linear.blocks)
+
+
+def test_where_a_play_began_shows_while_the_robot_stands_before_its_lap() -> None:
     runs = seen([_standing(run) for run in circles()])
     setups, _ = fit_run_setups(runs)
-    linear = Linearisation(blocks_of(runs, setups), setups)
+    linear = linearise(blocks_of(runs, setups), setups)
     assert [len(block.y_mm) for block in linear.blocks] == [len(ORDER_OF) + 4] * 2
-    # Such a column shows before the lap, in its own run; what a set-up does is taken out everywhere.
-    assert _before_the_lap(linear) == [1, 1]
+    found = initial_play_columns(linear, [Backlash(axis=2, width_deg=0.1)])
+    first = [rows.start + len(ORDER_OF) + np.arange(2) for rows in linear.rows]
+    shows = np.array([np.linalg.norm(found[own], axis=0) for own in first])
+    assert (np.diag(shows) > 10).all() and shows[0, 1] == shows[1, 0] == 0
 
 
 def test_readings_of_a_gauge_that_stands_are_no_surer_than_its_step() -> None:
@@ -91,21 +121,3 @@ def test_readings_of_a_gauge_that_stands_are_no_surer_than_its_step() -> None:
     runs = [replace(run, step_mm=0.010) for run in runs]
     for block in blocks_of(runs, fit_run_setups(runs)[0]):
         assert (block.sd_mm[len(ORDER_OF) :] >= 0.010 / np.sqrt(12)).all()
-
-
-def test_a_run_without_stands_does_not_determine_where_a_play_began() -> None:
-    assert len(healthy().y) == 2 * len(ORDER_OF)
-    assert _before_the_lap(healthy()) == []
-
-
-def _before_the_lap(linear: Linearisation) -> list[int]:
-    """How many columns of a play have most of their energy where each circle stands before its lap."""
-    found = departure_columns(linear, Backlash(axis=2, width_deg=0.1))
-    energy = found**2 / np.maximum((found**2).sum(axis=0), 1e-9)
-    counts, begin = [], 0
-    for block in linear.blocks:
-        first = begin + len(ORDER_OF) + np.arange(2)
-        begin += len(block.y_mm)
-        if len(block.y_mm) > len(ORDER_OF):
-            counts.append(int((energy[first].sum(axis=0) > 0.8).sum()))
-    return counts

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.blocks import blocks_of
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.fitting.observation import predicted
 from analysis.fitting.setups import terms_of
@@ -17,6 +17,8 @@ from rigs.effects import (
     Backlash,
     BallForm,
     Effect,
+    GaugeCyclic,
+    GaugeDeadBand,
     GaugeScale,
     JointOffset,
     LinkGeometry,
@@ -34,6 +36,8 @@ SMALL = (
     ReversalSpike(axis=2, amplitude_deg=0.005, decay_s=0.3),
     ServoLag(axis=5, lag_s=0.001),
     GaugeScale(gauge="g2", relative=0.001),
+    GaugeDeadBand(gauge="g1", width_mm=0.01),
+    GaugeCyclic(gauge="g1", amplitude_mm=0.002, period_mm=0.5),
     BallForm(lobes=3, amplitude_mm=0.002),
 )
 
@@ -70,17 +74,15 @@ def test_what_a_ball_or_a_zero_can_do_leaves_nothing() -> None:
     linear = healthy()
     assert linear.U.shape[1] == terms_of(linear.blocks[0].one.table) == 5
     for term, moved in enumerate(0.02 * np.eye(5)):
-        there = linear.setups_moved_by(moved)
-        shift = np.concatenate(
-            [block.whitened(linear.response_of(k, ())(there)) for k, block in enumerate(linear.blocks)]
-        )
+        there = linear.responses((), linear.setups_moved_by(moved))
+        shift = np.concatenate([block.white(added) for block, added in zip(linear.blocks, there, strict=True)])
         assert np.linalg.norm(linear.without_set_up(shift)) < 5e-3 * max(np.linalg.norm(shift), 1.0), term
 
 
 def test_terms_of_poses_are_where_an_instrument_stands_its_turn_and_its_target() -> None:
     runs = seen([poses(1)])
     setups, _ = fit_run_setups(runs)
-    linear = Linearisation(blocks_of(runs, setups), setups)
+    linear = linearise(blocks_of(runs, setups), setups)
     there = linear.setups_moved_by(np.arange(1.0, 10.0))["pose"]
     before = setups["pose"]
     np.testing.assert_allclose(there.T_instrument_world[:3, 3] - before.T_instrument_world[:3, 3], [1, 2, 3])
@@ -128,7 +130,7 @@ def test_a_large_effect_moves_the_set_up_on_the_simulator() -> None:
     runs = seen(circles(offset, seed=91))
     setups, _ = fit_run_setups(runs)
     assert np.linalg.norm(setups["yaw"].ball - planted().ball) > 1.0
-    linear = Linearisation(blocks_of(runs, setups), setups)
+    linear = linearise(blocks_of(runs, setups), setups)
     left, still = linear.residual(offset), linear.residual_at(offset, setups)
     left, still = (float(np.sqrt(np.mean(linear.without_set_up(one) ** 2))) for one in (left, still))
     assert left < 6

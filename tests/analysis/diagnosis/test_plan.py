@@ -13,9 +13,9 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from analysis.cli import app
-from analysis.diagnosis.background import Background
-from analysis.diagnosis.columns import Columns
-from analysis.diagnosis.expected_posterior import ExpectedPosterior, size_of
+from analysis.diagnosis.background import background_of
+from analysis.diagnosis.columns import columns_for
+from analysis.diagnosis.expected_posterior import expected_posterior, size_of
 from analysis.diagnosis.form_posterior import SEPARABLE
 from analysis.diagnosis.plan import Plan, plan
 from analysis.diagnosis.planned_runs import planned_blocks
@@ -133,13 +133,13 @@ def test_more_runs_make_sizes_surer_but_never_by_more_than_the_root_of_runs() ->
 )
 def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fault: Effect) -> None:
     blocks, setups = planned_blocks(RIG, CIRCLE, 3)
-    expected = ExpectedPosterior(blocks, setups)
-    columns = Columns(expected.linear, expected.candidates)
+    expected = expected_posterior(blocks, setups)
+    columns = columns_for(expected.linear, expected.candidates)
     variance = columns.variance(1.0)
     for form in columns.forms:
         if form.name == name_of(fault):
             variance[list(form.columns)] = 0.0
-    background = Background(columns, np.ones(len(expected.linear.y)), variance)
+    background = background_of(columns, np.ones(len(expected.linear.y)), variance)
     found = refine(expected.linear.simulated_with((fault,)), background, [scaled(fault, 0.9)])
     one = next(one for one in expected.candidates if one.name == name_of(fault))
     times = size_of(fault) / healthy_size(fault)

@@ -14,7 +14,7 @@ from analysis.cli import app
 from analysis.diagnosis import proposal as proposals
 from analysis.diagnosis.blocks import Block
 from analysis.diagnosis.circle_candidates import CircleCandidate, CircleCandidates, circle_candidates
-from analysis.diagnosis.expected_posterior import ExpectedPosterior
+from analysis.diagnosis.expected_posterior import expected_posterior
 from analysis.diagnosis.form_information import FormInformation
 from analysis.diagnosis.planned_runs import planned_blocks
 from analysis.diagnosis.proposal import Proposal, propose
@@ -70,7 +70,7 @@ def circle_alone() -> tuple[list[Block], dict[str, SetUp]]:
 def test_information_gives_the_uncertainty_that_the_plan_gives(
     circle_alone: tuple[list[Block], dict[str, SetUp]],
 ) -> None:
-    expected = ExpectedPosterior(*circle_alone)
+    expected = expected_posterior(*circle_alone)
     forms = FormInformation(expected.candidates)
     known = forms.posterior(forms.of(*circle_alone))
     for name in ("joint_offset 3", "link_geometry 4.a", "wrist_coupling 4>5", "gauge_baseline"):
@@ -82,7 +82,7 @@ def test_information_of_two_sets_of_runs_adds_up(
     every: CircleCandidates, circle_alone: tuple[list[Block], dict[str, SetUp]]
 ) -> None:
     own, other = circle_alone, planned_blocks(every.found[0].rig, CIRCLE, 1, " further")
-    both = ExpectedPosterior([*own[0], *other[0]], {**own[1], **other[1]})
+    both = expected_posterior([*own[0], *other[0]], {**own[1], **other[1]})
     forms = FormInformation(both.candidates)
     known = forms.posterior(forms.of(*own) + forms.of(*other))
     for name in ("joint_offset 3", "link_geometry 4.a", "gauge_baseline"):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.blocks import blocks_of
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.linearisation import linearise
 from analysis.diagnosis.observed_run import ORDER_OF
 from analysis.diagnosis.repeat_noise import CircleNoise, Repeated, circle_noise, target_sd
 from analysis.diagnosis.run_scatter import (
@@ -191,7 +191,7 @@ def test_simulated_repeats_show_their_own_scatter_and_give_white_residuals() -> 
     setups, _ = fit_run_setups(runs)
     blocks = blocks_of(runs, setups)
     assert [block.count for block in blocks] == [4, 4] and all(block.measured for block in blocks)
-    linear = Linearisation(blocks, setups)
+    linear = linearise(blocks, setups)
     weighed = no_background(linear, linear.Z).weighed(linear.y[:, None])
     energy = weighed.products(weighed)[0, 0]
     assert energy / len(linear.y) == pytest.approx(1.0, abs=0.2)

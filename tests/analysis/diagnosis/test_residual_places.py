@@ -18,11 +18,7 @@ NOISE = [np.split(white(healthy(), 6), 2)[k] * block.sd_mm for k, block in enume
 
 def _shown(effect: Effect) -> list[Array]:
     """The residual in mm that an effect leaves in each block, with noise."""
-    linear = healthy()
-    return [
-        NOISE[k] + entries(linear.response_of(k, [effect])(linear.setups), block.sampling)
-        for k, block in enumerate(linear.blocks)
-    ]
+    return [noise + added for noise, added in zip(NOISE, healthy().responses([effect]), strict=True)]
 
 
 def _wave(block: Block, cycles: int, size_mm: float) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.candidates import candidates_for
-from analysis.diagnosis.columns import Columns
+from analysis.diagnosis.columns import Columns, columns_for
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals, rival_odds
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike, size_of
@@ -20,7 +20,7 @@ from tests.support.diagnosis_cells import Array, healthy, holding, shown_by, whi
 
 @cache
 def _columns() -> Columns:
-    return Columns(healthy(), candidates_for(healthy()))
+    return columns_for(healthy(), candidates_for(healthy()))
 
 
 def _searched(y: Array) -> tuple[Selection, SelectionState]:
@@ -92,19 +92,20 @@ def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch:
     first = selection.initial_state((JointOffset(axis=2, offset_deg=0.2), JointOffset(axis=3, offset_deg=0.2)))
     swaps: list[SelectionState] = []
 
-    def likelier(state: SelectionState) -> SelectionState:
+    def likelier(_: Selection, state: SelectionState) -> SelectionState:
         swaps.append(replace(state, level=state.level / 2))
         return swaps[-1]
 
     # private: rivals that are likelier after every swap cannot be made of readings
     monkeypatch.setattr("analysis.diagnosis.rivals._moves", lambda *_: True)
+    monkeypatch.setattr("analysis.diagnosis.rivals.without_needless_names", lambda _, state: state)
     monkeypatch.setattr(
         "analysis.diagnosis.rivals.rival_odds",
         lambda selection, state, place: RivalOdds(0.1, ((state, 0.9),), state.level),
     )
     monkeypatch.setattr(SelectionState, "is_fault", lambda *_: True)
-    monkeypatch.setattr(selection, "select", likelier)
-    monkeypatch.setattr(selection, "evidence", lambda state: -state.level)
+    monkeypatch.setattr(Selection, "select", likelier)
+    monkeypatch.setattr(Selection, "evidence", lambda _, state: -state.level)
     last, rivalries = compare_with_rivals(selection, first)
     assert last is swaps[-1] and len(swaps) > 1
     assert [one.healthy_odds for one in rivalries] == [last.level] * 2

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.linearisation import Linearisation
+from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.observed_run import GRID, ORDER_OF
 from analysis.diagnosis.worth import LEAST_MATERIAL_UM, limits_um, scatter_um
 from tests.support.diagnosis_cells import healthy
@@ -21,7 +21,7 @@ def _with_apart(um: float) -> Linearisation:
     sd_mm = 1e-3 * um * np.sqrt(2 * GRID / len(ORDER_OF))
     apart = [rng.normal(0.0, sd_mm, (RUNS, len(block.y_mm))) for block in linear.blocks]
     blocks = [replace(block, apart_mm=one) for block, one in zip(linear.blocks, apart, strict=True)]
-    return Linearisation(blocks, linear.setups)
+    return linearise(blocks, linear.setups)
 
 
 @pytest.mark.parametrize("um", [5.0, 50.0])
@@ -41,4 +41,4 @@ def test_a_circle_that_was_not_repeated_scatters_as_its_noise_does() -> None:
     linear = healthy()
     alone = [replace(block, apart_mm=np.zeros((1, len(block.y_mm)))) for block in linear.blocks]
     noise_um = 1e3 * np.sqrt([block.count * (block.sd_mm[: len(ORDER_OF)] ** 2).sum() / (2 * GRID) for block in alone])
-    assert (scatter_um(Linearisation(alone, linear.setups)) >= noise_um).all()
+    assert (scatter_um(linearise(alone, linear.setups)) >= noise_um).all()
