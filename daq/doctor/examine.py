@@ -73,7 +73,7 @@ def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Fin
     for name, stream in status["streams"].items():
         yield _stream(name, stream)
         if stream["connected"]:
-            now = {column: value for column, value in stream["last"].items() if stream["age_s"][column] <= _FRESH_S}
+            now = {column: stream["last"][column] for column, age_s in stream["age_s"].items() if age_s <= _FRESH_S}
             yield from of_condition(name, now)
 
 
