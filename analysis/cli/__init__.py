@@ -92,7 +92,7 @@ def _fail(error: RigError) -> NoReturn:
 
 def _wrong_use(error: TyperException) -> NoReturn:
     """Report wrong use of a command in one line; typer would frame it, whatever a file's name puts into the frame."""
-    what = error.format_message().rstrip(".")
+    what = " ".join(error.format_message().split()).rstrip(".")
     if not what:  # a group without a command: its help is printed already
         sys.exit(2)
     context = getattr(error, "ctx", None)

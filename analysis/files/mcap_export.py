@@ -14,10 +14,13 @@ import math
 from collections.abc import Iterator
 from typing import Any, BinaryIO, NamedTuple
 
+import numpy as np
 import pyarrow as pa
 from mcap.well_known import MessageEncoding, SchemaEncoding
 from mcap.writer import Writer
+from numpy.typing import NDArray
 
+from analysis.files.write import ROWS_AT_ONCE
 from daq.store import Run
 from daq.store.schema import FAULT_COLUMNS, FAULTS, TABLE
 from rigs.errors import FileError
@@ -76,26 +79,36 @@ def _channel(writer: Writer, name: str, table: pa.Table) -> int:
 
 
 def _messages(table: pa.Table, channel: int, name: str, run: Run) -> Iterator[_Message]:
-    """Messages of one stream in order of time."""
-    begin_s = float(table["t_s"].to_numpy().min(initial=0.0)) if name == TABLE else 0.0
-    rows = zip(*(column.to_pylist() for column in table.columns), strict=True)
-    messages = []
-    for number, row in enumerate(rows):
-        values = dict(zip(table.column_names, row, strict=True))
-        there = {key: value for key, value in values.items() if not isinstance(value, float) or math.isfinite(value)}
-        messages.append(_Message(_log_ns(name, values, run, begin_s), channel, number, there))
-    return iter(sorted(messages))
+    """Messages of one stream in order of time; only some rows are in memory as messages at once."""
+    log_ns = _log_times(name, table, run)
+    order = np.argsort(log_ns, kind="stable")
+    if (order[1:] < order[:-1]).any():
+        table = table.take(pa.array(order))
+    following = 0
+    for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
+        numbers = order[following : following + len(batch)]
+        following += len(batch)
+        rows = zip(*(column.to_pylist() for column in batch.columns), strict=True)
+        for at_ns, number, row in zip(log_ns[numbers].tolist(), numbers.tolist(), rows, strict=True):
+            values = zip(table.column_names, row, strict=True)
+            there = {key: value for key, value in values if not isinstance(value, float) or math.isfinite(value)}
+            yield _Message(at_ns, channel, number, there)
 
 
-def _log_ns(name: str, values: dict[str, Any], run: Run, begin_s: float) -> int:
-    """When a row was measured: ns since 1970, never negative, as MCAP wants it; of a table, ns since begin_s.
+def _log_times(name: str, table: pa.Table, run: Run) -> NDArray[np.uint64]:
+    """When each row (n,) was measured: ns since 1970, never negative, as MCAP wants it; of a table, ns since its first
+    row or zero.
 
     Raises FileError for a time beyond what MCAP holds.
     """
-    if name == TABLE:
-        since_ns = round((float(values["t_s"]) - begin_s) * 1e9)
-        if since_ns >= _END_NS:
-            what = f"t_s of {values['t_s']:g} s lies beyond the year 2554, the last that MCAP can store"
-            raise FileError(str(run.path), what, "import it with t_s in seconds, or export it as csv or parquet")
-        return since_ns
-    return max(0, run.manifest.wall_ns(int(values["at_ns" if name == FAULTS else "first_byte_ns"])))
+    if name != TABLE:
+        stamps = table["at_ns" if name == FAULTS else "first_byte_ns"].to_pylist()
+        wall = (max(0, run.manifest.wall_ns(stamp)) for stamp in stamps)
+        return np.fromiter(wall, dtype=np.uint64, count=len(stamps))
+    t_s = table["t_s"].to_numpy()
+    since_ns = (t_s - t_s.min(initial=0.0)) * 1e9
+    beyond = np.flatnonzero(~(since_ns < _END_NS))
+    if beyond.size:
+        what = f"t_s of {t_s[beyond[0]]:g} s lies beyond the year 2554, the last that MCAP can store"
+        raise FileError(str(run.path), what, "import it with t_s in seconds, or export it as csv or parquet")
+    return np.asarray(np.rint(since_ns), dtype=np.uint64)

@@ -13,6 +13,8 @@ from rigs.text import plain_lines
 if TYPE_CHECKING:
     import pyarrow as pa
 
+ROWS_AT_ONCE = 65_536
+"""Rows of a table that are in memory as Python's own numbers, which take some ten times the memory of an array's."""
 Writer = Callable[[BinaryIO], object]
 """Puts what a file holds into it."""
 
@@ -83,10 +85,10 @@ def write_csv(table: pa.Table, file: BinaryIO) -> None:
 
     Text is plain (`rigs.text`), line feeds in it stay; Parquet keeps it as it was.
     """
-    columns = [[_cell(value) for value in column.to_pylist()] for column in table.columns]
     file.write((",".join(map(_quoted, table.column_names)) + "\n").encode())
-    for row in zip(*columns, strict=True):
-        file.write((",".join(row) + "\n").encode())
+    for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
+        columns = [map(_cell, column.to_pylist()) for column in batch.columns]
+        file.writelines((",".join(row) + "\n").encode() for row in zip(*columns, strict=True))
 
 
 def _cell(value: Any) -> str:

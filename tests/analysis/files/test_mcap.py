@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -130,6 +131,19 @@ def imported(folder: Path, test: str, since_s: float = 0.0) -> Run:
     (folder / "t.csv").write_text(csv_text(rows))
     import_table(folder / "t.csv", folder / "r", rig_file=RIG_FILE, test=kind, direction=None, operator="")
     return read_run(folder / "r")
+
+
+def test_rows_out_of_order_and_in_several_parts_keep_their_time_and_number(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = imported(tmp_path, "yaw")
+    assert run.table is not None
+    reversed_ = run.table.take(list(range(len(run.table)))[::-1])
+    monkeypatch.setattr("analysis.files.mcap_export.ROWS_AT_ONCE", 7)
+    rows = written(replace(run, table=reversed_), tmp_path / "run.mcap")["/table"]
+    assert [values for _, _, values in rows] == run.table.to_pylist()
+    assert [number for _, number, _ in rows] == list(range(len(run.table)))[::-1]
+    assert [log_ns for log_ns, _, _ in rows] == [round(t_s * 1e9) for t_s in run.table["t_s"].to_pylist()]
 
 
 def test_an_imported_table_is_plotted_by_its_own_time(tmp_path: Path) -> None:

@@ -1,13 +1,15 @@
-"""Several new files in a directory: all of them, or none."""
+"""Several new files in a directory: all of them, or none; tables in parts."""
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import BinaryIO
 
+import pyarrow as pa
 import pytest
 
-from analysis.files.write import holding, write_all_new
+from analysis.files.write import ROWS_AT_ONCE, holding, write_all_new, write_csv
 from rigs.errors import CellError, FileError
 
 
@@ -37,3 +39,11 @@ def test_what_stops_one_leaves_none(
     with pytest.raises(reported_as):
         write_all_new(tmp_path, {"a": holding(b"x"), "b": stops})
     assert not list(tmp_path.iterdir())
+
+
+def test_a_csv_of_several_parts_has_every_row_once_and_in_order() -> None:
+    rows = 2 * ROWS_AT_ONCE + 3
+    file = io.BytesIO()
+    write_csv(pa.table({"n": range(rows), "half": [n / 2 for n in range(rows)]}), file)
+    head, *lines = file.getvalue().decode().splitlines()
+    assert head == "n,half" and lines == [f"{n},{n / 2!r}" for n in range(rows)]
