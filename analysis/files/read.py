@@ -57,7 +57,7 @@ def read_file(
     Raises FileError for a file that cannot be read, TableFileError with every mistake in it.
     """
     data = _bytes(path)
-    text, doubts = (data, ()) if not data.startswith(MAGIC) else table_of_bag(data, str(path), rig)
+    text, doubts = _table_of_bag(data, str(path), test, rig) if data.startswith(MAGIC) else (data, ())
     table = parse_csv(text, str(path), test, rig, direction, joints)
     words = table["direction"][0].as_py() if "direction" in LAYOUTS[test].required else None
     return TableFile(path, hashlib.sha256(data).hexdigest(), words, table, doubts)
@@ -109,8 +109,27 @@ def _commanded(names: list[str], where: str) -> list[str]:
 def _bytes(path: Path) -> bytes:
     try:
         return read_bytes(path, MOST_BYTES)
+    except IsADirectoryError:
+        raise FileError(str(path), "is a directory", "give a file; of a bag the .mcap file in it") from None
     except OSError as error:
         raise FileError(str(path), error.strerror or str(error), "check the path and its permissions") from None
+    except FileError:
+        if path.is_file() and path.stat().st_size > MOST_BYTES and _begins_with(path, MAGIC):
+            what = f"is a bag of more than {MOST_BYTES / 1e6:g} MB"
+            remedy = "keep the topics that are read: mcap filter BAG -y /joint_states -y /g1 -y /g2 -o SMALL"
+            raise FileError(str(path), what, remedy) from None
+        raise
+
+
+def _table_of_bag(data: bytes, where: str, test: TestName, rig: Rig) -> tuple[bytes, tuple[str, ...]]:
+    if "direction" not in LAYOUTS[test].required:
+        raise FileError(where, "is a bag, from which only a circle is read", f"give the table of a {test} test as CSV")
+    return table_of_bag(data, where, rig)
+
+
+def _begins_with(path: Path, head: bytes) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(head)) == head
 
 
 def _require_text(where: str, data: bytes) -> None:
@@ -118,6 +137,8 @@ def _require_text(where: str, data: bytes) -> None:
         raise FileError(where, "is UTF-16", "save it as UTF-8")
     if data.startswith(b"PAR1"):
         raise FileError(where, "is a Parquet file", "give the table as CSV")
+    if data.startswith(b"SQLite format 3\0"):
+        raise FileError(where, "is an SQLite file", "give a table as CSV; a bag of ROS 2 as MCAP (ros2 bag convert)")
     try:
         if not data.isascii():
             data.decode("utf-8-sig")

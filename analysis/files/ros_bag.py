@@ -16,13 +16,16 @@ import io
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from mcap.reader import make_reader
+from mcap.records import Channel, Schema
 
 from analysis.kinematics.arm import Array
 from analysis.traces.align import JUMPS_NS, MOVES_NS, gaps_ns
 from rigs.errors import FileError
+from rigs.files import out_of_memory
 from rigs.rig import Rig
 from rigs.schema.ros2 import ROS2JointStates
 
@@ -34,7 +37,8 @@ _JOINT_STATE, _NUMBER = "sensor_msgs/msg/JointState", "std_msgs/msg/Float64"
 
 @dataclass
 class _Track:
-    """Messages of one topic: log times in ns, and values, of which None is one that lacks a joint."""
+    """Messages of one topic: log times in ns, and values. read: None for a message that lacks a joint. lacking: how
+    many have no such values, are not of this layout, or are no later than the one before."""
 
     schema: str
     read: Callable[[bytes], list[float] | None]
@@ -43,7 +47,10 @@ class _Track:
     lacking: int = 0
 
     def add(self, ns: int, data: bytes) -> None:
-        values = self.read(data)
+        try:
+            values = self.read(data)
+        except (struct.error, IndexError):
+            values = None
         if values is None or not np.isfinite(values).all() or (self.ns and ns <= self.ns[-1]):
             self.lacking += 1
             return
@@ -54,7 +61,12 @@ class _Track:
 def table_of_bag(data: bytes, where: str, rig: Rig) -> tuple[bytes, tuple[str, ...]]:
     """Return the CSV of a bag's bytes, and doubts in words. Raises FileError."""
     tracks = _read(data, where, rig)
-    doubts = [f"{topic}: {one.lacking} messages are left out" for topic, one in tracks.items() if one.lacking]
+    doubts = [
+        f"{topic}: left out {one.lacking} of {one.lacking + len(one.ns)} messages, which lack a joint or a finite "
+        "number, or are no later than the one before"
+        for topic, one in tracks.items()
+        if one.lacking
+    ]
     begin_ns = min(one.ns[0] for one in tracks.values())  # since 1970, a float has steps of 256 ns
     timed = ((np.array(one.ns) - begin_ns).astype(float) for one in tracks.values())
     joints, first, *others = zip(timed, (np.array(one.values) for one in tracks.values()), strict=True)
@@ -78,16 +90,21 @@ def _read(data: bytes, where: str, rig: Rig) -> Mapping[str, _Track]:
     if not isinstance(rig.feedback, ROS2JointStates):
         remedy = "describe it in the rig file: feedback: {interface: ros2_joint_states, joints: [six names]}"
         raise FileError(where, "is a bag, and the rig file does not say which joints to take", remedy)
+    if not data.endswith(MAGIC):
+        remedy = "copy the bag again, or mend one whose recorder was killed: mcap recover BAG -o WHOLE"
+        raise FileError(where, "is cut off: a bag ends as it begins", remedy)
     names = rig.feedback.joints
     tracks = {"/" + rig.feedback.topic.lstrip("/"): _Track(_JOINT_STATE, lambda one: _angles_deg(one, names), [], [])}
     tracks |= {f"/{name}": _Track(_NUMBER, _number, [], []) for name, _ in rig.gauges}
     found: dict[str, str] = {}
     try:
         for schema, channel, message in make_reader(io.BytesIO(data)).iter_messages():
-            found[channel.topic] = schema.name if schema else ""
+            found[channel.topic] = _kind(schema, channel)
             track = tracks.get(channel.topic)
             if track and found[channel.topic] == track.schema and len(track.ns) < _MOST_MESSAGES:
                 track.add(message.log_time, message.data)
+    except MemoryError:
+        raise out_of_memory(Path(where)) from None
     except Exception as error:  # noqa: BLE001 - of a damaged file, whatever its decompressors raise
         raise FileError(where, f"is damaged: {str(error)[:80] or type(error).__name__}", "copy the bag again") from None
     for topic, track in tracks.items():
@@ -100,6 +117,12 @@ def _read(data: bytes, where: str, rig: Rig) -> Mapping[str, _Track]:
                 where, what, "name the topic and the joints in the rig file, and the gauges' topics /g1, /g2"
             )
     return tracks
+
+
+def _kind(schema: Schema | None, channel: Channel) -> str:
+    """The type of a channel's messages; one that is not written as ROS 2 does has its encoding beside it."""
+    name = schema.name if schema else ""
+    return name if channel.message_encoding == "cdr" else f"{name} as {channel.message_encoding}"
 
 
 def _csv(names: list[str], rows: Array) -> bytes:

@@ -101,7 +101,8 @@ def draw_links(area: Area, view: LiveView) -> None:
         words, style = ("connected", "green") if stream["connected"] else ("lost     ", "bold red")
         column = area.put(row, column + 1, *(("last known", "") if view.lost else (words, style)))
         column = area.put(row, column + 1, f"{stream['rate_hz']:6.1f} Hz")
-        disturbed = [words for words, disturbs in condition_words(stream["last"]) if disturbs]
+        now = {column: value for column, value in stream["last"].items() if stream["age_s"][column] <= OLD_S}
+        disturbed = [words for words, disturbs in condition_words(now) if disturbs]
         if disturbed and stream["connected"]:
             column = area.put(row, column + 1, " · ".join(disturbed), "bold red")
         old = [name for name, age_s in stream["age_s"].items() if age_s > OLD_S and name not in CONDITION]

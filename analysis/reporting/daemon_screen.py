@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rigs.schema.condition import CONDITION, condition_words
+from rigs.schema.gauges import FURTHER
 
 _OLD_S = 2.0
 
@@ -53,9 +54,9 @@ def _gauges(state: dict[str, Any]) -> Table:
     table = Table(box=None, padding=(0, 2), show_header=False)
     values = {name: value for stream in state["streams"].values() for name, value in stream["last"].items()}
     ages = {name: age for stream in state["streams"].values() for name, age in stream["age_s"].items()}
-    for name in ("g1_mm", "g2_mm"):
-        if name in values:
-            table.add_row(name.removesuffix("_mm"), _number(values[name], ages[name], "9.4f", "mm"))
+    for gauge in ("g1", "g2", *FURTHER):
+        if (name := f"{gauge}_mm") in values:
+            table.add_row(gauge, _number(values[name], ages[name], "9.4f", "mm"))
     if {"g1_mm", "g2_mm"} <= values.keys() and state["baseline_mm"]:
         degrees = math.degrees(math.atan((values["g2_mm"] - values["g1_mm"]) / state["baseline_mm"]))
         table.add_row("angle", _number(degrees, max(ages["g1_mm"], ages["g2_mm"]), "9.4f", "°"))

@@ -1,7 +1,8 @@
 """What the robot showed of its condition while it drove: what disturbs a test, and how warm its joints were.
 
 The test is what lies between the robot's first and last motion. A stop, or a pause, may be what ended it, so those
-count from the first motion to the end of the run. Only what was shown is judged: nan stands for what was not.
+count from the first motion until the program has ended by itself: who then opens the gate disturbs nothing. Where the
+program is not shown they count until the end of the run. Only what was shown is judged: nan stands for what was not.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ from rigs.schema.condition import (
 
 _MOVED_DEG = 0.02
 """A robot that holds its place shows less (as in recording_rule)."""
+_SAME_PERCENT = 1.0
+"""Speeds that differ by less are one: controllers show them in whole percent."""
 _PART = 0.1
 """Share of the run by which the temperature at its begin and at its end is taken."""
 
@@ -76,20 +79,42 @@ def _motion(q_deg: Array) -> tuple[Mask, Mask]:
 def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask, begun: Mask) -> Iterator[str]:
     unknown = np.full(len(t_s), math.nan)
     safety, program, motors, speed = (robot.get(name, unknown) for name in (SAFETY, PROGRAM, MOTORS, SPEED))
+    counts = begun & ~_ended(begun & ~moving, program, safety)
     for state in sorted(STOPPED):
-        if when := _when(t_s, begun & (safety == state)):
+        if when := _when(t_s, counts & (safety == state)):
             yield f"robot: {words_of(state)} {when}; find out why, and record again"
-    if when := _when(t_s, begun & (program == ProgramState.PAUSED)):
-        yield f"robot: its program was paused {when}; the lap was not driven in one go: record again"
+    paused = counts & (program == ProgramState.PAUSED)
+    if (paused & moving).any():
+        yield f"robot: its program was paused {_when(t_s, paused)}; the lap was not driven in one go: record again"
+    elif paused.any():
+        yield f"robot: its program was paused {_when(t_s, paused)}, after the last motion; check that it had driven all"
     if when := _when(t_s, moving & (program == ProgramState.STOPPED)):
         yield f"robot: its program did not run {when}, while the robot moved; record a motion of the program"
     if when := _when(t_s, moving & (motors == 0)):
         yield f"robot: its motors were off {when}; find out why, and record again"
-    slowed = moving & (speed < FULL_PERCENT) & ~np.isin(program, [ProgramState.PAUSED, ProgramState.STOPPED])
-    if when := _when(t_s, slowed):
-        low, high = speed[slowed].min(), speed[slowed].max()
-        shown = f"{low:.0f} %" if high - low < 1 else f"{low:.0f} to {high:.0f} %"
-        yield f"robot: its speed was {shown} {when}; set it to 100 % and record again, or compare only with such runs"
+    yield from _speed_doubt(t_s, speed, moving & ~np.isin(program, [ProgramState.PAUSED, ProgramState.STOPPED]))
+
+
+def _ended(after: Mask, program: Array, safety: Array) -> Mask:
+    """The rows (n,) from which on the program is over, without a stop. after: those after the last motion."""
+    by_itself = (program == ProgramState.STOPPED) & ~np.isin(safety, list(STOPPED))
+    return np.maximum.accumulate(after & by_itself)
+
+
+def _speed_doubt(t_s: Array, speed: Array, driving: Mask) -> Iterator[str]:
+    """What a lowered speed in percent (n,) means: one that is kept is as somebody wanted it, any other a disturbance.
+
+    driving: the rows (n,) in which the program moves the robot.
+    """
+    slowed = driving & (speed < FULL_PERCENT)
+    if not slowed.any():
+        return
+    low, high = speed[slowed].min(), speed[slowed].max()
+    if np.nanmax(speed[driving]) - low < _SAME_PERCENT:
+        yield f"robot: its speed was {low:.0f} % throughout; compare only with runs at this speed"
+        return
+    shown = f"{low:.0f} %" if high - low < _SAME_PERCENT else f"{low:.0f} to {high:.0f} %"
+    yield f"robot: its speed was {shown} {_when(t_s, slowed)}, and not the same throughout; record again at one speed"
 
 
 def _when(t_s: Array, there: Mask) -> str:

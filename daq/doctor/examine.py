@@ -73,7 +73,8 @@ def of_daemon(status: dict[str, Any], streams: Sequence[Stream]) -> Iterator[Fin
     for name, stream in status["streams"].items():
         yield _stream(name, stream)
         if stream["connected"]:
-            yield from of_condition(name, stream["last"])
+            now = {column: stream["last"][column] for column, age_s in stream["age_s"].items() if age_s <= _FRESH_S}
+            yield from of_condition(name, now)
 
 
 def _stream(name: str, stream: dict[str, Any]) -> Finding:

@@ -16,7 +16,7 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from daq.feedback import Read
 from daq.protocol.conversation import NO_TIME, Device, Fault, FaultKind, Host, Sample, Step
@@ -35,29 +35,37 @@ _BEHIND_S = 1.0
 """Further back, the clock was set or the simulation restarted."""
 
 
-class _Stamp(BaseModel):
-    sec: int
-    nanosec: int
+class _Part(BaseModel):
+    """Of a message; a number as a text, or true for 1, is refused."""
+
+    model_config = ConfigDict(strict=True)
 
 
-class _Header(BaseModel):
+class _Stamp(_Part):
+    """builtin_interfaces/msg/Time, whose fields are int32 and uint32; no clock of a robot is before 1970."""
+
+    sec: int = Field(ge=0, lt=2**31)
+    nanosec: int = Field(ge=0, lt=2**32)
+
+
+class _Header(_Part):
     stamp: _Stamp
 
 
-class _JointState(BaseModel):
+class _JointState(_Part):
     header: _Header
     name: list[str]
     position: list[float | None]
     """null is what rosbridge makes of nan and infinity."""
 
 
-class _Published(BaseModel):
+class _Published(_Part):
     op: Literal["publish"]
     topic: str
     msg: _JointState
 
 
-class _Status(BaseModel):
+class _Status(_Part):
     op: Literal["status"]
     level: str
     msg: str

@@ -78,9 +78,8 @@ class _WebSocket:
             case Ping():
                 return Step(self._socket.send(event.response()))
             case CloseConnection(code=code, reason=reason):
-                return self._finish(
-                    FaultKind.DEVICE_ERROR, now_ns, f"the WebSocket is closed: {int(code)} {reason or ''}"
-                )
+                why = f"{int(code)} {reason or 'without a reason'}"
+                return self._finish(FaultKind.DEVICE_ERROR, now_ns, f"the WebSocket is closed: {why}")
         return Step()
 
     def _begin(self, now_ns: int) -> Step:

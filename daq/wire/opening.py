@@ -15,7 +15,9 @@ from rigs.errors import CellError
 from rigs.schema.links import Line, ModemLines, tcp_address, udp_address
 
 _CONNECT_S = 3.0
-_OURS = "give an address of this computer, to which the controller sends, and a port that no other program uses"
+_OURS = (
+    "give an address of this computer, to which the controller sends, and a port above 1023 that no other program uses"
+)
 _QUEUE = 1 << 20
 """Bytes of datagrams that may wait for a reader held up; the system may allow fewer."""
 

@@ -10,6 +10,7 @@ import yaml
 
 from analysis.simulation.emulated_robot import Trace, trace
 from daq import feedback, gauges
+from daq.acquisition.streams import streams_of
 from daq.emulators.own_cycle import Unsteady
 from daq.emulators.timed import timed_device, timed_read
 from daq.protocol.conversation import Sample
@@ -48,7 +49,7 @@ def record(runs: Path, rig: Rig, rig_text: str, driven: Trace, wires: dict[str, 
     """A run of it. rig_text: what the run says of the rig; wires: of g1, g2 and the robot."""
     until_ns = round((driven.t_s[-1] + 2 * _BEGIN_S) * S)
     noise = np.random.default_rng(seed)
-    columns = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": tuple(f"q{axis}_deg" for axis in range(1, 7))}
+    columns = {stream.name: stream.columns for stream in streams_of(rig)}
     writer = RunWriter.create(
         runs,
         name="lap",

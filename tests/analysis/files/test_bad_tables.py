@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.files.read import parse_csv, read_file
+from analysis.files.read import MOST_BYTES, parse_csv, read_file
+from analysis.files.ros_bag import MAGIC
 from analysis.files.table_problems import TableFileError
 from analysis.files.units import check_units
 from analysis.traces.csv_tables import table_from
@@ -212,6 +213,8 @@ def test_the_foreign_data_of_others_are_refused_with_the_remedy(tmp_path: Path) 
         (csv_text(plain("pose")).encode("utf-16"), "is UTF-16; save it as UTF-8"),
         (csv_text(plain("pose")).encode() + "\nµ".encode("latin-1"), "line 27 is not UTF-8"),
         (b"PAR1....PAR1", "is a Parquet file"),
+        (b"SQLite format 3\0....", "is an SQLite file.*as MCAP"),
+        (MAGIC, "is a bag, from which only a circle is read"),
         (csv_text(plain("pose")).encode().replace(b"deg", b"\0eg"), "contains zero bytes"),
         (csv_text({name: [] for name in plain("pose")}).encode(), "has a header and no rows"),
         (b"\n".join(csv_text(plain("pose")).encode().replace(b'"', b"").splitlines()[1:]), "has no header line"),
@@ -224,9 +227,19 @@ def test_a_file_that_is_no_table(tmp_path: Path, data: bytes, reason: str) -> No
 
 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    for path in (tmp_path / "none.csv", tmp_path, tmp_path / "a\0b"):
+    for path in (tmp_path / "none.csv", tmp_path / "a\0b"):
         with pytest.raises(FileError, match="check the path"):
             read_file(path, "pose", rig())
+    with pytest.raises(FileError, match="is a directory; give a file; of a bag"):
+        read_file(tmp_path, "pose", rig())
+
+
+def test_a_bag_that_is_too_large_is_told_what_to_keep(tmp_path: Path) -> None:
+    with (tmp_path / "large.mcap").open("wb") as file:
+        file.write(MAGIC)
+        file.truncate(MOST_BYTES + 1)
+    with pytest.raises(FileError, match="a bag of more than 256 MB; keep the topics"):
+        read_file(tmp_path / "large.mcap", "yaw", rig())
 
 
 def test_nothing_is_made_of_a_bad_table(tmp_path: Path) -> None:

@@ -128,12 +128,34 @@ def test_both_byte_orders_are_read() -> None:
         ([("/joint_states", STATE, ms, joint_state(["a"], [1.0])) for ms in range(99)], "fewer than two usable"),
         ([("/g1", "std_msgs/msg/String", 1, b"")], "std_msgs/msg/String"),
         ([*states(range(0, 100, 10)), *gauges("g1", [500, 520], 0), *gauges("g2", [500, 520], 0)], "at the same time"),
-        ([("/joint_states", STATE, 1, b"\0\1\0\0\xff\xff")], "is damaged"),
+        ([("/joint_states", STATE, 1, b"\0\1\0\0\xff\xff")], "fewer than two usable"),
     ],
 )
 def test_what_a_bag_lacks_is_one_line(messages: list[tuple[str, str, int, bytes]], told: str) -> None:
     with pytest.raises(FileError, match=told):
         read(bag(*messages))
+
+
+@pytest.mark.parametrize("bad", [b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 50, joint_state(["a"], [1.0])])
+def test_a_message_that_cannot_be_used_is_left_out_and_counted(bad: bytes) -> None:
+    _, rows, doubts = read(bag(*WHOLE, ("/joint_states", STATE, 1200, bad)))
+    assert len(rows) == 45 and "/joint_states: left out 1 of 101 messages" in doubts[0]
+
+
+def test_a_topic_in_another_encoding_is_not_taken_for_cdr() -> None:
+    out = io.BytesIO()
+    writer = Writer(out)
+    writer.start()
+    channel = writer.register_channel("/joint_states", "json", writer.register_schema(STATE, "jsonschema", b""))
+    writer.add_message(channel, BEGIN_NS, b'{"position": [0, 0, 0, 0, 0, 0]}', BEGIN_NS)
+    writer.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(FileError, match="JointState as json"):
+        read(out.getvalue())
+
+
+def test_a_bag_whose_recorder_was_killed_is_told_how_to_mend_it() -> None:
+    with pytest.raises(FileError, match=r"cut off.*mcap recover"):
+        read(bag(*WHOLE)[:-30])
 
 
 def test_a_rig_without_ros_is_told_what_to_write() -> None:

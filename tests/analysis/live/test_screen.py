@@ -112,9 +112,14 @@ def connected_state() -> dict[str, object]:
 def test_a_robot_that_is_disturbed_is_told_in_its_row() -> None:
     state = connected_state()
     last = {"safety_state": 2.0, "program_state": 1.0, "speed_percent": 40.0, "temperature1_c": 30.0}
-    robot = {**state["streams"]["g1"], "last": last, "age_s": dict.fromkeys(last, 100.0)}  # type: ignore[index]
-    text = "\n".join(screen(LiveView(state={**state, "streams": {"robot": robot}}), Controls(), 120, 40).lines())
+    ages_s = {**dict.fromkeys(last, 0.1), "temperature1_c": 100.0}
+    robot = {**state["streams"]["g1"], "last": last, "age_s": ages_s}  # type: ignore[index]
+    view = LiveView(state={**state, "streams": {"robot": robot}})
+    text = "\n".join(screen(view, Controls(), 120, 40).lines())
     assert "protective stop · speed 40 %" in text and "silent" not in text
+    ages_s["safety_state"] = 100.0
+    text = "\n".join(screen(view, Controls(), 120, 40).lines())
+    assert "protective stop" not in text and "speed 40 %" in text, "what is no longer shown"
 
 
 @pytest.mark.parametrize(("width", "height"), [(80, 24), (120, 40), (250, 70)])

@@ -35,7 +35,7 @@ def test_tests_measure_with_two_and_all_are_recorded() -> None:
     ("further", "told"),
     [
         ({"g3": HEADS, "g4": HEADS}, "g3 and g4 share /dev/ttyUSB9 and channel 1"),
-        ({"g3": HEADS, "g4": HEADS | {"channel": 2, "units": "inch"}}, "g3 and g4 share /dev/ttyUSB9 but differ"),
+        ({"g3": HEADS, "g4": HEADS | {"channel": 2, "units": "inch"}}, "g3 and g4 share /dev/ttyUSB9 but not `units`"),
         ({"g4": HEADS | {"interface": "tesa_tt", "line": "4800 7E2"}} | {"g3": HEADS}, "g3 and g4 share"),
         ({"g9": HEADS}, "unknown key"),
     ],
@@ -54,7 +54,8 @@ def test_four_gauges_are_recorded_exported_and_shown(tmp_path: Path) -> None:
         bench.all_reading()
         path = bench.record()
         bench.recorded(30)
-        assert "g3_g4" in bench.run("rig", "status").stdout
+        shown = bench.run("rig", "status").stdout
+        assert "0.3000 mm" in shown and "-0.4000 mm" in shown
         assert bench.run("rig", "record", "stop").returncode == 0
         assert bench.run("rig", "export", path, "--to", "mcap", "-o", "run.mcap").returncode == 0
     heads = read_run(path).streams["g3_g4"]

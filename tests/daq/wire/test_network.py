@@ -297,7 +297,7 @@ def test_only_the_called_controller_is_heard() -> None:
     ("address", "told"),
     [
         ("203.0.113.7", "an address of this computer"),
-        ("taken", "a port that no other program uses"),
+        ("taken", "a port above 1023 that no other program uses"),
         ("a" * 64, "the host name is not valid"),
     ],
 )
