@@ -155,7 +155,15 @@ class _Sampler:
     step_mm: float
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(_SEED))
 
-    def __post_init__(self) -> None:
+    def _within(self, values: Array) -> Array:
+        """Return values (t, k, n, d) minus their mean over the readings of a cell."""
+        there = self.there[..., None]
+        mean = np.where(there, values, 0.0).sum(axis=2, keepdims=True) / np.maximum(there.sum(axis=2, keepdims=True), 1)
+        away: Array = np.where(there, values - mean, 0.0)
+        return away
+
+    def begin(self) -> None:
+        """Set the first state of the chains: s0² and the variances from the differences of repeats without drift."""
         self.there = np.isfinite(self.readings_mm)
         self.y = np.where(self.there, self.readings_mm, 0.0)
         self.chains = int(np.clip(_ELEMENTS // self.y.size, _FEWEST_CHAINS, _CHAINS))
@@ -168,16 +176,6 @@ class _Sampler:
         self.d0 = self.rng.choice(_AGREEMENT, self.chains)
         self.tail = self.rng.choice(_TAILS, self.chains)
         self.share = np.broadcast_to(1.0 * self.there, (self.chains, *self.y.shape))
-
-    def _within(self, values: Array) -> Array:
-        """Return values (t, k, n, d) minus their mean over the readings of a cell."""
-        there = self.there[..., None]
-        mean = np.where(there, values, 0.0).sum(axis=2, keepdims=True) / np.maximum(there.sum(axis=2, keepdims=True), 1)
-        away: Array = np.where(there, values - mean, 0.0)
-        return away
-
-    def begin(self) -> None:
-        """Initialise s0² and the variances from the differences of repeats without their drift."""
         away = self._within(self.y[..., None])[..., 0]
         shapes = self._within(self.shapes).reshape(-1, _DRIFT_DEGREE)
         again = np.broadcast_to(self.there.sum(axis=-1, keepdims=True) > 1, away.shape) & self.there
