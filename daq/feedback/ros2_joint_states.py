@@ -36,7 +36,7 @@ _BEHIND_S = 1.0
 
 
 class _Part(BaseModel):
-    """Of a message; a number as a text, or true for 1, is refused."""
+    """Part of a message, in which a number as a text, or true for 1, is refused."""
 
     model_config = ConfigDict(strict=True)
 

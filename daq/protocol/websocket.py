@@ -48,7 +48,7 @@ class _WebSocket:
                 whole = _after(whole, self._meaning(event, now_ns))
                 if whole.hang_up:
                     return whole
-        except RemoteProtocolError as error:
+        except (RemoteProtocolError, UnicodeError) as error:  # the latter for a header that is not ASCII
             return self._finish(FaultKind.GARBLED, now_ns, f"not a WebSocket: {error}")
         return self._waiting(whole, now_ns)
 

@@ -12,7 +12,7 @@ from tests.support.blind import trial
 from tests.support.blind.trial import Job, run_job
 
 CASES = [
-    ("healthy", 101, "within_tolerance"),
+    ("healthy", 103, "within_tolerance"),
     ("one", 200, "named"),
     ("foreign_large", 201, "outside_library"),
 ]
@@ -69,6 +69,6 @@ def test_ctrl_c_ends_the_trial_and_not_one_diagnosis_alone(monkeypatch: pytest.M
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("analysis.api.load_run", interrupted)
+    monkeypatch.setattr("analysis.traces.loading.load_measured", interrupted)
     with pytest.raises(KeyboardInterrupt):
         trial.diagnose_case([Path("a")], [], [])

@@ -168,6 +168,12 @@ def cases() -> dict[str, Case]:
             *([first(cell), "--to", to, "-o", own / f"out.{to}"] for to in ("csv", "parquet", "mcap")),
             [first(cell), "--to", "csv", "-o", cell / EVIL / "out.csv"],
         ],
+        "fleet": lambda cell, own: [
+            [cell, "--catalogue", own / "catalogue", "-o", own / "page.html", "--parquet", own / "figures.parquet"],
+            [cell, "--catalogue", own / "catalogue", "--json"],
+            [cell / EVIL, "--catalogue", own / "other"],
+            [cell, "--catalogue", cell / "rig.yaml"],
+        ],
         "history": lambda cell, own: [
             ["rig", "--data", cell / "yaw", "-o", own / "page.html"],
             [EVIL, "--data", cell / "yaw"],

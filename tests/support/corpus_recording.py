@@ -157,7 +157,9 @@ def _items(host: Callable[[], Conversation], pieces: Sequence[Piece]) -> list[It
 
 
 def _told(items: Sequence[Item]) -> dict[str, Any]:
-    samples = [list(item.values) for item in items if isinstance(item, Sample)]
+    samples = [
+        [None if math.isnan(value) else value for value in item.values] for item in items if isinstance(item, Sample)
+    ]
     faults = Counter[str]()
     for item in items:
         if isinstance(item, Fault):

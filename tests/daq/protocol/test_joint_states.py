@@ -144,7 +144,9 @@ def test_a_server_that_closes_or_refuses_ends_the_link() -> None:
     assert script.step.hang_up
 
 
-@pytest.mark.parametrize("answer", [b"MODBUS\r\n\r\n", b"HTTP/1.1 200 OK\r\n\r\n<html>"])
+@pytest.mark.parametrize(
+    "answer", [b"MODBUS\r\n\r\n", b"HTTP/1.1 200 OK\r\n\r\n<html>", b"HTTP/1.1 101 \xff\r\nUpgrade: \xff\r\n\r\n"]
+)
 def test_another_server_is_not_taken_for_one(answer: bytes) -> None:
     script = Script(daq.feedback.host(joint_states()))
     script.receive(answer)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from collections.abc import Iterator
@@ -147,7 +148,8 @@ def _signal_on(arbiter: Arbiter, buffers: dict[str, StreamBuffer], on: range) ->
     now_ns = time.monotonic_ns()
     buffers["g1_g2"].deliver([Sample((1.0, 2.0), NO_TIME, now_ns, now_ns, 60)])
     stamps = [now_ns - 2_000_000_000 + 10_000_000 * number for number in range(200)]
-    samples = [Sample((0.0,) * 6 + (float(n in on),), NO_TIME, at, at, 60) for n, at in enumerate(stamps)]
+    condition = (math.nan,) * (len(buffers["robot"].columns) - 7)
+    samples = [Sample((0.0,) * 6 + (float(n in on), *condition), NO_TIME, at, at, 60) for n, at in enumerate(stamps)]
     buffers["robot"].deliver(samples)
     arbiter.feed(samples)
 

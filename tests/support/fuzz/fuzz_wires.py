@@ -15,8 +15,9 @@ import daq.feedback
 import daq.gauges
 from daq.protocol.conversation import Conversation, Device, Item, Sample, Step
 from daq.protocol.framing import LIMIT
+from daq.protocol.websocket import LIMIT as WEBSOCKET_LIMIT
 from daq.store.schema import batch_of, schema_of
-from rigs.schema.feedback import carries_signal
+from rigs.schema.feedback import carries_signal, columns_beside_joints
 from tests.support.drivers import FEEDBACKS, GAUGES
 from tests.support.fuzz.mutation import mutated
 from tests.support.simulated_conversation import S, held, simulate
@@ -38,9 +39,11 @@ def wires() -> dict[str, list[Feed]]:
         host, device = partial(daq.gauges.host, gauges), partial(daq.gauges.device, gauges, _Readings(len(gauges)))
         found.setdefault(gauges[0].interface, []).extend(_sides(host, device, len(gauges)))
     for _, feedback in FEEDBACKS:
-        width = 6 + carries_signal(feedback)
-        host, device = partial(daq.feedback.host, feedback), partial(daq.feedback.device, feedback, _Readings(width))
-        found.setdefault(feedback.interface, []).extend(_sides(host, device, width))
+        shown = _Readings(6 + carries_signal(feedback))
+        host, device = partial(daq.feedback.host, feedback), partial(daq.feedback.device, feedback, shown)
+        width = 6 + len(columns_beside_joints(feedback))
+        held_max = HELD_MAX if feedback.interface != "ros2_joint_states" else 3 * WEBSOCKET_LIMIT
+        found.setdefault(feedback.interface, []).extend(_sides(host, device, width, held_max))
     return found
 
 
@@ -55,13 +58,15 @@ class _Readings:
         return [math.nan if off else math.sin(now_ns * 1e-9 + axis) * 5 for axis in range(self._count)]
 
 
-def _sides(host: Callable[[], Conversation], device: Callable[[], Device], width: int) -> list[Feed]:
+def _sides(
+    host: Callable[[], Conversation], device: Callable[[], Device], width: int, held_max: int = HELD_MAX
+) -> list[Feed]:
     ours, theirs = _Overheard(host()), _Overheard(device())
     simulate(ours, theirs, 2 * S, character_ns=_CHARACTER_NS)
     to_host, to_device = theirs.said[:200], ours.said[:200] or [b"?\r"]
 
     def feed_host(dice: Random) -> int:
-        conversation = Watched(host(), dice, width, dice.choice(_STARTS_NS))
+        conversation = Watched(host(), dice, width, dice.choice(_STARTS_NS), held_max)
         peer = device()
         conversation.feed(to_host, peer)
         if not conversation.over:
@@ -69,7 +74,7 @@ def _sides(host: Callable[[], Conversation], device: Callable[[], Device], width
         return conversation.inputs
 
     def feed_device(dice: Random) -> int:
-        conversation = Watched(device(), dice, width, dice.choice(_STARTS_NS))
+        conversation = Watched(device(), dice, width, dice.choice(_STARTS_NS), held_max)
         conversation.feed(to_device, None)
         if not conversation.over:
             assert _works(Watched(host(), dice, width, conversation.now_ns), conversation), "the device answers no more"
@@ -107,10 +112,13 @@ class Watched:
 
     sent = 0
 
-    def __init__(self, conversation: Conversation, dice: Random, width: int, now_ns: int) -> None:
+    def __init__(
+        self, conversation: Conversation, dice: Random, width: int, now_ns: int, held_max: int = HELD_MAX
+    ) -> None:
         self._conversation, self._dice = conversation, dice
         self._schema = schema_of("x", [f"v{k}" for k in range(width)])
         self._width = width
+        self._held_max = held_max
         self.now_ns = now_ns
         self.over = False
         self.inputs = 0
@@ -131,7 +139,7 @@ class Watched:
                 break
         if not self.over:
             self.received(self._dice.choice((b"x", b"+", b"\0", b"\xff")) * 4 * LIMIT, self.now_ns)
-        assert held(self._conversation) <= HELD_MAX, f"keeps {held(self._conversation)} bytes and more"
+        assert held(self._conversation) <= self._held_max, f"keeps {held(self._conversation)} bytes and more"
         if self.samples:
             batch_of(self.samples[:20], self._schema, 0)
 
