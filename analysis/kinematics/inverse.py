@@ -11,12 +11,12 @@ from functools import partial
 
 import numpy as np
 
-from analysis.kinematics.arm import Arm, Array, Mask, blocks, forward, pose_error
+from analysis.kinematics.arm import Arm, Array, Mask, blocks
 from analysis.kinematics.canonical import Canonical, canonical
 from analysis.kinematics.closed_form import branches
 from analysis.kinematics.newton import newton
 from analysis.kinematics.search import searched
-from analysis.kinematics.solved import TOLERANCE_MM, TOLERANCE_RAD, distinct, good, may_hold_twins, off_by, wrapped
+from analysis.kinematics.solved import distinct, good, may_hold_twins, off_by, wrapped
 
 _POLISHED_MM = 1e-3
 """An error of a closed form below this comes from rounding, and a Newton step removes it; above it, from reach."""
@@ -58,7 +58,7 @@ def _exact(arm: Arm, form: Canonical, poses: Array) -> tuple[Array, Mask]:
     turned = wrapped(branches(form, poses) - arm.offset[:, None])
     q: Array = np.linalg.inv(arm.coupling) @ turned
     mm, rad = off_by(arm, poses, q)
-    found = (mm < TOLERANCE_MM) & (rad < TOLERANCE_RAD)
+    found = good(mm, rad)
     near = ~found & (mm < _POLISHED_MM) & (rad < _POLISHED_MM)
     q = np.ascontiguousarray(q.transpose(2, 0, 1))
     found = np.ascontiguousarray(found.T)
@@ -66,7 +66,7 @@ def _exact(arm: Arm, form: Canonical, poses: Array) -> tuple[Array, Mask]:
         slot, row = np.nonzero(near)
         polished = newton(arm, poses[row], q[row, slot])[0]
         q[row, slot] = polished
-        found[row, slot] = good(pose_error(forward(arm, polished), poses[row]))
+        found[row, slot] = good(*off_by(arm, poses[row], polished.T[None]))[0]
     twins = np.flatnonzero(may_hold_twins(turned, found.T))
     found[twins] = distinct(arm, q[twins], found[twins])[1]
     q[~found] = np.nan

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from analysis.kinematics.arm import Arm, Array, Mask, forward, pose_error
+from analysis.kinematics.arm import Arm, Array, Mask
 from analysis.kinematics.canonical import Canonical
 from analysis.kinematics.closed_form import branches
 from analysis.kinematics.newton import LENGTH_MM, from_nearby, newton
 from analysis.kinematics.singularity import null_motion
-from analysis.kinematics.solved import TOLERANCE_MM, TOLERANCE_RAD, distinct, good, may_hold_twins, off_by, wrapped
+from analysis.kinematics.solved import distinct, good, may_hold_twins, off_by, wrapped
 
 _SEEDS, _MOST = 96, 16
 """Seeds of the search, and how many solutions a general six-axis arm has at most (Raghavan and Roth 1993)."""
@@ -55,8 +55,7 @@ def _near_branches(arm: Arm, form: Canonical, poses: Array) -> tuple[Array, Mask
     turned = np.full(seeds.shape, np.nan)
     turned[slot, :, row] = wrapped(reached @ arm.coupling.T)
     q: Array = back @ turned
-    mm, rad = off_by(arm, poses, q)
-    found = ((mm < TOLERANCE_MM) & (rad < TOLERANCE_RAD)).T
+    found = good(*off_by(arm, poses, q)).T
     clear = ~may_hold_twins(turned, found.T)
     clear[row[~found[row, slot] | (regularity < _REGULAR)]] = False
     return q.transpose(2, 0, 1), found, clear
@@ -97,7 +96,7 @@ def _reached(arm: Arm, poses: Array, seeds: Array) -> tuple[Array, Mask]:
     n, k, _ = seeds.shape
     q = newton(arm, np.repeat(poses, k, axis=0), seeds.reshape(-1, 6), _ITERATIONS)[0].reshape(n, k, 6)
     q = _joints(arm, q @ arm.coupling.T + arm.offset)
-    return distinct(arm, q, good(_errors(arm, poses, q)))
+    return distinct(arm, q, good(*off_by(arm, poses, q.transpose(1, 2, 0))).T)
 
 
 def _first(q: Array, found: Mask, most: int | None = _MOST) -> tuple[Array, Mask]:
@@ -121,9 +120,3 @@ def _joints(arm: Arm, theta: Array) -> Array:
     """q (…, 6) of theta (…, 6), whole turns taken out of coupling @ q."""
     q: Array = wrapped(theta - arm.offset) @ np.linalg.inv(arm.coupling).T
     return q
-
-
-def _errors(arm: Arm, poses: Array, q: Array) -> Array:
-    """Pose errors (n, k, 6) of q (n, k, 6)."""
-    n, k, _ = q.shape
-    return pose_error(forward(arm, q.reshape(-1, 6)), np.repeat(poses, k, axis=0)).reshape(n, k, 6)

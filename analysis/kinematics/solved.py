@@ -6,17 +6,10 @@ import numpy as np
 
 from analysis.kinematics.arm import Arm, Array, Mask, tool_columns
 
-TOLERANCE_MM, TOLERANCE_RAD = 1e-8, 1e-10
+_TOLERANCE_MM, _TOLERANCE_RAD = 1e-8, 1e-10
 _SAME_RAD = 1e-6
 _WEIGHTS = np.sqrt([2.0, 3.0, 5.0, 7.0, 11.0, 13.0])
 """Weights of the six angles in one number of a solution: no sum of few of them is that of others."""
-
-
-def good(error: Array) -> Mask:
-    """Which pose errors (…, 6) in mm and rad are those of a solution."""
-    mm, rad = np.linalg.norm(error[..., :3], axis=-1), np.linalg.norm(error[..., 3:], axis=-1)
-    solved: Mask = (mm < TOLERANCE_MM) & (rad < TOLERANCE_RAD)
-    return solved
 
 
 def off_by(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
@@ -30,6 +23,11 @@ def off_by(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
         off[3].sum(axis=0, out=mm[slot])
         off[:3].reshape(9, -1).sum(axis=0, out=rad[slot])
     return np.sqrt(mm), np.sqrt(rad / 2)
+
+
+def good(mm: Array, rad: Array) -> Mask:
+    """Which branches, so far off in mm (k, n) and rad (k, n), are solutions."""
+    return (mm < _TOLERANCE_MM) & (rad < _TOLERANCE_RAD)
 
 
 def wrapped(angle: Array) -> Array:
