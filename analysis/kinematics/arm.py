@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,11 @@ class Arm:
     T_flange_tool: Array
     limits: Array
     speed: Array
+
+    @cached_property
+    def links_at_zero(self) -> Array:
+        """T(i-1,i) (6, 4, 4) of each joint for theta = 0: what is the same at all angles."""
+        return np.stack([_joint_at_zero(self, axis) for axis in range(6)])
 
 
 def arm_of(robot: Robot) -> Arm:
@@ -143,8 +149,8 @@ def link_columns(arm: Arm, q: Array) -> Iterator[Array]:
     block: samples last, so that each step of the chain is one operation on long rows."""
     cosine, sine = cos_sin(arm.coupling @ q.T + arm.offset[:, None])
     before: Array = np.broadcast_to(arm.T_world_base[:3].T[:, :, None], (4, 3, len(q)))
-    for axis, (c, s) in enumerate(zip(cosine, sine, strict=True)):
-        before = _at(before, _joint_at_zero(arm, axis))
+    for at_zero, c, s in zip(arm.links_at_zero, cosine, sine, strict=True):
+        before = _at(before, at_zero)
         x, y = before[0].copy(), before[1]
         before[0] *= c
         before[0] += s * y

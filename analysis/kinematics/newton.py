@@ -13,7 +13,9 @@ from analysis.kinematics.arm import Arm, Array, Mask, blocks, forward, forward_a
 LENGTH_MM = 500.0
 """Weighs rotations against translations: the size of an arm."""
 _SCALE = np.array([1.0, 1.0, 1.0, LENGTH_MM, LENGTH_MM, LENGTH_MM])
-_TOLERANCE_MM = 1e-9
+TOLERANCE_MM = 1e-9
+REACHED_MM = 1e3 * TOLERANCE_MM
+"""What counts as there: with the step that still follows it is far closer where the Jacobian is regular."""
 _LARGEST_STEP = 0.5
 _FEW = 6
 _BLOCK = 500
@@ -26,14 +28,20 @@ def newton(arm: Arm, poses: Array, q: Array, iterations: int = 60) -> tuple[Arra
     Converged is within 1e-6 mm, a radian counted as 500 mm; where the Jacobian is regular the steps go on
     to 1e-9 mm.
     """
-    q, size, rows = q.copy(), np.full(len(q), np.inf), np.arange(len(q))
+    q, off_mm = _all_converged(arm, poses, q, iterations)
+    return q, off_mm < REACHED_MM
+
+
+def _all_converged(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array, Array]:
+    """Like `_converge`, block by block."""
+    q, off_mm, rows = q.copy(), np.full(len(q), np.inf), np.arange(len(q))
     # What a few steps do not bring there goes on together: few poses at a time would pay for the calls alone.
     for steps in (min(iterations, _FEW), iterations - _FEW):
         for block in blocks(len(rows) if steps > 0 else 0, _BLOCK):
             some = rows[block]
-            q[some], size[some] = _converge(arm, poses[some], q[some], steps)
-        rows = rows[size[rows] >= _TOLERANCE_MM]
-    return q, size < 1e3 * _TOLERANCE_MM
+            q[some], off_mm[some] = _converge(arm, poses[some], q[some], steps)
+        rows = rows[off_mm[rows] >= TOLERANCE_MM]
+    return q, off_mm
 
 
 def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array, Array]:
@@ -47,7 +55,7 @@ def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array,
         T, J = forward_and_jacobian(arm, at)
         error = pose_error(T, targets) * _SCALE
         size[active] = np.linalg.norm(error, axis=1)
-        moving = size[active] >= _TOLERANCE_MM
+        moving = size[active] >= TOLERANCE_MM
         if not moving.all():
             q[active] = at
             active, at, targets = active[moving], at[moving], targets[moving]
@@ -59,42 +67,45 @@ def _converge(arm: Arm, poses: Array, q: Array, iterations: int) -> tuple[Array,
     return q, size
 
 
-def from_nearby(arm: Arm, poses: Array, q: Array) -> tuple[Array, Mask, Array]:
+def from_nearby(arm: Arm, poses: Array, q: Array, within_mm: float = np.inf) -> tuple[Array, Array, Array]:
     """From angles q (n, 6) rad already near a solution of each pose (n, 4, 4), in half the time of `newton`: angles
-    (n, 6) rad, which (n,) converged as there, and the regularity (n,) where they began.
+    (n, 6) rad, how many mm (n,) they were off at last, and the regularity (n,) where they began.
 
     The simplified method: the Jacobian of the start serves for all steps; where this takes too many, a few steps of
-    Newton's own. Regularity is a lower bound of the conditioning, at most ten times too low.
+    Newton's own. Regularity is a lower bound of the conditioning, at most ten times too low. What begins further off
+    than within_mm stays there, infinitely far off.
     """
-    at, size, regularity = q.copy(), np.empty(len(q)), np.empty(len(q))
+    at, off_mm, regularity, near = q.copy(), np.empty(len(q)), np.empty(len(q)), np.empty(len(q), dtype=bool)
     for block in blocks(len(q), _BLOCK):
-        size[block], regularity[block] = _simplified(arm, poses[block], at[block])
-    rest = np.flatnonzero(~(size < _TOLERANCE_MM))
-    at[rest], good = newton(arm, poses[rest], q[rest], _FEW)
-    converged = size < 1e3 * _TOLERANCE_MM
-    converged[rest] = good
-    return at, converged, regularity
+        off_mm[block], regularity[block], near[block] = _simplified(arm, poses[block], at[block], within_mm)
+    rest = np.flatnonzero(near & ~(off_mm < TOLERANCE_MM))
+    at[rest], off_mm[rest] = _all_converged(arm, poses[rest], q[rest], _FEW)
+    return at, off_mm, regularity
 
 
-def _simplified(arm: Arm, poses: Array, q: Array) -> tuple[Array, Array]:
-    """Moves q (n, 6) and returns how many mm (n,) it is off then, and the regularity (n,) where it began."""
+def _simplified(arm: Arm, poses: Array, q: Array, within_mm: float) -> tuple[Array, Array, Mask]:
+    """Moves q (n, 6) and returns how many mm (n,) it is off then, the regularity (n,) where it began, and which (n,)
+    began within so many mm."""
     T, J = forward_and_jacobian(arm, q)
+    error = pose_error(T, poses) * _SCALE
+    near = np.maximum(np.linalg.norm(error[:, :3], axis=1), np.linalg.norm(error[:, 3:], axis=1)) < within_mm
+    size, regularity, left = np.full(len(q), np.inf), np.zeros(len(q)), np.flatnonzero(near)
+    if len(left) < len(q):
+        J, error = J[left], error[left]
     J *= _SCALE[:, None]
     Jt = np.swapaxes(J, 1, 2)
-    back = np.linalg.inv(_damped(Jt @ J, np.zeros(len(q))))
-    regularity = 1 / np.sqrt(np.einsum("nij,nij->n", J, J) * np.sqrt(np.einsum("nij,nij->n", back, back)))
+    back = np.linalg.inv(_damped(Jt @ J, np.zeros(len(left))))
+    regularity[left] = 1 / np.sqrt(np.einsum("nij,nij->n", J, J) * np.sqrt(np.einsum("nij,nij->n", back, back)))
     back = back @ Jt
-    error = pose_error(T, poses) * _SCALE
-    size, left = np.full(len(q), np.inf), np.arange(len(q))
-    for _ in range(_FEW):
+    for _ in range(_FEW if len(left) else 0):
         q[left] += _limited((back @ error[:, :, None])[:, :, 0])
         error = pose_error(forward(arm, q[left]), poses[left]) * _SCALE
         size[left] = np.linalg.norm(error, axis=1)
-        off = size[left] >= _TOLERANCE_MM
+        off = size[left] >= TOLERANCE_MM
         if not off.any():
             break
         left, error, back = left[off], error[off], back[off]
-    return size, regularity
+    return size, regularity, near
 
 
 def _step(J: Array, error: Array, size: Array) -> Array:
