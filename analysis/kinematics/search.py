@@ -42,8 +42,7 @@ def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mas
     q[:, :8], found[:, :8], clear = _near_branches(arm, form, poses, theta)
     rest = np.flatnonzero(~clear)
     if len(rest):
-        seeds = _joints(arm, _held_apart(form, poses[rest], theta[:, :, rest], found[rest, :8]))
-        more = _reached(arm, poses[rest], seeds)
+        more = _reached(arm, poses[rest], _held_apart(arm, form, poses[rest], theta[:, :, rest], found[rest, :8]))
         q[rest], found[rest] = _beside(arm, poses[rest], *_together(arm, q[rest], found[rest], *more))
     return _first(q, found)
 
@@ -67,14 +66,13 @@ def _near_branches(arm: Arm, form: Canonical, poses: Array, theta: Array) -> tup
     return q.reshape(-1, 8, 6), found.reshape(-1, 8), clear
 
 
-def _held_apart(form: Canonical, poses: Array, theta: Array, found: Mask) -> Array:
+def _held_apart(arm: Arm, form: Canonical, poses: Array, theta: Array, found: Mask) -> Array:
     """Seeds (n, 16, 6) for poses in doubt: the branches theta (8, 6, n) of the snapped arm that led to no solution, and
     what becomes of the branches where the two sides of a singularity are held apart; nan where that is nothing new."""
     apart = branches(form, poses, _SPREAD)
     moved = (np.abs(wrapped(apart - theta)).max(axis=1) > 0).T
     seeds = np.concatenate([theta, apart]).transpose(2, 0, 1)
-    seeds[np.concatenate([found, found & ~moved], axis=1)] = np.nan
-    return seeds
+    return distinct(arm, _joints(arm, seeds), ~np.concatenate([found, ~moved], axis=1))[0]
 
 
 def _beside(arm: Arm, poses: Array, q: Array, found: Mask) -> tuple[Array, Mask]:
