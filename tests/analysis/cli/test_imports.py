@@ -87,3 +87,8 @@ def test_what_is_known_of_a_plant_imports_nothing_that_evaluates(run: Path, tmp_
     words = ["fleet", run.parent, "--jobs", "1", "--catalogue", tmp_path / "catalogue.sqlite"]
     assert "scipy" in packages(imported(*words)), "its play is fitted"
     assert packages(imported(*words)) <= READING | OURS | {"daq"}
+
+
+def test_help_of_a_command_imports_no_more(run: Path) -> None:
+    assert packages(imported("analyse", "--help")) <= TYPER | OURS
+    assert "pydantic" in packages(imported("analyse", run)), "it reads the rig file"
