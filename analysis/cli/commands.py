@@ -1,7 +1,7 @@
 """How each command is declared: with an example below its help, and with flags that show no `<bool>`.
 
 typer writes the type of every option into its help. For a flag that is `<bool>`, which reads as if a value followed.
-It also makes much ready that nobody asked for, half of the time that the help of a command takes.
+It also makes much ready that the command at hand does not need, which is half of the time of its help.
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ def command(
 def with_the_command_of(app: typer.Typer, words: Sequence[str]) -> typer.Typer:
     """The program with no command but the one that the first word names, as it is where that names none.
 
-    typer makes all commands ready before it looks which is meant, and reads the signature of each: a fourteenth of the
-    time of a small run, all of it for the commands that nobody asked for. Its own options that install completion stand
-    before a command; to find them empty it imports pydantic, a third of the time that the help of a command takes.
+    typer makes all commands ready before it looks which is meant, and reads the signature of each: a sixteenth of a
+    small run. Its own options that install completion stand before a command; to find them empty it imports pydantic, a
+    third of the time that the help of a command takes.
     """
     first = words[0] if words else ""
     narrow = typer.Typer(cls=Group, add_completion=False, pretty_exceptions_enable=False)

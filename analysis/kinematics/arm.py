@@ -208,7 +208,7 @@ def _joint_at_zero(arm: Arm, axis: int) -> Array:
 
 
 def columns_of(T: Array) -> Array:
-    """The columns x, y, z and origin (4, 3, n) of frames T (n, 4, 4)."""
+    """The columns x, y, z and origin (4, 3, n), the last in mm, of frames T (n, 4, 4)."""
     return np.ascontiguousarray(T[:, :3].transpose(2, 1, 0))
 
 
