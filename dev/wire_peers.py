@@ -122,6 +122,7 @@ def abb_egm() -> str:
     from daq import feedback  # noqa: PLC0415
     from daq.emulators.udp_port import UdpPort  # noqa: PLC0415
     from daq.protocol.conversation import Sample  # noqa: PLC0415
+    from rigs.schema.condition import ProgramState  # noqa: PLC0415
     from tests.support.drivers import egm  # noqa: PLC0415
 
     controller = UdpPort.open(lambda: feedback.device(egm(), lambda _: ANGLES_DEG), calls=True)
@@ -140,10 +141,13 @@ def abb_egm() -> str:
         robot.header.seqno, robot.header.tm, robot.header.mtype = number, 4 * number, 2
         robot.feedBack.joints.joints.extend(ANGLES_DEG)
         robot.feedBack.time.sec, robot.feedBack.time.usec = 1_700_000_000, 4000 * number
+        robot.motorState.state = egm_pb2.EgmMotorState.MOTORS_ON
+        robot.rapidExecState.state = egm_pb2.EgmRapidCtrlExecState.RAPID_RUNNING
         (sample,) = host.received(robot.SerializeToString(), number).items
         if not isinstance(sample, Sample):
             raise Disagrees(f"our host: {sample}")
-        _hold("our host", [*sample.values, sample.device_time_s], [*ANGLES_DEG, 1.7e9 + 0.004 * number], 1e-6)
+        sent = [*ANGLES_DEG, ProgramState.RUNNING, 1.0, 1.7e9 + 0.004 * number]
+        _hold("our host", [*sample.values, sample.device_time_s], sent, 1e-6)
     return f"{ENOUGH} datagrams of the emulator, {ENOUGH} of the compiled egm.proto"
 
 
