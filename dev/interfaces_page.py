@@ -39,11 +39,6 @@ LEFT_OUT = (
         "their ROS 2 drivers publish the same joints",
     ),
     (
-        "OPC UA Robotics",
-        "–",
-        "not built yet; OPC 40010-1 is public, and the asyncua library would be its peer",
-    ),
-    (
         "IO-Link masters (JSON over HTTP)",
         "–",
         "not built yet; each device has its own layout of process data",

@@ -1,9 +1,9 @@
 """Trying a robot's address: RTDE at its port, a port that prints lines, or a port here that a controller calls.
 
 What is sent depends on the address alone. RTDE's read requests go to port 30004, the request for a status to port
-60015, FANUC's Stream Motion, and requests to browse and read to port 4840, OPC UA. Any other port is only listened to: bytes that it does not expect can stop the program
-that serves it, and Universal Robots' script ports run what they are sent. A person who names the interface has it
-spoken to as rigd would.
+60015, FANUC's Stream Motion, and requests to browse and read to port 4840, OPC UA. Any other port is only listened to:
+bytes that it does not expect can stop the program that serves it, and Universal Robots' script ports run what they are
+sent. A person who names the interface has it spoken to as rigd would.
 """
 
 from __future__ import annotations

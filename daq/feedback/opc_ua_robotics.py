@@ -21,6 +21,7 @@ from daq.protocol.opc_ua import (
     ERROR,
     HELLO,
     MESSAGE,
+    NO_STAMP,
     OPEN,
     Channel,
     Received,
@@ -173,6 +174,7 @@ class _Client:
     def _request(self, request: Any, kind: bytes = MESSAGE, asked_ns: int = NO_TIME) -> bytes:
         self._requests += 1
         request.RequestHeader.AuthenticationToken = self._session
+        request.RequestHeader.Timestamp = NO_STAMP
         request.RequestHeader.RequestHandle = self._requests
         self._asked[self._requests] = (request, asked_ns)
         return self._channel.packed(kind, request, self._requests)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Any
 
 from asyncua import ua
@@ -25,7 +26,9 @@ CHUNK = 65_536
 LIMIT = 1 << 20
 """Bytes of a message: the references of some ten thousand nodes."""
 _INTERMEDIATE, _FINAL, _ABORT = b"C", b"F", b"A"
-_NO_SECURITY = "http://opcfoundation.org/UA/SecurityPolicy#None"
+NO_SECURITY = "http://opcfoundation.org/UA/SecurityPolicy#None"
+NO_STAMP = datetime(1601, 1, 1, tzinfo=UTC)
+"""No time, as OPC UA writes it. The time of a request or an answer is for logs only, and is not known here."""
 _HEADER = struct.Struct("<3scI")
 _NUMBERS = struct.Struct("<II")
 _UNREADABLE = (
@@ -93,7 +96,7 @@ class Channel:
             rest.skip(4)
             if kind == OPEN:
                 policy = struct_from_binary(ua.AsymmetricAlgorithmHeader, rest).SecurityPolicyURI
-                if policy != _NO_SECURITY:
+                if policy != NO_SECURITY:
                     raise Unreadable(f"a channel with the security policy {policy!r}")
             else:
                 rest.skip(4)

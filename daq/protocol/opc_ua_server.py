@@ -21,6 +21,8 @@ from daq.protocol.opc_ua import (
     CLOSE,
     HELLO,
     MESSAGE,
+    NO_SECURITY,
+    NO_STAMP,
     OPEN,
     Channel,
     Unreadable,
@@ -49,31 +51,37 @@ _REQUESTS = {
         ua.PublishRequest,
     )
 }
-_FASTEST_MS = 1.0
+_FASTEST_MS, _SLOWEST_MS = 1.0, 1000.0
 _LONGEST_TOKEN_MS = 3_600_000
 
 
 class RobotServer:
     """The server. read: the angles of the axes, and then what `condition_columns` names, at a time.
 
-    subscriptions: whether it serves them; otherwise it can only be polled.
+    subscriptions: whether it serves them; otherwise it can only be polled. space: what it shows in place of one robot
+    that is as `feedback` has it.
     """
 
     EPOCH = datetime(2023, 11, 14, 22, 13, 20, tzinfo=UTC)
     """Its clock when it begins."""
 
     def __init__(
-        self, feedback: OPCUARobotics, read: Callable[[int], Sequence[float]], *, subscriptions: bool = True
+        self,
+        feedback: OPCUARobotics,
+        read: Callable[[int], Sequence[float]],
+        *,
+        subscriptions: bool = True,
+        space: Space | None = None,
     ) -> None:
         self.sent = 0
         self._feedback = feedback
         self._read = read
         self._subscriptions = subscriptions
         self._frames, self._channel = chunks(), Channel()
-        self._space: Space = robot_space(feedback)
+        self._space = space or robot_space(feedback)
         self._start_ns = 0
         self._pace: Pace | None = None
-        self._interval_ms = 0.0
+        self._interval_ms = _SLOWEST_MS
         self._items: dict[int, str] = {}
         self._waiting: list[tuple[int, Any]] = []
         self._notes = 0
@@ -117,6 +125,7 @@ class RobotServer:
         if kind is None:
             fault = ua.ServiceFault()
             fault.ResponseHeader.ServiceResult = ua.StatusCode(ua.StatusCodes.BadServiceUnsupported)
+            fault.ResponseHeader.Timestamp = NO_STAMP
             return self._channel.packed(MESSAGE, fault, received.request)
         request = decoded(kind, received.body)
         if kind is ua.PublishRequest:
@@ -126,6 +135,7 @@ class RobotServer:
 
     def _reply(self, request: Any, number: int, response: Any) -> bytes:
         response.ResponseHeader.RequestHandle = request.RequestHeader.RequestHandle
+        response.ResponseHeader.Timestamp = NO_STAMP
         return self._channel.packed(MESSAGE, response, number)
 
     def _opened(self, request: Any, number: int, now_ns: int) -> bytes:
@@ -135,6 +145,7 @@ class RobotServer:
         response.Parameters.SecurityToken = ua.ChannelSecurityToken(
             self._channel.number, self._channel.token, self._clock(now_ns), lifetime_ms
         )
+        response.ResponseHeader.Timestamp = NO_STAMP
         return self._channel.packed(OPEN, response, number)
 
     def _served(self, request: Any, now_ns: int) -> Any:
@@ -155,7 +166,8 @@ class RobotServer:
             case ua.CreateSubscriptionRequest() if not self._subscriptions:
                 response.ResponseHeader.ServiceResult = ua.StatusCode(ua.StatusCodes.BadServiceUnsupported)
             case ua.CreateSubscriptionRequest() | ua.ModifySubscriptionRequest():
-                self._interval_ms = max(_FASTEST_MS, asked.RequestedPublishingInterval)
+                wanted_ms = asked.RequestedPublishingInterval
+                self._interval_ms = wanted_ms if _FASTEST_MS <= wanted_ms <= _SLOWEST_MS else _SLOWEST_MS
                 revised = response.Parameters
                 revised.SubscriptionId = 1
                 revised.RevisedPublishingInterval = self._interval_ms
@@ -194,7 +206,7 @@ class RobotServer:
         given = self._read(now_ns)
         condition = UNDISTURBED | dict(zip(condition_columns(self._feedback), given[6:], strict=True))
         in_rad = self._feedback.units == "rad"
-        angles = map(math.radians, given[:6]) if in_rad else given[:6]
+        angles = map(math.radians if in_rad else float, given[:6])
         return {f"q{axis}": angle for axis, angle in enumerate(angles, 1)} | shown_of(condition)
 
     def _value(self, values: dict[str, Any], node: Any, now_ns: int) -> Any:
@@ -209,5 +221,8 @@ class RobotServer:
 def _endpoint(url: str) -> Any:
     anonymous = ua.UserTokenPolicy(PolicyId="anonymous", TokenType=ua.UserTokenType.Anonymous)
     return ua.EndpointDescription(
-        EndpointUrl=url, SecurityMode=ua.MessageSecurityMode.None_, UserIdentityTokens=[anonymous]
+        EndpointUrl=url,
+        SecurityMode=ua.MessageSecurityMode.None_,
+        SecurityPolicyUri=NO_SECURITY,
+        UserIdentityTokens=[anonymous],
     )

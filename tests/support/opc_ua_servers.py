@@ -41,8 +41,9 @@ class LibraryRobot:
             self._state(self._variable(motor, "MotorTemperature", 30.0 + number), (4408652, "°C"))
         own = self._object(robot, "ParameterSet")
         safety = self._object(self._object(self._object(system, "SafetyStates"), "State"), "ParameterSet")
-        task = self._object(self._object(self._object(system, "Controllers"), "Controller"), "TaskControls")
-        machine = self._object(self._object(self._object(task, "Task"), "TaskControlOperation"), "TaskControlStateMachine")
+        tasks = self._object(self._object(self._object(system, "Controllers"), "Controller"), "TaskControls")
+        operation = self._object(self._object(tasks, "Task"), "TaskControlOperation")
+        machine = self._object(operation, "TaskControlStateMachine")
         shown = [(own, "InControl", True), (own, "SpeedOverride", 100.0), (safety, "OperationalMode", 3)]
         shown += [(safety, "EmergencyStop", False), (safety, "ProtectiveStop", False)]
         shown += [(machine, "CurrentState", ua.LocalizedText("Executing"))]
