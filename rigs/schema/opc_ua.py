@@ -25,9 +25,8 @@ class OPCUARobotics(Part):
         source="OPC 40010-1 1.02 (reference.opcfoundation.org/Robotics) with its nodeset (OPCFoundation/UA-Nodeset, "
         "Robotics); OPC 10000-4 and -6 for services and the wire, through asyncua's types and codec",
         standing="confirmed",
-        doubts="no controller has been read yet, only servers made of the asyncua library; what instant a controller "
-        "stamps; that a motor's temperature belongs to the axis that its power train moves; that a server with "
-        "several tasks shows that of the robot (its program is then not shown)",
+        doubts="no controller has been read yet, only servers of the node-opcua and asyncua libraries; what instant "
+        "a controller stamps; that a motor belongs to the axis that its power train moves",
     )
 
     interface: Literal["opc_ua_robotics"]
