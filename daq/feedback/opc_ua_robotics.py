@@ -86,7 +86,7 @@ class _Client:
 
     def __init__(self, feedback: OPCUARobotics) -> None:
         self.frames = chunks()
-        self.check = "check that an OPC UA server has this port, and that the robot is on"
+        self.check = "check that the robot is on, and that an OPC UA server has this port"
         self.due_ns: int | None = None
         self._polls = False
         self._feedback = feedback
@@ -111,7 +111,7 @@ class _Client:
 
     def read(self, message: Message | Fault) -> Reaction:
         if isinstance(message, Fault):
-            return Reaction((message,), hang_up=True)
+            return Reaction((replace(message, detail=f"{message.detail}; {self.check}"),), hang_up=True)
         try:
             received = self._channel.read(message.data)
             reaction = Reaction() if received is None else self._meaning(received, message)

@@ -40,7 +40,7 @@ class OPCUARobotics(Part):
     them the robot must have six axes whose names end in numbers."""
     units: Literal["deg", "rad"] | None = None
     """The unit of the angles, where the server does not state it (EngineeringUnits)."""
-    rate_hz: float = Field(default=100, ge=1, le=1000)
+    rate_hz: float = Field(default=100, ge=1, le=500)
     """How often the server is asked to sample; it may do so less often."""
     condition: bool = True
     """Whether the condition of the robot is read as well: task, stops, drives, speed, load, temperatures of motors."""

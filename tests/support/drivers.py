@@ -121,6 +121,8 @@ def joint_states(**changes: object) -> ROS2JointStates:
 
 OPC_UA = find_spec("asyncua") is not None
 """Whether the package of the extra `opcua` is here."""
+WITHOUT_PACKAGE = set[str]() if OPC_UA else {"opc_ua_robotics"}
+"""Interfaces that cannot be tried here."""
 
 
 def opc_ua(**changes: object) -> OPCUARobotics:

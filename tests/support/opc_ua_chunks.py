@@ -1,11 +1,13 @@
-"""What an OPC UA server sends, chunk by chunk."""
+"""What an OPC UA server sends, chunk by chunk, and what it is sent; the samples and faults that come of it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from asyncua import ua
 
+from daq.protocol.conversation import Fault, Sample
 from daq.protocol.opc_ua import ACKNOWLEDGE, ERROR, MESSAGE, NO_STAMP, OPEN, Channel
 
 _SERVER = Channel()
@@ -30,3 +32,23 @@ OPENED = _packed(ACKNOWLEDGE, ua.Acknowledge()) + _packed(OPEN, _GIVEN, 1)
 REFUSED = _packed(MESSAGE, _fault(ua.StatusCodes.BadTooManySessions), 2)
 UNREADABLE = _packed(MESSAGE, ua.ReadResponse(), 2)
 ENDED = _packed(ERROR, ua.ErrorMessage(ua.StatusCode(ua.StatusCodes.BadTcpEndpointUrlInvalid), "no such path"))
+
+
+def requests_in(sent: bytes) -> list[tuple[int, bytes]]:
+    """All requests that a client sent in their order: number and content."""
+    own, found = Channel(), list[tuple[int, bytes]]()
+    while sent:
+        size = int.from_bytes(sent[4:8], "little")
+        received = own.read(sent[:size])
+        sent = sent[size:]
+        if received and received.request:
+            found.append((received.request, received.body))
+    return found
+
+
+def faults(items: Sequence[object]) -> list[Fault]:
+    return [item for item in items if isinstance(item, Fault)]
+
+
+def samples(items: Sequence[object]) -> list[Sample]:
+    return [item for item in items if isinstance(item, Sample)]
