@@ -214,6 +214,8 @@ def node_opcua() -> str:
     from daq.wire.session import run_conversation  # noqa: PLC0415
     from tests.support.drivers import opc_ua  # noqa: PLC0415
 
+    if find_spec("asyncua") is None:
+        raise Absent("asyncua, which our host needs, is not installed")
     with _node_server("node_opcua_robot.js") as (port, path):
         link, items = open_link("robot", port, NO_LINE), list[Item]()
         until_s = time.monotonic() + PATIENCE_S

@@ -237,7 +237,7 @@ def children(nodes: Sequence[Any]) -> Talk[list[Children]]:
         more = ua.BrowseNextRequest()
         more.Parameters.ReleaseContinuationPoints = False
         more.Parameters.ContinuationPoints = list(open_.values())
-        pages = dict(zip(open_, (yield more).Results or (), strict=False))
+        pages = dict(zip(open_, (yield more).Parameters.Results or (), strict=False))
         for k, page in pages.items():
             found[k] |= _named(page.References)
         open_ = {k: page.ContinuationPoint for k, page in pages.items() if page.ContinuationPoint}

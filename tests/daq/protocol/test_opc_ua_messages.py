@@ -14,7 +14,7 @@ from asyncua import ua
 
 import daq.feedback
 from daq.protocol.conversation import FaultKind, Item
-from daq.protocol.opc_ua import ACKNOWLEDGE, ERROR, MESSAGE, OPEN, Channel, type_of
+from daq.protocol.opc_ua import ACKNOWLEDGE, ERROR, MESSAGE, OPEN, Channel, decoded, type_of
 from daq.protocol.opc_ua_condition import condition_of
 from daq.protocol.opc_ua_positions import ArmPosition, AxisValue, Together
 from rigs.schema.condition import ProgramState, SafetyState
@@ -29,7 +29,7 @@ class ByHand:
     """The server's side, one message at a time. `asked` is the request that waits for its answer."""
 
     def __init__(self, **changes: object) -> None:
-        self.script = Script(daq.feedback.host(opc_ua(axes=NODES, units="deg", condition=False, **changes)))
+        self.script = Script(daq.feedback.host(opc_ua(**{"axes": NODES, "units": "deg", "condition": False} | changes)))
         self.channel = Channel()
         self.say(ACKNOWLEDGE, ua.Acknowledge())
         opened = ua.OpenSecureChannelResponse()
@@ -166,6 +166,28 @@ def test_a_refusal_ends_the_link_and_says_why(kind: bytes, message: Any, words: 
     server = ByHand()
     (fault,) = faults(server.say(kind, message))
     assert server.script.step.hang_up and all(word in fault.detail for word in words), fault.detail
+
+
+def test_what_a_server_shows_in_pages_is_read_to_the_last() -> None:
+    server = ByHand(axes=None, units=None).in_session()
+    device_set = ua.ReferenceDescription(NodeId=ua.NodeId(5, 2), BrowseName=ua.QualifiedName("DeviceSet", 2))
+    server.answer(ua.BrowseResponse(Results=[ua.BrowseResult(ContinuationPoint=b"more")]))
+    assert type_of(server.requests()[-1][1]) == ua.BrowseNextRequest().TypeId.Identifier
+    page = ua.BrowseNextResponse()
+    page.Parameters.Results = [ua.BrowseResult(References=[device_set])]
+    server.answer(page)
+    (_, asked) = server.requests()[-1]
+    assert decoded(ua.BrowseRequest, asked).Parameters.NodesToBrowse[0].NodeId == device_set.NodeId
+
+
+def test_a_server_that_publishes_slowly_still_gives_signs_of_life_in_time() -> None:
+    server = ByHand(timeout_s=6).in_session()
+    server.answer(ua.BrowseResponse(Results=[ua.BrowseResult() for _ in range(6)]))
+    created = ua.CreateSubscriptionResponse()
+    created.Parameters.RevisedPublishingInterval, created.Parameters.RevisedMaxKeepAliveCount = 1000.0, 200
+    server.answer(created)
+    changed = decoded(ua.ModifySubscriptionRequest, server.requests()[-1][1]).Parameters
+    assert (changed.RequestedPublishingInterval, changed.RequestedMaxKeepAliveCount) == (1000.0, 2)
 
 
 def test_a_refused_subscription_is_no_fault_and_a_lost_one_is() -> None:
