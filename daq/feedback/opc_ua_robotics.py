@@ -48,6 +48,8 @@ _PUBLISH = 3
 """Requests that the server may have at once: one for each answer on its way."""
 _RENEW = 0.75
 """Share of a token's lifetime after which the next one is asked for (OPC 10000-4, 5.6.2)."""
+_SHORTEST_MS = 1000
+"""A token that is said to live shorter is not asked for more often."""
 
 
 def host(feedback: OPCUARobotics) -> Host:
@@ -124,7 +126,7 @@ class _Client:
         return replace(reaction, send=reaction.send + self._renewal(message.last_byte_ns))
 
     def _meaning(self, received: Received, message: Message) -> Reaction:
-        if received.kind == ACKNOWLEDGE:
+        if received.kind == ACKNOWLEDGE and not self._requests:
             return Reaction(send=self._request(channel_request(renew=False), OPEN))
         if received.kind == ERROR:
             said = decoded(ua.ErrorMessage, received.body)
@@ -133,7 +135,7 @@ class _Client:
             raise Unreadable(f"an answer {received.kind!r} that nobody asked for")
         request, asked_ns = self._asked.pop(received.request)
         response = _response(request, received.body)
-        if received.kind == OPEN:
+        if isinstance(request, ua.OpenSecureChannelRequest):
             return Reaction(send=self._opened(response, message.last_byte_ns))
         if self._values is None:
             return self._next(response, message)
@@ -146,7 +148,7 @@ class _Client:
             raise Refused(f"{_name(response)} where a channel is asked for")
         token, begins = response.Parameters.SecurityToken, self._channel.number == 0
         self._channel.number, self._channel.token = token.ChannelId, token.TokenId
-        self._renew_ns = now_ns + round(_RENEW * token.RevisedLifetime * 1e6)
+        self._renew_ns = now_ns + round(_RENEW * max(token.RevisedLifetime, _SHORTEST_MS) * 1e6)
         return self._request(next(self._talk)) if begins else b""
 
     def _renewal(self, now_ns: int) -> bytes:
@@ -204,7 +206,11 @@ class _Client:
 
 def _prepared(feedback: OPCUARobotics) -> Talk[tuple[RobotNodes, bool]]:
     """Open a session, find the robot and subscribe to it; returns whether it is subscribed to."""
-    yield from session(feedback)
+    try:
+        yield from session(feedback)
+    except Refused as error:
+        remedy = "allow anonymous reading without encryption in its settings, or close other clients"
+        raise Refused(f"{error} where a session is asked for; {remedy}") from None
     nodes = yield from robot_nodes(feedback)
     try:
         yield from subscribed(nodes, feedback)

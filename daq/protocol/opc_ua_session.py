@@ -91,7 +91,7 @@ def subscribed(nodes: RobotNodes, feedback: OPCUARobotics) -> Talk[None]:
         yield change
     items = ua.CreateMonitoredItemsRequest()
     items.Parameters.SubscriptionId = made.SubscriptionId
-    items.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Source
+    items.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Both  # the server's own, where there is no source's
     items.Parameters.ItemsToCreate = [_item(place, node, interval_ms) for place, node in enumerate(nodes.all)]
     results = (yield items).Results or ()
     refused = [result.StatusCode.name for result in results[: len(nodes.axes)] if not result.StatusCode.is_good()]
