@@ -28,8 +28,11 @@ def ended(*words: str | Path) -> int:
     return int(end.value.code or 0)
 
 
-def ran(*words: str | Path, cwd: Path | None = None) -> CompletedProcess[str]:
-    """A command with what it ends with and what it prints, as `subprocess.run` would give it; nobody types."""
+def ran(*words: str | Path, cwd: Path | None = None, **env: str) -> CompletedProcess[str]:
+    """A command with what it ends with and what it prints, as `subprocess.run` would give it; nobody types.
+
+    env: variables that it finds beside those of the tests.
+    """
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
     with (
         contextlib.chdir(cwd or Path.cwd()),
@@ -38,5 +41,8 @@ def ran(*words: str | Path, cwd: Path | None = None) -> CompletedProcess[str]:
         pytest.MonkeyPatch.context() as patched,
     ):
         patched.setattr("sys.stdin", io.StringIO())
+        patched.setattr("__main__.__package__", None)  # else usage is `python -m pytest.rig`
+        for name, value in env.items():
+            patched.setenv(name, value)
         code = ended(*words)
     return CompletedProcess(words, code, *(pipe.buffer.getvalue().decode() for pipe in (out, err)))
