@@ -49,7 +49,8 @@ def inverse(arm: Arm, poses: Array) -> Solutions:
     """
     form = canonical(arm)
     solve = partial(_exact, arm, form) if form is not None and form.exact else partial(searched, arm, form)
-    parts = [solve(poses[block]) for block in blocks(max(1, len(poses)), _BLOCK)]
+    known = np.where(np.isfinite(poses), poses, np.nan)  # what is not a number passes through in silence, infinity not
+    parts = [solve(known[block]) for block in blocks(max(1, len(poses)), _BLOCK)]
     q, found = (np.concatenate(part) for part in zip(*parts, strict=True))
     return Solutions(q, found, complete=form is not None and form.exact)
 

@@ -179,12 +179,12 @@ def test_an_arm_of_no_known_kind_is_searched() -> None:
 
 
 @ANY
-def test_out_of_reach_and_nan_have_no_solution(name: str) -> None:
+def test_out_of_reach_and_what_is_no_number_have_no_solution(name: str) -> None:
     for arm in (ARMS[name], calibrated(ARMS[name], seed=8)):
-        poses = forward(arm, np.full((3, 6), 0.3))
+        poses = forward(arm, np.full((4, 6), 0.3))
         poses[0, :3, 3] += 9000
-        poses[1, 0, 3] = np.nan
-        assert inverse(arm, poses).found.any(axis=1).tolist() == [False, False, True]
+        poses[1, 0, 3], poses[2, 1, 1] = np.nan, np.inf
+        assert inverse(arm, poses).found.any(axis=1).tolist() == [False, False, False, True]
         assert inverse(arm, poses[:0]).q.shape[0] == 0
 
 
