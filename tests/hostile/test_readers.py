@@ -15,15 +15,17 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+import typer
 
 import analysis.files.read
+from analysis import cli
 from analysis.files.read import read_file
 from daq.store import RunWriter, chunk, read_run, recover, verify
 from daq.store.chunk import from_parquet, salvage
 from daq.store.schema import FAULTS, schema_of
 from rigs.errors import CellError, FileError
 from rigs.load import load
-from tests.support.command_line import ran
+from tests.support.command_line import ended, ran
 from tests.support.store_cases import ledger_records, put_ledger
 
 BIN = Path(sys.executable).parent
@@ -193,17 +195,16 @@ def test_out_of_memory_is_one_line(tmp_path: Path) -> None:
 def test_a_numerical_failure_is_one_line_and_a_bug_is_not(
     error: Exception, numerical: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from analysis import cli  # noqa: PLC0415
-
-    def fails(**_: object) -> None:
+    def fails() -> None:
         raise error
 
-    monkeypatch.setattr(cli, "app", fails)
+    app = typer.Typer()
+    app.command()(fails)
+    monkeypatch.setattr(cli, "app", app)
     if not numerical:
         with pytest.raises(ValueError, match="a bug"):
-            cli.main()
+            ended()
         return
-    with pytest.raises(SystemExit) as ended:
-        cli.main()
+    code = ended()
     told = capsys.readouterr().err.splitlines()
-    assert ended.value.code == 3 and len(told) == 1 and told[0].startswith("error: numbers: the computation failed: ")
+    assert code == 3 and len(told) == 1 and told[0].startswith("error: numbers: the computation failed: ")
