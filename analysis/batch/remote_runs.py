@@ -27,7 +27,7 @@ from analysis.batch.remote_store import (
 from analysis.batch.run_files import NO_RUNS, is_run
 from rigs.errors import RigError
 
-_OBJECT_STORES = ("s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "oss", "oci", "r2")
+OBJECT_STORES = ("s3", "s3a", "gs", "gcs", "abfs", "abfss", "az", "oss", "oci", "r2")
 Steps = tuple[str, ...]
 """The names of a directory below another."""
 
@@ -52,7 +52,7 @@ def listed(top: RemotePath) -> list[RemoteRun]:
     """The same in this process."""
     with explained(top):
         store, folder = opened(top)
-        folders = _of_objects(store, folder) if top.protocol in _OBJECT_STORES else _walked(store, folder, top)
+        folders = _of_objects(store, folder) if top.protocol in OBJECT_STORES else _walked(store, folder, top)
         return [RemoteRun(top.joinpath(*steps), files) for steps, files in _runs(folders)]
 
 

@@ -16,7 +16,7 @@ from typing import Any
 from analysis.batch.remote_path import RemotePath
 from rigs.errors import CellError, FileError, RigError
 
-EXTRA = "pip install 'rig[remote]'"
+_INSTALL = "pip install s3fs for s3, sshfs for sftp, or the package that fsspec has for this protocol"
 _SSH = ("sftp", "ssh")
 _SSH_OPTIONS = {"known_hosts": (), "connect_timeout": 10, "keepalive_interval": 15}
 """Of asyncssh: host keys are compared with ~/.ssh/known_hosts, which sshfs leaves out by itself; a computer that does
@@ -124,7 +124,7 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
             isinstance(error, ImportError),
             FileError,
             f"needs a package that is not installed: {said}",
-            f"{EXTRA} for s3 and sftp, or the package that fsspec has for this protocol",
+            _INSTALL,
         ),
         (
             isinstance(error, ValueError) and "Protocol not known" in said,

@@ -7,7 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from tests.support.child_processes import until
@@ -19,11 +19,11 @@ _MOTO = "import sys; from moto.server import main; main(['-H', '127.0.0.1', '-p'
 
 @dataclass(frozen=True)
 class Store:
-    """A store: the URL of its top, the environment by which rig finds it, and its process."""
+    """A store: the URL of its top, the environment by which rig finds it, and its process if it has one."""
 
     url: str
     environment: dict[str, str]
-    process: subprocess.Popen[bytes] = field(repr=False)
+    process: subprocess.Popen[bytes] | None = None
 
 
 @contextmanager
