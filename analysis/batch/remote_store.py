@@ -1,6 +1,6 @@
-"""A store of files elsewhere, through fsspec: what lies in a directory, and every failure as one line.
+"""Stores of files elsewhere, through fsspec: what lies in a directory, and every failure as one line.
 
-fsspec is an extra, and each protocol has a package of its own, whose errors are of many kinds. They are told apart
+fsspec is an extra, and each protocol has a package of its own, whose errors are of many kinds. They are sorted
 here by what a person can do: install something, check the URL, ask for the right to read, or wait for the network.
 """
 
@@ -19,8 +19,8 @@ from rigs.errors import CellError, FileError, RigError
 _INSTALL = "pip install s3fs for s3, sshfs for sftp, or the package that fsspec has for this protocol"
 _SSH = ("sftp", "ssh")
 _SSH_OPTIONS = {"known_hosts": (), "connect_timeout": 10, "keepalive_interval": 15}
-"""Of asyncssh: host keys are compared with ~/.ssh/known_hosts, which sshfs leaves out by itself; a computer that does
-not answer is waited for so many seconds, one that falls silent for three times the interval."""
+"""Options of asyncssh: host keys are compared with ~/.ssh/known_hosts, which sshfs leaves out by itself; a computer
+that does not answer is waited for so many seconds, one that falls silent for three times the interval."""
 _STAMPS = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "modified", "created")
 """What a store says of the state of a file, the surest first; the names are those of the packages of fsspec."""
 _DENIED = {
