@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.command_line import ran
 from tests.support.plant_runs import robot_of, write_visits
 
 PAGE = (Path(__file__).parents[1] / "docs" / "many-runs.md").read_text(encoding="utf-8")
-RIG = [sys.executable, "-c", "from analysis.cli import main; main()"]
 
 
 def blocks(language: str) -> list[str]:
@@ -32,8 +32,7 @@ def test_every_command_runs_and_the_snippet_reads_what_it_wrote(work: Path) -> N
     for line in blocks("sh")[0].splitlines():
         _, *words = shlex.split(line, comments=True)
         output = words[words.index(">") + 1] if ">" in words else None
-        command = [*RIG, *words[: -2 if output else None]]
-        done = subprocess.run(command, capture_output=True, text=True, cwd=work, check=False)
+        done = ran(*words[: -2 if output else None], cwd=work)
         assert done.returncode == 0 and (done.stdout or "wrote" in done.stderr), (line, done.stderr)
         if output:
             (work / output).write_text(done.stdout)
