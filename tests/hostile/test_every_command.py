@@ -300,4 +300,4 @@ def test_typer_is_asked_for_no_frame(capsys: pytest.CaptureFixture[str], monkeyp
     monkeypatch.setattr(cli, "app", app)
     code = ended()
     (line,) = capsys.readouterr().err.splitlines()
-    assert code == 2 and line.startswith("error: rig: Invalid value") and line.isprintable()
+    assert code == 2 and line.startswith("error: ") and ": Invalid value: " in line and line.isprintable()
