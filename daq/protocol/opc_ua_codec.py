@@ -16,7 +16,6 @@ from functools import cache
 from typing import Any, get_args
 
 from asyncua import ua
-from asyncua.common.utils import Buffer
 from asyncua.ua.ua_binary import Primitives, create_enum_deserializer, get_safe_type_hints, nodeid_from_binary
 from asyncua.ua.uatypes import type_from_optional, type_is_list, type_is_optional
 
@@ -53,18 +52,23 @@ class Unreadable(Exception):
     """What came is no message of OPC UA, or not of this conversation."""
 
 
-class Bounded(Buffer):  # type: ignore[misc]
-    """Bytes that are read from their begin on. No length is negative, and none is more than there is."""
+class Bounded:
+    """Bytes that are read from their begin on, also by asyncua. No length is negative or more than there is."""
 
     def __init__(self, data: bytes) -> None:
-        super().__init__(data)
+        self._data = data
+        self._at = 0
         self._elements = ELEMENTS
 
+    def __len__(self) -> int:
+        return len(self._data) - self._at
+
     def read(self, size: int) -> bytes:
-        if size < 0:
-            raise ValueError(f"a length of {size}")
-        data: bytes = super().read(size)
-        return data
+        """Return the next bytes, so many."""
+        begin, self._at = self._at, self._at + size
+        if not begin <= self._at <= len(self._data):
+            raise ValueError(f"a length of {size} where {len(self._data) - begin} bytes remain")
+        return self._data[begin : self._at]
 
     def elements(self) -> int:
         """Read how many elements an array has; none where it is null. All but nulls take at least one byte each."""
