@@ -1,8 +1,8 @@
 """OPC UA over TCP, without encryption: messages in chunks, as either side sends and reads them (OPC 10000-6, 6.7, 7.1).
 
 A chunk begins with three letters, one more for whether others follow, and its size; then come the numbers of the
-channel, of its token, of the chunk and of the request, and the message itself or a part of it. asyncua makes and reads
-messages, and touches no network here.
+channel, of its token, of the chunk and of the request, and the message itself or a part of it. asyncua makes the
+messages, `daq.protocol.opc_ua_codec` reads them.
 """
 
 from __future__ import annotations
