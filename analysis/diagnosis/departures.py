@@ -21,6 +21,9 @@ _REVERSAL_SHIFT = 0.4
 of a reversal is known to about one sample, so any part of the jump may fall on either side."""
 _LEAST = 1e-3
 """Largest entry, in standard deviations of the noise, below which a column is left out: it changes nothing."""
+_NEGLIGIBLE = 0.01
+"""Largest standard deviation along one direction, in those of the noise, that is left out of `fewest_columns`. Chosen: a
+ten-thousandth of the variance of the noise."""
 _PARTS = 16
 """Parts of a fault's play in each of which a run may have begun. Chosen: finer than the rounding of a play."""
 
@@ -34,6 +37,14 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
     parts += [_reversal_shifts(linear, *own.jolt)] if own.jolt else []
     parts += [_stick_columns(linear, *own.stick)] if own.stick else []
     return np.concatenate(parts, axis=1)
+
+
+def fewest_columns(columns: Array) -> Array:
+    """Return the fewest columns (N, g) that allow for the same as columns (N, f): both have the same covariance, except
+    along directions that hardly vary. A play has a column for each part of it and each circle, and most are alike."""
+    variances, directions = np.linalg.eigh(columns.T @ columns)
+    fewest: Array = columns @ directions[:, variances > _NEGLIGIBLE**2]
+    return fewest
 
 
 def initial_play_columns(linear: Linearisation, effects: Sequence[Effect]) -> Array:

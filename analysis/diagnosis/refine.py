@@ -17,7 +17,7 @@ import numpy as np
 
 from analysis.diagnosis.background import Background, FittedTerms, Weighed
 from analysis.diagnosis.columns import LARGEST_FAULT
-from analysis.diagnosis.departures import departure_columns
+from analysis.diagnosis.departures import departure_columns, fewest_columns
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, bounds, healthy_size, size_field
@@ -115,7 +115,7 @@ def refine(
     before = fitted or no_effects(linear)
     new = effects[len(before.effects) :]
     unknowns = (*before.unknowns, *_unknowns(effects, len(before.effects)))
-    departures = (*before.departures, *(departure_columns(linear, one) for one in new))
+    departures = (*before.departures, *(fewest_columns(departure_columns(linear, one)) for one in new))
     columns = before.free if free is None else free
     return _Problem(linear, background, before, unknowns, departures, columns).solved(effects)
 

@@ -142,8 +142,10 @@ def unscattered(apart: Array, columns: Array) -> tuple[Array, Array]:
 
 def _span_of(columns: Array) -> Array:
     """Return an orthonormal basis of columns (N, c), without directions that are nearly zero."""
-    left, size, _ = np.linalg.svd(columns, full_matrices=False)
-    return np.asarray(left[:, size > 1e-3 * size[0]], dtype=float)
+    squares, directions = np.linalg.eigh(columns.T @ columns)
+    seen = squares > 1e-6 * squares[-1]
+    span: Array = columns @ (directions[:, seen] / np.sqrt(squares[seen]))
+    return span
 
 
 def scatter_of(repeated: Sequence[tuple[ScatteredRuns, Array]]) -> RunScatter:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.blocks import Block, blocks_of
-from analysis.diagnosis.departures import departure_columns, initial_play_columns
+from analysis.diagnosis.departures import departure_columns, fewest_columns, initial_play_columns
 from analysis.diagnosis.linearisation import linearise
 from analysis.diagnosis.observed_run import ORDER_OF
 from analysis.diagnosis.run_setups import fit_run_setups
@@ -121,3 +121,12 @@ def test_readings_of_a_gauge_that_stands_are_no_surer_than_its_step() -> None:
     runs = [replace(run, step_mm=0.010) for run in runs]
     for block in blocks_of(runs, fit_run_setups(runs)[0]):
         assert (block.sd_mm[len(ORDER_OF) :] >= 0.010 / np.sqrt(12)).all()
+
+
+def test_the_fewest_columns_allow_for_the_same() -> None:
+    columns = departure_columns(healthy(), Backlash(axis=2, width_deg=0.6))
+    fewest = fewest_columns(columns)
+    assert fewest.shape[1] < columns.shape[1] / 2
+    variance = np.linalg.eigvalsh(columns.T @ columns).max()
+    np.testing.assert_allclose(fewest @ fewest.T, columns @ columns.T, atol=1e-6 * variance)
+    assert fewest_columns(columns[:, :0]).shape == (len(columns), 0)
