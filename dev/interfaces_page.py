@@ -15,9 +15,9 @@ HEAD = """\
 
 `rig interfaces` lists them on the screen, with line settings and times. *Standing*: confirmed means read in the
 maker's manual or in public code, or seen on a wire; weak means second-hand; unconfirmed means believed. *Held against*
-names the independent implementations, which share no code with ours, that an end of ours was run against:
-`scripts/dev wire_peers` runs them again. Where none is named, our host was held against replies as the source has them,
-and against our own emulator.
+names the independent implementations that an end of ours was run against; they share no code with ours unless it says
+so. `scripts/dev wire_peers` runs them again. Where none is named, our host was held against replies as the source has
+them, and against our own emulator.
 
 This page is generated: `scripts/dev interfaces_page > docs/interfaces.md`.
 """
@@ -37,11 +37,6 @@ LEFT_OUT = (
         "Doosan, Franka",
         "`ros2_joint_states`",
         "their ROS 2 drivers publish the same joints",
-    ),
-    (
-        "OPC UA Robotics",
-        "–",
-        "not built yet; OPC 40010-1 is public, and the asyncua library would be its peer",
     ),
     (
         "IO-Link masters (JSON over HTTP)",

@@ -22,7 +22,7 @@ of a reversal is known to about one sample, so any part of the jump may fall on 
 _LEAST = 1e-3
 """Largest entry, in standard deviations of the noise, below which a column is left out: it changes nothing."""
 _NEGLIGIBLE = 0.01
-"""Largest standard deviation along one direction, in those of the noise, that is left out of `fewest_columns`. Chosen: a
+"""Largest standard deviation along one direction, in those of the noise, that `fewest_columns` leaves out. Chosen: a
 ten-thousandth of the variance of the noise."""
 _PARTS = 16
 """Parts of a fault's play in each of which a run may have begun. Chosen: finer than the rounding of a play."""

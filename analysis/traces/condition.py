@@ -30,6 +30,7 @@ from rigs.schema.condition import (
 
 _MOVED_DEG = 0.02
 """A robot that holds its place shows less (as in recording_rule)."""
+_BY_PROGRAM = "its figures are not those of a motion by program, compare them with their like only"
 _SAME_PERCENT = 1.0
 """Speeds that differ by less are one: controllers show them in whole percent."""
 _PART = 0.1
@@ -89,7 +90,10 @@ def _doubts(robot: Mapping[str, np.ndarray[Any, Any]], t_s: Array, moving: Mask,
     elif paused.any():
         yield f"robot: its program was paused {_when(t_s, paused)}, after the last motion; check that it had driven all"
     if when := _when(t_s, moving & (program == ProgramState.STOPPED)):
-        yield f"robot: its program did not run {when}, while the robot moved; record a motion of the program"
+        if (program[moving] == ProgramState.RUNNING).any():
+            yield f"robot: its program did not run {when}, while the robot moved; record a motion of the program"
+        else:
+            yield f"robot: no program ran while it moved, {when}: it was jogged, or guided by hand; {_BY_PROGRAM}"
     if when := _when(t_s, moving & (motors == 0)):
         yield f"robot: its motors were off {when}; find out why, and record again"
     yield from _speed_doubt(t_s, speed, moving & ~np.isin(program, [ProgramState.PAUSED, ProgramState.STOPPED]))

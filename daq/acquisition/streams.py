@@ -65,7 +65,8 @@ def streams_of(rig: Rig) -> list[Stream]:
 
 
 def robot_stream(robot: Feedback) -> Stream:
-    """Return the stream of a robot."""
+    """Return the stream of a robot. Raises CellError where a package that its interface needs is not installed."""
+    feedback.load(robot)  # now, and not while other streams are read
     columns, host = (*JOINTS, *columns_beside_joints(robot)), partial(feedback.host, robot)
     return Stream(ROBOT, columns, robot.port, NO_LINE, host, _dead_s(robot.timeout_s), robot.listens)
 

@@ -1,9 +1,9 @@
 """Trying a robot's address: RTDE at its port, a port that prints lines, or a port here that a controller calls.
 
 What is sent depends on the address alone. RTDE's read requests go to port 30004, the request for a status to port
-60015, FANUC's Stream Motion. Any other port is only listened to: bytes that it does not expect can stop the program
-that serves it, and Universal Robots' script ports run what they are sent. A person who names the interface has it
-spoken to as rigd would.
+60015, FANUC's Stream Motion, and requests to browse and read to port 4840, OPC UA. Any other port is only listened to:
+bytes that it does not expect can stop the program that serves it, and Universal Robots' script ports run what they are
+sent. A person who names the interface has it spoken to as rigd would.
 """
 
 from __future__ import annotations
@@ -31,14 +31,15 @@ from daq.wire.opening import open_link
 from rigs.errors import CellError
 from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed
 from rigs.schema.links import tcp_address, udp_address
+from rigs.schema.opc_ua import OPCUARobotics
 
 _LISTEN_S = 1.5
 _SILENCES = 3
 """Time-outs within that time: a datagram that asks can be lost."""
 _CONFIRM_S = 0.5
 _PATIENCE_S = 3.0
-_RTDE, _STREAM_MOTION = 30004, 60015
-"""The ports of Universal Robots' RTDE and of FANUC's Stream Motion."""
+_RTDE, _STREAM_MOTION, _OPC_UA = 30004, 60015, 4840
+"""The ports of Universal Robots' RTDE, of FANUC's Stream Motion and of OPC UA."""
 _RATES_HZ = (500.0, 125.0)
 """The rates of RTDE on e-Series and on CB3."""
 _CYCLES_MS: tuple[Literal[4, 12], ...] = (4, 12)
@@ -92,6 +93,8 @@ def _tries(address: str) -> Iterator[_Tried]:
         for cycle_ms in _CYCLES_MS:
             yield _try(KUKARSI(interface="kuka_rsi", port=address, cycle_ms=cycle_ms))
         yield _try(ABBEGM(interface="abb_egm", port=address))
+    elif tcp and tcp[1] == _OPC_UA:
+        yield _try(OPCUARobotics(interface="opc_ua_robotics", port=address))
     elif address.startswith("/") or (tcp and tcp[1] != _RTDE):
         yield _line_feed(address)
     else:
@@ -175,6 +178,8 @@ def _remedy(address: str) -> str:
         return "check the address, the cable, and that the controller has option J519"
     if udp:
         return "start the program that sends (RSI_ON, EGMStreamStart), to this address and port of this computer"
+    if tcp and tcp[1] == _OPC_UA:
+        return "switch the OPC UA server on, and allow anonymous reading without encryption in its settings"
     if tcp and tcp[1] != _RTDE:
         return "start the program that prints; for a Universal Robots arm give its host alone"
     return (

@@ -9,17 +9,29 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from importlib import import_module
+from typing import Any
 
 from daq.protocol.conversation import Device, Host
+from rigs.errors import CellError
 from rigs.schema.condition import UNDISTURBED
 from rigs.schema.feedback import SIGNAL, Feedback, columns_beside_joints
 
 Read = Callable[[int], Sequence[float]]
 
 
+def load(feedback: Feedback) -> Any:
+    """Return the file of an interface. Raises CellError where a package that it needs is not installed."""
+    try:
+        return import_module(f"daq.feedback.{feedback.interface}")
+    except ModuleNotFoundError as missing:
+        package = (missing.name or "").partition(".")[0]
+        what = f"{feedback.interface} needs the package {package}, which is not installed"
+        raise CellError("feedback", what, f"pip install {package}") from None
+
+
 def host(feedback: Feedback) -> Host:
     """Return our side of the conversation."""
-    conversation: Host = import_module(f"daq.feedback.{feedback.interface}").host(feedback)
+    conversation: Host = load(feedback).host(feedback)
     return conversation
 
 
@@ -34,5 +46,5 @@ def device(feedback: Feedback, read: Read) -> Device:
         given = read(now_ns)
         return [*given, *usual[len(given) - 6 :]]
 
-    conversation: Device = import_module(f"daq.feedback.{feedback.interface}").device(feedback, shown)
+    conversation: Device = load(feedback).device(feedback, shown)
     return conversation

@@ -10,6 +10,7 @@ from pydantic import Field, field_validator, model_validator
 from rigs.schema.condition import CONDITION, MOTORS, PAYLOAD, PROGRAM, SAFETY, SPEED, TEMPERATURES
 from rigs.schema.links import AnyPort, Port, UDPPort, tcp_address, udp_address
 from rigs.schema.modbus import SLOWEST_HZ, RegisterBlock, StatusRegister, ValueRegister
+from rigs.schema.opc_ua import OPCUARobotics
 from rigs.schema.origin import Origin
 from rigs.schema.part import Part
 from rigs.schema.ros2 import ROS2JointStates
@@ -218,7 +219,7 @@ class ModbusJoints(_Feedback, RegisterBlock):
 
 
 Feedback = Annotated[
-    URRTDE | LineFeed | KUKARSI | ABBEGM | FANUCStreamMotion | ModbusJoints | ROS2JointStates,
+    URRTDE | LineFeed | KUKARSI | ABBEGM | FANUCStreamMotion | ModbusJoints | ROS2JointStates | OPCUARobotics,
     Field(discriminator="interface"),
 ]
 
@@ -240,15 +241,18 @@ def columns_beside_joints(feedback: Feedback) -> tuple[str, ...]:
 
 def condition_columns(feedback: Feedback) -> tuple[str, ...]:
     """Return what the robot's samples have of its condition, in order (`rigs.schema.condition`)."""
+    columns: tuple[str, ...] = ()
     match feedback:
         case URRTDE(condition=True):
-            return (PROGRAM, SAFETY, SPEED, PAYLOAD, *TEMPERATURES)
+            columns = (PROGRAM, SAFETY, SPEED, PAYLOAD, *TEMPERATURES)
+        case OPCUARobotics(condition=True):
+            columns = (PROGRAM, SAFETY, MOTORS, SPEED, PAYLOAD, *TEMPERATURES)
         case LineFeed():
-            return tuple(name for name in feedback.fields if name in CONDITION)
+            columns = tuple(name for name in feedback.fields if name in CONDITION)
         case KUKARSI():
-            return tuple(feedback.condition)
+            columns = tuple(feedback.condition)
         case ABBEGM():
-            return (PROGRAM, MOTORS)
+            columns = (PROGRAM, MOTORS)
         case FANUCStreamMotion():
-            return (SAFETY, MOTORS)
-    return ()
+            columns = (SAFETY, MOTORS)
+    return columns

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 from typing import Any
 
 from pydantic import TypeAdapter
@@ -10,6 +11,7 @@ from pydantic import TypeAdapter
 from rigs.schema.feedback import ABBEGM, KUKARSI, URRTDE, FANUCStreamMotion, Feedback, LineFeed, ModbusJoints
 from rigs.schema.gauges import Gauge
 from rigs.schema.modbus import ModbusMap
+from rigs.schema.opc_ua import OPCUARobotics
 from rigs.schema.ros2 import ROS2JointStates
 from rigs.schema.serial_gauges import KeyenceDLRS1A, SylvacOptoRS
 
@@ -117,6 +119,18 @@ def joint_states(**changes: object) -> ROS2JointStates:
     return ROS2JointStates.model_validate(fields | changes)
 
 
+OPC_UA = find_spec("asyncua") is not None
+"""Whether the package of the extra `opcua` is here."""
+WITHOUT_PACKAGE = set[str]() if OPC_UA else {"opc_ua_robotics"}
+"""Interfaces that cannot be tried here."""
+
+
+def opc_ua(**changes: object) -> OPCUARobotics:
+    return OPCUARobotics.model_validate({"interface": "opc_ua_robotics", "port": "tcp://127.0.0.1:4840"} | changes)
+
+
+NODES = tuple(f"ns=4;s=A{axis}.Pos" for axis in range(1, 7))
+
 SCALED = {"address": 202, "type": "int32", "scale": 1e-4, "offset": -5.0}
 PLAIN = {"status": None, "clock_s": None, "clock_us": None}
 
@@ -180,3 +194,10 @@ FEEDBACKS: list[tuple[str, Feedback]] = [
     ("joints polled rad", joints(units="rad", function=4, word_order="little", status=None)),
     ("joints polled scaled", joints(joints=TEN_MICRODEGREES)),
 ]
+if OPC_UA:
+    FEEDBACKS += [
+        ("opc ua", opc_ua()),
+        ("opc ua rad", opc_ua(units="rad", rate_hz=250, path="/robot", device="R 1")),
+        ("opc ua axes alone", opc_ua(condition=False, axes=("S", "L", "U", "R", "B", "T"))),
+        ("opc ua nodes", opc_ua(condition=False, axes=NODES)),
+    ]

@@ -16,6 +16,7 @@ import yaml
 from daq.emulators import Cell, Motion, emulated
 from rigs.load import SHIPPED, parse
 from tests.support.bench import PATIENCE_S, ByHand
+from tests.support.drivers import OPC_UA
 
 _BAUMER = {
     key: value
@@ -45,6 +46,8 @@ ROBOTS: dict[str, dict[str, Any]] = {
     "abb": {"interface": "abb_egm", "port": "udp://127.0.0.1:6510"},
     "stream motion": {"interface": "fanuc_stream_motion", "port": "udp://127.0.0.1:60015"},
 }
+if OPC_UA:
+    ROBOTS["opc ua"] = {"interface": "opc_ua_robotics", "port": "tcp://127.0.0.1:4840"}
 
 
 def cell_text(gauges: str, robot: str, speed_mm_s: float = 25) -> str:
@@ -62,7 +65,11 @@ def cell_text(gauges: str, robot: str, speed_mm_s: float = 25) -> str:
 
 def named_robot(kind: str) -> list[str]:
     """The options that name a robot's interface where only its port shows it."""
-    return ["--key", f"feedback.interface={ROBOTS[kind]['interface']}"] if kind in ("ur", "stream motion") else []
+    return (
+        ["--key", f"feedback.interface={ROBOTS[kind]['interface']}"]
+        if kind in ("ur", "stream motion", "opc ua")
+        else []
+    )
 
 
 @dataclass

@@ -18,7 +18,7 @@ from daq.protocol.conversation import Device, Step
 from rigs.errors import CellError
 from rigs.schema.condition import ProgramState, SafetyState
 from rigs.schema.feedback import Feedback
-from tests.support.drivers import rtde
+from tests.support.drivers import OPC_UA, opc_ua, rtde
 from tests.support.unknown_cells import ROBOTS, switched_on
 
 DEGREES = [0.5, -70.0, 100.0, 55.25, 84.5, 107.75]
@@ -40,6 +40,26 @@ def test_the_robot_of_a_cell_is_found(kind: str) -> None:
         assert report.feedback.cycle_ms == 12, "its IPOC shows the cycle"  # type: ignore[union-attr]
     if kind == "fanuc":
         assert report.feedback.fields[0] == "t_ms"  # type: ignore[union-attr]
+
+
+@pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install 'rig[opcua]'")
+def test_port_4840_is_asked_as_opc_ua() -> None:
+    address = ("127.0.0.48", 4840)
+    feedback = opc_ua(port="tcp://127.0.0.48:4840")
+    absent = search_robot(feedback.port)
+    assert "opc_ua_robotics" in absent.problem and "anonymous" in absent.remedy
+    shown = [*DEGREES, 0.0, float(SafetyState.PROTECTIVE_STOP), 1.0, 100.0, 0.0, *[30.0] * 6]
+    server = TcpPort(socket.create_server(address), lambda: daq.feedback.device(feedback, lambda _: shown), 0.0)
+    stop = threading.Event()
+    thread = threading.Thread(target=server.serve, args=(stop,))
+    thread.start()
+    try:
+        report = search_robot(feedback.port)
+    finally:
+        stop.set()
+        thread.join()
+    assert report.feedback == feedback and report.joints_deg == pytest.approx(DEGREES)
+    assert "protective stop" in report.said
 
 
 class _Listener:

@@ -37,6 +37,7 @@ from tests.daq.protocol.test_gauge_conversations import value
 from tests.support.drivers import (
     FEEDBACKS,
     GAUGES,
+    OPC_UA,
     PANDA,
     TCP,
     gauge,
@@ -44,6 +45,7 @@ from tests.support.drivers import (
     keyence,
     lines,
     modbus,
+    opc_ua,
     rtde,
     sylvac,
 )
@@ -51,8 +53,8 @@ from tests.support.replies import POLLED
 from tests.support.simulated_conversation import S, Script, asked, held
 
 HELD_MAX = 3 * LIMIT
-HELD_IN_HANDSHAKE = 16 * 1024
-"""As much of an HTTP header as h11 keeps."""
+HELD_BY = {"joint states": 16 * 1024, "opc ua": 65_536 + HELD_MAX}
+"""As much of an HTTP header as h11 keeps; a chunk of OPC UA."""
 
 
 def _polled(*gauges: Any) -> Callable[[], Script]:
@@ -140,6 +142,15 @@ STREAMS: dict[str, tuple[Callable[[], Script], Sequence[bytes], int]] = {
     ),
     "lines": (_listening(lines()), [b"1,2,3,4,5,6,7\n", b"1,2\r\n", b"a,b,c,d,e,f,g\n", b"\n", ENDLESS], 8),
 }
+
+if OPC_UA:
+    from tests.support.opc_ua_chunks import ENDED, OPENED, REFUSED, UNREADABLE
+
+    STREAMS["opc ua"] = (
+        _listening(opc_ua()),
+        [OPENED + REFUSED, OPENED + UNREADABLE, ENDED, OPENED + ENDLESS, ENDLESS],
+        2,
+    )
 
 
 def _cut(data: bytes, cuts: Sequence[int]) -> list[bytes]:
@@ -229,7 +240,7 @@ def _mutated(draw: st.DrawFn, good: Sequence[bytes]) -> bytes:
 @given(data=st.data())
 def test_no_bytes_raise_or_fill_the_memory(name: str, data: st.DataObject) -> None:
     begin, good = SIDES[name]
-    held_max = HELD_IN_HANDSHAKE if "joint states" in name else HELD_MAX
+    held_max = next((most for kind, most in HELD_BY.items() if kind in name), HELD_MAX)
     conversation = begin()
     conversation.connected(0)
     now_ns = S  # a polled host has listened long enough to ask

@@ -26,6 +26,7 @@ from rigs.errors import CellError
 from rigs.load import parse
 from rigs.schema.links import Line
 from tests.support.bench import PATIENCE_S, Bench, rig_text
+from tests.support.drivers import OPC_UA
 
 pytestmark = pytest.mark.alone  # time-outs of peers are fractions of a second
 
@@ -200,6 +201,13 @@ def test_ros2_joint_states_are_recorded_through_a_new_start_of_the_server(tmp_pa
     data = yaml.safe_load(rig_text())
     joints = [f"joint_{axis}" for axis in range(1, 7)]
     data["feedback"] = {"interface": "ros2_joint_states", "port": "tcp://192.168.1.5:9090", "joints": joints}
+    _recorded_through_a_new_start(data, "disconnected", tmp_path)
+
+
+@pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install 'rig[opcua]'")
+def test_an_opc_ua_robot_is_recorded_through_a_new_start_of_its_server(tmp_path: Path) -> None:
+    data = yaml.safe_load(rig_text())
+    data["feedback"] = {"interface": "opc_ua_robotics", "port": "tcp://192.168.1.5:4840"}
     _recorded_through_a_new_start(data, "disconnected", tmp_path)
 
 

@@ -27,6 +27,8 @@ INPUTS = 20
 HELD_MAX = 3 * LIMIT
 _CHARACTER_NS = 100_000
 _RECOVERY_NS = 30 * S
+_HELD_BY = {"ros2_joint_states": 3 * WEBSOCKET_LIMIT, "opc_ua_robotics": 2 << 20}
+"""Bytes that interfaces with long messages may hold: twice the longest of OPC UA, which only its package names."""
 _STARTS_NS = (0, 10**18)
 Feed = Callable[[Random], int]
 """Feeds one conversation and returns how many inputs it took before it hung up; raises what goes wrong."""
@@ -42,7 +44,7 @@ def wires() -> dict[str, list[Feed]]:
         shown = _Readings(6 + carries_signal(feedback))
         host, device = partial(daq.feedback.host, feedback), partial(daq.feedback.device, feedback, shown)
         width = 6 + len(columns_beside_joints(feedback))
-        held_max = HELD_MAX if feedback.interface != "ros2_joint_states" else 3 * WEBSOCKET_LIMIT
+        held_max = _HELD_BY.get(feedback.interface, HELD_MAX)
         found.setdefault(feedback.interface, []).extend(_sides(host, device, width, held_max))
     return found
 

@@ -1,0 +1,248 @@
+"""Finding a robot in the address space of an OPC UA server, by the browse names of OPC 40010-1.
+
+    Objects / DeviceSet / <system> / MotionDevices / <robot> / Axes / <axis> / ParameterSet / ActualPosition
+                                                             / ParameterSet / SpeedOverride, InControl
+                                                             / FlangeLoad / Mass
+                                                             / PowerTrains / <train> / <motor>
+                                   / SafetyStates / <state> / ParameterSet / EmergencyStop, ProtectiveStop ...
+                                   / Controllers / <controller> / TaskControls / <task> / TaskControlOperation
+
+What is in angle brackets is named by the maker, so it is browsed for. Functions here are talks: they yield requests of
+asyncua's types and are sent the responses.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from asyncua import ua
+
+from daq.protocol.opc_ua_condition import FRONT, READY, STATE
+from rigs.schema.condition import TEMPERATURES
+from rigs.schema.opc_ua import OPCUARobotics, are_nodes
+
+T = TypeVar("T")
+Talk = Generator[Any, Any, T]
+Children = Mapping[str, Any]
+"""Node ids by browse names."""
+
+OBJECTS = ua.NodeId(85)
+_HIERARCHICAL = ua.NodeId(33)
+_ALL_RESULTS = 63
+_MOST_PAGES = 100
+DEGREE, _RADIAN, CELSIUS, KILOGRAM = 17476, 4405297, 4408652, 4933453
+"""Units as OPC 10000-8 numbers them: the letters of their UNECE codes (DD, C81, CEL, KGM) as bytes."""
+_DEG_PER = {DEGREE: 1.0, _RADIAN: math.degrees(1)}
+_DEG_PER_NAME = {"°": 1.0, "deg": 1.0, "degree": 1.0, "degrees": 1.0, "rad": math.degrees(1), "radian": math.degrees(1)}
+_NUMBERED = re.compile(r"\D*(\d+)\D*")
+
+
+class Unfit(Exception):
+    """What the server shows cannot be read as the rig file says; in words, with the remedy."""
+
+
+@dataclass(frozen=True)
+class RobotNodes:
+    """Where a robot is read. axes: of the positions of q1 … q6; deg_per_unit: of each; condition: the nodes of what is
+    shown of its condition, by the names of `daq.protocol.opc_ua_condition`."""
+
+    axes: tuple[Any, ...]
+    deg_per_unit: tuple[float, ...]
+    condition: Mapping[str, Any]
+
+    @property
+    def all(self) -> list[Any]:
+        """All nodes, those of the axes first."""
+        return [*self.axes, *self.condition.values()]
+
+
+def robot_nodes(feedback: OPCUARobotics) -> Talk[RobotNodes]:
+    """Find the robot. Raises Unfit."""
+    if feedback.axes and are_nodes(feedback.axes):
+        positions = [ua.NodeId.from_string(axis) for axis in feedback.axes]
+        deg_per_unit = yield from _deg_per_unit(feedback.axes, positions, feedback)
+        return RobotNodes(tuple(positions), deg_per_unit, {})
+    system, robot = yield from _system_and_robot(feedback)
+    axes = _in_order((yield from _below(robot.get("Axes"))), feedback)
+    parameters = yield from _parameters(list(axes.values()))
+    if missing := [name for name, own in zip(axes, parameters, strict=True) if "ActualPosition" not in own]:
+        raise Unfit(f"axis {missing[0]!r} shows no ActualPosition; name `axes` by node ids")
+    positions = [own["ActualPosition"] for own in parameters]
+    deg_per_unit = yield from _deg_per_unit(tuple(axes), positions, feedback)
+    shown = (yield from _shown(system, robot, list(axes.values()))) if feedback.condition else {}
+    return RobotNodes(tuple(positions), deg_per_unit, shown)
+
+
+def _system_and_robot(feedback: OPCUARobotics) -> Talk[tuple[Children, Children]]:
+    """What is below the motion device system, and below the robot in it."""
+    objects = yield from _below(OBJECTS)
+    devices = yield from children(list((yield from _below(objects.get("DeviceSet"))).values()))
+    systems = [below for below in devices if "MotionDevices" in below]
+    folders = yield from children([system["MotionDevices"] for system in systems])
+    robots = [
+        (name, node, system) for system, in_it in zip(systems, folders, strict=True) for name, node in in_it.items()
+    ]
+    chosen = [robot for robot in robots if feedback.device in (None, robot[0])]
+    if not robots:
+        raise Unfit("the server shows no MotionDeviceSystem in its DeviceSet; name `axes` by node ids, or another port")
+    if len(chosen) != 1:
+        names = ", ".join(name for name, _, _ in robots)[:300]
+        raise Unfit(f"the server shows the robots {names}; name one of them as `device`")
+    (_, node, system) = chosen[0]
+    return system, (yield from _below(node))
+
+
+def _in_order(axes: Children, feedback: OPCUARobotics) -> Children:
+    """The axes q1 … q6: as the rig file names them, or by their numbers."""
+    names = ", ".join(axes)[:300] or "none"
+    if feedback.axes:
+        if missing := [axis for axis in feedback.axes if axis not in axes]:
+            raise Unfit(f"there is no axis {missing[0]!r}; the axes are {names}; correct `axes`")
+        return {axis: axes[axis] for axis in feedback.axes}
+    numbers = {int(found[1]): name for name in axes if (found := _NUMBERED.fullmatch(name))}
+    if len(axes) != 6 or len(numbers) != 6:
+        raise Unfit(f"which axes are q1 to q6 is not known; the axes are {names}; name six of them as `axes`")
+    return {numbers[number]: axes[numbers[number]] for number in sorted(numbers)}
+
+
+def _deg_per_unit(names: Sequence[str], positions: Sequence[Any], feedback: OPCUARobotics) -> Talk[tuple[float, ...]]:
+    """Degrees of a unit of each position; what the server states goes before what the rig file says."""
+    units = yield from engineering_units(positions)
+    stated = [None if unit is None else _deg_per(unit) for unit in units]
+    if unknown := [k for k, unit in enumerate(units) if unit is not None and stated[k] is None]:
+        raise Unfit(f"axis {names[unknown[0]]!r} is measured in {_name(units[unknown[0]])!r}, no angle; correct `axes`")
+    given = {"deg": 1.0, "rad": math.degrees(1)}.get(feedback.units or "")
+    found = tuple(per or given for per in stated)
+    if any(per is None for per in found):
+        raise Unfit(f"the server does not state the unit of axis {names[found.index(None)]!r}; state `units`")
+    return tuple(per for per in found if per is not None)
+
+
+def _deg_per(unit: Any) -> float | None:
+    return _DEG_PER.get(unit.UnitId) or _DEG_PER_NAME.get(_name(unit).lower())
+
+
+def _name(unit: Any) -> str:
+    return (unit.DisplayName.Text or "").strip()[:40]
+
+
+def _shown(system: Children, robot: Children, axes: Sequence[Any]) -> Talk[Mapping[str, Any]]:
+    """The nodes of the condition that the server has. Of several safety states or tasks, none."""
+    found: dict[str, Any] = {}
+    (own,) = yield from _parameters_of_children([robot])
+    safety = (yield from _below(system.get("SafetyStates"))).values()
+    safe = (yield from _parameters(list(safety)))[0] if len(safety) == 1 else {}
+    found |= {name: below[name] for below in (own, safe) for name in FRONT if name in below}
+    load = yield from _below(robot.get("FlangeLoad"))
+    motors = yield from _motors(robot, axes)
+    measured = {name: node for name, node in {"Mass": load.get("Mass"), **motors}.items() if node is not None}
+    units = yield from engineering_units(list(measured.values()))
+    for (name, node), unit in zip(measured.items(), units, strict=True):
+        if unit is not None and unit.UnitId == (KILOGRAM if name == "Mass" else CELSIUS):
+            found[name] = node
+    return found | (yield from _task(system))
+
+
+def _motors(robot: Children, axes: Sequence[Any]) -> Talk[dict[str, Any]]:
+    """The temperatures of the motors by their columns: a power train shows the axis that it moves beside its motors."""
+    trains = yield from children(list((yield from _below(robot.get("PowerTrains"))).values()))
+    found: dict[str, Any] = {}
+    for train in trains:
+        moved = [axes.index(node) for node in train.values() if node in axes]
+        own = yield from _parameters([node for node in train.values() if node not in axes])
+        warm = [below["MotorTemperature"] for below in own if "MotorTemperature" in below]
+        if len(moved) == 1 and warm:
+            found[TEMPERATURES[moved[0]]] = warm[0]
+    return found
+
+
+def _task(system: Children) -> Talk[dict[str, Any]]:
+    """The state of the only task, and of it while it is ready."""
+    controllers = yield from children(list((yield from _below(system.get("Controllers"))).values()))
+    folders = yield from children([below["TaskControls"] for below in controllers if "TaskControls" in below])
+    tasks = [task for folder in folders for task in folder.values()]
+    if len(tasks) != 1:
+        return {}
+    operation = yield from _below((yield from _below(tasks[0])).get("TaskControlOperation"))
+    machine = yield from _below(operation.get("TaskControlStateMachine"))
+    ready = yield from _below(machine.get("ReadySubstateMachine"))
+    states = {STATE: machine.get("CurrentState"), READY: ready.get("CurrentState")}
+    return {name: node for name, node in states.items() if node is not None}
+
+
+def _below(node: Any | None) -> Talk[Children]:
+    """What is below a node; nothing where there is no such node."""
+    if node is None:
+        return {}
+    return (yield from children([node]))[0]
+
+
+def _parameters(nodes: Sequence[Any]) -> Talk[list[Children]]:
+    """What is in the ParameterSet of each node."""
+    return (yield from _parameters_of_children((yield from children(nodes))))
+
+
+def _parameters_of_children(below: Sequence[Children]) -> Talk[list[Children]]:
+    sets = yield from children([own["ParameterSet"] for own in below if "ParameterSet" in own])
+    remaining = iter(sets)
+    return [next(remaining) if "ParameterSet" in own else {} for own in below]
+
+
+def engineering_units(variables: Sequence[Any]) -> Talk[list[Any | None]]:
+    """Return the EUInformation of each variable; None where it has none."""
+    below = yield from children(variables)
+    units = yield from values([own["EngineeringUnits"] for own in below if "EngineeringUnits" in own])
+    remaining = iter(units)
+    read = [next(remaining) if "EngineeringUnits" in own else None for own in below]
+    return [unit if isinstance(unit, ua.EUInformation) else None for unit in read]
+
+
+def values(variables: Sequence[Any]) -> Talk[list[Any]]:
+    """Return the value of each variable; None where it cannot be read."""
+    if not variables:
+        return []
+    results = (yield read_request(variables)).Results or ()
+    found = [None if result.Value is None else result.Value.Value for result in results]
+    return [*found, *[None] * len(variables)][: len(variables)]
+
+
+def read_request(variables: Sequence[Any]) -> Any:
+    """Return a request for values as they are now, with the stamps of their source."""
+    request = ua.ReadRequest()
+    request.Parameters.TimestampsToReturn = ua.TimestampsToReturn.Source
+    request.Parameters.NodesToRead = [ua.ReadValueId(node, ua.AttributeIds.Value) for node in variables]
+    return request
+
+
+def children(nodes: Sequence[Any]) -> Talk[list[Children]]:
+    """Return what is below each node, by browse name; nothing below one that cannot be browsed."""
+    if not nodes:
+        return []
+    request = ua.BrowseRequest()
+    request.Parameters.NodesToBrowse = [
+        ua.BrowseDescription(node, ua.BrowseDirection.Forward, _HIERARCHICAL, True, 0, _ALL_RESULTS) for node in nodes
+    ]
+    results = (yield request).Results or ()
+    if len(results) != len(nodes):
+        raise Unfit(f"the server answers for {len(results)} nodes where it was asked for {len(nodes)}; update it")
+    found = [_named(result.References) for result in results]
+    open_ = {k: result.ContinuationPoint for k, result in enumerate(results) if result.ContinuationPoint}
+    for _ in range(_MOST_PAGES):
+        if not open_:
+            break
+        more = ua.BrowseNextRequest()
+        more.Parameters.ReleaseContinuationPoints = False
+        more.Parameters.ContinuationPoints = list(open_.values())
+        pages = dict(zip(open_, (yield more).Parameters.Results or (), strict=False))
+        for k, page in pages.items():
+            found[k] |= _named(page.References)
+        open_ = {k: page.ContinuationPoint for k, page in pages.items() if page.ContinuationPoint}
+    return list(found)
+
+
+def _named(references: Sequence[Any] | None) -> dict[str, Any]:
+    return {reference.BrowseName.Name or "": reference.NodeId for reference in references or ()}

@@ -1,0 +1,228 @@
+"""The controller's side of OPC UA for Robotics: a server with one robot in its address space, for one client.
+
+It has what OPC 40010-1 asks of a robot and no more, answers the services that reading takes, and sends a subscription
+everything at each of its intervals, on time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+from asyncua import ua
+
+from daq.protocol.conversation import Fault, Step
+from daq.protocol.framing import Message
+from daq.protocol.opc_ua import (
+    ACKNOWLEDGE,
+    CHUNK,
+    CLOSE,
+    HELLO,
+    MESSAGE,
+    NO_SECURITY,
+    NO_STAMP,
+    OPEN,
+    Channel,
+    Unreadable,
+    chunks,
+    decoded,
+    type_of,
+)
+from daq.protocol.opc_ua_condition import shown_of
+from daq.protocol.opc_ua_space import Space, robot_space
+from daq.protocol.pace import Pace
+from rigs.schema.condition import UNDISTURBED
+from rigs.schema.feedback import condition_columns
+from rigs.schema.opc_ua import OPCUARobotics
+
+_REQUESTS = {
+    kind().TypeId.Identifier: kind
+    for kind in (
+        ua.CreateSessionRequest,
+        ua.ActivateSessionRequest,
+        ua.CloseSessionRequest,
+        ua.BrowseRequest,
+        ua.ReadRequest,
+        ua.CreateSubscriptionRequest,
+        ua.ModifySubscriptionRequest,
+        ua.CreateMonitoredItemsRequest,
+        ua.PublishRequest,
+    )
+}
+_FASTEST_MS, _SLOWEST_MS = 1.0, 1000.0
+_LONGEST_TOKEN_MS = 3_600_000
+
+
+class RobotServer:
+    """The server. read: the angles of the axes, and then what `condition_columns` names, at a time.
+
+    subscriptions: whether it serves them; otherwise it can only be polled. space: what it shows in place of one robot
+    that is as `feedback` has it.
+    """
+
+    EPOCH = datetime(2023, 11, 14, 22, 13, 20, tzinfo=UTC)
+    """Its clock when it begins."""
+
+    def __init__(
+        self,
+        feedback: OPCUARobotics,
+        read: Callable[[int], Sequence[float]],
+        *,
+        subscriptions: bool = True,
+        space: Space | None = None,
+    ) -> None:
+        self.sent = 0
+        self._feedback = feedback
+        self._read = read
+        self._subscriptions = subscriptions
+        self._frames, self._channel = chunks(), Channel()
+        self._space = space or robot_space(feedback)
+        self._start_ns = 0
+        self._pace: Pace | None = None
+        self._interval_ms = _SLOWEST_MS
+        self._items: dict[int, str] = {}
+        self._waiting: list[tuple[int, Any]] = []
+        self._notes = 0
+
+    def connected(self, now_ns: int) -> Step:
+        self._start_ns = now_ns
+        return Step()
+
+    def received(self, data: bytes, now_ns: int) -> Step:
+        answers = b""
+        for chunk in self._frames.feed(data, now_ns):
+            try:
+                if isinstance(chunk, Fault):
+                    raise Unreadable(chunk.detail)
+                answers += self._answer(chunk, now_ns)
+            except Unreadable:
+                return Step(answers, hang_up=True)
+        return self._step(answers)
+
+    def tick(self, now_ns: int) -> Step:
+        """Send what one instant brings; a tick that is late is followed by the next at once."""
+        if self._pace is None or not self._waiting:
+            return Step()
+        instant_ns = self._pace.step(now_ns)
+        return self._step(b"" if instant_ns is None else self._note(instant_ns))
+
+    def _step(self, send: bytes) -> Step:
+        return Step(send, wake_ns=self._pace.next_ns if self._pace and self._waiting else None)
+
+    def _answer(self, chunk: Message, now_ns: int) -> bytes:
+        received = self._channel.read(chunk.data)
+        if received is None:
+            return b""
+        if received.kind == HELLO:
+            return self._channel.packed(ACKNOWLEDGE, ua.Acknowledge(ReceiveBufferSize=CHUNK, SendBufferSize=CHUNK))
+        if received.kind == OPEN:
+            return self._opened(decoded(ua.OpenSecureChannelRequest, received.body), received.request, now_ns)
+        if received.kind == CLOSE:
+            raise Unreadable("the channel is closed")
+        kind = _REQUESTS.get(type_of(received.body))
+        if kind is None:
+            fault = ua.ServiceFault()
+            fault.ResponseHeader.ServiceResult = ua.StatusCode(ua.StatusCodes.BadServiceUnsupported)
+            fault.ResponseHeader.Timestamp = NO_STAMP
+            return self._channel.packed(MESSAGE, fault, received.request)
+        request = decoded(kind, received.body)
+        if kind is ua.PublishRequest:
+            self._waiting.append((received.request, request))
+            return b""
+        return self._reply(request, received.request, self._served(request, now_ns))
+
+    def _reply(self, request: Any, number: int, response: Any) -> bytes:
+        response.ResponseHeader.RequestHandle = request.RequestHeader.RequestHandle
+        response.ResponseHeader.Timestamp = NO_STAMP
+        return self._channel.packed(MESSAGE, response, number)
+
+    def _opened(self, request: Any, number: int, now_ns: int) -> bytes:
+        self._channel.number, self._channel.token = 1, self._channel.token + 1
+        lifetime_ms = min(request.Parameters.RequestedLifetime, _LONGEST_TOKEN_MS)
+        response = ua.OpenSecureChannelResponse()
+        response.Parameters.SecurityToken = ua.ChannelSecurityToken(
+            self._channel.number, self._channel.token, self._clock(now_ns), lifetime_ms
+        )
+        response.ResponseHeader.Timestamp = NO_STAMP
+        return self._channel.packed(OPEN, response, number)
+
+    def _served(self, request: Any, now_ns: int) -> Any:
+        """The response to a request."""
+        response = getattr(ua, type(request).__name__.removesuffix("Request") + "Response")()
+        asked: Any = getattr(request, "Parameters", None)
+        match request:
+            case ua.CreateSessionRequest():
+                response.Parameters.AuthenticationToken = ua.NodeId("session", 1)
+                response.Parameters.RevisedSessionTimeout = asked.RequestedSessionTimeout
+                response.Parameters.ServerEndpoints = [_endpoint(asked.EndpointUrl)]
+            case ua.BrowseRequest():
+                response.Results = [self._space.browsed(description.NodeId) for description in asked.NodesToBrowse]
+            case ua.ReadRequest():
+                values = self._values(now_ns)
+                response.Results = [self._value(values, item.NodeId, now_ns) for item in asked.NodesToRead]
+                self.sent += self._space.is_position(asked.NodesToRead[0].NodeId) if asked.NodesToRead else 0
+            case ua.CreateSubscriptionRequest() if not self._subscriptions:
+                response.ResponseHeader.ServiceResult = ua.StatusCode(ua.StatusCodes.BadServiceUnsupported)
+            case ua.CreateSubscriptionRequest() | ua.ModifySubscriptionRequest():
+                wanted_ms = asked.RequestedPublishingInterval
+                self._interval_ms = wanted_ms if _FASTEST_MS <= wanted_ms <= _SLOWEST_MS else _SLOWEST_MS
+                revised = response.Parameters
+                revised.SubscriptionId = 1
+                revised.RevisedPublishingInterval = self._interval_ms
+                revised.RevisedMaxKeepAliveCount = asked.RequestedMaxKeepAliveCount
+                revised.RevisedLifetimeCount = asked.RequestedLifetimeCount
+            case ua.CreateMonitoredItemsRequest():
+                for item in asked.ItemsToCreate:
+                    self._items[item.RequestedParameters.ClientHandle] = item.ItemToMonitor.NodeId
+                response.Results = [ua.MonitoredItemCreateResult() for _ in asked.ItemsToCreate]
+                self._pace = Pace(1e3 / self._interval_ms, now_ns)
+        return response
+
+    def _note(self, instant_ns: int) -> bytes:
+        """Everything that is subscribed to, as of this instant."""
+        self.sent += 1
+        self._notes = self._notes % (2**32 - 1) + 1
+        number, request = self._waiting.pop(0)
+        values = self._values(instant_ns)
+        items = [
+            ua.MonitoredItemNotification(handle, self._value(values, node, instant_ns))
+            for handle, node in self._items.items()
+        ]
+        response = ua.PublishResponse()
+        response.Parameters.SubscriptionId = 1
+        response.Parameters.MoreNotifications = False
+        response.Parameters.NotificationMessage = ua.NotificationMessage(
+            self._notes, self._clock(instant_ns), [ua.DataChangeNotification(MonitoredItems=items)]
+        )
+        return self._reply(request, number, response)
+
+    def _clock(self, now_ns: int) -> datetime:
+        return self.EPOCH + timedelta(microseconds=(now_ns - self._start_ns) / 1e3)
+
+    def _values(self, now_ns: int) -> dict[str, Any]:
+        """What the robot shows, by the names of its variables."""
+        given = self._read(now_ns)
+        condition = UNDISTURBED | dict(zip(condition_columns(self._feedback), given[6:], strict=True))
+        in_rad = self._feedback.units == "rad"
+        angles = map(math.radians if in_rad else float, given[:6])
+        return {f"q{axis}": angle for axis, angle in enumerate(angles, 1)} | shown_of(condition)
+
+    def _value(self, values: dict[str, Any], node: Any, now_ns: int) -> Any:
+        name = self._space.shows(node)
+        if name is None:
+            return self._space.constant(node)
+        plain = values[name]
+        variant = ua.Variant(ua.LocalizedText(plain)) if isinstance(plain, str) else ua.Variant(plain)
+        return ua.DataValue(variant, SourceTimestamp=self._clock(now_ns))
+
+
+def _endpoint(url: str) -> Any:
+    anonymous = ua.UserTokenPolicy(PolicyId="anonymous", TokenType=ua.UserTokenType.Anonymous)
+    return ua.EndpointDescription(
+        EndpointUrl=url,
+        SecurityMode=ua.MessageSecurityMode.None_,
+        SecurityPolicyUri=NO_SECURITY,
+        UserIdentityTokens=[anonymous],
+    )

@@ -1,0 +1,117 @@
+"""What the values of a robot's nodes mean: samples and faults."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+from asyncua import ua
+
+from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
+from daq.protocol.framing import Message
+from daq.protocol.numerals import are_angles
+from daq.protocol.opc_ua_condition import condition_of
+from daq.protocol.opc_ua_nodes import RobotNodes, read_request
+from daq.protocol.opc_ua_positions import ArmPosition, AxisValue, Together
+from rigs.schema.feedback import condition_columns
+from rigs.schema.opc_ua import OPCUARobotics
+
+_TOGETHER = 0.5
+"""Stamps of axes within this share of the interval are of one sample."""
+_APART_S = 1e-3
+"""Stamps further apart than this are reported: axes at 50 deg/s are then 0.05 deg from where they were together."""
+_UNCERTAIN, _SEVERITY, _CODE = 1, 30, 0xFFFF0000
+"""A status code begins with two bits of severity, 0 good and 1 uncertain; its number is the upper half (OPC 10000-4,
+7.39)."""
+_OVERFLOW = 0x480
+"""Bits of a status code: it is of a data value, and values before it found no room in the server's queue."""
+
+
+class RobotValues:
+    """Makes samples of the values of a robot's nodes, which go by their places in `RobotNodes.all`."""
+
+    def __init__(self, feedback: OPCUARobotics, nodes: RobotNodes) -> None:
+        self._nodes = nodes
+        self._columns = condition_columns(feedback)
+        self._names = list(nodes.condition)
+        self._shown: dict[str, Any] = {}
+        self._together = Together(_TOGETHER / feedback.rate_hz)
+        self._last_number = self._notes = self._positions = 0
+        self._apart_reported = False
+
+    def request(self) -> Any:
+        """Return the request for all values."""
+        return read_request(self._nodes.all)
+
+    def stand_still(self, note: Any) -> bool:
+        """Return whether a message of the subscription shows that stamps stand still: after the first position it
+        brings nothing new."""
+        return bool(self._notes) and self._positions < 2 and not note.NotificationData
+
+    def published(self, note: Any, message: Message) -> Iterator[Item]:
+        """Yield what a message of the subscription brings."""
+        at_ns = message.last_byte_ns
+        if not note.NotificationData:
+            yield from self._samples(self._together.end(), NO_TIME, message)
+            return
+        # Each message with data has the next number; one without has that of the next to come.
+        missing, self._last_number = note.SequenceNumber - self._last_number - 1, note.SequenceNumber
+        if missing > 0 and self._notes:
+            yield Fault(FaultKind.SKIPPED, at_ns, "messages of the subscription are missing", missing)
+        self._notes += 1
+        values = list[AxisValue]()
+        for data in note.NotificationData:
+            if isinstance(data, ua.DataChangeNotification):
+                for item in data.MonitoredItems or ():
+                    yield from self._take(item.ClientHandle, item.Value, values, at_ns)
+        yield from self._samples(self._together.take(values), NO_TIME, message)
+
+    def polled(self, results: Sequence[Any], asked_ns: int, message: Message) -> Iterator[Item]:
+        """Yield what an answer to `request` brings. Its stamps may be old, so the answer has none."""
+        values = list[AxisValue]()
+        for place, value in enumerate(results):
+            yield from self._take(place, value, values, message.last_byte_ns)
+        together = Together(math.inf)
+        unstamped = (replace(value, clock_s=math.nan) for value in values)
+        yield from self._samples(together.take(unstamped), asked_ns, message)
+
+    def _take(self, place: int, value: Any, values: list[AxisValue], at_ns: int) -> Iterator[Fault]:
+        """Add the value of an axis to `values`, or note what is shown of the condition; faults are yielded."""
+        code = value.StatusCode.value if value.StatusCode else 0
+        severity, plain = code >> _SEVERITY, None if value.Value is None else value.Value.Value
+        axes = len(self._nodes.axes)
+        if axes <= place < axes + len(self._names):
+            said = plain.Text if isinstance(plain, ua.LocalizedText) else plain
+            self._shown[self._names[place - axes]] = said if severity <= _UNCERTAIN else None
+        elif place < axes:
+            angle = plain if isinstance(plain, float | int) and severity <= _UNCERTAIN else math.nan
+            if math.isnan(angle):
+                why = ua.StatusCode(code).name if severity > _UNCERTAIN else f"{plain!r}"[:60]
+                yield Fault(FaultKind.DEVICE_ERROR, at_ns, f"axis {place + 1}: {why} in place of an angle")
+            if code & _OVERFLOW == _OVERFLOW:
+                yield Fault(FaultKind.SKIPPED, at_ns, f"axis {place + 1}: values found no room in the server's queue")
+            status = code & _CODE if severity == _UNCERTAIN else 0
+            values.append(AxisValue(place, angle * self._nodes.deg_per_unit[place], _clock_s(value), status))
+
+    def _samples(self, positions: Iterable[ArmPosition], asked_ns: int, message: Message) -> Iterator[Item]:
+        shown, at_ns = condition_of(self._shown), message.last_byte_ns
+        condition = tuple(shown[name] for name in self._columns)
+        stamps = (asked_ns, message.first_byte_ns, at_ns)
+        for position in positions:
+            self._positions += 1
+            if not are_angles(position.angles_deg):
+                yield Fault(FaultKind.GARBLED, at_ns, f"angles {position.angles_deg} deg; left out")
+                continue
+            if position.apart_s > _APART_S and not self._apart_reported:
+                self._apart_reported = True
+                what = f"the server stamps the axes of a position up to {1e3 * position.apart_s:.1f} ms apart"
+                yield Fault(FaultKind.DOUBTFUL, at_ns, f"{what}; the middle is taken")
+            values = (*position.angles_deg, *condition)
+            yield Sample(values, *stamps, message.size, position.clock_s, position.status)
+
+
+def _clock_s(value: Any) -> float:
+    stamp = value.SourceTimestamp or value.ServerTimestamp
+    return math.nan if stamp is None else float(stamp.timestamp())
