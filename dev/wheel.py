@@ -106,7 +106,8 @@ def _pip(environment: Environment, *arguments: str) -> int:
     """Return pip's exit code; the pip is that of the Python beneath this environment, which has none."""
     python = os.environ.get("PYTHON") or getattr(sys, "_base_executable", sys.executable)
     into = ["--python", str(environment.place / "bin" / "python"), "--disable-pip-version-check"]
-    return subprocess.run([python, "-m", "pip", *into, "install", "--quiet", *arguments], check=False).returncode
+    quickly = ["--quiet", "--no-compile"]  # what is imported is compiled then: 19 s of CPU in place of 35 s
+    return subprocess.run([python, "-m", "pip", *into, "install", *quickly, *arguments], check=False).returncode
 
 
 def _fail(why: str) -> None:

@@ -1,6 +1,6 @@
 """`scripts/dev`: the one entry to what only developers run, and the links that stand for its programs."""
 
-import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -36,13 +36,15 @@ def test_an_unknown_program_is_refused_with_the_names_of_those_there_are(name: s
 @pytest.mark.parametrize(
     "name", sorted({*PROGRAMS} - {"booted"} - {file.stem for file in (ROOT / "dev").glob("*.lock")})
 )
-def test_each_program_starts(name: str) -> None:
+def test_each_program_starts(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """Without those that need packages of their own, or root."""
-    command = [sys.executable, ROOT / "dev" / f"{name}.py", "--help"]
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": str(ROOT)}
-    )
-    assert done.returncode == 0, done.stderr
+    monkeypatch.syspath_prepend(ROOT / "dev")
+    monkeypatch.setattr(sys, "argv", [name, "--help"])
+    try:
+        runpy.run_path(str(ROOT / "dev" / f"{name}.py"), run_name="__main__")
+    except SystemExit as end:
+        assert not end.code
+    assert capsys.readouterr().out
 
 
 def test_there_are_links() -> None:

@@ -1,10 +1,8 @@
 """What the documents tell a person to type exists: commands, options, files."""
 
-import os
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +18,6 @@ from rigs.load import SHIPPED, parse
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(ROOT.glob("docs/**/*.md"))]
-BIN = Path(sys.executable).parent
 _SOURCES = [*sorted(ROOT.glob("analysis/cli/*.py")), ROOT / "daq" / "service" / "rigd.py"]
 VALUES = {"polled", "continuous", "optorsd", "m1240", "rtu", "ascii"}
 """What a key may be set to, written in the table beside its key."""
@@ -48,16 +45,18 @@ def test_every_command_line_in_the_documents_exists(line: str) -> None:
     words = line.split()
     command = [word for word in words if re.fullmatch(r"[a-z]+(-[a-z]+)*", word)]
     depth = {"rig": 2, "rigd": 1}[command[0]] + (command[0] == "rig" and bool(GROUPS.keys() & command[1:2]))
-    done = subprocess.run(
-        [BIN / command[0], *command[1:depth], "--help"],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {"COLUMNS": "200"},
-    )
-    assert done.returncode == 0, done.stderr
+    shown = _help(command[0], tuple(command[1:depth]))
     for option in (word.split("=")[0] for word in words if word.startswith("--")):
-        assert re.search(rf"{option}\b", done.stdout), (line, option)
+        assert re.search(rf"{option}\b", shown), (line, option)
+
+
+@cache
+def _help(program: str, command: tuple[str, ...]) -> str:
+    done = CliRunner().invoke(
+        {"rig": app, "rigd": rigd_app}[program], [*command, "--help"], env={"COLUMNS": "200"}, prog_name=program
+    )
+    assert done.exit_code == 0, done.output
+    return done.output
 
 
 def _commands() -> list[tuple[str, ...]]:

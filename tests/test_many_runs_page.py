@@ -1,5 +1,6 @@
 """The commands and the snippet of docs/many-runs.md run, in order, on a plant of two small robots."""
 
+import os
 import re
 import shlex
 import subprocess
@@ -8,10 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.command_line import ran
 from tests.support.plant_runs import robot_of, write_visits
+from tests.support.remote_stores import s3_store, sftp_store
 
 PAGE = (Path(__file__).parents[1] / "docs" / "many-runs.md").read_text(encoding="utf-8")
-RIG = [sys.executable, "-c", "from analysis.cli import main; main()"]
 
 
 def blocks(language: str) -> list[str]:
@@ -32,11 +34,26 @@ def test_every_command_runs_and_the_snippet_reads_what_it_wrote(work: Path) -> N
     for line in blocks("sh")[0].splitlines():
         _, *words = shlex.split(line, comments=True)
         output = words[words.index(">") + 1] if ">" in words else None
-        command = [*RIG, *words[: -2 if output else None]]
-        done = subprocess.run(command, capture_output=True, text=True, cwd=work, check=False)
+        done = ran(*words[: -2 if output else None], cwd=work)
         assert done.returncode == 0 and (done.stdout or "wrote" in done.stderr), (line, done.stderr)
         if output:
             (work / output).write_text(done.stdout)
     (snippet,) = blocks("python")
     done = subprocess.run([sys.executable, "-c", snippet], capture_output=True, text=True, cwd=work, check=True)
     assert re.search(r"robot-002 +yaw +4 ", done.stdout), done.stdout
+
+
+@pytest.mark.timeout(300)
+def test_every_command_over_a_store_runs(work: Path, tmp_path: Path) -> None:
+    for package in ("s3fs", "boto3", "moto", "sshfs", "asyncssh"):
+        pytest.importorskip(package, reason=f"{package} is not installed: pip install s3fs sshfs 'moto[server]'")
+    commands = [line for line in blocks("sh")[2].splitlines() if line.startswith("rig ")]
+    with s3_store(work) as s3, sftp_store(work, tmp_path / "keys") as sftp:
+        environment = os.environ | s3.environment | sftp.environment | {"XDG_CACHE_HOME": str(tmp_path)}
+        for line in commands:
+            words = [word.replace("sftp://me@store", sftp.url) for word in shlex.split(line, comments=True)[1:]]
+            done = subprocess.run(
+                [*RIG, *words], capture_output=True, text=True, cwd=tmp_path, check=False, env=environment
+            )
+            assert done.returncode == 0 and done.stdout, (line, done.stderr)
+    assert len(commands) == 4 and (tmp_path / "plant.html").is_file()

@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
+from functools import partial
+from tempfile import TemporaryDirectory
 
+from analysis.batch.fetched import PREFIX, fetching_into
 from analysis.batch.outcomes import Item, Outcome, Value, attempt, outcome_of
+from analysis.batch.remote_path import RemotePath
 
 
 def each(
@@ -18,6 +22,9 @@ def each(
     jobs: processes of this machine; 0 for one on each core.
     scheduler: the address of a Dask scheduler, whose workers do the work instead.
 
+    Runs that lie elsewhere are fetched by processes of their own, however few: the packages of stores start threads,
+    and a process that waits for a store is ended at once.
+
     A process that is killed, as by a system out of memory, costs time: its item is begun once more, and fails where
     that is killed as well. Where the iteration is closed, as after Ctrl-C, the processes are killed.
     """
@@ -25,6 +32,12 @@ def each(
         from analysis.batch.dask_cluster import on_cluster  # noqa: PLC0415 - an extra
 
         yield from on_cluster(work, items, scheduler)
+        return
+    if any(isinstance(item, RemotePath) for item in items):
+        from analysis.batch.processes import cores, in_processes  # noqa: PLC0415
+
+        with TemporaryDirectory(prefix=PREFIX) as place:  # which outlives processes that are killed
+            yield from in_processes(partial(fetching_into, place, work), items, min(jobs or cores(), len(items)))
         return
     if (jobs == 0 or jobs > 1) and len(items) > 1:
         from analysis.batch.processes import cores, in_processes  # noqa: PLC0415 - not for a single run

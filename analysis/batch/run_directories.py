@@ -1,27 +1,39 @@
-"""From what a person names to runs: a directory that is no run stands for every run below it."""
+"""From what a person names to runs: a directory or a URL that is no run stands for every run below it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
+from analysis.batch.remote_path import RemotePath
+from analysis.batch.run_files import NO_RUNS
 from daq.store.ledger import LEDGER
 from daq.store.manifest import MANIFEST
-
-_NO_RUNS = "lost+found"
-"""What a file system puts at its top, for root alone."""
+from rigs.errors import FileError
 
 
 def run_directories(paths: Iterable[Path]) -> list[Path]:
     """The runs that the paths stand for, in the order given, each once; of a directory in the order of names.
 
-    A path that holds no run stands for itself, so that reading it reports what is wrong with it.
+    A path that holds no run stands for itself, so that reading it reports what is wrong with it. Raises CellError
+    where the store of a URL does not answer.
     """
     found: dict[Path, Path] = {}
     for path in paths:
-        for run in [path] if _is_run(path) else list(_runs_below(path)) or [path]:
+        for run in _runs_of(path) or [path]:
             found.setdefault(run.resolve(), run)
     return list(found.values())
+
+
+def _runs_of(path: Path) -> list[Path]:
+    if isinstance(path, RemotePath):
+        from analysis.batch.remote_runs import remote_runs  # noqa: PLC0415 - not for a directory
+
+        with suppress(FileError):
+            return [run.path for run in remote_runs(path)]
+        return []
+    return [path] if _is_run(path) else list(_runs_below(path))
 
 
 def _runs_below(top: Path) -> Iterator[Path]:
@@ -43,7 +55,7 @@ def _runs_below(top: Path) -> Iterator[Path]:
         except NotADirectoryError:
             continue
         except OSError:
-            if folder.name != _NO_RUNS:
+            if folder.name != NO_RUNS:
                 yield folder
             continue
         entered.add(here)

@@ -14,7 +14,7 @@ import typer
 from typer.exceptions import TyperException
 
 from analysis.batch.outcomes import is_numerical
-from analysis.cli.commands import Group
+from analysis.cli.commands import Group, with_the_command_of
 from analysis.cli.console import say_error
 from rigs.errors import CellError, FileError, RigError
 
@@ -47,7 +47,7 @@ def main() -> None:
     # numpy only warns where a figure becomes nan; such a figure is no result.
     warnings.simplefilter("error", RuntimeWarning)
     try:
-        sys.exit(app(standalone_mode=False))
+        sys.exit(with_the_command_of(app, sys.argv[1:])(standalone_mode=False))
     except TyperException as error:
         _wrong_use(error)
     except typer.Abort:

@@ -69,15 +69,13 @@ def _as_line(run: Path) -> str:
 
 def _show(results: Sequence[Result], *, as_json: bool, plot: Path | None, each: bool, truth: Path | None) -> None:
     """Draw the pictures, and print the table or the JSON object."""
-    from analysis.cli.progress import progress_of  # noqa: PLC0415
-    from analysis.reporting.run_report import as_object, as_tables  # noqa: PLC0415
-
     truths = []
     if truth:
         from analysis.reporting.truth import compare  # noqa: PLC0415
 
         truths = compare(results, truth)
     if plot:
+        from analysis.cli.progress import progress_of  # noqa: PLC0415
         from analysis.reporting.plots import save_all_pictures  # noqa: PLC0415
 
         with progress_of("drawing the pictures"):
@@ -85,8 +83,11 @@ def _show(results: Sequence[Result], *, as_json: bool, plot: Path | None, each: 
         for picture in pictures:
             say(f"wrote {picture}", err=True)
     if as_json:
+        from analysis.reporting.run_object import as_object  # noqa: PLC0415
+
         say_json(as_object(results, truths))
         return
     from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
+    from analysis.reporting.run_report import as_tables  # noqa: PLC0415
 
     PlainConsole().print(as_tables(results, truths, each=each))

@@ -11,7 +11,7 @@ import typer
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, ModelRig, ReadingJobs, RobotRunsBelow, Scheduler
+from analysis.cli.options import AsJson, ModelRig, ReadingJobs, RobotRunsBelow, Scheduler, location
 from rigs.errors import FileError, RigError
 
 if TYPE_CHECKING:
@@ -25,15 +25,17 @@ def diagnose(
     hold_out: Annotated[
         list[Path] | None,
         typer.Option(
+            parser=location,
             autocompletion=completion.runs,
-            help="Run directory to judge by, not used to find effects; repeatable; default: none.",
+            help="Run directory or URL to judge by, not used to find effects; repeatable; default: none.",
         ),
     ] = None,
     unseen: Annotated[
         list[Path] | None,
         typer.Option(
+            parser=location,
             autocompletion=completion.runs,
-            help="Run directory at another place or radius, to judge by; repeatable; default: none.",
+            help="Run directory or URL at another place or radius, to judge by; repeatable; default: none.",
         ),
     ] = None,
     tolerance_um: Annotated[

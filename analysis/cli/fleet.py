@@ -1,4 +1,4 @@
-"""`rig fleet DIR`: the robots of a plant, what needs attention first."""
+"""`rig fleet DIR|URL`: the robots of a plant, what needs attention first."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ import typer
 from analysis.cli import app
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, Jobs, Scheduler
+from analysis.cli.options import AsJson, Jobs, Scheduler, location
 
 if TYPE_CHECKING:
-    from analysis.fleet.gather import Fleet, Progress
+    from analysis.fleet.gather import Fleet
+    from analysis.fleet.known import Progress
     from analysis.history.collect import Workers
 
 _SILENT_S, _STEP_S = 1.0, 0.1
@@ -25,7 +26,10 @@ _SILENT_S, _STEP_S = 1.0, 0.1
 @command(app, "rig fleet /srv/plant -o plant.html")
 def fleet(
     directory: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Directory of the plant: every run below it, however deep.")
+        Path,
+        typer.Argument(
+            metavar="DIR|URL", parser=location, help="Directory of the plant: every run below it, however deep."
+        ),
     ],
     as_json: AsJson = False,
     output: Annotated[

@@ -6,14 +6,17 @@ import sys
 import time
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from analysis.cli import app, completion
 from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
-from analysis.cli.options import AsJson, Jobs, Scheduler
+from analysis.cli.options import AsJson, Jobs, Scheduler, location
+
+if TYPE_CHECKING:
+    from analysis.history.collect import Collected, Workers
 
 _SILENT_S = 1.0
 """Nothing is shown of what takes no longer."""
@@ -28,7 +31,8 @@ def history(
         ),
     ],
     data: Annotated[
-        Path, typer.Option(metavar="DIR", help="Directory that holds the runs, or directories of them.")
+        Path,
+        typer.Option(metavar="DIR|URL", parser=location, help="Directory that holds the runs, or directories of them."),
     ] = Path("runs"),
     figure: Annotated[
         str | None, typer.Option(metavar="NAME", help="One figure, as band_deg; default: those that show the robot.")
@@ -48,14 +52,14 @@ def history(
     scheduler: Scheduler = None,
 ) -> None:
     """Show each figure of a robot over time, and report what changed by more than the scatter between its runs."""
-    from analysis.history.collect import Workers, collect  # noqa: PLC0415
+    from analysis.history.collect import Workers  # noqa: PLC0415
     from analysis.history.history import history_of  # noqa: PLC0415
     from rigs.errors import FileError  # noqa: PLC0415
     from rigs.load import load  # noqa: PLC0415
 
     if as_json and as_csv:
         raise FileError("--json and --csv", "cannot both be printed", "give one of them")
-    collected = collect(data, robot, _Progress(), Workers(jobs, scheduler))
+    collected = _collected(data, robot, Workers(jobs, scheduler))
     limits = load(rig_file)[0].limits if rig_file else None
     found = history_of(collected, figure, since.date() if since else None, limits)
     if output:
@@ -80,6 +84,21 @@ def history(
         from analysis.reporting.plain_console import PlainConsole  # noqa: PLC0415
 
         PlainConsole().print(screen.as_screen(found))
+
+
+def _collected(data: Path, robot: str, workers: Workers) -> Collected:
+    """The runs of the robot; of those elsewhere the catalogue that `rig fleet` keeps knows what has not changed."""
+    from analysis.batch.remote_path import RemotePath  # noqa: PLC0415
+
+    if isinstance(data, RemotePath):
+        from analysis.fleet.catalogue import default_path  # noqa: PLC0415
+        from analysis.fleet.robot import collect_by_catalogue  # noqa: PLC0415
+
+        shown = _Progress()
+        return collect_by_catalogue(data, robot, default_path(data), workers, lambda _, *count: shown(*count))
+    from analysis.history.collect import collect  # noqa: PLC0415
+
+    return collect(data, robot, _Progress(), workers)
 
 
 class _Progress:

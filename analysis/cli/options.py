@@ -9,18 +9,34 @@ import typer
 
 from analysis.cli import completion
 
+
+def location(given: str | Path) -> Path:
+    """What a person named, or a default: a path of this computer, or a URL. Raises FileError for a URL that cannot be
+    taken."""
+    from analysis.batch import remote_path  # noqa: PLC0415 - not for help
+
+    return remote_path.location(str(given))
+
+
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories.")]
 RobotRuns = Annotated[
     list[Path], typer.Argument(metavar="RUN…", autocompletion=completion.runs, help="Run directories of one robot.")
 ]
-_STANDS_FOR = "a directory that holds runs stands for all of them."
+_STANDS_FOR = "a directory or URL that holds runs stands for all of them."
 RunsBelow = Annotated[
     list[Path],
-    typer.Argument(metavar="RUN…", autocompletion=completion.runs, help=f"Run directories; {_STANDS_FOR}"),
+    typer.Argument(
+        metavar="RUN…", parser=location, autocompletion=completion.runs, help=f"Run directories or URLs; {_STANDS_FOR}"
+    ),
 ]
 RobotRunsBelow = Annotated[
     list[Path],
-    typer.Argument(metavar="RUN…", autocompletion=completion.runs, help=f"Run directories of one robot; {_STANDS_FOR}"),
+    typer.Argument(
+        metavar="RUN…",
+        parser=location,
+        autocompletion=completion.runs,
+        help=f"Run directories or URLs of one robot; {_STANDS_FOR}",
+    ),
 ]
 
 

@@ -21,8 +21,10 @@ def distinct(paths: Iterable[Path]) -> dict[Path, None]:
 def runs_below(paths: Iterable[Path], scheduler: str | None = None) -> list[Path]:
     """The runs that the paths stand for; absolute for a cluster, whose workers have directories of their own."""
     from analysis.batch.run_directories import run_directories  # noqa: PLC0415
+    from analysis.cli.progress import progress_of  # noqa: PLC0415
 
-    return [run if scheduler is None else run.absolute() for run in run_directories(paths)]
+    with progress_of("listing the runs", is_still=True):
+        return [run if scheduler is None else run.absolute() for run in run_directories(paths)]
 
 
 def load_runs(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,9 @@ from analysis.cli.commands import command
 from analysis.cli.console import say, say_json
 from analysis.cli.options import Jobs, Runs, RunsBelow, Scheduler
 from analysis.cli.several import end_with, for_each, over_runs, worst
+
+if TYPE_CHECKING:
+    from daq.store import Verdict
 
 
 @command(app, "rig runs /var/lib/rigd-cell/runs")
@@ -85,7 +88,6 @@ def _recover(path: Path) -> None:
 def verify(paths: RunsBelow, jobs: Jobs = 1, scheduler: Scheduler = None) -> None:
     """Report which runs are whole, recovered or not whole; the exit code is 3 if anything is wrong or missing."""
     from analysis.cli.run_paths import runs_below  # noqa: PLC0415
-    from daq.store import Verdict, judge  # noqa: PLC0415
 
     not_whole = []
 
@@ -96,5 +98,17 @@ def verify(paths: RunsBelow, jobs: Jobs = 1, scheduler: Scheduler = None) -> Non
         if verdict.lines:
             not_whole.append(verdict.path)
 
-    errors = over_runs(judge, runs_below(paths, scheduler), show, doing="verifying", jobs=jobs, scheduler=scheduler)
+    errors = over_runs(judged, runs_below(paths, scheduler), show, doing="verifying", jobs=jobs, scheduler=scheduler)
     end_with(max(worst(errors), 3 if not_whole else 0))
+
+
+def judged(path: Path) -> Verdict:
+    """Whether a run is whole, wherever it lies. Raises RigError for one elsewhere that cannot be fetched."""
+    from dataclasses import replace  # noqa: PLC0415
+
+    from analysis.batch.fetched import fetched, named  # noqa: PLC0415
+    from daq.store import judge  # noqa: PLC0415
+
+    with fetched(path) as directory:
+        found = judge(directory)
+    return replace(found, path=path, problems=tuple(named(problem, directory, path) for problem in found.problems))

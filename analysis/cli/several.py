@@ -56,15 +56,19 @@ def over_runs(
 ) -> list[RigError]:
     """Do the work for each run, wherever, and use its value as soon as it and those before it are there.
 
-    doing: in words, for a terminal. An error is reported as it comes, and the rest goes on. Returns the errors.
+    doing: in words, for a terminal. An error is reported as it comes, and the rest goes on. Returns the errors. Raises
+    StoreLost where a store does not answer any more, since the rest would fail as well.
     """
     from analysis.batch.each import each  # noqa: PLC0415
+    from analysis.batch.remote_store import StoreLost  # noqa: PLC0415
 
     errors: list[RigError] = []
     done = 0
     with closing(each(work, runs, jobs=jobs, scheduler=scheduler)) as outcomes:
         try:
             for outcome in _watched(outcomes, runs, doing, is_still=jobs != 1 or scheduler is not None):
+                if isinstance(outcome, Failed) and isinstance(outcome.error, StoreLost):
+                    raise outcome.error
                 if isinstance(outcome, Failed):
                     say_error(outcome.error)
                     errors.append(outcome.error)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from analysis.batch.fetched import fetched, named
 from analysis.history.collect import REASONS
 from analysis.history.records import Record, fingerprint_of, record_of, record_without_figures
 from daq.store.retention import RunInfo, look
@@ -23,7 +24,17 @@ class Examined:
 
 
 def examine(path: Path) -> Examined | None:
-    """Evaluate a run, or say why it cannot be; None where it is gone. Never raises for a bad run."""
+    """Evaluate a run, or say why it cannot be; None where it is gone. Never raises for a bad run; raises RigError for
+    one elsewhere that cannot be fetched."""
+    with fetched(path) as directory:
+        found = _examined(directory)
+    if found is None:
+        return None
+    record = replace(found.record, name=path.name, problem=named(found.record.problem, directory, path))
+    return replace(found, record=record)
+
+
+def _examined(path: Path) -> Examined | None:
     try:
         run = look(path)
     except OSError as error:

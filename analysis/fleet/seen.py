@@ -1,27 +1,27 @@
-"""What lies below the directory of a plant, by names, sizes and times of files alone: no run is opened."""
+"""What lies below the directory of a plant, by names, sizes and times of files alone: no run is opened.
+
+Of files elsewhere the store says what it knows of their state: an object store gives each a digest, its ETag.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from analysis.batch.remote_path import RemotePath
+from analysis.batch.remote_runs import RemoteRun, remote_runs
 from analysis.batch.run_directories import run_directories
-from daq.store.ledger import LEDGER
-from daq.store.manifest import MANIFEST
+from analysis.batch.run_files import has_figures
 from rigs.errors import FileError
-
-_OF_FIGURES = (MANIFEST, LEDGER)
-_ENDINGS = (".parquet", ".arrow")
-"""Files that figures follow from; marks, which say that a run was exported or is kept, change none."""
 
 
 @dataclass(frozen=True)
 class Seen:
     """A run as it lies there. run: its path below the plant's directory; signature: a digest of the names, sizes and
-    times of its files, empty where they cannot be listed."""
+    times of its files, empty where they cannot be listed or do not show whether a file has changed."""
 
     path: Path
     run: str
@@ -29,7 +29,13 @@ class Seen:
 
 
 def seen_runs(directory: Path) -> Iterator[Seen]:
-    """Every run below a directory, in the order of their paths. Raises FileError where there is no such directory."""
+    """Every run below a directory, in the order of their paths. Raises FileError where there is no such directory,
+    CellError where a store does not answer."""
+    if isinstance(directory, RemotePath):
+        for run in remote_runs(directory):
+            if run.path != directory:
+                yield Seen(run.path, "/".join(run.path.parts[len(directory.parts) :]), _remote_signature(run))
+        return
     if not directory.is_dir():
         raise FileError(str(directory), "no such directory", "give the directory that holds the plant's runs")
     for path in run_directories([directory]):
@@ -40,16 +46,24 @@ def seen_runs(directory: Path) -> Iterator[Seen]:
 def signature_of(run: Path) -> str:
     """A digest of the names, sizes and times of a run's files; it costs a call of the system a file, whatever their
     size. Empty where they cannot be listed."""
-    found = hashlib.sha256()
     try:
         with os.scandir(run) as entries:
-            files = sorted((one.name, one.stat()) for one in entries if _counts(one.name))
+            files = [(one.name, one.stat()) for one in entries if has_figures(one.name)]
     except OSError:
         return ""
-    for name, status in files:
-        found.update(f"{name} {status.st_size} {status.st_mtime_ns}\n".encode("utf-8", "surrogateescape"))
+    return _digest((name, status.st_size, str(status.st_mtime_ns)) for name, status in files)
+
+
+def _remote_signature(run: RemoteRun) -> str:
+    files = [one for one in run.files or () if has_figures(one.name)]
+    if not files or not all(one.stamp for one in files):
+        return ""
+    return _digest((one.name, one.size, one.stamp) for one in files)
+
+
+def _digest(files: Iterable[tuple[str, int, str]]) -> str:
+    """A digest of names, sizes and times or other stamps."""
+    found = hashlib.sha256()
+    for name, size, stamp in sorted(files):
+        found.update(f"{name} {size} {stamp}\n".encode("utf-8", "surrogateescape"))
     return found.hexdigest()
-
-
-def _counts(name: str) -> bool:
-    return name in _OF_FIGURES or name.endswith(_ENDINGS)

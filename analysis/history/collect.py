@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -13,7 +13,7 @@ from analysis.batch.outcomes import Done, Outcome
 from analysis.batch.run_directories import run_directories
 from analysis.history.history_file import FILE, Unusable, read_records, write_records
 from analysis.history.records import Record, fingerprint_of, in_time, record_of, record_without_figures
-from daq.store import Manifest, RunInfo, survey
+from daq.store import RunInfo, survey
 from daq.store.retention import look
 from rigs.errors import FileError
 from rigs.load import parse
@@ -87,9 +87,11 @@ def collect(directory: Path, robot: str, progress: Progress, how: Workers = _HER
         notes.append(f"{file} {why}: it is made again from the runs")
     found = _runs_below(directory)
     broken = [_broken(run, directory, REASONS["damaged"]) for run in found if run.manifest is None]
-    mine = [run for run in found if run.manifest is not None and _is_of(run.manifest, robot)]
+    mine = [
+        run for run in found if run.manifest is not None and is_of(run.manifest.rig_name, run.manifest.rig_text, robot)
+    ]
     if not mine:
-        raise FileError(str(directory), f"holds no run of {robot}", _remedy(found))
+        raise no_run_of(robot, directory, {run.manifest.rig_name for run in found if run.manifest})
     records, jobs = _sorted_out(directory, mine, known, broken)
     gone = sorted(known.keys() - {_name(run.path, directory) for run in found})
     for fresh in _evaluated(jobs, progress, how):
@@ -205,10 +207,11 @@ def _once(records: Sequence[Record]) -> tuple[list[Record], list[tuple[Record, R
     return list(first.values()), copies
 
 
-def _is_of(manifest: Manifest, robot: str) -> bool:
-    if robot == manifest.rig_name:
+def is_of(rig_name: str, rig_text: str, robot: str) -> bool:
+    """Whether a run is of a robot, by the name of its rig file or of the robot in it."""
+    if robot == rig_name:
         return True
-    rig = _rig_of(manifest.rig_text)
+    rig = _rig_of(rig_text)
     return rig is not None and rig.robot.name == robot
 
 
@@ -221,6 +224,9 @@ def _rig_of(rig_text: str) -> Rig | None:
         return None
 
 
-def _remedy(found: Sequence[RunInfo]) -> str:
-    names = sorted({run.manifest.rig_name for run in found if run.manifest})
-    return f"give one of {', '.join(names)}" if names else "give the directory that holds the runs: --data DIR"
+def no_run_of(robot: str, directory: Path, names: Collection[str]) -> FileError:
+    """The error for a directory without a run of a robot; names: of the rig files of its runs."""
+    remedy = (
+        f"give one of {', '.join(sorted(names))}" if names else "give the directory that holds the runs: --data DIR"
+    )
+    return FileError(str(directory), f"holds no run of {robot}", remedy)

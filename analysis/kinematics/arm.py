@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,11 @@ class Arm:
     T_flange_tool: Array
     limits: Array
     speed: Array
+
+    @cached_property
+    def links_at_zero(self) -> Array:
+        """T(i-1,i) (6, 4, 4) of each joint for theta = 0: what is the same at all angles."""
+        return np.stack([_joint_at_zero(self, axis) for axis in range(6)])
 
 
 def arm_of(robot: Robot) -> Arm:
@@ -115,16 +120,28 @@ def forward_and_jacobian(arm: Arm, q: Array) -> tuple[Array, Array]:
     """
     T, J = np.empty((len(q), 4, 4)), np.empty((len(q), 6, 6))
     for block in blocks(len(q)):
-        links = list(link_columns(arm, q[block]))
-        tool = _at(links[5], arm.T_flange_tool)
+        tool, motions = tool_and_motions(arm, q[block])
         _set_frames(T[block], tool)
-        per_theta = np.empty((6, 6, tool.shape[2]))
-        for motion, link in zip(per_theta, links, strict=True):
-            (ax, ay, az), (rx, ry, rz) = link[2], tool[3] - link[3]
-            motion[0], motion[1], motion[2] = ay * rz - az * ry, az * rx - ax * rz, ax * ry - ay * rx
-            motion[3:] = link[2]
-        J[block] = (arm.coupling.T @ per_theta.reshape(6, -1)).reshape(per_theta.shape).transpose(2, 1, 0)
+        J[block] = motions.transpose(2, 1, 0)
     return T, J
+
+
+def tool_and_motions(arm: Arm, q: Array) -> tuple[Array, Array]:
+    """The columns (4, 3, n) of T_world_tool for joint angles q (n, 6) rad of one block, and by joint the motion of the
+    tool's origin, (6, 6, n): mm/rad, then angular velocity; the transpose of the Jacobian, samples last."""
+    links = list(link_columns(arm, q))
+    tool = _at(links[5], arm.T_flange_tool)
+    per_theta = np.empty((6, 6, tool.shape[2]))
+    for motion, link in zip(per_theta, links, strict=True):
+        motion[:3] = _cross(link[2], tool[3] - link[3])
+        motion[3:] = link[2]
+    return tool, (arm.coupling.T @ per_theta.reshape(6, -1)).reshape(per_theta.shape)
+
+
+def _cross(a: Array, b: Array) -> tuple[Array, Array, Array]:
+    """a × b of vectors (3, n)."""
+    (ax, ay, az), (bx, by, bz) = a, b
+    return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
 def blocks(count: int, size: int = _BLOCK) -> Iterator[slice]:
@@ -143,8 +160,8 @@ def link_columns(arm: Arm, q: Array) -> Iterator[Array]:
     block: samples last, so that each step of the chain is one operation on long rows."""
     cosine, sine = cos_sin(arm.coupling @ q.T + arm.offset[:, None])
     before: Array = np.broadcast_to(arm.T_world_base[:3].T[:, :, None], (4, 3, len(q)))
-    for axis, (c, s) in enumerate(zip(cosine, sine, strict=True)):
-        before = _at(before, _joint_at_zero(arm, axis))
+    for at_zero, c, s in zip(arm.links_at_zero, cosine, sine, strict=True):
+        before = _at(before, at_zero)
         x, y = before[0].copy(), before[1]
         before[0] *= c
         before[0] += s * y
@@ -190,14 +207,24 @@ def _joint_at_zero(arm: Arm, axis: int) -> Array:
     ])  # fmt: skip
 
 
+def columns_of(T: Array) -> Array:
+    """The columns x, y, z and origin (4, 3, n), the last in mm, of frames T (n, 4, 4)."""
+    return np.ascontiguousarray(T[:, :3].transpose(2, 1, 0))
+
+
 def pose_error(T: Array, target: Array) -> Array:
     """Small motion that takes T to target, (n, 6): translation in mm, rotation vector in rad, in the world."""
-    error = np.empty((len(T), 6))
-    error[:, :3] = target[:, :3, 3] - T[:, :3, 3]
-    R: Any = target[:, :3, :3] @ np.swapaxes(T[:, :3, :3], 1, 2)
-    skew = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1) / 2
+    return column_error(columns_of(T), columns_of(target)).T
+
+
+def column_error(columns: Array, target: Array) -> Array:
+    """Small motion (6, n) that takes frames to their target, both by their columns (4, 3, n): mm, then rad."""
+    error = np.empty((6, columns.shape[2]))
+    error[:3] = target[3] - columns[3]
+    # The axis of a rotation times its sine is half the sum of what the columns turn about.
+    skew = np.sum([_cross(old, new) for old, new in zip(columns[:3], target[:3], strict=True)], axis=0) / 2
     # The sine alone would vanish at half a turn; the angle between keeps Newton pointing the right way.
-    sine = np.linalg.norm(skew, axis=1)
-    angle = np.arctan2(sine, (np.trace(R, axis1=1, axis2=2) - 1) / 2)
-    error[:, 3:] = skew * (angle / np.where(sine > 1e-12, sine, 1.0) + (sine <= 1e-12))[:, None]
+    sine = np.sqrt((skew * skew).sum(axis=0))
+    angle = np.arctan2(sine, ((columns[:3] * target[:3]).sum(axis=(0, 1)) - 1) / 2)
+    error[3:] = skew * (angle / np.where(sine > 1e-12, sine, 1.0) + (sine <= 1e-12))
     return error

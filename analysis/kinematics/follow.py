@@ -17,7 +17,7 @@ from analysis.kinematics.canonical import canonical
 from analysis.kinematics.closed_form import branches
 from analysis.kinematics.inverse import inverse
 from analysis.kinematics.limits import within_limits
-from analysis.kinematics.newton import LENGTH_MM, from_nearby, newton
+from analysis.kinematics.newton import LENGTH_MM, REACHED_MM, from_nearby, newton
 from analysis.kinematics.singularity import cancelling_axes, conditioning
 from analysis.kinematics.solved import wrapped
 from rigs.errors import FileError
@@ -65,8 +65,8 @@ def _on_one_branch(arm: Arm, poses: Array, knots: Indices, start: Array) -> Arra
     path = np.concatenate([branches(form, poses[block], slot=slot)[0].T for block in blocks(len(poses))])
     path = np.unwrap(path, axis=0)
     path += 2 * np.pi * np.rint((theta - path[0]) / (2 * np.pi))
-    path, good, _ = from_nearby(arm, poses, (path - arm.offset) @ np.linalg.inv(arm.coupling).T)
-    if not good.all() or np.abs(path[0] - start).max() > _SAME_RAD:
+    path, off_mm, _ = from_nearby(arm, poses, (path - arm.offset) @ np.linalg.inv(arm.coupling).T)
+    if not (off_mm < REACHED_MM).all() or np.abs(path[0] - start).max() > _SAME_RAD:
         return None
     # What turns by less than a jump from knot to knot leaves the straight line between them by less.
     swing = np.maximum.reduceat(path, knots) - np.minimum.reduceat(path, knots)

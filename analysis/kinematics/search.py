@@ -12,7 +12,7 @@ import numpy as np
 from analysis.kinematics.arm import Arm, Array, Mask
 from analysis.kinematics.canonical import Canonical
 from analysis.kinematics.closed_form import branches
-from analysis.kinematics.newton import LENGTH_MM, from_nearby, newton
+from analysis.kinematics.newton import TOLERANCE_MM, from_nearby, newton
 from analysis.kinematics.singularity import null_motion
 from analysis.kinematics.solved import distinct, good, may_hold_twins, off_by, wrapped
 
@@ -24,8 +24,8 @@ _BEYOND = 1.5
 misses by what the reach lacks."""
 _REGULAR = 2e-3
 """Regularity below which a branch of the snapped arm leaves a doubt: the true arm may have more solutions beside it."""
-_SPREADS = (0.0, 0.1)
-"""rad between the two sides of a singularity of the snapped arm."""
+_SPREAD = 0.1
+"""rad between the two sides of a singularity of the snapped arm, where they are held apart."""
 _SINGULAR = 0.01
 _ASIDE = np.array([-0.6, -0.15, -0.03, 0.03, 0.15, 0.6])
 """Conditioning below which a solution is taken as near a singularity, and rad to look to its sides."""
@@ -35,45 +35,59 @@ def searched(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mas
     """q (n, 16, 6) rad and found (n, 16) for poses (n, 4, 4), by Newton from the branches of the snapped arm, or from a
     spread; found ones first."""
     q, found = np.full((len(poses), _MOST, 6), np.nan), np.zeros((len(poses), _MOST), dtype=bool)
-    rest = np.arange(len(poses))
-    if form is not None:
-        q[:, :8], found[:, :8], clear = _near_branches(arm, form, poses)
-        rest = np.flatnonzero(~clear)
+    if form is None:
+        theta: Array = np.broadcast_to(_spread(), (len(poses), _SEEDS, 6))
+        return _beside(arm, poses, *_first(*_reached(arm, poses, _joints(arm, theta))))
+    theta = branches(form, poses)
+    q[:, :8], found[:, :8], clear = _near_branches(arm, form, poses, theta)
+    rest = np.flatnonzero(~clear)
     if len(rest):
-        q[rest], found[rest] = _thorough(arm, form, poses[rest])
+        more = _reached(arm, poses[rest], _held_apart(arm, form, poses[rest], theta[:, :, rest], found[rest, :8]))
+        q[rest], found[rest] = _beside(arm, poses[rest], *_together(arm, q[rest], found[rest], *more))
     return _first(q, found)
 
 
-def _near_branches(arm: Arm, form: Canonical, poses: Array) -> tuple[Array, Mask, Mask]:
-    """Newton from each branch of the snapped arm that can be near a solution: q (n, 8, 6), found (n, 8), and which
-    poses (n,) are clear: no branch is near the end of its reach or another one, none near a singularity."""
-    back = np.linalg.inv(arm.coupling)
-    seeds: Array = back @ wrapped(branches(form, poses) - arm.offset[:, None])
-    mm, rad = off_by(arm, poses, seeds)
-    slot, row = np.nonzero(np.maximum(mm, rad * LENGTH_MM) < _BEYOND * form.snapped_mm)
-    reached, _, regularity = from_nearby(arm, poses[row], seeds[slot, :, row])
-    turned = np.full(seeds.shape, np.nan)
-    turned[slot, :, row] = wrapped(reached @ arm.coupling.T)
-    q: Array = back @ turned
-    found = good(*off_by(arm, poses, q)).T
-    clear = ~may_hold_twins(turned, found.T)
-    clear[row[~found[row, slot] | (regularity < _REGULAR)]] = False
-    return q.transpose(2, 0, 1), found, clear
+def _near_branches(arm: Arm, form: Canonical, poses: Array, theta: Array) -> tuple[Array, Mask, Mask]:
+    """Newton from each branch theta (8, 6, n) of the snapped arm that can be near a solution: q (n, 8, 6), found
+    (n, 8), and which poses (n,) are clear: no branch is near the end of its reach or another one, none near a
+    singularity."""
+    seeds = _joints(arm, theta.transpose(2, 0, 1))
+    flat = np.repeat(poses, 8, axis=0)
+    reached, off_mm, regularity = from_nearby(arm, flat, seeds.reshape(-1, 6), _BEYOND * form.snapped_mm)
+    turned = wrapped(reached @ arm.coupling.T)
+    q: Array = turned @ np.linalg.inv(arm.coupling).T
+    found, tried = off_mm < TOLERANCE_MM, off_mm < np.inf
+    unsure = np.flatnonzero(tried & ~found)
+    found[unsure] = good(*off_by(arm, flat[unsure], q[unsure].T[None]))[0]
+    q[~found] = np.nan
+    regular = (found & (regularity >= _REGULAR)) | ~tried
+    clear = regular.reshape(-1, 8).all(axis=1)
+    clear &= ~may_hold_twins(turned.reshape(-1, 8, 6).transpose(1, 2, 0), found.reshape(-1, 8).T)
+    return q.reshape(-1, 8, 6), found.reshape(-1, 8), clear
 
 
-def _thorough(arm: Arm, form: Canonical | None, poses: Array) -> tuple[Array, Mask]:
-    """Newton from more seeds, and again from both sides of each solution near a singularity."""
-    if form is None:
-        theta: Array = np.broadcast_to(_spread(), (len(poses), _SEEDS, 6))
-    else:
-        theta = np.concatenate([branches(form, poses, spread) for spread in _SPREADS]).transpose(2, 0, 1)
-    q, found = _first(*_reached(arm, poses, _joints(arm, theta)))
+def _held_apart(arm: Arm, form: Canonical, poses: Array, theta: Array, found: Mask) -> Array:
+    """Seeds (n, 16, 6) for poses in doubt: the branches theta (8, 6, n) of the snapped arm that led to no solution, and
+    what becomes of the branches where the two sides of a singularity are held apart; nan where that is nothing new."""
+    apart = branches(form, poses, _SPREAD)
+    moved = (np.abs(wrapped(apart - theta)).max(axis=1) > 0).T
+    seeds = np.concatenate([theta, apart]).transpose(2, 0, 1)
+    return distinct(arm, _joints(arm, seeds), ~np.concatenate([found, ~moved], axis=1))[0]
+
+
+def _beside(arm: Arm, poses: Array, q: Array, found: Mask) -> tuple[Array, Mask]:
+    """Solutions q (n, 16, 6) and found (n, 16), with those to both sides of each that is near a singularity."""
     seeds = _aside(arm, q, found)
     again = np.isfinite(seeds).any(axis=(1, 2))
-    more, found_more = _reached(arm, poses[again], seeds[again])
-    both = np.concatenate([q[again], more], axis=1), np.concatenate([found[again], found_more], axis=1)
-    q[again], found[again] = _first(*distinct(arm, *_first(*both, most=None)))
+    more = _reached(arm, poses[again], seeds[again])
+    q[again], found[again] = _together(arm, q[again], found[again], *more)
     return q, found
+
+
+def _together(arm: Arm, q: Array, found: Mask, more: Array, found_more: Mask) -> tuple[Array, Mask]:
+    """Solutions q (n, k, 6), found (n, k) and more, each once."""
+    both = np.concatenate([q, more], axis=1), np.concatenate([found, found_more], axis=1)
+    return _first(*distinct(arm, *_first(*both, most=None)))
 
 
 def _aside(arm: Arm, q: Array, found: Mask) -> Array:
@@ -93,10 +107,12 @@ def _aside(arm: Arm, q: Array, found: Mask) -> Array:
 
 def _reached(arm: Arm, poses: Array, seeds: Array) -> tuple[Array, Mask]:
     """Where Newton gets to from seeds (n, k, 6), each solution once; nan seeds lead nowhere."""
-    n, k, _ = seeds.shape
-    q = newton(arm, np.repeat(poses, k, axis=0), seeds.reshape(-1, 6), _ITERATIONS)[0].reshape(n, k, 6)
-    q = _joints(arm, q @ arm.coupling.T + arm.offset)
-    return distinct(arm, q, good(*off_by(arm, poses, q.transpose(1, 2, 0))).T)
+    row, slot = np.nonzero(np.isfinite(seeds).all(axis=2))
+    own = newton(arm, poses[row], seeds[row, slot], _ITERATIONS)[0]
+    own = _joints(arm, own @ arm.coupling.T + arm.offset)
+    q, found = np.full(seeds.shape, np.nan), np.zeros(seeds.shape[:2], dtype=bool)
+    q[row, slot], found[row, slot] = own, good(*off_by(arm, poses[row], own.T[None]))[0]
+    return distinct(arm, *_first(q, found, most=None))
 
 
 def _first(q: Array, found: Mask, most: int | None = _MOST) -> tuple[Array, Mask]:

@@ -11,13 +11,14 @@ from rigs.errors import FileError
 def hold_numbers(where: str, **columns: Array) -> None:
     """Raises FileError where a column (n, …) has a value that is not a number."""
     for name, values in columns.items():
+        if np.isfinite(values).all():
+            continue
         bad = np.asarray(~np.isfinite(values.reshape(len(values), -1)).all(axis=1))
-        if bad.all() and len(bad):
+        if bad.all():
             what = f"{name} holds no valid number in any of its {len(bad)} rows"
             raise FileError(where, what, "check that its instrument measures and sends, and measure again")
-        if bad.any():
-            row = int(np.argmax(bad)) + 1
-            raise FileError(where, f"{name} of row {row} is not a number ({bad.sum()} such rows)", "remove such rows")
+        row = int(np.argmax(bad)) + 1
+        raise FileError(where, f"{name} of row {row} is not a number ({bad.sum()} such rows)", "remove such rows")
 
 
 def hold_alive(where: str, **readings: Array) -> None:

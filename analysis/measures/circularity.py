@@ -50,10 +50,10 @@ def evaluate(
     hold_radius(where, radius)
     hold_alive(where, g_mm=laps.g_mm.mean(axis=1))
     curve = curve_of(run, lambda g_mm: g_mm.mean(axis=-1), np.sqrt(0.5), 1, like)
-    lag_s = np.random.default_rng(SEED).normal(0.0, u_lag_s, DRAWS)
+    turned = curve.turned(np.random.default_rng(SEED).normal(0.0, u_lag_s, DRAWS))
 
     def drawn(curves: Sequence[Array]) -> list[Array]:
-        return [curve.drawn(curves[0], lag_s, np.ones(DRAWS))]
+        return [curve.drawn(curves[0], turned, np.ones(DRAWS))]
 
     found = figures(lambda d: figures_at(d[0], radius), [curve], drawn, len(laps.phi), RANGES)
     fit = fit_circle(curve.y, radius)
@@ -87,13 +87,12 @@ def fit_circle(distance: Array, radius_mm: float) -> Array:
     mean = distance.reshape(-1, NODES).mean(axis=0)
     for _ in range(_ROUNDS):
         fit = _closer(mean, fit, radius_mm)
-    fits = np.broadcast_to(fit, (*distance.shape[:-1], 3))
-    return _closer(distance, _closer(distance, fits, radius_mm), radius_mm)
+    return _closer(distance, _closer(distance, fit, radius_mm), radius_mm)
 
 
 def _closer(distance: Array, fit: Array, radius_mm: float) -> Array:
-    """The next round (..., 3) of a fit."""
-    left = np.fft.rfft(distance - circle_at(fit, radius_mm)) / NODES
+    """The next round (..., 3) of fits (..., 3), or of one (3,) for all."""
+    left = np.fft.rfft(distance - circle_at(fit, radius_mm))[..., :2] / NODES
     closer: Array = fit + np.stack([-2 * left[..., 1].real, 2 * left[..., 1].imag, left[..., 0].real], axis=-1)
     return closer
 

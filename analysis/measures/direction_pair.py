@@ -57,11 +57,13 @@ def pair(acw: CircleResult, cw: CircleResult, where: str = "the two runs") -> Di
     radius = acw.laps.frame.radius
     rng = np.random.default_rng(SEED)
     lag_s = rng.normal(0.0, max(acw.u_lag_s, cw.u_lag_s), DRAWS)
+    turned = [one.curve.turned(lag_s) for one in (acw, cw)] * 2
     scale, unscaled = 1.0 + rng.normal(0.0, acw.u_scale, DRAWS), np.ones(DRAWS)
 
     def drawn(about: Sequence[Array]) -> list[Array]:
         scales = (scale, scale, unscaled, unscaled)
-        return [curve.drawn(y, lag_s, one) for curve, y, one in zip(curves, about, scales, strict=True)]
+        parts = zip(curves, about, turned, scales, strict=True)
+        return [curve.drawn(y, orders, one) for curve, y, orders, one in parts]
 
     samples = acw.samples + cw.samples
     calm = [*_calm(acw.curve, cw.curve), *_calm(acw.distance.curve, cw.distance.curve)]

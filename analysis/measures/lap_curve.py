@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from analysis.kinematics.arm import Array
 from analysis.measures.quantity import Quantity, figures_of
@@ -64,10 +65,14 @@ class LapCurve:
         """y (NODES,) with its noise reduced."""
         return calmed(self.y, self.power)
 
-    def drawn(self, curve: Array, lag_s: Array, scale: Array) -> Array:
-        """A curve (NODES,), this one or its calm, as runs with other noise, lag_s (DRAWS,) and relative scale (DRAWS,)
+    def turned(self, lag_s: Array) -> NDArray[np.complex128]:
+        """What lag_s (DRAWS,) of the gauges makes of each order, (DRAWS, NODES // 2 + 1)."""
+        factors: NDArray[np.complex128] = np.exp(-1j * ORDERS * self.rate * lag_s[:, None])
+        return factors
+
+    def drawn(self, curve: Array, turned: NDArray[np.complex128], scale: Array) -> Array:
+        """A curve (NODES,), this one or its calm, as runs with other noise, lag (`turned`) and relative scale (DRAWS,)
         might have shown it: (DRAWS, NODES)."""
-        turned = np.exp(-1j * ORDERS * self.rate * lag_s[:, None])
         return np.fft.irfft(np.fft.rfft(curve) * turned, NODES, axis=1) / scale[:, None] + self.errors
 
 
@@ -204,8 +209,11 @@ def _misplaced(run: Reduced, rng: np.random.Generator) -> Array:
     half = max(1, wide // 2)
     slope = (np.roll(rough, -half, axis=1) - np.roll(rough, half, axis=1)) * (NODES / (4 * np.pi * half))
     off = run.blur * np.sqrt(min(1.0, NODES / (readings * len(run.g_mm))))
-    cell = np.arange(NODES) * cells // NODES
-    errors: Array = off * rng.standard_normal((DRAWS, cells, len(slope)))[:, cell] * slope.T
+    errors: Array = rng.standard_normal((DRAWS, cells, len(slope)))
+    errors *= off
+    if cells < NODES:
+        errors = errors[:, np.arange(NODES) * cells // NODES]
+    errors *= slope.T
     return errors
 
 

@@ -66,7 +66,7 @@ def sine_of(y: Array) -> tuple[Array, Array, Array]:
 
     Nodes lie evenly around the circle, so that the paper's sums are the orders 0 and 1 of the spectrum.
     """
-    spectrum = np.fft.rfft(y) / NODES
+    spectrum = np.fft.rfft(y)[..., :2] / NODES
     return spectrum[..., 0].real, -2 * spectrum[..., 1].imag, 2 * spectrum[..., 1].real
 
 
@@ -130,10 +130,11 @@ class AngleTest:
         curve = curve_of(run, angle_of, np.sqrt(2) / abs(baseline_mm), 0, like and like[0])
         radius, u_scale = laps.frame.radius, baseline_u_mm / abs(baseline_mm)
         rng = np.random.default_rng(SEED)
-        lag_s, scale = rng.normal(0.0, u_lag_s, DRAWS), 1.0 + rng.normal(0.0, u_scale, DRAWS)
+        turned = curve.turned(rng.normal(0.0, u_lag_s, DRAWS))
+        scale = 1.0 + rng.normal(0.0, u_scale, DRAWS)
 
         def drawn(curves: Sequence[Array]) -> list[Array]:
-            return [curve.drawn(curves[0], lag_s, scale)]
+            return [curve.drawn(curves[0], turned, scale)]
 
         ranges = frozenset[str]().union(*(one.ranges for one in self.measures))
         found = figures(lambda y: self.figures_at(y[0], radius), [curve], drawn, len(laps.phi), ranges)

@@ -1,22 +1,18 @@
-"""What people and scripts read of analysed runs: tables and the JSON object."""
+"""What people read of analysed runs: tables."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
-import numpy as np
 from rich.console import Console, ConsoleOptions, Group, RenderableType, RenderResult
 from rich.table import Table
 from rich.text import Text
 
-from analysis.frames import for_json
-from analysis.measures.link_angle import CircleResult
-from analysis.measures.pooled import ONE_RUN, BetweenRuns, Pairs, Pooled, pairs_of, pooled
-from analysis.measures.quantity import Quantity
+from analysis.measures.pooled import BetweenRuns, Pooled, pairs_of, pooled
 from analysis.measures.results import Result, by_test
 from analysis.reporting.labels import LEADING, in_order, label
+from analysis.reporting.run_words import in_words, what_u_is
 from analysis.reporting.truth import TruthComparison, all_agree, verdict
 from analysis.reporting.wide_tables import whole
 
@@ -66,17 +62,6 @@ def as_tables(
     return Group(*parts)
 
 
-def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
-    """What the uncertainties of a group mean: of means, and of runs that nothing repeats."""
-    if not repeated:
-        return ONE_RUN
-    runs = " and ".join(f"{len(one.runs)} runs {one.title}" for one in repeated)
-    means = f"{runs}: mean ± standard uncertainty of the mean, sd between the runs"
-    titles = dict.fromkeys(result.title for result in group)
-    alone = [title for title in titles if title not in {one.title for one in repeated}]
-    return f"{means}; {' and '.join(alone)}: {ONE_RUN}" if alone else means
-
-
 def _means(repeated: Sequence[Pooled]) -> Table:
     """Means over runs, a column for each direction."""
     rig = repeated[0].runs[0].measured.rig.name
@@ -99,36 +84,6 @@ def _mean_cell(figure: BetweenRuns) -> Text:
 def _over(text: str, below: str, style: str = "dim") -> Text:
     """Return a text with another in its own style below it."""
     return Text.assemble(text, "\n", (below, style))
-
-
-def in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
-    """acw against cw, the lag of the gauges, and which runs are not a pair, one line each."""
-    if not isinstance(group[0].found, CircleResult):
-        return []
-    if both is None:
-        return ["one direction cannot show a lag between gauges and robot: analyse acw and cw together"]
-    lines = list(both.refused)
-    if both.lag is not None:
-        figures = "; ".join(f"{label(name).strip()} {both.figures[name]}" for name in in_order(both.figures))
-        count = f" ({len(both.runs)} pairs)" if len(both.runs) > 1 else ""
-        lines += [f"acw against cw{count}: {figures}", _of_lag(both.lag, _rate(both))]
-    return lines
-
-
-def _rate(both: Pairs) -> float:
-    """How fast the circle was driven, rad/s."""
-    found = both.runs[0][0].found
-    return abs(found.curve.rate) if isinstance(found, CircleResult) else 0.0
-
-
-def _of_lag(lag: Quantity, rate: float) -> str:
-    if abs(lag.value) < 2 * lag.u:
-        return f"a lag of the gauges behind the robot is not detected: {lag}"
-    turned = np.degrees(rate * abs(lag.value) / 1000)
-    return (
-        f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {turned:.2g}° in opposite directions, "
-        "which their u does not include; describe the gauge by `timing` in the rig file, or run rig diagnose"
-    )
 
 
 def _table(group: Sequence[Result], known: dict[int, dict[str, TruthComparison]]) -> Table:
@@ -161,50 +116,3 @@ def _cell(result: Result, name: str, truth: dict[str, TruthComparison]) -> str |
     known = truth[name]
     colour = "green" if abs(known.deviation_u) <= 2 else "red"
     return _over(str(figure), f"truth {figure.rounded(known.truth)} ({known.deviation_u:+.1f}u)", colour)
-
-
-def as_object(results: Sequence[Result], truths: Sequence[dict[str, TruthComparison]] = ()) -> dict[str, Any]:
-    """The same for scripts; angles in degrees, lengths in mm, u the standard uncertainty, null where it is unknown."""
-    runs = [result.to_dict() for result in results]
-    for run, truth in zip(runs, truths, strict=False):
-        run["truth"] = {name: asdict(comparison) for name, comparison in truth.items()}
-    groups = by_test(results)
-    plain: dict[str, Any] = for_json(
-        {
-            "runs": runs,
-            "between_runs": [_pooled_object(one) for group in groups for one in pooled(group)],
-            "remarks": [what_u_is(group, [one for one in pooled(group) if one.figures]) for group in groups],
-            "acw_against_cw": [_pairs_object(both, group) for group in groups if (both := pairs_of(group))],
-        }
-    )
-    return plain
-
-
-def _pooled_object(one: Pooled) -> dict[str, Any]:
-    """u of the mean, sd between the runs: what no single run can show."""
-    every = one.runs or tuple(result for result, _ in one.left_out)
-    return {
-        "rig": every[0].measured.rig.name,
-        "test": every[0].test,
-        "direction": every[0].measured.run.manifest.direction,
-        "runs": [str(result.measured.path) for result in one.runs],
-        "left_out": {str(result.measured.path): why for result, why in one.left_out},
-        "figures": {name: _between_object(figure) for name, figure in one.figures.items()},
-    }
-
-
-def _between_object(figure: BetweenRuns | Quantity) -> dict[str, Any]:
-    if isinstance(figure, Quantity):
-        return asdict(figure)
-    return asdict(figure.mean) | {"sd_between_runs": figure.sd, "runs": figure.runs}
-
-
-def _pairs_object(both: Pairs, group: Sequence[Result]) -> dict[str, Any]:
-    return {
-        "rig": group[0].measured.rig.name,
-        "test": group[0].test,
-        "runs": [str(result.measured.path) for acw_and_cw in both.runs for result in acw_and_cw],
-        "figures": {name: _between_object(figure) for name, figure in both.figures.items()},
-        "lag": None if both.lag is None else asdict(both.lag),
-        "refused": list(both.refused),
-    }

@@ -224,9 +224,11 @@ def _keeps_pace(late: Array, timer_ns: float) -> bool:
     spread = float(np.ptp(np.quantile(late, _MOST)))
     if timer_ns:
         return spread < timer_ns
+    if spread < _TIMER_NS:
+        return True
     from_one_to_next = float(np.median(np.abs(np.diff(late))))
     about = float(np.median(np.abs(late - np.median(late))))
-    return spread < _TIMER_NS or from_one_to_next > _DRIFTING * about
+    return from_one_to_next > _DRIFTING * about
 
 
 def _timer_ns(arrived_ns: Array) -> float:
@@ -236,9 +238,9 @@ def _timer_ns(arrived_ns: Array) -> float:
     if len(steps) < 2 * _STIRRED:
         return 0.0
     timers = np.arange(_HOLDS_NS, _TIMER_NS, -1e6)
-    in_step = np.abs(np.exp(2j * np.pi * steps / timers[:, None]).mean(axis=1)) > _IN_STEP
-    uneven = np.ptp(np.quantile(steps, _MOST)) > timers / 2
-    return float(timers[in_step & uneven].max(initial=0.0))
+    uneven = timers[np.ptp(np.quantile(steps, _MOST)) > timers / 2]
+    in_step = np.abs(np.exp(2j * np.pi * steps / uneven[:, None]).mean(axis=1)) > _IN_STEP
+    return float(uneven[in_step].max(initial=0.0))
 
 
 def _by_any_clock(device_s: Array, host_ns: Array) -> FittedClock:

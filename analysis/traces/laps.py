@@ -128,7 +128,8 @@ def laps_of(table: CircleTable, rig: Rig, where: str) -> Laps:
 
 def is_on_circle(tool: Array, frame: CircleFrame) -> Mask:
     """Whether (n,) the tool at (n, 3) mm is on the circle, as near as a program drives it."""
-    radius, height = np.linalg.norm(tool - frame.centre, axis=1), (tool - frame.centre) @ frame.n
+    from_centre = tool - frame.centre
+    radius, height = np.linalg.norm(from_centre, axis=1), from_centre @ frame.n
     on: Mask = np.maximum(np.abs(radius - frame.radius), np.abs(height)) <= _RADIUS_OFF_MM
     return on
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
+from analysis.batch.fetched import fetched
 from analysis.frames import Tabular
 from analysis.noise.certificate import NO_CERTIFICATE, Systematic, corrected_gauges, link_excess_mm, systematic
 from analysis.noise.certificate import doubts_of as certificate_doubts
@@ -56,8 +57,10 @@ class Measured(Tabular):
 
 
 def load_measured(path: Path) -> Measured:
-    """Read a run directory, recorded or imported. Raises FileError."""
-    return measured_of(read_run(path))
+    """Read a run, recorded or imported, wherever it lies. Raises FileError."""
+    with fetched(path) as directory:
+        run = read_run(directory)
+    return measured_of(replace(run, path=path))
 
 
 def measured_of(run: Run) -> Measured:

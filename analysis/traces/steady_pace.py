@@ -166,10 +166,16 @@ def _counted(least: Array, behind: Array, period_ns: float) -> list[int]:
     behind (_AHEAD,): the least delays of the rows before, without the periods that were missing until then.
     """
     known, counts, alike = deque(behind.tolist(), maxlen=_AHEAD), list[int](), 0
+    lowest = min(known)
     for row in range(len(least)):
         ahead = float(least[row])
-        count = math.floor((ahead - min(known)) / period_ns + _EARLY)
-        known.append(ahead - count * period_ns)
+        count = math.floor((ahead - lowest) / period_ns + _EARLY)
+        leaves, comes = known[0], ahead - count * period_ns
+        known.append(comes)
+        if comes <= lowest:
+            lowest = comes
+        elif leaves == lowest:
+            lowest = min(known)
         alike = alike + 1 if counts and count == counts[-1] else 1
         counts.append(count)
         if alike == _AHEAD:

@@ -132,7 +132,7 @@ class _Client:
             said = decoded(ua.ErrorMessage, received.body)
             raise Refused(f"{said.Error.name} ({(said.Reason or '')[:100]}); check port and `path`")
         if received.kind not in (OPEN, MESSAGE) or received.request not in self._asked:
-            raise Unreadable(f"an answer {received.kind!r} that nobody asked for")
+            raise Unreadable(f"an answer {received.kind!r} to no request")
         request, asked_ns = self._asked.pop(received.request)
         response = _response(request, received.body)
         if isinstance(request, ua.OpenSecureChannelRequest):

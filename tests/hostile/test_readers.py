@@ -23,10 +23,11 @@ from daq.store.chunk import from_parquet, salvage
 from daq.store.schema import FAULTS, schema_of
 from rigs.errors import CellError, FileError
 from rigs.load import load
+from tests.support.command_line import ran
 from tests.support.store_cases import ledger_records, put_ledger
 
 BIN = Path(sys.executable).parent
-AT_ONCE_S = 20.0
+SOON_S = 200.0
 
 
 @pytest.fixture
@@ -36,17 +37,6 @@ def run(tmp_path: Path) -> Path:
     writer = RunWriter.create(tmp_path, name="lap", test="radial", direction=None, **who)
     writer.close("complete", "", {})
     return writer.path
-
-
-def rig(*command: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [BIN / "rig", *command],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=AT_ONCE_S,
-        stdin=subprocess.DEVNULL,
-    )
 
 
 def replaced(file: Path, make: Callable[[Path], object]) -> None:
@@ -73,14 +63,14 @@ def test_no_command_waits_for_or_swallows_what_is_no_file(
         ("simulate", "paper-fanuc", "--test", "radial", "-o", tmp_path / "simulated", "--effects", odd),
     )
     for command in commands:
-        done = rig(*command)
+        done = ran(*command)
         told = done.stderr.splitlines()
         assert done.returncode == 3 and len(told) == 1 and told[0].startswith("error: "), (command, done.stderr)
     for name in ("manifest.json", "marks.json", "g1-0001.arrow", "g1-0001.parquet", ".lock"):
         spoilt = shutil.copytree(run, tmp_path / "spoilt")
         replaced(spoilt / name, make)
         for verb in ("verify", "recover"):
-            done = rig(verb, spoilt)
+            done = ran(verb, spoilt)
             assert "Traceback" not in done.stderr and done.returncode in (0, 1, 3, 4), (name, verb, done.stderr)
         shutil.rmtree(spoilt)
 
@@ -184,7 +174,7 @@ def test_out_of_memory_is_one_line(tmp_path: Path) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (700_000_000, resource.RLIM_INFINITY))
 
     environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-    limited = {"preexec_fn": little, "env": environment, "timeout": 10 * AT_ONCE_S}
+    limited = {"preexec_fn": little, "env": environment, "timeout": SOON_S}
     done = subprocess.run(command, capture_output=True, text=True, check=False, **limited)
     told = done.stderr.splitlines()
     assert len(told) == 1 and "memory" in told[0] and "Traceback" not in done.stderr, done.stderr[-2000:]

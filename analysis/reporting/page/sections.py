@@ -20,7 +20,7 @@ from analysis.reporting.page.model_charts import simulated_charts
 from analysis.reporting.page.report import Report
 from analysis.reporting.page.target_charts import target_charts
 from analysis.reporting.page.texts import Texts
-from analysis.reporting.run_report import in_words, what_u_is
+from analysis.reporting.run_words import in_words, what_u_is
 from rigs.schema.vocabulary import TestName
 
 _ORDER = get_args(TestName)

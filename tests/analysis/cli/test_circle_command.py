@@ -20,13 +20,10 @@ from analysis.kinematics.arm import arm_of
 from analysis.kinematics.follow import follow
 from rigs.load import SHIPPED, load
 from tests.support.bench import BIN, Bench, rig_text
+from tests.support.command_line import ran
 from tests.support.simulated_laps import lap_run
 
 UR10E = (SHIPPED / "ur10e.yaml").read_text(encoding="utf-8")
-
-
-def rig(*words: str | Path, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([BIN / "rig", *words], capture_output=True, text=True, check=False, timeout=100, cwd=cwd)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +42,7 @@ def cell(tmp_path: Path) -> Path:
 
 def test_the_block_is_printed_with_its_uncertainties_and_nothing_is_written(run: Path, cell: Path) -> None:
     before = cell.read_text()
-    done = rig("circle", "fit", run, "--rig", cell)
+    done = ran("circle", "fit", run, "--rig", cell)
     assert done.returncode == 0, done.stderr
     block = yaml.safe_load(done.stdout)["tests"]["circle"]
     assert block["centre_mm"] == pytest.approx([-650, -200, 250], abs=0.05)
@@ -58,17 +55,17 @@ def test_the_block_is_printed_with_its_uncertainties_and_nothing_is_written(run:
 
 def test_the_file_is_written_and_the_old_one_kept_each_time(run: Path, cell: Path) -> None:
     before = cell.read_text()
-    done = rig("circle", "fit", run, "--rig", cell, "--write")
+    done = ran("circle", "fit", run, "--rig", cell, "--write")
     assert done.returncode == 0 and "cell.yaml.1" in done.stderr, done.stderr
     assert (cell.parent / "cell.yaml.1").read_text() == before
     first = cell.read_text()
     assert yaml.safe_load(first)["tests"]["circle"]["centre_mm"] == pytest.approx([-650, -200, 250], abs=0.05)
     assert "# by ruler" in first and cell.stat().st_mode & 0o777 == 0o640
-    again = rig("circle", "fit", run, "--rig", cell, "--write")
+    again = ran("circle", "fit", run, "--rig", cell, "--write")
     assert again.returncode == 0 and "has these values already" in again.stderr and cell.read_text() == first
     cell.write_text(first.replace("radius_mm: ", "radius_mm: 1", 1))
-    assert rig("circle", "fit", run, "--rig", cell, "--write").returncode == 0
-    assert len(list(cell.parent.iterdir())) == 3 and rig("check", cell).returncode == 0
+    assert ran("circle", "fit", run, "--rig", cell, "--write").returncode == 0
+    assert len(list(cell.parent.iterdir())) == 3 and ran("check", cell).returncode == 0
 
 
 def test_a_posture_from_which_a_program_can_be_driven_is_proposed(tmp_path: Path) -> None:
@@ -80,16 +77,16 @@ def test_a_posture_from_which_a_program_can_be_driven_is_proposed(tmp_path: Path
     rows = [f"{k / 50},acw,{','.join(map(str, one))},0,0" for k, one in enumerate(q)]
     heads = "t_s,direction,q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,g1_mm,g2_mm"
     (tmp_path / "arc.csv").write_text("\n".join([heads, *rows]))
-    imported = rig("import", tmp_path / "arc.csv", "--rig", "ur10e", "--test", "yaw", "-o", tmp_path / "arc")
+    imported = ran("import", tmp_path / "arc.csv", "--rig", "ur10e", "--test", "yaw", "-o", tmp_path / "arc")
     assert imported.returncode == 0, imported.stderr
-    done = rig("circle", "fit", tmp_path / "arc")
+    done = ran("circle", "fit", tmp_path / "arc")
     assert done.returncode == 0, done.stderr
     (said,) = [line for line in done.stderr.splitlines() if "cannot drive" in line]
     assert "it can with posture_deg: [" in said, said
 
 
 def test_json_has_the_values_and_their_uncertainties(run: Path) -> None:
-    done = rig("circle", "fit", run, "--json")
+    done = ran("circle", "fit", run, "--json")
     found = json.loads(done.stdout)
     assert found["test"] == "circle" and found["radius_mm"] == pytest.approx(70, abs=0.02)
     assert set(found["u"]) >= {"centre_mm", "normal_deg", "radius_mm"}
@@ -97,15 +94,15 @@ def test_json_has_the_values_and_their_uncertainties(run: Path) -> None:
 
 
 def test_the_ball_of_a_circle_and_of_stands(run: Path, cell: Path, tmp_path: Path) -> None:
-    done = rig("ball", "fit", run, "--rig", cell, "--write")
+    done = ran("ball", "fit", run, "--rig", cell, "--write")
     assert done.returncode == 0, done.stderr
     assert yaml.safe_load(cell.read_text())["tests"]["hemisphere"]["centre_mm"] == pytest.approx(
         [-650, -200, 250], abs=0.05
     )
     radial = simulate("ur10e", "radial", seed=1)
-    done = rig("ball", "fit", save_run(radial, tmp_path / radial.path), "--rig", cell)
+    done = ran("ball", "fit", save_run(radial, tmp_path / radial.path), "--rig", cell)
     assert yaml.safe_load(done.stdout)["tests"]["hemisphere"]["centre_mm"] == pytest.approx([-800, -200, 0], abs=0.05)
-    mixed = rig("ball", "fit", tmp_path / radial.path, run)
+    mixed = ran("ball", "fit", tmp_path / radial.path, run)
     assert mixed.returncode == 3 and "one kind" in mixed.stderr
 
 
@@ -122,21 +119,21 @@ def test_the_ball_of_a_circle_and_of_stands(run: Path, cell: Path, tmp_path: Pat
     ],
 )
 def test_what_cannot_be_done_is_one_line(words: tuple[str, ...], code: int, said: str, run: Path) -> None:
-    done = rig("circle", "fit", *(run if word == "RUN" else word for word in words))
+    done = ran("circle", "fit", *(run if word == "RUN" else word for word in words))
     assert done.returncode == code and done.stdout == ""
     assert len(done.stderr.splitlines()) == 1 and said in done.stderr, done.stderr
 
 
 def test_a_run_of_single_readings_is_no_circle(tmp_path: Path) -> None:
     radial = simulate("ur10e", "radial", seed=1)
-    done = rig("circle", "fit", save_run(radial, tmp_path / radial.path))
+    done = ran("circle", "fit", save_run(radial, tmp_path / radial.path))
     assert done.returncode == 3 and "no motion" in done.stderr
 
 
 def test_a_read_only_file_stays_as_it_is(run: Path, cell: Path) -> None:
     before = cell.read_text()
     cell.chmod(0o440)
-    done = rig("circle", "fit", run, "--rig", cell, "--write")
+    done = ran("circle", "fit", run, "--rig", cell, "--write")
     assert done.returncode == 3 and done.stdout == "" and len(done.stderr.splitlines()) == 1
     assert "is read-only" in done.stderr and cell.read_text() == before and list(cell.parent.iterdir()) == [cell]
 
@@ -145,7 +142,7 @@ def test_a_directory_that_cannot_be_written_leaves_the_file(run: Path, cell: Pat
     before = cell.read_text()
     cell.parent.chmod(0o500)
     try:
-        done = rig("circle", "fit", run, "--rig", cell, "--write")
+        done = ran("circle", "fit", run, "--rig", cell, "--write")
     finally:
         cell.parent.chmod(0o700)
     if done.returncode == 0:
@@ -156,7 +153,7 @@ def test_a_directory_that_cannot_be_written_leaves_the_file(run: Path, cell: Pat
 def test_without_a_daemon_live_is_one_line(tmp_path: Path) -> None:
     rig_file = tmp_path / "cell.yaml"
     rig_file.write_text(UR10E.replace("name: ur10e", "name: nobody"))
-    done = rig("circle", "fit", "--live", "--rig", rig_file)
+    done = ran("circle", "fit", "--live", "--rig", rig_file)
     assert done.returncode == 4 and len(done.stderr.splitlines()) == 1 and "no daemon runs" in done.stderr
 
 

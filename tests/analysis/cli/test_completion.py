@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from rigs.load import SHIPPED
+from tests.support.command_line import ran
 from tests.support.store_cases import finished
 
 BIN = Path(sys.executable).parent
@@ -20,15 +21,8 @@ def offered(place: Path, line: str) -> list[str]:
     """What is offered for the last word of a line, as bash asks for it."""
     words = line.split(" ")
     asking = {"_RIG_COMPLETE": "complete_bash", "COMP_WORDS": "\n".join(words), "COMP_CWORD": str(len(words) - 1)}
-    done = subprocess.run(
-        [BIN / "rig"],
-        capture_output=True,
-        text=True,
-        check=True,
-        cwd=place,
-        env=os.environ | asking | {"XDG_RUNTIME_DIR": str(place)},
-    )
-    assert done.stderr == "", "it would be written into the line that is being typed"
+    done = ran(cwd=place, XDG_RUNTIME_DIR=str(place), **asking)
+    assert (done.returncode, done.stderr) == (0, ""), "it would be written into the line that is being typed"
     return [line for line in done.stdout.splitlines() if line]
 
 

@@ -78,7 +78,17 @@ def test_analyse_imports_what_evaluates_a_run(words: list[str], run: Path) -> No
     assert not layers & {"diagnosis", "fitting", "correction", "simulation", "live", "setup", "history", "paper"}
 
 
+def test_figures_for_a_script_import_nothing_that_draws(run: Path) -> None:
+    assert "rich" in packages(imported("analyse", run)), "it lays out the table"
+    assert "rich" not in packages(imported("analyse", "--json", run))
+
+
 def test_what_is_known_of_a_plant_imports_nothing_that_evaluates(run: Path, tmp_path: Path) -> None:
     words = ["fleet", run.parent, "--jobs", "1", "--catalogue", tmp_path / "catalogue.sqlite"]
     assert "scipy" in packages(imported(*words)), "its play is fitted"
     assert packages(imported(*words)) <= READING | OURS | {"daq"}
+
+
+def test_help_of_a_command_imports_no_more(run: Path) -> None:
+    assert packages(imported("analyse", "--help")) <= TYPER | OURS
+    assert "pydantic" in packages(imported("analyse", run)), "it reads the rig file"

@@ -5,14 +5,15 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 from collections.abc import Sequence
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import pytest
 
 from rigs.load import load
 from tests.support.bench import BIN
+from tests.support.command_line import ran
 from tests.support.live_terminal import Terminal
 from tests.support.person import Person
 from tests.support.unknown_cells import UnknownCell, switched_on
@@ -29,20 +30,12 @@ def at_ports(unknown: UnknownCell) -> list[str]:
     return [*(word for port in unknown.gauge_ports for word in ("--port", port)), *unknown.robot_is_named, *QUICK]
 
 
-def ran(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+def init(folder: Path, *arguments: str | Path) -> CompletedProcess[str]:
     """Run it without a terminal."""
-    return subprocess.run(
-        command(*arguments),
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=folder,
-        timeout=110,
-        stdin=subprocess.DEVNULL,
-    )
+    return ran("init", *arguments, cwd=folder)
 
 
-def one_line(done: subprocess.CompletedProcess[str], code: int) -> str:
+def one_line(done: CompletedProcess[str], code: int) -> str:
     """The one line of a failure with this exit code."""
     assert done.returncode == code, done.stdout + done.stderr
     (line,) = done.stderr.strip().splitlines()
@@ -84,7 +77,7 @@ def test_without_a_terminal_every_question_has_its_option(tmp_path: Path) -> Non
     with switched_on("sylvac", "fanuc") as unknown:
         first, second = unknown.gauge_ports
         given = ["--robot", unknown.robot, "--g1", second, "--g2", first, "--baseline-mm", "40", "--arm", "ur10e"]
-        done = ran(tmp_path, "My Cell.yaml", *given, "--tool", "0,0,150,0,90,0", "--circle-later", *QUICK)
+        done = init(tmp_path, "My Cell.yaml", *given, "--tool", "0,0,150,0,90,0", "--circle-later", *QUICK)
     assert done.returncode == 0, done.stderr
     rig, _ = load(tmp_path / "My Cell.yaml")
     assert rig.name == "my-cell" and [(gauge.port, gauge.offset_mm) for _, gauge in rig.gauges] == [
@@ -100,7 +93,7 @@ def test_a_sensor_is_named_and_gets_its_keys(tmp_path: Path) -> None:
         first, _ = unknown.gauge_ports
         keys = ["--key", "g1.interface=micro_epsilon_ild1420", "--key", "g1.range_mm=10", *unknown.robot_is_named]
         given = ["--robot", unknown.robot, "--g1", first, *keys, "--key", "feedback.rate_hz=125"]
-        done = ran(tmp_path, "cell.yaml", *given, "--arm", "ur10e", "--tool", "0,0,150")
+        done = init(tmp_path, "cell.yaml", *given, "--arm", "ur10e", "--tool", "0,0,150")
     assert done.returncode == 0, done.stderr
     rig, _ = load(tmp_path / "cell.yaml")
     assert rig.gauges.g1.interface == "micro_epsilon_ild1420" and rig.gauges.g1.range_mm == 10
@@ -109,7 +102,7 @@ def test_a_sensor_is_named_and_gets_its_keys(tmp_path: Path) -> None:
 
 def test_what_was_found_as_json(tmp_path: Path) -> None:
     with switched_on("keyence", "ur") as unknown:
-        done = ran(tmp_path, "--json", "--robot", unknown.robot, *at_ports(unknown), "--port", str(tmp_path / "none"))
+        done = init(tmp_path, "--json", "--robot", unknown.robot, *at_ports(unknown), "--port", str(tmp_path / "none"))
     found = json.loads(done.stdout)
     assert done.returncode == 0 and not list(tmp_path.iterdir())
     assert [gauge["gauge"]["channel"] for gauge in found["ports"][0]["gauges"] if gauge["gauge"].get("channel")] == [2]
@@ -199,16 +192,16 @@ def test_wrong_answers_are_asked_again(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_options_are_one_line(tmp_path: Path, given: Sequence[str], code: int, says: str) -> None:
-    assert says in one_line(ran(tmp_path, "cell.yaml", *given), code)
+    assert says in one_line(init(tmp_path, "cell.yaml", *given), code)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_file_that_exists_already_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "cell.yaml").write_text("mine")
-    assert "exists already" in one_line(ran(tmp_path, "cell.yaml"), 3)
+    assert "exists already" in one_line(init(tmp_path, "cell.yaml"), 3)
     assert (tmp_path / "cell.yaml").read_text() == "mine"
     (tmp_path / "link.yaml").symlink_to(tmp_path / "nowhere")
-    assert "exists already" in one_line(ran(tmp_path, "link.yaml"), 3)
+    assert "exists already" in one_line(init(tmp_path, "link.yaml"), 3)
 
 
 def test_a_file_that_appears_meanwhile_is_left_alone(tmp_path: Path) -> None:
@@ -226,34 +219,34 @@ def test_a_file_that_appears_meanwhile_is_left_alone(tmp_path: Path) -> None:
 
 
 def test_a_directory_that_is_not_there(tmp_path: Path) -> None:
-    assert "is not a directory" in one_line(ran(tmp_path, "none/cell.yaml"), 3)
+    assert "is not a directory" in one_line(init(tmp_path, "none/cell.yaml"), 3)
 
 
 def test_two_gauges_and_nobody_to_push_them(tmp_path: Path) -> None:
     with switched_on("keyence", "ur") as unknown:
-        done = ran(tmp_path, "cell.yaml", "--robot", unknown.robot, "--arm", "ur10e", *at_ports(unknown))
+        done = init(tmp_path, "cell.yaml", "--robot", unknown.robot, "--arm", "ur10e", *at_ports(unknown))
         line = one_line(done, 3)
         (port,) = unknown.gauge_ports
         assert "2 answer" in line and "--g1 PORT --g2 PORT" in line
-        done = ran(tmp_path, "cell.yaml", "--robot", unknown.robot, "--g1", port, *unknown.robot_is_named, *QUICK)
+        done = init(tmp_path, "cell.yaml", "--robot", unknown.robot, "--g1", port, *unknown.robot_is_named, *QUICK)
         assert f"{port}#1, {port}#2" in one_line(done, 3)
 
 
 def test_no_port_at_all(tmp_path: Path) -> None:
     with switched_on("tesa", "ur") as unknown:
         given = ["--robot", unknown.robot, *unknown.robot_is_named]
-        done = ran(tmp_path, "cell.yaml", *given, "--port", str(tmp_path / "none"))
+        done = init(tmp_path, "cell.yaml", *given, "--port", str(tmp_path / "none"))
     assert "none answers" in one_line(done, 4) and "no such port" in done.stdout
 
 
 def test_damaged_answers(tmp_path: Path) -> None:
     (tmp_path / "cell.yaml.init").write_text('{"arm": 5}')
-    assert "is damaged" in one_line(ran(tmp_path, "cell.yaml"), 3)
+    assert "is damaged" in one_line(init(tmp_path, "cell.yaml"), 3)
 
 
 def test_answers_are_private_while_they_are_kept(tmp_path: Path) -> None:
     with switched_on("tesa", "ur") as unknown:
-        ran(tmp_path, "cell.yaml", "--robot", unknown.robot, *at_ports(unknown))
+        init(tmp_path, "cell.yaml", "--robot", unknown.robot, *at_ports(unknown))
     (kept,) = tmp_path.iterdir()
     assert kept.name == "cell.yaml.init" and kept.stat().st_mode & 0o777 == 0o600
     assert os.geteuid() == kept.stat().st_uid

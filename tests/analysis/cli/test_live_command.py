@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -13,18 +12,13 @@ import pytest
 
 from analysis import save_run, simulate
 from tests.support.bench import BIN, Bench
+from tests.support.command_line import ran
 from tests.support.live_terminal import Terminal
 from tests.support.recorded_lap import recorded
 from tests.support.simulated_laps import lap_run
 
 ROOT = Path(__file__).parents[3]
-PORTABLE = [sys.executable, ROOT / "tests" / "portable_child.py"]
-
-
-def live(*options: str | Path, command: tuple[str | Path, ...] = (BIN / "rig",)) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [*command, "live", *options], capture_output=True, text=True, check=False, timeout=100, cwd=ROOT
-    )
+PORTABLE = [sys.executable, ROOT / "tests" / "portable_child.py", "live"]
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +27,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_run_is_played_in_lines_to_its_end(run: Path) -> None:
-    done = live("--run", run, "--speed", "64", "--plain")
+    done = ran("live", "--run", run, "--speed", "64", "--plain")
     assert done.returncode == 0 and done.stderr == ""
     first, *_, last = done.stdout.splitlines()
     assert first.startswith("at 0.") and last.startswith("at 48.2 s; g1 ") and "reversals" in last
@@ -41,26 +35,27 @@ def test_a_run_is_played_in_lines_to_its_end(run: Path) -> None:
 
 
 def test_runs_are_played_one_after_the_other_with_their_curves_over_each_other(run: Path, tmp_path: Path) -> None:
-    done = live("--run", run, "--run", lap_run(tmp_path, direction="cw"), "--speed", "64", "--json")
+    done = ran("live", "--run", run, "--run", lap_run(tmp_path, direction="cw"), "--speed", "64", "--json")
     shown = [json.loads(line) for line in done.stdout.splitlines()]
     assert [shown[0]["direction"], shown[-1]["direction"]] == ["acw", "cw"]
     assert shown[0]["band_deg"]["cw"] is None and all(shown[-1]["band_deg"].values())
 
 
 def test_a_run_is_played_as_json(run: Path) -> None:
-    done = live("--run", run, "--speed", "64", "--json")
+    done = ran("live", "--run", run, "--speed", "64", "--json")
     last = json.loads(done.stdout.splitlines()[-1])
     assert last["recording"] == "yaw-acw-exact" and last["band_deg"]["acw"] > 0 and last["reversals"] > 10
 
 
 @pytest.mark.parametrize("options", [("--plain",), ("--json",), ()])
 def test_a_run_is_played_where_nothing_is_posix(run: Path, options: tuple[str, ...]) -> None:
-    done = live("--run", run, "--speed", "64", *options, command=tuple(PORTABLE))
+    command = [*PORTABLE, "--run", run, "--speed", "64", *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=100, cwd=ROOT)
     assert done.returncode == 0 and done.stderr == "" and "yaw" in done.stdout
 
 
 def test_a_recorded_run_is_played_by_its_aligned_times(tmp_path: Path) -> None:
-    done = live("--run", recorded(tmp_path), "--speed", "64", "--json")
+    done = ran("live", "--run", recorded(tmp_path), "--speed", "64", "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout.splitlines()[-1])["band_deg"]["acw"] > 0
 
@@ -68,21 +63,15 @@ def test_a_recorded_run_is_played_by_its_aligned_times(tmp_path: Path) -> None:
 def test_what_cannot_be_played_is_one_line(tmp_path: Path) -> None:
     targets = simulate("ur10e", "radial")
     path = save_run(targets, tmp_path / targets.path)
-    done = live("--run", path)
+    done = ran("live", "--run", path)
     assert done.returncode == 3 and len(done.stderr.splitlines()) == 1 and "holds targets and no motion" in done.stderr
-    missing = live("--run", tmp_path / "nothing")
+    missing = ran("live", "--run", tmp_path / "nothing")
     assert missing.returncode == 3 and len(missing.stderr.splitlines()) == 1
 
 
 def test_without_a_daemon_it_is_one_line(tmp_path: Path) -> None:
     for options in ((), ("--plain",), ("--json",)):
-        done = subprocess.run(
-            [BIN / "rig", "live", "--rig", "nobody", *options],
-            capture_output=True,
-            text=True,
-            check=False,
-            env={**os.environ, "XDG_RUNTIME_DIR": str(tmp_path)},
-        )
+        done = ran("live", "--rig", "nobody", *options, XDG_RUNTIME_DIR=str(tmp_path))
         assert done.returncode == 4 and len(done.stderr.splitlines()) == 1 and done.stdout == ""
 
 

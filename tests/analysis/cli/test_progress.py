@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from analysis.cli.progress import progress_of
+from tests.support.command_line import ran
 from tests.support.store_cases import finished
 
 RIG = Path(sys.executable).parent / "rig"
@@ -56,7 +57,7 @@ def test_a_terminal_shows_what_is_done_and_a_file_does_not(
     assert command == "analyse" or "runs [bold]" in shown, "a name is not markup"
     for file in tmp_path.glob("raw.mcap"):
         file.unlink()
-    silent = subprocess.run([RIG, command, run, *options], capture_output=True, text=True, check=False)
+    silent = ran(command, run, *options)
     assert silent.stdout == results and doing not in silent.stderr
 
 

@@ -6,8 +6,7 @@ import csv
 import io
 import json
 import os
-import subprocess
-import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +26,7 @@ from rigs.errors import CellError, FileError
 from rigs.load import load
 from rigs.schema.vocabulary import Direction, TestName
 from rigs.text import plain_lines
+from tests.support.command_line import ran
 from tests.support.table_cases import JOINTS, RIG_FILE, TESTS, Rows, csv_text, plain, rig, rows_of, texts
 from tests.support.written_runs import import_table
 
@@ -269,11 +269,7 @@ def test_extra_columns_hold_any_text(tmp_path_factory: pytest.TempPathFactory, t
 
 def test_the_commands(tmp_path: Path) -> None:
     (tmp_path / "t.csv").write_text(csv_text(plain("roll", "cw")))
-
-    def run(*words: str) -> subprocess.CompletedProcess[str]:
-        command = [Path(sys.executable).parent / "rig", *words]
-        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-
+    run = partial(ran, cwd=tmp_path)
     made = run("import", "t.csv", "--rig", RIG_FILE, "--test", "roll", "-o", "runs/roll-cw")
     assert (made.returncode, made.stdout, made.stderr) == (0, "runs/roll-cw\n", "")
     made = run("export", "runs/roll-cw", "--to", "csv", "-o", "back.csv")

@@ -11,7 +11,7 @@ from analysis import evaluate, load_run
 from analysis.files.write import write_csv
 from analysis.kinematics.arm import arm_of, forward
 from analysis.measures import pose
-from analysis.reporting.run_report import as_object
+from analysis.reporting.run_object import as_object
 from analysis.traces.csv_tables import columns_of
 from analysis.traces.tables import PoseTable
 from rigs.errors import FileError

@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 from analysis import evaluate, evaluate_runs, load_run
 from analysis.cli import app
 from analysis.measures.results import Result, by_test
-from analysis.reporting.run_report import as_object, as_tables
+from analysis.reporting.run_object import as_object
+from analysis.reporting.run_report import as_tables
 from analysis.reporting.truth import compare
 from rigs.errors import FileError
 from rigs.load import load, load_hidden

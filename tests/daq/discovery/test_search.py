@@ -19,6 +19,8 @@ from rigs.errors import CellError
 from rigs.schema.links import Line
 from tests.support.unknown_cells import GAUGES, make_it_stream, switched_on
 
+pytestmark = pytest.mark.alone  # an answer that comes late is of another attempt
+
 LISTEN_S = 0.3
 
 

@@ -25,6 +25,8 @@ from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap
 from tests.support.drivers import PLAIN, modbus
 
+pytestmark = pytest.mark.alone  # a gauge that is held up seems to stand still
+
 TRUE: dict[str, Any] = {
     "unit": 7,
     "function": 4,

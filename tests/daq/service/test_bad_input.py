@@ -20,6 +20,7 @@ from daq.service.client import Client
 from daq.store import read_run
 from rigs.errors import RigError
 from tests.support.bench import BIN, OFF, Bench, rig_text
+from tests.support.child_processes import until
 
 
 def _edited(bench: Bench, **gauges: str) -> None:
@@ -178,7 +179,8 @@ def test_a_full_disk_ends_the_recording_and_not_the_daemon(bench: Bench) -> None
     assert "nothing is being recorded" in told.value.what and "File too large" in told.value.what
     assert "is given up" in told.value.what
     bench.all_reading()
-    assert bench.run("rig", "recover", path).returncode == 0
+    # The writer lets go of its files after the state says that the recording has ended.
+    assert until(lambda: bench.run("rig", "recover", path).returncode == 0)
     assert bench.run("rig", "verify", path).returncode == 0
     assert len(read_run(path).streams["robot"]["q1_deg"]) > 500
     bench.record("again")

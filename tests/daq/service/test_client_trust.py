@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import socket
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +16,7 @@ import pytest
 import daq.service.client
 from daq.service.client import Client
 from rigs.errors import CellError, RigError
-from tests.support.bench import BIN
+from tests.support.command_line import ran
 from tests.support.hostile_peers import serving
 
 HOSTILE = "a\x1b]0;title\x07\x1b[31m\nrig: all is well\r\u202e"
@@ -95,15 +94,10 @@ def without(key: str) -> dict[str, Any]:
 def test_an_answer_that_is_not_rigds_is_one_line(tmp_path: Path, line: bytes) -> None:
     with answering(tmp_path / "rigd" / "cell.sock", line):
         for command in (["status"], ["live"]):
-            done = rig(tmp_path, *command)
+            done = ran(*command, XDG_RUNTIME_DIR=str(tmp_path))
             assert done.returncode == 4 and done.stdout == "", done.stdout
             told = done.stderr.splitlines()
             assert len(told) == 1 and "does not answer as rigd does" in told[0] and told[0].isprintable(), told
-
-
-def rig(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
-    environment = {**os.environ, "XDG_RUNTIME_DIR": str(folder)}
-    return subprocess.run([BIN / "rig", *command], capture_output=True, text=True, check=False, env=environment)
 
 
 @pytest.mark.parametrize(
@@ -128,7 +122,7 @@ def test_a_hostile_answer_reaches_no_terminal_as_it_is(tmp_path: Path, command: 
         "ok": ok,
     }
     with answering(tmp_path / "rigd" / "cell.sock", json.dumps(answer).encode() + b"\n"):
-        done = rig(tmp_path, *command)
+        done = ran(*command, XDG_RUNTIME_DIR=str(tmp_path))
     assert done.returncode == (0 if ok else 3), done.stderr
     lines = (done.stdout + done.stderr).split("\n")
     assert all(line.isprintable() for line in lines), lines

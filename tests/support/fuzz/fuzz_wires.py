@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial
+from functools import cache, partial
 from random import Random
 
 import daq.feedback
@@ -63,11 +63,15 @@ class _Readings:
 def _sides(
     host: Callable[[], Conversation], device: Callable[[], Device], width: int, held_max: int = HELD_MAX
 ) -> list[Feed]:
-    ours, theirs = _Overheard(host()), _Overheard(device())
-    simulate(ours, theirs, 2 * S, character_ns=_CHARACTER_NS)
-    to_host, to_device = theirs.said[:200], ours.said[:200] or [b"?\r"]
+    @cache
+    def said() -> tuple[list[bytes], list[bytes]]:
+        """What each hears of the other while all is well."""
+        ours, theirs = _Overheard(host()), _Overheard(device())
+        simulate(ours, theirs, 2 * S, character_ns=_CHARACTER_NS)
+        return theirs.said[:200], ours.said[:200] or [b"?\r"]
 
     def feed_host(dice: Random) -> int:
+        to_host, _ = said()
         conversation = Watched(host(), dice, width, dice.choice(_STARTS_NS), held_max)
         peer = device()
         conversation.feed(to_host, peer)
@@ -76,6 +80,7 @@ def _sides(
         return conversation.inputs
 
     def feed_device(dice: Random) -> int:
+        _, to_device = said()
         conversation = Watched(device(), dice, width, dice.choice(_STARTS_NS), held_max)
         conversation.feed(to_device, None)
         if not conversation.over:

@@ -33,9 +33,20 @@ def measure(
 
     A motion's place is where the rig file says it is, so its radius is the link's constant.
     """
-    faults, trace = list(faults), trace or trace_of(cell, motion)
-    posed, p = tool_of(cell, motion, faults, trace, scatter)
-    g = raw_readings(posed, p, link, motion.test, motion.place, faults)
+    tool = tool_of(cell, motion, faults, trace or trace_of(cell, motion), scatter)
+    return read(motion, faults, link, tool, phases)
+
+
+def read(
+    motion: Motion,
+    faults: Sequence[Fault],
+    link: Link,
+    tool: tuple[Posed, Array],
+    phases: dict[str, float] | None = None,
+) -> Array:
+    """As `measure`, of a tool that `tool_of` has placed: postures are the dear part, and the ball changes none."""
+    faults = list(faults)
+    g = raw_readings(*tool, link, motion.test, motion.place, faults)
     g = own_errors(g, motion.t, faults, phases or {})
     return _stamped(g, motion, faults)
 

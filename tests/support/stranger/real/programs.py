@@ -14,7 +14,7 @@ import numpy as np
 from tests.support.stranger.cell import Cell
 from tests.support.stranger.faults import Fault
 from tests.support.stranger.gauges import Link
-from tests.support.stranger.measure import measure, trace_of
+from tests.support.stranger.measure import measure, read, tool_of, trace_of
 from tests.support.stranger.motion import Motion, Track, lap
 from tests.support.stranger.screws import Array
 
@@ -51,11 +51,10 @@ def program(cell: Cell, motion: Motion, link: Link, faults: Sequence[Fault]) -> 
     """A motion with faults. A vibration is left to the run: it begins with a phase of its own."""
     trace = trace_of(cell, motion)
     steady = [fault for fault in faults if fault.effect != "vibration"]
-    plain = measure(cell, motion, [], link, trace=trace)
+    tool = tool_of(cell, motion, [], trace)
+    plain = read(motion, [], link, tool)
     turned = [measure(cell, motion, [], link, _STEP_RAD * row, trace=trace) for row in np.eye(6)]
-    shifted = [
-        measure(cell, motion, [], replace(link, ball=link.ball + _STEP_MM * row), trace=trace) for row in np.eye(3)
-    ]
+    shifted = [read(motion, [], replace(link, ball=link.ball + row), tool) for row in _STEP_MM * np.eye(3)]
     return Program(
         motion,
         measure(cell, motion, steady, link, trace=trace),

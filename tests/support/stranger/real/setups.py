@@ -14,7 +14,7 @@ from tests.support.stranger.cell import Cell
 from tests.support.stranger.faults import Fault
 from tests.support.stranger.gauges import Link
 from tests.support.stranger.joints import Trace
-from tests.support.stranger.measure import measure, tool_of
+from tests.support.stranger.measure import read, tool_of
 from tests.support.stranger.motion import Motion
 from tests.support.stranger.screws import Array
 
@@ -27,20 +27,21 @@ HARDLY = 0.05
 
 @dataclass(frozen=True)
 class Watch:
-    """A motion of a set-up: plain (m, k) mm without faults, by_ball (m, k, 3)."""
+    """A motion of a set-up. Without faults: place (n, 3) mm of the tool, plain (m, k) mm; by_ball (m, k, 3)."""
 
     motion: Motion
     trace: Trace
+    place: Array
     plain: Array
     by_ball: Array
 
 
 def watched(cell: Cell, motion: Motion, trace: Trace, link: Link) -> Watch:
     """A motion with this set-up, no faults."""
-    plain = measure(cell, motion, [], link, trace=trace)
-    steps = _STEP_MM * np.eye(3)
-    shifted = [measure(cell, motion, [], replace(link, ball=link.ball + step), trace=trace) for step in steps]
-    return Watch(motion, trace, plain, np.stack([(g - plain) / _STEP_MM for g in shifted], axis=2))
+    tool = tool_of(cell, motion, [], trace)
+    plain = read(motion, [], link, tool)
+    shifted = [read(motion, [], replace(link, ball=link.ball + step), tool) for step in _STEP_MM * np.eye(3)]
+    return Watch(motion, trace, tool[1], plain, np.stack([(g - plain) / _STEP_MM for g in shifted], axis=2))
 
 
 def by_setup(watches: Sequence[Watch]) -> Array:
@@ -57,14 +58,12 @@ def centred(cell: Cell, watches: Sequence[Watch], link: Link, faults: Sequence[F
     ball that moves along a circle's normal hardly shows, and is left there.
     """
     A = by_setup(watches)
+    tools = [tool_of(cell, watch.motion, faults, watch.trace) for watch in watches]
     if watches[0].motion.test != "radial":
-        moves = [
-            np.mean(tool_of(cell, w.motion, faults, w.trace)[1] - tool_of(cell, w.motion, [], w.trace)[1], axis=0)
-            for w in watches
-        ]
+        moves = [np.mean(tool[1] - watch.place, axis=0) for watch, tool in zip(watches, tools, strict=True)]
         link = replace(link, ball=link.ball + np.mean(moves, axis=0))
     for _ in range(_ROUNDS):
-        added = [measure(cell, w.motion, faults, link, trace=w.trace) - w.plain for w in watches]
+        added = [read(w.motion, faults, link, tool) - w.plain for w, tool in zip(watches, tools, strict=True)]
         step = np.linalg.lstsq(A, np.concatenate([x.ravel() for x in added]), rcond=HARDLY)[0][:3]
         link = replace(link, ball=link.ball - step)
         if np.abs(step).max() < _NEAR_MM:

@@ -1,0 +1,75 @@
+"""A run that lies elsewhere as a directory of this computer, for as long as it is worked on."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+
+from analysis.batch.outcomes import Item, Value
+from analysis.batch.remote_path import RemotePath
+from analysis.batch.remote_store import entries, explained, opened
+from analysis.batch.run_files import is_read
+from rigs.errors import CellError, FileError, RigError
+
+PREFIX = "rig-"
+_place: ContextVar[str | None] = ContextVar("place", default=None)
+
+
+@contextmanager
+def fetched(run: Path) -> Iterator[Path]:
+    """The directory of a run; of one elsewhere a copy, which is removed at the end. It is the only one of its process,
+    so that a process never takes more room than its largest run.
+
+    Errors within name the run itself. Raises RigError where it cannot be fetched.
+    """
+    if not isinstance(run, RemotePath):
+        yield run
+        return
+    with tempfile.TemporaryDirectory(prefix=PREFIX, dir=_place.get()) as name:
+        copy = Path(name) / "run"
+        copy.mkdir()
+        _fetch(run, copy)
+        try:
+            yield copy
+        except RigError as error:
+            kind = FileError if isinstance(error, FileError) else CellError
+            raise kind(*(named(text, copy, run) for text in (error.where, error.what, error.remedy))) from None
+
+
+def named(text: str, copy: Path, run: Path) -> str:
+    """A text about a copy as one about the run that it was made of, for which nothing changes if it is no copy."""
+    if copy == run:
+        return text
+    mend = f"run `rig recover {copy}`"
+    return text.replace(mend, "run `rig recover` on a copy of it").replace(str(copy), str(run))
+
+
+def fetching_into(place: str, work: Callable[[Item], Value], item: Item) -> Value:
+    """The value of the work, whose copies lie in a directory that outlives this process, should it be killed."""
+    before = _place.set(place)
+    try:
+        return work(item)
+    finally:
+        _place.reset(before)
+
+
+def _fetch(run: RemotePath, into: Path) -> None:
+    """Copy the files of a run that are read."""
+    with explained(run):
+        store, folder = opened(run)
+        files = [one for one in entries(store, folder)[0] if is_read(one.name)]
+        if not files:
+            raise FileError(str(run), "holds no run", "give a run, or a directory of runs")
+        needed, free = sum(one.size for one in files), shutil.disk_usage(into).free
+        if needed > free:
+            what = f"has {needed / 1e6:.0f} MB, and the temporary directory has room for {free / 1e6:.0f} MB"
+            raise CellError(str(run), what, "set TMPDIR to a directory with more room")
+        store.get([f"{folder}/{one.name}" for one in files], [str(into / one.name) for one in files])
+        for one in files:
+            if (into / one.name).stat().st_size != one.size:
+                what = f"has changed while it was read: {one.name} is not as it was listed"
+                raise FileError(str(run), what, "give this command again")

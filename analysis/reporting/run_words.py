@@ -1,0 +1,54 @@
+"""What is said of analysed runs of one test: what their uncertainties mean, and acw against cw."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from analysis.measures.link_angle import CircleResult
+from analysis.measures.pooled import ONE_RUN, Pairs, Pooled
+from analysis.measures.quantity import Quantity
+from analysis.measures.results import Result
+from analysis.reporting.labels import in_order, label
+
+
+def what_u_is(group: Sequence[Result], repeated: Sequence[Pooled]) -> str:
+    """What the uncertainties of a group mean: of means, and of runs that nothing repeats."""
+    if not repeated:
+        return ONE_RUN
+    runs = " and ".join(f"{len(one.runs)} runs {one.title}" for one in repeated)
+    means = f"{runs}: mean ± standard uncertainty of the mean, sd between the runs"
+    titles = dict.fromkeys(result.title for result in group)
+    alone = [title for title in titles if title not in {one.title for one in repeated}]
+    return f"{means}; {' and '.join(alone)}: {ONE_RUN}" if alone else means
+
+
+def in_words(both: Pairs | None, group: Sequence[Result]) -> list[str]:
+    """acw against cw, the lag of the gauges, and which runs are not a pair, one line each."""
+    if not isinstance(group[0].found, CircleResult):
+        return []
+    if both is None:
+        return ["one direction cannot show a lag between gauges and robot: analyse acw and cw together"]
+    lines = list(both.refused)
+    if both.lag is not None:
+        figures = "; ".join(f"{label(name).strip()} {both.figures[name]}" for name in in_order(both.figures))
+        count = f" ({len(both.runs)} pairs)" if len(both.runs) > 1 else ""
+        lines += [f"acw against cw{count}: {figures}", _of_lag(both.lag, _rate(both))]
+    return lines
+
+
+def _rate(both: Pairs) -> float:
+    """How fast the circle was driven, rad/s."""
+    found = both.runs[0][0].found
+    return abs(found.curve.rate) if isinstance(found, CircleResult) else 0.0
+
+
+def _of_lag(lag: Quantity, rate: float) -> str:
+    if abs(lag.value) < 2 * lag.u:
+        return f"a lag of the gauges behind the robot is not detected: {lag}"
+    turned = np.degrees(rate * abs(lag.value) / 1000)
+    return (
+        f"the gauges lag the robot by {lag}: the shifts of acw and cw are off by {turned:.2g}° in opposite directions, "
+        "which their u does not include; describe the gauge by `timing` in the rig file, or run rig diagnose"
+    )

@@ -1,0 +1,193 @@
+"""Commands over runs in an object store and on an SFTP server print what they print of the directory."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from pathlib import Path
+
+import pytest
+
+from tests.support.dask_cluster import cluster
+from tests.support.plant_runs import known_robot, write_visits
+from tests.support.remote_stores import Store, s3_store, sftp_store
+
+VISITS = 3
+NEEDS = {"file": ("fsspec",), "s3": ("s3fs", "boto3", "moto"), "sftp": ("sshfs", "asyncssh")}
+RIG = [sys.executable, "-c", "from analysis.cli import main; main()"]
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two robots with a few runs each, a run that is damaged and one that lacks a chunk."""
+    plant = tmp_path_factory.mktemp("written") / "plant"
+    for number in (1, 2):
+        one = known_robot(number, VISITS, 0.03 * (number - 1))
+        runs = list(write_visits(plant / one.name, one, list(range(VISITS))))
+    next(runs[0].glob("*.parquet")).unlink()
+    list(write_visits(plant / "circles", known_robot(3, VISITS, 0.0), [0.0], ["yaw acw"]))
+    (plant / "robot-001" / "bad").mkdir()
+    (plant / "robot-001" / "bad" / "manifest.json").write_text("{}")
+    return plant
+
+
+@contextmanager
+def store_of(kind: str, plant: Path, keys: Path) -> Iterator[Store]:
+    for package in NEEDS[kind]:
+        pytest.importorskip(package, reason=f"{package} is not installed: pip install s3fs sshfs 'moto[server]'")
+    if kind == "file":
+        yield Store(f"file://{plant}", {})
+        return
+    with s3_store(plant) if kind == "s3" else sftp_store(plant, keys) as store:
+        yield store
+
+
+@pytest.fixture(params=["file", "s3", "sftp"])
+def store(
+    request: pytest.FixtureRequest, written: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[tuple[Path, Store]]:
+    """A plant as a directory, and the same in a store."""
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    with store_of(request.param, written, tmp_path / "keys") as made:
+        settings = made.environment | {"XDG_CACHE_HOME": str(tmp_path / "cache"), "TMPDIR": str(temporary)}
+        for name, value in (settings | {"COLUMNS": "150"}).items():
+            monkeypatch.setenv(name, value)
+        yield written, made
+        assert not [one for one in temporary.iterdir() if one.name.startswith("rig-")]
+
+
+def ran(*words: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([*RIG, *map(str, words)], capture_output=True, text=True, check=False)
+
+
+@lru_cache
+def printed_here(*words: str) -> tuple[int, str, str]:
+    """What a command over a directory ends with and prints."""
+    done = ran(*words)
+    return done.returncode, done.stdout, done.stderr
+
+
+def printed_there(plant: Path, url: str, *words: object) -> tuple[int, str, str]:
+    """What a command over a URL ends with and prints, in the words that it has for the directory."""
+    done = ran(*words)
+    mended = f"run `rig recover {plant}/robot-001/bad`"
+    texts = (text.replace(url, str(plant)) for text in (done.stdout, done.stderr))
+    out, err = (text.replace("run `rig recover` on a copy of it", mended) for text in texts)
+    return done.returncode, out, err
+
+
+@pytest.mark.timeout(300)
+def test_every_command_prints_what_it_prints_of_the_directory(store: tuple[Path, Store], tmp_path: Path) -> None:
+    plant, made = store
+    commands = [
+        (["verify", "{}"], []),
+        (["analyse", "{}", "--lines"], ["--jobs", "2"]),
+        (["analyse", "{}/robot-002", "--json"], []),
+        (["fleet", "{}"], ["--jobs", "2"]),
+        (["history", "robot-001", "--data", "{}", "--json"], []),
+    ]
+    for words, more in commands:
+        here = printed_here(*(word.format(plant) for word in words))
+        there = printed_there(plant, made.url, *(word.format(made.url) for word in words), *more)
+        assert there == here and here[1], words
+    report = ("--no-diagnosis", "--jobs", "2", "-o")
+    for runs, page in ((f"{plant}/circles", "here.html"), (f"{made.url}/circles", "there.html")):
+        assert ran("report", runs, *report, tmp_path / page).returncode == 0
+    when = re.compile(r"\d\d:\d\d UTC")  # the page was made
+    pages = [when.sub("", (tmp_path / page).read_text()) for page in ("here.html", "there.html")]
+    assert pages[1].replace(made.url, str(plant)) == pages[0]
+
+
+@pytest.mark.timeout(200)
+def test_what_has_not_changed_is_not_read_again(store: tuple[Path, Store], tmp_path: Path) -> None:
+    plant, made = store
+    reading = "{} of them read (new, changed, or unreadable the last time)"
+    first = ran("fleet", made.url)
+    assert reading.format(2 * VISITS + 2) in first.stdout, first.stderr
+    again = ran("fleet", made.url)
+    assert reading.format(1) in again.stdout and again.stdout.splitlines()[:-1] == first.stdout.splitlines()[:-1]
+    if made.url.startswith("s3"):
+        return  # its files are copies
+    (touched,) = sorted((plant / "robot-002").iterdir())[0].glob("manifest.json")
+    text = touched.read_text()
+    touched.write_text(text + "\n")
+    try:
+        assert reading.format(2) in ran("fleet", made.url).stdout
+    finally:
+        touched.write_text(text)
+
+
+@pytest.mark.timeout(200)
+def test_a_store_that_is_lost_is_one_line_and_what_was_done_stays(store: tuple[Path, Store]) -> None:
+    _, made = store
+    if made.process is None:
+        pytest.skip("a directory does not lose its connection")
+    command = [*RIG, "analyse", made.url, "--lines"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout and process.stderr
+        process.stdout.readline()
+        made.process.kill()
+        rest, errors = process.stdout.read(), process.stderr.read().splitlines()
+    assert process.returncode == 4 and len(rest.splitlines()) < 2 * VISITS
+    assert "the store does not answer" in errors[-1] and len(errors) <= 2
+    assert ran("fleet", made.url).returncode == 4
+    assert "secret" not in "".join(errors)
+
+
+@pytest.mark.timeout(120)
+def test_ctrl_c_leaves_no_copy(store: tuple[Path, Store]) -> None:
+    _, made = store
+    with subprocess.Popen([*RIG, "verify", made.url], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdout and process.stderr
+        process.stdout.readline()
+        process.send_signal(signal.SIGINT)
+        errors = process.stderr.read().decode()
+    assert "Traceback" not in errors  # the fixture looks for what stays
+
+
+@pytest.mark.timeout(200)
+def test_dask_workers_read_the_store_themselves(store: tuple[Path, Store], tmp_path: Path) -> None:
+    pytest.importorskip("distributed", reason="dask.distributed is an extra: pip install distributed")
+    plant, made = store
+    (tmp_path / "dask").mkdir()
+    with cluster(tmp_path / "dask") as there:
+        lines = printed_there(plant, made.url, "analyse", made.url, "--lines", "--scheduler", there.address)
+    assert lines == printed_here("analyse", str(plant), "--lines") and lines[1]
+
+
+@pytest.mark.parametrize(
+    ("kind", "line"), [("s3", "error: s3://nowhere/x: is not there"), ("sftp", "/nowhere: is not there")]
+)
+def test_what_is_not_there_is_one_line(kind: str, line: str, written: Path, tmp_path: Path) -> None:
+    with store_of(kind, written, tmp_path / "keys") as made:
+        url = "s3://nowhere/x" if kind == "s3" else f"{made.url}/nowhere"
+        environment = os.environ | made.environment
+        for command in ("verify", "fleet"):
+            done = subprocess.run([*RIG, command, url], env=environment, capture_output=True, text=True, check=False)
+            assert done.returncode == 3 and line in done.stderr and done.stderr.count("\n") == 1
+        denied = {"AWS_SECRET_ACCESS_KEY": "", "AWS_ACCESS_KEY_ID": "", "FSSPEC_SFTP_CLIENT_KEYS": ""}
+        done = subprocess.run(
+            [*RIG, "verify", made.url], env=environment | denied, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 3 and "may not be read" in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_a_computer_whose_key_is_not_known_is_refused(written: Path, tmp_path: Path) -> None:
+    with store_of("sftp", written, tmp_path / "keys") as made:
+        (tmp_path / "known").touch()
+        environment = os.environ | made.environment | {"FSSPEC_SFTP_KNOWN_HOSTS": str(tmp_path / "known")}
+        done = subprocess.run([*RIG, "verify", made.url], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 4 and "host key is not known" in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_no_password_is_taken_and_none_is_shown(capfd: pytest.CaptureFixture[str]) -> None:
+    done = ran("fleet", "sftp://me:hidden@127.0.0.1/plant")
+    assert done.returncode == 3 and "holds a password" in done.stderr and "hidden" not in done.stderr
+    assert done.stderr.count("\n") == 1
