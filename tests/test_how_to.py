@@ -1,6 +1,7 @@
 """The pages of docs/how-to that add a driver, followed to the letter in a copy of the tree."""
 
 import re
+import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
-from tests.support.how_to import checked, commands, followed, output, run
+from tests.support.how_to import HOW_TO, blocks, checked, commands, followed, output, run
 
 
 @dataclass(frozen=True)
@@ -50,6 +51,16 @@ def test_the_new_driver_keeps_the_contract_of_every_driver(grown: tuple[Page, Pa
     assert int(re.findall(r"(\d+) passed", said)[0]) >= 10
 
 
+def test_the_pages_that_are_made_from_the_schema_have_the_new_driver(grown: tuple[Page, Path, list[str]]) -> None:
+    page, tree, _ = grown
+    (block,) = (block for block in blocks(page.name, "sh") if "scripts/dev" in block)
+    made = re.findall(r"^scripts/dev (\w+) > (\S+)", block, re.M)
+    assert len(made) == 2
+    for program, path in made:
+        assert path.removeprefix("docs/") in output(tree, sys.executable, f"dev/{program}.py")
+        assert page.interface in output(tree, sys.executable, f"dev/{program}.py")
+
+
 @pytest.mark.timeout(180)
 def test_the_commands_of_the_page_record_with_the_new_driver(grown: tuple[Page, Path, list[str]]) -> None:
     page, tree, _ = grown
@@ -63,3 +74,15 @@ def test_the_commands_of_the_page_record_with_the_new_driver(grown: tuple[Page, 
     assert samples > page.least_hz, "in three seconds"
     faults = [row for chunk in first.glob("faults-*.parquet") for row in pq.read_table(chunk).to_pylist()]
     assert [fault for fault in faults if fault["stream"] in (page.stream, "g2")] == []
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("grown", [PAGES[1]], indirect=True, ids=["example_stream"])
+def test_the_stream_of_the_page_passes_the_checks_and_its_tests(grown: tuple[Page, Path, list[str]]) -> None:
+    _, tree, _ = grown
+    example = HOW_TO / "examples" / "stream"
+    files = [str(path.relative_to(example)) for path in sorted(example.rglob("*.py"))]
+    shutil.copytree(example, tree, dirs_exist_ok=True)
+    checked(tree, files)
+    said = output(tree, sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *files[-1:])
+    assert "4 passed" in said

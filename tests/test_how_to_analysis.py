@@ -60,9 +60,21 @@ def test_a_new_measurement_passes_the_checks_and_its_tests(with_measurement: tup
 
 def test_a_new_figure_comes_with_its_uncertainty_out_of_every_command(with_measurement: tuple[Path, list[str]]) -> None:
     tree, _ = with_measurement
-    said = output(tree, "bash", "-ec", commands(MEASUREMENT, "rig analyse"))
+    said = output(tree, "bash", "-ec", commands(MEASUREMENT, "rig report"))
     assert "second order, amplitude" in said and '"second_order_deg"' in said
     runs = sorted(str(path) for path in (tree / "orders" / "runs").iterdir())
     for found in json.loads(output(tree, "rig", "analyse", *runs, "--json"))["runs"]:
         figure = found["figures"]["second_order_deg"]
         assert figure["unit"] == "deg" and 0 < figure["u"] < figure["value"]
+
+
+def test_a_new_figure_of_a_test_with_stops_has_its_label_and_its_uncertainty(
+    with_measurement: tuple[Path, list[str]],
+) -> None:
+    tree, _ = with_measurement
+    said = output(tree, "bash", "-ec", commands(MEASUREMENT, "--test repeatability"))
+    assert "drift, first to last visit" in said
+    (run,) = (tree / "stops").iterdir()
+    (found,) = json.loads(output(tree, "rig", "analyse", str(run), "--json"))["runs"]
+    drift = found["figures"]["drift_mean_mm"]
+    assert drift["unit"] == "mm" and abs(drift["value"]) < 4 * drift["u"]

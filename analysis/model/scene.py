@@ -77,7 +77,8 @@ class Scene:
         return torques(self.arm, replace(self.load, payload_kg=self.load.payload_kg + payload_kg), self.q)
 
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
-        """Place (n, 3) mm of a joint (1 … 6), direction (n, 3) of its axis, and place (n, 3) mm of its link's end."""
+        """Place (n, 3) mm of a joint (1 … 6), direction (n, 3) of its axis, and place (n, 3) mm of its link's end,
+        which is that of the joint where the link has no length."""
         place, direction, end = np.empty((3, len(self.link_q), 3))
         for block in blocks(len(self.link_q)):
             links = list(islice(link_columns(self.arm, self.link_q[block]), axis + 1))

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
-from rigs.schema.effect import AT_AXIS
+from rigs.schema.effect import AT_AXIS, size_fields
 from rigs.schema.effect import Effect as Effect
 from rigs.schema.effect import Found as Found
 from rigs.schema.effect import bounds as bounds
@@ -28,7 +28,8 @@ def _class_in(name: str) -> type[Effect]:
     held = vars(importlib.import_module(f"{__name__}.{name}")).values()
     for one in held:
         if isinstance(one, type) and issubclass(one, Effect) and one.model_fields["effect"].default == name:
-            if missing := sorted(one.__abstractmethods__) + ["STAGE"] * (not hasattr(one, "STAGE")):
+            missing = sorted(one.__abstractmethods__) + ["STAGE"] * (not hasattr(one, "STAGE"))
+            if missing := missing + ["its one size"] * (len(size_fields(one)) != 1):
                 raise ImportError(f"rigs/effects/{name}.py: {one.__name__} does not say {', '.join(missing)}")
             return one
     raise ImportError(f"rigs/effects/{name}.py: has no Effect whose key effect is {name!r}")

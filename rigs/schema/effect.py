@@ -273,7 +273,12 @@ def is_play(effect: Effect) -> bool:
 
 def size_field(effect: Effect) -> str:
     """Name of the parameter that scales an effect and is zero for none."""
-    return next(str(name) for name in type(effect).model_fields if "healthy" in _extra(type(effect), name))
+    return size_fields(type(effect))[0]
+
+
+def size_fields(cls: type[Effect]) -> list[str]:
+    """Names of the keys that are declared by `size`: one of every effect that is whole."""
+    return [str(name) for name in cls.model_fields if "healthy" in _extra(cls, name)]
 
 
 def _extra(cls: type[Effect], name: str) -> dict[str, Any]:

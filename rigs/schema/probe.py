@@ -43,8 +43,11 @@ class Probe(Part):
     """Where the default of `timing` is known from."""
 
     port: Port
+    """Serial device, better by its name in `/dev/serial/by-id/`, or `tcp://host:number`."""
     channel: int = Field(default=1, ge=1, le=32)
+    """Its place in an answer that several gauges on one port share; 1 where an instrument carries one gauge."""
     units: Units = "mm"
+    """What the instrument is set to; a reading that comes in another unit is a fault, never a value."""
     offset_mm: Length
     """Place on the baseline, along y_T (yaw) or x_T (roll): +25 for gauge 1, -25 for gauge 2."""
     accuracy_mm: float = Field(default=0.0005, gt=0, le=10)

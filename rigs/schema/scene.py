@@ -62,7 +62,8 @@ class Scene(Protocol):
         """Torque of gravity on each joint (n, 6) Nm, with so much more at the flange."""
 
     def link_after(self, axis: int) -> tuple[Array, Array, Array]:
-        """Place (n, 3) mm of a joint (1 … 6), direction (n, 3) of its axis, and place (n, 3) mm of its link's end."""
+        """Place (n, 3) mm of a joint (1 … 6), direction (n, 3) of its axis, and place (n, 3) mm of its link's end,
+        which is that of the joint where the link has no length."""
 
     def taken_at(self, t_s: Array) -> Self:
         """The scene as reported at other instants t_s (n,) s."""

@@ -11,7 +11,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 HOW_TO = ROOT / "docs" / "how-to"
-FOLDERS = ("rigs", "daq", "analysis", "docs", "tests")
+FOLDERS = ("rigs", "daq", "analysis", "dev", "docs", "tests")
 FILES = ("pyproject.toml", "README.md", "CONTRIBUTING.md")
 BIN = Path(sys.executable).parent
 
@@ -51,7 +51,7 @@ def followed(page: str, tree: Path) -> list[str]:
         path = tree / header.removeprefix("+++ ")
         path.write_text(edited(path.read_text(encoding="utf-8"), lines), encoding="utf-8")
         changed.append(str(path.relative_to(tree)))
-    return [*new, *changed]
+    return list(dict.fromkeys([*new, *changed]))
 
 
 def edited(text: str, lines: list[str]) -> str:

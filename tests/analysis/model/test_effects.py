@@ -264,7 +264,10 @@ def test_every_play_and_every_wave_is_known_as_one() -> None:
     ("held", "message"),
     [
         ({}, "rigs/effects/half.py: has no Effect whose key effect is 'half'"),
-        ({"Half": create_model("Half", __base__=Effect, effect=(str, "half"))}, "does not say apply, .*remedy, STAGE"),
+        (
+            {"Half": create_model("Half", __base__=Effect, effect=(str, "half"))},
+            "not say apply, .*remedy, STAGE, its one size",
+        ),
     ],
 )
 def test_a_file_without_a_whole_effect_is_refused(
