@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 from ur10 import DATA, FIT, read
 
-from analysis.diagnosis.contradiction import contradicted
 from analysis.diagnosis.neighbourhoods import without_a_fold
 from analysis.diagnosis.observed_run import ObservedRun, observe_run
 from analysis.diagnosis.search import SearchResult, search
@@ -37,8 +36,7 @@ LISTED = 12
 
 def material(look: SearchResult, seen: ObservedRun) -> list[tuple[str, float]]:
     """Material names, each with what it is worth in µm."""
-    unjudged = [None] * len(look.state.refined.effects)
-    found = named_effects(look, [seen], unjudged, contradicted(look, ()), limits_um(look.linear, None))
+    found = named_effects(look, [seen], [None] * len(look.state.refined.effects), limits_um(look.linear, None))
     return [(label_of(one.effect), one.worth_um) for one in found if one.material]
 
 

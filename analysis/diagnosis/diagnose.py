@@ -10,8 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from analysis.diagnosis.contradiction import contradicted
-from analysis.diagnosis.diagnosis import Diagnosis, Gap, Named, NextTest, Remainder
+from analysis.diagnosis.diagnosis import Diagnosis, Gap, Named, NextTest
 from analysis.diagnosis.doubts import doubts_of_rig, doubts_of_runs
 from analysis.diagnosis.early_readings import early_readings
 from analysis.diagnosis.form_posterior import is_separable
@@ -64,11 +63,10 @@ def diagnose(
         gap(elsewhere, result, _names(unseen)) if elsewhere else None,
     )
     limits = limits_um(result.linear, tolerance_um)
-    wrong = contradicted(result, elsewhere)
-    named = named_effects(result, runs, held_out_gains(result, judges), wrong, limits)
+    named = named_effects(result, runs, held_out_gains(result, judges), limits)
     named += _vibrations(result, runs, limits, gaps.train)
     named.sort(key=lambda one: (not one.material, -one.worth_um))
-    found = _diagnosis_of(rig, result, gaps, named, remainder_of(result, wrong, limits))
+    found = _diagnosis_of(rig, result, gaps, named, limits)
     doubts = [*placed, *early_readings(result), *doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, runs)]
     if found.verdict == "ambiguous":
         progress("choosing a test that separates the rivals")
@@ -93,11 +91,10 @@ def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], limits: Array
     return named_vibration(found, limits[circles], train.after_um)
 
 
-def _diagnosis_of(
-    rig: Rig, result: SearchResult, gaps: _Gaps, named: Sequence[Named], left: tuple[Remainder, bool]
-) -> Diagnosis:
-    """Return the diagnosis without next test and doubts; `left` is the remainder, and whether it is material."""
-    remainder, is_material = left
+def _diagnosis_of(rig: Rig, result: SearchResult, gaps: _Gaps, named: Sequence[Named], limits: Array) -> Diagnosis:
+    """Return the diagnosis without next test and doubts; `limits` (b,) µm are the changes from which names are
+    material."""
+    remainder, is_material = remainder_of(result, limits)
     verdict, why = verdict_of(result, named, remainder, is_material=is_material)
     linear, before = result.linear, result.linear.in_mm(result.initial_residual)
     after = linear.in_mm(result.residual)

@@ -36,31 +36,21 @@ def ambiguous_names(found: Sequence[Named]) -> list[Named]:
 
 
 def named_effects(
-    result: SearchResult,
-    runs: Sequence[ObservedRun],
-    gains: Sequence[float | None],
-    contradicted: Sequence[bool],
-    limits: Array,
+    result: SearchResult, runs: Sequence[ObservedRun], gains: Sequence[float | None], limits: Array
 ) -> list[Named]:
-    """Return the names of a search result. `gains` has the gain of each on held-out runs, `contradicted` states whether
-    some readings contradict it, and `limits` (b,) µm are the changes from which they are material."""
+    """Return the names of a search result. `gains` has the gain of each on held-out runs, and `limits` (b,) µm are the
+    changes from which they are material."""
     effects, setups = result.state.refined.effects, result.linear.setups
-    return [
-        _named(result, k, gain, limits, gap_without_um(runs, effects, k, setups), contradicted=wrong)
-        for k, (gain, wrong) in enumerate(zip(gains, contradicted, strict=True))
-    ]
+    return [_named(result, k, gain, limits, gap_without_um(runs, effects, k, setups)) for k, gain in enumerate(gains)]
 
 
-def _named(
-    result: SearchResult, k: int, gain: float | None, limits: Array, gap_without_um: float, *, contradicted: bool
-) -> Named:
-    """Return one name with its worth. A name that makes held-out runs worse, that is contradicted, or that is no larger
-    than arms of this level show, is not material, whatever its worth."""
+def _named(result: SearchResult, k: int, gain: float | None, limits: Array, gap_without_um: float) -> Named:
+    """Return one name with its worth. A name that makes held-out runs worse, or that is no larger than arms of this
+    level show, is not material, whatever its worth."""
     effects, own_odds = result.state.refined.effects, result.rival_odds[k]
     own = worth(result.linear, result.contributions[k])
     likely = own_odds.odds > _LIKELY and own_odds.healthy_odds < _HEALTHY
-    proven = (gain is None or gain > 0) and not contradicted
-    material = result.state.is_fault(k) and own.is_material(limits) and proven and likely
+    material = result.state.is_fault(k) and own.is_material(limits) and (gain is None or gain > 0) and likely
     return Named(
         effects[k], result.state.refined.sd(k), own_odds.odds, _rivals(own_odds), gap_without_um, effects[k].remedy(),
         own.whole_um, material, gain,
@@ -87,17 +77,14 @@ def named_vibration(found: FoundVibration | None, limits: Array, gap_um: float) 
     return [Named(found.effect, found.sd, odds, (), gap_um, found.effect.remedy(), moves.whole_um, True, None)]
 
 
-def remainder_of(result: SearchResult, contradicted: Sequence[bool], limits: Array) -> tuple[Remainder, bool]:
-    """Return what remains beyond the noise, and whether it exceeds the limits (b,) µm of a material name. What
-    contradicted names take up remains too."""
+def remainder_of(result: SearchResult, limits: Array) -> tuple[Remainder, bool]:
+    """Return what remains beyond the noise, and whether it exceeds the limits (b,) µm of a material name."""
     linear, posterior = result.linear, result.posterior
     strength = result.state.strength[result.selection.columns.band]
     beyond = np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
     free = result.state.refined.free
     share_of_free = free @ posterior.known[len(posterior.known) - free.shape[1] :]
-    claims = zip(contradicted, result.contributions, strict=True)
-    unproven = linear.without_set_up(sum((claim for wrong, claim in claims if wrong), np.zeros(len(linear.y))))
-    left = plain_worth(linear, beyond * posterior.residual + share_of_free + unproven)
+    left = plain_worth(linear, beyond * posterior.residual + share_of_free)
     gap_um = worth(linear, result.initial_residual).whole_um
     share = min(1.0, (left.whole_um / gap_um) ** 2) if gap_um else 0.0
     healthy = worth(linear, posterior.healthy_share)
