@@ -53,7 +53,7 @@ def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[fl
         after = judged.energy(judged.residual)
         whole += judged.energy(judged.before)
         gained += [judged.energy(judged.residual + change) - after for change in judged.contributions]
-        shown |= [judged.shows(change) for change in judged.contributions]
+        shown |= np.array([judged.shows(change) for change in judged.contributions], dtype=bool)
     return [float(one / whole) if is_shown else None for one, is_shown in zip(gained, shown, strict=True)]
 
 
