@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import shutil
 import signal
 import tempfile
@@ -10,7 +12,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from pathlib import Path
-from typing import NoReturn
 
 from analysis.batch.outcomes import Item, Value
 from analysis.batch.remote_path import RemotePath
@@ -56,7 +57,7 @@ def named(text: str, copy: Path, run: Path) -> str:
 def place_of_copies() -> Iterator[str]:
     """A directory for the copies of several processes, which outlives those that are killed. It is removed at the end,
     also where this process is ended by SIGTERM or loses its terminal. Raises CellError where it cannot be made."""
-    with _ends_in_order(), _temporary_directory(None) as name:
+    with _temporary_directory(None) as name, _removed_at_signals(name):
         yield name
 
 
@@ -80,21 +81,29 @@ def _temporary_directory(within: str | None) -> Iterator[str]:
 
 
 @contextmanager
-def _ends_in_order() -> Iterator[None]:
-    """Leave by SystemExit on signals that end a process at once, unless somebody else handles or ignores them."""
+def _removed_at_signals(directory: str) -> Iterator[None]:
+    """Signals that end this process at once remove a directory first, unless somebody else handles or ignores them."""
+
+    def leave(number: int, _: object) -> None:
+        # No exception does this: one that is raised within a fork is ignored, and the signal would be lost.
+        workers = [child for child in multiprocessing.active_children() if child.daemon]
+        for worker in workers:
+            worker.kill()
+        for worker in workers:  # else they would go on writing into it
+            worker.join()
+        shutil.rmtree(directory, ignore_errors=True)
+        signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)
+
     is_main = threading.current_thread() is threading.main_thread()  # no other may handle signals
     numbers = [number for number in _ENDS if is_main and signal.getsignal(number) is signal.SIG_DFL]
     for number in numbers:
-        signal.signal(number, _leave)
+        signal.signal(number, leave)
     try:
         yield
     finally:
         for number in numbers:
             signal.signal(number, signal.SIG_DFL)
-
-
-def _leave(number: int, _: object) -> NoReturn:
-    raise SystemExit(128 + number)  # what a shell reports of a process that a signal ended
 
 
 def _fetch(run: RemotePath, into: Path) -> None:

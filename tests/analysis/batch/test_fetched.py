@@ -16,8 +16,8 @@ import pytest
 from analysis.batch.each import each
 from analysis.batch.fetched import fetched
 from analysis.batch.outcomes import Done, Failed
-from analysis.batch.remote_path import location
-from analysis.batch.remote_store import StoreLost
+from analysis.batch.remote_path import RemotePath, location
+from analysis.batch.remote_store import StoreLost, explained
 from rigs.errors import CellError, FileError
 
 pytest.importorskip("fsspec", reason="fsspec is an extra: pip install s3fs sshfs")
@@ -129,6 +129,15 @@ def test_names_that_lead_out_of_the_directory_are_not_written(run: Path, tmp_pat
     with fetched(location(url_of(run))) as found:
         assert {file.name for file in found.iterdir()} == set(FILES)
     assert {file.name for file in tmp_path.rglob("*.parquet")} == {"g1-0001.parquet"}
+
+
+def test_what_a_store_says_of_a_url_shows_no_secret() -> None:
+    said = "no answer from 'https://me:hidden@h/x?X-Amz-Signature=hidden' now"
+    url = location("s3://b/x")
+    assert isinstance(url, RemotePath)
+    with pytest.raises(FileError, match=r"no answer from 'https://h/x' now") as error, explained(url):
+        raise RuntimeError(said)
+    assert "hidden" not in str(error.value)
 
 
 @pytest.mark.parametrize(("url", "what"), [("s3://b/x", "s3fs"), ("sftp://h/x", "sshfs")])
