@@ -83,15 +83,17 @@ def _temporary_directory(within: str | None) -> Iterator[str]:
 @contextmanager
 def _removed_at_signals(directory: str) -> Iterator[None]:
     """Signals that end this process at once remove a directory first, unless somebody else handles or ignores them."""
+    owner = os.getpid()
 
     def leave(number: int, _: object) -> None:
         # No exception does this: one that is raised within a fork is ignored, and the signal would be lost.
-        workers = [child for child in multiprocessing.active_children() if child.daemon]
-        for worker in workers:
-            worker.kill()
-        for worker in workers:  # else they would go on writing into it
-            worker.join()
-        shutil.rmtree(directory, ignore_errors=True)
+        if os.getpid() == owner:  # and not a process that was forked, which shares the directory
+            workers = [child for child in multiprocessing.active_children() if child.daemon]
+            for worker in workers:
+                worker.kill()
+            for worker in workers:  # else they would go on writing into it
+                worker.join()
+            shutil.rmtree(directory, ignore_errors=True)
         signal.signal(number, signal.SIG_DFL)
         os.kill(os.getpid(), number)
 

@@ -141,7 +141,6 @@ def _killed(item: object, process: BaseProcess) -> CellError:
 def _serve(work: Callable[[Any], Any], line: Connection[Any, Any]) -> None:
     """Work on the items that come, until the parent is gone. It decides about Ctrl-C, which reaches every process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # the parent removes what it leaves
     parent = mp.parent_process()
     assert parent is not None  # noqa: S101 - this is a child
     with suppress(EOFError, ConnectionError):
