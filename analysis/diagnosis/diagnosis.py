@@ -69,7 +69,7 @@ class Named:
 
     `worth_um` is the rms change of the readings that it causes beyond what a set-up could absorb. `material` states
     whether this exceeds the scatter of one run or the tolerance given. `held_out_gain` is the share of the gap's energy
-    on held-out runs that it removes, None where no run was held out.
+    on held-out runs that it removes, None where no held-out run shows it beyond the scatter of one run.
     """
 
     effect: Effect

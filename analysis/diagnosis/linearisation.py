@@ -174,6 +174,12 @@ class Linearisation:
         """An orthonormal basis (N, s) of what set-ups could absorb."""
         return basis_of(self.U)
 
+    def moves_fitted_to(self, values: Array) -> Array:
+        """Return the terms of the set-ups (s,) mm that fit whitened values (N,) best. Combinations of terms that hardly
+        show stay where they are."""
+        found: Array = self._best_moves @ values
+        return found
+
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the whitened readings, (N, p)."""
         if not effects:
@@ -188,7 +194,7 @@ class Linearisation:
         the set-ups fit best with these effects, and taken back to the set-ups of this linearisation along their slopes.
         """
         responses = self._responses(effects)
-        change = self._best_moves @ self._left(responses, self.setups)
+        change = self.moves_fitted_to(self._left(responses, self.setups))
         return self._left(responses, self.setups_moved_by(change)) + self.U @ change
 
     def residual_at(self, effects: Sequence[Effect], setups: Mapping[str, SetUp]) -> Array:

@@ -46,7 +46,7 @@ detected, so that names in between are not reported as hidden."""
 _SURE = 5.0
 """Log evidence of the cavity above which an effect is not tested for removal. Chosen: odds of 150 to 1."""
 _MUCH = 50.0
-"""Log evidence above which an effect must also exceed the free forms, and after which all others are fitted again.
+"""Log evidence from which a free form competes with names, and after an effect of which all others are fitted again.
 Chosen: foreign effects leave 50 to 500 in log evidence, and effects of the library mostly less than 8."""
 _MARGIN = 1.2
 """Factor by which a free form must explain more than the best name, whose first fit is not at its optimum. Chosen."""
@@ -118,8 +118,9 @@ class Selection:
                 posterior = self.posterior(state)
                 state = self._with_updated_noise(state, posterior)
                 changed = self._backward_step(state, posterior, 0.0)
-                if changed is None and (more := self._forward_step(state, posterior)):
-                    changed, unnamed = more
+                if changed is None:
+                    tried = accept_free_forms or with_free_form is None
+                    changed, unnamed = self._forward_step(state, posterior, try_free_forms=tried)
                     with_free_form = with_free_form or unnamed
                     changed = unnamed if accept_free_forms and unnamed else changed
                 changed = changed or self._backward_step(state, posterior, _SURE) or self._without_free_form(state)
@@ -230,33 +231,29 @@ class Selection:
         return fault + self._fault_price - self._among, alone - _HEALTHY_PRICE - self._among
 
     def _forward_step(
-        self, state: SelectionState, posterior: Posterior
-    ) -> tuple[SelectionState, SelectionState | None] | None:
-        """Return the state with the effect of largest gain, if one covers its price, and a state with a free form
-        instead, if one explains more; None if no effect covers its price."""
+        self, state: SelectionState, posterior: Posterior, *, try_free_forms: bool
+    ) -> tuple[SelectionState | None, SelectionState | None]:
+        """Return the state with the effect of largest gain, if one covers its price, and the state with a free form
+        instead, if those are tried and one explains much more."""
         gain = np.maximum(*self.gains(state, posterior))
         gain[[k for k in state.refused if k >= 0]] = -np.inf
-        best = self._best_names(gain)
-        if not best or len(state.refined.effects) >= _DEPTH:
-            return None
-        # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
-        rise, changed = self._likeliest([self.with_form(state, posterior, k) for k in best])
-        rise -= self.evidence(state)
-        most = float(gain[best[0]])
-        if most < _MUCH:
-            if rise > 0:
-                return changed, None
-            for k in best:
-                state = self.refusing(state, self.columns.forms[k].effects[0])
-            return self._forward_step(state, posterior)
+        best = self._best_names(gain) if len(state.refined.effects) < _DEPTH else []
+        most, changed = 0.0, None
+        if best:
+            # The linear prediction may gain less, or more, than the shape that is fitted on the simulator.
+            rise, changed = self._likeliest([self.with_form(state, posterior, k) for k in best])
+            rise -= self.evidence(state)
+            if gain[best[0]] < _MUCH and rise <= 0:
+                for k in best:
+                    state = self.refusing(state, self.columns.forms[k].effects[0])
+                return self._forward_step(state, posterior, try_free_forms=try_free_forms)
+            most = max(float(gain[best[0]]), rise)
+            changed = changed if gain[best[0]] < _MUCH else self.settled(changed)
         known = state.replaced_forms | {one.form.words for one in state.free_forms}
-        forms = [form for form in self._free if form.words not in known]
-        changed = self.settled(changed)
-        if not forms:
-            return changed, None
-        free_form = best_free_form(forms, posterior)
-        # A fit may be worse than its linear prediction where it moves the set-up far; the next iteration corrects that.
-        if free_form.gain < _MARGIN * max(most, rise):
+        forms = [form for form in self._free if form.words not in known] if try_free_forms else []
+        free_form = best_free_form(forms, posterior) if forms else None
+        # A fit may be worse than its linear prediction where it moves the set-up far; the next turn corrects that.
+        if free_form is None or free_form.gain < max(_MUCH, _MARGIN * most):
             return changed, None
         return changed, self._refitted(replace(state, free_forms=(*state.free_forms, free_form)))
 

@@ -42,18 +42,19 @@ def _calibrated_um(result: SearchResult, runs: Sequence[ObservedRun], setups: Ma
 
 def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[float | None]:
     """Return, for each name, the share of the gap's energy on held-out runs that it removes beside everything else that
-    was found, or None where no run was held out.
+    was found, or None where no held-out run shows it beyond the scatter of one run.
 
     The set-up is fitted again to each run; a healthy arm's share of every effect is taken from the runs used. Residuals
     are (m, k) mm.
     """
-    whole, gained = 0.0, np.zeros(len(result.contributions))
+    whole, gained, shown = 0.0, np.zeros(len(result.contributions)), np.zeros(len(result.contributions), dtype=bool)
     for run in runs:
         judged = _at_places_used(result, run) or _at_other_places(result, run, result.linear.setups)
         after = judged.energy(judged.residual)
         whole += judged.energy(judged.before)
         gained += [judged.energy(judged.residual + change) - after for change in judged.contributions]
-    return [float(one / whole) for one in gained] if whole else [None] * len(gained)
+        shown |= np.array([judged.shows(change) for change in judged.contributions], dtype=bool)
+    return [float(one / whole) if is_shown else None for one, is_shown in zip(gained, shown, strict=True)]
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,8 @@ class _JudgedRun:
     (N,).
 
     `before` is the residual without them and `residual` that with all of them. `contributions` are the changes when
-    each name is removed. `basis` (N, s) is orthonormal and spans what the set-up could absorb.
+    each name is removed. `basis` (N, s) is orthonormal and spans what the set-up could absorb. `scatter_um` is the rms
+    difference of one run from the mean of many.
     """
 
     block: Block
@@ -70,6 +72,7 @@ class _JudgedRun:
     residual: Array
     contributions: Sequence[Array]
     basis: Array
+    scatter_um: float
 
     def without_set_up(self, values: Array) -> Array:
         """Return whitened values (N,) with the part removed that the set-up could absorb."""
@@ -79,6 +82,10 @@ class _JudgedRun:
     def energy(self, values: Array) -> float:
         """Return the energy in mm² of values (N,), with the set-up fitted."""
         return float(((self.without_set_up(values) * self.block.sd_mm) ** 2).sum())
+
+    def shows(self, change: Array) -> bool:
+        """Return whether a change of the readings (N,) exceeds the scatter of one run, with the set-up fitted."""
+        return rms_um(self.block, self.without_set_up(change) * self.block.sd_mm) > self.scatter_um
 
 
 def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None:
@@ -102,7 +109,9 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
     left = block.white(found)
     before = left + (linear.residual(()) - result.state.refined.residual)[rows]
     changes = [change[rows] for change in result.contributions]
-    return _JudgedRun(block, before, left - result.posterior.healthy_share[rows], changes, basis_of(linear.U[rows]))
+    residual_with_share = left - result.posterior.healthy_share[rows]
+    scatter = float(scatter_um(linear)[k])
+    return _JudgedRun(block, before, residual_with_share, changes, basis_of(linear.U[rows]), scatter)
 
 
 def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str, SetUp]) -> _JudgedRun:
@@ -116,7 +125,7 @@ def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str
     changes = [alone.residual([*effects[:k], *effects[k + 1 :]]) - left for k in range(len(effects))]
     with_share = alone.y - share @ result.posterior.mean[: share.shape[1]]
     (block,) = alone.blocks
-    return _JudgedRun(block, alone.residual(()), with_share, changes, basis_of(alone.U))
+    return _JudgedRun(block, alone.residual(()), with_share, changes, basis_of(alone.U), float(scatter_um(alone)[0]))
 
 
 def gap_without_um(

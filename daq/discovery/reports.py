@@ -14,7 +14,7 @@ from rigs.schema.gauges import Gauge
 
 ENOUGH = 3
 """Readings in a row that are hardly an accident: a Micro-Epsilon value is met by one in 64 random triples."""
-_OF_THE_INSTRUMENT = {FaultKind.MISSING, FaultKind.DEVICE_ERROR}
+OF_THE_INSTRUMENT = {FaultKind.MISSING, FaultKind.DEVICE_ERROR}
 """Faults in the instrument's own words, which show that its protocol is spoken."""
 
 
@@ -44,7 +44,7 @@ def evidence_of(items: Iterable[Item]) -> Evidence:
         if not isinstance(item, Fault):
             row, readings = row + size_of(item), readings + size_of(item)
             longest = max(longest, row)
-        elif item.kind not in _OF_THE_INSTRUMENT:
+        elif item.kind not in OF_THE_INSTRUMENT:
             row, faults = 0, faults + 1
     return Evidence(readings, longest, faults)
 

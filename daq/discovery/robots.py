@@ -22,7 +22,7 @@ from daq.acquisition.streams import NO_LINE, ROBOT, robot_stream
 from daq.discovery.attempts import Sends
 from daq.discovery.lines import layout_of
 from daq.discovery.probing import Probing
-from daq.discovery.reports import RobotReport, evidence_of
+from daq.discovery.reports import OF_THE_INSTRUMENT, RobotReport, evidence_of
 from daq.doctor.condition import condition_in, stopped_by
 from daq.doctor.trial import Trial, try_line
 from daq.protocol.conversation import Arrival, Fault, FaultKind, Host
@@ -167,8 +167,8 @@ def _why_not(trial: Trial) -> str:
 
 
 def _said(trial: Trial) -> str:
-    """The last that the controller itself reported: a warning, a refusal."""
-    own = [fault.detail for fault in faults_of(trial.items) if fault.kind is FaultKind.DEVICE_ERROR]
+    """The last that the controller itself reported: a warning, a refusal, something that it does not have."""
+    own = [fault.detail for fault in faults_of(trial.items) if fault.kind in OF_THE_INSTRUMENT]
     return own[-1] if own else ""
 
 

@@ -25,11 +25,9 @@ from daq.protocol.opc_ua import (
     OPEN,
     Channel,
     Received,
-    Unreadable,
     chunks,
-    decoded,
-    type_of,
 )
+from daq.protocol.opc_ua_codec import Unreadable, decoded, type_of
 from daq.protocol.opc_ua_nodes import RobotNodes, Talk, Unfit, robot_nodes
 from daq.protocol.opc_ua_server import RobotServer
 from daq.protocol.opc_ua_session import (
@@ -127,6 +125,7 @@ class _Client:
 
     def _meaning(self, received: Received, message: Message) -> Reaction:
         if received.kind == ACKNOWLEDGE and not self._requests:
+            self._channel.agree(decoded(ua.Acknowledge, received.body).ReceiveBufferSize)
             return Reaction(send=self._request(channel_request(renew=False), OPEN))
         if received.kind == ERROR:
             said = decoded(ua.ErrorMessage, received.body)

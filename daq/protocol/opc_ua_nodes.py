@@ -34,6 +34,8 @@ OBJECTS = ua.NodeId(85)
 _HIERARCHICAL = ua.NodeId(33)
 _ALL_RESULTS = 63
 _MOST_PAGES = 100
+_MOST_NODES = 10_000
+"""Nodes that are kept of what is below others: as many as one message may bring, and far more than robots have."""
 DEGREE, _RADIAN, CELSIUS, KILOGRAM = 17476, 4405297, 4408652, 4933453
 """Units as OPC 10000-8 numbers them: the letters of their UNECE codes (DD, C81, CEL, KGM) as bytes."""
 _DEG_PER = {DEGREE: 1.0, _RADIAN: math.degrees(1)}
@@ -232,6 +234,8 @@ def children(nodes: Sequence[Any]) -> Talk[list[Children]]:
     found = [_named(result.References) for result in results]
     open_ = {k: result.ContinuationPoint for k, result in enumerate(results) if result.ContinuationPoint}
     for _ in range(_MOST_PAGES):
+        if (shown := sum(map(len, found))) > _MOST_NODES:
+            raise Unfit(f"the server shows {shown} nodes where a robot is looked for; name `axes` by node ids")
         if not open_:
             break
         more = ua.BrowseNextRequest()

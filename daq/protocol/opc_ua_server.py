@@ -18,18 +18,18 @@ from daq.protocol.framing import Message
 from daq.protocol.opc_ua import (
     ACKNOWLEDGE,
     CHUNK,
+    CHUNKS,
     CLOSE,
     HELLO,
+    LIMIT,
     MESSAGE,
     NO_SECURITY,
     NO_STAMP,
     OPEN,
     Channel,
-    Unreadable,
     chunks,
-    decoded,
-    type_of,
 )
+from daq.protocol.opc_ua_codec import Unreadable, decoded, type_of
 from daq.protocol.opc_ua_condition import shown_of
 from daq.protocol.opc_ua_space import Space, robot_space
 from daq.protocol.pace import Pace
@@ -116,7 +116,8 @@ class RobotServer:
         if received is None:
             return b""
         if received.kind == HELLO:
-            return self._channel.packed(ACKNOWLEDGE, ua.Acknowledge(ReceiveBufferSize=CHUNK, SendBufferSize=CHUNK))
+            self._channel.agree(decoded(ua.Hello, received.body).ReceiveBufferSize)
+            return self._channel.packed(ACKNOWLEDGE, ua.Acknowledge(0, CHUNK, CHUNK, LIMIT, CHUNKS))
         if received.kind == OPEN:
             return self._opened(decoded(ua.OpenSecureChannelRequest, received.body), received.request, now_ns)
         if received.kind == CLOSE:

@@ -11,7 +11,7 @@ from typing import Any
 
 from asyncua import ua
 
-from daq.protocol.opc_ua import CHUNK, LIMIT
+from daq.protocol.opc_ua import CHUNK, CHUNKS, LIMIT
 from daq.protocol.opc_ua_nodes import RobotNodes, Talk, Unfit
 from rigs.schema.opc_ua import OPCUARobotics
 
@@ -32,8 +32,8 @@ class Refused(Exception):
 
 def hello(feedback: OPCUARobotics) -> Any:
     """Return what opens a connection."""
-    sizes = {"ReceiveBufferSize": CHUNK, "SendBufferSize": CHUNK, "MaxMessageSize": LIMIT, "MaxChunkCount": 0}
-    return ua.Hello(**sizes, EndpointUrl=endpoint(feedback))
+    sizes = {"ReceiveBufferSize": CHUNK, "SendBufferSize": CHUNK, "MaxMessageSize": LIMIT}
+    return ua.Hello(**sizes, MaxChunkCount=CHUNKS, EndpointUrl=endpoint(feedback))
 
 
 def endpoint(feedback: OPCUARobotics) -> str:
@@ -66,7 +66,7 @@ def session(feedback: OPCUARobotics) -> Talk[None]:
     tokens = [token for end in unsecured for token in end.UserIdentityTokens or ()]
     anonymous = [token for token in tokens if token.TokenType == ua.UserTokenType.Anonymous]
     if not anonymous:
-        raise Unfit("the server lets nobody read without a user or encryption; allow anonymous reading in its settings")
+        raise Unfit("the server wants a user or encryption for reading; allow anonymous reading in its settings")
     activation = ua.ActivateSessionRequest()
     activation.Parameters.UserIdentityToken = ua.AnonymousIdentityToken(PolicyId=anonymous[0].PolicyId)
     yield activation

@@ -12,6 +12,7 @@ from asyncua import ua
 from daq.protocol.conversation import NO_TIME, Fault, FaultKind, Item, Sample
 from daq.protocol.framing import Message
 from daq.protocol.numerals import are_angles
+from daq.protocol.opc_ua import NO_STAMP
 from daq.protocol.opc_ua_condition import condition_of
 from daq.protocol.opc_ua_nodes import RobotNodes, read_request
 from daq.protocol.opc_ua_positions import ArmPosition, AxisValue, Together
@@ -86,7 +87,9 @@ class RobotValues:
             said = plain.Text if isinstance(plain, ua.LocalizedText) else plain
             self._shown[self._names[place - axes]] = said if severity <= _UNCERTAIN else None
         elif place < axes:
-            angle = plain if isinstance(plain, float | int) and severity <= _UNCERTAIN else math.nan
+            angle = math.nan
+            if isinstance(plain, float | int) and not isinstance(plain, bool) and severity <= _UNCERTAIN:
+                angle = float(plain)
             if math.isnan(angle):
                 why = ua.StatusCode(code).name if severity > _UNCERTAIN else f"{plain!r}"[:60]
                 yield Fault(FaultKind.DEVICE_ERROR, at_ns, f"axis {place + 1}: {why} in place of an angle")
@@ -113,5 +116,5 @@ class RobotValues:
 
 
 def _clock_s(value: Any) -> float:
-    stamp = value.SourceTimestamp or value.ServerTimestamp
-    return math.nan if stamp is None else float(stamp.timestamp())
+    stamps = [stamp for stamp in (value.SourceTimestamp, value.ServerTimestamp) if stamp not in (None, NO_STAMP)]
+    return float(stamps[0].timestamp()) if stamps else math.nan

@@ -23,7 +23,7 @@ class OPCUARobotics(Part):
     origin: ClassVar[Origin] = Origin(
         instruments="robots of any maker with an OPC UA server of the Robotics companion specification",
         source="OPC 40010-1 1.02 (reference.opcfoundation.org/Robotics) with its nodeset (OPCFoundation/UA-Nodeset, "
-        "Robotics); OPC 10000-4 and -6 for services and the wire, through asyncua's types and codec",
+        "Robotics); OPC 10000-4 and -6 for services and the wire, through asyncua's types",
         standing="confirmed",
         doubts="no controller has been read yet, only servers of the node-opcua and asyncua libraries; what instant "
         "a controller stamps; that a motor belongs to the axis that its power train moves",

@@ -26,7 +26,7 @@ from rigs.effects import (
     ServoLag,
     TransmissionError,
 )
-from tests.support.diagnosis_cells import Array, circles, healthy, holding, planted, poses, seen, table_of, white
+from tests.support.diagnosis_cells import RIG, Array, circles, healthy, holding, planted, poses, seen, table_of, white
 
 SMALL = (
     JointOffset(axis=3, offset_deg=0.01),
@@ -147,3 +147,14 @@ def test_jolts_at_every_sample_are_an_offset() -> None:
     assert not whole[:first].any()
     offset = linear.columns([JointOffset(axis=3, offset_deg=angle)])[first:, 0]
     assert np.linalg.norm(whole[first:] - offset) < 1e-3 * np.linalg.norm(offset)
+
+
+def test_what_hardly_shows_of_a_set_up_is_not_moved() -> None:
+    """A ball along the normal of its circle: the readings hardly change, so an error of theirs would move it far."""
+    linear = healthy()
+    assert RIG.tests.circle
+    normal = np.array(RIG.tests.circle.normal) / np.linalg.norm(RIG.tests.circle.normal)
+    along, across = np.array([*normal, 0.0, 0.0]), np.array([*np.roll(normal, 1), 0.0, 0.0])
+    moves = linear.moves_fitted_to(linear.U @ (5.0 * along + 0.2 * across))
+    assert abs(moves[:3] @ normal) < 0.1
+    np.testing.assert_allclose(moves - (moves[:3] @ normal) * along, 0.2 * across, atol=0.05)

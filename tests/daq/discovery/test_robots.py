@@ -18,6 +18,7 @@ from daq.protocol.conversation import Device, Step
 from rigs.errors import CellError
 from rigs.schema.condition import ProgramState, SafetyState
 from rigs.schema.feedback import Feedback
+from rigs.schema.opc_ua import OPCUARobotics
 from tests.support.drivers import OPC_UA, opc_ua, rtde
 from tests.support.unknown_cells import ROBOTS, switched_on
 
@@ -42,24 +43,40 @@ def test_the_robot_of_a_cell_is_found(kind: str) -> None:
         assert report.feedback.fields[0] == "t_ms"  # type: ignore[union-attr]
 
 
-@pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install 'rig[opcua]'")
-def test_port_4840_is_asked_as_opc_ua() -> None:
-    address = ("127.0.0.48", 4840)
-    feedback = opc_ua(port="tcp://127.0.0.48:4840")
-    absent = search_robot(feedback.port)
-    assert "opc_ua_robotics" in absent.problem and "anonymous" in absent.remedy
+@contextmanager
+def opc_ua_served(feedback: OPCUARobotics) -> Iterator[None]:
+    """A server in a protective stop at port 4840 of 127.0.0.48."""
     shown = [*DEGREES, 0.0, float(SafetyState.PROTECTIVE_STOP), 1.0, 100.0, 0.0, *[30.0] * 6]
-    server = TcpPort(socket.create_server(address), lambda: daq.feedback.device(feedback, lambda _: shown), 0.0)
+    listener = socket.create_server(("127.0.0.48", 4840))
+    server = TcpPort(listener, lambda: daq.feedback.device(feedback, lambda _: shown), 0.0)
     stop = threading.Event()
     thread = threading.Thread(target=server.serve, args=(stop,))
     thread.start()
     try:
-        report = search_robot(feedback.port)
+        yield
     finally:
         stop.set()
         thread.join()
+
+
+@pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install 'rig[opcua]'")
+def test_port_4840_is_asked_as_opc_ua() -> None:
+    feedback = opc_ua(port="tcp://127.0.0.48:4840")
+    absent = search_robot(feedback.port)
+    assert "opc_ua_robotics" in absent.problem and "anonymous" in absent.remedy
+    with opc_ua_served(feedback):
+        report = search_robot(feedback.port)
     assert report.feedback == feedback and report.joints_deg == pytest.approx(DEGREES)
     assert "protective stop" in report.said
+
+
+@pytest.mark.skipif(not OPC_UA, reason="asyncua is not installed: pip install 'rig[opcua]'")
+def test_an_opc_ua_server_that_is_spoken_to_says_what_is_missing() -> None:
+    names = ("Base", "Shoulder", "Elbow", "Wrist1", "Wrist2", "Wrist3")
+    feedback = opc_ua(port="tcp://127.0.0.48:4840", axes=names)
+    with opc_ua_served(feedback):
+        report = search_robot(feedback.port)
+    assert report.feedback is None and "name six of them as `axes`" in report.problem and "Wrist1" in report.problem
 
 
 class _Listener:

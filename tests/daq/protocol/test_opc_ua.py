@@ -18,7 +18,8 @@ from asyncua import ua
 
 import daq.feedback
 from daq.protocol.conversation import NO_TIME, FaultKind, Item, Step
-from daq.protocol.opc_ua import OPEN, decoded, type_of
+from daq.protocol.opc_ua import OPEN
+from daq.protocol.opc_ua_codec import decoded, type_of
 from daq.protocol.opc_ua_nodes import CELSIUS, DEGREE
 from daq.protocol.opc_ua_server import RobotServer
 from daq.protocol.opc_ua_space import Space, robot_space

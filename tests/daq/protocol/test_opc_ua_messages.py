@@ -13,8 +13,9 @@ pytest.importorskip("asyncua", reason="asyncua is not installed: pip install 'ri
 from asyncua import ua
 
 import daq.feedback
-from daq.protocol.conversation import FaultKind, Item
-from daq.protocol.opc_ua import ACKNOWLEDGE, ERROR, MESSAGE, OPEN, Channel, decoded, type_of
+from daq.protocol.conversation import Fault, FaultKind, Item
+from daq.protocol.opc_ua import ACKNOWLEDGE, ERROR, MESSAGE, NO_STAMP, OPEN, Channel
+from daq.protocol.opc_ua_codec import decoded, type_of
 from daq.protocol.opc_ua_condition import condition_of
 from daq.protocol.opc_ua_positions import ArmPosition, AxisValue, Together
 from rigs.schema.condition import ProgramState, SafetyState
@@ -77,7 +78,7 @@ class ByHand:
         """Send values (axis, angle, ms after T0)."""
         notes = [
             ua.MonitoredItemNotification(
-                axis, ua.DataValue(ua.Variant(angle), SourceTimestamp=T0 + timedelta(milliseconds=ms), **more)
+                axis, ua.DataValue(ua.Variant(angle), **{"SourceTimestamp": T0 + timedelta(milliseconds=ms)} | more)
             )
             for axis, angle, ms in values
         ]
@@ -125,6 +126,15 @@ def test_missing_messages_and_a_queue_too_short_are_counted() -> None:
     assert {fault.kind for fault in overflow} == {FaultKind.SKIPPED} and "queue" in overflow[0].detail
 
 
+def test_a_stamp_of_no_time_is_none_and_the_server_s_own_is_taken() -> None:
+    axes = [(axis, 1.0, 0.0) for axis in range(6)]
+    none, own = {"SourceTimestamp": NO_STAMP}, {"ServerTimestamp": T0}
+    (sample,) = samples(ByHand().subscribed().publish(1, *axes, **none))
+    assert math.isnan(sample.device_time_s)
+    (sample,) = samples(ByHand().subscribed().publish(1, *axes, **none, **own))
+    assert sample.device_time_s == T0.timestamp()
+
+
 def test_stamps_that_lie_apart_are_a_doubt_once() -> None:
     server = ByHand().subscribed()
     staggered = [[(axis, 1.0, ms + axis * 0.5) for axis in range(6)] for ms in (0, 10)]
@@ -134,7 +144,7 @@ def test_stamps_that_lie_apart_are_a_doubt_once() -> None:
 
 
 @pytest.mark.parametrize(
-    "odd", [ua.Variant("high"), ua.Variant([1.0, 2.0]), ua.Variant(math.inf), ua.Variant(1e9), None]
+    "odd", [ua.Variant("high"), ua.Variant(True), ua.Variant([1.0, 2.0]), ua.Variant(math.inf), ua.Variant(1e9), None]
 )
 def test_what_is_no_angle_is_a_fault_and_makes_no_sample(odd: Any) -> None:
     server = ByHand().subscribed()
@@ -157,7 +167,7 @@ def test_what_is_no_angle_is_a_fault_and_makes_no_sample(odd: Any) -> None:
             ("`path`", "EndpointUrl"),
         ),
         (MESSAGE, refusal(ua.StatusCodes.BadTooManySessions), ("BadTooManySessions", "close other clients")),
-        (ACKNOWLEDGE, ua.Acknowledge(), ("nobody asked for",)),
+        (ACKNOWLEDGE, ua.Acknowledge(), ("to no request",)),
         (OPEN, ua.OpenSecureChannelResponse(), ("CreateSessionResponse is expected",)),
         (MESSAGE, refusal(ua.StatusCodes.BadSecurityPolicyRejected), ("BadSecurityPolicyRejected",)),
         (MESSAGE, ua.CreateSessionResponse(), ("allow anonymous reading",)),
@@ -180,6 +190,21 @@ def test_what_a_server_shows_in_pages_is_read_to_the_last() -> None:
     server.answer(page)
     (_, asked) = server.requests()[-1]
     assert decoded(ua.BrowseRequest, asked).Parameters.NodesToBrowse[0].NodeId == device_set.NodeId
+
+
+def test_a_server_that_shows_more_nodes_than_robots_have_is_left() -> None:
+    server = ByHand(axes=None, units=None).in_session()
+    shown = [ua.ReferenceDescription(BrowseName=ua.QualifiedName(str(k), 2)) for k in range(4000)]
+    faulty: list[Fault] = []
+    server.answer(ua.BrowseResponse(Results=[ua.BrowseResult(References=shown, ContinuationPoint=b"more")]))
+    for page in range(1, 100):
+        for reference in shown:
+            object.__setattr__(reference.BrowseName, "Name", f"{reference.BrowseName.Name}.{page}")
+        more = ua.BrowseNextResponse()
+        more.Parameters.Results = [ua.BrowseResult(References=shown, ContinuationPoint=b"more")]
+        if faulty := faults(server.answer(more)):
+            break
+    assert page == 2 and "12000 nodes" in faulty[0].detail and server.script.step.hang_up
 
 
 def test_a_server_that_publishes_slowly_still_gives_signs_of_life_in_time() -> None:
