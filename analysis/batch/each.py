@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from functools import partial
-from tempfile import TemporaryDirectory
 
-from analysis.batch.fetched import PREFIX, fetching_into
+from analysis.batch.fetched import fetching_into, place_of_copies
 from analysis.batch.outcomes import Item, Outcome, Value, attempt, outcome_of
 from analysis.batch.remote_path import RemotePath
 
@@ -36,7 +35,7 @@ def each(
     if any(isinstance(item, RemotePath) for item in items):
         from analysis.batch.processes import cores, in_processes  # noqa: PLC0415
 
-        with TemporaryDirectory(prefix=PREFIX) as place:  # which outlives processes that are killed
+        with place_of_copies() as place:
             yield from in_processes(partial(fetching_into, place, work), items, min(jobs or cores(), len(items)))
         return
     if (jobs == 0 or jobs > 1) and len(items) > 1:

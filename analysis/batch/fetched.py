@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import shutil
+import signal
 import tempfile
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -15,7 +19,9 @@ from analysis.batch.remote_store import entries, explained, opened
 from analysis.batch.run_files import is_read
 from rigs.errors import CellError, FileError, RigError
 
-PREFIX = "rig-"
+_PREFIX = "rig-"
+_MORE_ROOM = "set TMPDIR to a directory with more room"
+_ENDS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
 _place: ContextVar[str | None] = ContextVar("place", default=None)
 
 
@@ -29,9 +35,8 @@ def fetched(run: Path) -> Iterator[Path]:
     if not isinstance(run, RemotePath):
         yield run
         return
-    with tempfile.TemporaryDirectory(prefix=PREFIX, dir=_place.get()) as name:
+    with _temporary_directory(_place.get()) as name:
         copy = Path(name) / "run"
-        copy.mkdir()
         _fetch(run, copy)
         try:
             yield copy
@@ -48,6 +53,14 @@ def named(text: str, copy: Path, run: Path) -> str:
     return text.replace(mend, "run `rig recover` on a copy of it").replace(str(copy), str(run))
 
 
+@contextmanager
+def place_of_copies() -> Iterator[str]:
+    """A directory for the copies of several processes, which outlives those that are killed. It is removed at the end,
+    also where this process is ended by SIGTERM or loses its terminal. Raises CellError where it cannot be made."""
+    with _temporary_directory(None) as name, _removed_at_signals(name):
+        yield name
+
+
 def fetching_into(place: str, work: Callable[[Item], Value], item: Item) -> Value:
     """The value of the work, whose copies lie in a directory that outlives this process, should it be killed."""
     before = _place.set(place)
@@ -57,17 +70,56 @@ def fetching_into(place: str, work: Callable[[Item], Value], item: Item) -> Valu
         _place.reset(before)
 
 
+@contextmanager
+def _temporary_directory(within: str | None) -> Iterator[str]:
+    try:
+        made = tempfile.TemporaryDirectory(prefix=_PREFIX, dir=within)
+    except OSError as error:
+        raise CellError("TMPDIR", f"no temporary directory can be made: {error.strerror}", _MORE_ROOM) from None
+    with made as name:
+        yield name
+
+
+@contextmanager
+def _removed_at_signals(directory: str) -> Iterator[None]:
+    """Signals that end this process at once remove a directory first, unless somebody else handles or ignores them."""
+    owner = os.getpid()
+
+    def leave(number: int, _: object) -> None:
+        # No exception does this: one that is raised within a fork is ignored, and the signal would be lost.
+        if os.getpid() == owner:  # and not a process that was forked, which shares the directory
+            workers = [child for child in multiprocessing.active_children() if child.daemon]
+            for worker in workers:
+                worker.kill()
+            for worker in workers:  # else they would go on writing into it
+                worker.join()
+            shutil.rmtree(directory, ignore_errors=True)
+        signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)
+
+    is_main = threading.current_thread() is threading.main_thread()  # no other may handle signals
+    numbers = [number for number in _ENDS if is_main and signal.getsignal(number) is signal.SIG_DFL]
+    for number in numbers:
+        signal.signal(number, leave)
+    try:
+        yield
+    finally:
+        for number in numbers:
+            signal.signal(number, signal.SIG_DFL)
+
+
 def _fetch(run: RemotePath, into: Path) -> None:
-    """Copy the files of a run that are read."""
+    """Copy the files of a run that are read to a new directory."""
     with explained(run):
+        into.mkdir()
         store, folder = opened(run)
         files = [one for one in entries(store, folder)[0] if is_read(one.name)]
         if not files:
             raise FileError(str(run), "holds no run", "give a run, or a directory of runs")
         needed, free = sum(one.size for one in files), shutil.disk_usage(into).free
         if needed > free:
-            what = f"has {needed / 1e6:.0f} MB, and the temporary directory has room for {free / 1e6:.0f} MB"
-            raise CellError(str(run), what, "set TMPDIR to a directory with more room")
+            room = f"{tempfile.gettempdir()} has room for {free / 1e6:.1f} MB"
+            raise CellError(str(run), f"has {needed / 1e6:.1f} MB, and the temporary directory {room}", _MORE_ROOM)
         store.get([f"{folder}/{one.name}" for one in files], [str(into / one.name) for one in files])
         for one in files:
             if (into / one.name).stat().st_size != one.size:

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 from rigs.errors import FileError
 
 _URL = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*)://([^/]*)(.*)", re.DOTALL)
+_SLASHED_PASSWORD = re.compile(r"[^/@]*:(?!\d+/)[^@]*@", re.DOTALL)
+"""One that holds a slash, which ends the computer's name: what follows its colon is no port."""
 _WITHOUT_HOST = ("file", "local")
 """Protocols whose URLs name no computer and no bucket: three slashes follow."""
 _WEB = ("http", "https")
@@ -60,12 +62,13 @@ class RemotePath(_Path):
 def location(text: str) -> Path:
     """What a person named: a path of this computer, or a URL. Raises FileError for a URL that cannot be taken."""
     found = _URL.fullmatch(text)
+    if "::" in text and "://" in text:
+        what = "holds ::, which fsspec takes for a chain of URLs"
+        raise FileError(f"{text.partition(':')[0]}:…", what, "give one URL, and a computer by its name")
     if not found:
         return Path(text)
     protocol, host, names = found[1].lower(), found[2], found[3]
-    if "::" in text:
-        raise FileError(f"{protocol}://…", "is a chain of URLs", "give one URL: s3://BUCKET/DIR")
-    if ":" in host.rpartition("@")[0]:
+    if ":" in host.rpartition("@")[0] or _SLASHED_PASSWORD.match(host + names):
         remedy = "leave it out: credentials are taken from keys, from ~/.aws or from the settings of fsspec"
         raise FileError(f"{protocol}://…", "holds a password, which others on this computer can see", remedy)
     if protocol in _WEB and "?" in names:

@@ -169,6 +169,7 @@ def _explanation(where: RemotePath, error: Exception) -> RigError:
 
 
 def _said(error: Exception) -> str:
-    """The words of an error, without what may be a password in a URL."""
+    """The words of an error, without what may be a password or a signature in a URL."""
     words = " ".join((getattr(error, "strerror", None) or str(error)).split()) or type(error).__name__
-    return re.sub(r"//[^/@\s]*@", "//", words)[:_LONGEST].rstrip(".")
+    words = re.sub(r"(://[^\s?]*)\?[^\s'\"]*", r"\1", re.sub(r"//[^/@\s]*@", "//", words))
+    return words[:_LONGEST].rstrip(".")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -89,9 +90,9 @@ def _signature(known: Mapping[str, Entry], seen: Seen) -> str:
 
 def _examine(file: Path, fresh: Sequence[Seen], workers: Workers, progress: Progress) -> None:
     paths = [one.path.absolute() for one in fresh]  # a worker of a cluster has a directory of its own
-    outcomes = each(examine, paths, jobs=workers.jobs, scheduler=workers.scheduler)
-    found = ((seen, _examined(outcome)) for seen, outcome in zip(fresh, outcomes, strict=True))
-    kept(found, partial(catalogue.keep, file), lambda done: progress("reading runs", done, len(fresh)))
+    with closing(each(examine, paths, jobs=workers.jobs, scheduler=workers.scheduler)) as outcomes:
+        found = ((seen, _examined(outcome)) for seen, outcome in zip(fresh, outcomes, strict=True))
+        kept(found, partial(catalogue.keep, file), lambda done: progress("reading runs", done, len(fresh)))
 
 
 def _examined(outcome: Outcome[Path, Examined | None]) -> Examined | None:

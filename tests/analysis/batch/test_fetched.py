@@ -16,8 +16,8 @@ import pytest
 from analysis.batch.each import each
 from analysis.batch.fetched import fetched
 from analysis.batch.outcomes import Done, Failed
-from analysis.batch.remote_path import location
-from analysis.batch.remote_store import StoreLost
+from analysis.batch.remote_path import RemotePath, location
+from analysis.batch.remote_store import StoreLost, explained
 from rigs.errors import CellError, FileError
 
 pytest.importorskip("fsspec", reason="fsspec is an extra: pip install s3fs sshfs")
@@ -100,11 +100,44 @@ def test_a_run_larger_than_the_room_is_not_begun(run: Path, monkeypatch: pytest.
         pass
 
 
+@pytest.mark.parametrize("place_is", ["missing", "a file"])
+def test_a_temporary_directory_that_takes_nothing_is_one_line(
+    place_is: str, run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere" if place_is == "missing" else run / "film.mp4"))
+    url = location(url_of(run))
+    with pytest.raises(CellError, match="TMPDIR: no temporary directory can be made"):
+        list(each(size_of, [url]))
+    with pytest.raises(CellError, match="TMPDIR: no temporary directory can be made"), fetched(url):
+        pass
+
+
+def test_signals_are_handled_as_before_once_the_copies_are_gone(run: Path, place: Path) -> None:
+    def handlers() -> list[object]:
+        return [signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)]
+
+    before = handlers()
+    found = each(size_of, [location(url_of(run))] * 2)
+    next(found)
+    assert handlers() != before and len(list(place.iterdir())) == 1
+    found.close()
+    assert handlers() == before and not list(place.iterdir())
+
+
 def test_names_that_lead_out_of_the_directory_are_not_written(run: Path, tmp_path: Path, place: Path) -> None:
     (run / ".names").write_text(f"{run}/../manifest.json {run}/x/../../y.parquet {run}/a\\b.parquet")
     with fetched(location(url_of(run))) as found:
         assert {file.name for file in found.iterdir()} == set(FILES)
     assert {file.name for file in tmp_path.rglob("*.parquet")} == {"g1-0001.parquet"}
+
+
+def test_what_a_store_says_of_a_url_shows_no_secret() -> None:
+    said = "no answer from 'https://me:hidden@h/x?X-Amz-Signature=hidden' now"
+    url = location("s3://b/x")
+    assert isinstance(url, RemotePath)
+    with pytest.raises(FileError, match=r"no answer from 'https://h/x' now") as error, explained(url):
+        raise RuntimeError(said)
+    assert "hidden" not in str(error.value)
 
 
 @pytest.mark.parametrize(("url", "what"), [("s3://b/x", "s3fs"), ("sftp://h/x", "sshfs")])

@@ -142,14 +142,16 @@ def test_a_store_that_is_lost_is_one_line_and_what_was_done_stays(store: tuple[P
 
 
 @pytest.mark.timeout(120)
-def test_ctrl_c_leaves_no_copy(store: tuple[Path, Store]) -> None:
+@pytest.mark.parametrize("ends_by", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_that_ends_it_leaves_no_copy(ends_by: signal.Signals, store: tuple[Path, Store]) -> None:
     _, made = store
     with subprocess.Popen([*RIG, "verify", made.url], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdout and process.stderr
         process.stdout.readline()
-        process.send_signal(signal.SIGINT)
+        process.send_signal(ends_by)
         errors = process.stderr.read().decode()
     assert "Traceback" not in errors  # the fixture looks for what stays
+    assert process.returncode == (130 if ends_by is signal.SIGINT else -ends_by)
 
 
 @pytest.mark.timeout(200)
