@@ -82,8 +82,12 @@ def test_the_library_s_server_is_read_in_radians_with_the_stamps_of_its_source(r
         robot.drive([angle + axis for axis in range(6)], at)
 
     items = read_until(opc_ua(port=robot.port, rate_hz=50), lambda items: len(samples(items)) > 20, drive)
-    assert faults(items) == []
-    for sample in samples(items)[1:]:  # the first may be from before the robot was driven
+    # A computer that is held up while it writes the axes has a position of two instants, which is counted.
+    mixed = [fault for fault in faults(items) if fault.kind is FaultKind.DOUBTFUL]
+    assert faults(items) == mixed
+    whole = [sample for sample in samples(items)[1:] if sample.device_time_s in written]  # the first: not driven yet
+    assert len(whole) >= len(samples(items)) - 1 - sum(fault.count for fault in mixed) and len(whole) > 10
+    for sample in whole:
         expected = [math.degrees(written[sample.device_time_s] + axis) for axis in range(6)]
         assert sample.values[:6] == pytest.approx(expected, abs=1e-9) and sample.requested_ns == NO_TIME
     assert samples(items)[-1].values[6:] == pytest.approx([1, 0, 1, 100, math.nan, *range(31, 37)], nan_ok=True)
