@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import socket
 from collections.abc import Iterator, Sequence
@@ -10,7 +11,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from asyncua import ua
-from asyncua.sync import Server
+from asyncua.sync import Server, ThreadLoop
 
 DEGREE, RADIAN, MILLIMETRE = (17476, "°"), (4405297, "rad"), (5066068, "mm")
 
@@ -75,15 +76,25 @@ def library_robot(
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    server = Server()
-    server.set_endpoint(f"opc.tcp://127.0.0.1:{port}")
-    server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
-    server.start()
-    try:
-        robot = LibraryRobot(server, port)
-        yield robot.built(unit, names) if names else robot
-    finally:
-        server.stop()
+    with ThreadLoop() as loop:
+        server = Server(tloop=loop)
+        server.set_endpoint(f"opc.tcp://127.0.0.1:{port}")
+        server.set_security_policy([ua.SecurityPolicyType.NoSecurity])
+        server.start()
+        try:
+            robot = LibraryRobot(server, port)
+            yield robot.built(unit, names) if names else robot
+        finally:
+            server.stop()
+            loop.post(_end_what_is_left())
+
+
+async def _end_what_is_left() -> None:
+    """End the tasks of sessions and subscriptions that the server leaves running when it stops."""
+    left = asyncio.all_tasks() - {asyncio.current_task()}
+    for task in left:
+        task.cancel()
+    await asyncio.gather(*left, return_exceptions=True)
 
 
 def now() -> datetime:
