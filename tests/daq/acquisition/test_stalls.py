@@ -143,7 +143,8 @@ def test_a_daemon_that_is_stopped_for_a_while_has_it_in_the_run(bench: Bench) ->
     threading.Event().wait(1.5)  # the stall itself
     bench.daemon.send_signal(signal.SIGCONT)
     stopped_s = time.monotonic() - began
-    bench.until(lambda state: state["host"].get("stalled"))
+    before = bench.until(lambda state: state["host"].get("stalled"))["samples"]
+    bench.until(lambda state: all(count > before[name] + 3 for name, count in state["samples"].items()))
     assert bench.run("rig", "record", "stop").returncode == 0
     found = [fault for fault in read_run(path).faults if fault["kind"] == "stalled"]
     assert {fault["stream"] for fault in found} == {"g1", "g2", "robot", "host"}
