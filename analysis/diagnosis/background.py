@@ -78,7 +78,8 @@ class Background:
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
 
         weighted = self.weight[:, None] * values
-        right = self._root[:, None] * (self.columns.X.T @ weighted)
+        # In this order the product of many rows with few columns takes a third of the time.
+        right = self._root[:, None] * (weighted.T @ self.columns.X).T
         half = solve_triangular(self._chol, right, lower=True, overwrite_b=True, check_finite=False)
         return Weighed(values, weighted, np.asarray(half, dtype=float))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -14,7 +14,7 @@ from analysis.diagnosis.blocks import Block, entries
 from analysis.fitting.observation import predicted_in_scene
 from analysis.fitting.setups import columns_of, moved_setup, terms_of
 from analysis.kinematics.arm import Array, Integers
-from analysis.model.predict import Model, SetUp, driven, moved
+from analysis.model.predict import Model, SetUp, driven, posed
 from analysis.model.scene import Scene, apply
 from rigs.effects import Effect, turned
 
@@ -27,8 +27,13 @@ _INDISTINCT = 0.005
 """Singular value of a combination of set-up terms, as a share of the largest, below which it is not moved. A ball along
 the normal of its circle shows a thousandth of what it shows across, so other errors would move it by metres; the ball
 of a hemisphere shows a hundredth along its weakest direction, with fewer readings."""
-_READING = ("setup", "gauge")
-"""Stages of effects that do not move the tool."""
+_EARLY, _READING = ("time", "arm"), ("setup", "gauge")
+"""Stages of effects before the errors of joints, and of those that do not move the tool."""
+_SCENES, _ERRORS = 4, 64
+"""Number of scenes, and of errors of joints, that are kept for each block, at some 0.1 MB each: a fit returns to those
+of the present effects."""
+_FEW = 64
+"""Number of effects whose readings are computed at a time: about what fits a processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,13 +76,34 @@ class SimulatedBlock:
         return self.whitened(changed) / _STEP_MM
 
     @cached_property
-    def joints(self) -> Scene:
-        """The scene up to the joints, at the samples of the path."""
-        return driven(_with(self.block.model, *self.known), self.block.one.path)
+    def _rows(self) -> Integers:
+        """The samples (m,) of the path at which there are readings."""
+        return self.block.one.path.rows[self.block.one.rows]
 
     def scene_with(self, effects: Sequence[Effect]) -> Scene:
         """Return the scene up to the tool with `effects` in place of the known ones."""
-        return moved(_with(self.block.model, *effects), self.block.one.path)
+        model = _with(self.block.model, *effects)
+        early = _early(model.effects)
+        errors = [self._error(early, effect) for effect in model.effects if effect.STAGE == "joint"]
+        joints = self._joints(early)
+        return posed(model, self.block.one.path, replace(joints, link_q=sum(errors, start=joints.link_q)))
+
+    @cached_property
+    def _joints(self) -> Callable[[tuple[Effect, ...]], Scene]:
+        """The scene before joints have errors, a function of the effects of earlier stages; the latest are kept."""
+        return lru_cache(_SCENES)(lambda early: driven(replace(self.block.model, effects=early), self.block.one.path))
+
+    @cached_property
+    def _error(self) -> Callable[[tuple[Effect, ...], Effect], Array]:
+        """The errors (n, 6) rad of the joints that one effect makes after those of earlier stages; the latest are kept,
+        because errors of joints add and a fit changes few effects at a time."""
+
+        def error_of(early: tuple[Effect, ...], effect: Effect) -> Array:
+            joints = self._joints(early)
+            error: Array = apply([effect], "joint", joints).link_q - joints.link_q
+            return error
+
+        return lru_cache(_ERRORS)(error_of)
 
     def read(self, effects: Sequence[Effect], scene: Scene, setup: SetUp) -> Array:
         """Return the readings (m, k) mm of a scene up to the tool."""
@@ -85,7 +111,7 @@ class SimulatedBlock:
 
     def at_readings(self, values: Array) -> Array:
         """Return values (n, …) at the samples of the path, in any unit, at the readings, (m, …)."""
-        found: Array = values[self.block.one.path.rows][self.block.one.rows]
+        found: Array = values[self._rows]
         return found
 
     def entries(self, readings: Array) -> Array:
@@ -102,18 +128,22 @@ class SimulatedBlock:
 
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the whitened readings, (N, p)."""
-        return self.whitened(np.stack([self.added_by(effect) for effect in effects], axis=2))
+        few = [effects[begin : begin + _FEW] for begin in range(0, len(effects), _FEW)]
+        return np.concatenate([self.whitened(self._added_by(some)) for some in few], axis=1)
 
-    def added_by(self, effect: Effect) -> Array:
-        """Return what an effect adds to the readings, (m, k) mm."""
-        if effect.STAGE == "joint":
-            error = self.at_readings(apply([effect], "joint", self.joints).link_q - self.joints.link_q)
-            moving = np.flatnonzero(error.any(axis=0))
-            added: Array = np.einsum("mkj,mj->mk", self.slopes[:, :, moving], error[:, moving])
-            return added
-        beside = (*self.known, effect)
-        scene = self.scene if effect.STAGE in _READING else self.scene_with(beside)
-        return self.read(beside, scene, self.setup) - self.base
+    def _added_by(self, effects: Sequence[Effect]) -> Array:
+        """Return what each effect adds to the readings, (m, k, p) mm."""
+        early, added = _early((*self.block.model.effects, *self.known)), np.zeros((*self.base.shape, len(effects)))
+        for k, effect in enumerate(effects):
+            if effect.STAGE == "joint":
+                error = self._error(early, effect)
+                for axis in np.flatnonzero(error.any(axis=0)):
+                    added[:, :, k] += self.slopes[:, :, axis] * self.at_readings(error[:, axis])[:, None]
+            else:
+                beside = (*self.known, effect)
+                scene = self.scene if effect.STAGE in _READING else self.scene_with(beside)
+                added[:, :, k] = self.read(beside, scene, self.setup) - self.base
+        return added
 
 
 @dataclass(frozen=True)
@@ -276,6 +306,11 @@ def basis_of(columns: Array) -> Array:
     """Return an orthonormal basis (N, r) of columns (N, s), of which those equal to zero are ignored."""
     basis, _ = np.linalg.qr(columns[:, np.linalg.norm(columns, axis=0) > 0])
     return np.asarray(basis, dtype=float)
+
+
+def _early(effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Return the effects of the stages before that of the joints."""
+    return tuple(effect for effect in effects if effect.STAGE in _EARLY)
 
 
 def _with(model: Model, *effects: Effect) -> Model:

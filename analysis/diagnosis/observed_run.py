@@ -4,6 +4,8 @@ with its repeats."""
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +16,9 @@ from analysis.model.predict import Model, nominal_setup
 from analysis.noise.readings import is_wild, step_of
 from analysis.traces.laps import laps_of
 from analysis.traces.tables import CircleTable, Table
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 GRID = 512
 """Circle angles to which a lap is interpolated; the highest order is slightly below half of it. Chosen: a power of two
@@ -50,12 +55,18 @@ class Sampling:
 
     def gridded(self, values: Array) -> Array:
         """Return values (m, …) at the rows, in any unit, as values (GRID, …) at the grid, averaged over the laps."""
-        found = values[self.before]
-        between = np.nonzero(self.share)
-        share = self.share[between].reshape(-1, *[1] * (values.ndim - 1))
-        found[between] += (values[self.after[between]] - found[between]) * share
-        mean: Array = found.mean(axis=0)
-        return mean
+        mean: Array = self._interpolation @ values[: self._interpolation.shape[1]].reshape(-1, values[0].size)
+        return mean.reshape(GRID, *values.shape[1:])
+
+    @cached_property
+    def _interpolation(self) -> csr_array:
+        """The matrix (GRID, n) from values at the rows of the laps to their mean at the grid."""
+        from scipy.sparse import csr_array  # noqa: PLC0415 - slow to import
+
+        weight = np.concatenate([(1 - self.share).ravel(), self.share.ravel()]) / len(self.share)
+        rows = np.concatenate([self.before.ravel(), self.after.ravel()])
+        grid = np.tile(np.arange(GRID), 2 * len(self.share))
+        return csr_array((weight, (grid, rows)), shape=(GRID, len(self.phi)))
 
     def vector(self, values: Array) -> Array:
         """Return readings (m, 2, …) of two gauges as entries (N, …): the orders of sum and difference (unitary), then

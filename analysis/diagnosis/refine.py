@@ -23,7 +23,7 @@ from analysis.kinematics.arm import Array
 from rigs.effects import Effect, bounds, healthy_size, size_field
 from rigs.schema.effect import PHASE, is_wave
 
-_ROUNDS = 8
+ROUNDS = 8
 """Largest number of Gauss-Newton rounds. Chosen: more than a fit near its optimum needs, since it stops by `_ENOUGH`.
 """
 _TRIES = 5
@@ -34,7 +34,7 @@ implausible."""
 _MOST = 120.0
 """Largest size of a fault in healthy sizes. Faults are at most 100 healthy sizes, and the simulator was not tested far
 beyond."""
-_ENOUGH = 0.02
+_ENOUGH = 0.1
 """Chi-square that a round must gain for the fit to continue. Chosen: far below the log evidence that any
 decision depends on."""
 
@@ -104,20 +104,22 @@ def refine(
     effects: Sequence[Effect],
     fitted: Refined | None = None,
     free: Array | None = None,
+    rounds: int = ROUNDS,
 ) -> Refined:
     """Return sizes and shapes of effects fitted from their current values; no effects leave the residual (N,)
     unchanged.
 
     `fitted` is an earlier fit of the first of these effects. They move with the others along their earlier tangents,
     which costs a fraction of a full fit and has an error that grows with their movement; a final fit of all effects
-    together removes it. `free` (N, f) has the columns of free forms, one standard deviation each.
+    together removes it. `free` (N, f) has the columns of free forms, one standard deviation each, and `rounds` is the
+    largest number of Gauss-Newton rounds.
     """
     before = fitted or no_effects(linear)
     new = effects[len(before.effects) :]
     unknowns = (*before.unknowns, *_unknowns(effects, len(before.effects)))
     departures = (*before.departures, *(fewest_columns(departure_columns(linear, one)) for one in new))
     columns = before.free if free is None else free
-    return _Problem(linear, background, before, unknowns, departures, columns).solved(effects)
+    return _Problem(linear, background, before, unknowns, departures, columns).solved(effects, rounds)
 
 
 def no_effects(linear: Linearisation) -> Refined:
@@ -174,7 +176,7 @@ class _Problem:
     def _before(self) -> _Projected:
         return self._projected(self.fitted.tangents)
 
-    def solved(self, effects: Sequence[Effect]) -> Refined:
+    def solved(self, effects: Sequence[Effect], rounds: int) -> Refined:
         """Return the solution of the Levenberg-Marquardt iteration within the bounds of the parameters."""
         now: list[Any] = list(effects)
         x = np.array([float(getattr(now[u.effect], u.field)) for u in self.unknowns])
@@ -182,8 +184,8 @@ class _Problem:
         cost, damping = self._cost(r, x), 1e-4
         J = self._slopes(now)
         H, fall = self._normal(J, r)
-        for _ in range(_ROUNDS if len(x) else 0):
-            gradient = fall - (x - self.expected) / self.spread**2
+        for _ in range(rounds if len(x) else 0):
+            gradient, least = fall - (x - self.expected) / self.spread**2, damping
             # Where a whole step could gain little, shorter ones are not tried.
             for _ in range(_TRIES if gradient @ np.linalg.solve(H, gradient) > _ENOUGH else 1):
                 step = np.linalg.solve(H + damping * np.diag(np.diag(H)), gradient)
@@ -197,7 +199,9 @@ class _Problem:
             else:
                 break
             gained = cost - there_cost
-            x, now, r, cost, damping = tried, there, there_r, there_cost, damping / 10
+            x, now, r, cost = tried, there, there_r, there_cost
+            # A damping that was needed is mostly needed again.
+            damping = damping / 10 if damping == least else damping
             J = self._slopes(now)
             H, fall = self._normal(J, r)
             if gained < _ENOUGH:

@@ -22,7 +22,7 @@ from analysis.diagnosis.columns import LARGEST_FAULT, Columns, fault_sizes
 from analysis.diagnosis.free_forms import FREE_PRICE, FreeForm, best_free_form, free_forms_of
 from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
-from analysis.diagnosis.refine import no_effects, refine
+from analysis.diagnosis.refine import ROUNDS, no_effects, refine
 from analysis.diagnosis.selection_state import SelectionState, is_same, size_of
 from analysis.diagnosis.settling import settled
 from analysis.diagnosis.starting_effect import starting_effects
@@ -53,6 +53,9 @@ _MARGIN = 1.2
 _TRIED, _CLOSE = 3, 0.5
 """Largest number of names that are fitted before one is added, and the share of the largest gain that the others must
 have. Chosen: each fit costs a fraction of a round."""
+_BEGUN = 3
+"""Rounds of the fits from several beginnings, of which only the likeliest goes on. Chosen: fits gain most of their
+evidence in the first two."""
 
 
 @dataclass(frozen=True)
@@ -92,9 +95,7 @@ class Selection:
             replace(no_effects(self.linear), effects=tuple(effects)), (-1,) * len(effects), 1.0, strength, robust
         )
         state = replace(bare, refined=refine(self.linear, self.background(bare), effects))
-        for _ in range(2):
-            state = self._with_updated_noise(state, self.posterior(state))
-        return state
+        return self._renewed(self._renewed(state))
 
     def select(self, state: SelectionState) -> SelectionState:
         """Return the state with all effects that cover their price and without those that do not. Where a free form
@@ -113,10 +114,11 @@ class Selection:
         with_free_form = None
         # Faults without a name resemble an arm with a high level, so names are selected at level 1 first.
         for most in (1.0, MOST_LEVEL):
-            state = replace(state, most=most)
+            level, state = state.level, self._renewed(replace(state, most=most))
+            if most > 1.0 and state.level == level:
+                break
             for _ in range(_ROUNDS):
                 posterior = self.posterior(state)
-                state = self._with_updated_noise(state, posterior)
                 changed = self._backward_step(state, posterior, 0.0)
                 if changed is None:
                     tried = accept_free_forms or with_free_form is None
@@ -126,9 +128,8 @@ class Selection:
                 changed = changed or self._backward_step(state, posterior, _SURE) or self._without_free_form(state)
                 if changed is None:
                     break
-                state = changed
-        state = self._refitted(state)
-        return self._with_updated_noise(state, self.posterior(state)), with_free_form
+                state = self._renewed(changed)
+        return self._renewed(self._refitted(state)), with_free_form
 
     def posterior(self, state: SelectionState) -> Posterior:
         """Return the posterior of all coefficients in a state."""
@@ -147,9 +148,9 @@ class Selection:
         """Return the background of everything that is not fitted as an effect."""
         return self._backgrounds.of(state)
 
-    def _with_updated_noise(self, state: SelectionState, posterior: Posterior) -> SelectionState:
+    def _renewed(self, state: SelectionState) -> SelectionState:
         """Return the state with the strengths, robust weights and level that it shows."""
-        return self._hyperparameters.update(state, posterior, self.evidence, self.posterior)
+        return self._hyperparameters.update(state, self.posterior(state), self.evidence, self.posterior)
 
     def _backward_step(self, state: SelectionState, posterior: Posterior, sure: float) -> SelectionState | None:
         """Return the state without the effect of least evidence, if it does not cover its price, and None otherwise.
@@ -271,22 +272,24 @@ class Selection:
         """Return the state with form k added as an effect and fitted; the other effects move along their earlier
         tangents."""
         effects = starting_effects(self.linear, self.columns, posterior, self.columns.forms[k])
-        return self._likeliest([self._with_effect(state, effect, k) for effect in effects])[1]
+        if len(effects) > 1:
+            begun = [self._with_effect(state, effect, k, _BEGUN) for effect in effects]
+            effects = [self._likeliest(begun)[1].refined.effects[-1]]
+        return self._with_effect(state, effects[0], k)
 
     def _likeliest(self, tried: Sequence[SelectionState]) -> tuple[float, SelectionState]:
         """Return the largest log evidence of some states, and the first state that has it."""
         return max(((self.evidence(one), one) for one in tried), key=lambda both: both[0])
 
-    def _with_effect(self, state: SelectionState, effect: Effect, k: int) -> SelectionState:
-        """Return the state with one more effect, which comes from form k, fitted."""
+    def _with_effect(self, state: SelectionState, effect: Effect, k: int, rounds: int = ROUNDS) -> SelectionState:
+        """Return the state with one more effect, which comes from form k, fitted in at most so many rounds."""
         effects = (*state.refined.effects, effect)
         bare = replace(state, refined=replace(state.refined, effects=effects), origins=(*state.origins, k))
-        return replace(bare, refined=refine(self.linear, self.background(bare), effects, state.refined))
+        return replace(bare, refined=refine(self.linear, self.background(bare), effects, state.refined, rounds=rounds))
 
     def settled(self, state: SelectionState) -> SelectionState:
         """Return the state with all effects and the noise fitted until its evidence hardly rises."""
-        noise = self._with_updated_noise
-        return settled(state, self._refitted, lambda one: noise(one, self.posterior(one)), self.evidence)
+        return settled(state, self._refitted, self._renewed, self.evidence)
 
     def _refitted(self, state: SelectionState) -> SelectionState:
         """Return the state with all effects fitted together."""

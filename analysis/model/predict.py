@@ -160,7 +160,11 @@ def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> 
 
 def moved(model: Model, path: Path) -> Scene:
     """The scene up to where the tool is."""
-    scene = driven(model, path)
+    return posed(model, path, driven(model, path))
+
+
+def posed(model: Model, path: Path, scene: Scene) -> Scene:
+    """The scene up to where the tool is, from one up to where the joints are."""
     if path.alone:
         motion = Motion(scene.motion.t_s[path.rows], scene.motion.q[path.rows])
         scene = replace(scene, motion=motion, link_q=scene.link_q[path.rows], form_mm=scene.form_mm[path.rows])
