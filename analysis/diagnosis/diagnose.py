@@ -94,7 +94,7 @@ def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], limits: Array
 def _diagnosis_of(rig: Rig, result: SearchResult, gaps: _Gaps, named: Sequence[Named], limits: Array) -> Diagnosis:
     """Return the diagnosis without next test and doubts; `limits` (b,) µm are the changes from which names are
     material."""
-    remainder, is_material = remainder_of(result, limits)
+    remainder, is_material = remainder_of(result, named, limits)
     verdict, why = verdict_of(result, named, remainder, is_material=is_material)
     linear, before = result.linear, result.linear.in_mm(result.initial_residual)
     after = linear.in_mm(result.residual)

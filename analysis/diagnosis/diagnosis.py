@@ -21,6 +21,10 @@ from rigs.rig import Rig
 from rigs.schema.effect import SEATS, name_of
 from rigs.schema.vocabulary import Direction, TestName
 
+_DIFFERS, _SURE = 0.3, 3.0
+"""Difference of a share from one above which a set-up contradicts a name, and the standard uncertainties by which it
+must differ. Chosen: several times what the form of a real effect is beside that of its model, and odds of 400 to 1 for
+each of some ten shares."""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
 
@@ -49,6 +53,20 @@ class Place:
 
 
 @dataclass(frozen=True)
+class Share:
+    """The share of a name that one set-up shows, 1 where it agrees with all readings, and its standard uncertainty."""
+
+    setup: str
+    value: float
+    sd: float
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the set-up shows clearly less or more of the name than the others do."""
+        return abs(self.value - 1) > max(_DIFFERS, _SURE * self.sd)
+
+
+@dataclass(frozen=True)
 class Rival:
     """Another effect that could replace a name, with the standard uncertainties of its parameters and its share of the
     evidence."""
@@ -69,7 +87,8 @@ class Named:
 
     `worth_um` is the rms change of the readings that it causes beyond what a set-up could absorb. `material` states
     whether this exceeds the scatter of one run or the tolerance given. `held_out_gain` is the share of the gap's energy
-    on held-out runs that it removes, None where no held-out run shows it beyond the scatter of one run.
+    on held-out runs that it removes, None where no held-out run shows it beyond the scatter of one run. `shares` states
+    how much of it each set-up shows.
     """
 
     effect: Effect
@@ -81,6 +100,12 @@ class Named:
     worth_um: float
     material: bool
     held_out_gain: float | None
+    shares: tuple[Share, ...] = ()
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether a set-up shows clearly less or more of it than the others do, so that it imitates something else."""
+        return any(share.contradicts for share in self.shares)
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types, rivals with it."""
@@ -90,6 +115,7 @@ class Named:
             "worth_um": self.worth_um,
             "material": self.material,
             "held_out_gain": self.held_out_gain,
+            "shares": {share.setup: {"value": share.value, "sd": share.sd} for share in self.shares},
             "gap_without_um": self.gap_without_um,
             "remedy": self.remedy,
         }

@@ -50,9 +50,9 @@ def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[fl
     whole, gained, shown = 0.0, np.zeros(len(result.contributions)), np.zeros(len(result.contributions), dtype=bool)
     for run in runs:
         judged = _at_places_used(result, run) or _at_other_places(result, run, result.linear.setups)
-        after = judged.energy(judged.residual)
+        left = judged.residual - judged.fitted_share
         whole += judged.energy(judged.before)
-        gained += [judged.energy(judged.residual + change) - after for change in judged.contributions]
+        gained += [judged.energy(left + change) - judged.energy(left) for change in judged.contributions]
         shown |= np.array([judged.shows(change) for change in judged.contributions], dtype=bool)
     return [float(one / whole) if is_shown else None for one, is_shown in zip(gained, shown, strict=True)]
 
@@ -62,14 +62,16 @@ class _JudgedRun:
     """One run judged by the names and the healthy share that other runs determined, in standard deviations of a block
     (N,).
 
-    `before` is the residual without them and `residual` that with all of them. `contributions` are the changes when
-    each name is removed. `basis` (N, s) is orthonormal and spans what the set-up could absorb. `scatter_um` is the rms
-    difference of one run from the mean of many.
+    `before` is the residual without them and `residual` that with all of them. `fitted_share` is what free forms and
+    departures add beside them, zero where that is not known. `contributions` are the changes when each name is removed.
+    `basis` (N, s) is orthonormal and spans what the set-up could absorb. `scatter_um` is the rms difference of one run
+    from the mean of many.
     """
 
     block: Block
     before: Array
     residual: Array
+    fitted_share: Array
     contributions: Sequence[Array]
     basis: Array
     scatter_um: float
@@ -110,8 +112,8 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
     before = left + (linear.residual(()) - result.state.refined.residual)[rows]
     changes = [change[rows] for change in result.contributions]
     residual_with_share = left - result.posterior.healthy_share[rows]
-    scatter = float(scatter_um(linear)[k])
-    return _JudgedRun(block, before, residual_with_share, changes, basis_of(linear.U[rows]), scatter)
+    fitted, scatter = result.posterior.fitted_share[rows], float(scatter_um(linear)[k])
+    return _JudgedRun(block, before, residual_with_share, fitted, changes, basis_of(linear.U[rows]), scatter)
 
 
 def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str, SetUp]) -> _JudgedRun:
@@ -124,8 +126,8 @@ def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str
     left = alone.residual(effects)
     changes = [alone.residual([*effects[:k], *effects[k + 1 :]]) - left for k in range(len(effects))]
     with_share = alone.y - share @ result.posterior.mean[: share.shape[1]]
-    (block,) = alone.blocks
-    return _JudgedRun(block, alone.residual(()), with_share, changes, basis_of(alone.U), float(scatter_um(alone)[0]))
+    (block,), none, scatter = alone.blocks, np.zeros_like(with_share), float(scatter_um(alone)[0])
+    return _JudgedRun(block, alone.residual(()), with_share, none, changes, basis_of(alone.U), scatter)
 
 
 def gap_without_um(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,10 +14,11 @@ from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.residual_bands import bands_above_noise
 from analysis.diagnosis.rivals import RivalOdds
 from analysis.diagnosis.search import SearchResult
+from analysis.diagnosis.shares import shares_of
 from analysis.diagnosis.validation import gap_without_um
 from analysis.diagnosis.worth import Worth, limits_um, plain_worth, worth
 from analysis.kinematics.arm import Array
-from rigs.schema.effect import name_of
+from rigs.schema.effect import label_of, name_of
 
 _ENOUGH = 3
 """Smallest number of readings per set-up term with which anything can be tested. Chosen: with fewer the set-up absorbs
@@ -45,16 +47,17 @@ def named_effects(
 
 
 def _named(result: SearchResult, k: int, gain: float | None, limits: Array, gap_without_um: float) -> Named:
-    """Return one name with its worth. A name that makes held-out runs worse, or that is no larger than arms of this
-    level show, is not material, whatever its worth."""
+    """Return one name with its worth. A name that makes held-out runs worse, that a set-up contradicts, or that is no
+    larger than arms of this level show, is not material, whatever its worth."""
     effects, own_odds = result.state.refined.effects, result.rival_odds[k]
     own = worth(result.linear, result.contributions[k])
     likely = own_odds.odds > _LIKELY and own_odds.healthy_odds < _HEALTHY
     material = result.state.is_fault(k) and own.is_material(limits) and (gain is None or gain > 0) and likely
-    return Named(
+    found = Named(
         effects[k], result.state.refined.sd(k), own_odds.odds, _rivals(own_odds), gap_without_um, effects[k].remedy(),
-        own.whole_um, material, gain,
+        own.whole_um, material, gain, shares_of(result, k, limits) if material else (),
     )  # fmt: skip
+    return replace(found, material=material and not found.contradicted)
 
 
 def _rivals(own_odds: RivalOdds) -> tuple[Rival, ...]:
@@ -77,28 +80,42 @@ def named_vibration(found: FoundVibration | None, limits: Array, gap_um: float) 
     return [Named(found.effect, found.sd, odds, (), gap_um, found.effect.remedy(), moves.whole_um, True, None)]
 
 
-def remainder_of(result: SearchResult, limits: Array) -> tuple[Remainder, bool]:
-    """Return what remains beyond the noise, and whether it exceeds the limits (b,) µm of a material name."""
+def remainder_of(result: SearchResult, found: Sequence[Named], limits: Array) -> tuple[Remainder, bool]:
+    """Return what remains beyond the noise, and whether it exceeds the limits (b,) µm of a material name. What a name
+    explains that a set-up contradicts remains too."""
+    imitating = [one for one in found if one.contradicted]
+    effects = result.state.refined.effects
+    imitated = sum(
+        (result.contributions[effects.index(one.effect)] for one in imitating), np.zeros_like(result.linear.y)
+    )
     linear, posterior = result.linear, result.posterior
     strength = result.state.strength[result.selection.columns.band]
     beyond = np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
     free = result.state.refined.free
     share_of_free = free @ posterior.known[len(posterior.known) - free.shape[1] :]
-    left = plain_worth(linear, beyond * posterior.residual + share_of_free)
+    left = plain_worth(linear, beyond * posterior.residual + share_of_free + linear.without_set_up(imitated))
     gap_um = worth(linear, result.initial_residual).whole_um
     share = min(1.0, (left.whole_um / gap_um) ** 2) if gap_um else 0.0
     healthy = worth(linear, posterior.healthy_share)
     is_material = left.is_material(limits)
-    words = _in_words(result) if is_material else "no more than the noise, the scatter and a healthy arm explain"
+    words = (
+        _in_words(result, imitating) if is_material else "no more than the noise, the scatter and a healthy arm explain"
+    )
     return Remainder(left.whole_um, share, words, healthy.whole_um), is_material
 
 
-def _in_words(result: SearchResult) -> str:
+def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
     first = bands_above_noise(result.linear.blocks, result.posterior.residual)[:1]
     where = [f"{one.test}{f' {one.direction}' * bool(one.direction)}, {one.part}: {one.words}" for one in first]
     forms = [*result.state.free_forms, best_free_form(tuple(free_forms_of(result.linear)), result.posterior)]
     seen = [f"it looks like {one.form.words}" for one in forms if one.gain > 0]
-    return "; ".join([*where, seen[0] if seen else "it has no simple form"])
+    alike = [f"{label_of(one.effect)} resembles it, but {_shares_in_words(one)}" for one in imitating]
+    return "; ".join([*where, seen[0] if seen else "it has no simple form", *alike])
+
+
+def _shares_in_words(one: Named) -> str:
+    shown = [f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in one.shares if share.contradicts]
+    return f"the readings show {' and '.join(shown)}"
 
 
 def verdict_of(
