@@ -1,8 +1,7 @@
-"""Gauges in another unit or exchanged: what the two readings on a circle show of one another.
+"""Gauges in another unit: what the two readings on a circle show of one another.
 
-At circle angle phi the mean of the gauges is R - e_u cos(phi) - e_v sin(phi) for an eccentricity e, and the
-angle between them has the same e in its sine. So one ball is seen twice in a yaw test, by the mean and by the
-difference, and once by each gauge in either test; in roll the difference does not see it.
+At circle angle phi the mean of the gauges is R - e_u cos(phi) - e_v sin(phi) for an eccentricity e, and each gauge
+sees the same e in yaw and roll alike.
 """
 
 from __future__ import annotations
@@ -43,8 +42,6 @@ def circle_gauges(table: CircleTable, rig: Rig, T: Array) -> Iterator[tuple[str,
         return
     yield from _one_other_unit(waves, table.g_mm)
     yield from _both_other_units(waves.mean(axis=0), circle)
-    if table.test == "yaw":
-        yield from _swapped(waves, circle.radius_mm, rig.gauges.baseline_mm)
 
 
 def _waves(table: CircleTable, T: Array, circle: Circle) -> Array | None:
@@ -86,18 +83,6 @@ def _both_other_units(wave: Array, circle: Circle) -> Iterator[tuple[str, str]]:
         if np.linalg.norm(wave / factor - stated_mm) < _LIKE_STATED * np.linalg.norm(stated_mm):
             what = f"g1_mm and g2_mm are in {unit}: their wave is the rig file's eccentricity times {factor:.3g}"
             yield what, "convert them to mm"
-
-
-def _swapped(waves: Array, radius_mm: float, baseline_mm: float) -> Iterator[tuple[str, str]]:
-    """The mean of the gauges and the angle between them follow the same ball; exchanged, the angle turns its sign."""
-    by_mean = waves.mean(axis=0)
-    # (g1 - g2)/b = -tan(yaw) = (e_u sin(phi) - e_v cos(phi))/R, and waves are minus the cos and sin parts.
-    e_v, minus_e_u = (waves[0] - waves[1]) / baseline_mm * radius_mm
-    by_angle = np.array([-minus_e_u, e_v])
-    size = np.linalg.norm(by_mean)
-    if size > _ECCENTRIC_MM and np.linalg.norm(by_angle + by_mean) < 0.3 * size:
-        what = "the gauges are exchanged: their mean and their angle show the ball on opposite sides of the centre"
-        yield what, "exchange g1_mm and g2_mm, or correct gauges.g1.offset_mm and g2.offset_mm in the rig file"
 
 
 def too_far(name: str, reading: Array, radius_mm: float) -> Iterator[tuple[str, str]]:

@@ -97,11 +97,10 @@ class CircleResult:
 
 @dataclass(frozen=True)
 class AngleTest:
-    """Yaw or roll. measures: what is computed from its angle; notes_of: remarks on a result, from the run named where.
-    The latter raises FileError for readings that are not of this test."""
+    """Yaw or roll. measures: what is computed from its angle; notes_of: remarks on a result."""
 
     measures: tuple[Measure, ...]
-    notes_of: Callable[[CircleResult, str], tuple[str, ...]]
+    notes_of: Callable[[CircleResult], tuple[str, ...]]
 
     def figures_at(self, y: Array, radius_mm: float) -> dict[str, Array]:
         """The plain figures (...,) of all measures, from angles y (..., NODES) rad."""
@@ -144,7 +143,7 @@ class AngleTest:
         notes = (*laps.notes, *run.notes, *_about_noise(curve))
         count = len(laps.phi)
         result = CircleResult(laps, curve.y, residual, sine, found, count, notes, curve, distance, u_lag_s, u_scale)
-        return replace(result, notes=(*notes, *self.notes_of(result, where)))
+        return replace(result, notes=(*notes, *self.notes_of(result)))
 
     def plain_figures(self, phi: Array, y: Array, radius_mm: float) -> dict[str, float]:
         """The plain figures of a noise-free curve y (n,) rad over phi (n,) rad, by the definitions of

@@ -24,7 +24,7 @@ _ALIKE = 0.3
 """A robot's own sine is as large as an eccentricity of _CLEAR_MM, and points its way, by chance only."""
 
 
-def _notes(result: CircleResult, where: str) -> tuple[str, ...]:
+def _notes(result: CircleResult) -> tuple[str, ...]:
     height = result.laps.frame.radius * np.tan(result.sine.A)
     note = (
         f"the offset is the ball {height:.3f} mm along n, or the gauges' zeros, or both: roll cannot distinguish them"

@@ -2,8 +2,8 @@
 
 The angle between link and tool over circle angle phi is a sine, since the base-ball never sits in the
 circle's centre: yaw = atan2(-e_u sin + e_v cos, R - …), whose first harmonic is (-e_u sin + e_v cos)/R exactly.
-The distance, the mean of the gauges, shows the same eccentricity a second time. Where the two are opposite,
-the gauges are swapped, and the run is refused; where they differ grossly, a note says so.
+The distance, the mean of the gauges, shows the same eccentricity a second time. Where they differ grossly, a note says
+so; analysis/traces/gauge_order.py says where the gauges may be exchanged.
 
 Figures: band_deg (noise-corrected), amplitude_deg, shift_deg, offset_deg of the sine; eccentricity_u_mm and _v_mm of
 the base-ball from the circle's centre along u and v = n × u, eccentricity_mm its length.
@@ -15,10 +15,7 @@ import numpy as np
 
 from analysis.kinematics.arm import Array
 from analysis.measures.link_angle import SINE, AngleTest, CircleResult, Measure, eccentricities, sine_of
-from rigs.errors import FileError
 
-_CLEAR_MM = 0.1
-"""An eccentricity from here on shows which gauge is which; a smaller one may be the robot's own errors."""
 _APART_MM = 0.2
 _APART = 0.5
 """Eccentricities that differ by more than both, the second a share of the larger, are hardly of one ball."""
@@ -34,33 +31,16 @@ def eccentricity_figures(y: Array, radius_mm: float) -> dict[str, Array]:
     }
 
 
-def _notes(result: CircleResult, where: str) -> tuple[str, ...]:
-    """Whether both eccentricities are of one ball. Raises FileError where the gauges are swapped."""
+def _notes(result: CircleResult) -> tuple[str, ...]:
+    """Whether both eccentricities are of one ball."""
     by_angle, by_distance = eccentricities(result)
-    _hold_order(by_angle, by_distance, where)
-    return _disagree(by_angle, by_distance)
-
-
-def _disagree(by_angle: Array, by_distance: Array) -> tuple[str, ...]:
     apart = float(np.linalg.norm(by_angle - by_distance))
     if apart < max(_APART_MM, _APART * max(float(np.linalg.norm(e)) for e in (by_angle, by_distance))):
         return ()
     return (
         f"the eccentricity by the angle and by the distance lie {apart:.2f} mm apart: "
-        "a gauge's sign, scale or order may be wrong",
+        "a gauge's sign, scale or order may be wrong, or the robot errs by as much",
     )
-
-
-def _hold_order(by_angle: Array, by_distance: Array, where: str) -> None:
-    length = float(np.linalg.norm(by_distance))
-    # Opposite within a half: robot errors may turn or stretch one of the two a little, never around.
-    if length > _CLEAR_MM and np.linalg.norm(by_angle + by_distance) < 0.5 * length:
-        raise FileError(
-            where,
-            f"the angle puts the ball at ({by_angle[0]:.2f}, {by_angle[1]:.2f}) mm from the centre, the distance "
-            f"at ({by_distance[0]:.2f}, {by_distance[1]:.2f}) mm: g1 and g2 are swapped",
-            "swap their offset_mm in the rig file, or the columns",
-        )
 
 
 MEASURES = (

@@ -11,6 +11,7 @@ import pytest
 from analysis.files.read import read_file
 from analysis.files.write import write_csv, write_new
 from analysis.geometry.programs import repeatability_stops, stops
+from analysis.measures.evaluate import evaluate
 from analysis.traces.align import align
 from analysis.traces.csv_tables import columns_of
 from analysis.traces.loading import measured_of
@@ -26,9 +27,13 @@ from tests.support.written_runs import import_table
 STREAMS = {"g1": ("g1_mm",), "g2": ("g2_mm",), "robot": tuple(JOINTS)}
 
 
-def recorded(runs: Path, test: TestName, direction: Direction | None, *, hole: bool = False) -> Path:
-    """A lap as rigd would have recorded it, each stream with stamps of its own; with a hole in gauge 2 if asked."""
+def recorded(
+    runs: Path, test: TestName, direction: Direction | None, *, hole: bool = False, exchanged: bool = False
+) -> Path:
+    """A lap as rigd would have recorded it, each stream with stamps of its own; with a hole in gauge 2 or the gauges
+    exchanged if asked."""
     t_s, q, g_mm = circle_values("roll" if test == "roll" else "yaw", direction or "acw")
+    g_mm = g_mm[:, ::-1] if exchanged else g_mm
     writer = RunWriter.create(
         runs,
         name="lap",
@@ -95,6 +100,19 @@ def test_rows_left_out_are_told(tmp_path: Path) -> None:
     columns, notes = measured.to_table(), list(measured.doubts)
     assert notes in (["g2: 9 rows are left out at gaps"], ["g2: 10 rows are left out at gaps"])
     assert columns.num_rows < len(circle_values("yaw", "acw")[0])
+
+
+def test_exchanged_gauges_are_doubted_and_the_figures_given(tmp_path: Path) -> None:
+    """Recorded or imported: every command prints the doubts of a run before it uses it."""
+    own = measured_of(read_run(recorded(tmp_path, "yaw", "acw", exchanged=True)))
+    (doubt,) = own.doubts
+    assert doubt.startswith("g1 and g2 may be exchanged, which reverses every angle: the ball is (")
+    write_new(tmp_path / "t.csv", lambda out: write_csv(own.to_table(), out))
+    imported = {"rig_file": RIG_FILE, "test": "yaw", "direction": None, "operator": ""}
+    assert import_table(tmp_path / "t.csv", tmp_path / "again", **imported) == [doubt]  # type: ignore[arg-type]
+    again = measured_of(read_run(tmp_path / "again"))
+    assert again.doubts == (doubt,)
+    assert "eccentricity_mm" in evaluate(again.table, again.rig, again.u_lag_s, "again").figures
 
 
 def test_a_recorded_circle_without_direction_is_refused(tmp_path: Path) -> None:

@@ -13,12 +13,13 @@ from analysis.files.units import check_units
 from analysis.measures.rig_agreement import doubts_of
 from analysis.simulation.simulate import simulate
 from analysis.traces.csv_tables import table_from
+from analysis.traces.gauge_order import doubts_of_order
 from analysis.traces.tables import CircleTable, Table
 from rigs.errors import FileError
 from rigs.load import load
 from rigs.rig import Rig
 from rigs.schema.declared_tests import Hemisphere
-from rigs.schema.vocabulary import TestName
+from rigs.schema.vocabulary import Direction, TestName
 from tests.support.table_cases import JOINTS, TESTS, Rows, csv_text, plain, rig, scaled, texts
 
 RAD = np.pi / 180
@@ -127,13 +128,36 @@ def test_inches_without_a_known_ball_cannot_be_told() -> None:
     check(changed("yaw", {"g1_mm": 1 / 25.4, "g2_mm": 1 / 25.4}), "yaw", unknown_ball())
 
 
-def test_gauges_exchanged() -> None:
-    rows = plain("yaw")
-    exchanged = rows | {"g1_mm": rows["g2_mm"], "g2_mm": rows["g1_mm"]}
-    with pytest.raises(FileError, match=r"the gauges are exchanged.*; exchange g1_mm and g2_mm"):
-        check(exchanged, "yaw", unknown_ball())
-    rows = plain("roll")
-    check(rows | {"g1_mm": rows["g2_mm"], "g2_mm": rows["g1_mm"]}, "roll", unknown_ball())
+def _exchanged(rows: Rows) -> Rows:
+    return rows | {"g1_mm": rows["g2_mm"], "g2_mm": rows["g1_mm"]}
+
+
+@pytest.mark.parametrize("test", ["yaw", "roll"])
+@pytest.mark.parametrize("direction", ["acw", "cw"])
+def test_exchanged_gauges_are_a_doubt_in_yaw_and_never_refused(test: TestName, direction: Direction) -> None:
+    rows = plain(test, direction)
+    assert doubts_of_order(read(rows, test, rig()), rig()) == []
+    assert check(_exchanged(rows), test) == check(_exchanged(rows), test, unknown_ball()) == []
+    said = doubts_of_order(read(_exchanged(rows), test, rig()), rig())
+    assert [doubt[:26] for doubt in said] == ["g1 and g2 may be exchanged"] * (test == "yaw")
+
+
+def test_an_arm_that_errs_as_much_as_it_turns_the_ball_round_is_not_taken_for_exchanged_gauges() -> None:
+    """A gear error that opposes the two first orders has other orders too."""
+    rows = _exchanged(plain("yaw"))
+    phi = np.radians(np.arange(-10.0, 371.0, 2.0))
+    for mm, count in ((0.2, 1), (0.8, 0)):
+        wave = mm * np.sin(3 * phi)
+        moved = rows | {
+            name: texts(np.array(rows[name], dtype=float) + sign * wave)
+            for name, sign in (("g1_mm", 1.0), ("g2_mm", -1.0))
+        }
+        assert len(doubts_of_order(read(moved, "yaw", rig()), rig())) == count
+
+
+def test_a_part_of_a_lap_tells_nothing_of_the_order_of_the_gauges() -> None:
+    half = {name: cells[:100] for name, cells in _exchanged(plain("yaw")).items()}
+    assert doubts_of_order(read(half, "yaw", rig()), rig()) == []
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1e-3, "m"), (1 / 25.4, "inches")])
