@@ -17,17 +17,18 @@ from analysis.kinematics.arm import Array
 def shares_of(result: SearchResult, k: int, limits: Array) -> tuple[Share, ...]:
     """Return the shares of name k in the set-ups in which it changes readings by more than the limits (b,) µm.
 
-    Everything else that may be present is fitted beside each share.
+    Everything else that may be present is fitted beside each share. How the robot came to a target is assumed, so that
+    an effect with a history is judged on circles alone.
     """
     linear, change = result.linear, result.contributions[k]
-    shows = worth(linear, change).um > limits
-    setups = [block.one.setup for block in linear.blocks]
+    history = result.state.refined.effects[k].departures().has_history
+    judged = np.array([block.sampling is not None or not history for block in linear.blocks])
+    setups = np.array([block.one.setup for block in linear.blocks])
     found = []
-    for setup in dict.fromkeys(one for one, there in zip(setups, shows, strict=True) if there):
+    for setup in dict.fromkeys(setups[judged & (worth(linear, change).um > limits)].tolist()):
         own = np.zeros_like(change)
-        for rows, one in zip(linear.rows, setups, strict=True):
-            if one == setup:
-                own[rows] = change[rows]
+        for rows, here in zip(linear.rows, judged & (setups == setup), strict=True):
+            own[rows] = here * change[rows]
         precision, slope = result.posterior.cavity(own[:, None])
         known = float(precision[0, 0])
         if known > 0:

@@ -126,7 +126,7 @@ def verdict_of(
     if len(result.linear.y) < _ENOUGH * terms or not result.selection.columns.forms:
         return "not_testable_here", "these runs have too few readings to distinguish an effect from the set-up"
     material = [one for one in found if one.material]
-    explained_um = float(np.sqrt(sum(one.worth_um**2 for one in material)))
+    explained_um = _explained_um(result, material)
     if is_material and left.um > explained_um:
         beside = " beside the names listed" * bool(material)
         return "outside_library", f"{left.um:.0f} µm{beside} remain that no effect explains; {left.words}"
@@ -139,3 +139,12 @@ def verdict_of(
         rivals = f"these tests cannot distinguish {name} from its rivals"
         return "ambiguous", rivals if unsure[0].rivals else f"{name} is likely but not certain"
     return "named", "each name explains readings that no other effect explains"
+
+
+def _explained_um(result: SearchResult, names: Sequence[Named]) -> float:
+    """Return the worth in µm of names together: those that cancel each other in part explain less than each alone."""
+    effects, moved = result.state.refined.effects, [one.effect for one in names]
+    rest = [effect for effect in effects if effect not in moved]
+    together = worth(result.linear, result.linear.residual(rest) - result.state.refined.residual).whole_um
+    apart = [one.worth_um for one in names if one.effect not in effects]
+    return float(np.hypot(together, np.linalg.norm(apart)))
