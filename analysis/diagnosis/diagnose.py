@@ -30,9 +30,12 @@ from analysis.diagnosis.worth import limits_um
 from analysis.fitting.setups import terms_of
 from analysis.kinematics.arm import Array
 from analysis.traces.loading import Measured
+from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import name_of
+
+_EARLY = "the poses were read before the joints came to rest, which is an error of the measurement: measure them again"
 
 
 def diagnose(
@@ -67,7 +70,10 @@ def diagnose(
     named += _vibrations(result, runs, limits, gaps.train)
     named.sort(key=lambda one: (not one.material, -one.worth_um))
     found = _diagnosis_of(rig, result, gaps, named, limits)
-    doubts = [*placed, *early_readings(result), *doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, runs)]
+    early = early_readings(result)
+    if early and not found.standing and all(isinstance(block.one.table, PoseTable) for block in result.linear.blocks):
+        found = replace(found, verdict="not_testable_here", why=_EARLY, effects=())
+    doubts = [*placed, *early, *doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, runs)]
     if found.verdict == "ambiguous":
         progress("choosing a test that separates the rivals")
         next_test, doubt = _next_test(rig, named, used, result)

@@ -69,9 +69,9 @@ def _rivals(own_odds: RivalOdds) -> tuple[Rival, ...]:
 
 
 def named_vibration(found: FoundVibration | None, limits: Array, gap_um: float) -> list[Named]:
-    """Return a vibration of the link as a name, if its worth exceeds a limit (b,) µm. Its phase is new in each run, so
-    that no model removes it from the readings."""
-    if found is None or found.gain <= 0:
+    """Return a vibration of the link as a name, if its worth exceeds a limit (b,) µm and the odds of any vibration are
+    at least 20 to 1. Its phase is new in each run, so that no model removes it from the readings."""
+    if found is None or found.gain < np.log(ODDS):
         return []
     moves = Worth(np.full(len(limits), 1e3 * found.amplitude_mm / np.sqrt(2)))
     if not moves.is_material(limits):

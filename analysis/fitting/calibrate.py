@@ -15,6 +15,7 @@ import numpy as np
 from analysis.fitting.calibration import Calibration, SetUpNoise
 from analysis.fitting.effect_choice import parse_effects
 from analysis.fitting.estimate import Fit, FreeParameter, fit, sizes
+from analysis.fitting.held_out import held_out_setups, pose_setup, with_enough_to_judge
 from analysis.fitting.identifiability import (
     identified,
     identified_combinations,
@@ -97,6 +98,7 @@ def calibrate(
     enough, too_few = with_enough_readings(observations)
     observations = [observations[k] for k in enough]
     before = fit(known, observations)
+    left_out, unjudged = with_enough_to_judge(left_out, before.setups, pose_setup(observations, before.setups))
     model = replace(known, effects=(*known.effects, *wanted))
     free = [
         replace(one, signed=is_wave(model.effects[one.effect]))
@@ -127,9 +129,9 @@ def calibrate(
         identified_combinations=identified_combinations(answer),
         weak_parameters=weak_parameters(answer, names),
         covered=covered,
-        doubts=(*too_few, *_doubts(observations, left_out, weighting, covered)),
-        before_mm=(_sound_rms(before, observations, weighting), _judged(before, left_out)),
-        after_mm=(_sound_rms(after, observations, weighting), _judged(after, left_out)),
+        doubts=(*too_few, *unjudged, *_doubts(observations, left_out, weighting, covered)),
+        before_mm=(_sound_rms(before, observations, weighting), _judged(before, observations, left_out)),
+        after_mm=(_sound_rms(after, observations, weighting), _judged(after, observations, left_out)),
     )
 
 
@@ -218,11 +220,10 @@ def _sound_rms(found: Fit, observations: Sequence[Observation], weighting: Weigh
     ])  # fmt: skip
 
 
-def _judged(found: Fit, left_out: Sequence[Observation]) -> float:
+def _judged(found: Fit, observations: Sequence[Observation], left_out: Sequence[Observation]) -> float:
     """Return the rms in mm of held-out readings; the set-up of a test that was not used is fitted, the effects
     are not."""
     if not left_out:
         return float("nan")
-    others = [one for one in left_out if one.setup not in found.setups]
-    setups = found.setups | (fit(found.model, others).setups if others else {})
+    setups = held_out_setups(found.model, left_out, found.setups, pose_setup(observations, found.setups))
     return rms(residuals_of(found.model, left_out, setups))

@@ -36,7 +36,7 @@ ball and joints of real cells, at the end of an arm of one metre."""
 _ENOUGH_ROWS = 256
 """Number of readings of a circle by which its frame is found. Chosen: with a micrometre of noise they place the ball to
 a tenth of a micrometre, and a ball that was moved is a thousand times further off."""
-_TO_SPARE = 9
+TO_SPARE = 9
 """Number of readings beyond the terms of a set-up from which on the residual of a run alone is meaningful. Chosen:
 three poses, of three coordinates each."""
 
@@ -161,7 +161,7 @@ def _one_frame(model: Model, runs: Sequence[Observation]) -> bool:
     """Return whether the last run can be in the frame of the others."""
     *others, last = runs
     together = _left(model, runs)
-    if last.values.size < terms_of(last.table) + _TO_SPARE:
+    if last.values.size < terms_of(last.table) + TO_SPARE:
         alone = rms(_left(model, others))
     else:
         alone = max(rms(_left(model, others)), rms(_left(model, [last])))

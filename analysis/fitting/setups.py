@@ -111,14 +111,15 @@ def _starting_pose_setups(named: Mapping[str, Parts], starting: Mapping[str, Set
     if known is None:
         most = max(new, key=lambda name: sum(one.values.size for _, one in named[name]))
         model, one = named[most][0]
-        start = _at_instrument(nominal_setup(model.rig, one.table), named[most])
+        start = at_instrument(nominal_setup(model.rig, one.table), named[most])
         known = _placed(named[most], {most: start})[most] if len(new) > 1 else start
         found[most] = known
-    return found | {name: _at_instrument(known, named[name]) for name in new if name not in found}
+    return found | {name: at_instrument(known, named[name]) for name in new if name not in found}
 
 
-def _at_instrument(setup: SetUp, parts: Parts) -> SetUp:
-    """Return a set-up with its instrument at the place from which the poses were measured."""
+def at_instrument(setup: SetUp, parts: Parts) -> SetUp:
+    """Return a set-up with its instrument at the place from which the poses, of (m, 3) mm, were measured: the best
+    rigid motion, with the tool as it is."""
     bare = replace(setup, T_instrument_world=np.eye(4))
     places = np.concatenate([predicted(model, one, bare) for model, one in parts])
     seen_there = np.concatenate([one.values for _, one in parts])

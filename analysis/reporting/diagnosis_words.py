@@ -12,6 +12,9 @@ from rigs.effects import Effect, size_field
 from rigs.rig import Rig
 
 _WHOLE_LAP_DEG = 350.0
+_MOST = 0.5
+"""Share of the gap's energy above which a remainder is most of it. A healthy arm's share of every effect, which is no
+name, can explain the rest."""
 
 
 def plain(rig: Rig, effect: Effect) -> str:
@@ -67,8 +70,9 @@ def headline(found: Diagnosis) -> str:
         case "ambiguous":
             return f"An effect is missing in the model, and these tests cannot determine which: {_alternatives(found)}."
         case "outside_library":
-            um = found.remainder.um
-            return f"Most of what is missing in the model, {um:.0f} µm, is not explained by any known effect."
+            left = found.remainder
+            words = "Most" if left.share > _MOST else f"A part ({100 * left.share:.0f} %)"
+            return f"{words} of what is missing in the model, {left.um:.0f} µm, is not explained by any known effect."
         case "within_tolerance":
             return "No effect that matters is missing: what remains is within what a healthy robot shows."
         case "not_testable_here":

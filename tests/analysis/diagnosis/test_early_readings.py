@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from analysis.cli import app
 from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.kinematics.arm import arm_of, forward
+from analysis.reporting.diagnosis_words import headline
 from analysis.traces.tables import PoseTable
 from rigs.load import load
 from rigs.schema.effect import name_of
@@ -38,6 +39,13 @@ def test_joints_that_went_on_after_they_were_read_are_reported() -> None:
     ahead = np.radians([0.0, 0.02, 0.0, 0.02, 0.0, 0.0])
     reported = _reported(_ahead(Q - ahead * np.sign(CAME)))
     assert set(reported) == {2, 4} and reported[2] == pytest.approx(0.02, abs=0.003)
+
+
+def test_an_arm_whose_joints_were_read_early_is_not_called_sound() -> None:
+    found = _ahead(Q - np.radians([0.03, 0.05, 0.04, 0.03, 0.05, 0.03]) * np.sign(CAME))
+    assert set(_reported(found)) >= {1, 2, 3}
+    assert found.verdict == "not_testable_here" and "before the joints came to rest" in found.why
+    assert found.effects == () and "cannot show" in headline(found)
 
 
 def test_joints_that_had_a_share_of_their_move_to_go_are_reported() -> None:

@@ -7,7 +7,9 @@ import pytest
 
 from analysis.diagnosis.link_swing import FoundVibration, find_vibration
 from analysis.diagnosis.run_setups import fit_run_setups
+from analysis.diagnosis.verdict import named_vibration
 from analysis.traces.loading import Measured
+from rigs.effects import swing as vibration_at
 from tests.support.diagnosis_cells import circles, measured, response, seen, table_of
 
 SURE = 7.0
@@ -33,6 +35,13 @@ def test_a_planted_swing_is_found(frequency_hz: float, amplitude_mm: float) -> N
 def test_noise_does_not_swing(seed: int) -> None:
     found = _swing(circles(seed=seed))
     assert found and found.gain < SURE
+
+
+@pytest.mark.parametrize(("odds", "count"), [(15.0, 0), (25.0, 1)])
+def test_a_swing_is_a_name_only_with_odds_of_20_to_1(odds: float, count: int) -> None:
+    """Also where nothing is tolerated, and the least swing would matter."""
+    found = FoundVibration(vibration_at(15.8, 1e-4), 1e-4, {}, float(np.log(odds)))
+    assert len(named_vibration(found, np.zeros(2), 1.0)) == count
 
 
 def test_targets_do_not_swing() -> None:

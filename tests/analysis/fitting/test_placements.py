@@ -93,6 +93,20 @@ def test_a_placement_of_three_poses_takes_the_tool_of_the_others(
         calibrate_runs(RIG, runs[2:], [], "joint_offset", share=0.0, groups=False, seed=0)
 
 
+def test_a_held_out_placement_of_few_poses_does_not_absorb_its_own_readings(
+    tmp_path: Path, arm: tuple[Cell, np.random.Generator]
+) -> None:
+    first = load_measured(_run(tmp_path, "first", _poses(arm, 30), "--placement", "door"))
+    three = load_measured(_run(tmp_path, "three", _poses(arm, 3, FAR), "--placement", "wall"))
+    two = load_measured(_run(tmp_path, "two", _poses(arm, 2, -FAR), "--placement", "floor"))
+    found = calibrate_runs(RIG, [first], [three, two], "joint_offset", share=0.0, groups=False, seed=0)
+    assert 0.005 < found.after_mm[1] < 0.5 < found.before_mm[1]
+    words = "pose at floor is not judged: its 6 readings are too few for the 6 terms of the set-up alone"
+    assert words in found.doubts
+    alone = calibrate_runs(RIG, [first], [two], "joint_offset", share=0.0, groups=False, seed=0)
+    assert np.isnan(alone.after_mm[1]) and words in alone.doubts
+
+
 def test_runs_of_two_robots_are_reported_in_one_line(tmp_path: Path, arm: tuple[Cell, np.random.Generator]) -> None:
     first = _run(tmp_path, "first", _poses(arm, 10))
     other = _run(tmp_path, "other", _poses(arm, 10), rig="paper-fanuc")

@@ -19,7 +19,7 @@ from analysis.reporting.diagnosis_curves import strands_of
 from analysis.reporting.diagnosis_picture import picture
 from analysis.reporting.diagnosis_report import hold_empty, write
 from analysis.reporting.diagnosis_screen import as_screen
-from analysis.reporting.diagnosis_words import closed, plain, shortened, size, stretch, sure
+from analysis.reporting.diagnosis_words import closed, headline, plain, shortened, size, stretch, sure
 from rigs.effects import VOCABULARY, LinkGeometry
 from rigs.errors import FileError
 from rigs.load import load
@@ -92,6 +92,16 @@ def test_names_stay_listed_outside_the_library_with_what_is_left_beside_them() -
     text = " ".join(_printed(diagnosis("outside_library"), width=120).split())
     for words in ("0.0521", "worth µm", "What to do", "take up the play", "1.4 µm (5 % of the gap): yaw cw, angle"):
         assert words in text, words
+
+
+@pytest.mark.parametrize(
+    ("share", "said"),
+    [(0.8, "Most of what is missing in the model, 67"), (0.01, "A part (1 %) of what is missing in the model, 67")],
+)
+def test_a_small_remainder_is_not_called_most(share: float, said: str) -> None:
+    found = diagnosis("outside_library")
+    found = replace(found, remainder=replace(found.remainder, um=67.4, share=share))
+    assert headline(found).startswith(said)
 
 
 def test_what_is_too_small_to_matter_is_below_the_names() -> None:
