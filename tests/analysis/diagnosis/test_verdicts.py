@@ -84,6 +84,27 @@ def test_an_effect_deleted_from_the_vocabulary_is_outside_the_library(monkeypatc
     assert any(place.why.startswith("reversal") for place in found.where)
 
 
+def test_a_name_of_which_set_ups_show_different_shares_counts_to_the_remainder() -> None:
+    """An error that is a gear's on each circle, with another size on each, is no gear's."""
+
+    def gear(size_deg: float) -> tuple[Effect, ...]:
+        return (TransmissionError(axis=1, order=60, amplitude_deg=size_deg, phase_deg=-70),)
+
+    runs = [*circles(gear(0.006), seed=19), *circles(gear(0.0015), seed=20, tests=("roll",))]
+    found = found_in(runs)
+    (one,) = (one for one in found.effects if name_of(one.effect) == "transmission_error 1")
+    shown = {share.setup: share for share in one.shares}
+    assert one.contradicted and not one.material
+    assert shown["roll"].contradicts and shown["roll"].value < 0.6 < shown["yaw"].value
+    assert found.verdict == "outside_library" and found.remainder.um > 0.5 * one.worth_um
+    assert "transmission_error 1 order 60" in found.remainder.words and "of it in roll" in found.why
+    alike = found_in([*circles(gear(0.006), seed=19), *circles(gear(0.006), seed=20, tests=("roll",))])
+    (one,) = (one for one in alike.effects if name_of(one.effect) == "transmission_error 1")
+    assert alike.verdict == "named" and one.material and len(one.shares) == 2
+    assert all(abs(share.value - 1) < 3 * share.sd + 0.05 for share in one.shares)
+    assert one.to_dict()["shares"]["yaw"]["value"] == pytest.approx(1, abs=0.05)
+
+
 def test_rivals_that_the_circle_cannot_part_are_ambiguous_with_a_next_test() -> None:
     """diagnosis.md: on the circle alone the zero of axis 5 and the wrist's offset (a of row 6) do the same."""
     found = found_in(circles((JointOffset(axis=5, offset_deg=0.05),), seed=17))
