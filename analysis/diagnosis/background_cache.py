@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 from analysis.diagnosis.background import Background
 from analysis.diagnosis.columns import Columns
+from analysis.diagnosis.recent import recent
 from analysis.diagnosis.selection_state import SelectionState, is_same, order_of
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect
@@ -17,9 +16,6 @@ _KEPT = 12
 """Number of backgrounds that are cached, at some 8 MB each: about as many as one round of a search returns to."""
 _GRAMS = 4
 """Number of weighted products of the columns that are cached, at some 8 MB each: one round tries two strengths."""
-
-_Key = TypeVar("_Key", bound=Hashable)
-_One = TypeVar("_One")
 
 
 @dataclass(frozen=True)
@@ -40,9 +36,9 @@ class Backgrounds:
             variance[self._columns_alike(effect)] = 0.0
         weight = state.robust / state.strength[columns.band]
         seen = weight.tobytes()
-        gram = _cached(self._grams, seen, lambda: columns.weighted_gram(weight), _GRAMS)
+        gram = recent(self._grams, seen, lambda: columns.weighted_gram(weight), _GRAMS)
         key = (seen, variance.tobytes())
-        return _cached(self._recent, key, lambda: Background(columns, weight, variance, gram), _KEPT)
+        return recent(self._recent, key, lambda: Background(columns, weight, variance, gram), _KEPT)
 
     def _columns_alike(self, effect: Effect) -> list[int]:
         """Return the columns of all forms of an effect's name, of a wave those of about its order."""
@@ -51,11 +47,3 @@ class Backgrounds:
             forms = [form for form in self.columns.forms if is_same(form, effect)]
             self._alike[key] = [column for form in forms for column in form.columns]
         return self._alike[key]
-
-
-def _cached(recent: dict[_Key, _One], key: _Key, compute: Callable[[], _One], most: int) -> _One:
-    """Return what is kept under a key, or compute it; of more than `most` the least recently used one is dropped."""
-    found = recent[key] = recent.pop(key) if key in recent else compute()
-    if len(recent) > most:
-        del recent[next(iter(recent))]
-    return found

@@ -4,13 +4,14 @@ one as columns or all together on the simulator."""
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from analysis.diagnosis.blocks import Block, entries
+from analysis.diagnosis.recent import recent
 from analysis.fitting.observation import predicted_in_scene
 from analysis.fitting.setups import columns_of, moved_setup, terms_of
 from analysis.kinematics.arm import Array, Integers
@@ -46,6 +47,8 @@ class SimulatedBlock:
     block: Block
     known: tuple[Effect, ...]
     setup: SetUp
+    _scenes: dict[tuple[Effect, ...], Scene] = field(default_factory=dict, init=False, repr=False)
+    _errors: dict[tuple[tuple[Effect, ...], Effect], Array] = field(default_factory=dict, init=False, repr=False)
 
     @cached_property
     def scene(self) -> Scene:
@@ -88,22 +91,21 @@ class SimulatedBlock:
         joints = self._joints(early)
         return posed(model, self.block.one.path, replace(joints, link_q=sum(errors, start=joints.link_q)))
 
-    @cached_property
-    def _joints(self) -> Callable[[tuple[Effect, ...]], Scene]:
-        """The scene before joints have errors, a function of the effects of earlier stages; the latest are kept."""
-        return lru_cache(_SCENES)(lambda early: driven(replace(self.block.model, effects=early), self.block.one.path))
+    def _joints(self, early: tuple[Effect, ...]) -> Scene:
+        """Return the scene before joints have errors, given the effects of earlier stages."""
+        model, path = replace(self.block.model, effects=early), self.block.one.path
+        return recent(self._scenes, early, lambda: driven(model, path), _SCENES)
 
-    @cached_property
-    def _error(self) -> Callable[[tuple[Effect, ...], Effect], Array]:
-        """The errors (n, 6) rad of the joints that one effect makes after those of earlier stages; the latest are kept,
-        because errors of joints add and a fit changes few effects at a time."""
+    def _error(self, early: tuple[Effect, ...], effect: Effect) -> Array:
+        """Return the errors (n, 6) rad of the joints that one effect makes after those of earlier stages. They are
+        kept, because errors of joints add and a fit changes few effects at a time."""
+        joints = self._joints(early)
 
-        def error_of(early: tuple[Effect, ...], effect: Effect) -> Array:
-            joints = self._joints(early)
+        def compute() -> Array:
             error: Array = apply([effect], "joint", joints).link_q - joints.link_q
             return error
 
-        return lru_cache(_ERRORS)(error_of)
+        return recent(self._errors, (early, effect), compute, _ERRORS)
 
     def read(self, effects: Sequence[Effect], scene: Scene, setup: SetUp) -> Array:
         """Return the readings (m, k) mm of a scene up to the tool."""
