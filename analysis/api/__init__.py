@@ -9,7 +9,6 @@ these functions and nothing else.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from analysis.diagnosis.diagnosis import Diagnosis as Diagnosis
@@ -220,13 +219,10 @@ def calibrate(
 
     Source: docs/calibration.md.
     """
-    from analysis.diagnosis.prepared_runs import without_exchanged  # noqa: PLC0415
     from analysis.fitting.calibrate import calibrate_runs  # noqa: PLC0415
 
     model = _model(rig, runs)
-    (used, judges), exchanged = without_exchanged(runs, hold_out)
-    found = calibrate_runs(model, used, judges, effects, share=share, groups=groups, seed=seed)
-    return replace(found, doubts=(*exchanged, *found.doubts))
+    return calibrate_runs(model, runs, hold_out, effects, share=share, groups=groups, seed=seed)
 
 
 def diagnose(

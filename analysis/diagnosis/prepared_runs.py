@@ -36,7 +36,8 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
     kept = [k for k in range(len(runs)) if k not in wrong]
     found, doubts = _split_by_frame([seen[k] for k in kept], [names[k] for k in kept])
     for k in wrong:
-        doubts.insert(0, _exchanged(names[k]))
+        what = f"{names[k]} is left out: compared with its repeats, its gauges g1 and g2 are exchanged"
+        doubts.insert(0, f"{what}; check the cables, or import it with the columns exchanged")
     doubts += _wild([(names[k], seen[k].wild, runs[k].table) for k in kept])
     parts = []
     for number in range(len(uses)):
@@ -45,26 +46,6 @@ def prepare_runs(rig: Rig, *uses: Sequence[Measured]) -> tuple[list[list[Observe
         parts.append([own[k] for k in enough])
         doubts += too_few
     return parts, doubts
-
-
-def without_exchanged(*uses: Sequence[Measured]) -> tuple[list[list[Measured]], list[str]]:
-    """Return the runs of each use without circles whose gauges are exchanged, and messages about these. Tables of
-    circles have readings (m, 2) mm."""
-    circles = [(run, use) for use, runs in enumerate(uses) for run in runs if isinstance(run.table, CircleTable)]
-    if len(circles) < 2:
-        return [list(runs) for runs in uses], []
-    seen = [observe_run(model_of(run.rig), run.table, str(run.path)) for run, _ in circles]
-    wrong = [circles[k] for k in exchanged_runs(seen)]
-    kept = [
-        [run for run in runs if not any(run is one and use == own for one, own in wrong)]
-        for use, runs in enumerate(uses)
-    ]
-    return kept, [_exchanged(run.run.manifest.name) for run, _ in wrong]
-
-
-def _exchanged(name: str) -> str:
-    what = f"{name} is left out: compared with its repeats, its gauges g1 and g2 are exchanged"
-    return f"{what}; check the cables, or import it with the columns exchanged"
 
 
 def _wild(counted: Sequence[tuple[str, int, Table]]) -> list[str]:
