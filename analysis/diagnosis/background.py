@@ -207,13 +207,6 @@ class Posterior:
         return found
 
     @property
-    def fitted_share(self) -> Array:
-        """What the fitted terms, at their means, add to the whitened readings (N,): free forms, and departures of the
-        named effects from their ideal form."""
-        share: Array = self.terms.T @ self.known
-        return share
-
-    @property
     def healthy_share(self) -> Array:
         """What the forms of effects, at their posterior means, add to the whitened readings (N,)."""
         forms = self.background.columns.set_ups.start

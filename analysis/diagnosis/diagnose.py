@@ -71,8 +71,14 @@ def diagnose(
     named.sort(key=lambda one: (not one.material, -one.worth_um))
     found = _diagnosis_of(rig, result, gaps, named, limits)
     early = early_readings(result)
-    if early and not found.standing and all(isinstance(block.one.table, PoseTable) for block in result.linear.blocks):
-        found = replace(found, verdict="not_testable_here", why=_EARLY, effects=())
+    matters = gaps.train.before_um > limits.max()
+    if (
+        early
+        and matters
+        and not found.standing
+        and all(isinstance(block.one.table, PoseTable) for block in result.linear.blocks)
+    ):
+        found = replace(found, verdict="not_testable_here", why=_EARLY)
     doubts = [*placed, *early, *doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, runs)]
     if found.verdict == "ambiguous":
         progress("choosing a test that separates the rivals")

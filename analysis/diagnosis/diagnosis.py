@@ -6,6 +6,7 @@ tests cannot distinguish → what to do → which test to run next
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
@@ -21,10 +22,9 @@ from rigs.rig import Rig
 from rigs.schema.effect import SEATS, name_of
 from rigs.schema.vocabulary import Direction, TestName
 
-_DIFFERS, _SURE = 0.3, 3.0
-"""Difference of a share from one above which a set-up contradicts a name, and the standard uncertainties by which it
-must differ. Chosen: several times what the form of a real effect is beside that of its model, and odds of 400 to 1 for
-each of some ten shares."""
+_DIFFERS, _SURE = 0.5, 3.0
+"""Difference of the shares of two set-ups above which they contradict a name, and the standard uncertainties by which
+they must differ. Chosen: several times what true faults showed in cases for development, and odds of 400 to 1."""
 ODDS = 20.0
 """Odds at which a rival is dismissed, 20 to 1: the usual 5 % level. A name with a closer rival is ambiguous."""
 
@@ -54,16 +54,11 @@ class Place:
 
 @dataclass(frozen=True)
 class Share:
-    """The share of a name that one set-up shows, 1 where it agrees with all readings, and its standard uncertainty."""
+    """The size of a name in one set-up alone as a share of its fitted size, and its standard uncertainty."""
 
     setup: str
     value: float
     sd: float
-
-    @property
-    def contradicts(self) -> bool:
-        """Whether the set-up shows clearly less or more of the name than the others do."""
-        return abs(self.value - 1) > max(_DIFFERS, _SURE * self.sd)
 
 
 @dataclass(frozen=True)
@@ -86,9 +81,9 @@ class Named:
     evidence among its rivals, the gap on the runs used if it alone is removed, and the remedy.
 
     `worth_um` is the rms change of the readings that it causes beyond what a set-up could absorb. `material` states
-    whether this exceeds the scatter of one run or the tolerance given. `held_out_gain` is the share of the gap's energy
-    on held-out runs that it removes, None where no held-out run shows it beyond the scatter of one run. `shares` states
-    how much of it each set-up shows.
+    whether this exceeds the scatter of one run or the tolerance given, for a fault that runs and set-ups bear out.
+    `held_out_gain` is the share of the gap's energy on held-out runs that it removes, None where no held-out run shows
+    it beyond the scatter of one run. `shares` states how much of it each set-up shows.
     """
 
     effect: Effect
@@ -104,8 +99,11 @@ class Named:
 
     @property
     def contradicted(self) -> bool:
-        """Whether a set-up shows clearly less or more of it than the others do, so that it imitates something else."""
-        return any(share.contradicts for share in self.shares)
+        """Whether two set-ups show clearly different shares of it, so that it imitates something else."""
+        least, most = (of(self.shares, key=lambda share: share.value, default=None) for of in (min, max))
+        if least is None or most is None:
+            return False
+        return most.value - least.value > max(_DIFFERS, _SURE * math.hypot(least.sd, most.sd))
 
     def to_dict(self) -> dict[str, Any]:
         """In plain types, rivals with it."""
@@ -134,9 +132,9 @@ def _of_effect(effect: Effect, sd: Mapping[str, float], posterior: float) -> dic
 
 @dataclass(frozen=True)
 class Remainder:
-    """What remains beyond the noise after the names and a healthy arm's share of every effect: its rms in µm, its share
-    of the gap's energy, and a description. `healthy_um` is the rms of the healthy share, which a calibration could
-    remove."""
+    """What remains beyond the noise after the names and a healthy arm's share of every effect, with what contradicted
+    names explain: its rms in µm, its share of the gap's energy, and a description. `healthy_um` is the rms of the
+    healthy share, which a calibration could remove."""
 
     um: float
     share: float
@@ -269,7 +267,12 @@ class Diagnosis(Tabular):
     @property
     def slight(self) -> tuple[Named, ...]:
         """Those that it found beside them, too small or too doubtful to matter."""
-        return tuple(one for one in self.effects if not one.material)
+        return tuple(one for one in self.effects if not one.material and not one.contradicted)
+
+    @property
+    def contradicted(self) -> tuple[Named, ...]:
+        """Those of which set-ups show different shares."""
+        return tuple(one for one in self.effects if one.contradicted)
 
     @property
     def extended_rig(self) -> Rig:

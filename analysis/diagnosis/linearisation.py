@@ -105,7 +105,7 @@ class SimulatedBlock:
             error: Array = apply([effect], "joint", joints).link_q - joints.link_q
             return error
 
-        return recent(self._errors, (early, effect), compute, _ERRORS)
+        return recent(self._errors, (early, _without_origin(effect)), compute, _ERRORS)
 
     def read(self, effects: Sequence[Effect], scene: Scene, setup: SetUp) -> Array:
         """Return the readings (m, k) mm of a scene up to the tool."""
@@ -312,7 +312,12 @@ def basis_of(columns: Array) -> Array:
 
 def _early(effects: Sequence[Effect]) -> tuple[Effect, ...]:
     """Return the effects of the stages before that of the joints."""
-    return tuple(effect for effect in effects if effect.STAGE in _EARLY)
+    return tuple(_without_origin(effect) for effect in effects if effect.STAGE in _EARLY)
+
+
+def _without_origin(effect: Effect) -> Effect:
+    """Return the effect without its origin, which changes no reading and has no hash."""
+    return effect if effect.found is None else effect.model_copy(update={"found": None})
 
 
 def _with(model: Model, *effects: Effect) -> Model:

@@ -1,5 +1,5 @@
-"""The search: set-ups fitted, noise estimated and names selected, repeated once where the names change what was fitted
-before.
+"""The search: set-ups fitted, noise estimated and names selected, repeated where the names change what was
+fitted before.
 
 A large effect displaces the ball that a fit without it found, and makes the linearisation invalid.
 """
@@ -53,6 +53,13 @@ class SearchResult:
     def initial_residual(self) -> Array:
         """The whitened residual (N,) of the model without the names, with set-ups fitted."""
         return self.linear.without_set_up(self.linear.residual(()))
+
+    @property
+    def free_share(self) -> Array:
+        """What free forms add to the whitened readings (N,)."""
+        free = self.state.refined.free
+        share: Array = free @ self.posterior.known[len(self.posterior.known) - free.shape[1] :]
+        return share
 
     @property
     def residual(self) -> Array:

@@ -6,31 +6,52 @@ every place. So where set-ups disagree on the size of a name, the name imitates 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from analysis.diagnosis.background import Posterior
 from analysis.diagnosis.diagnosis import Share
 from analysis.diagnosis.search import SearchResult
 from analysis.diagnosis.worth import worth
 from analysis.kinematics.arm import Array
+from rigs.schema.effect import size_field
+
+_WIDE = 100.0
+"""Prior standard deviation of a share. It only bounds what the readings of a set-up hardly show. Chosen: far beyond any
+share of interest."""
 
 
 def shares_of(result: SearchResult, k: int, limits: Array) -> tuple[Share, ...]:
-    """Return the shares of name k in the set-ups in which it changes readings by more than the limits (b,) µm.
+    """Return the shares of name k in the set-ups in which it changes readings by more than the limits (b,) µm, or none
+    where there are fewer than two.
 
-    Everything else that may be present is fitted beside each share. How the robot came to a target is assumed, so that
-    an effect with a history is judged on circles alone.
+    Each set-up has a size of its own for the name, fitted together with everything else that may be present. Only
+    effects that depend on the posture alone are judged: others may differ from run to run, or from day to day.
     """
     linear, change = result.linear, result.contributions[k]
-    history = result.state.refined.effects[k].departures().has_history
-    judged = np.array([block.sampling is not None or not history for block in linear.blocks])
+    if result.state.refined.effects[k].compensation().use == "none":
+        return ()
     setups = np.array([block.one.setup for block in linear.blocks])
-    found = []
-    for setup in dict.fromkeys(setups[judged & (worth(linear, change).um > limits)].tolist()):
-        own = np.zeros_like(change)
-        for rows, here in zip(linear.rows, judged & (setups == setup), strict=True):
-            own[rows] = here * change[rows]
-        precision, slope = result.posterior.cavity(own[:, None])
-        known = float(precision[0, 0])
-        if known > 0:
-            found.append(Share(setup, 1 + float(slope[0]) / known, float(known**-0.5)))
-    return tuple(found)
+    shown = list(dict.fromkeys(setups[worth(linear, change).um > limits].tolist()))
+    if len(shown) < 2:
+        return ()
+    # One column for each of these set-ups and one for all others, in which the name is free as well.
+    number = np.array([shown.index(setup) if setup in shown else len(shown) for setup in setups])
+    columns = np.zeros((len(change), number.max() + 1))
+    for rows, column in zip(linear.rows, number, strict=True):
+        columns[rows, column] = change[rows]
+    precision, slope = _beside_size(result, k).cavity(columns)
+    covariance = np.linalg.inv(precision + np.diag(np.full(len(slope), _WIDE**-2)))
+    value, sd = 1 + covariance @ slope, np.sqrt(np.diag(covariance))
+    return tuple(Share(setup, float(value[i]), float(sd[i])) for i, setup in enumerate(shown))
+
+
+def _beside_size(result: SearchResult, k: int) -> Posterior:
+    """Return the posterior of everything else, in which the size of name k stays as it was fitted."""
+    refined, known = result.state.refined, result.state.refined.known
+    own = size_field(refined.effects[k])
+    kept = np.ones(len(known.mean), dtype=bool)
+    kept[: len(refined.unknowns)] = [unknown.effect != k or unknown.field != own for unknown in refined.unknowns]
+    terms = replace(known, T=known.T[:, kept], precision=known.precision[np.ix_(kept, kept)], mean=known.mean[kept])
+    return Posterior(result.posterior.background, terms)

@@ -50,7 +50,7 @@ def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[fl
     whole, gained, shown = 0.0, np.zeros(len(result.contributions)), np.zeros(len(result.contributions), dtype=bool)
     for run in runs:
         judged = _at_places_used(result, run) or _at_other_places(result, run, result.linear.setups)
-        left = judged.residual - judged.fitted_share
+        left = judged.residual - judged.free_share
         whole += judged.energy(judged.before)
         gained += [judged.energy(left + change) - judged.energy(left) for change in judged.contributions]
         shown |= np.array([judged.shows(change) for change in judged.contributions], dtype=bool)
@@ -62,8 +62,8 @@ class _JudgedRun:
     """One run judged by the names and the healthy share that other runs determined, in standard deviations of a block
     (N,).
 
-    `before` is the residual without them and `residual` that with all of them. `fitted_share` is what free forms and
-    departures add beside them, zero where that is not known. `contributions` are the changes when each name is removed.
+    `before` is the residual without them and `residual` that with all of them. `free_share` is what free
+    forms add beside them, zero where that is not known. `contributions` are the changes when each name is removed.
     `basis` (N, s) is orthonormal and spans what the set-up could absorb. `scatter_um` is the rms difference of one run
     from the mean of many.
     """
@@ -71,7 +71,7 @@ class _JudgedRun:
     block: Block
     before: Array
     residual: Array
-    fitted_share: Array
+    free_share: Array
     contributions: Sequence[Array]
     basis: Array
     scatter_um: float
@@ -112,7 +112,7 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
     before = left + (linear.residual(()) - result.state.refined.residual)[rows]
     changes = [change[rows] for change in result.contributions]
     residual_with_share = left - result.posterior.healthy_share[rows]
-    fitted, scatter = result.posterior.fitted_share[rows], float(scatter_um(linear)[k])
+    fitted, scatter = result.free_share[rows], float(scatter_um(linear)[k])
     return _JudgedRun(block, before, residual_with_share, fitted, changes, basis_of(linear.U[rows]), scatter)
 
 

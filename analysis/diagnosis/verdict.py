@@ -91,9 +91,7 @@ def remainder_of(result: SearchResult, found: Sequence[Named], limits: Array) ->
     linear, posterior = result.linear, result.posterior
     strength = result.state.strength[result.selection.columns.band]
     beyond = np.sqrt(np.clip(1 - 1 / np.maximum(strength, 1.0), 0.0, 1.0))
-    free = result.state.refined.free
-    share_of_free = free @ posterior.known[len(posterior.known) - free.shape[1] :]
-    left = plain_worth(linear, beyond * posterior.residual + share_of_free + linear.without_set_up(imitated))
+    left = plain_worth(linear, beyond * posterior.residual + result.free_share + linear.without_set_up(imitated))
     gap_um = worth(linear, result.initial_residual).whole_um
     share = min(1.0, (left.whole_um / gap_um) ** 2) if gap_um else 0.0
     healthy = worth(linear, posterior.healthy_share)
@@ -114,7 +112,7 @@ def _in_words(result: SearchResult, imitating: Sequence[Named]) -> str:
 
 
 def _shares_in_words(one: Named) -> str:
-    shown = [f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in one.shares if share.contradicts]
+    shown = [f"{share.value:.2f} ± {share.sd:.2f} of it in {share.setup}" for share in one.shares]
     return f"the readings show {' and '.join(shown)}"
 
 

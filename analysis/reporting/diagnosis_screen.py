@@ -81,6 +81,9 @@ def _where(found: Diagnosis) -> list[RenderableType]:
 
 def _missing(found: Diagnosis) -> list[RenderableType]:
     beside = [Text(f"too small to matter: {_slight(found)}", style="dim")] if found.slight else []
+    if found.contradicted:
+        names = ", ".join(f"{name_of(one.effect)} ({one.worth_um:.1f} µm)" for one in found.contradicted)
+        beside.append(Text(f"not the same at every place, so that something else looks like it: {names}", style="dim"))
     if not found.standing:
         return list(beside)
     times, bound = (2.0, "± 2u") if found.verdict == "ambiguous" else (1.0, "± u")

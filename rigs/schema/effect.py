@@ -103,11 +103,6 @@ class Departures:
     jolt: tuple[int, float] | None = None
     stick: tuple[Gauge, float] | None = None
 
-    @property
-    def has_history(self) -> bool:
-        """Whether it matters how a joint or a plunger came to where it is."""
-        return any((self.gap, self.jolt, self.stick))
-
 
 @dataclass(frozen=True)
 class Compensation:
