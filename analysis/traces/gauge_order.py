@@ -1,4 +1,4 @@
-"""Whether the two gauges of a yaw run may be exchanged: a doubt, never a refusal.
+"""The order of the gauges of a yaw run: readings that suggest an exchange are doubted, and never refused.
 
 The distance, the mean of the gauges, and the angle between them show one eccentricity e of the ball. Exchanged, the
 angle shows -e: the two lie 2 |e| apart. An error of the arm that turns the tool in the first order of the circle moves
