@@ -3,8 +3,8 @@
 The distance, the mean of the gauges, and the angle between them show one eccentricity e of the ball. Exchanged, the
 angle shows -e: the two lie 2 |e| apart. An error of the arm that turns the tool in the first order of the circle moves
 one of them alike, and a ball is set within a millimetre while a large fault moves it by millimetres: no reading of one
-run distinguishes the two with certainty. But such an error has other orders too, so that an exchange is likely where the
-two lie further apart than the rest of the readings accounts for.
+run distinguishes the two with certainty. But such an error has other orders too, so that an exchange is likely where
+the two lie further apart than the rest of the readings accounts for.
 """
 
 from __future__ import annotations
