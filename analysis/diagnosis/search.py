@@ -27,9 +27,9 @@ _ITERATIONS = 3
 """Largest number of iterations. Chosen: each starts from set-ups fitted with the names and costs a search, of which
 the second is mostly near enough."""
 _BENT = 10.0
-"""Log evidence that a wrong name could gain at most, beside everything that may be present anyway, from what moved
-set-ups change beyond what is linear, above which the search is repeated about them. Chosen: odds of 20 000 to 1. A gear
-error of 69 healthy sizes moved balls by 1 to 7 mm, and a ball form was named."""
+"""Log evidence that a wrong name could gain from what moved set-ups change beyond what is linear, above which the
+search is repeated about them. Chosen: odds of 20 000 to 1. A gear error of 69 healthy sizes moved balls by 1 to 7 mm,
+and a ball form was named."""
 
 
 @dataclass(frozen=True)
@@ -83,8 +83,7 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
         moved = linear.moves_fitted_to(linear.U @ selection.posterior(state).mean[selection.columns.set_ups])
         setups = linear.setups_moved_by(moved)
         bent = linear.residual_at(known, setups) - (state.refined.residual - linear.U @ moved)
-        weighed = selection.background(state).weighed(bent[:, None])
-        if float(weighed.products(weighed)[0, 0]) / 2 < _BENT:
+        if float(bent @ bent) / 2 < _BENT:
             break
     progress("comparing names with their rivals")
     state, odds = compare_with_rivals(selection, state)
