@@ -29,8 +29,8 @@ def outside_coverage(covered: Sequence[JointRange], q_rad: Array, what: str) -> 
     for axis, ((low, high), angle) in enumerate(zip(covered, np.degrees(q_rad).T, strict=True), start=1):
         outside = int(((angle < low - _BEYOND_DEG) | (angle > high + _BEYOND_DEG)).sum())
         if outside:
-            there = f"axis {axis} stands at {angle.min():.1f}° to {angle.max():.1f}°"
-            lines.append(f"{there}, {outside} of {len(angle)} outside {low:.1f}° to {high:.1f}° where {what} was found")
+            there = f"axis {axis} stands at {angle.min():z.1f}° to {angle.max():z.1f}°"
+            lines.append(f"{there}, {outside} of {len(angle)} outside {low:z.1f}° to {high:z.1f}° where {what} was found")
     return lines
 
 
