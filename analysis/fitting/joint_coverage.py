@@ -30,7 +30,9 @@ def outside_coverage(covered: Sequence[JointRange], q_rad: Array, what: str) -> 
         outside = int(((angle < low - _BEYOND_DEG) | (angle > high + _BEYOND_DEG)).sum())
         if outside:
             there = f"axis {axis} stands at {angle.min():z.1f}° to {angle.max():z.1f}°"
-            lines.append(f"{there}, {outside} of {len(angle)} outside {low:z.1f}° to {high:z.1f}° where {what} was found")
+            lines.append(
+                f"{there}, {outside} of {len(angle)} outside {low:z.1f}° to {high:z.1f}° where {what} was found"
+            )
     return lines
 
 
