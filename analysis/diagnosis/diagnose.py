@@ -30,12 +30,9 @@ from analysis.diagnosis.worth import limits_um
 from analysis.fitting.setups import terms_of
 from analysis.kinematics.arm import Array
 from analysis.traces.loading import Measured
-from analysis.traces.tables import PoseTable
 from rigs.errors import FileError
 from rigs.rig import Rig
 from rigs.schema.effect import name_of
-
-_EARLY = "the poses were read before the joints came to rest, which is an error of the measurement: measure them again"
 
 
 def diagnose(
@@ -69,16 +66,8 @@ def diagnose(
     named = named_effects(result, runs, held_out_gains(result, judges), limits)
     named += _vibrations(result, runs, limits, gaps.train)
     named.sort(key=lambda one: (not one.material, -one.worth_um))
-    found = _diagnosis_of(rig, result, gaps, named, limits)
     early = early_readings(result)
-    matters = gaps.train.before_um > limits.max()
-    if (
-        early
-        and matters
-        and not found.standing
-        and all(isinstance(block.one.table, PoseTable) for block in result.linear.blocks)
-    ):
-        found = replace(found, verdict="not_testable_here", why=_EARLY)
+    found = _diagnosis_of(rig, result, gaps, named, limits, early=bool(early))
     doubts = [*placed, *early, *doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, runs)]
     if found.verdict == "ambiguous":
         progress("choosing a test that separates the rivals")
@@ -103,11 +92,13 @@ def _vibrations(result: SearchResult, runs: Sequence[ObservedRun], limits: Array
     return named_vibration(found, limits[circles], train.after_um)
 
 
-def _diagnosis_of(rig: Rig, result: SearchResult, gaps: _Gaps, named: Sequence[Named], limits: Array) -> Diagnosis:
+def _diagnosis_of(
+    rig: Rig, result: SearchResult, gaps: _Gaps, named: Sequence[Named], limits: Array, *, early: bool
+) -> Diagnosis:
     """Return the diagnosis without next test and doubts; `limits` (b,) µm are the changes from which names are
-    material."""
+    material, and `early` states whether poses were read before the joints came to rest."""
     remainder, is_material = remainder_of(result, named, limits)
-    verdict, why = verdict_of(result, named, remainder, is_material=is_material)
+    verdict, why = verdict_of(result, named, remainder, limits, is_material=is_material, early=early)
     linear, before = result.linear, result.linear.in_mm(result.initial_residual)
     after = linear.in_mm(result.residual)
     return Diagnosis(

@@ -100,9 +100,9 @@ class Named:
     @property
     def contradicted(self) -> bool:
         """Whether two set-ups show clearly different shares of it, so that it imitates something else."""
-        least, most = (of(self.shares, key=lambda share: share.value, default=None) for of in (min, max))
-        if least is None or most is None:
+        if not self.shares:
             return False
+        least, most = (of(self.shares, key=lambda share: share.value) for of in (min, max))
         return most.value - least.value > max(_DIFFERS, _SURE * math.hypot(least.sd, most.sd))
 
     def to_dict(self) -> dict[str, Any]:

@@ -1,5 +1,5 @@
-"""The search: set-ups fitted, noise estimated and names selected, repeated where the names change what was
-fitted before.
+"""The search: set-ups fitted, noise estimated and names selected, repeated where the names change what was fitted
+before.
 
 A large effect displaces the ball that a fit without it found, and makes the linearisation invalid.
 """

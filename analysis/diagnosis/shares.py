@@ -42,7 +42,7 @@ def shares_of(result: SearchResult, k: int, limits: Array) -> tuple[Share, ...]:
     for rows, column in zip(linear.rows, number, strict=True):
         columns[rows, column] = change[rows]
     precision, slope = _beside_size(result, k).cavity(columns)
-    covariance = np.linalg.inv(precision + np.diag(np.full(len(slope), _WIDE**-2)))
+    covariance = np.linalg.inv(precision + np.eye(len(slope)) / _WIDE**2)
     value, sd = 1 + covariance @ slope, np.sqrt(np.diag(covariance))
     return tuple(Share(setup, float(value[i]), float(sd[i])) for i, setup in enumerate(shown))
 

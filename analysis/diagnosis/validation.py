@@ -51,8 +51,9 @@ def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[fl
     for run in runs:
         judged = _at_places_used(result, run) or _at_other_places(result, run, result.linear.setups)
         left = judged.residual - judged.free_share
+        after = judged.energy(left)
         whole += judged.energy(judged.before)
-        gained += [judged.energy(left + change) - judged.energy(left) for change in judged.contributions]
+        gained += [judged.energy(left + change) - after for change in judged.contributions]
         shown |= np.array([judged.shows(change) for change in judged.contributions], dtype=bool)
     return [float(one / whole) if is_shown else None for one, is_shown in zip(gained, shown, strict=True)]
 
@@ -62,8 +63,8 @@ class _JudgedRun:
     """One run judged by the names and the healthy share that other runs determined, in standard deviations of a block
     (N,).
 
-    `before` is the residual without them and `residual` that with all of them. `free_share` is what free
-    forms add beside them, zero where that is not known. `contributions` are the changes when each name is removed.
+    `before` is the residual without them and `residual` that with all of them. `free_share` is what free forms add
+    beside them, zero where that is not known. `contributions` are the changes when each name is removed.
     `basis` (N, s) is orthonormal and spans what the set-up could absorb. `scatter_um` is the rms difference of one run
     from the mean of many.
     """
@@ -112,8 +113,8 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
     before = left + (linear.residual(()) - result.state.refined.residual)[rows]
     changes = [change[rows] for change in result.contributions]
     residual_with_share = left - result.posterior.healthy_share[rows]
-    fitted, scatter = result.free_share[rows], float(scatter_um(linear)[k])
-    return _JudgedRun(block, before, residual_with_share, fitted, changes, basis_of(linear.U[rows]), scatter)
+    free, scatter = result.free_share[rows], float(scatter_um(linear)[k])
+    return _JudgedRun(block, before, residual_with_share, free, changes, basis_of(linear.U[rows]), scatter)
 
 
 def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str, SetUp]) -> _JudgedRun:

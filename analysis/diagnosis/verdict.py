@@ -18,6 +18,7 @@ from analysis.diagnosis.shares import shares_of
 from analysis.diagnosis.validation import gap_without_um
 from analysis.diagnosis.worth import Worth, limits_um, plain_worth, worth
 from analysis.kinematics.arm import Array
+from analysis.traces.tables import PoseTable
 from rigs.schema.effect import label_of, name_of
 
 _ENOUGH = 3
@@ -117,13 +118,17 @@ def _shares_in_words(one: Named) -> str:
 
 
 def verdict_of(
-    result: SearchResult, found: Sequence[Named], left: Remainder, *, is_material: bool
+    result: SearchResult, found: Sequence[Named], left: Remainder, limits: Array, *, is_material: bool, early: bool
 ) -> tuple[Verdict, str]:
-    """Return the verdict on names and remainder, and the reason."""
+    """Return the verdict on names and remainder, and the reason. `limits` (b,) µm are the changes from which names are
+    material, and `early` states whether poses were read before the joints came to rest."""
     terms = result.linear.U.shape[1]
     if len(result.linear.y) < _ENOUGH * terms or not result.selection.columns.forms:
         return "not_testable_here", "these runs have too few readings to distinguish an effect from the set-up"
     material = [one for one in found if one.material]
+    poses_alone = all(isinstance(block.one.table, PoseTable) for block in result.linear.blocks)
+    if early and poses_alone and not material and worth(result.linear, result.initial_residual).is_material(limits):
+        return "not_testable_here", "the poses were read before the joints came to rest: measure them again"
     explained_um = _explained_um(result, material)
     if is_material and left.um > explained_um:
         beside = " beside the names listed" * bool(material)

@@ -25,7 +25,7 @@ from rigs.effects import (
     TransmissionError,
     Vibration,
     size_field,
-)  # fmt: skip
+)
 from rigs.errors import FileError
 from rigs.schema.effect import Found, name_of
 from tests.support.diagnosis_cells import RIG, circles, found_in, measured, response
@@ -106,9 +106,7 @@ def test_a_name_of_which_set_ups_show_different_shares_counts_to_the_remainder()
     found = found_in(runs)
     (one,) = (one for one in found.effects if name_of(one.effect) == "transmission_error 1")
     sizes = {share.setup: share.value * size_of(one.effect) for share in one.shares}
-    assert sizes["yaw"] == pytest.approx(0.006 / 0.005, rel=0.1) and sizes["roll"] == pytest.approx(
-        0.0015 / 0.005, rel=0.1
-    )
+    assert sizes == pytest.approx({"yaw": 0.006 / 0.005, "roll": 0.0015 / 0.005}, rel=0.1)
     assert one.contradicted and not one.material and found.contradicted == (one,) and one not in found.slight
     assert found.verdict == "outside_library" and found.remainder.um > 0.5 * one.worth_um
     assert "transmission_error 1 order 60" in found.remainder.words and "of it in roll" in found.why
