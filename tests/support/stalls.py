@@ -17,7 +17,7 @@ _PACE_S = 0.002
 
 
 class Stalls(threading.Thread):
-    """Sends bytes through a pty as long as it is entered; worst_s: the longest that one took."""
+    """Sends bytes through a pty as long as it is entered; worst_s: the longest that one took, or came too late."""
 
     def __init__(self) -> None:
         super().__init__(daemon=True)
@@ -35,11 +35,12 @@ class Stalls(threading.Thread):
     def run(self) -> None:
         master, slave = os.openpty()
         tty.setraw(slave)
+        due = time.monotonic() + _PACE_S
         while not self._over.wait(_PACE_S):
-            begun = time.monotonic()
             os.write(master, b"x")
             select.select([slave], [], [], 10)
             os.read(slave, 1)
-            self.worst_s = max(self.worst_s, time.monotonic() - begun)
+            now = time.monotonic()
+            self.worst_s, due = max(self.worst_s, now - due), now + _PACE_S
         os.close(master)
         os.close(slave)
