@@ -24,6 +24,7 @@ from rigs.load import SHIPPED, parse
 from rigs.schema.links import Line
 from rigs.schema.modbus import ModbusMap
 from tests.support.drivers import PLAIN, modbus
+from tests.support.stalls import Stalls
 
 pytestmark = pytest.mark.alone  # a gauge that is held up seems to stand still
 
@@ -39,6 +40,8 @@ TRUE: dict[str, Any] = {
     "timeout_s": 0.2,
     **PLAIN,
 }
+TRIES, STALL_S = 3, 0.1
+"""A pass over all registers that takes 0.1 s longer than usual sees a tenth of the motion too late."""
 FLOAT64 = {"value": {"address": 203, "type": "float64"}}
 COUNTS = {"value": {"address": 203, "type": "int32", "scale": 1e-4}}
 
@@ -100,7 +103,14 @@ def _scanned(port: str, said: dict[str, Any]) -> Finding:
     data["tests"] = {}
     rig = parse(yaml.safe_dump(data), "cell")
     told: list[str] = []
-    finding = modbus_scan.scan_gauge("g1", _gauge(said), streams_of(rig)[0], told.append)
+    for _ in range(TRIES):
+        told.clear()
+        with Stalls() as stalls:
+            finding = modbus_scan.scan_gauge("g1", _gauge(said), streams_of(rig)[0], told.append)
+        if stalls.worst_s < STALL_S:
+            break
+    else:
+        pytest.skip(f"this computer held up each of {TRIES} scans, the last for {stalls.worst_s:.1f} s")
     assert "every unit number" in told[0] and all("move its probe" in line for line in told[1:])
     return finding
 

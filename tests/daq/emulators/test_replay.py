@@ -106,7 +106,8 @@ def test_a_replayed_lap_has_the_figures_of_the_original(tmp_path: Path, gauges: 
         apart = after[name]["value"] - figure["value"]
         if name == "shift_deg":  # a phase: it comes round after a turn
             apart = math.remainder(apart, 360)
-        assert abs(apart) <= 2 * figure["u"], (name, figure, after[name])
+        u = math.hypot(figure["u"], after[name]["u"])
+        assert abs(apart) <= 2 * u, (name, figure, after[name])
 
 
 def test_a_run_from_a_replay_that_is_out_of_step_is_marked_and_refused(
