@@ -1,5 +1,4 @@
-"""The search: set-ups fitted, noise estimated and names selected, repeated where the names change what was fitted
-before.
+"""The search: set-ups fitted, noise estimated and names selected, repeated until the names stay the same.
 
 A large effect displaces the ball that a fit without it found, and makes the linearisation invalid.
 """
@@ -19,17 +18,13 @@ from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.diagnosis.selection import Selection
-from analysis.diagnosis.selection_state import SelectionState
+from analysis.diagnosis.selection_state import SelectionState, is_alike
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect
 
 _ITERATIONS = 3
-"""Largest number of iterations. Chosen: each starts from set-ups fitted with the names and costs a search, of which
-the second is mostly near enough."""
-_BENT = 10.0
-"""Log evidence that a wrong name could gain from what moved set-ups change beyond what is linear, above which the
-search is repeated about them. Chosen: odds of 20 000 to 1. A gear error of 69 healthy sizes moved balls by 1 to 7 mm,
-and a ball form was named."""
+"""Largest number of iterations. Chosen: each starts from set-ups fitted with the names and costs a search; the second
+mostly finds the same names."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +49,11 @@ class SearchResult:
         """The whitened residual (N,) of the model without the names, with set-ups fitted."""
         return self.linear.without_set_up(self.linear.residual(()))
 
+    @cached_property
+    def moves(self) -> Array:
+        """The terms of the set-ups (s,) mm that fit the readings best with the names."""
+        return self.linear.moves_with(self.state.refined.effects)
+
     @property
     def free_share(self) -> Array:
         """What free forms add to the whitened readings (N,)."""
@@ -77,17 +77,18 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
         selection = Selection(linear, columns_for(linear, candidates_for(linear)))
         progress("selecting effects")
         state = selection.select(selection.initial_state(known))
-        known = state.refined.effects
-        # Along combinations of terms that hardly show, the mean is an error divided by almost nothing: a ball moved by
-        # millimetres along the normal of its circle, farther in each turn.
-        moved = linear.moves_fitted_to(linear.U @ selection.posterior(state).mean[selection.columns.set_ups])
-        setups = linear.setups_moved_by(moved)
-        bent = linear.residual_at(known, setups) - (state.refined.residual - linear.U @ moved)
-        if float(bent @ bent) / 2 < _BENT:
+        before, known = known, state.refined.effects
+        setups = linear.setups_moved_by(linear.moves_with(known))
+        if _are_alike(before, known):
             break
     progress("comparing names with their rivals")
     state, odds = compare_with_rivals(selection, state)
     return SearchResult(linear, selection, state, selection.posterior(state), odds)
+
+
+def _are_alike(some: Sequence[Effect], others: Sequence[Effect]) -> bool:
+    """Return whether both have the same names."""
+    return len(some) == len(others) and all(any(is_alike(one, other) for other in others) for one in some)
 
 
 def _first_of_each(runs: Sequence[ObservedRun]) -> list[ObservedRun]:

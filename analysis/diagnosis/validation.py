@@ -105,11 +105,12 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
     if sampling and block.sampling and not block.sampling.stands:
         sampling = sampling.without_stands()
     (with_names,) = with_effects([run], result.state.refined.effects)
-    (residual,) = residuals_of(with_names.model, [with_names.one], linear.setups)
+    # Where the set-ups fit the names, and back along their slopes, as the names were fitted.
+    (residual,) = residuals_of(with_names.model, [with_names.one], linear.setups_moved_by(result.moves))
     found = entries(residual, sampling)
     if len(found) != len(block.y_mm):
         return None
-    left = block.white(found)
+    left = block.white(found) + linear.U[rows] @ result.moves
     before = left + (linear.residual(()) - result.state.refined.residual)[rows]
     changes = [change[rows] for change in result.contributions]
     residual_with_share = left - result.posterior.healthy_share[rows]

@@ -22,8 +22,8 @@ _REACH_MM = 100.0
 result."""
 _STEP_MM = 0.01
 """Step of the derivatives by a set-up term. Readings are linear over such a step."""
-_ROUNDS = 12
-"""Largest number of Gauss-Newton steps. Chosen: a set-up 10 mm off needs ten steps of 1 mm."""
+_ROUNDS = 30
+"""Largest number of Gauss-Newton steps. Chosen: a set-up 20 mm off needs twenty steps of 1 mm."""
 _ENOUGH_MM = 1e-4
 """Change below which a set-up has converged: a tenth of a micrometre, below the resolution of any gauge."""
 _FURTHEST_MM = 1.0
@@ -149,8 +149,10 @@ def _placed(parts: Parts, starts: Mapping[str, SetUp]) -> dict[str, SetUp]:
         r = left(so_far)
         if turn == 0 or np.abs(change).max() > _STRAIGHT_MM:
             J = np.stack([(r - left(step)) / _STEP_MM for step in so_far + _STEP_MM * np.eye(count)], axis=1)
-        # A ball at the limit of its prior costs as much as the current residual, so the prior is strong at first.
-        held = np.where(ball, (r @ r) / BALL_MM**2, 1e-12)
+        # A ball at the limit of its prior costs as much as what set-ups cannot fit. With all of the residual in place
+        # of that, a ball that is a centimetre off would stay there.
+        kept = r - J @ np.linalg.lstsq(J, r)[0]
+        held = np.where(ball, (kept @ kept) / BALL_MM**2, 1e-12)
         change = np.linalg.solve(J.T @ J + np.diag(held), J.T @ r - held * so_far)
         if not poses:
             change *= min(1.0, _FURTHEST_MM / max(float(np.abs(change).max()), 1e-12))

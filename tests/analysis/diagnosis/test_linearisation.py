@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +13,7 @@ from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.fitting.observation import predicted
 from analysis.fitting.setups import terms_of
+from analysis.model.predict import SetUp
 from analysis.traces.tables import CircleTable
 from rigs.effects import (
     Backlash,
@@ -70,6 +72,13 @@ def test_columns_of_several_effects_stand_side_by_side() -> None:
     assert linear.columns(()).shape == (len(linear.y), 0)
 
 
+def left_at(linear: Linearisation, effects: Sequence[Effect], setups: Mapping[str, SetUp]) -> Array:
+    """The whitened residual with effects in given set-ups."""
+    added = zip(linear.blocks, linear.responses(effects, setups), strict=True)
+    left: Array = linear.y - np.concatenate([block.white(one) for block, one in added])
+    return left
+
+
 def test_what_a_ball_or_a_zero_can_do_leaves_nothing() -> None:
     linear = healthy()
     assert linear.U.shape[1] == terms_of(linear.blocks[0].one.table) == 5
@@ -110,10 +119,10 @@ def test_the_residual_is_exact_for_large_effects_and_moved_set_ups() -> None:
         parts.append(block.whitened(grown.g_mm[block.one.rows] - base))
     there = holding(linear, np.concatenate(parts))
     whole = np.linalg.norm(np.concatenate(parts))
-    assert np.linalg.norm(there.residual_at(effects, {"yaw": planted()})) < 1e-3 * whole
-    assert np.linalg.norm(there.residual_at(effects[:1], {"yaw": planted()})) > 1e-2 * whole
+    assert np.linalg.norm(left_at(there, effects, {"yaw": planted()})) < 1e-3 * whole
+    assert np.linalg.norm(left_at(there, effects[:1], {"yaw": planted()})) > 1e-2 * whole
     off = replace(planted(), zeros_mm=np.array([0.1, 0.0]))
-    assert np.linalg.norm(there.residual_at(effects, {"yaw": off})) > 10
+    assert np.linalg.norm(left_at(there, effects, {"yaw": off})) > 10
 
 
 def test_nothing_named_leaves_the_residual() -> None:
@@ -121,20 +130,32 @@ def test_nothing_named_leaves_the_residual() -> None:
     y = white(linear, 1)
     # What noise moves the set-up by shows in second order.
     np.testing.assert_allclose(holding(linear, y).residual(()), y, atol=1e-3)
-    np.testing.assert_allclose(holding(linear, y).residual_at((), linear.setups), y, atol=1e-9)
+    np.testing.assert_allclose(left_at(holding(linear, y), (), linear.setups), y, atol=1e-9)
 
 
-def test_a_large_effect_moves_the_set_up_on_the_simulator() -> None:
-    """A zero wrong by a degree moves the ball that fits best by millimetres, over which readings are not linear."""
-    offset = (JointOffset(axis=3, offset_deg=1.0),)
-    runs = seen(circles(offset, seed=91))
+@pytest.mark.parametrize(
+    "effect", [JointOffset(axis=3, offset_deg=1.0), LinkGeometry(axis=3, field="a", delta=20.0)], ids=["zero", "length"]
+)
+def test_a_large_effect_moves_the_set_up_on_the_simulator(effect: Effect) -> None:
+    """A zero wrong by a degree, or a length by a centimetre, moves the ball that fits best by as much, over which
+    readings are not linear: the set-up is followed in steps."""
+    runs = seen(circles((effect,), seed=91))
     setups, _ = fit_run_setups(runs)
     assert np.linalg.norm(setups["yaw"].ball - planted().ball) > 1.0
     linear = linearise(blocks_of(runs, setups), setups)
-    left, still = linear.residual(offset), linear.residual_at(offset, setups)
-    left, still = (float(np.sqrt(np.mean(linear.without_set_up(one) ** 2))) for one in (left, still))
+    both = linear.residual([effect]), left_at(linear, [effect], setups)
+    left, still = (float(np.sqrt(np.mean(linear.without_set_up(one) ** 2))) for one in both)
     assert left < 6
     assert still > 30
+
+
+def test_a_set_up_is_fitted_from_two_centimetres_away() -> None:
+    runs = seen(circles(seed=92))
+    far = replace(planted(), ball=planted().ball + np.array([16.0, -8.0, 9.0]))
+    away = fit_run_setups(runs, {"yaw": far})[0]["yaw"].ball - planted().ball
+    assert RIG.tests.circle
+    normal = np.array(RIG.tests.circle.normal, dtype=float)
+    assert np.linalg.norm(np.cross(away, normal / np.linalg.norm(normal))) < 0.01
 
 
 def test_jolts_at_every_sample_are_an_offset() -> None:
@@ -155,6 +176,6 @@ def test_what_hardly_shows_of_a_set_up_is_not_moved() -> None:
     assert RIG.tests.circle
     normal = np.array(RIG.tests.circle.normal) / np.linalg.norm(RIG.tests.circle.normal)
     along, across = np.array([*normal, 0.0, 0.0]), np.array([*np.roll(normal, 1), 0.0, 0.0])
-    moves = linear.moves_fitted_to(linear.U @ (5.0 * along + 0.2 * across))
+    moves = holding(linear, linear.U @ (5.0 * along + 0.2 * across)).moves_with(())
     assert abs(moves[:3] @ normal) < 0.1
     np.testing.assert_allclose(moves - (moves[:3] @ normal) * along, 0.2 * across, atol=0.05)

@@ -40,8 +40,8 @@ TRUE: dict[str, Any] = {
     "timeout_s": 0.2,
     **PLAIN,
 }
-TRIES, STALL_S = 3, 0.1
-"""A pass over all registers that takes 0.1 s longer than usual sees a tenth of the motion too late."""
+TRIES, STALL_S = 3, 0.2
+"""A pass over all registers that takes 0.2 s longer than usual sees a sixth of the motion too late."""
 FLOAT64 = {"value": {"address": 203, "type": "float64"}}
 COUNTS = {"value": {"address": 203, "type": "int32", "scale": 1e-4}}
 
