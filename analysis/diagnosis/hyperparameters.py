@@ -13,9 +13,9 @@ from analysis.diagnosis.background import Posterior
 from analysis.diagnosis.columns import Columns
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.repeat_noise import LEAST_ASSUMED
-from analysis.diagnosis.selection_state import SelectionState, size_of
+from analysis.diagnosis.selection_state import SelectionState
 from analysis.kinematics.arm import Array, Mask
-from rigs.schema.effect import name_of
+from rigs.schema.effect import name_of, size_of
 
 _BAND_PRICE, _TARGET_PRICE = 3.0, 8.0
 """Log evidence that the strength of a band of orders, and of targets, must gain to exceed that of the noise. Chosen:

@@ -16,8 +16,8 @@ _NEAR = 6.0
 """Log evidence behind a name within which its rivals are fitted on the simulator; further behind, their odds are below
 1 in 400."""
 _MISSED = 0.9
-"""Share of a name's evidence above which the linear form of a rival is also fitted. Chosen: a linear form may lose a
-tenth of the evidence that its fit reaches."""
+"""Share of the evidence of a name, or of its linear form, above which the linear form of a rival is also fitted.
+Chosen: a linear form may lose a tenth of the evidence more than another."""
 _SWAPS = 4
 """Largest number of replacements of a name by its rival. Chosen: each costs a search."""
 _RIVALS = 4
@@ -53,7 +53,9 @@ def compare_with_rivals(selection: Selection, state: SelectionState) -> tuple[Se
             one = rival_odds(selection, state, place) if is_reported else RivalOdds(1.0)
             compared.append(one)
             if swaps_left and place not in swapped and one.rivals and one.rivals[0][1] > one.odds:
-                other = selection.select(one.rivals[0][0])
+                # Where the rival moves set-ups far, the fit of all names together may lose what its own fit gained.
+                tried = one.rivals[0][0]
+                other = max(selection.select(tried), tried, key=selection.evidence)
                 swapped.add(place)
                 if selection.evidence(other) > selection.evidence(state):
                     state, swapped = other, set()
@@ -103,11 +105,15 @@ def rival_odds(selection: Selection, state: SelectionState, place: int) -> Rival
     here = selection.posterior(state)
     beside = np.maximum(np.maximum(*selection.gains(state, here)), 0.0)
     alone = selection.posterior(rest)
-    score = np.maximum(*selection.gains(rest, alone)) - beside
+    linear = np.maximum(*selection.gains(rest, alone))
+    # The linear form of a large effect may lose a third of what its fit gains, and so may those of its rivals.
+    own_linear = max((linear[k] for k, form in enumerate(forms) if form.name == name_of(effect)), default=gain)
+    least = min(gain - _NEAR, _MISSED * min(gain, own_linear))
+    score = linear - beside
     rivals: list[tuple[SelectionState, float]] = []
     seen: set[str] = set()
     for k in np.argsort(-score).tolist():
-        if len(rivals) == _RIVALS or not score[k] > min(gain - _NEAR, _MISSED * gain):
+        if len(rivals) == _RIVALS or not score[k] > least:
             break
         if forms[k].name in seen or forms[k].name == name_of(effect):
             continue

@@ -23,12 +23,12 @@ from analysis.diagnosis.free_forms import FREE_PRICE, FreeForm, best_free_form, 
 from analysis.diagnosis.hyperparameters import MOST_LEVEL, Hyperparameters
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.diagnosis.refine import ROUNDS, no_effects, refine
-from analysis.diagnosis.selection_state import SelectionState, is_same, size_of
+from analysis.diagnosis.selection_state import SelectionState, is_same
 from analysis.diagnosis.settling import settled
 from analysis.diagnosis.starting_effect import starting_effects
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, healthy_size
-from rigs.schema.effect import name_of
+from rigs.schema.effect import name_of, size_of
 
 _FAULTS = 2.0
 """Expected number of faults of an arm that somebody diagnoses, before anything is measured. Chosen: between one fault

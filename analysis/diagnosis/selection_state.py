@@ -12,7 +12,7 @@ from analysis.diagnosis.free_forms import FittedFreeForm
 from analysis.diagnosis.refine import Refined
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect, healthy_size, size_field
-from rigs.schema.effect import PHASE, name_of
+from rigs.schema.effect import PHASE, name_of, size_of
 
 FAULT = 5.0
 """Size in healthy sizes above which an effect is a fault: faults of real arms are 5 to 100 healthy sizes. The limit is
@@ -46,11 +46,6 @@ class SelectionState:
     def is_fault(self, place: int) -> bool:
         """Whether an effect is larger than healthy arms, and arms of this level, show."""
         return abs(size_of(self.refined.effects[place])) > FAULT * min(self.level, 1.0)
-
-
-def size_of(effect: Effect) -> float:
-    """Return the size of an effect in healthy sizes."""
-    return float(getattr(effect, size_field(effect))) / healthy_size(effect)
 
 
 def combined_effect(effects: Sequence[Effect], size: Array) -> Effect:

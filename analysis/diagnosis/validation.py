@@ -25,7 +25,7 @@ def gap(runs: Sequence[ObservedRun], result: SearchResult, names: Sequence[str])
     (m, k) mm."""
     effects = result.state.refined.effects
     setups, before = fit_run_setups(runs)
-    setups, after = fit_run_setups(with_effects(runs, effects), setups) if effects else (setups, before)
+    setups, after = fit_run_setups(with_effects(runs, effects)) if effects else (setups, before)
     floor = _floor(result.linear, {run.name for run in runs})
     return Gap(tuple(names), 1e3 * rms(before), 1e3 * rms(after), floor, _calibrated_um(result, runs, setups))
 
@@ -132,12 +132,9 @@ def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str
     return _JudgedRun(block, alone.residual(()), with_share, none, changes, basis_of(alone.U), scatter)
 
 
-def gap_without_um(
-    runs: Sequence[ObservedRun], effects: Sequence[Effect], k: int, setups: Mapping[str, SetUp]
-) -> float:
-    """Return the rms residual in µm of runs with all effects except one, with set-ups fitted from `setups`; residuals
-    are (m, k) mm."""
-    return 1e3 * rms(fit_run_setups(with_effects(runs, [*effects[:k], *effects[k + 1 :]]), setups)[1])
+def gap_without_um(runs: Sequence[ObservedRun], effects: Sequence[Effect], k: int) -> float:
+    """Return the rms residual (m, k) of runs with all effects except one, in µm and with set-ups fitted."""
+    return 1e3 * rms(fit_run_setups(with_effects(runs, [*effects[:k], *effects[k + 1 :]]))[1])
 
 
 def _floor(linear: Linearisation, names: Collection[str]) -> float:

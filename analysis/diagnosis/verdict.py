@@ -43,8 +43,8 @@ def named_effects(
 ) -> list[Named]:
     """Return the names of a search result. `gains` has the gain of each on held-out runs, and `limits` (b,) µm are the
     changes from which they are material."""
-    effects, setups = result.state.refined.effects, result.linear.setups
-    return [_named(result, k, gain, limits, gap_without_um(runs, effects, k, setups)) for k, gain in enumerate(gains)]
+    effects = result.state.refined.effects
+    return [_named(result, k, gain, limits, gap_without_um(runs, effects, k)) for k, gain in enumerate(gains)]
 
 
 def _named(result: SearchResult, k: int, gain: float | None, limits: Array, gap_without_um: float) -> Named:

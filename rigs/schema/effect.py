@@ -302,3 +302,8 @@ def one_sided(effect: Effect) -> bool:
 def healthy_size(effect: Effect) -> float:
     """What a healthy arm shows of it anyway, in the unit of its size."""
     return effect.healthy
+
+
+def size_of(effect: Effect) -> float:
+    """The size of an effect in healthy sizes."""
+    return float(getattr(effect, size_field(effect))) / healthy_size(effect)

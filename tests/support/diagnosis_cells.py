@@ -20,7 +20,7 @@ from analysis.diagnosis.linearisation import Linearisation, linearise
 from analysis.diagnosis.observed_run import ObservedRun, observe_run
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.kinematics.arm import arm_of, forward
-from analysis.model.predict import SetUp, model_of, nominal_setup
+from analysis.model.predict import SetUp, model_of, moved, nominal_setup, path_of
 from analysis.simulation.simulate import simulate
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable, PoseTable, Table
@@ -77,6 +77,20 @@ def circles(
         for j, way in enumerate(ways)
         for i in range(count)
     ]
+
+
+def remounted_circles(effect: Effect, *more: Effect, seed: int = 1) -> tuple[list[Measured], Array]:
+    """A yaw circle each way of an arm so far off by one effect that its ball was set up anew where its tool goes, and
+    how far (3,) mm that is away; with more effects that move no circle."""
+    table = table_of("yaw", "cw", None)
+    scenes = [moved(model, path_of(model, table)) for model in (model_of(RIG, ()), model_of(RIG, (effect,)))]
+    shift: Array = np.mean(scenes[1].T[:, :3, 3] - scenes[0].T[:, :3, 3], axis=0)
+    assert RIG.tests.circle
+    there = tuple(np.array(RIG.tests.circle.eccentricity_mm) + shift)
+    circle = RIG.tests.circle.model_copy(update={"eccentricity_mm": there})
+    rig = RIG.model_copy(update={"tests": RIG.tests.model_copy(update={"circle": circle})})
+    runs = [(way, simulate(rig, "yaw", way, 10 * seed + k, (effect, *more))) for k, way in enumerate(WAYS)]
+    return [measured(one, "yaw", f"yaw-{way}") for way, one in runs], shift
 
 
 def response(run: Measured, frequency_hz: float, amplitude_mm: float, phase: float) -> Measured:

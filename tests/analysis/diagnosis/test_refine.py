@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.refine import refine
-from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, ReversalSpike, TransmissionError, size_field
+from rigs.effects import (
+    Backlash,
+    Effect,
+    JointOffset,
+    LinkGeometry,
+    ReversalSpike,
+    TransmissionError,
+    bounds,
+    size_field,
+)
 from tests.support.diagnosis_cells import healthy, holding, no_background, shown_by, white
 
 CASES: dict[str, tuple[Effect, Effect]] = {
@@ -54,6 +63,19 @@ def test_a_large_effect_is_found_with_the_set_up_that_it_moves() -> None:
     found = refine(linear, no_background(linear), [JointOffset(axis=3, offset_deg=0.4)])
     assert getattr(found.effects[0], "offset_deg", 0) == pytest.approx(0.5, abs=0.001)
     assert np.mean(linear.without_set_up(found.residual) ** 2) == pytest.approx(1.0, abs=0.1)
+
+
+def test_the_evidence_goes_no_farther_than_the_limits_of_an_effect() -> None:
+    """A play whose flank gravity holds does what a zero does; as wide as this one, it is none."""
+    zero = JointOffset(axis=2, offset_deg=1.5)
+    linear = holding(healthy(), shown_by(healthy(), [zero]) + white(healthy(), 6))
+    background = no_background(linear)
+    found = refine(linear, background, [Backlash(axis=2, width_deg=1.0, preload=1.0)])
+    moved = found.values + background.posterior(found.known).known[: len(found.values)]
+    for unknown, value in zip(found.unknowns, moved, strict=True):
+        low, high = bounds(found.effects[0], unknown.field)
+        assert low - 1e-3 <= value <= high + 1e-3, (unknown, value)
+    assert moved[0] < 1.21  # 120 healthy sizes
 
 
 def test_two_standard_uncertainties_cover_the_truth() -> None:

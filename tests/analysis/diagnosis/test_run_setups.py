@@ -10,8 +10,8 @@ import pytest
 from analysis.diagnosis.run_setups import fit_run_setups, with_effects
 from analysis.fitting.observation import rms
 from analysis.geometry.circle import frame_of
-from rigs.effects import Backlash
-from tests.support.diagnosis_cells import RIG, circles, planted, seen
+from rigs.effects import Backlash, JointOffset, TransmissionError
+from tests.support.diagnosis_cells import RIG, circles, planted, remounted_circles, seen
 
 WAYS = {"along x": [1, 0, 0], "along y": [0, 1, 0], "up": [0, 0, 1], "askew": [-0.6, 0.6, -0.5]}
 
@@ -47,3 +47,13 @@ def test_effects_are_in_the_model_whose_set_up_is_fitted() -> None:
     without, within = (rms(fit_run_setups(with_effects(runs, effects))[1]) for effects in ((), (effect,)))
     assert within < 0.005
     assert without > 0.05
+
+
+def test_a_ball_is_found_where_the_tool_of_a_wrong_arm_goes() -> None:
+    """Along the normal of its circle a ball hardly shows, so that whatever else is wrong would place it there."""
+    offset = JointOffset(axis=2, offset_deg=1.5)
+    measured, shift = remounted_circles(offset, TransmissionError(axis=1, order=30, amplitude_deg=0.02), seed=6)
+    found, left = fit_run_setups(with_effects(seen(measured), (offset,)))
+    assert np.linalg.norm(shift) > 10
+    assert rms(left) > 0.02
+    assert np.linalg.norm(found["yaw"].ball - planted().ball - shift) < 2.0

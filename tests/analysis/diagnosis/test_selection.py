@@ -12,9 +12,9 @@ from analysis.diagnosis.candidates import candidates_for
 from analysis.diagnosis.columns import Columns, columns_for
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals, rival_odds
 from analysis.diagnosis.selection import Selection
-from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike, size_of
+from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike
 from rigs.effects import Backlash, Effect, JointOffset, TransmissionError
-from rigs.schema.effect import name_of
+from rigs.schema.effect import name_of, size_of
 from tests.support.diagnosis_cells import Array, healthy, holding, shown_by, white
 
 

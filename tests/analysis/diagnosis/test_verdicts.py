@@ -13,7 +13,6 @@ from analysis.diagnosis.candidates import Candidate, candidates_for
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.diagnosis.linearisation import Linearisation
-from analysis.diagnosis.selection_state import size_of
 from analysis.simulation.simulate import simulate
 from rigs.effects import (
     Backlash,
@@ -27,7 +26,7 @@ from rigs.effects import (
     size_field,
 )
 from rigs.errors import FileError
-from rigs.schema.effect import Found, name_of
+from rigs.schema.effect import Found, name_of, size_of
 from tests.support.diagnosis_cells import RIG, circles, found_in, measured, response
 
 CIRCLE = RIG.tests.circle.model_copy(update={"centre_mm": (870.0, 30.0, 250.0)}) if RIG.tests.circle else None
