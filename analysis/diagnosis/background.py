@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from analysis.diagnosis.columns import LARGEST_FAULT, Columns, Form, fault_sizes
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, Mask
 
 
 @dataclass(frozen=True)
@@ -40,12 +40,20 @@ class Weighed:
 @dataclass(frozen=True)
 class FittedTerms:
     """Terms that are fitted beside the background: columns T (N, q) with prior precision (q, q) and prior mean (q,),
-    and the residual r (N,) of the model where all of them are zero. Readings are whitened."""
+    and the residual r (N,) of the model where all of them are zero. Terms that are not `free` (q,) stay at zero, as
+    uncertain as they are. Readings are whitened."""
 
     r: Array
     T: Array
     precision: Array
     mean: Array
+    free: Mask
+
+    def best(self, normal: Array, right: Array) -> Array:
+        """Return the terms (q,) that solve normal (q, q) times terms = right (q,), with the others at zero."""
+        found = np.zeros(len(right))
+        found[self.free] = np.linalg.solve(normal[np.ix_(self.free, self.free)], right[self.free])
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +145,7 @@ class Background:
         products = weighed.products(weighed)
         normal = products[:q, :q] + known.precision
         right = products[:q, q] + known.precision @ known.mean
-        cost = products[q, q] + known.mean @ known.precision @ known.mean - right @ np.linalg.solve(normal, right)
+        cost = products[q, q] + known.mean @ known.precision @ known.mean - right @ known.best(normal, right)
         occam = np.linalg.slogdet(normal)[1] - np.linalg.slogdet(known.precision)[1] + self.logdet
         return -0.5 * float(cost + occam)
 
@@ -166,9 +174,9 @@ class Posterior:
     @cached_property
     def known(self) -> Array:
         """The means (q,) of the fitted terms."""
-        q = len(self.terms.mean)
-        found: Array = self.known_covariance @ (self._products[:q, q] + self.terms.precision @ self.terms.mean)
-        return found
+        q, terms = len(self.terms.mean), self.terms
+        normal = self._products[:q, :q] + terms.precision
+        return terms.best(normal, self._products[:q, q] + terms.precision @ terms.mean)
 
     @cached_property
     def _taken(self) -> Array:

@@ -27,15 +27,17 @@ _STEP_DEG = 1e-4
 metre by 2 µm, and far from the limits of floating-point arithmetic."""
 _STEP_MM = 0.01
 """Step of the derivatives by a set-up term. Readings are linear over such a step."""
-_INDISTINCT = 0.05
-"""Singular value of a combination of the terms of one set-up, as a share of the largest, below which it is not moved. A
-ball along the normal of its circle shows a thousandth of what it shows across, and a fiftieth where the circle is
-eccentric by 1 mm, so other errors would move it by millimetres; the weakest combination of other terms shows a tenth.
-"""
+_INDISTINCT = {"ball": 0.05, "poses": 0.005}
+"""Singular value of a combination of terms of set-ups, as a share of the largest, below which it is not moved. A ball
+along the normal of its circle shows a thousandth of what it shows across, and a fiftieth where the circle is eccentric
+by 1 mm, so other errors would move it by millimetres; its other terms show a tenth, those of a hemisphere 0.29.
+Instrument and tool of poses show a hundredth where each axis turns by 0.3 rad either way."""
 _STEPS, _NEAR_MM = 6, 0.05
-"""Largest number of steps in which set-ups are fitted, and the length from which the next one changes nothing: over
-0.05 mm a circle of 70 mm radius bends by less than 0.02 µm. An arm whose length is 8 mm wrong moves the ball by as
+"""Largest number of steps in which set-ups are fitted, and the length of a step after which no further one is taken:
+over 0.05 mm a circle of 70 mm radius bends by less than 0.02 µm. An arm whose length is 8 mm wrong moves the ball by as
 much, and the first step ends 0.5 mm beside the place."""
+_FAR_MM = 1.0
+"""Way of a tool from which a ball that stays behind is tried too. Over 1 mm a circle of 70 mm radius bends by 7 µm."""
 _EARLY, _READING = ("time", "arm"), ("setup", "gauge")
 """Stages of effects before the errors of joints, and of those that do not move the tool."""
 _RIGID = ("arm", "tool")
@@ -211,9 +213,25 @@ class Linearisation:
     def _best_moves(self) -> Array:
         """The terms of the set-ups (s, N) mm that fit whitened readings best."""
         found = np.zeros(self.U.T.shape)
-        for terms in self.terms.values():
-            found[terms] = np.linalg.pinv(self.U[:, terms], rcond=_INDISTINCT)
+        poses = sorted(self._terms_of_poses)
+        balls = [terms for terms in self.terms.values() if not self._terms_of_poses.issuperset(terms)]
+        for terms in balls:
+            found[terms] = np.linalg.pinv(self.U[:, terms], rcond=_INDISTINCT["ball"])
+        if poses:  # placements share the tool
+            found[poses] = np.linalg.pinv(self.U[:, poses], rcond=_INDISTINCT["poses"])
         return found
+
+    @cached_property
+    def _terms_of_poses(self) -> set[int]:
+        """The columns of U that belong to placements of poses."""
+        poses = [block.one.setup for block in self.blocks if isinstance(block.one.table, PoseTable)]
+        return {term for name in poses for term in self.terms[name]}
+
+    def bending(self, moves: Array) -> float:
+        """Return the largest of the moves of set-ups (s,) mm over which readings bend, of a ball, an instrument or a
+        target; in the zeros of gauges they are linear."""
+        balls = [term for terms in self.terms.values() for term in terms[:3]]
+        return float(np.abs(moves[[*balls, *self._terms_of_poses]]).max())
 
     @cached_property
     def _basis(self) -> Array:
@@ -244,14 +262,24 @@ class Linearisation:
     def _fitted(self, effects: Sequence[Effect]) -> tuple[Array, Array]:
         """Return the whitened residual (N,) where the set-ups fit best, and the terms of the set-ups (s,) mm there."""
         scenes = self._scenes(effects)
-        moves = self._moves_with_tool(scenes)
+        starts = [self._moves_with_tool(scenes)]
+        if np.abs(starts[0]).max() > _FAR_MM:
+            # After a collision, and where runs are simulated, the ball stands where it stood.
+            starts.append(np.zeros_like(starts[0]))
+        fits = [self._fitted_from(start, effects, scenes) for start in starts]
+        return min(fits, key=lambda fit: float(np.sum(self.without_set_up(fit[0]) ** 2)))
+
+    def _fitted_from(self, moves: Array, effects: Sequence[Effect], scenes: Sequence[Scene]) -> tuple[Array, Array]:
+        """Return the same, fitted in steps from given terms (s,) mm as long as the residual falls."""
         left = self._left(effects, scenes, self.setups_moved_by(moves))
         for _ in range(_STEPS):
             step = self._best_moves @ left
             if np.abs(step).max() < _NEAR_MM:
                 break
-            moves += step
-            left = self._left(effects, scenes, self.setups_moved_by(moves))
+            nearer = self._left(effects, scenes, self.setups_moved_by(moves + step))
+            if nearer @ nearer >= left @ left:
+                break
+            moves, left = moves + step, nearer
         return left, moves
 
     def _scenes(self, effects: Sequence[Effect]) -> list[Scene]:

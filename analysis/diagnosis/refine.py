@@ -19,7 +19,7 @@ from analysis.diagnosis.background import Background, FittedTerms, Weighed
 from analysis.diagnosis.columns import LARGEST_FAULT
 from analysis.diagnosis.departures import departure_columns, fewest_columns
 from analysis.diagnosis.linearisation import Linearisation
-from analysis.kinematics.arm import Array
+from analysis.kinematics.arm import Array, Mask
 from rigs.effects import Effect, bounds, healthy_size, size_field
 from rigs.schema.effect import PHASE, is_wave
 
@@ -34,8 +34,6 @@ implausible."""
 _MOST = 120.0
 """Largest size of a fault in healthy sizes. Faults are at most 100 healthy sizes, and the simulator was not tested far
 beyond."""
-_FIXED = 1e-6
-"""Share of its prior standard deviation that an unknown keeps which stays at its value."""
 _ENOUGH = 0.1
 """Chi-square that a round must gain for the fit to continue. Chosen: far below the log evidence that any
 decision depends on."""
@@ -60,7 +58,8 @@ class Unknown:
 class Refined:
     """Effects with fitted sizes and shapes.
 
-    `values` (q,) and `covariance` (q, q) belong to the unknowns. `residual` (N,) is the whitened residual with the
+    `values` (q,) and `covariance` (q, q) belong to the unknowns, and `within` (q,) states which of them one more step
+    would leave within their limits. `residual` (N,) is the whitened residual with the
     effects, with set-ups and background unchanged; `tangents` (N, q) are its derivatives by the unknowns.
     `departures` has an array (N, f) for each effect, and `free` (N, f) the columns of free forms, one standard
     deviation each.
@@ -70,6 +69,7 @@ class Refined:
     unknowns: tuple[Unknown, ...]
     values: Array
     covariance: Array
+    within: Mask
     residual: Array
     tangents: Array
     departures: tuple[Array, ...]
@@ -87,7 +87,8 @@ class Refined:
         allowed = T.shape[1] - len(self.values)
         precision = [unknown.spread**-2 for unknown in self.unknowns] + [1.0] * allowed
         away = np.array([unknown.expected for unknown in self.unknowns]) - self.values
-        return FittedTerms(self.residual, T, np.diag(precision), np.concatenate([away, np.zeros(allowed)]))
+        free = np.concatenate([self.within, np.ones(allowed, dtype=bool)])
+        return FittedTerms(self.residual, T, np.diag(precision), np.concatenate([away, np.zeros(allowed)]), free)
 
     def without(self, place: int) -> Refined:
         """Return the fit without one effect, the others unchanged; its residual (N,) is not updated."""
@@ -95,7 +96,7 @@ class Refined:
         unknowns = [replace(self.unknowns[k], effect=_before(self.unknowns[k].effect, place)) for k in kept]
         return replace(
             self, effects=_all_but(self.effects, place), unknowns=tuple(unknowns), values=self.values[kept],
-            covariance=self.covariance[np.ix_(kept, kept)], tangents=self.tangents[:, kept],
+            covariance=self.covariance[np.ix_(kept, kept)], within=self.within[kept], tangents=self.tangents[:, kept],
             departures=_all_but(self.departures, place),
         )  # fmt: skip
 
@@ -127,7 +128,7 @@ def refine(
 def no_effects(linear: Linearisation) -> Refined:
     """Return a fit of no effects, with the residual (N,) of the linearisation."""
     none = np.empty((len(linear.y), 0))
-    return Refined((), (), np.empty(0), np.empty((0, 0)), linear.y, none, (), none)
+    return Refined((), (), np.empty(0), np.empty((0, 0)), np.empty(0, dtype=bool), linear.y, none, (), none)
 
 
 @dataclass(frozen=True)
@@ -211,8 +212,10 @@ class _Problem:
         tangents = np.concatenate([self.fitted.tangents, J.weighed.values], axis=1)
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
         residual = r.weighed.values[:, 0]
-        unknowns = self._within_limits(now, x, H, fall - (x - self.expected) / self.spread**2)
-        return Refined(tuple(now), unknowns, x, covariance, residual, tangents, self.departures, self.free)
+        within = self._within_limits(now, x, H, fall - (x - self.expected) / self.spread**2)
+        return Refined(
+            tuple(now), self.unknowns, x, covariance, within, residual, tangents, self.departures, self.free
+        )  # fmt: skip
 
     def _projected(self, values: Array) -> _Projected:
         """Return values (N, k) with their products with the background, the departures and the free forms."""
@@ -266,8 +269,8 @@ class _Problem:
         reach = _FURTHEST * unknown.spread
         return max(low, unknown.low, unknown.expected - reach), min(high, unknown.expected + reach)
 
-    def _within_limits(self, effects: Sequence[Any], x: Array, H: Array, gradient: Array) -> tuple[Unknown, ...]:
-        """Return the unknowns, of which those that one more step would take beyond their limits stay at their values x.
+    def _within_limits(self, effects: Sequence[Any], x: Array, H: Array, gradient: Array) -> Mask:
+        """Return which unknowns (q,) one more step from their values x would leave within their limits.
 
         The evidence follows the tangents to their optimum. A play that may not be wider, and that gravity holds on one
         flank, resembles a zero: as wide as that needs, it took the place of a zero that was wrong by 1.6°.
@@ -281,10 +284,7 @@ class _Problem:
             if not beyond.any():
                 break
             free &= ~beyond
-        both = zip(self.unknowns, x.tolist(), free.tolist(), strict=True)
-        return tuple(
-            u if is_free else replace(u, expected=value, spread=_FIXED * u.spread) for u, value, is_free in both
-        )
+        return free
 
     def _with(self, effects: Sequence[Any], x: Array) -> list[Any]:
         made = list(effects)

@@ -16,8 +16,8 @@ _NEAR = 6.0
 """Log evidence behind a name within which its rivals are fitted on the simulator; further behind, their odds are below
 1 in 400."""
 _MISSED = 0.9
-"""Share of the evidence of a name, or of its linear form, above which the linear form of a rival is also fitted.
-Chosen: a linear form may lose a tenth of the evidence more than another."""
+"""Share of the evidence of a name, or of its linear form where that is less, above which the linear form of a rival is
+also fitted. Chosen: forms alike differ by less than a tenth in what their lines miss of their fits."""
 _SWAPS = 4
 """Largest number of replacements of a name by its rival. Chosen: each costs a search."""
 _RIVALS = 4
@@ -53,9 +53,7 @@ def compare_with_rivals(selection: Selection, state: SelectionState) -> tuple[Se
             one = rival_odds(selection, state, place) if is_reported else RivalOdds(1.0)
             compared.append(one)
             if swaps_left and place not in swapped and one.rivals and one.rivals[0][1] > one.odds:
-                # Where the rival moves set-ups far, the fit of all names together may lose what its own fit gained.
-                tried = one.rivals[0][0]
-                other = max(selection.select(tried), tried, key=selection.evidence)
+                other = selection.select(one.rivals[0][0])
                 swapped.add(place)
                 if selection.evidence(other) > selection.evidence(state):
                     state, swapped = other, set()

@@ -10,8 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
 from analysis.diagnosis.background import Posterior
 from analysis.diagnosis.blocks import blocks_of
 from analysis.diagnosis.candidates import candidates_for
@@ -84,11 +82,11 @@ def search(runs: Sequence[ObservedRun], progress: Callable[[str], None]) -> Sear
         progress("selecting effects")
         state = selection.select(selection.initial_state(known))
         moves = linear.moves_with(state.refined.effects)
-        if np.abs(moves).max() < _NEAR_MM or turn + 1 == _ITERATIONS:
+        if linear.bending(moves) < _NEAR_MM or turn + 1 == _ITERATIONS:
             progress("comparing names with their rivals")
             state, odds = compare_with_rivals(selection, state)
             moves = linear.moves_with(state.refined.effects)
-            if np.abs(moves).max() < _NEAR_MM:
+            if linear.bending(moves) < _NEAR_MM:
                 break
         known, setups = state.refined.effects, linear.setups_moved_by(moves)
     return SearchResult(linear, selection, state, selection.posterior(state), odds)

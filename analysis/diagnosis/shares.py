@@ -53,5 +53,6 @@ def _beside_size(result: SearchResult, k: int) -> Posterior:
     own = size_field(refined.effects[k])
     kept = np.ones(len(known.mean), dtype=bool)
     kept[: len(refined.unknowns)] = [unknown.effect != k or unknown.field != own for unknown in refined.unknowns]
-    terms = replace(known, T=known.T[:, kept], precision=known.precision[np.ix_(kept, kept)], mean=known.mean[kept])
+    precision = known.precision[np.ix_(kept, kept)]
+    terms = replace(known, T=known.T[:, kept], precision=precision, mean=known.mean[kept], free=known.free[kept])
     return Posterior(result.posterior.background, terms)

@@ -48,8 +48,9 @@ def held_out_gains(result: SearchResult, runs: Sequence[ObservedRun]) -> list[fl
     are (m, k) mm.
     """
     whole, gained, shown = 0.0, np.zeros(len(result.contributions)), np.zeros(len(result.contributions), dtype=bool)
+    setups = result.linear.setups_moved_by(result.moves)
     for run in runs:
-        judged = _at_places_used(result, run) or _at_other_places(result, run, result.linear.setups)
+        judged = _at_places_used(result, run) or _at_other_places(result, run, setups)
         left = judged.residual - judged.free_share
         after = judged.energy(left)
         whole += judged.energy(judged.before)
@@ -127,7 +128,7 @@ def _at_other_places(result: SearchResult, run: ObservedRun, setups: Mapping[str
     share = alone.columns([effect for form in forms for effect in form.effects]) / sizes
     left = alone.residual(effects)
     changes = [alone.residual([*effects[:k], *effects[k + 1 :]]) - left for k in range(len(effects))]
-    with_share = alone.y - share @ result.posterior.mean[: share.shape[1]]
+    with_share = left - share @ result.posterior.mean[: share.shape[1]]
     (block,), none, scatter = alone.blocks, np.zeros_like(with_share), float(scatter_um(alone)[0])
     return _JudgedRun(block, alone.residual(()), with_share, none, changes, basis_of(alone.U), scatter)
 

@@ -88,25 +88,28 @@ def tool_shift(one: Observation, before: Scene, after: Scene) -> Array:
     return shift
 
 
-def _starting_setup(model: Model, one: Observation) -> SetUp:
-    """Return the nominal set-up, with its ball moved as far as the model's effects move the tool.
+def _starting_setups(parts: Parts) -> list[SetUp]:
+    """Return where the ball of a circle or hemisphere may have been set up: moved as far as the model's effects move
+    the tool, or at its nominal place, where it still is after a collision and in simulated runs.
 
     A fit could not find this by itself: a ball along the normal of its circle hardly shows, but where it stands decides
     how steep the link is. A zero that is wrong by 1.6° moved the circle by 18 mm.
     """
-    start = nominal_setup(model.rig, one.table)
-    if isinstance(one.table, PoseTable) or not model.effects:
-        return start
+    model, one = parts[0]
+    nominal = nominal_setup(model.rig, one.table)
+    if not model.effects:
+        return [nominal]
     shift = tool_shift(one, moved(replace(model, effects=()), one.path), moved(model, one.path))
-    return replace(start, ball=start.ball + shift)
+    there = replace(nominal, ball=nominal.ball + shift)
+    return [there, nominal] if np.abs(shift).max() > _FURTHEST_MM else [there]
 
 
 def fit_setups(parts: Parts, setups: Mapping[str, SetUp] | None = None) -> dict[str, SetUp]:
     """Return set-ups fitted to observations of (m, k) mm, each with its model unchanged, starting from `setups` where
     given.
 
-    The method is Gauss-Newton in short steps, because a set-up is off by about a millimetre and readings are nearly
-    linear in that. Placements of poses are fitted together, with one tool.
+    The method is Gauss-Newton in short steps, since readings are nearly linear over a millimetre. Placements of poses
+    are fitted together, with one tool.
     """
     named: dict[str, list[tuple[Model, Observation]]] = {}
     for model, one in parts:
@@ -114,12 +117,22 @@ def fit_setups(parts: Parts, setups: Mapping[str, SetUp] | None = None) -> dict[
     starting = {name: setups[name] for name in named if setups and name in setups}
     poses = [name for name, own in named.items() if isinstance(own[0][1].table, PoseTable)]
     starting |= _starting_pose_setups({name: named[name] for name in poses}, starting)
-    groups = [[name] for name in named if name not in poses] + [poses] * bool(poses)
     found: dict[str, SetUp] = {}
-    for group in groups:
-        starts = {name: starting.get(name) or _starting_setup(*named[name][0]) for name in group}
-        found |= _placed([part for name in group for part in named[name]], starts)
+    for name, own in named.items():
+        if name not in poses:
+            starts = [starting[name]] if name in starting else _starting_setups(own)
+            found[name] = min(
+                (_placed(own, {name: start})[name] for start in starts), key=lambda one: _energy(own, one)
+            )
+    if poses:
+        together = [part for name in poses for part in named[name]]
+        found |= _placed(together, {name: starting[name] for name in poses})
     return {name: found[name] for name in named}
+
+
+def _energy(parts: Parts, setup: SetUp) -> float:
+    """Return the sum of squares in mm² of what a set-up leaves of its observations."""
+    return sum(float(np.sum((one.values - predicted(model, one, setup)) ** 2)) for model, one in parts)
 
 
 def _starting_pose_setups(named: Mapping[str, Parts], starting: Mapping[str, SetUp]) -> dict[str, SetUp]:

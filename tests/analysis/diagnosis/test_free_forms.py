@@ -22,7 +22,9 @@ def _beside(linear: Linearisation, left: Array, known: Array | None = None, more
     """What is left (N,) beside noise and set-ups; known: columns (N, q) of free size; more: of standard deviation 1."""
     T = np.empty((len(left), 0)) if known is None else known
     q = T.shape[1]
-    return no_background(linear, more).posterior(FittedTerms(left, T, 1e-6 * np.eye(q), np.zeros(q)))
+    return no_background(linear, more).posterior(
+        FittedTerms(left, T, 1e-6 * np.eye(q), np.zeros(q), np.ones(q, dtype=bool))
+    )
 
 
 def _rates(block: Block) -> Array:

@@ -162,6 +162,28 @@ def test_a_large_effect_moves_the_set_up_on_the_simulator(effect: Effect) -> Non
     assert still > 5 * left
 
 
+@pytest.mark.parametrize("effect", [JointOffset(axis=2, offset_deg=1.5), JointOffset(axis=3, offset_deg=1.0)], ids=str)
+def test_a_large_effect_is_followed_where_the_ball_stayed_behind(effect: Effect) -> None:
+    runs = seen(circles((effect,), seed=93, count=1))
+    linear = linearise(blocks_of(runs, fit_run_setups(runs)[0]), fit_run_setups(runs)[0])
+    assert float(np.sqrt(np.mean(linear.without_set_up(linear.residual([effect])) ** 2))) < 0.5
+
+
+def test_placements_of_poses_are_moved_with_one_tool() -> None:
+    """Two placements of an instrument, and a zero that is wrong by half a degree: the same tool in both."""
+    zero = JointOffset(axis=3, offset_deg=0.5)
+    runs = seen([poses(1, zero), poses(2, zero)])
+    runs = [replace(run, one=replace(run.one, setup=f"pose at {name}")) for run, name in zip(runs, "AB", strict=True)]
+    setups, _ = fit_run_setups(runs)
+    linear = linearise(blocks_of(runs, setups), setups)
+    left = linear.residual([zero])
+    assert np.mean(linear.without_set_up(left) ** 2) == pytest.approx(1.0, abs=0.1)
+    moved = linear.setups_moved_by(linear.moves_with([zero]))
+    tools = [moved[name].T_tool_target for name in ("pose at A", "pose at B")]
+    np.testing.assert_allclose(*tools)
+    assert np.mean(left_at(linear, [zero], moved) ** 2) < 2  # the last step, below 0.05 mm, is not taken
+
+
 def test_a_set_up_is_fitted_from_two_centimetres_away() -> None:
     runs = seen(circles(seed=92))
     far = replace(planted(), ball=planted().ball + np.array([16.0, -8.0, 9.0]))

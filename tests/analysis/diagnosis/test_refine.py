@@ -65,17 +65,21 @@ def test_a_large_effect_is_found_with_the_set_up_that_it_moves() -> None:
     assert np.mean(linear.without_set_up(found.residual) ** 2) == pytest.approx(1.0, abs=0.1)
 
 
-def test_the_evidence_goes_no_farther_than_the_limits_of_an_effect() -> None:
-    """A play whose flank gravity holds does what a zero does; as wide as this one, it is none."""
+def test_a_play_that_may_not_be_wide_enough_does_not_replace_a_zero() -> None:
+    """A play whose flank gravity holds does what a zero does, if it were as wide as the tangents lead."""
     zero = JointOffset(axis=2, offset_deg=1.5)
     linear = holding(healthy(), shown_by(healthy(), [zero]) + white(healthy(), 6))
     background = no_background(linear)
-    found = refine(linear, background, [Backlash(axis=2, width_deg=1.0, preload=1.0)])
-    moved = found.values + background.posterior(found.known).known[: len(found.values)]
-    for unknown, value in zip(found.unknowns, moved, strict=True):
-        low, high = bounds(found.effects[0], unknown.field)
-        assert low - 1e-3 <= value <= high + 1e-3, (unknown, value)
-    assert moved[0] < 1.21  # 120 healthy sizes
+    right = refine(linear, background, [JointOffset(axis=2, offset_deg=1.4)])
+    play = refine(linear, background, [Backlash(axis=2, width_deg=1.0, preload=1.0)])
+    moved = play.values + background.posterior(play.known).known[: len(play.values)]
+    for unknown, value in zip(play.unknowns, moved, strict=True):
+        low, high = bounds(play.effects[0], unknown.field)
+        assert low - 1e-9 <= value <= high + 1e-9, (unknown, value)
+    assert background.evidence(right.known) > background.evidence(play.known) + 100
+    # Beside the zero nothing is left for it.
+    both = refine(linear, background, [*play.effects, *right.effects])
+    assert getattr(both.effects[0], "width_deg", 1.0) < 0.02
 
 
 def test_two_standard_uncertainties_cover_the_truth() -> None:
