@@ -50,7 +50,8 @@ class FittedTerms:
     free: Mask
 
     def best(self, normal: Array, right: Array) -> Array:
-        """Return the terms (q,) that solve normal (q, q) times terms = right (q,), with the others at zero."""
+        """Return the terms (q,) of whitened columns that solve normal (q, q) times terms = right (q,), with those that
+        are not free at zero."""
         found = np.zeros(len(right))
         found[self.free] = np.linalg.solve(normal[np.ix_(self.free, self.free)], right[self.free])
         return found
