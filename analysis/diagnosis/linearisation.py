@@ -41,8 +41,8 @@ _FAR_MM = 1.0
 _EARLY, _READING = ("time", "arm"), ("setup", "gauge")
 """Stages of effects before the errors of joints, and of those that do not move the tool."""
 _RIGID = ("arm", "tool")
-"""Stages of effects that move the tool in proportion to their size. The ball of a column does not move with the tool,
-so that it is taken at a healthy size: about a length that is wrong by 13 mm the fit crept for want of a slope."""
+"""Stages of effects whose columns are computed at a healthy size and multiplied. They move the tool in proportion to
+their size, but the ball of a column does not move with it: at 13 mm of a length the column was no slope of the fit."""
 _SCENES, _ERRORS = 4, 64
 """Number of scenes, and of errors of joints, that are kept for each block, at some 0.1 MB each: a fit returns to those
 of the present effects."""
