@@ -23,7 +23,7 @@ from analysis.diagnosis.refine import refine
 from analysis.kinematics.arm import Array
 from analysis.model.predict import SetUp
 from rigs.effects import Effect
-from rigs.schema.effect import healthy, healthy_size, is_play, is_wave, one_sided, scaled, size_field
+from rigs.schema.effect import healthy, healthy_size, is_play, is_wave, one_sided, scaled, size_field, size_of
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class ExpectedPosterior:
         own = self._background_without((ones[0], others[0])).weighed(T)
         H = own.products(own)
         q = len(ones)
-        free = H[q:, q:] + np.diag([(size_of(other) / healthy_size(other) / LARGEST_FAULT) ** 2 for other in others])
+        free = H[q:, q:] + np.diag([(size_of(other) / LARGEST_FAULT) ** 2 for other in others])
         stands_in = H[:q, q:] @ np.linalg.solve(free, H[q:, :q])
         if len(H) == 2 and one_sided(ones[0]) and one_sided(others[0]) and H[0, 1] < 0:
             stands_in = np.zeros((1, 1))
@@ -126,8 +126,3 @@ class ExpectedPosterior:
 def expected_posterior(blocks: Sequence[Block], setups: Mapping[str, SetUp], level: float = 1.0) -> ExpectedPosterior:
     """Return the posterior that blocks of runs, with N entries each, will give."""
     return ExpectedPosterior(linearise(without_bands(blocks), setups), level)
-
-
-def size_of(effect: Effect) -> float:
-    """Return the size of an effect in its own unit."""
-    return float(getattr(effect, size_field(effect)))

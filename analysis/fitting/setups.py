@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -121,9 +122,8 @@ def fit_setups(parts: Parts, setups: Mapping[str, SetUp] | None = None) -> dict[
     for name, own in named.items():
         if name not in poses:
             starts = [starting[name]] if name in starting else _starting_setups(own)
-            found[name] = min(
-                (_placed(own, {name: start})[name] for start in starts), key=lambda one: _energy(own, one)
-            )
+            fits = [_placed(own, {name: start})[name] for start in starts]
+            found[name] = min(fits, key=partial(_energy, own)) if len(fits) > 1 else fits[0]
     if poses:
         together = [part for name in poses for part in named[name]]
         found |= _placed(together, {name: starting[name] for name in poses})

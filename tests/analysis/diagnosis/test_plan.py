@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from analysis.cli import app
 from analysis.diagnosis.background import background_of
 from analysis.diagnosis.columns import columns_for
-from analysis.diagnosis.expected_posterior import expected_posterior, size_of
+from analysis.diagnosis.expected_posterior import expected_posterior
 from analysis.diagnosis.form_posterior import SEPARABLE
 from analysis.diagnosis.plan import Plan, plan
 from analysis.diagnosis.planned_runs import planned_blocks
@@ -30,7 +30,7 @@ from rigs.effects import Backlash, Effect, JointOffset, LinkGeometry, Transmissi
 from rigs.errors import FileError
 from rigs.load import load, load_hidden
 from rigs.rig import Rig
-from rigs.schema.effect import name_of, scaled
+from rigs.schema.effect import name_of, scaled, size_of
 from rigs.schema.vocabulary import TestName
 
 RIG = load_hidden("paper-fanuc").within(load("paper-fanuc")[0]).model_copy(update={"effects": ()})
@@ -142,7 +142,7 @@ def test_a_size_is_as_sure_as_a_fit_of_readings_with_the_fault_in_them_states(fa
     background = background_of(columns, np.ones(len(expected.linear.y)), variance)
     found = refine(expected.linear.simulated_with((fault,)), background, [scaled(fault, 0.9)])
     one = next(one for one in expected.candidates if one.name == name_of(fault))
-    times = size_of(fault) / healthy_size(fault)
+    times = size_of(fault)
     told = expected.sd(one, times) * healthy_size(fault)
     assert found.sd(0)[size_field(fault)] == pytest.approx(told, rel=0.25)
 
