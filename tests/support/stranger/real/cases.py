@@ -26,7 +26,7 @@ from tests.support.stranger.motion import Motion, Track, approaches, visits
 from tests.support.stranger.real import arm as arms
 from tests.support.stranger.real import noise as noises
 from tests.support.stranger.real.oracle import Oracle, Seen
-from tests.support.stranger.real.programs import Program, at, circle, program
+from tests.support.stranger.real.programs import BY_RUN, Program, at, circle, program
 from tests.support.stranger.real.setups import centred, watched
 from tests.support.stranger.screws import Array
 from tests.support.stranger.sight import REPEATS, sight_of
@@ -269,8 +269,8 @@ def write_readings(
     if made.motion.labels is not None:
         ball = ball - noises.stop_scatter(levels, noise.tail_df, made.motion.labels["target"], rng)
     g = g + np.einsum("mkj,mj->mk", by_joint, joints) + np.einsum("mkj,mj->mk", by_ball, ball)
-    shaking = [fault for fault in faults if fault.effect == "vibration"]
-    g = g + own_errors(np.zeros_like(g), t, shaking, {"vibration": float(rng.uniform(0, 2 * np.pi))})
+    own = [fault for fault in faults if fault.effect in BY_RUN]
+    g = own_errors(g, t, own, {"vibration": float(rng.uniform(0, 2 * np.pi))})
     g = g + noises.slow_noise(levels, run.number, t, made.t_s[-1], rng)
     g = g + levels.white_mm[run.number] * reading.standard_normal(g.shape)
     g = g + noises.wild(noise, levels.white_mm[run.number], len(t), reading)

@@ -22,11 +22,15 @@ GRID_S = 0.01
 _STEP_RAD = 1e-6
 _STEP_MM = 1e-4
 
+BY_RUN = ("vibration", "gauge_scale", "gauge_inclination", "gauge_cyclic")
+"""A vibration begins with a phase of its own, and a gauge errs by where it stands, which the scatter of the run moves.
+One that sticks is left in the program, which has the way between the readings."""
+
 
 @dataclass(frozen=True)
 class Program:
-    """readings (m, k) mm at the motion's rows, those of its faults among them; by_joint (m, k, 6) mm/rad; by_ball
-    (m, k, 3). A circle's rows are its even grid, those of targets are its stops."""
+    """readings (m, k) mm at the motion's rows, with its faults but those of `BY_RUN`; by_joint (m, k, 6) mm/rad;
+    by_ball (m, k, 3). A circle's rows are its even grid, those of targets are its stops."""
 
     motion: Motion
     readings: Array
@@ -48,9 +52,9 @@ def circle(cell: Cell, track: Track, test: str, sense: int, laps: int) -> Motion
 
 
 def program(cell: Cell, motion: Motion, link: Link, faults: Sequence[Fault]) -> Program:
-    """A motion with faults. A vibration is left to the run: it begins with a phase of its own."""
+    """A motion with faults. Those of `BY_RUN` are left to the run."""
     trace = trace_of(cell, motion)
-    steady = [fault for fault in faults if fault.effect != "vibration"]
+    steady = [fault for fault in faults if fault.effect not in BY_RUN]
     tool = tool_of(cell, motion, [], trace)
     plain = read(motion, [], link, tool)
     turned = [measure(cell, motion, [], link, _STEP_RAD * row, trace=trace) for row in np.eye(6)]
