@@ -3,6 +3,7 @@ with its repeats."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -33,6 +34,8 @@ _ROWS = 2 * GRID
 _STANDS = 0.02
 """Share of the lap's median joint speed below which the robot stands. Chosen: above the noise of differentiated
 feedback."""
+_MOST_BRIDGED = GRID // 16
+"""Largest number of grid angles that are bridged where laps begin. Chosen: repeats of a program begin within a row."""
 _LEAST_STAND = 3
 """Smallest number of rows that count as a period of standing. Chosen: fewer give no mean."""
 
@@ -44,6 +47,8 @@ class Sampling:
     For each of L laps, `before` and `after` (L, GRID) are the rows next to each grid angle and `share` (L, GRID) is the
     weight of the latter. `phi` (n,) rad are the circle angles of the laps' rows, which come first. `stands` has the
     rows of standing before and after the lap, and `stand_share` (len(stands),) their number in steps of the grid.
+    `bridged` are the first and the last grid angle (the latter may be of the next turn) of those about the begin of the
+    laps, whose values follow from those beside them.
     """
 
     before: Integers
@@ -52,6 +57,7 @@ class Sampling:
     phi: Array
     stands: tuple[Integers, ...]
     stand_share: Array
+    bridged: tuple[int, int] | None = None
 
     def gridded(self, values: Array) -> Array:
         """Return values (m, …) at the rows, in any unit, as values (GRID, …) at the grid, averaged over the laps."""
@@ -66,7 +72,8 @@ class Sampling:
         weight = np.concatenate([(1 - self.share).ravel(), self.share.ravel()]) / len(self.share)
         rows = np.concatenate([self.before.ravel(), self.after.ravel()])
         grid = np.tile(np.arange(GRID), 2 * len(self.share))
-        return csr_array((weight, (grid, rows)), shape=(GRID, len(self.phi)))
+        found = csr_array((weight, (grid, rows)), shape=(GRID, len(self.phi)))
+        return found if self.bridged is None else csr_array(_bridge(*self.bridged) @ found)
 
     def vector(self, values: Array) -> Array:
         """Return readings (m, 2, …) of two gauges as entries (N, …): the orders of sum and difference (unitary), then
@@ -78,6 +85,16 @@ class Sampling:
         return np.concatenate(parts)
 
     @property
+    def begin(self) -> float:
+        """The angle at which the laps begin, in steps of the grid."""
+        return float(self.phi[0] % (2 * np.pi)) * GRID / (2 * np.pi)
+
+    @property
+    def step(self) -> float:
+        """The usual distance of two rows, in steps of the grid."""
+        return float(np.median(np.abs(np.diff(self.phi)))) * GRID / (2 * np.pi)
+
+    @property
     def averaged(self) -> float:
         """The share of the power of white noise that interpolation between two rows, averaged over the laps, leaves."""
         return float(np.mean((1 - self.share) ** 2 + self.share**2)) / len(self.share)
@@ -85,6 +102,36 @@ class Sampling:
     def without_stands(self) -> Sampling:
         """Return the sampling of the lap alone, with stand_share (0,)."""
         return replace(self, stands=(), stand_share=np.empty(0))
+
+
+def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
+    """Return the samplings of repeated laps, all with the same grid angles bridged about the begin of their laps.
+
+    A joint may end a lap a turn from where it began, and what goes with its angle steps there by a tenth of a
+    millimetre. Repeats begin within a row of each other, so that at one grid angle some would show the end and others
+    the begin of their laps. Laps that begin far from each other are left unchanged.
+    """
+    first = samplings[0].begin
+    offsets = [(one.begin - first + GRID / 2) % GRID - GRID / 2 for one in samplings]
+    margin = max(one.step for one in samplings)
+    begin, end = int(np.floor(first + min(offsets) - margin)), int(np.ceil(first + max(offsets) + margin))
+    if end - begin > _MOST_BRIDGED:
+        return list(samplings)
+    return [replace(one, bridged=(begin, end)) for one in samplings]
+
+
+def _bridge(begin: int, end: int) -> csr_array:
+    """Return the matrix (GRID, GRID) that replaces the values at grid angles from `begin` to `end` by those on the line
+    between the values beside them."""
+    from scipy.sparse import csr_array  # noqa: PLC0415 - slow to import
+
+    matrix = np.eye(GRID)
+    share = np.arange(1, end - begin + 2) / (end - begin + 2)
+    inside = np.arange(begin, end + 1) % GRID
+    matrix[inside] = 0.0
+    matrix[inside, (begin - 1) % GRID] = 1 - share
+    matrix[inside, (end + 1) % GRID] = share
+    return csr_array(matrix)
 
 
 def by_orders(readings: Array) -> Array:
@@ -194,7 +241,7 @@ def _sampled(table: CircleTable, model: Model, one: Observation, where: str) -> 
     places = tuple(np.arange(a, a + len(rows)) for a, rows in zip(begins, stands, strict=False))
     per_step = len(one.rows) / (GRID * _laps(phi))
     shares = np.array([len(rows) / per_step for rows in stands])
-    return _sampling(phi, places, shares), np.concatenate([one.rows, *stands]).astype(np.intp)
+    return sampling_of(phi, places, shares), np.concatenate([one.rows, *stands]).astype(np.intp)
 
 
 def _laps(phi: Array) -> int:
@@ -202,7 +249,7 @@ def _laps(phi: Array) -> int:
     return max(1, round(float(np.ptp(phi)) / (2 * np.pi)))
 
 
-def _sampling(phi: Array, stands: tuple[Integers, ...], stand_share: Array) -> Sampling:
+def sampling_of(phi: Array, stands: tuple[Integers, ...], stand_share: Array) -> Sampling:
     """Return the sampling of the circle angles (n,) rad of some laps, in order of time."""
     laps = _laps(phi)
     number = np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1)

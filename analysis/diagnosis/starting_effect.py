@@ -6,6 +6,7 @@ residual supports wrong names. Therefore widths and orders are scanned first.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,15 +14,17 @@ import numpy as np
 from analysis.diagnosis.background import Posterior
 from analysis.diagnosis.columns import LARGEST_FAULT, Columns, Form
 from analysis.diagnosis.linearisation import Linearisation
-from analysis.diagnosis.selection_state import combined_effect, order_of
+from analysis.diagnosis.selection_state import FAULT, combined_effect, order_of
+from analysis.kinematics.arm import Array
 from rigs.effects import Effect
 from rigs.schema.effect import healthy, identity, is_play, scaled
 
 _BETWEEN = np.linspace(-0.6, 0.6, 9)
 """Orders tried about the order of a form, as multiples of the distance to its neighbour. They cover a little more than
 half of the distance to either side."""
-
-
+_PARTS = 3
+"""Parts into which the distances between the orders of forms are divided for a large wave. Chosen: at the ends of a
+joint's range the phases of neighbours differ by 48 degrees then."""
 _WIDTHS = np.concatenate([0.5 ** np.arange(5.0, 1.0, -1.0), np.geomspace(0.5, 100.0, 40)])
 """Widths of a play that are tried, in healthy sizes, up to that of the largest fault. Neighbours differ by 15 %: fits
 that start within 20 % of the width reached it. Below half a healthy size the response is nearly proportional to the
@@ -31,14 +34,15 @@ width, and they differ by a factor of two."""
 def starting_effects(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> list[Effect]:
     """Return the effects from which the fit of a form to the readings (N,) starts.
 
-    A wave has the order between its neighbours that explains most, and every other effect but a play the size that it
-    would have as a fault.
+    A wave has the order between its neighbours that explains most, and that of all orders where it is large; every
+    other effect but a play has the size that it would have as a fault.
     """
     effect = form.effects[0]
     if is_play(effect):
         return _plays(columns, linear, posterior, effect)
     if hasattr(effect, "order"):
-        return [_wave(linear, columns, posterior, form)]
+        near, expected = _wave(linear, columns, posterior, form), posterior.size(form)
+        return [near, *[_large_wave(linear, columns, posterior, form)] * (float(np.hypot(*expected)) > FAULT)]
     return [combined_effect(form.effects, posterior.size(form))]
 
 
@@ -69,7 +73,27 @@ def _wave(linear: Linearisation, columns: Columns, posterior: Posterior, form: F
     tried = tried[tried >= min(effect.order, max(one.low for one in effect.STRETCHED))]
     effects = [one.model_copy(update={"order": float(order)}) for order in tried for one in form.effects]
     precision, eta = posterior.cavity(linear.columns(effects) / form.size)
-    pairs = [slice(2 * i, 2 * i + 2) for i in range(len(tried))]
+    return _best_of_pairs(effects, precision, eta)
+
+
+def _large_wave(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> Effect:
+    """Return the wave of any order that leaves least (N,) with the set-ups alone.
+
+    A joint is mostly near the ends of its range, so that a wave looks most like those whose phases agree at both ends,
+    and least like its neighbours among the forms.
+    """
+    orders = sorted({order_of(one.effects[0]) for one in columns.forms if one.name == form.name})
+    places = np.arange(_PARTS * (len(orders) - 1) + 1) / _PARTS
+    tried = np.interp(places, np.arange(len(orders)), orders)
+    effects = [one.model_copy(update={"order": float(order)}) for order in tried for one in form.effects]
+    added = linear.without_set_up(linear.columns(effects) / form.size)
+    return _best_of_pairs(effects, added.T @ added, added.T @ posterior.terms.r)
+
+
+def _best_of_pairs(effects: Sequence[Effect], precision: Array, eta: Array) -> Effect:
+    """Return the wave that explains most, of pairs of effects that differ in phase, given the precision (2 n, 2 n) and
+    the vector eta (2 n,) of their sizes."""
+    pairs = [slice(2 * i, 2 * i + 2) for i in range(len(effects) // 2)]
     sizes = [np.linalg.solve(precision[own, own] + np.eye(2) / LARGEST_FAULT**2, eta[own]) for own in pairs]
     best = int(np.argmax([size @ eta[own] for size, own in zip(sizes, pairs, strict=True)]))
     return combined_effect(effects[pairs[best]], np.asarray(sizes[best], dtype=float))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -103,8 +103,10 @@ def _at_places_used(result: SearchResult, run: ObservedRun) -> _JudgedRun | None
     k = kinds.index(kind)
     block, rows = linear.blocks[k], linear.rows[k]
     sampling = run.sampling
-    if sampling and block.sampling and not block.sampling.stands:
-        sampling = sampling.without_stands()
+    if sampling and block.sampling:
+        sampling = replace(
+            sampling if block.sampling.stands else sampling.without_stands(), bridged=block.sampling.bridged
+        )
     (with_names,) = with_effects([run], result.state.refined.effects)
     # Where the set-ups fit the names, and back along their slopes, as the names were fitted.
     (residual,) = residuals_of(with_names.model, [with_names.one], linear.setups_moved_by(result.moves))

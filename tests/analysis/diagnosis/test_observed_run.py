@@ -7,12 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.diagnosis.observed_run import GRID, ORDER_OF, Sampling, curve, observe_run
+from analysis.diagnosis.observed_run import (
+    GRID,
+    ORDER_OF,
+    Sampling,
+    bridging,
+    curve,
+    observe_run,
+    sampling_of,
+)
 from analysis.model.predict import model_of
 from analysis.traces.tables import CircleTable
 from rigs.errors import FileError
 from rigs.schema.vocabulary import Direction
-from tests.support.diagnosis_cells import RIG, WAYS, table_of
+from tests.support.diagnosis_cells import RIG, WAYS, Array, table_of
 
 AT = np.arange(GRID) * 2 * np.pi / GRID
 HALF = len(ORDER_OF) // 2
@@ -54,6 +62,41 @@ def test_rows_of_a_lap_in_either_direction_are_laid_over_the_same_grid(way: Dire
     smooth = np.stack([np.sin(3 * one.sampling.phi), np.cos(one.sampling.phi)], axis=1)
     wanted = np.stack([np.sin(3 * AT), np.cos(AT)], axis=1)
     np.testing.assert_allclose(one.sampling.gridded(smooth), wanted, atol=2e-4)
+
+
+def _lap_from(begin: float, count: int = 700) -> tuple[Sampling, Array]:
+    """A lap that begins at an angle (rad), and readings that end it 0.2 mm from where they began, as those of a joint
+    that turns by a whole turn in it."""
+    phi = begin + np.linspace(0, 2 * np.pi, count, endpoint=False)
+    turned = (phi - begin) / (2 * np.pi)
+    return sampling_of(phi, (), np.empty(0)), np.stack([0.1 * turned, 0.2 * turned], axis=1)
+
+
+def test_repeats_of_a_lap_agree_where_it_begins() -> None:
+    """Each begins within a row of the others, on another side of a grid angle."""
+    step = 2 * np.pi / GRID
+    laps = [_lap_from((100 + off) * step) for off in (-0.3, 0.2, 0.4)]
+    plain = [one.gridded(values) for one, values in laps]
+    apart = np.ptp(plain, axis=0).max()
+    assert apart > 0.1
+    bridged = bridging([one for one, _ in laps])
+    same = [one.gridded(values) for one, (_, values) in zip(bridged, laps, strict=True)]
+    assert np.ptp(same, axis=0).max() < apart / 50
+    # Elsewhere nothing has changed.
+    kept = np.abs(np.arange(GRID) - 100) > 4
+    np.testing.assert_array_equal(np.array(same)[:, kept], np.array(plain)[:, kept])
+
+
+def test_laps_that_begin_at_the_seam_of_the_grid_are_bridged_too() -> None:
+    step = 2 * np.pi / GRID
+    laps = [_lap_from(off * step) for off in (GRID - 0.4, 0.3)]
+    same = [one.gridded(values) for one, (_, values) in zip(bridging([one for one, _ in laps]), laps, strict=True)]
+    assert np.ptp(same, axis=0).max() < 0.002
+
+
+def test_laps_that_begin_far_from_each_other_stay_as_they_are() -> None:
+    laps = [_lap_from(begin)[0] for begin in (0.0, 1.0)]
+    assert bridging(laps) == laps
 
 
 def test_stands_at_both_ends_are_found_and_their_readings_averaged() -> None:

@@ -12,7 +12,7 @@ from analysis.diagnosis.columns import Columns, columns_for
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState
 from analysis.diagnosis.starting_effect import starting_effects
-from rigs.effects import Backlash, Effect, JointOffset
+from rigs.effects import Backlash, Effect, JointOffset, TransmissionError
 from tests.support.diagnosis_cells import Array, healthy, holding, shown_by, white
 
 
@@ -26,6 +26,10 @@ def _begun(*truth: Effect) -> tuple[Selection, SelectionState, Array]:
     y = white(healthy(), 21) + shown_by(healthy(), list(truth))
     selection = Selection(holding(healthy(), y), _columns())
     return selection, selection.initial_state(), y
+
+
+def _order(effect: Effect) -> float:
+    return float(getattr(effect, "order", np.nan))
 
 
 def _width(effect: Effect) -> float:
@@ -50,6 +54,26 @@ def test_an_effect_of_one_shape_starts_at_the_size_that_it_would_have() -> None:
     k = next(k for k, form in enumerate(_columns().forms) if form.name == "joint_offset 3")
     (effect,) = starting_effects(selection.linear, _columns(), selection.posterior(state), _columns().forms[k])
     assert getattr(effect, "offset_deg", 0.0) == pytest.approx(0.2, rel=0.2)
+
+
+def test_a_large_wave_starts_at_its_order_also_from_the_form_of_another_that_looks_like_it() -> None:
+    """Axis 3 turns by less than a quarter and is mostly near the ends of its range: in a cell of the trial order 116
+    gained more than the orders beside 121, and its fit ended there."""
+    selection, state, _ = _begun(TransmissionError(axis=3, order=121, amplitude_deg=0.25, phase_deg=86))
+    waves = [form for form in _columns().forms if form.name == "transmission_error 3"]
+    other = min(waves, key=lambda form: abs(_order(form.effects[0]) - 116))
+    assert abs(_order(other.effects[0]) - 121) > 2.5
+    effects = starting_effects(selection.linear, _columns(), selection.posterior(state), other)
+    assert min(abs(_order(effect) - 121) for effect in effects) < 1
+
+
+def test_a_wave_of_healthy_size_starts_beside_its_form() -> None:
+    selection, state, _ = _begun(TransmissionError(axis=3, order=121, amplitude_deg=0.005))
+    for form in _columns().forms:
+        if form.name == "transmission_error 3":
+            effects = starting_effects(selection.linear, _columns(), selection.posterior(state), form)
+            assert len(effects) == 1
+            assert _order(effects[0]) == pytest.approx(_order(form.effects[0]), abs=2.5)
 
 
 def test_a_play_of_95_healthy_sizes_is_found_as_it_is_and_alone() -> None:
