@@ -29,9 +29,6 @@ bands of about one octave, so that joint motion (below order 8), gears and probe
 _SLOW = 8
 """Orders below this are taken to be as slow as the noise of a robot at rest. Chosen: one eighth of a lap lasts several
 seconds, which is longer than the correlation times of most noise."""
-_GAUGE_MM = 2e-4
-"""Standard deviation of what a gauge repeats and no model has, which the mean of repeats does not show: the best length
-gauges are accurate to 0.2 µm (Heidenhain MT 1200). Repeats that scatter by less determine nothing below it."""
 _SAME_RAD = 3e-4
 """Joint angles that all differ by less than this count as the same posture. Controllers report angles in steps of about
 a third of it."""
@@ -161,7 +158,7 @@ def _circle_block(raw: _RepeatedRuns, sd_mm: Array, noise: CircleNoise, number: 
     assert sampling is not None  # noqa: S101 - circles have one
     weight = 1 / (sd_mm[:, BAND_EDGES[4] > ORDER_OF] ** 2).mean(axis=1)
     weight /= weight.sum()
-    sd = np.hypot(np.sqrt(weight**2 @ sd_mm**2), _GAUGE_MM)
+    sd = np.sqrt(weight**2 @ sd_mm**2)
     sd = np.concatenate([sd, _standing_sd(sd, sampling, raw.first.step_mm)])
     # The assumed noise of a run that was not repeated contains the drift.
     drifting = raw.drifting if noise.measured else raw.drifting[:0]

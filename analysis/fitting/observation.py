@@ -55,14 +55,16 @@ def thinned(one: Observation, most: int) -> Observation:
 
 
 def predicted(model: Model, one: Observation, setup: SetUp) -> Array:
-    """Return the readings (m, k) mm that a model predicts; for poses the positions. The error of a gauge's scale is
-    that of the place at which the gauge was read."""
+    """Return the readings (m, k) mm that a model predicts; for poses the positions. On a circle the error of a
+    gauge's scale is that of the place at which the gauge was read."""
     return predicted_in_scene(model, one, moved(model, one.path), setup)
 
 
 def predicted_in_scene(model: Model, one: Observation, scene: Scene, setup: SetUp) -> Array:
     """Return the predicted readings (m, k) mm from an existing scene, which is the same for all set-ups."""
-    values = read(model, one.table, one.path, scene, setup, partial(_shown, one))
+    # At targets most of what is read beside the model is scatter, which must not explain itself.
+    shown = partial(_shown, one) if isinstance(one.table, CircleTable) else None
+    values = read(model, one.table, one.path, scene, setup, shown)
     if isinstance(one.table, PoseTable):
         values = values[:, [3, 7, 11]]
     return values[one.rows]

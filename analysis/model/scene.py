@@ -138,7 +138,7 @@ class Scene:
         """One gauge's readings changed by an error (n,) mm that goes with the place (n,) mm on its scale: where the
         gauge was read, or where nothing was measured, where the scene has it.
 
-        An arm that nobody calibrated moves a gauge by tenths of a millimetre, which is more than the period of many
+        An uncalibrated arm moves a gauge by tenths of a millimetre, which is more than the period of many
         scales, so that a model alone does not know the place.
         """
         if not self.shown_mm.size:

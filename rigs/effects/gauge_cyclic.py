@@ -26,8 +26,8 @@ from rigs.schema.scene import Array, S
 _PERIODS_MM = (0.2, 0.5, 1.0, 2.0)
 _HARMONIC = 0.15
 _LONG_MM = 0.6
-"""Period above which the place on the scale is that of the model. An arm that nobody calibrated is off by some 0.1 mm,
-a small part of such a period, and a long wave of what was read would follow whatever the model lacks."""
+"""Period above which the place on the scale is that of the model. An uncalibrated arm is off by some 0.1 mm, a small
+part of such a period, and a long wave of what was read would follow whatever the model lacks."""
 
 
 class GaugeCyclic(Effect):
