@@ -128,6 +128,7 @@ def _grouped(
     # Periods of standing are compared only if every run has them before and after its lap.
     if not all(run.sampling and run.sampling.stands for run in members):
         members = [replace(run, sampling=run.sampling and run.sampling.without_stands()) for run in members]
+    # All members are circles, or none.
     if samplings := [run.sampling for run in members if run.sampling]:
         members = [replace(run, sampling=one) for run, one in zip(members, bridging(samplings), strict=True)]
     vectors = [

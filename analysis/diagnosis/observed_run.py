@@ -34,8 +34,9 @@ _ROWS = 2 * GRID
 _STANDS = 0.02
 """Share of the lap's median joint speed below which the robot stands. Chosen: above the noise of differentiated
 feedback."""
-_MOST_BRIDGED = GRID // 16
-"""Largest number of grid angles that are bridged where laps begin. Chosen: repeats of a program begin within a row."""
+_MOST_APART = GRID // 16
+"""Largest distance of the angles at which repeated laps begin, in steps of the grid, that is bridged. Chosen: repeats
+of a program begin within a row."""
 _LEAST_STAND = 3
 """Smallest number of rows that count as a period of standing. Chosen: fewer give no mean."""
 
@@ -47,8 +48,8 @@ class Sampling:
     For each of L laps, `before` and `after` (L, GRID) are the rows next to each grid angle and `share` (L, GRID) is the
     weight of the latter. `phi` (n,) rad are the circle angles of the laps' rows, which come first. `stands` has the
     rows of standing before and after the lap, and `stand_share` (len(stands),) their number in steps of the grid.
-    `bridged` are the first and the last grid angle (the latter may be of the next turn) of those about the begin of the
-    laps, whose values follow from those beside them.
+    `bridged` are the first and the last (which may be negative, or of the next turn) of the grid angles where the laps
+    begin, whose values follow from those beside them.
     """
 
     before: Integers
@@ -90,9 +91,18 @@ class Sampling:
         return float(self.phi[0] % (2 * np.pi)) * GRID / (2 * np.pi)
 
     @property
-    def step(self) -> float:
-        """The usual distance of two rows, in steps of the grid."""
-        return float(np.median(np.abs(np.diff(self.phi)))) * GRID / (2 * np.pi)
+    def seam(self) -> tuple[float, float]:
+        """How far before and after the angle at which laps begin each lap has rows on either side, in steps of the
+        grid."""
+        laps = len(self.share)
+        off = (self.phi - self.phi[0]) * GRID / (2 * np.pi)
+        number, near = _number(self.phi, laps), (off + GRID / 2) % GRID - GRID / 2
+        before = [near[(number == lap) & (near < 0)] for lap in range(laps)]
+        after = [near[(number == lap) & (near > 0)] for lap in range(laps)]
+        return (
+            min((float(one.max()) for one in before if len(one)), default=0.0),
+            max((float(one.min()) for one in after if len(one)), default=0.0),
+        )
 
     @property
     def averaged(self) -> float:
@@ -105,19 +115,19 @@ class Sampling:
 
 
 def bridging(samplings: Sequence[Sampling]) -> list[Sampling]:
-    """Return the samplings of repeated laps, all with the same grid angles bridged about the begin of their laps.
+    """Return the samplings of repeated laps, all with the same grid angles bridged where their laps begin.
 
     A joint may end a lap a turn from where it began, and what goes with its angle steps there by a tenth of a
-    millimetre. Repeats begin within a row of each other, so that at one grid angle some would show the end and others
-    the begin of their laps. Laps that begin far from each other are left unchanged.
+    millimetre. Repeats begin within a row of each other, so that at one grid angle some would show the end of their
+    laps and others the beginning. Laps that begin far from each other are left unchanged.
     """
     first = samplings[0].begin
     offsets = [(one.begin - first + GRID / 2) % GRID - GRID / 2 for one in samplings]
-    margin = max(one.step for one in samplings)
-    begin, end = int(np.floor(first + min(offsets) - margin)), int(np.ceil(first + max(offsets) + margin))
-    if end - begin > _MOST_BRIDGED:
+    if max(offsets) - min(offsets) > _MOST_APART:
         return list(samplings)
-    return [replace(one, bridged=(begin, end)) for one in samplings]
+    seams = [(off + one.seam[0], off + one.seam[1]) for off, one in zip(offsets, samplings, strict=True)]
+    bridged = (int(np.floor(first + min(seams)[0])), int(np.ceil(first + max(after for _, after in seams))))
+    return [replace(one, bridged=bridged) for one in samplings]
 
 
 def _bridge(begin: int, end: int) -> csr_array:
@@ -252,10 +262,16 @@ def _laps(phi: Array) -> int:
 def sampling_of(phi: Array, stands: tuple[Integers, ...], stand_share: Array) -> Sampling:
     """Return the sampling of the circle angles (n,) rad of some laps, in order of time."""
     laps = _laps(phi)
-    number = np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1)
+    number = _number(phi, laps)
     sides = [_beside(np.flatnonzero(number == lap), phi) for lap in range(laps)]
     before, after, share = (np.array(side) for side in zip(*sides, strict=True))
     return Sampling(before, after, share, phi, stands, stand_share)
+
+
+def _number(phi: Array, laps: int) -> Array:
+    """Return the number (n,) of the lap, from 0 on, to which each circle angle (n,) rad belongs."""
+    number: Array = np.minimum(np.abs(phi - phi[0]) // (2 * np.pi), laps - 1)
+    return number
 
 
 def _beside(rows: Integers, phi: Array) -> tuple[Integers, Integers, Array]:

@@ -10,10 +10,10 @@ import numpy as np
 from analysis.diagnosis.blocks import Block, blocks_of
 from analysis.diagnosis.observed_run import ObservedRun, observe_run
 from analysis.diagnosis.run_scatter import DRIFTING_SHARE
-from analysis.model.predict import SetUp, model_of, nominal_setup, predict
+from analysis.model.predict import SetUp, model_of, nominal_setup
 from analysis.noise.cell import BALL_MM, JOINT_DEG, SLOW_MM, TARGET_MM, WHITE_MM
 from analysis.simulation.simulate import simulate
-from analysis.traces.tables import CircleTable, PoseTable, Table
+from analysis.traces.tables import CircleTable, Table
 from rigs.rig import Rig
 from rigs.schema.vocabulary import CIRCLES, TestName
 
@@ -40,20 +40,11 @@ def planned_blocks(
     model = model_of(rig)
     seen = [_at(observe_run(model, table, rig.name), place) for table in _tables(rig, tests)]
     setups = {run.one.setup: _setup(rig, run.one.table) for run in seen}
-    seen = [_read(run, setups[run.one.setup]) for run in seen]
     return [_repeated(block, runs) for block in blocks_of(seen, setups)], setups
 
 
 def _at(run: ObservedRun, place: str) -> ObservedRun:
     return replace(run, one=replace(run.one, setup=run.one.setup + place))
-
-
-def _read(run: ObservedRun, setup: SetUp) -> ObservedRun:
-    """Return the run with the readings (m, k) mm that its set-up would give."""
-    if isinstance(run.one.table, PoseTable):
-        return run
-    values = predict(run.model, run.one.table, run.one.path, setup)[run.one.rows]
-    return replace(run, one=replace(run.one, values=values))
 
 
 def _repeated(block: Block, runs: int) -> Block:

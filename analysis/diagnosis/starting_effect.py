@@ -41,8 +41,10 @@ def starting_effects(linear: Linearisation, columns: Columns, posterior: Posteri
     if is_play(effect):
         return _plays(columns, linear, posterior, effect)
     if hasattr(effect, "order"):
-        near, expected = _wave(linear, columns, posterior, form), posterior.size(form)
-        return [near, *[_large_wave(linear, columns, posterior, form)] * (float(np.hypot(*expected)) > FAULT)]
+        near = _wave(linear, columns, posterior, form)
+        if np.linalg.norm(posterior.size(form)) <= FAULT:
+            return [near]
+        return [near, _large_wave(linear, columns, posterior, form)]
     return [combined_effect(form.effects, posterior.size(form))]
 
 
@@ -77,7 +79,7 @@ def _wave(linear: Linearisation, columns: Columns, posterior: Posterior, form: F
 
 
 def _large_wave(linear: Linearisation, columns: Columns, posterior: Posterior, form: Form) -> Effect:
-    """Return the wave of any order that leaves least (N,) with the set-ups alone.
+    """Return the wave that leaves least (N,) with the set-ups alone, of any order between those of the forms.
 
     A joint is mostly near the ends of its range, so that a wave looks most like those whose phases agree at both ends,
     and least like its neighbours among the forms.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -55,31 +54,16 @@ def thinned(one: Observation, most: int) -> Observation:
 
 
 def predicted(model: Model, one: Observation, setup: SetUp) -> Array:
-    """Return the readings (m, k) mm that a model predicts; for poses the positions. On a circle the error of a
-    gauge's scale is that of the place at which the gauge was read."""
+    """Return the readings (m, k) mm that a model predicts; for poses the positions."""
     return predicted_in_scene(model, one, moved(model, one.path), setup)
 
 
 def predicted_in_scene(model: Model, one: Observation, scene: Scene, setup: SetUp) -> Array:
     """Return the predicted readings (m, k) mm from an existing scene, which is the same for all set-ups."""
-    # At targets most of what is read beside the model is scatter, which must not explain itself.
-    shown = partial(_shown, one) if isinstance(one.table, CircleTable) else None
-    values = read(model, one.table, one.path, scene, setup, shown)
+    values = read(model, one.table, one.path, scene, setup)
     if isinstance(one.table, PoseTable):
         values = values[:, [3, 7, 11]]
     return values[one.rows]
-
-
-def _shown(one: Observation, expected: Array) -> Array:
-    """Return what the gauges showed (n, k) mm at all samples of the path, given what they should show (n, k) mm."""
-    # Between the readings used, as far beside the model as at the next ones.
-    rows = one.rows if one.path.alone else one.path.rows[one.rows]
-    order = np.argsort(rows)
-    apart = one.values[order] - expected[rows[order]]
-    shown: Array = expected + np.stack(
-        [np.interp(np.arange(len(expected)), rows[order], own) for own in apart.T], axis=1
-    )
-    return shown
 
 
 def residuals_of(model: Model, observations: Sequence[Observation], setups: Mapping[str, SetUp]) -> list[Array]:

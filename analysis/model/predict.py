@@ -8,7 +8,7 @@ in the model and not in the method.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -136,11 +136,9 @@ def predict(model: Model, table: Table, path: Path, setup: SetUp) -> Array:
     return read(model, table, path, moved(model, path), setup)
 
 
-def read(
-    model: Model, table: Table, path: Path, scene: Scene, setup: SetUp, shown: Callable[[Array], Array] | None = None
-) -> Array:
+def read(model: Model, table: Table, path: Path, scene: Scene, setup: SetUp) -> Array:
     """Readings (m, k) as `predict` gives them, in mm, from a scene that was computed before: nothing that a set-up
-    changes moves the tool. `shown` gives what the gauges showed (n, k) mm for what they should (n, k) mm."""
+    changes moves the tool."""
     if isinstance(table, PoseTable):
         T = setup.T_instrument_world @ scene.T[path.rows] @ setup.T_tool_target
         return T.reshape(-1, 16)
@@ -156,11 +154,8 @@ def read(
         contact = np.arctan2(to_tool @ sphere.v, to_tool @ sphere.u)
         scene = apply(model.effects, "setup", replace(scene, contact=contact))
         g_mm = (np.linalg.norm(to_tool, axis=1) - sphere.radius + scene.form_mm)[:, None]
-    g_mm -= setup.zeros_mm
-    if any(effect.STAGE == "gauge" for effect in model.effects):
-        scene = replace(scene, g_mm=g_mm, shown_mm=shown(g_mm) if shown else _NOTHING)
-        g_mm = apply(model.effects, "gauge", scene).g_mm
-    return g_mm if path.alone else g_mm[path.rows]
+    scene = apply(model.effects, "gauge", replace(scene, g_mm=g_mm - setup.zeros_mm))
+    return scene.g_mm if path.alone else scene.g_mm[path.rows]
 
 
 def moved(model: Model, path: Path) -> Scene:
@@ -189,7 +184,6 @@ def driven(model: Model, path: Path) -> Scene:
         form_mm=np.zeros(n),
         offsets_mm=_NOTHING,
         g_mm=_NOTHING,
-        shown_mm=_NOTHING,
     )
     for stage in STAGES[path.stands : STAGES.index("tool")]:
         scene = apply(model.effects, stage, scene)

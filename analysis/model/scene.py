@@ -14,12 +14,6 @@ from analysis.model.hysteresis import Motion
 from rigs.effects import Effect
 from rigs.schema.scene import Stage
 
-_COLUMN = {"g1": 0, "g2": 1}
-_STEPS = 8
-"""Steps in which the place on a scale is found from what was shown, with the error in it. Each leaves less than half of
-the distance, and the first less than the error; halved, an error that falls almost as fast as the reading rises does
-not swing."""
-
 
 @dataclass(frozen=True)
 class Scene:
@@ -27,8 +21,7 @@ class Scene:
 
     motion: as reported; link_q (n, 6) rad; T (n, 4, 4) of the tool in the world; contact (n,) rad: angle around the
     ball at which the link touches it; form_mm (n,): what the ball's form adds to the distance; offsets_mm (k,): places
-    of the gauges on the baseline; g_mm (n, k): readings; shown_mm (n, k): what the gauges showed, empty where nothing
-    was measured. What a stage has not reached yet is empty.
+    of the gauges on the baseline; g_mm (n, k): readings. What a stage has not reached yet is empty.
     """
 
     arm: Arm
@@ -40,7 +33,6 @@ class Scene:
     form_mm: Array
     offsets_mm: Array
     g_mm: Array
-    shown_mm: Array
 
     @property
     def t_s(self) -> Array:
@@ -127,31 +119,12 @@ class Scene:
 
     def read(self, gauge: str, change: Callable[[Array], Array]) -> Scene:
         """One gauge's readings (n,) mm changed; the same scene in a test without that gauge."""
-        column = _COLUMN[gauge]
+        column = {"g1": 0, "g2": 1}[gauge]
         if column >= self.g_mm.shape[1]:
             return self
         g_mm = self.g_mm.copy()
         g_mm[:, column] = change(g_mm[:, column])
         return replace(self, g_mm=g_mm)
-
-    def misread(self, gauge: str, error: Callable[[Array], Array]) -> Scene:
-        """One gauge's readings changed by an error (n,) mm that goes with the place (n,) mm on its scale: where the
-        gauge was read, or where nothing was measured, where the scene has it.
-
-        An uncalibrated arm moves a gauge by tenths of a millimetre, which is more than the period of many
-        scales, so that a model alone does not know the place.
-        """
-        if not self.shown_mm.size:
-            return self.read(gauge, lambda g: g + error(g))
-
-        def misread(g: Array) -> Array:
-            shown = self.shown_mm[:, _COLUMN[gauge]]
-            place = shown - error(shown)
-            for _ in range(_STEPS):
-                place = (place + shown - error(place)) / 2
-            return g + error(place)
-
-        return self.read(gauge, misread)
 
     def all_read(self, change: Callable[[Array], Array]) -> Scene:
         """The readings (n, k) mm of all gauges changed."""

@@ -21,13 +21,10 @@ from rigs.schema.effect import (
     shape,
     size,
 )
-from rigs.schema.scene import Array, S
+from rigs.schema.scene import S
 
 _PERIODS_MM = (0.2, 0.5, 1.0, 2.0)
 _HARMONIC = 0.15
-_LONG_MM = 0.6
-"""Period above which the place on the scale is that of the model. An uncalibrated arm is off by some 0.1 mm, a small
-part of such a period, and a long wave of what was read would follow whatever the model lacks."""
 
 
 class GaugeCyclic(Effect):
@@ -46,14 +43,7 @@ class GaugeCyclic(Effect):
     def apply(self, scene: S) -> S:
         """A sin(2 pi g / period + phase)."""
         phase = np.radians(self.phase_deg)
-
-        def error(g: Array) -> Array:
-            wave: Array = self.amplitude_mm * np.sin(2 * np.pi * g / self.period_mm + phase)
-            return wave
-
-        if self.period_mm > _LONG_MM:
-            return scene.read(self.gauge, lambda g: g + error(g))
-        return scene.misread(self.gauge, error)
+        return scene.read(self.gauge, lambda g: g + self.amplitude_mm * np.sin(2 * np.pi * g / self.period_mm + phase))
 
     @classmethod
     def forms(cls, scope: Scope) -> list[list[GaugeCyclic]]:

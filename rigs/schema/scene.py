@@ -86,9 +86,6 @@ class Scene(Protocol):
     def read(self, gauge: str, change: Callable[[Array], Array]) -> Self:
         """One gauge's readings (n,) mm changed; the same scene in a test without that gauge."""
 
-    def misread(self, gauge: str, error: Callable[[Array], Array]) -> Self:
-        """One gauge's readings changed by an error (n,) mm that goes with the place (n,) mm on its scale."""
-
     def all_read(self, change: Callable[[Array], Array]) -> Self:
         """The readings (n, k) mm of all gauges changed."""
 

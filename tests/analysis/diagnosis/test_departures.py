@@ -44,7 +44,7 @@ def test_a_gear_has_its_second_and_third_harmonic_in_any_phase() -> None:
     ("effect", "count"),
     [
         (GEAR, 4),
-        (GaugeCyclic(gauge="g1", period_mm=2.0, amplitude_mm=0.01), 2),
+        (GaugeCyclic(gauge="g1", period_mm=1.0, amplitude_mm=0.01), 2),
         (BallForm(lobes=3, amplitude_mm=0.01), 4),
         (BallForm(lobes=2, amplitude_mm=0.01), 2),
     ],

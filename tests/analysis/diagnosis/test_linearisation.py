@@ -51,7 +51,7 @@ SMALL = (
     ServoLag(axis=5, lag_s=0.001),
     GaugeScale(gauge="g2", relative=0.001),
     GaugeDeadBand(gauge="g1", width_mm=0.01),
-    GaugeCyclic(gauge="g1", amplitude_mm=0.002, period_mm=1.0),
+    GaugeCyclic(gauge="g1", amplitude_mm=0.002, period_mm=0.5),
     BallForm(lobes=3, amplitude_mm=0.002),
 )
 

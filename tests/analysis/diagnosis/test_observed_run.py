@@ -87,6 +87,20 @@ def test_repeats_of_a_lap_agree_where_it_begins() -> None:
     np.testing.assert_array_equal(np.array(same)[:, kept], np.array(plain)[:, kept])
 
 
+@pytest.mark.parametrize(("count", "lost"), [(700, 3), (36, 0), (45, 0)])
+@pytest.mark.parametrize("way", [1, -1])
+def test_repeats_agree_also_where_rows_are_lost_or_few(count: int, lost: int, way: int) -> None:
+    laps = []
+    for k, off in enumerate((-0.3, 0.2, 0.4)):
+        begin = (100 + off) * 2 * np.pi / GRID
+        turned = np.arange(count - (lost if k == 1 else 0)) / count
+        laps.append((sampling_of(begin + way * 2 * np.pi * turned, (), np.empty(0)), np.outer(turned, [0.1, 0.2])))
+    same = [one.gridded(values) for one, (_, values) in zip(bridging([one for one, _ in laps]), laps, strict=True)]
+    # They begin 0.7 steps of the grid apart, over which they rise by 0.3 µm.
+    assert np.ptp(same, axis=0).max() < 0.002
+    assert max(np.ptp(values) for _, values in laps) > 0.19
+
+
 def test_laps_that_begin_at_the_seam_of_the_grid_are_bridged_too() -> None:
     step = 2 * np.pi / GRID
     laps = [_lap_from(off * step) for off in (GRID - 0.4, 0.3)]

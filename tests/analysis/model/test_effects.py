@@ -110,7 +110,7 @@ def _link_side_deg(effect: Effect, q: np.ndarray | None = None, t: np.ndarray | 
 
 def _scene(model, q, t):  # type: ignore[no-untyped-def]
     empty = np.empty(0)
-    return Scene(model.arm, model.load, Motion(t, q), q, empty, empty, np.zeros(len(q)), empty, empty, empty)
+    return Scene(model.arm, model.load, Motion(t, q), q, empty, empty, np.zeros(len(q)), empty, empty)
 
 
 def test_backlash_lags_half_its_width_and_crosses_it_at_a_reversal() -> None:
