@@ -88,9 +88,11 @@ def test_a_program_after_the_other_is_a_run_each(printing: Bench) -> None:
         robot = read_run(path).streams["robot"]
         began = int(np.argmax(robot["signal"] == program))
         assert began > 0 and robot["signal"][began - 1] == program - 1, "what was before it belongs to the run"
-        before_s = (robot["last_byte_ns"][began] - robot["last_byte_ns"][0]) / 1e9
-        assert before_s <= 1.05
-    assert before_s > 0.9
+        since_ns = robot["last_byte_ns"][began] - 1_000_000_000
+        assert robot["first_byte_ns"][0] >= since_ns
+    # the run before has the same second, with whatever gaps a busy computer left in it
+    before = read_run(first).streams["robot"]["first_byte_ns"]
+    assert robot["first_byte_ns"][0] == before[before >= since_ns][0]
     gauge = read_run(second).streams["g1_g2"]["first_byte_ns"]
     assert gauge[0] < robot["last_byte_ns"][began]
 
