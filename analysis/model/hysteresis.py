@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -11,8 +12,15 @@ from rigs.schema.play import play
 
 _TURN_RAD = np.radians(0.003)
 """Less than this is an encoder's noise, not a reversal."""
+_STANDS_S = 0.1
+"""The robot stands where no joint turns by an encoder's noise within this time: every program drives faster."""
+_FEWEST = 2
+"""Samples that follow within that time, or else in a longer one."""
+_INSTANT_S = 1e-6
+"""A rounding error of a time."""
 _NEAR_S = 0.25
 _LEAST = 5
+_NONE: Integers = np.empty(0, dtype=np.intp)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,12 +34,28 @@ class Motion:
     def reversals(self, axis: int) -> list[tuple[float, float]]:
         """When a joint (1 … 6) turns back, s, and the direction (±1) it takes then."""
         if axis not in self._reversals:
-            self._reversals[axis] = turns(self.t_s, self.q[:, axis - 1])
+            self._reversals[axis] = turns(self.t_s, self.q[:, axis - 1], self._departures)
         return self._reversals[axis]
 
+    @cached_property
+    def _departures(self) -> Integers:
+        """The last row (s,) of each period in which all joints stand."""
+        rows = np.arange(len(self.t_s))
+        reached = np.searchsorted(self.t_s, self.t_s + _STANDS_S - _INSTANT_S)
+        ahead = np.maximum(reached, rows + _FEWEST).clip(max=len(self.t_s) - 1)
+        # A robot that turns back without a stop is where it was, but not in between.
+        away = np.maximum(np.abs(self.q[ahead] - self.q), np.abs(self.q[(rows + ahead) // 2] - self.q)).max(axis=1)
+        still = (away < _TURN_RAD) & (ahead - rows >= _FEWEST) & (reached < len(self.t_s))
+        ends: Integers = ahead[np.flatnonzero(still & ~np.append(still[1:], False))]
+        return ends
 
-def turns(t_s: Array, x: Array) -> list[tuple[float, float]]:
-    """When x (n,) rad turns back, and the direction (±1) it takes then."""
+
+def turns(t_s: Array, x: Array, departures: Integers = _NONE) -> list[tuple[float, float]]:
+    """When x (n,) rad turns back, and the direction (±1) it takes then.
+
+    `departures` (s,) has the last row of each period in which the whole robot stands: there a joint turns back as it
+    leaves. Elsewhere it turns at the vertex of its way.
+    """
     follower = play(x, _TURN_RAD / 2)
     moving = np.flatnonzero(np.diff(follower))
     direction = np.sign(np.diff(follower)[moving])
@@ -42,7 +66,11 @@ def turns(t_s: Array, x: Array) -> list[tuple[float, float]]:
         between = slice(moving[k], moving[k + 1] + 1)
         extreme = moving[k] + int(np.argmin(direction[k + 1] * x[between]))
         last = int(changes[np.searchsorted(changes, extreme)])
-        found.append((_vertex(t_s, x, extreme, last), float(direction[k + 1])))
+        # A joint may rest on after the robot has left its stand, while others turn.
+        leaves = np.searchsorted(t_s, t_s[moving[k + 1]] - 2 * _NEAR_S)
+        left = departures[(departures >= max(moving[k], leaves)) & (departures <= moving[k + 1] + 1)]
+        when = float(t_s[left[-1]]) if len(left) else _vertex(t_s, x, extreme, last)
+        found.append((when, float(direction[k + 1])))
     return found
 
 

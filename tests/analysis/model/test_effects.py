@@ -157,6 +157,40 @@ def test_a_joint_that_stands_turns_back_as_it_leaves() -> None:
     assert when == pytest.approx(10.0, abs=0.3)
 
 
+@pytest.mark.parametrize("step_s", [0.004, 0.02, 0.05, 0.1])
+@pytest.mark.parametrize("offset_s", [0.0, 0.013, 7.1])
+def test_a_joint_turns_back_as_the_robot_leaves_its_stand(step_s: float, offset_s: float) -> None:
+    t_s = offset_s + np.arange(0.0, 5.0, step_s)
+    q = np.zeros((len(t_s), 6))
+    q[:, 1] = np.interp(t_s - offset_s, [0.0, 2.0, 3.0, 5.0], [0.0, 0.4, 0.4, 0.0])
+    noisy = q + np.radians(0.0003) * np.random.default_rng(5).normal(size=q.shape)
+    for motion in (q, noisy):
+        ((when, direction),) = Motion(t_s, motion).reversals(2)
+        assert when - offset_s == pytest.approx(3.0, abs=0.001 + step_s) and direction == -1
+
+
+def test_a_joint_that_turns_back_without_a_stand_does_so_at_its_vertex() -> None:
+    t_s = np.arange(0.0, 5.0, 0.02)
+    q = np.radians(0.0003) * np.random.default_rng(5).normal(size=(len(t_s), 6))
+    q[:, 0] += 0.1 * t_s
+    q[:, 1] = -0.003 * (t_s - 2.5) ** 2
+    ((when, _),) = Motion(t_s, q).reversals(2)
+    assert when == pytest.approx(2.5, abs=0.02), "joint 2 hardly turns while the robot drives on"
+    q[:, 0] = -np.abs(t_s - 2.52)
+    q[:, 1] = -0.1 * np.abs(t_s - 2.52)
+    ((when, _),) = Motion(t_s, q).reversals(2)
+    assert when == pytest.approx(2.52, abs=0.02), "no stop"
+
+
+def test_a_joint_that_rests_on_after_a_stand_does_not_turn_back_there() -> None:
+    t_s = np.arange(0.0, 10.0, 0.02)
+    q = np.zeros((len(t_s), 6))
+    q[:, 0] = np.interp(t_s, [3.0, 8.0], [0.0, 0.5])
+    q[:, 1] = np.interp(t_s, [0.0, 2.0, 8.0, 10.0], [0.0, 0.4, 0.4, 0.0])
+    ((when, _),) = Motion(t_s, q).reversals(2)
+    assert when > 4.0, "the robot left its stand at 3 s, joint 2 at 8 s"
+
+
 def test_a_spike_hangs_back_against_the_new_direction_and_relaxes() -> None:
     spike = _link_side_deg(ReversalSpike(axis=2, amplitude_deg=0.01, decay_s=0.1))
     assert np.abs(spike[:198]).max() == 0
