@@ -17,8 +17,9 @@ from rigs.effects import Effect
 from rigs.schema.play import play
 
 _REVERSAL_SHIFT = 0.4
-"""Standard deviation of the error at a sample next to a reversal, as a share of the effect's size. Chosen: the instant
-of a reversal is known to about one sample, so any part of the jump may fall on either side."""
+"""Standard deviation of the error at a sample next to a reversal, as a share of the effect's size, and of the instant
+of the reversal, as a share of the time between samples. Chosen: the instant is known to about one sample, so any part
+of the jump may fall on either side."""
 _LEAST = 1e-3
 """Largest entry, in standard deviations of the noise, below which a column is left out: it changes nothing."""
 _NEGLIGIBLE = 0.01
@@ -32,11 +33,26 @@ def departure_columns(linear: Linearisation, effect: Effect) -> Array:
     """Return what the departures of an effect may add, one standard deviation each: columns (N, f) in standard
     deviations of the noise."""
     own = effect.departures()
-    parts = [linear.columns(own.beside)]
+    parts = [_shares(linear, own.beside)]
     parts += [_initial_play(linear, *own.gap, _PARTS)] if own.gap else []
     parts += [_reversal_shifts(linear, *own.jolt)] if own.jolt else []
     parts += [_stick_columns(linear, *own.stick)] if own.stick else []
+    parts += [_fading_columns(linear, effect)] if own.fades else []
     return np.concatenate(parts, axis=1)
+
+
+def alike_columns(linear: Linearisation, effect: Effect) -> Array:
+    """Return what effects that resemble an effect may add, one standard deviation each: columns (N, f) in standard
+    deviations of the noise.
+
+    Beside them a fit hardly knows which way to go: it ended at a fifth of the width of a play. So they are allowed for
+    once the effect is fitted, where the readings are judged.
+    """
+    return _shares(linear, effect.departures().alike)
+
+
+def _shares(linear: Linearisation, effects: Sequence[tuple[float, Effect]]) -> Array:
+    return linear.columns([effect for _, effect in effects]) * [share for share, _ in effects]
 
 
 def fewest_columns(columns: Array) -> Array:
@@ -83,10 +99,10 @@ def _usual_shares(edges: Array) -> Array:
     return shares
 
 
-def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float) -> Array:
+def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
     """Return columns (N, j) for the samples about each reversal of a joint. The instant of a reversal is known to about
     one sample and differs by that between repeats, so a spike may begin earlier or later, and a play may be crossed
-    differently."""
+    differently. One that fades is smaller or larger from then on."""
     columns = []
     for k, block in enumerate(linear.blocks):
         if not block.sampling:
@@ -99,7 +115,28 @@ def _reversal_shifts(linear: Linearisation, axis: int, size_deg: float) -> Array
                 for sample in (after - 1, after)
                 if 0 <= sample < len(path.t_s)
             ]
-    return np.stack(columns, axis=1) if columns else np.empty((len(linear.y), 0))
+    jolts = np.stack(columns, axis=1) if columns else np.empty((len(linear.y), 0))
+    return np.concatenate([jolts, _faded(linear, axis, size_deg, fades_s)], axis=1) if fades_s else jolts
+
+
+def _faded(linear: Linearisation, axis: int, size_deg: float, fades_s: float) -> Array:
+    """Return a column (N,) for each reversal of a joint in each circle, as (N, j): how much more is left of an effect
+    that fades in fades_s (s) if it began later."""
+    columns = [np.empty((len(linear.y), 0))]
+    for one, rows in zip(linear.simulated, linear.rows, strict=True):
+        if not one.block.sampling:
+            continue
+        path = one.block.one.path
+        turns = [when for when, _ in path.motion.reversals(axis)]
+        if not turns:
+            continue
+        since = np.subtract.outer(path.t_s, turns)
+        later_s = _REVERSAL_SHIFT * float(np.median(np.diff(path.t_s)))
+        more_deg = size_deg * later_s / fades_s * np.exp(-np.maximum(since, 0.0) / fades_s)
+        own = np.zeros((len(linear.y), since.shape[1]))
+        own[rows] = one.by_joint(axis, np.radians(np.where(since >= 0, more_deg, 0.0)))
+        columns.append(own)
+    return np.concatenate(columns, axis=1)
 
 
 def _stick_columns(linear: Linearisation, gauge: str, off_mm: float) -> Array:
@@ -115,3 +152,15 @@ def _stick_columns(linear: Linearisation, gauge: str, off_mm: float) -> Array:
                 columns.append(column)
         begin += len(block.y_mm)
     return np.stack(columns, axis=1) if columns else np.empty((len(linear.y), 0))
+
+
+def _fading_columns(linear: Linearisation, effect: Effect) -> Array:
+    """Return a column (N,) for each block of targets, as (N, t): what is left there of an effect that fades while the
+    robot stands may be anything between nothing and twice as much."""
+    whole, columns = linear.columns([effect])[:, 0], []
+    for block, rows in zip(linear.blocks, linear.rows, strict=True):
+        if not block.sampling and whole[rows].any():
+            column = np.zeros_like(whole)
+            column[rows] = whole[rows]
+            columns.append(column)
+    return np.stack(columns, axis=1) if columns else np.empty((len(whole), 0))

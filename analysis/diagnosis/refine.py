@@ -17,7 +17,7 @@ import numpy as np
 
 from analysis.diagnosis.background import Background, FittedTerms, Weighed
 from analysis.diagnosis.columns import LARGEST_FAULT
-from analysis.diagnosis.departures import departure_columns, fewest_columns
+from analysis.diagnosis.departures import alike_columns, departure_columns, fewest_columns
 from analysis.diagnosis.linearisation import Linearisation
 from analysis.kinematics.arm import Array, Mask
 from rigs.effects import Effect, bounds, healthy_size, size_field
@@ -122,7 +122,10 @@ def refine(
     unknowns = (*before.unknowns, *_unknowns(effects, len(before.effects)))
     departures = (*before.departures, *(fewest_columns(departure_columns(linear, one)) for one in new))
     columns = before.free if free is None else free
-    return _Problem(linear, background, before, unknowns, departures, columns).solved(effects, rounds)
+    found = _Problem(linear, background, before, unknowns, departures, columns).solved(effects, rounds)
+    alike = [np.empty((len(linear.y), 0))] * len(before.effects) + [alike_columns(linear, one) for one in new]
+    both = tuple(np.concatenate(pair, axis=1) for pair in zip(departures, alike, strict=True))
+    return replace(found, departures=both)
 
 
 def no_effects(linear: Linearisation) -> Refined:

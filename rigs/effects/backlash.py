@@ -11,7 +11,18 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import AT_AXIS, Compensation, Departures, Effect, FreeShape, Scope, at_each_axis, shape, size
+from rigs.schema.effect import (
+    AT_AXIS,
+    Compensation,
+    Departures,
+    Effect,
+    FreeShape,
+    Scope,
+    at_each_axis,
+    scaled,
+    shape,
+    size,
+)
 from rigs.schema.part import Axis
 from rigs.schema.play import plays
 from rigs.schema.scene import S
@@ -19,6 +30,11 @@ from rigs.schema.scene import S
 _SPREAD = np.linspace(-0.9, 0.9, 7)
 _FIRM_NM = 1.0
 """A torque of this size presses the flank firmly; below, it gives way smoothly."""
+_SPECTRUM = (0.5, 2.0, 4.0)
+_SHARE = 0.05
+"""Widths of plays, in widths of the effect, of which a real joint may show some beside it, and how high each of them
+is: one standard deviation, as a share of the effect. Friction is approached gradually and wind-up adds to it, so the
+hysteresis of a joint has a spectrum of widths (Prandtl and Ishlinskii). Chosen."""
 
 
 class Backlash(Effect):
@@ -77,4 +93,5 @@ class Backlash(Effect):
     def departures(self) -> Departures:
         """Where in its play the joint began, and how it crosses it."""
         half_deg = self.width_deg / 2
-        return Departures(gap=(self.axis, half_deg), jolt=(self.axis, half_deg))
+        spectrum = tuple((_SHARE / ratio, scaled(self, ratio, transit=0.0, preload=0.0)) for ratio in _SPECTRUM)
+        return Departures(alike=spectrum, gap=(self.axis, half_deg), jolt=(self.axis, half_deg, 0.0))

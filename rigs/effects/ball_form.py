@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from rigs.schema.effect import Compensation, Departures, Effect, Place, Scope, scaled, shape, size
+from rigs.schema.effect import Compensation, Departures, Effect, Place, Scope, shape, size
 from rigs.schema.scene import S
 
 _FEWEST, _MOST = 2, 30
@@ -48,5 +48,9 @@ class BallForm(Effect):
         """Lobes are not all alike: one more and one fewer."""
         near = [lobes for lobes in (self.lobes - 1, self.lobes + 1) if _FEWEST <= lobes <= _MOST]
         return Departures(
-            tuple(scaled(self, _NEIGHBOUR, lobes=lobes, phase_deg=phase) for lobes in near for phase in (0, 90))
+            tuple(
+                (_NEIGHBOUR, self.model_copy(update={"lobes": lobes, "phase_deg": phase}))
+                for lobes in near
+                for phase in (0.0, 90.0)
+            )
         )

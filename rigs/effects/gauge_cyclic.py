@@ -17,7 +17,6 @@ from rigs.schema.effect import (
     Place,
     Scope,
     StretchedShape,
-    scaled,
     shape,
     size,
 )
@@ -64,5 +63,8 @@ class GaugeCyclic(Effect):
     def departures(self) -> Departures:
         """The second harmonic: two signals of a scale are never quite alike."""
         return Departures(
-            tuple(scaled(self, _HARMONIC, period_mm=self.period_mm / 2, phase_deg=phase) for phase in (0, 90))
+            tuple(
+                (_HARMONIC, self.model_copy(update={"period_mm": self.period_mm / 2, "phase_deg": phase}))
+                for phase in (0.0, 90.0)
+            )
         )

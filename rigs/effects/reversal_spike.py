@@ -40,7 +40,7 @@ class ReversalSpike(Effect):
 
     STAGE = "joint"
     PLACE = AT_AXIS
-    FREE = (FreeShape("slow", 0.0, 0.2), FreeShape("rise", 0.0, 0.05))
+    FREE = (FreeShape("slow", 0.0, 0.2), FreeShape("rise", 0.02, 0.05))
     STRETCHED = (StretchedShape("decay_s", 0.7),)
 
     def apply(self, scene: S) -> S:
@@ -77,5 +77,5 @@ class ReversalSpike(Effect):
         return f"axis {self.axis} does not turn back"
 
     def departures(self) -> Departures:
-        """It may begin sooner or later."""
-        return Departures(jolt=(self.axis, abs(self.amplitude_deg)))
+        """It may begin sooner or later, and fade at a target for any time."""
+        return Departures(jolt=(self.axis, abs(self.amplitude_deg), self.decay_s), fades=True)

@@ -18,7 +18,6 @@ from rigs.schema.effect import (
     Place,
     Scope,
     StretchedShape,
-    scaled,
     shape,
     size,
 )
@@ -79,9 +78,9 @@ class TransmissionError(Effect):
         """Harmonics: no gear makes a pure wave."""
         return Departures(
             tuple(
-                scaled(self, _HARMONIC, order=n * self.order, phase_deg=phase, third=0.0)
+                (_HARMONIC, self.model_copy(update={"order": n * self.order, "phase_deg": phase, "third": 0.0}))
                 for n in (2, 3)
-                for phase in (0, 90)
+                for phase in (0.0, 90.0)
             )
         )
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from analysis.diagnosis.blocks import Block, blocks_of
-from analysis.diagnosis.departures import departure_columns, fewest_columns, initial_play_columns
+from analysis.diagnosis.departures import alike_columns, departure_columns, fewest_columns, initial_play_columns
 from analysis.diagnosis.linearisation import linearise
 from analysis.diagnosis.observed_run import ORDER_OF
 from analysis.diagnosis.run_setups import fit_run_setups
@@ -17,7 +17,7 @@ from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable
 from rigs.effects import Backlash, BallForm, GaugeCyclic, JointOffset, ReversalSpike, TransmissionError
 from rigs.schema.play import play
-from tests.support.diagnosis_cells import Array, circles, healthy, seen
+from tests.support.diagnosis_cells import Array, circles, healthy, measured, seen, table_of
 
 GEAR = TransmissionError(axis=1, order=20, amplitude_deg=0.02, phase_deg=30)
 
@@ -65,6 +65,66 @@ def test_a_spike_may_come_a_sample_sooner_or_later_at_every_turn() -> None:
     assert turned >= 4 and found.shape[1] >= 2 * turned
     other = departure_columns(linear, spike.model_copy(update={"amplitude_deg": -0.04}))
     np.testing.assert_allclose(other, 2 * found)
+
+
+def _leaves(found: Array, wanted: Array) -> float:
+    """How much of what is wanted the columns cannot show, as a share."""
+    weights, *_ = np.linalg.lstsq(found, wanted, rcond=None)
+    return float(np.linalg.norm(wanted - found @ weights) / np.linalg.norm(wanted))
+
+
+def test_a_play_may_have_wider_and_narrower_ones_beside_it() -> None:
+    linear = healthy()
+    sharp = Backlash(axis=1, width_deg=0.05)
+    found = alike_columns(linear, sharp)
+    narrower, wider, none = linear.columns(
+        [sharp.model_copy(update={"width_deg": width}) for width in (0.025, 0.2)]
+        + [TransmissionError(axis=1, order=33, amplitude_deg=0.02)]
+    ).T
+    assert max(_leaves(found, narrower), _leaves(found, wider)) < 1e-6
+    assert _leaves(found, none) > 0.5
+
+
+def test_what_is_left_of_a_spike_at_targets_is_unknown_and_on_circles_it_is_not() -> None:
+    runs = seen([*circles(seed=91), measured(table_of("repeatability", None, 5), "repeatability", "approaches")])
+    setups, _ = fit_run_setups(runs)
+    linear = linearise(blocks_of(runs, setups), setups)
+    spike = ReversalSpike(axis=2, amplitude_deg=0.02, decay_s=1.0)
+    whole, found = linear.columns([spike])[:, 0], departure_columns(linear, spike)
+    (at_targets,) = [rows for block, rows in zip(linear.blocks, linear.rows, strict=True) if not block.sampling]
+    circle = np.ones(len(whole), dtype=bool)
+    circle[at_targets] = False
+    assert np.abs(whole[at_targets]).max() > 1, "the test shows something"
+    assert _leaves(found[at_targets], whole[at_targets]) < 1e-6
+    shown = np.abs(found[at_targets]).max(axis=0) > 0
+    assert shown.any() and not found[circle][:, shown].any()
+
+
+def test_a_spike_of_a_joint_that_does_not_turn_back_in_some_circle_has_no_columns_there() -> None:
+    run = circles(seed=7, count=1, ways=("cw",))[0]
+    table = run.table
+    assert isinstance(table, CircleTable)
+    kept = table.t_s < 19.2
+    short = replace(table, t_s=table.t_s[kept], q=table.q[kept], g_mm=table.g_mm[kept])
+    runs = seen([replace(run, table=short)])
+    setups, _ = fit_run_setups(runs)
+    linear = linearise(blocks_of(runs, setups), setups)
+    turning = [axis for axis in range(1, 7) if linear.blocks[0].one.path.motion.reversals(axis)]
+    assert 4 not in turning and len(turning) > 3
+    for axis in range(1, 7):
+        found = departure_columns(linear, ReversalSpike(axis=axis, amplitude_deg=0.02))
+        assert found.shape[1] > 0 if axis in turning else found.shape == (len(linear.y), 0)
+
+
+def test_a_spike_that_begins_later_is_larger_from_then_on() -> None:
+    linear, decay_s = healthy(), 0.5
+    spike = ReversalSpike(axis=2, amplitude_deg=0.02, decay_s=decay_s)
+    found, whole = departure_columns(linear, spike), linear.columns([spike])[:, 0]
+    step_s = float(np.median(np.diff(linear.blocks[0].one.path.t_s)))
+    weights, *_ = np.linalg.lstsq(found, whole, rcond=None)
+    assert np.linalg.norm(whole - found @ weights) < 1e-6 * np.linalg.norm(whole), "each of its turns has its own size"
+    later = np.abs(weights).max()
+    assert 0.2 * step_s < decay_s / later < 0.8 * step_s, "a time of less than a sample"
 
 
 def _standing(run: Measured) -> Measured:
