@@ -14,7 +14,7 @@ from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.residual_bands import bands_above_noise
 from analysis.diagnosis.rivals import RivalOdds
 from analysis.diagnosis.search import SearchResult
-from analysis.diagnosis.shares import shares_of
+from analysis.diagnosis.shares import birge_ratio, shares_of
 from analysis.diagnosis.validation import gap_without_um
 from analysis.diagnosis.worth import Worth, limits_um, plain_worth, worth
 from analysis.kinematics.arm import Array
@@ -54,8 +54,10 @@ def _named(result: SearchResult, k: int, gain: float | None, limits: Array, gap_
     own = worth(result.linear, result.contributions[k])
     likely = own_odds.odds > _LIKELY and own_odds.healthy_odds < _HEALTHY
     material = result.state.is_fault(k) and own.is_material(limits) and (gain is None or gain > 0) and likely
+    ratio = birge_ratio(result, k, limits)
+    sd = {field: ratio * one for field, one in result.state.refined.sd(k).items()}
     found = Named(
-        effects[k], result.state.refined.sd(k), own_odds.odds, _rivals(own_odds), gap_without_um, effects[k].remedy(),
+        effects[k], sd, own_odds.odds, _rivals(own_odds), gap_without_um, effects[k].remedy(),
         own.whole_um, material, gain, shares_of(result, k, limits) if material else (),
     )  # fmt: skip
     return replace(found, material=material and not found.contradicted)

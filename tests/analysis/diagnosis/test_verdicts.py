@@ -107,11 +107,13 @@ def test_a_name_of_which_set_ups_show_different_shares_counts_to_the_remainder()
     sizes = {share.setup: share.value * size_of(one.effect) for share in one.shares}
     assert sizes == pytest.approx({"yaw": 0.006 / 0.005, "roll": 0.0015 / 0.005}, rel=0.1)
     assert one.contradicted and not one.material and found.contradicted == (one,) and one not in found.slight
+    apart = one.sd["amplitude_deg"]
     assert found.verdict == "outside_library" and found.remainder.um > 0.5 * one.worth_um
     assert "transmission_error 1 order 60" in found.remainder.words and "of it in roll" in found.why
     alike = found_in([*circles(gear(0.006), seed=19), *circles(gear(0.006), seed=20, tests=("roll",))])
     (one,) = (one for one in alike.effects if name_of(one.effect) == "transmission_error 1")
     assert alike.verdict == "named" and one.material and len(one.shares) == 2
+    assert apart > 5 * one.sd["amplitude_deg"], "set-ups that disagree on a size make it less certain"
     assert all(abs(share.value - 1) < 3 * share.sd + 0.05 for share in one.shares)
     assert one.to_dict()["shares"]["yaw"]["value"] == pytest.approx(1, abs=0.05)
     alone = found_in(circles(gear(0.006), seed=19))
