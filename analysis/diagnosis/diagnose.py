@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from analysis.diagnosis.diagnosis import Diagnosis, Gap, Named, NextTest
-from analysis.diagnosis.doubts import doubts_of_rig, doubts_of_runs
+from analysis.diagnosis.doubts import doubts_of_rig, doubts_of_runs, doubts_of_targets
 from analysis.diagnosis.early_readings import early_readings
 from analysis.diagnosis.form_posterior import is_separable
 from analysis.diagnosis.link_swing import find_vibration
@@ -68,7 +68,8 @@ def diagnose(
     named.sort(key=lambda one: (not one.material, -one.worth_um))
     early = early_readings(result)
     found = _diagnosis_of(rig, result, gaps, named, limits, early=bool(early))
-    doubts = [*placed, *early, *doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, runs)]
+    wild = doubts_of_targets(result.linear.blocks, result.linear.in_mm(result.posterior.residual))
+    doubts = [*placed, *early, *wild, *doubts_of_runs(result.linear.blocks), *doubts_of_rig(rig, runs)]
     if found.verdict == "ambiguous":
         progress("choosing a test that separates the rivals")
         next_test, doubt = _next_test(rig, named, used, result)

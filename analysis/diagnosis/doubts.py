@@ -5,17 +5,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from analysis.diagnosis.blocks import Block
 from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.fitting.observation import rms
-from analysis.traces.tables import CircleTable
+from analysis.kinematics.arm import Array
+from analysis.noise.cell import TARGET_MM
+from analysis.traces.tables import CircleTable, PoseTable
 from rigs.rig import Rig
 from rigs.schema.effect import name_of
 
 _BETTER = 0.97
 """Ratio of the gap without an effect of the rig file to the gap with it, below which the effect is doubted. Chosen: 3 %
 of the rms is more than a refitted set-up gains by chance."""
+_SPREADS = 10.0
+"""Robust standard deviations from which a reading at a target is wild; they are taken to be at least the largest of
+real cells, 0.06 mm. Chosen: as for the sphere of a radial test."""
 
 
 def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
@@ -42,6 +49,26 @@ def doubts_of_runs(blocks: Sequence[Block]) -> tuple[str, ...]:
             )
     if not circles:
         doubts.append("no circle was given: effects that depend on speed or on reversals cannot be detected")
+    return tuple(doubts)
+
+
+def doubts_of_targets(blocks: Sequence[Block], left_mm: Sequence[Array]) -> tuple[str, ...]:
+    """Return a message for each test at targets with readings far from all others, given what the model leaves of the
+    entries of each block, (N,) mm. No effect explains such readings."""
+    by_test: dict[str, list[Array]] = {}
+    for block, left in zip(blocks, left_mm, strict=True):
+        if not block.sampling and not isinstance(block.one.table, PoseTable):
+            by_test.setdefault(block.name, []).append(np.abs(left))
+    doubts = []
+    for name, parts in by_test.items():
+        far_mm = np.concatenate(parts)
+        wild = far_mm > _SPREADS * max(1.4826 * float(np.median(far_mm)), TARGET_MM.high)
+        if wild.any():
+            doubts.append(
+                f"{wild.sum()} of {len(far_mm)} readings at the targets of {name} (means of repeats) are wild, up to "
+                f"{far_mm.max():.1f} mm off: check that the robot stands while it is read, that the clocks agree, "
+                "and that the plunger touches"
+            )
     return tuple(doubts)
 
 

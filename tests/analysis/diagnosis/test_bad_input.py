@@ -113,6 +113,20 @@ def test_targets_that_nothing_explains_are_outside_the_library() -> None:
     assert found.where[0].test == "radial" and "targets" in found.where[0].why
 
 
+def test_targets_that_are_read_while_the_robot_moves_are_counted() -> None:
+    table = table_of("radial", None, 29)
+    assert isinstance(table, RadialTable)
+    left = table.g_mm.copy()
+    left[::9] += 7.0
+    found = found_in([measured(replace(table, g_mm=left), "radial", "radial")])
+    (doubt,) = [doubt for doubt in found.doubts if "wild" in doubt]
+    assert doubt.startswith(
+        f"{len(left[::9])} of {len(left)} readings at the targets of radial (means of repeats) are wild, up to 7."
+    )
+    sound = found_in([measured(table, "radial", "radial")])
+    assert not _has_doubt(sound, "wild")
+
+
 @pytest.mark.parametrize("test", ["radial", "repeatability"])
 def test_targets_alone_draw_no_name_of_a_healthy_robot(test: str) -> None:
     run = measured(table_of(test, None, 28), test, test)  # type: ignore[arg-type]
