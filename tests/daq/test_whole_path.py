@@ -84,17 +84,24 @@ def test_a_program_that_stops_at_targets_becomes_its_table(tmp_path: Path, test:
     data["effects"] = [{"effect": "backlash", "axis": 1, "width_deg": 0.05}]
     text = yaml.safe_dump(data)
     robot = EmulatedRobot.of_rig(parse(text, "stops"), seed=8)
+    if test == "radial":
+        wanted = [["1"], ["2"], ["3"], ["4"], ["5"]]
+    else:
+        wanted = [[k, side, "1"] for k in ("1", "3") for side in ("none", "out", "in")]
     with Bench(tmp_path, text, robot) as bench:
         bench.start().all_reading()
-        done = bench.run("rig", "record", "start", "stops", "--test", test)
-        path = Path(done.stdout.strip())
-        robot.start(test)
-        assert robot.finished.wait(60)
-        assert bench.run("rig", "record", "stop").returncode == 0
-        assert bench.run("rig", "export", path, "--to", "csv", "-o", "table.csv").returncode == 0
-    rows = (tmp_path / "table.csv").read_text().splitlines()
-    first = [row.split(",")[:3] for row in rows[1:]]
-    if test == "radial":
-        assert [row[0] for row in first] == ["1", "2", "3", "4", "5"]
-    else:
-        assert first == [[k, side, "1"] for k in ("1", "3") for side in ("none", "out", "in")]
+        for turn in range(TRIES):
+            done = bench.run("rig", "record", "start", f"stops{turn}", "--test", test)
+            path = Path(done.stdout.strip())
+            with Stalls() as stalls:
+                robot.start(test)
+                assert robot.finished.wait(60)
+            assert bench.run("rig", "record", "stop").returncode == 0
+            assert bench.run("rig", "export", path, "--to", "csv", "-o", f"table{turn}.csv").returncode == 0
+            rows = (tmp_path / f"table{turn}.csv").read_text().splitlines()
+            found = [row.split(",")[: len(wanted[0])] for row in rows[1:]]
+            if found == wanted or stalls.worst_s < BAD_S:
+                break
+        else:
+            pytest.skip(f"this computer held up each of {TRIES} programs, the last for {1e3 * stalls.worst_s:.0f} ms")
+    assert found == wanted

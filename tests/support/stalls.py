@@ -17,11 +17,13 @@ _PACE_S = 0.002
 
 
 class Stalls(threading.Thread):
-    """Sends bytes through a pty as long as it is entered; worst_s: the longest that one took, or came too late."""
+    """Sends bytes through a pty as long as it is entered; worst_s: the longest that one took, or came too late; lost_s:
+    what all that took more than `BAD_S` took together."""
 
     def __init__(self) -> None:
         super().__init__(daemon=True)
         self.worst_s = 0.0
+        self.lost_s = 0.0
         self._over = threading.Event()
 
     def __enter__(self) -> Stalls:
@@ -41,6 +43,8 @@ class Stalls(threading.Thread):
             select.select([slave], [], [], 10)
             os.read(slave, 1)
             now = time.monotonic()
-            self.worst_s, due = max(self.worst_s, now - due), now + _PACE_S
+            late_s, due = now - due, now + _PACE_S
+            self.worst_s = max(self.worst_s, late_s)
+            self.lost_s += late_s if late_s > BAD_S else 0.0
         os.close(master)
         os.close(slave)

@@ -107,10 +107,11 @@ def _scanned(port: str, said: dict[str, Any]) -> Finding:
         told.clear()
         with Stalls() as stalls:
             finding = modbus_scan.scan_gauge("g1", _gauge(said), streams_of(rig)[0], told.append)
-        if stalls.worst_s < STALL_S:
+        # Many short ones add up, too: a scan that saw the motion was none the worse for them.
+        if stalls.worst_s < STALL_S and (finding.verdict is not Verdict.DOUBTFUL or stalls.lost_s < STALL_S):
             break
     else:
-        pytest.skip(f"this computer held up each of {TRIES} scans, the last for {stalls.worst_s:.1f} s")
+        pytest.skip(f"this computer held up each of {TRIES} scans, the last for {stalls.lost_s:.1f} s")
     assert "every unit number" in told[0] and all("move its probe" in line for line in told[1:])
     return finding
 
