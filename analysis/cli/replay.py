@@ -65,6 +65,8 @@ def replay(
         sent = played.cell.stop()
     for name, count in sent.items():
         say(f"{name}: {count} pieces sent, {played.steps[name].words()}")
+    if played.restarts:
+        say(f"restarts from the beginning, because the host left a connection before its end: {played.restarts}")
     if played.unmarked:
         raise FileError(
             str(directory), f"cannot mark the runs that are out of step: {played.unmarked}", "give another --output"

@@ -91,6 +91,11 @@ class Replay:
         return over or bool(self.unmarked) or all(heard.done for heard in self._replayed.values())
 
     @property
+    def restarts(self) -> int:
+        """How often everything restarted because the host left a connection before its end."""
+        return self._time.turn
+
+    @property
     def otherwise(self) -> int:
         """The number of pieces that the host sent differently from the capture."""
         return sum(steps.otherwise for steps in self.steps.values())

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import signal
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -16,8 +18,11 @@ from rigs.errors import FileError
 from rigs.load import parse
 from tests.support.bench import PATIENCE_S, Bench
 from tests.support.corpus_recording import CORPUS, heard
+from tests.support.stalls import Stalls
 
 NAMES = sorted(folder.name for folder in CORPUS.iterdir() if (folder / "cell.log").exists())
+HELD_UP_S = 0.25
+"""Half the shortest time-out of these rigs: no link is left for less."""
 ON_WIRES = ("heidenhain-egm", "keyence-rtde", "mahr-rsi", "sylvac-lines")
 
 
@@ -36,6 +41,7 @@ def test_the_drivers_hear_what_they_heard(name: str) -> None:
 
 def test_the_daemon_hears_the_same_over_ptys_and_sockets(tmp_path: Path) -> None:
     with ExitStack() as stack:
+        stalls = stack.enter_context(Stalls())
         played = {}
         for name in ON_WIRES:
             text, capture, expected = _case(name)
@@ -48,6 +54,8 @@ def test_the_daemon_hears_the_same_over_ptys_and_sockets(tmp_path: Path) -> None
             deadline = time.monotonic() + seconds + PATIENCE_S
             while not replay.done and time.monotonic() < deadline:
                 time.sleep(0.05)
+            if replay.restarts and stalls.worst_s > HELD_UP_S:
+                pytest.skip(f"this computer held up {name} for {stalls.worst_s:.1f} s, until rigd left it")
             assert replay.done, name
             assert replay.otherwise == 0, name
             for stream, one in expected.items():
@@ -81,3 +89,14 @@ def test_the_command_serves_a_capture_until_all_is_said(tmp_path: Path) -> None:
     assert "0 pieces from the host differ from the capture" in end
     bad = bench.fails("rig", "replay", CORPUS / name / "rig.yaml", CORPUS / name / "rig.yaml", code=3)
     assert "is not a capture written by rigd" in bad
+
+
+def test_a_host_that_left_has_the_replay_restart_and_the_command_reports_it(tmp_path: Path) -> None:
+    name = "sylvac-lines"
+    with Bench(tmp_path) as bench, bench.replaying(CORPUS / name / "cell.log", CORPUS / name / "rig.yaml") as said:
+        bench.rig = tmp_path / "replayed" / "rig.yaml"
+        bench.start().until(lambda state: state["streams"]["robot"]["counters"].get("samples", 0) > 50)
+        assert bench.signalled(signal.SIGTERM)[0] == 0
+        bench.start()
+        end = said()
+    assert re.search(r"^restarts from the beginning, .*: [1-9]", end, re.MULTILINE), end
