@@ -6,6 +6,8 @@ than noise explains) and V the prior variances of all columns. With M = I + √V
 
     a'C⁻¹b = a'Wb - (√V X'Wa)' M⁻¹ (√V X'Wb),    A = √V M⁻¹ √V the posterior covariance of all coefficients.
 
+The columns add X m at their prior means m, which is subtracted from the readings before any product.
+
 The size that a single form may have follows from its cavity (Λ, η): what the readings say about it without its own
 prior.
 """
@@ -59,12 +61,13 @@ class FittedTerms:
 
 @dataclass(frozen=True, eq=False)
 class Background:
-    """The background of one state: noise weights (N,) of the readings, prior variances (p,) of all columns, and the
-    weighted products X'WX (p, p) of the columns."""
+    """The background of one state: noise weights (N,) of the readings, prior variances and means (p,) of the
+    coefficients of all columns, and the weighted products X'WX (p, p) of the columns."""
 
     columns: Columns
     weight: Array
     variance: Array
+    mean: Array
     gram: Array
     _latest: list[tuple[FittedTerms, Weighed]] = field(default_factory=list, init=False, repr=False)
 
@@ -82,6 +85,18 @@ class Background:
         M[np.diag_indices_from(M)] += 1.0
         return np.asarray(cholesky(M, lower=True, overwrite_a=True, check_finite=False), dtype=float)
 
+    @cached_property
+    def pull(self) -> Array:
+        """The prior means over the prior variances (p,): what the prior adds to η; zero where nothing is expected."""
+        none = np.zeros_like(self.mean)
+        return np.asarray(np.divide(self.mean, self.variance, out=none, where=self.variance > 0), dtype=float)
+
+    @cached_property
+    def at_mean(self) -> Array:
+        """What the columns add to the whitened readings (N,) at their prior means."""
+        found: Array = self.columns.X @ self.mean
+        return found
+
     def weighed(self, values: Array) -> Weighed:
         """Return whitened values (N, k) with the terms that their products with C⁻¹ need."""
         from scipy.linalg import solve_triangular  # noqa: PLC0415 - slow to import
@@ -93,10 +108,10 @@ class Background:
         return Weighed(values, weighted, np.asarray(half, dtype=float))
 
     def weighed_terms(self, known: FittedTerms) -> Weighed:
-        """Return the columns (N, q) of fitted terms and, last, the residual, weighed. The latest ones are kept, because
-        a state's evidence and its posterior need the same."""
+        """Return the columns (N, q) of fitted terms and, last, the residual at the prior means, weighed. The latest
+        ones are kept, because a state's evidence and its posterior need the same."""
         if not self._latest or self._latest[0][0] is not known:
-            self._latest[:] = [(known, self.weighed(np.column_stack([known.T, known.r])))]
+            self._latest[:] = [(known, self.weighed(np.column_stack([known.T, known.r - self.at_mean])))]
         return self._latest[0][1]
 
     def taken(self, weighed: Weighed) -> Array:
@@ -187,7 +202,7 @@ class Posterior:
     @cached_property
     def mean(self) -> Array:
         """The means (p,) of the columns of the background."""
-        found: Array = self._taken[:, -1] - self._taken[:, :-1] @ self.known
+        found: Array = self.background.mean + self._taken[:, -1] - self._taken[:, :-1] @ self.known
         return found
 
     @cached_property
@@ -216,6 +231,12 @@ class Posterior:
         return found
 
     @property
+    def unexplained(self) -> Array:
+        """The whitened residual (N,) of the fitted effects, with the background at its prior means."""
+        left: Array = self.terms.r - self.background.at_mean
+        return left
+
+    @property
     def healthy_share(self) -> Array:
         """What the forms of effects, at their posterior means, add to the whitened readings (N,)."""
         forms = self.background.columns.set_ups.start
@@ -232,19 +253,21 @@ class Posterior:
         for q in np.unique(width).tolist():
             members = np.flatnonzero(width == q)
             cols = np.array([forms[k].columns for k in members.tolist()])
-            prior = self.background.variance[cols]
+            prior, mean = self.background.variance[cols], self.background.mean[cols]
             kept = (prior > 0).all(axis=1)
-            members, cols, prior = members[kept], cols[kept], prior[kept]
+            members, cols, prior, mean = members[kept], cols[kept], prior[kept], mean[kept]
             if not len(members):
                 continue
             inverse = np.linalg.inv(self.A[cols[:, :, None], cols[:, None, :]])
-            eta = np.einsum("nij,nj->ni", inverse, self.mean[cols])
+            eta = np.einsum("nij,nj->ni", inverse, self.mean[cols]) - self.background.pull[cols]
             precision = inverse.copy()
             precision[:, np.arange(q), np.arange(q)] -= 1 / prior
             values, turn = np.linalg.eigh(precision)
             values = np.maximum(values, 0.0)
-            seen = np.einsum("nij,ni->nj", turn, eta) ** 2
-            now = cavity_evidence(values, seen, prior.mean(axis=1)[:, None])
+            along, at = (np.einsum("nij,ni->nj", turn, one) for one in (eta, mean))
+            seen = along**2
+            now = cavity_evidence(values, (along - values * at) ** 2, prior.mean(axis=1)[:, None])
+            now += np.sum(along * at - 0.5 * values * at**2, axis=1)
             fault[members] = fault_evidence(values, seen, level) - now
             pick[members] = cavity_evidence(values, seen, level**2 / q) - now
             sigma[members] = np.sqrt(values.max(axis=1))
@@ -276,14 +299,15 @@ class Posterior:
         """Return the coefficients (q,), in healthy sizes, that a form would have as a fault."""
         cols = list(form.columns)
         inverse = np.linalg.inv(self.A[np.ix_(cols, cols)])
-        eta = inverse @ self.mean[cols]
+        eta = inverse @ self.mean[cols] - self.background.pull[cols]
         precision = inverse - np.diag(1 / self.background.variance[cols])
         return np.asarray(np.linalg.solve(precision + np.eye(len(cols)) / LARGEST_FAULT**2, eta), dtype=float)
 
 
-def background_of(columns: Columns, weight: Array, variance: Array) -> Background:
-    """Return the background of noise weights (N,) and prior variances (p,)."""
-    return Background(columns, weight, variance, columns.weighted_gram(weight))
+def background_of(columns: Columns, weight: Array, variance: Array, mean: Array | None = None) -> Background:
+    """Return the background of noise weights (N,), prior variances (p,) and prior means (p,), zero by default."""
+    mean = np.zeros(len(variance)) if mean is None else mean
+    return Background(columns, weight, variance, mean, columns.weighted_gram(weight))
 
 
 def fault_evidence(values: Array, seen: Array, level: float) -> Array:

@@ -31,14 +31,15 @@ class Backgrounds:
     def of(self, state: SelectionState) -> Background:
         """Return the background of everything that is not fitted as an effect in a state."""
         columns = self.columns
-        variance = columns.variance(state.level)
+        variance, mean = columns.variance(state.level), columns.mean(state.level)
         for effect in state.refined.effects:
-            variance[self._columns_alike(effect)] = 0.0
+            alike = self._columns_alike(effect)
+            variance[alike] = mean[alike] = 0.0
         weight = state.robust / state.strength[columns.band]
         seen = weight.tobytes()
         gram = recent(self._grams, seen, lambda: columns.weighted_gram(weight), _GRAMS)
-        key = (seen, variance.tobytes())
-        return recent(self._recent, key, lambda: Background(columns, weight, variance, gram), _KEPT)
+        key = (seen, variance.tobytes())  # the means follow from the level and the names, as the variances do
+        return recent(self._recent, key, lambda: Background(columns, weight, variance, mean, gram), _KEPT)
 
     def _columns_alike(self, effect: Effect) -> list[int]:
         """Return the columns of all forms of an effect's name, of a wave those of about its order."""

@@ -9,7 +9,7 @@ distributed over its forms.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -35,6 +35,9 @@ healthy sizes."""
 _SMALLEST_FAULT = 6.0
 """Smallest size of a fault, as a multiple of what the arm shows of every effect. It comes from the definition of a
 fault as 5 to 100 healthy sizes, with a margin of one."""
+_MEAN = float(np.sqrt(2 / np.pi))
+"""Mean of the magnitude of a normal variable of standard deviation one: what a healthy arm has on average of an effect
+that cannot be negative."""
 _SIZE_RATIO = 1.85
 """Ratio between consecutive fault sizes of the grid, which gives the five sizes 6, 11, 20, 37 and 68 in a healthy arm.
 Chosen: the evidence is an average over sizes and smooth in their logarithm."""
@@ -70,8 +73,8 @@ class Columns:
 
     `X` (N, p) has the columns of forms per healthy size, then those of set-ups (`set_ups`) per mm, then those of the
     scatter. `band` (N,) numbers the band of each entry. `healthy` and `fixed` (p,) are the prior variances of the
-    coefficients in a healthy arm: what grows with its level, and what does not. `not_seen` lists the names that no
-    fault size makes visible.
+    coefficients in a healthy arm: what grows with its level, and what does not; `healthy_mean` (p,) are their prior
+    means at level one. `not_seen` lists the names that no fault size makes visible.
     """
 
     X: Array
@@ -80,6 +83,7 @@ class Columns:
     band: NDArray[np.int64]
     healthy: Array
     fixed: Array
+    healthy_mean: Array
     not_seen: tuple[str, ...] = ()
 
     @cached_property
@@ -133,6 +137,12 @@ class Columns:
         variance: Array = level**2 * self.healthy + self.fixed
         return variance
 
+    def mean(self, level: float) -> Array:
+        """Return the prior mean (p,) of the coefficients in an arm that has `level` times the healthy size of every
+        effect."""
+        mean: Array = level * self.healthy_mean
+        return mean
+
 
 def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Columns:
     """Return the columns (N, p) of the candidates that runs show, of set-ups and of scatter."""
@@ -144,7 +154,8 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
     # Every joint of a healthy arm has some play, and its position in the play at the start of a run is unknown.
     plays = [healthy(one.effect) for one in candidates if is_play(one.effect)]
     begins = initial_play_columns(linear, list({name_of(play): play for play in plays}.values()))
-    share, set_ups, scattered = healthy_shares(forms), linear.U.shape[1], linear.Z.shape[1] + begins.shape[1]
+    present = {name_of(effect) for block in linear.blocks for effect in block.model.effects}
+    share, set_ups, scattered = healthy_shares(forms, present), linear.U.shape[1], linear.Z.shape[1] + begins.shape[1]
     return Columns(
         np.concatenate([columns, linear.U, linear.Z, begins], axis=1),
         forms,
@@ -152,6 +163,7 @@ def columns_for(linear: Linearisation, candidates: Sequence[Candidate]) -> Colum
         np.unique(linear.band, return_inverse=True)[1],
         np.concatenate([share, np.zeros(set_ups + scattered)]),
         np.concatenate([np.zeros(len(share)), np.full(set_ups, _SET_UP_MM**2), np.ones(scattered)]),
+        np.concatenate([healthy_means(forms, present), np.zeros(set_ups + scattered)]),
         not_seen,
     )
 
@@ -183,8 +195,34 @@ def forms_of(every: Sequence[Candidate]) -> tuple[Form, ...]:
     )
 
 
-def healthy_shares(forms: Sequence[Form]) -> Array:
+def healthy_shares(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
     """Return the prior variance (p,) of the columns of forms in a healthy arm, in healthy sizes squared: each name's is
-    distributed over its forms."""
-    shares: Array = np.concatenate([np.full(len(one.columns), 1 / (one.among * len(one.columns))) for one in forms])
+    distributed over its forms. The model contains the names `present` already."""
+    whole = [1 - _MEAN**2 if _is_magnitude(one, present) else 1.0 for one in forms]
+    width = np.array([len(one.columns) for one in forms])
+    shares: Array = np.repeat(np.array(whole) / (width * [one.among for one in forms]), width)
     return shares
+
+
+def healthy_means(forms: Sequence[Form], present: Collection[str] = ()) -> Array:
+    """Return the prior mean (p,) of the columns of forms in a healthy arm, in healthy sizes. The model contains the
+    names `present` already, so that what it lacks of them may have either sign.
+
+    A size that cannot be negative is positive on average. Servo lags of all joints look like late stamps; a large lag
+    beside those of a healthy arm came out smaller by their mean. A name has its mean in its expected shape at a healthy
+    size: a play's response is not proportional to its width.
+    """
+    means = np.zeros(sum(len(one.columns) for one in forms))
+    nearest: dict[str, Form] = {}
+    for one in forms:  # those in other shapes come after the expected one
+        if one.name not in nearest or abs(np.log(one.size)) < abs(np.log(nearest[one.name].size)):
+            nearest[one.name] = one
+    for one in nearest.values():
+        if _is_magnitude(one, present):
+            means[list(one.columns)] = _MEAN
+    return means
+
+
+def _is_magnitude(form: Form, present: Collection[str]) -> bool:
+    """Return whether what the model lacks of a form's effect cannot be negative."""
+    return form.one_sided and form.name not in present

@@ -69,14 +69,18 @@ class Hyperparameters:
         an arm at level one.
 
         A name counts once however many forms it has, because a gear shows only a few of its orders; a fault has little
-        weight.
+        weight. What is only expected, and not shown, does not count.
         """
-        columns, variance = self.columns, posterior.background.variance
-        cols = np.flatnonzero((columns.healthy > 0) & (variance > 0))
-        freedom = np.clip(1 - np.diag(posterior.A)[cols] / variance[cols], 0.0, 1.0)
+        columns, background = self.columns, posterior.background
+        cols = np.flatnonzero((columns.healthy > 0) & (background.variance > 0))
+        freedom = np.clip(1 - np.diag(posterior.A)[cols] / background.variance[cols], 0.0, 1.0)
         names, count = columns.name_of_column[cols], len(columns.among)
-        squares = np.asarray(np.bincount(names, posterior.mean[cols] ** 2, count), dtype=float)
-        seen = np.asarray(np.bincount(names, columns.healthy[cols] * freedom, count), dtype=float)
+        # Of the coefficients, the prior means alone make this much; readings show the rest.
+        unseen = posterior.A @ background.pull
+        shown = (posterior.mean - unseen)[cols]
+        expected = columns.healthy[cols] * freedom + ((background.mean - unseen)[cols] / state.level) ** 2
+        squares = np.asarray(np.bincount(names, shown**2, count), dtype=float)
+        seen = np.asarray(np.bincount(names, expected, count), dtype=float)
         for k, name in enumerate(columns.among):
             if own := [size_of(effect) for effect in state.refined.effects if name_of(effect) == name]:
                 squares[k] += np.sum(np.square(own))

@@ -114,18 +114,28 @@ def refine(
 
     `fitted` is an earlier fit of the first of these effects. They move with the others along their earlier tangents,
     which costs a fraction of a full fit and has an error that grows with their movement; a final fit of all effects
-    together removes it. `free` (N, f) has the columns of free forms, one standard deviation each, and `rounds` is the
-    largest number of Gauss-Newton rounds.
+    together removes it. A new effect that others resemble is first fitted without them. `free` (N, f) has the columns
+    of free forms, one standard deviation each, and `rounds` is the largest number of Gauss-Newton rounds of a fit.
     """
     before = fitted or no_effects(linear)
-    new = effects[len(before.effects) :]
-    unknowns = (*before.unknowns, *_unknowns(effects, len(before.effects)))
-    departures = (*before.departures, *(fewest_columns(departure_columns(linear, one)) for one in new))
+    old = len(before.effects)
+    unknowns = (*before.unknowns, *_unknowns(effects, old))
+    departures = [departure_columns(linear, one) for one in effects[old:]]
     columns = before.free if free is None else free
-    found = _Problem(linear, background, before, unknowns, departures, columns).solved(effects, rounds)
-    alike = [np.empty((len(linear.y), 0))] * len(before.effects) + [alike_columns(linear, one) for one in new]
-    both = tuple(np.concatenate(pair, axis=1) for pair in zip(departures, alike, strict=True))
-    return replace(found, departures=both)
+
+    def solved(begin: Sequence[Effect], own: Sequence[Array]) -> Refined:
+        allowed = (*before.departures, *(fewest_columns(one) for one in own))
+        return _Problem(linear, background, before, unknowns, allowed, columns).solved(begin, rounds)
+
+    if fitted:
+        # Beside what resembles it the fit of a new effect may go astray: a play ended at a fifth of its width.
+        found = solved(effects, departures)
+        if not any(one.departures().alike for one in effects[old:]):
+            return found
+        effects = found.effects
+        departures = [departure_columns(linear, one) for one in effects[old:]]
+    alike = [alike_columns(linear, one) for one in effects[old:]]
+    return solved(effects, [np.concatenate(both, axis=1) for both in zip(departures, alike, strict=True)])
 
 
 def no_effects(linear: Linearisation) -> Refined:
@@ -186,7 +196,7 @@ class _Problem:
         """Return the solution of the Levenberg-Marquardt iteration within the bounds of the parameters."""
         now: list[Any] = list(effects)
         x = np.array([float(getattr(now[u.effect], u.field)) for u in self.unknowns])
-        r = self._projected(self.linear.residual(now)[:, None])
+        r = self._left(now)
         cost, damping = self._cost(r, x), 1e-4
         J = self._slopes(now)
         H, fall = self._normal(J, r)
@@ -197,7 +207,7 @@ class _Problem:
                 step = np.linalg.solve(H + damping * np.diag(np.diag(H)), gradient)
                 tried = self._bounded(now, x + step)
                 there = self._with(now, tried)
-                there_r = self._projected(self.linear.residual(there)[:, None])
+                there_r = self._left(there)
                 there_cost = self._cost(there_r, tried)
                 if there_cost < cost:
                     break
@@ -214,11 +224,15 @@ class _Problem:
                 break
         tangents = np.concatenate([self.fitted.tangents, J.weighed.values], axis=1)
         covariance: Array = np.asarray(np.linalg.inv(H), dtype=float)
-        residual = r.weighed.values[:, 0]
+        residual = r.weighed.values[:, 0] + self.background.at_mean
         within = self._within_limits(now, x, H, fall - (x - self.expected) / self.spread**2)
         return Refined(
             tuple(now), self.unknowns, x, covariance, within, residual, tangents, self.departures, self.free
         )  # fmt: skip
+
+    def _left(self, effects: Sequence[Effect]) -> _Projected:
+        """Return the residual (N, 1) with the effects, and with the background at its prior means."""
+        return self._projected((self.linear.residual(effects) - self.background.at_mean)[:, None])
 
     def _projected(self, values: Array) -> _Projected:
         """Return values (N, k) with their products with the background, the departures and the free forms."""

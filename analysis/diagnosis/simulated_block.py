@@ -16,7 +16,7 @@ from analysis.fitting.setups import moved_setup, terms_of
 from analysis.kinematics.arm import Array, Integers
 from analysis.model.predict import Model, SetUp, driven, posed
 from analysis.model.scene import Scene, apply
-from rigs.effects import Effect, turned
+from rigs.effects import Effect, late_stamps, turned
 from rigs.schema.effect import scaled, size_of
 
 _STEP_DEG = 1e-4
@@ -126,6 +126,17 @@ class SimulatedBlock:
     def by_joint(self, axis: int, off: Array) -> Array:
         """Return the change (N, c) of the whitened readings for errors (n, c) rad of a joint (1 … 6)."""
         return self.whitened(self.slopes[:, :, axis - 1, None] * self.at_readings(off)[:, None])
+
+    def late(self, effect: Effect) -> Array:
+        """Return the change (N, c) of the whitened readings of a circle if the errors of joints that an effect makes
+        come as much later as each of c effects of the stamps has everything, at its healthy size; zero at targets."""
+        stamps = late_stamps()
+        if not self.block.sampling:
+            return np.zeros((len(self.block.y_mm), len(stamps)))
+        early = _early((*self.block.model.effects, *self.known))
+        now, later = self._error(early, effect), [self._error((*early, stamp), effect) for stamp in stamps]
+        change = np.stack([self.at_readings(one - now) for one in later], axis=2)
+        return self.whitened(np.einsum("mka,mac->mkc", self.slopes, change))
 
     def columns(self, effects: Sequence[Effect]) -> Array:
         """Return what each effect adds to the whitened readings, (N, p)."""

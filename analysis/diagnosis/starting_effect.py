@@ -14,7 +14,7 @@ import numpy as np
 from analysis.diagnosis.background import Posterior
 from analysis.diagnosis.columns import LARGEST_FAULT, Columns, Form
 from analysis.diagnosis.linearisation import Linearisation
-from analysis.diagnosis.selection_state import FAULT, combined_effect, order_of
+from analysis.diagnosis.selection_state import FAULT, combined_effect, is_same, order_of
 from analysis.kinematics.arm import Array
 from rigs.effects import Effect
 from rigs.schema.effect import healthy, identity, is_play, scaled
@@ -58,12 +58,15 @@ def _plays(columns: Columns, linear: Linearisation, posterior: Posterior, effect
     expected = identity(effect).model_copy(update={free.field: free.expected for free in effect.FREE})
     tried = [expected.model_copy(update={free.field: free.tried}) for free in effect.FREE if free.tried is not None]
     shapes = [healthy(shape) for shape in (expected, *tried)]
+    # The background expects some of this play, which the tried one replaces.
+    own = [k for form in columns.forms if is_same(form, effect) for k in form.columns]
+    at_mean = columns.X[:, own] @ posterior.background.mean[own]
     cost, energy = [], np.empty(0)
     for shape in reversed(shapes):
-        added = linear.columns([scaled(shape, float(width)) for width in _WIDTHS])
+        added = linear.columns([scaled(shape, float(width)) for width in _WIDTHS]) - at_mean[:, None]
         left = posterior.residual[:, None] - posterior.left_of(added)
         cost.append(columns.count @ np.log([np.sum(left[rows] ** 2, axis=0) for rows in columns.rows]))
-        energy = np.sum(linear.without_set_up(posterior.terms.r[:, None] - added) ** 2, axis=0)
+        energy = np.sum(linear.without_set_up(posterior.unexplained[:, None] - added) ** 2, axis=0)
     beside, alone = float(_WIDTHS[np.argmin(np.min(cost, axis=0))]), float(_WIDTHS[np.argmin(energy)])
     return [*(scaled(shape, beside) for shape in shapes), *[scaled(shapes[0], alone)] * (alone != beside)]
 
@@ -89,7 +92,7 @@ def _large_wave(linear: Linearisation, columns: Columns, posterior: Posterior, f
     tried = np.interp(places, np.arange(len(orders)), orders)
     effects = [one.model_copy(update={"order": float(order)}) for order in tried for one in form.effects]
     added = linear.without_set_up(linear.columns(effects) / form.size)
-    return _best_of_pairs(effects, added.T @ added, added.T @ posterior.terms.r)
+    return _best_of_pairs(effects, added.T @ added, added.T @ posterior.unexplained)
 
 
 def _best_of_pairs(effects: Sequence[Effect], precision: Array, eta: Array) -> Effect:

@@ -14,7 +14,7 @@ from analysis.diagnosis.observed_run import ObservedRun
 from analysis.diagnosis.residual_bands import bands_above_noise
 from analysis.diagnosis.rivals import RivalOdds
 from analysis.diagnosis.search import SearchResult
-from analysis.diagnosis.shares import birge_ratio, shares_of
+from analysis.diagnosis.shares import sizes_by_setup
 from analysis.diagnosis.validation import gap_without_um
 from analysis.diagnosis.worth import Worth, limits_um, plain_worth, worth
 from analysis.kinematics.arm import Array
@@ -54,11 +54,14 @@ def _named(result: SearchResult, k: int, gain: float | None, limits: Array, gap_
     own = worth(result.linear, result.contributions[k])
     likely = own_odds.odds > _LIKELY and own_odds.healthy_odds < _HEALTHY
     material = result.state.is_fault(k) and own.is_material(limits) and (gain is None or gain > 0) and likely
-    ratio = birge_ratio(result, k, limits)
+    sizes = sizes_by_setup(result, k, limits)
+    ratio = sizes.birge_ratio()
     sd = {field: ratio * one for field, one in result.state.refined.sd(k).items()}
+    # Effects that depend on more than the posture may differ from run to run, or from day to day.
+    by_posture = effects[k].compensation().use != "none"
     found = Named(
         effects[k], sd, own_odds.odds, _rivals(own_odds), gap_without_um, effects[k].remedy(),
-        own.whole_um, material, gain, shares_of(result, k, limits) if material else (),
+        own.whole_um, material, gain, sizes.shares() if material and by_posture else (),
     )  # fmt: skip
     return replace(found, material=material and not found.contradicted)
 
@@ -129,10 +132,13 @@ def verdict_of(
         return "not_testable_here", "these runs have too few readings to distinguish an effect from the set-up"
     material = [one for one in found if one.material]
     poses_alone = all(isinstance(block.one.table, PoseTable) for block in result.linear.blocks)
-    if early and poses_alone and not material and worth(result.linear, result.initial_residual).is_material(limits):
-        return "not_testable_here", "the poses were read before the joints came to rest: measure them again"
     explained_um = _explained_um(result, material)
-    if is_material and left.um > explained_um:
+    is_outside = is_material and left.um > explained_um
+    # Names that leave most of such a gap stand for the early readings too.
+    unnamed = is_outside or not material
+    if early and poses_alone and unnamed and worth(result.linear, result.initial_residual).is_material(limits):
+        return "not_testable_here", "the poses were read before the joints came to rest: measure them again"
+    if is_outside:
         beside = " beside the names listed" * bool(material)
         return "outside_library", f"{left.um:.0f} µm{beside} remain that no effect explains; {left.words}"
     if not material:

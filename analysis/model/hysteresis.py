@@ -8,16 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from analysis.kinematics.arm import Array, Integers
+from analysis.traces.stands import standing
 from rigs.schema.play import play
 
 _TURN_RAD = np.radians(0.003)
 """Less than this is an encoder's noise, not a reversal."""
 _STANDS_S = 0.1
 """The robot stands where no joint turns by an encoder's noise within this time: every program drives faster."""
-_FEWEST = 2
-"""Samples that follow within that time, or else in a longer one."""
-_INSTANT_S = 1e-6
-"""A rounding error of a time."""
 _NEAR_S = 0.25
 _LEAST = 5
 _NONE: Integers = np.empty(0, dtype=np.intp)
@@ -34,26 +31,20 @@ class Motion:
     def reversals(self, axis: int) -> list[tuple[float, float]]:
         """When a joint (1 … 6) turns back, s, and the direction (±1) it takes then."""
         if axis not in self._reversals:
-            self._reversals[axis] = turns(self.t_s, self.q[:, axis - 1], self._departures)
+            self._reversals[axis] = turns(self.t_s, self.q[:, axis - 1], self._stand_ends)
         return self._reversals[axis]
 
     @cached_property
-    def _departures(self) -> Integers:
-        """The last row (s,) of each period in which all joints stand."""
-        rows = np.arange(len(self.t_s))
-        reached = np.searchsorted(self.t_s, self.t_s + _STANDS_S - _INSTANT_S)
-        ahead = np.maximum(reached, rows + _FEWEST).clip(max=len(self.t_s) - 1)
-        # A robot that turns back without a stop is where it was, but not in between.
-        away = np.maximum(np.abs(self.q[ahead] - self.q), np.abs(self.q[(rows + ahead) // 2] - self.q)).max(axis=1)
-        still = (away < _TURN_RAD) & (ahead - rows >= _FEWEST) & (reached < len(self.t_s))
-        ends: Integers = ahead[np.flatnonzero(still & ~np.append(still[1:], False))]
-        return ends
+    def _stand_ends(self) -> Integers:
+        """The last row (s,) of each period in which the whole robot stands, from which it drives on."""
+        ends = [end - 1 for _, end in standing(self.t_s, self.q, _TURN_RAD, _STANDS_S) if end < len(self.t_s)]
+        return np.array(ends, dtype=np.intp)
 
 
-def turns(t_s: Array, x: Array, departures: Integers = _NONE) -> list[tuple[float, float]]:
+def turns(t_s: Array, x: Array, stand_ends: Integers = _NONE) -> list[tuple[float, float]]:
     """When x (n,) rad turns back, and the direction (±1) it takes then.
 
-    `departures` (s,) has the last row of each period in which the whole robot stands: there a joint turns back as it
+    `stand_ends` (s,) has the last row of each period in which the whole robot stands: there a joint turns back as it
     leaves. Elsewhere it turns at the vertex of its way.
     """
     follower = play(x, _TURN_RAD / 2)
@@ -68,7 +59,7 @@ def turns(t_s: Array, x: Array, departures: Integers = _NONE) -> list[tuple[floa
         last = int(changes[np.searchsorted(changes, extreme)])
         # A joint may rest on after the robot has left its stand, while others turn.
         leaves = np.searchsorted(t_s, t_s[moving[k + 1]] - 2 * _NEAR_S)
-        left = departures[(departures >= max(moving[k], leaves)) & (departures <= moving[k + 1] + 1)]
+        left = stand_ends[(stand_ends >= max(moving[k], leaves)) & (stand_ends <= moving[k + 1] + 1)]
         when = float(t_s[left[-1]]) if len(left) else _vertex(t_s, x, extreme, last)
         found.append((when, float(direction[k + 1])))
     return found

@@ -11,6 +11,8 @@ from analysis.kinematics.arm import Array
 _STANDS_RAD = np.radians(0.01)
 """Joints that move by less within the window stand; an encoder's noise is a tenth of it."""
 _WINDOW_S = 0.3
+_INSTANT_S = 1e-6
+"""A rounding error of a time."""
 _SETTLED = 0.5
 """Share of a stand, at its end, that is averaged: the arm has stopped swinging by then."""
 _OUTLYING = 6.0
@@ -39,16 +41,24 @@ class Stand:
 
 def stands_of(t_s: Array, q: Array, g_mm: Array) -> list[Stand]:
     """The stands of a motion: times t_s (n,) s, reported angles q (n, 6) rad, readings g_mm (n, k) of k gauges."""
-    ahead = np.searchsorted(t_s, t_s + _WINDOW_S).clip(max=len(t_s) - 1)
-    still = (np.abs(q[ahead] - q).max(axis=1) < _STANDS_RAD) & (t_s[ahead] - t_s >= 0.9 * _WINDOW_S)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
     stands = []
-    for begin, last in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
-        end = int(ahead[last - 1]) + 1
+    for begin, end in standing(t_s, q, _STANDS_RAD, _WINDOW_S):
         settled = _settled(begin, end)
         mean_mm, outliers = _averaged(g_mm[settled])
         stands.append(Stand(begin, end, float(t_s[settled].mean()), q[settled].mean(axis=0), mean_mm, outliers))
     return stands
+
+
+def standing(t_s: Array, q: Array, still_rad: float, window_s: float) -> list[tuple[int, int]]:
+    """Return the rows [begin, end) of each period in which no joint moves by still_rad or more within window_s: times
+    t_s (n,) s, reported angles q (n, 6) rad."""
+    rows = np.arange(len(t_s))
+    ahead = np.searchsorted(t_s, t_s + window_s - _INSTANT_S).clip(max=len(t_s) - 1)
+    # A robot that turns back without a stop is where it was, but not in between.
+    moved = np.maximum(np.abs(q[ahead] - q), np.abs(q[(rows + ahead) // 2] - q)).max(axis=1)
+    still = (moved < still_rad) & (t_s[ahead] - t_s >= 0.9 * window_s)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(int), [0]])))
+    return [(begin, int(ahead[last - 1]) + 1) for begin, last in edges.reshape(-1, 2).tolist()]
 
 
 def _settled(begin: int, end: int) -> slice:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from functools import reduce
+from functools import cache, reduce
 from operator import or_
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import Field
 
-from rigs.schema.effect import AT_AXIS, size_fields
+from rigs.schema.effect import AT_AXIS, healthy, size_fields
 from rigs.schema.effect import Effect as Effect
 from rigs.schema.effect import Found as Found
 from rigs.schema.effect import bounds as bounds
@@ -59,6 +59,13 @@ def play_of_joint(axis: int, width_deg: float) -> Effect:
 def swing(frequency_hz: float, amplitude_mm: float) -> Effect:
     """The effect that is a swing of the link."""
     return next(one for cls in VOCABULARY.values() if (one := cls.swinging(frequency_hz, amplitude_mm)))
+
+
+@cache
+def late_stamps() -> tuple[Effect, ...]:
+    """The effects of the stamps, each at its healthy size. They have a size and no other key that must be given."""
+    names = [name for name, cls in VOCABULARY.items() if cls.STAGE == "time"]
+    return tuple(healthy(VOCABULARY[name].model_validate({"effect": name})) for name in names)
 
 
 def __getattr__(name: str) -> Any:

@@ -30,11 +30,11 @@ from rigs.schema.scene import S
 _SPREAD = np.linspace(-0.9, 0.9, 7)
 _FIRM_NM = 1.0
 """A torque of this size presses the flank firmly; below, it gives way smoothly."""
-_SPECTRUM = (0.5, 2.0, 4.0)
+_SPECTRUM = (0.25, 0.5, 1.5, 2.0, 4.0)
 _SHARE = 0.05
-"""Widths of plays, in widths of the effect, of which a real joint may show some beside it, and how high each of them
-is: one standard deviation, as a share of the effect. Friction is approached gradually and wind-up adds to it, so the
-hysteresis of a joint has a spectrum of widths (Prandtl and Ishlinskii). Chosen."""
+"""Widths of plays, in widths of the effect, that a real joint may have in place of a part of it, and the standard
+deviation of each part. Friction is approached gradually and wind-up adds to it, so the hysteresis of a joint has a
+spectrum of widths (Prandtl and Ishlinskii), and its height is that of the effect. Chosen."""
 
 
 class Backlash(Effect):
@@ -93,5 +93,6 @@ class Backlash(Effect):
     def departures(self) -> Departures:
         """Where in its play the joint began, and how it crosses it."""
         half_deg = self.width_deg / 2
-        spectrum = tuple((_SHARE / ratio, scaled(self, ratio, transit=0.0, preload=0.0)) for ratio in _SPECTRUM)
+        own = scaled(self, 1.0, preload=0.0)
+        spectrum = tuple(((_SHARE / ratio, scaled(own, ratio, transit=0.0)), (-_SHARE, own)) for ratio in _SPECTRUM)
         return Departures(alike=spectrum, gap=(self.axis, half_deg), jolt=(self.axis, half_deg, 0.0))

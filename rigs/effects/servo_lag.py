@@ -14,7 +14,7 @@ class ServoLag(Effect):
 
     effect: Literal["servo_lag"] = "servo_lag"
     axis: Axis
-    lag_s: float = size(0.2, 5e-4)
+    lag_s: float = size(0.2, 5e-4, least=0.0)
 
     STAGE = "joint"
     PLACE = AT_AXIS

@@ -6,10 +6,15 @@ from typing import Literal
 
 import numpy as np
 
-from rigs.schema.effect import Compensation, Effect, Scope, StretchedShape, shape, size
+from rigs.schema.effect import Compensation, Departures, Effect, Scope, StretchedShape, shape, size
 from rigs.schema.scene import S
 
 _WARMING_S = (60.0, 300.0, 1200.0)
+_SPECTRUM = (0.2, 0.5, 2.0)
+"""Time constants, in those of the effect, with which parts of a real arm may grow: motors and gears warm up faster than
+castings. Chosen."""
+_SHARE = 0.05
+"""Standard deviation of the share of each part. Chosen: as for the widths of a play."""
 
 
 class ThermalGrowth(Effect):
@@ -41,3 +46,9 @@ class ThermalGrowth(Effect):
     def compensation(self) -> Compensation:
         """A target has no time."""
         return Compensation("none", "changes with run time: warming up helps, a fixed target does not")
+
+    def departures(self) -> Departures:
+        """Not all of the arm warms up alike: a part of it may be faster or slower."""
+        taus_s = [ratio * self.time_constant_s for ratio in _SPECTRUM]
+        others = [self.model_copy(update={"time_constant_s": tau_s}) for tau_s in taus_s]
+        return Departures(alike=tuple(((_SHARE, other), (-_SHARE, self)) for other in others))

@@ -93,16 +93,16 @@ class StretchedShape:
 class Departures:
     """How nature departs from the page: what may stand beside an effect, because no gear, ball or brake is ideal.
 
-    beside: effects and the share of each that is one standard deviation; alike: the same, of effects that resemble it
-    too much to be distinguished from it while it is fitted; gap: a joint and half its play in degrees, since it is
-    unknown where in it a run began; jolt: a joint, by how many degrees it may be off about each of its turns, and in
-    how many seconds that fades, 0 at once; stick: a gauge and by how many mm it may be off at a target, since it is
-    unknown how the plunger came there; fades: whether it fades while the robot stands at a target, since it is unknown
-    how long it stood.
+    beside: effects and the share of each that is one standard deviation; alike: combinations of effects, each with its
+    shares, that are one standard deviation each and resemble the effect so much that it is first fitted without them;
+    gap: a joint and half its play in degrees, since it is unknown where in it a run began; jolt: a joint, by how many
+    degrees it may be off about each of its turns, and in how many seconds that fades, 0 at once; stick: a gauge and by
+    how many mm it may be off at a target, since it is unknown how the plunger came there; fades: whether it fades while
+    the robot stands at a target, since it is unknown how long it stood.
     """
 
     beside: tuple[tuple[float, Effect], ...] = ()
-    alike: tuple[tuple[float, Effect], ...] = ()
+    alike: tuple[tuple[tuple[float, Effect], ...], ...] = ()
     gap: tuple[int, float] | None = None
     jolt: tuple[int, float, float] | None = None
     stick: tuple[Gauge, float] | None = None

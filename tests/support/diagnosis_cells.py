@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from analysis.diagnosis.background import Background, background_of
 from analysis.diagnosis.blocks import blocks_of
-from analysis.diagnosis.columns import Columns, Form
+from analysis.diagnosis.candidates import candidates_for
+from analysis.diagnosis.columns import Columns, Form, columns_for
 from analysis.diagnosis.diagnose import diagnose
 from analysis.diagnosis.diagnosis import Diagnosis
 from analysis.diagnosis.linearisation import Linearisation, linearise
@@ -131,6 +132,12 @@ def healthy() -> Linearisation:
     return linearise(blocks_of(runs, setups), setups)
 
 
+@cache
+def healthy_columns() -> Columns:
+    """The columns of every candidate on these circles."""
+    return columns_for(healthy(), candidates_for(healthy()))
+
+
 def holding(linear: Linearisation, y: Array) -> Linearisation:
     """The same with another residual (N,) in standard deviations."""
     parts = [y[rows] * block.sd_mm for rows, block in zip(linear.rows, linear.blocks, strict=True)]
@@ -154,7 +161,7 @@ def columns_of(X: Array, band: NDArray[np.int64], forms: Sequence[Form] = ()) ->
     """Columns (N, p) given as numbers: those of forms first, then those of set-ups."""
     ends = sum(len(form.columns) for form in forms)
     nothing = np.zeros(X.shape[1])
-    return Columns(X, tuple(forms), slice(ends, X.shape[1]), band, nothing, nothing)
+    return Columns(X, tuple(forms), slice(ends, X.shape[1]), band, nothing, nothing, nothing)
 
 
 def no_background(linear: Linearisation, more: Array | None = None) -> Background:

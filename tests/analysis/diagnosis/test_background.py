@@ -25,10 +25,12 @@ FORMS = (
     Form("transmission_error 1", GEAR, 1.0, (2, 3), 1),
 )
 VARIANCE = np.array([1.0, 0.0, 0.5, 0.5, 100.0, 100.0, 1.0, 1.0, 2.0])
+EXPECTED = np.array([0.8, 0.0, -0.3, 0.4, 0.0, 0.0, 0.0, 0.2, 0.0])
 Y = X @ np.array([4.0, 0.0, -3.0, 2.0, 5.0, -5.0, 1.0, 0.0, 0.5]) + RNG.normal(size=N)
 T = RNG.normal(size=(N, 2))
 PRECISION, MEAN = np.diag([0.1, 0.02]), np.array([0.5, -1.0])
-BACKGROUND = background_of(columns_of(X, BAND, FORMS), WEIGHT, VARIANCE)
+BACKGROUND = background_of(columns_of(X, BAND, FORMS), WEIGHT, VARIANCE, EXPECTED)
+AWAY = Y - X @ EXPECTED - T @ MEAN
 
 
 def _covariance(variance: Array) -> Array:
@@ -68,16 +70,16 @@ def test_means_and_covariances_are_those_of_the_joint_normal_law() -> None:
     prior = np.zeros((11, 11))
     prior[:9, :9], prior[9:, 9:] = np.diag(VARIANCE), np.linalg.inv(PRECISION)
     columns = np.concatenate([X, T], axis=1)
-    away = Y - T @ MEAN
     gain = prior @ columns.T @ np.linalg.inv(np.diag(1 / WEIGHT) + columns @ prior @ columns.T)
-    mean, covariance = gain @ away, prior - gain @ columns @ prior
+    mean, covariance = gain @ AWAY, prior - gain @ columns @ prior
     found = _posterior()
-    np.testing.assert_allclose(found.mean, mean[:9], atol=1e-8)
+    np.testing.assert_allclose(found.mean, EXPECTED + mean[:9], atol=1e-8)
     np.testing.assert_allclose(found.known, MEAN + mean[9:], atol=1e-8)
     np.testing.assert_allclose(found.A, covariance[:9, :9], atol=1e-8)
     np.testing.assert_allclose(found.known_covariance, covariance[9:, 9:], atol=1e-8)
     np.testing.assert_allclose(found.residual, Y - X @ found.mean - T @ found.known, atol=1e-9)
     np.testing.assert_allclose(found.healthy_share, X[:, :4] @ found.mean[:4], atol=1e-9)
+    np.testing.assert_allclose(found.unexplained, Y - X @ EXPECTED, atol=1e-9)
 
 
 @pytest.mark.parametrize("alike", [0.0, 0.999], ids=["of its own", "nearly a column"])
@@ -97,19 +99,24 @@ def test_the_energy_that_uncertain_coefficients_hide_is_that_of_the_joint_normal
 @pytest.mark.parametrize("k", [0, 2])
 def test_a_cavitys_gain_is_a_difference_of_log_evidence(k: int) -> None:
     """Of a form of several sizes over its healthy share, everything else as it is."""
-    cols, away = list(FORMS[k].columns), Y - T @ MEAN
+    cols = list(FORMS[k].columns)
     fault, pick, _ = _posterior().gains(FORMS, 1.0)
 
-    def evidence(each: float) -> float:
+    def evidence(each: float, expected: float = 0.0) -> float:
         variance = VARIANCE.copy()
         variance[cols] = each
-        return _log_density(away, _with_known(variance))
+        return _log_density(AWAY + (1 - expected) * X[:, cols] @ EXPECTED[cols], _with_known(variance))
 
     sizes = fault_sizes(1.0)
     dense = np.array([evidence(size**2 / len(cols)) for size in sizes])
-    now = evidence(float(VARIANCE[cols[0]]))
+    now = evidence(float(VARIANCE[cols[0]]), expected=1.0)
     assert fault[k] == pytest.approx(dense.max() + np.log(np.exp(dense - dense.max()).mean()) - now, abs=1e-6)
     assert pick[k] == pytest.approx(evidence(1 / len(cols)) - now, abs=1e-6)
+
+
+def test_the_evidence_is_the_density_of_the_readings() -> None:
+    known = FittedTerms(Y, T, PRECISION, MEAN, np.ones(2, dtype=bool))
+    assert BACKGROUND.evidence(known) == pytest.approx(_log_density(AWAY, _with_known(VARIANCE)))
 
 
 def test_a_form_that_is_named_already_gains_nothing() -> None:
@@ -139,13 +146,14 @@ def test_the_cavity_of_columns_beside_all_else_is_that_of_the_dense_covariance()
     precision, eta = _posterior().cavity(pair)
     dense = _with_known(VARIANCE)
     np.testing.assert_allclose(precision, pair.T @ np.linalg.solve(dense, pair), rtol=1e-8)
-    np.testing.assert_allclose(eta, pair.T @ np.linalg.solve(dense, Y - T @ MEAN), rtol=1e-8)
+    np.testing.assert_allclose(eta, pair.T @ np.linalg.solve(dense, AWAY), rtol=1e-8)
 
 
 def test_the_size_of_a_form_as_a_fault() -> None:
     variance = VARIANCE.copy()
     variance[[2, 3]] = LARGEST_FAULT**2
-    wanted = variance[[2, 3]] * (X[:, 2:4].T @ np.linalg.solve(_with_known(variance), Y - T @ MEAN))
+    away = AWAY + X[:, 2:4] @ EXPECTED[2:4]
+    wanted = variance[[2, 3]] * (X[:, 2:4].T @ np.linalg.solve(_with_known(variance), away))
     np.testing.assert_allclose(_posterior().size(FORMS[2]), wanted, rtol=1e-5)
 
 

@@ -15,10 +15,22 @@ from analysis.diagnosis.run_setups import fit_run_setups
 from analysis.model.hysteresis import turns
 from analysis.traces.loading import Measured
 from analysis.traces.tables import CircleTable
-from rigs.effects import Backlash, BallForm, GaugeCyclic, JointOffset, ReversalSpike, TransmissionError
+from rigs.effects import (
+    Backlash,
+    BallForm,
+    Effect,
+    GaugeCyclic,
+    JointOffset,
+    ReversalSpike,
+    ThermalGrowth,
+    TimeLag,
+    TransmissionError,
+)
 from rigs.schema.play import play
 from tests.support.diagnosis_cells import Array, circles, healthy, measured, seen, table_of
 
+LATE = 2
+"""Columns of a joint's effect that comes later: stamps may be late, or ever later."""
 GEAR = TransmissionError(axis=1, order=20, amplitude_deg=0.02, phase_deg=30)
 
 
@@ -29,12 +41,12 @@ def test_an_offset_has_one_form_only() -> None:
 def test_a_gear_has_its_second_and_third_harmonic_in_any_phase() -> None:
     linear = healthy()
     found = departure_columns(linear, GEAR)
-    assert found.shape[1] == 4
+    assert found.shape[1] == 4 + LATE
     for order in (40.0, 60.0):
         harmonic = linear.columns([GEAR.model_copy(update={"order": order, "phase_deg": 75.0})])[:, 0]
         weights, *_ = np.linalg.lstsq(found, harmonic, rcond=None)
         assert np.linalg.norm(harmonic - found @ weights) < 0.02 * np.linalg.norm(harmonic)
-        assert 2 < np.linalg.norm(weights) < 20
+        assert 2 < np.linalg.norm(weights[:4]) < 20
     odd = linear.columns([GEAR.model_copy(update={"order": 33.0})])[:, 0]
     weights, *_ = np.linalg.lstsq(found, odd, rcond=None)
     assert np.linalg.norm(odd - found @ weights) > 0.5 * np.linalg.norm(odd)
@@ -43,7 +55,7 @@ def test_a_gear_has_its_second_and_third_harmonic_in_any_phase() -> None:
 @pytest.mark.parametrize(
     ("effect", "count"),
     [
-        (GEAR, 4),
+        (GEAR, 4 + LATE),
         (GaugeCyclic(gauge="g1", period_mm=1.0, amplitude_mm=0.01), 2),
         (BallForm(lobes=3, amplitude_mm=0.01), 4),
         (BallForm(lobes=2, amplitude_mm=0.01), 2),
@@ -64,7 +76,7 @@ def test_a_spike_may_come_a_sample_sooner_or_later_at_every_turn() -> None:
     found = departure_columns(linear, spike)
     assert turned >= 4 and found.shape[1] >= 2 * turned
     other = departure_columns(linear, spike.model_copy(update={"amplitude_deg": -0.04}))
-    np.testing.assert_allclose(other, 2 * found)
+    np.testing.assert_allclose(np.abs(other), 2 * np.abs(found), atol=1e-9)
 
 
 def _leaves(found: Array, wanted: Array) -> float:
@@ -73,16 +85,55 @@ def _leaves(found: Array, wanted: Array) -> float:
     return float(np.linalg.norm(wanted - found @ weights) / np.linalg.norm(wanted))
 
 
-def test_a_play_may_have_wider_and_narrower_ones_beside_it() -> None:
+def test_a_play_may_have_wider_and_narrower_ones_in_place_of_a_part_of_it() -> None:
     linear = healthy()
     sharp = Backlash(axis=1, width_deg=0.05)
     found = alike_columns(linear, sharp)
-    narrower, wider, none = linear.columns(
-        [sharp.model_copy(update={"width_deg": width}) for width in (0.025, 0.2)]
+    whole, narrower, wider, none = linear.columns(
+        [sharp.model_copy(update={"width_deg": width}) for width in (0.05, 0.025, 0.2)]
         + [TransmissionError(axis=1, order=33, amplitude_deg=0.02)]
     ).T
-    assert max(_leaves(found, narrower), _leaves(found, wider)) < 1e-6
-    assert _leaves(found, none) > 0.5
+    assert max(_leaves(found, 2 * narrower - whole), _leaves(found, wider / 4 - whole)) < 1e-6
+    assert min(_leaves(found, narrower), _leaves(found, none)) > 0.5, "the height of the play is its own"
+
+
+def test_growth_may_come_faster_and_slower_in_part() -> None:
+    linear = healthy()
+    growth = ThermalGrowth(ppm=300, time_constant_s=100)
+    found = alike_columns(linear, growth)
+    whole, fast, slow = linear.columns(
+        [growth.model_copy(update={"time_constant_s": tau_s}) for tau_s in (100.0, 20.0, 200.0)]
+    ).T
+    assert max(_leaves(found, fast - whole), _leaves(found, slow - whole)) < 1e-6
+    assert np.linalg.norm(found[:, 0]) == pytest.approx(0.05 * np.linalg.norm(fast - whole))
+
+
+@pytest.mark.parametrize("effect", [Backlash(axis=1, width_deg=0.1), GEAR])
+def test_a_play_and_a_gear_have_columns_of_their_lateness(effect: Effect) -> None:
+    found = departure_columns(healthy(), effect)
+    assert _leaves(found, healthy().late(effect)[:, 0]) < 1e-6
+
+
+@pytest.mark.parametrize("effect", [Backlash(axis=1, width_deg=0.1), GEAR])
+def test_an_effect_of_a_joint_may_come_later_as_everything_does_by_late_stamps(effect: Effect) -> None:
+    linear, late = healthy(), TimeLag(lag_s=0.001)
+    together, alone, stamps, none = (linear.residual(each) for each in ([effect, late], [effect], [late], []))
+    beyond = together - alone - stamps + none
+    found = linear.late(effect)
+    assert found.shape == (len(linear.y), LATE) and np.linalg.norm(beyond) > 10, "the test shows something"
+    # Late stamps turn the link too, and with it the direction in which the error shows.
+    assert _leaves(found, beyond) < 0.2
+    weights, *_ = np.linalg.lstsq(found, -beyond, rcond=None)
+    assert sorted(weights) == pytest.approx([0.0, 1.0], abs=0.02), "a healthy lag, and no rate"
+
+
+def test_at_targets_nothing_comes_later() -> None:
+    runs = seen([*circles(seed=91), measured(table_of("repeatability", None, 5), "repeatability", "approaches")])
+    setups, _ = fit_run_setups(runs)
+    linear = linearise(blocks_of(runs, setups), setups)
+    found = linear.late(Backlash(axis=2, width_deg=0.1))
+    (at_targets,) = [rows for block, rows in zip(linear.blocks, linear.rows, strict=True) if not block.sampling]
+    assert found.any() and not found[at_targets].any()
 
 
 def test_what_is_left_of_a_spike_at_targets_is_unknown_and_on_circles_it_is_not() -> None:

@@ -5,18 +5,27 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from analysis.diagnosis.refine import refine
+from analysis.diagnosis.background import background_of
+from analysis.diagnosis.blocks import Block
+from analysis.diagnosis.candidates import Candidate
+from analysis.diagnosis.columns import columns_for
+from analysis.diagnosis.refine import no_effects, refine
 from rigs.effects import (
     Backlash,
     Effect,
     JointOffset,
     LinkGeometry,
     ReversalSpike,
+    ServoLag,
+    TimeLag,
     TransmissionError,
     bounds,
+    healthy_size,
     size_field,
 )
-from tests.support.diagnosis_cells import healthy, holding, no_background, shown_by, white
+from rigs.schema.effect import name_of
+from tests.support.diagnosis_cells import Array, healthy, holding, no_background, shown_by, white
+from tests.support.stranger.play import lagging
 
 CASES: dict[str, tuple[Effect, Effect]] = {
     "a wide play": (Backlash(axis=1, width_deg=0.05, transit=0.4), Backlash(axis=1, width_deg=0.02)),
@@ -82,6 +91,23 @@ def test_a_play_that_may_not_be_wide_enough_does_not_replace_a_zero() -> None:
     assert getattr(both.effects[0], "width_deg", 1.0) < 0.02
 
 
+def test_a_large_lag_is_right_beside_the_lags_of_a_healthy_arm() -> None:
+    """A lag of all joints looks like late stamps, so the readings show only how much more one of them lags."""
+    others = [ServoLag(axis=axis, lag_s=0.8 * healthy_size(ServoLag(axis=axis))) for axis in (2, 3, 4, 5, 6)]
+    truth = ServoLag(axis=1, lag_s=0.02)
+    linear = holding(healthy(), shown_by(healthy(), [truth, *others]) + white(healthy(), 7))
+    every = [ServoLag(axis=axis, lag_s=5e-4) for axis in (2, 3, 4, 5, 6)]
+    candidates = [Candidate(name_of(one), (one,)) for one in (*every, TimeLag(lag_s=1e-3))]
+    columns = columns_for(linear, candidates)
+    weight, variance = np.ones(len(linear.y)), columns.variance(1.0)
+    found = [
+        refine(linear, background_of(columns, weight, variance, mean), [ServoLag(axis=1, lag_s=0.015)])
+        for mean in (columns.mean(1.0), np.zeros(len(variance)))
+    ]
+    off_s = [abs(float(getattr(one.effects[0], "lag_s", 0.0)) - truth.lag_s) for one in found]
+    assert off_s[0] < 2 * found[0].sd(0)["lag_s"] and off_s[0] < off_s[1] / 4, off_s
+
+
 def test_two_standard_uncertainties_cover_the_truth() -> None:
     """Over 20 seeds of white noise, sizes of a play and of an offset: some 38 of 40 within two."""
     truths = (Backlash(axis=1, width_deg=0.01, transit=0.2), JointOffset(axis=3, offset_deg=0.01))
@@ -97,6 +123,35 @@ def test_two_standard_uncertainties_cover_the_truth() -> None:
     assert 0.65 < np.sqrt(np.mean(np.square(pulls))) < 1.4
     assert np.mean(np.abs(pulls) < 2) >= 0.85
     assert abs(np.mean(pulls)) < 0.5
+
+
+@pytest.mark.parametrize("roundness", [0.0, 0.1, 0.2])
+def test_a_play_has_its_width_and_its_whole_height_however_it_is_crossed(roundness: float) -> None:
+    """The play of the blind trial's generator: plays side by side, and friction that is approached exponentially."""
+    truth = Backlash(axis=1, width_deg=0.05)
+
+    def off(block: Block) -> Array:
+        return lagging(block.one.path.q[:, 0], np.radians(truth.width_deg) / 2, roundness)[:, None]
+
+    shown = healthy().by_joint(1, off)[:, 0]
+    linear = holding(healthy(), shown + white(healthy(), 7))
+    found = refine(linear, no_background(linear), [Backlash(axis=1, width_deg=0.02)], no_effects(linear))
+    (effect,) = found.effects
+    assert isinstance(effect, Backlash)
+    assert effect.width_deg == pytest.approx(truth.width_deg, rel=0.015)
+    assert effect.preload < 0.02, "no part of it is held by gravity"
+
+
+def test_a_play_read_with_late_stamps_has_its_width() -> None:
+    truth, late = Backlash(axis=1, width_deg=0.05), TimeLag(lag_s=0.002)
+    # What late stamps do to the readings of the arm without the play is known.
+    shown = shown_by(healthy(), [truth, late]) - shown_by(healthy(), [late])
+    linear = holding(healthy(), shown + white(healthy(), 8))
+    begun = refine(linear, no_background(linear), [Backlash(axis=1, width_deg=0.04)])
+    (effect,) = refine(linear, no_background(linear), begun.effects).effects
+    assert isinstance(effect, Backlash)
+    # It is 2.4 % too wide where nothing is allowed to come later.
+    assert effect.width_deg == pytest.approx(truth.width_deg, rel=0.01)
 
 
 def test_nothing_named_leaves_the_residual_as_it_is() -> None:

@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 
-from analysis.diagnosis.candidates import candidates_for
-from analysis.diagnosis.columns import Columns, columns_for
 from analysis.diagnosis.rivals import RivalOdds, compare_with_rivals, rival_odds
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState, combined_effect, is_alike
 from rigs.effects import Backlash, Effect, JointOffset, TransmissionError
 from rigs.schema.effect import name_of, size_of
-from tests.support.diagnosis_cells import Array, healthy, holding, shown_by, white
-
-
-@cache
-def _columns() -> Columns:
-    return columns_for(healthy(), candidates_for(healthy()))
+from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, shown_by, white
 
 
 def _searched(y: Array) -> tuple[Selection, SelectionState]:
-    selection = Selection(holding(healthy(), y), _columns())
+    selection = Selection(holding(healthy(), y), healthy_columns())
     return selection, selection.select(selection.initial_state())
 
 
@@ -64,7 +56,7 @@ def test_what_healthy_arms_show_is_fitted_in_its_shape() -> None:
 
 @pytest.mark.parametrize(("level", "is_fault"), [(0.3, True), (1.0, False), (3.0, False)])
 def test_a_fault_is_more_than_healthy_arms_and_arms_like_this_one_show(level: float, is_fault: bool) -> None:
-    selection = Selection(holding(healthy(), white(healthy(), 15)), _columns())
+    selection = Selection(holding(healthy(), white(healthy(), 15)), healthy_columns())
     small, large = JointOffset(axis=2, offset_deg=0.04), JointOffset(axis=3, offset_deg=0.16)
     state = replace(selection.initial_state((small, large)), level=level)
     refined = replace(state.refined, effects=(small, large))
@@ -88,7 +80,7 @@ def test_two_coefficients_of_a_wave_are_its_size_and_phase() -> None:
 
 def test_every_name_is_compared_with_its_rivals_after_the_last_swap(monkeypatch: pytest.MonkeyPatch) -> None:
     """Rivals that are always likelier: after the last swap each name is compared with its rivals again."""
-    selection = Selection(holding(healthy(), white(healthy(), 16)), _columns())
+    selection = Selection(holding(healthy(), white(healthy(), 16)), healthy_columns())
     first = selection.initial_state((JointOffset(axis=2, offset_deg=0.2), JointOffset(axis=3, offset_deg=0.2)))
     swaps: list[SelectionState] = []
 

@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
 
-from analysis.diagnosis.candidates import candidates_for
-from analysis.diagnosis.columns import Columns, columns_for
 from analysis.diagnosis.selection import Selection
 from analysis.diagnosis.selection_state import SelectionState
 from analysis.diagnosis.starting_effect import starting_effects
 from rigs.effects import Backlash, Effect, JointOffset, TransmissionError
-from tests.support.diagnosis_cells import Array, healthy, holding, shown_by, white
-
-
-@cache
-def _columns() -> Columns:
-    return columns_for(healthy(), candidates_for(healthy()))
+from tests.support.diagnosis_cells import Array, healthy, healthy_columns, holding, shown_by, white
 
 
 def _begun(*truth: Effect) -> tuple[Selection, SelectionState, Array]:
     """A search before anything is named: what the faults do counts as noise as yet."""
     y = white(healthy(), 21) + shown_by(healthy(), list(truth))
-    selection = Selection(holding(healthy(), y), _columns())
+    selection = Selection(holding(healthy(), y), healthy_columns())
     return selection, selection.initial_state(), y
 
 
@@ -42,17 +33,19 @@ def _width(effect: Effect) -> float:
 def test_the_fit_of_a_play_starts_near_its_width(width_deg: float, transit: float, within: float) -> None:
     """Also near one of a tenth of a healthy size, which a quiet cell shows, and other names would explain instead."""
     selection, state, _ = _begun(Backlash(axis=1, width_deg=width_deg, transit=transit))
-    forms = [form for form in _columns().forms if form.name == "backlash 1"]
+    forms = [form for form in healthy_columns().forms if form.name == "backlash 1"]
     assert forms
     for form in forms:
-        effects = starting_effects(selection.linear, _columns(), selection.posterior(state), form)
+        effects = starting_effects(selection.linear, healthy_columns(), selection.posterior(state), form)
         assert min(abs(np.log(_width(effect) / width_deg)) for effect in effects) < within
 
 
 def test_an_effect_of_one_shape_starts_at_the_size_that_it_would_have() -> None:
     selection, state, _ = _begun(JointOffset(axis=3, offset_deg=0.2))
-    k = next(k for k, form in enumerate(_columns().forms) if form.name == "joint_offset 3")
-    (effect,) = starting_effects(selection.linear, _columns(), selection.posterior(state), _columns().forms[k])
+    k = next(k for k, form in enumerate(healthy_columns().forms) if form.name == "joint_offset 3")
+    (effect,) = starting_effects(
+        selection.linear, healthy_columns(), selection.posterior(state), healthy_columns().forms[k]
+    )
     assert getattr(effect, "offset_deg", 0.0) == pytest.approx(0.2, rel=0.2)
 
 
@@ -60,18 +53,18 @@ def test_a_large_wave_starts_at_its_order_also_from_the_form_of_another_that_loo
     """Axis 3 turns by less than a quarter and is mostly near the ends of its range: in a cell of the trial order 116
     gained more than the orders beside 121, and its fit ended there."""
     selection, state, _ = _begun(TransmissionError(axis=3, order=121, amplitude_deg=0.25, phase_deg=86))
-    waves = [form for form in _columns().forms if form.name == "transmission_error 3"]
+    waves = [form for form in healthy_columns().forms if form.name == "transmission_error 3"]
     other = min(waves, key=lambda form: abs(_order(form.effects[0]) - 116))
     assert abs(_order(other.effects[0]) - 121) > 2.5
-    effects = starting_effects(selection.linear, _columns(), selection.posterior(state), other)
+    effects = starting_effects(selection.linear, healthy_columns(), selection.posterior(state), other)
     assert min(abs(_order(effect) - 121) for effect in effects) < 1
 
 
 def test_a_wave_of_healthy_size_starts_beside_its_form() -> None:
     selection, state, _ = _begun(TransmissionError(axis=3, order=121, amplitude_deg=0.005))
-    for form in _columns().forms:
+    for form in healthy_columns().forms:
         if form.name == "transmission_error 3":
-            effects = starting_effects(selection.linear, _columns(), selection.posterior(state), form)
+            effects = starting_effects(selection.linear, healthy_columns(), selection.posterior(state), form)
             assert len(effects) == 1
             assert _order(effects[0]) == pytest.approx(_order(form.effects[0]), abs=2.5)
 
