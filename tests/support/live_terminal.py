@@ -14,7 +14,9 @@ from pathlib import Path
 
 import pyte
 
-PATIENCE_S = 40.0
+PATIENCE_S = 90.0
+"""Longest time until a screen shows something. Chosen: a scan of a bus took more than 40 s on a computer that stood
+still for seconds."""
 
 
 class Terminal:

@@ -107,7 +107,7 @@ def _scanned(port: str, said: dict[str, Any]) -> Finding:
         told.clear()
         with Stalls() as stalls:
             finding = modbus_scan.scan_gauge("g1", _gauge(said), streams_of(rig)[0], told.append)
-        # Many short ones add up, too: a scan that saw the motion was none the worse for them.
+        # Many short delays add up and can hide the motion too. A scan that saw the motion counts despite them.
         if stalls.worst_s < STALL_S and (finding.verdict is not Verdict.DOUBTFUL or stalls.lost_s < STALL_S):
             break
     else:

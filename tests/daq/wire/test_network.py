@@ -77,8 +77,9 @@ def test_a_peer_that_takes_the_connection_and_says_nothing_is_left_and_called_ag
                     sock.settimeout(PATIENCE_S)
                     while sock.recv(64):
                         pass  # the handshake of one who asks; the end is what matters
-            _until(lambda: count("disconnected") >= 4)
-            assert count("silent") >= 4 and count("samples") == 0
+            # A computer that stands still may break a connection off before it has been silent; the next one counts.
+            _until(lambda: count("disconnected") >= 4 and count("silent") >= 4)
+            assert count("samples") == 0
     gaps_s = [after - before for before, after in pairwise(accepted_s)]
     assert gaps_s[2] > gaps_s[0] + 0.3, "0.2, 0.4 and 0.8 s of pause"
 
